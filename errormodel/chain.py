@@ -1,0 +1,230 @@
+"""The symbolic kinematic chain: nominal and exact actual pose, and the linear matrix M as its derivative.
+
+A chain element maps coordinates of the next frame (tool side) into the previous one (workpiece side). Left of the
+machine's own elements stands the measuring frame, right of them the tool (the functional point); both are elements with
+six constant errors of their own. Parameters are zero on a nominal machine. Position is that of the functional point in
+the axes of the reference on the workpiece side, mm; orientation is that of the last frame there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import Literal
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from errormodel import conventions
+from errormodel.bases import Term, constant_terms, joint_terms
+from errormodel.conventions import FRAME, MOTIONS, TOOL, Motion
+from errormodel.kernel import Array, Kernel
+from errormodel.machine import Joint, Machine, Shape
+
+TOOL_CHANNELS = ("tool_x", "tool_y", "tool_z")
+What = Literal["nominal", "actual", "design", "linearised", "terms"]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One error parameter: its id, where it sits, and what a report says of it."""
+
+    id: str
+    element: str
+    motion: Motion
+    term: str
+    unit: str
+    symbol: str  # ISO 230-1 name where there is one, else ""
+
+    @property
+    def source(self) -> str:
+        """Where its column in M comes from."""
+        term = f", term {self.term}" if self.term else ""
+        return f"{self.motion} of {self.element}{term}"
+
+
+class Chain:
+    """The chain of one machine in CasADi, and its NumPy kernels.
+
+    Attributes
+    ----------
+    channels : tuple of str
+        What varies from row to row: the joints in chain order, then ``tool_x tool_y tool_z``. mm, rad.
+    parameters : tuple of Parameter
+        The measuring frame's six, then the machine's in chain order, then the tool's six.
+    """
+
+    def __init__(self, machine: Machine) -> None:
+        self.machine = machine
+        self.channels: tuple[str, ...] = (*(j.name for j in machine.joints), *TOOL_CHANNELS)
+        self.rows = ca.SX.sym("x", len(self.channels))
+        self._channel = {name: self.rows[k] for k, name in enumerate(self.channels)}
+        parameters: list[Parameter] = []
+        self._columns: list[tuple[int, Term]] = []  # (place of the element among all, term)
+        for place, (name, terms) in enumerate(self._element_terms()):
+            joint = 0 < place <= len(machine.elements) and isinstance(machine.elements[place - 1], Joint)
+            for term in terms:
+                identity = f"{name}.{term.motion}" + (f".{term.label}" if term.label else "")
+                symbol = conventions.iso_symbol(name, term.motion) if joint else ""
+                parameters.append(Parameter(identity, name, term.motion, term.label, term.unit, symbol))
+                self._columns.append((place, term))
+        self.parameters = tuple(parameters)
+        self.ids = tuple(p.id for p in parameters)
+        self.index = {identity: k for k, identity in enumerate(self.ids)}
+        self.values = ca.SX.sym("p", len(parameters))
+
+    def _element_terms(self) -> list[tuple[str, list[Term]]]:
+        own = [
+            (e.name, constant_terms(e.motions) if isinstance(e, Shape) else joint_terms(e, self._channel[e.name]))
+            for e in self.machine.elements
+        ]
+        names = {e.name for e in self.machine.elements}
+        # a machine may have a member called "frame": the measuring frame then goes by its run's label
+        frame, tool = (f"{n}[1]" if n in names else n for n in (FRAME, TOOL))
+        return [(frame, constant_terms(MOTIONS)), *own, (tool, constant_terms(MOTIONS))]
+
+    @property
+    def size(self) -> float:
+        """A length (mm) that the machine does not exceed: the longest lever an angular error can have."""
+        travels = sum(max(abs(t) for t in j.travel) for j in self.machine.joints if j.type == "prismatic")
+        arms = sum(float(np.linalg.norm(s.offset)) for s in self.machine.shapes)
+        return max(travels + arms + float(np.linalg.norm(self.machine.tool)), 1.0)
+
+    @property
+    def frame_ids(self) -> tuple[str, ...]:
+        """The six parameters of the measuring frame, small and after its alignment."""
+        return self.ids[:6]
+
+    @property
+    def tool_ids(self) -> tuple[str, ...]:
+        """The six of the tool: offset of the functional point, and of the target's mount in orientation."""
+        return self.ids[-6:]
+
+    @property
+    def machine_ids(self) -> tuple[str, ...]:
+        """The machine's own parameters: all but those of the measuring frame and the tool."""
+        return tuple(p.id for p in self.parameters[6:-6])
+
+    @cached_property
+    def _motions(self) -> list[ca.SX]:
+        motions = [ca.SX.zeros(6) for _ in range(len(self.machine.elements) + 2)]
+        for k, (place, term) in enumerate(self._columns):
+            motions[place] += self.values[k] * term.column
+        return motions
+
+    def pose(self, motions: Sequence[ca.SX] | None = None) -> tuple[ca.SX, ca.SX]:
+        """Position (3, 1) and orientation (3, 3), exact, with the given motion of every element; None: nominal."""
+        zero = ca.SX.zeros(6)
+        point, turn = _move(motions[0] if motions else zero)
+        for place, element in enumerate(self.machine.elements, start=1):
+            step, rotation = self._transform(element, motions[place] if motions else zero)
+            point, turn = point + turn @ step, turn @ rotation
+        tip, rotation = _move(motions[-1] if motions else zero)
+        tool = ca.vertcat(*(self._channel[c] for c in TOOL_CHANNELS))
+        return point + turn @ (tool + tip), turn @ rotation
+
+    def _transform(self, element: Shape | Joint, motion: ca.SX) -> tuple[ca.SX, ca.SX]:
+        shift, turn = _move(motion)
+        if isinstance(element, Shape):
+            return ca.SX(ca.DM(element.offset)) + shift, turn @ rotation_xyz(ca.SX(ca.DM(element.rotation)))
+        q, axis = self._channel[element.name], ca.SX(ca.DM(element.axis))
+        if element.type == "prismatic":
+            return q * axis + shift, turn
+        return shift, turn @ rotation_about(axis, q)
+
+    @cached_property
+    def _actual(self) -> tuple[ca.SX, ca.SX]:
+        return self.pose(self._motions)
+
+    @cached_property
+    def _derivative(self) -> ca.SX:
+        """(6, p): position, and rotation vector in the reference's axes, per unit of each parameter, at any p."""
+        point, turn = self._actual
+        here = ca.SX.sym("R", 3, 3)
+        # sum of R_k x dR_k is twice the rotation vector that carries R into R + dR
+        turned = sum((ca.cross(here[:, k], turn[:, k]) for k in range(3)), ca.SX.zeros(3)) / 2
+        slope = ca.jacobian(ca.vertcat(point, turned), self.values)
+        return ca.substitute(slope, here, turn)
+
+    @cached_property
+    def _design(self) -> ca.SX:
+        return ca.substitute(self._derivative, self.values, ca.SX.zeros(len(self.ids)))
+
+    def expression(self, what: What, ids: tuple[str, ...] = ()) -> ca.SX:
+        """The expression behind a kernel.
+
+        ``nominal`` and ``actual``: (12, 1), position (mm) and the orientation's columns. ``design``: (6, len(ids)), M at
+        zero parameters (mm and rad per unit); ``linearised``: the same at the parameters' present values. ``terms``:
+        (6, len(ids) + 6), the motion of its own element per unit of each parameter, and the six motions themselves.
+        """
+        if what == "nominal":
+            point, turn = self.pose()
+            return ca.vertcat(point, ca.vec(turn))
+        if what == "actual":
+            point, turn = self._actual
+            return ca.vertcat(point, ca.vec(turn))
+        columns = [self.index[i] for i in ids]
+        if what == "terms":
+            return ca.horzcat(*(self._columns[k][1].column for k in columns), ca.SX.eye(6))
+        return (self._design if what == "design" else self._derivative)[:, columns]
+
+    def kernel(
+        self,
+        what: What,
+        ids: tuple[str, ...] = (),
+        fixed: Mapping[str, float] | None = None,
+        outputs: tuple[int, ...] | None = None,
+    ) -> Kernel:
+        """The NumPy kernel of :meth:`expression`; `fixed` channels have one value in all rows and are folded in.
+
+        `outputs` selects rows of the expression, e.g. (0, 1, 2) for positions only.
+        """
+        return self._kernel(what, ids, tuple(sorted((fixed or {}).items())), outputs)
+
+    @lru_cache(maxsize=64)  # noqa: B019  a chain lives as long as the work on its machine
+    def _kernel(
+        self, what: What, ids: tuple[str, ...], fixed: tuple[tuple[str, float], ...], outputs: tuple[int, ...] | None
+    ) -> Kernel:
+        expression = self.expression(what, ids)
+        if outputs is not None:
+            expression = expression[list(outputs), :]
+        if fixed:
+            symbols = ca.vertcat(*(self._channel[name] for name, _ in fixed))
+            expression = ca.substitute(expression, symbols, ca.SX(ca.DM([value for _, value in fixed])))
+        return Kernel(self.rows, self.values, expression)
+
+    def vector(self, values: Mapping[str, float]) -> Array:
+        """Parameter values by id as the vector the kernels take; what is not named is 0."""
+        vector = np.zeros(len(self.ids))
+        for identity, value in values.items():
+            vector[self.index[identity]] = value
+        return vector
+
+    def frames(self, position: Mapping[str, float]) -> NDArray[np.float64]:
+        """Nominal frames along the chain at one command, (elements + 1, 4, 4): the reference, then after each element."""
+        out, point, turn = [np.eye(4)], ca.SX.zeros(3), ca.SX.eye(3)
+        for element in self.machine.elements:
+            step, rotation = self._transform(element, ca.SX.zeros(6))
+            point, turn = point + turn @ step, turn @ rotation
+            function = ca.Function("f", [self.rows], [ca.horzcat(turn, point)])
+            frame = np.eye(4)
+            frame[:3] = function([position.get(c, 0.0) for c in self.channels]).full()
+            out.append(frame)
+        return np.array(out)
+
+
+def rotation_xyz(angles: ca.SX) -> ca.SX:
+    """``Rx(a) Ry(b) Rz(c)``: about x, then y, then z of the turned frame."""
+    return ca.mtimes([rotation_about(ca.SX(ca.DM.eye(3)[:, k]), angles[k]) for k in range(3)])
+
+
+def rotation_about(axis: ca.SX, angle: ca.SX) -> ca.SX:
+    """Right-handed rotation about a unit axis (Rodrigues)."""
+    cross = ca.skew(axis)
+    return ca.SX.eye(3) + ca.sin(angle) * cross + (1 - ca.cos(angle)) * (axis @ axis.T - ca.SX.eye(3))
+
+
+def _move(motion: ca.SX) -> tuple[ca.SX, ca.SX]:
+    return motion[:3], rotation_xyz(motion[3:])

@@ -1,0 +1,40 @@
+"""The only home of units, signs, frames and ISO 230-1 symbols.
+
+Inside the toolkit lengths are mm and angles are radians. Every error is actual minus nominal;
+rotations are right-handed. A small rotation ``e = (ea, eb, ec)`` is ``Rx(ea) Ry(eb) Rz(ec)``, the same
+order in which a shape's nominal ``rotation`` is read.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+Motion = Literal["dx", "dy", "dz", "ea", "eb", "ec"]
+
+TRANSLATIONS: tuple[Motion, ...] = ("dx", "dy", "dz")
+ROTATIONS: tuple[Motion, ...] = ("ea", "eb", "ec")
+MOTIONS: tuple[Motion, ...] = TRANSLATIONS + ROTATIONS
+
+FRAME = "frame"  # the measuring frame, left of the chain
+TOOL = "tool"
+INSTRUMENT = "instrument"
+
+_ISO_DIRECTION: dict[Motion, str] = {"dx": "X", "dy": "Y", "dz": "Z", "ea": "A", "eb": "B", "ec": "C"}
+
+
+def iso_symbol(joint: str, motion: Motion) -> str:
+    """ISO 230-1 symbol of a joint's error motion: ``iso_symbol("X", "dx") == "EXX"``."""
+    return f"E{_ISO_DIRECTION[motion]}{joint}"
+
+
+def motion_of_iso(symbol: str, joint: str) -> Motion | None:
+    """Inverse of :func:`iso_symbol`, blind to case; None if `symbol` is not a motion of `joint`."""
+    for motion in MOTIONS:
+        if symbol.lower() == iso_symbol(joint, motion).lower():
+            return motion
+    return None
+
+
+def unit_of(motion: str) -> str:
+    """Internal unit of an error motion: ``mm`` for dx dy dz, ``rad`` for ea eb ec."""
+    return "mm" if motion in TRANSLATIONS else "rad"

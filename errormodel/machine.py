@@ -1,0 +1,75 @@
+"""The machine as everything else sees it: frozen, resolved, in mm and radians.
+
+`errormodel.schema` reads and writes the file form (``machine.yaml``, any units, short-hands).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+from errormodel.conventions import Motion
+
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Basis:
+    """How one error motion of a joint depends on the joint's position (contract, section 1)."""
+
+    kind: Literal["first-order", "polynomial", "harmonic", "spline"]
+    n: int = 1
+
+
+@dataclass(frozen=True)
+class Shape:
+    """``Trans(offset + d) Rot(e) Rot(rotation)``: a structural member with constant errors d, e.
+
+    The errors, like the offset, are expressed in the axes of the workpiece-side frame.
+    """
+
+    name: str
+    offset: Vector = (0.0, 0.0, 0.0)  # mm
+    rotation: Vector = (0.0, 0.0, 0.0)  # rad, about x, then y, then z of the turned frame
+    motions: tuple[Motion, ...] = ()  # the error motions that are parameters
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A prismatic joint ``Trans(q axis + d(q)) Rot(e(q))`` or a rotary one ``Trans(d) Rot(e) Rot(axis, q)``."""
+
+    name: str
+    type: Literal["prismatic", "rotary"]
+    axis: Vector  # unit vector in the joint's frame
+    travel: tuple[float, float]  # mm or rad
+    models: Mapping[Motion, Basis] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class EffectSpec:
+    """One entry of ``effects:``, as written: the effect's name, its element and its own keys."""
+
+    effect: str
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Machine:
+    """A chain from the workpiece (or the reference on the table) to the tool."""
+
+    name: str
+    elements: tuple[Shape | Joint, ...]
+    tool: Vector = (0.0, 0.0, 0.0)  # functional point in the last frame, mm
+    effects: tuple[EffectSpec, ...] = ()
+    source: Path | None = None
+    notes: str = ""  # where the dimensions come from
+
+    @property
+    def joints(self) -> tuple[Joint, ...]:
+        return tuple(e for e in self.elements if isinstance(e, Joint))
+
+    @property
+    def shapes(self) -> tuple[Shape, ...]:
+        return tuple(e for e in self.elements if isinstance(e, Shape))

@@ -1,0 +1,327 @@
+"""YAML files that people write: read safely, with line numbers, checked by pydantic models.
+
+Nothing in a file is executed: only plain text, numbers, booleans, lists and mappings are built.
+Everything wrong becomes one :class:`~errormodel.exceptions.InputError` with file, line and key.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeAlias, TypeVar, get_args
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic.fields import FieldInfo
+from pydantic_core import ErrorDetails
+from ruamel.yaml import YAML, MappingNode, Node, ScalarNode, SequenceNode
+from ruamel.yaml.error import MarkedYAMLError, YAMLError
+
+from errormodel.exceptions import InputError, nearest
+
+Keys: TypeAlias = tuple[str | int, ...]
+"""The way to a value: keys of mappings, and places in lists counted from 0."""
+
+MAX_BYTES = 1_000_000
+MAX_VALUES = 100_000  # an alias counts as often as it stands for something, so "alias bombs" end here
+MAX_DEPTH = 40
+
+_YAML = "tag:yaml.org,2002:"
+_CONSTRUCTED = {
+    _YAML + "int": "a whole number",
+    _YAML + "float": "a number",
+    _YAML + "bool": "true or false",
+    _YAML + "null": "nothing",
+}
+_TEXT = {_YAML + name for name in ("str", "timestamp", "value", "merge")}  # a date is text to us
+
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+"""A finite number; text and true/false are refused."""
+
+Vector3 = Annotated[list[Number], Field(min_length=3, max_length=3)]
+
+
+class FileModel(BaseModel):
+    """Base of the file forms: no unknown keys, no conversion of text into numbers.
+
+    A field's ``description`` is the cure of the messages: what to write, with an example.
+    """
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+
+def _no_bool(value: object) -> object:
+    return str(value).lower() if isinstance(value, bool) else value  # True == 1 would pass as version 1
+
+
+class VersionedModel(FileModel):
+    """A file whose first line is ``errormodel: 1``."""
+
+    errormodel: Annotated[Literal[1], BeforeValidator(_no_bool)] = Field(
+        description="1 (the version of the file format that this program reads)"
+    )
+
+
+@dataclass(frozen=True)
+class Document:
+    """A parsed file: plain dicts, lists, text and numbers, and the line of each."""
+
+    name: str  # as the messages call it
+    data: dict[str, Any]
+    lines: Mapping[Keys, int]
+
+    def line_of(self, keys: Keys) -> int:
+        """Line, counted from 1, of the key or list item; of the nearest one above it where it is missing."""
+        while keys not in self.lines:
+            keys = keys[:-1]
+        return self.lines[keys]
+
+    def value_at(self, keys: Keys) -> Any:
+        """The value that stands there (which must exist)."""
+        value: Any = self.data
+        for key in keys:
+            value = value[key]
+        return value
+
+    def error(self, keys: Keys, found: str, cure: str) -> InputError:
+        """The error to raise about the value (or the missing key) at `keys`."""
+        key = f", key {dotted(keys)}" if keys else ""
+        return InputError(f"{self.name}, line {self.line_of(keys)}{key}", found, cure)
+
+
+def dotted(keys: Keys) -> str:
+    """``("chain", 2, "axis")`` as people write it, list items counted from 1: ``chain[3].axis``."""
+    return "".join(f"[{key + 1}]" if isinstance(key, int) else f".{key}" for key in keys).removeprefix(".")
+
+
+def shown(value: object) -> str:
+    """A value as a message shows it, on one line and of bounded length."""
+    if value is None:
+        return "nothing"
+    text = json.dumps(value, ensure_ascii=False, default=str) if not isinstance(value, str) else f"'{value}'"
+    text = " ".join(text.split())
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def load(path: Path) -> Document:
+    """Read a YAML file.
+
+    Parameters
+    ----------
+    path : Path
+        The file, UTF-8.
+
+    Returns
+    -------
+    Document
+        Its keys and values and where they stand.
+
+    Raises
+    ------
+    InputError
+        The file is missing, too long, not UTF-8, empty, not YAML, or holds tags or repeated keys.
+    """
+    try:
+        with path.open("rb") as file:
+            raw = file.read(MAX_BYTES + 1)
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the path
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError(str(path), f"cannot be read: {reason}", "Give the path of a YAML file") from error
+    if len(raw) > MAX_BYTES:
+        raise InputError(str(path), f"longer than {MAX_BYTES} bytes", "Give a YAML file; data belong in CSV or Parquet")
+    try:
+        text = raw.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = raw[: error.start].count(b"\n") + 1
+        byte = f"the byte 0x{raw[error.start]:02x}, which is not UTF-8"
+        raise InputError(f"{path}, line {line}", byte, "Save the file as UTF-8") from error
+    return parse(text, str(path))
+
+
+def parse(text: str, name: str) -> Document:
+    """Like :func:`load`, for text that is called `name` in messages."""
+    yaml = YAML(typ="safe", pure=True)
+    try:
+        root = yaml.compose(text)
+    except YAMLError as error:
+        raise _syntax_error(text, name, error) from error
+    except RecursionError as error:
+        raise InputError(name, "lists or mappings nested too deep", "Write the keys as documented") from error
+    if root is None or (isinstance(root, ScalarNode) and not root.value):
+        raise InputError(name, "an empty file", "Write the keys as documented, such as 'errormodel: 1'")
+    if not isinstance(root, MappingNode):
+        where = f"{name}, line {root.start_mark.line + 1}"
+        raise InputError(where, f"a {_kind(root)} where keys are expected", "Write 'key: value' lines")
+    lines: dict[Keys, int] = {(): 1}
+    data = _Builder(name, yaml, lines).build(root, ())
+    return Document(name, data, lines)
+
+
+class _Builder:
+    """Turns YAML nodes into plain values and notes the lines."""
+
+    def __init__(self, name: str, yaml: Any, lines: dict[Keys, int]) -> None:
+        self.name, self.yaml, self.lines = name, yaml, lines
+        self.count = 0
+
+    def build(self, node: Node, keys: Keys) -> Any:
+        self.count += 1
+        if self.count > MAX_VALUES:
+            raise InputError(self.name, f"more than {MAX_VALUES} values", "Write the values out, without aliases")
+        if len(keys) > MAX_DEPTH:
+            raise self._error(node, keys[:3], "lists or mappings nested too deep", "Write the keys as documented")
+        tag = str(node.tag)
+        if isinstance(node, MappingNode) and tag == _YAML + "map":
+            return self._mapping(node, keys)
+        if isinstance(node, SequenceNode) and tag == _YAML + "seq":
+            for i, item in enumerate(node.value):
+                self.lines[(*keys, i)] = item.start_mark.line + 1
+            return [self.build(item, (*keys, i)) for i, item in enumerate(node.value)]
+        if isinstance(node, ScalarNode) and tag in _CONSTRUCTED:
+            try:
+                return self.yaml.constructor.construct_object(node)
+            except (ValueError, KeyError, OverflowError, YAMLError) as error:
+                raise self._error(node, keys, shown(node.value), f"Write {_CONSTRUCTED[tag]}") from error
+        if isinstance(node, ScalarNode) and tag in _TEXT:
+            return str(node.value)
+        tag = tag.replace(_YAML, "!!")
+        raise self._error(node, keys, f"the tag {tag}", "Remove it: only text, numbers, lists and mappings are read")
+
+    def _mapping(self, node: MappingNode, keys: Keys) -> dict[str, Any]:
+        result: dict[str, Any] = {}
+        for key_node, value in node.value:
+            tag = str(key_node.tag)
+            if not isinstance(key_node, ScalarNode) or tag not in _TEXT:
+                what = str(key_node.value)[:60] if isinstance(key_node, ScalarNode) else f"a {_kind(key_node)}"
+                raise self._error(key_node, keys, f"{what} as a key", "Write the key as text, in quotes if need be")
+            key = str(key_node.value)
+            here, line = (*keys, key), key_node.start_mark.line + 1
+            if key in result:
+                first = f"the key is already given in line {self.lines[here]}"
+                raise self._error(key_node, here, first, "Remove one of the two")
+            self.lines[here] = line
+            result[key] = self.build(value, here)
+        return result
+
+    def _error(self, node: Node, keys: Keys, found: str, cure: str) -> InputError:
+        key = f", key {dotted(keys)}" if keys else ""
+        return InputError(f"{self.name}, line {node.start_mark.line + 1}{key}", found, cure)
+
+
+def _kind(node: Node) -> str:
+    return "mapping" if isinstance(node, MappingNode) else "list" if isinstance(node, SequenceNode) else "single value"
+
+
+_SYNTAX_CURES = {
+    r"\\t": "Indent with spaces, not with tabs",
+    "mapping values": "Write one 'key: value' a line, with a space after each colon here and in the line above",
+    "end of stream|stream end": "Close the bracket or the quotation mark that is opened here",
+    "another document": "Give one document a file: remove the line '---'",
+    "undefined alias": "Write the value out",
+    "special characters": "Remove the control character",
+    "expected ',' or": "Put commas between the entries and close the bracket that is opened here",
+}
+
+
+def _syntax_error(text: str, name: str, error: YAMLError) -> InputError:
+    problem, mark = str(error).splitlines()[0], None
+    if isinstance(error, MarkedYAMLError):
+        problem, mark = str(error.problem or error.context), error.problem_mark or error.context_mark
+        if re.search("stream end|end of stream|expected ',' or", problem) and error.context_mark is not None:
+            mark = error.context_mark  # where the bracket was opened tells more than where the file ended
+    position = getattr(error, "position", None)
+    line = mark.line + 1 if mark is not None else text[:position].count("\n") + 1 if position else 1
+    problem = problem.splitlines()[0].removeprefix("but ") if problem else "not YAML"
+    cure = next((cure for pattern, cure in _SYNTAX_CURES.items() if re.search(pattern, problem)), "Write valid YAML")
+    return InputError(f"{name}, line {line}", problem, cure)
+
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+def validate(document: Document, model: type[Model], at: Keys = ()) -> Model:
+    """Check a document, or the part of it at `at`, against a pydantic model.
+
+    Parameters
+    ----------
+    document : Document
+        From :func:`load`.
+    model : type of BaseModel
+        Usually a :class:`FileModel`. A field's description is the cure shown when its value is wrong.
+    at : tuple of str and int
+        Where the part stands that the model describes.
+
+    Raises
+    ------
+    InputError
+        About the one error that explains most: the file's version, then unknown keys, then the first in the file.
+    """
+    try:
+        return model.model_validate(document.value_at(at))
+    except ValidationError as error:
+        details = error.errors(include_url=False)
+
+    def rank(detail: ErrorDetails) -> tuple[int, int]:
+        kind, loc = detail["type"], detail["loc"]
+        wrong_version = loc == ("errormodel",) and kind != "missing"
+        # a misspelt key is both unknown and missing: the unknown one can be named
+        first = 0 if wrong_version else 1 if kind == "extra_forbidden" else 2
+        return first, document.line_of((*at, *loc))
+
+    raise _input_error(document, model, at, min(details, key=rank))
+
+
+def _input_error(document: Document, model: type[BaseModel], at: Keys, detail: ErrorDetails) -> InputError:
+    kind, loc, context = detail["type"], detail["loc"], detail.get("ctx", {})
+    missing = kind in ("missing", "union_tag_not_found")
+    if kind.startswith("union_tag"):  # a discriminated union: the error is about the key that tells which
+        loc = (*loc, context["discriminator"].strip("'"))
+    keys = _keys(document, at, loc, missing)
+    owners, field = _owners(model, loc)
+    if kind == "extra_forbidden":
+        names = {name for owner in owners for name in _fields(owner)}
+        return document.error(keys, f"unknown key '{keys[-1]}'", nearest(str(keys[-1]), map(str, names)))
+    value = None if missing else document.value_at(keys)
+    found = f"the key '{keys[-1]}' is missing" if missing else shown(value)
+    expected = re.findall(r"'([^']*)'", str(context.get("expected_tags", context.get("expected", ""))))
+    if expected and isinstance(value, str):
+        return document.error(keys, f"unknown word {found}", nearest(value, expected))
+    if field is not None and field.description and kind != "value_error":  # a validator's own words say more
+        cure = f"Write {next((key for key in reversed(keys) if isinstance(key, str)), 'it')}: {field.description}"
+    else:
+        cure = f"Write '{keys[-1]}: ...'" if missing else detail["msg"].removeprefix("Value error, ")
+    return document.error(keys, found, cure)
+
+
+def _keys(document: Document, at: Keys, loc: Keys, missing: bool) -> Keys:
+    """Pydantic's `loc` as keys of the file, without the names that pydantic gives the branches of unions."""
+    keys, value = at, document.value_at(at)
+    part: Any
+    for part in loc:
+        if (isinstance(value, dict) and part in value) or (isinstance(value, list) and isinstance(part, int)):
+            keys, value = (*keys, part), value[part]
+    return (*keys, loc[-1]) if missing else keys
+
+
+def _owners(model: type[BaseModel], loc: Keys) -> tuple[list[type[BaseModel]], FieldInfo | None]:
+    """The models that may stand at the innermost place `loc` leads to, and the innermost field on the way."""
+    models, field = [model], None
+    for part in loc:
+        found = [_fields(owner)[part] for owner in models if part in _fields(owner)]
+        if found:
+            field = found[0]
+            models = _models(field.annotation) or models
+    return models, field
+
+
+def _fields(model: type[BaseModel]) -> dict[str | int, FieldInfo]:
+    return {info.alias or name: info for name, info in model.model_fields.items()}
+
+
+def _models(annotation: Any) -> list[type[BaseModel]]:
+    """All models inside lists, mappings, unions and optionals."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [model for inner in get_args(annotation) for model in _models(inner)]

@@ -1,0 +1,1 @@
+"""Inference on top of ``errormodel``: groups, fits, reports and the command line."""

@@ -1,0 +1,140 @@
+"""Which combinations of parameters a set of observations can identify, and which it cannot tell apart.
+
+The rank is decided on columns scaled to unit length, so that neither units, nor the order of rows, nor the measuring
+frame matter; the threshold stands above round-off and, where the noise is known, above combinations whose standard
+uncertainty would be larger than anything a machine can be. The null space is then written as groups: each identifiable
+(base) parameter with the coefficients of those that act in the same way (W. Khalil & E. Dombre, base parameters).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from errormodel.kernel import Array
+
+ROUND_OFF = 1e-9  # of a unit column: exact dependences come out below 1e-12, real ones of any use above 1e-7
+
+
+@dataclass(frozen=True)
+class Groups:
+    """The identifiable groups of a design.
+
+    Attributes
+    ----------
+    ids : tuple of str
+        All parameters that were examined, in the order of the columns.
+    base : Array of int (rank,)
+        Columns that stand for their group; the solver keeps these and sets the others to zero.
+    coefficients : Array (rank, n)
+        Row k: the group of base parameter k as coefficients of all parameters (1 at the base itself).
+    no_effect : tuple of str
+        Parameters whose column is zero.
+    singular_values : Array
+        Of the scaled columns with effect, descending.
+    """
+
+    ids: tuple[str, ...]
+    base: np.ndarray[tuple[int], np.dtype[np.intp]]
+    coefficients: Array
+    no_effect: tuple[str, ...]
+    singular_values: Array
+
+    @property
+    def rank(self) -> int:
+        return len(self.base)
+
+    @property
+    def condition(self) -> float:
+        """Of the scaled base columns: largest over smallest singular value that counts."""
+        return float(self.singular_values[0] / self.singular_values[self.rank - 1]) if self.rank else 1.0
+
+    def members(self, k: int) -> dict[str, float]:
+        """Group k as ``{id: coefficient}``, the base parameter first."""
+        row = self.coefficients[k]
+        order = [int(self.base[k]), *(int(j) for j in np.flatnonzero(row) if j != self.base[k])]
+        return {self.ids[j]: float(row[j]) for j in order}
+
+    def name(self, k: int) -> str:
+        """Group k as a formula: ``T1.dx + T2.dx - 312.035 T5.eb``."""
+        text = ""
+        for identity, value in self.members(k).items():
+            sign = "-" if value < 0 else "+"
+            size = "" if abs(abs(value) - 1) < 1e-12 else f"{abs(value):.6g} "
+            text += f" {sign} {size}{identity}" if text else f"{'-' if value < 0 else ''}{size}{identity}"
+        return text
+
+
+def find_groups(
+    design: Array, ids: Sequence[str], scale: Array, order: Sequence[int], noise_floor: float = 0.0
+) -> Groups:
+    """Groups of the columns of a design matrix.
+
+    Parameters
+    ----------
+    design : (m, n)
+        Rows of M (any row weights), or any triangular factor of it.
+    ids : n parameter ids.
+    scale : (n,)
+        What each column's norm would be if nothing cancelled (see `errormodel.chain`): decides "no effect".
+    order : columns in the order in which they may stand for a group.
+    noise_floor : float
+        Smallest singular value of scaled columns that noise leaves meaningful.
+    """
+    norms = np.linalg.norm(design, axis=0)
+    active = norms > 1e-12 * scale
+    order = [j for j in order if active[j]]
+    if not order:
+        return Groups(tuple(ids), np.zeros(0, np.intp), np.zeros((0, len(ids))), tuple(ids), np.zeros(0))
+    unit = design[:, order] / norms[order]
+    if unit.shape[0] > unit.shape[1]:
+        unit = np.linalg.qr(unit, mode="r")
+    singular = np.linalg.svd(unit, compute_uv=False)
+    tolerance = max(ROUND_OFF, noise_floor)
+    rank = int((singular > tolerance).sum())
+    chosen, q = _first_independent(unit, tolerance, rank)
+    # a_dependent = A_base K, column by column
+    mix, *_ = np.linalg.lstsq(unit[:, chosen], unit, rcond=None)
+    mix[np.abs(mix) < 1e-7] = 0.0
+    coefficients = np.zeros((rank, len(ids)))
+    base = np.array([order[c] for c in chosen], dtype=np.intp)
+    coefficients[:, order] = mix * norms[order] / norms[base][:, None]
+    coefficients = _tidy(coefficients)
+    coefficients[:, base] = np.eye(rank)
+    no_effect = tuple(i for i, a in zip(ids, active, strict=True) if not a)
+    return Groups(tuple(ids), base, coefficients, no_effect, singular)
+
+
+def _first_independent(unit: Array, tolerance: float, rank: int) -> tuple[list[int], Array]:
+    """The first columns, in order, that are independent of those before; as many as the rank."""
+    while True:
+        q = np.zeros((unit.shape[0], rank))
+        chosen: list[int] = []
+        for j in range(unit.shape[1]):
+            column = unit[:, j]
+            basis = q[:, : len(chosen)]
+            rest = column - basis @ (basis.T @ column)
+            rest -= basis @ (basis.T @ rest)  # once more: once is not enough near dependence
+            size = float(np.linalg.norm(rest))
+            if size > tolerance:
+                if len(chosen) == rank:
+                    break
+                q[:, len(chosen)] = rest / size
+                chosen.append(j)
+        else:
+            if len(chosen) == rank:
+                return chosen, q
+            tolerance /= 3  # a column was passed over that the rank needs
+            continue
+        tolerance *= 2  # more columns than the rank passed: the weakest of them do not count
+
+
+def _tidy(values: Array) -> Array:
+    """Ten significant digits: round-off of the null space is gone, tool lengths stay as they were written."""
+    out = np.zeros_like(values)
+    live = values != 0
+    digits = 10.0 ** (9 - np.floor(np.log10(np.abs(values[live]))))
+    out[live] = np.round(values[live] * digits) / digits
+    return out

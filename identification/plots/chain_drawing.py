@@ -1,0 +1,144 @@
+"""A labelled drawing of a machine's chain: a row of symbols from workpiece to tool, and the machine in space."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections import Counter
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from errormodel.chain import Chain
+from errormodel.conventions import MOTIONS, TRANSLATIONS
+from errormodel.machine import Joint, Machine, Shape, Vector
+from identification.plots import style, symbols
+from identification.plots.isometric import VIEW, draw_machine
+
+CELL, LINE = 1.3, 0.175  # width of an element in the row, height of a line of text: inches
+SPACE = 6.6  # height of the drawing in space, inches
+LEGEND = 3.7  # width of the legend, inches
+
+Symbol = Callable[[Axes, float, float], None]
+
+
+class _Column(NamedTuple):
+    name: str
+    geometry: list[str]
+    model: list[str]
+    symbol: Symbol
+
+
+def draw_chain(machine: Machine, path: Path) -> None:
+    """Draw the chain of `machine` to `path` (``.svg`` or ``.png``), in mm and degrees.
+
+    Above, the elements in order with offsets, travels, error motions (ISO 230-1) and numbers of parameters; below, the
+    nominal machine in isometric view, linear axes at mid-travel and rotary axes at zero (or as near as they get).
+    """
+    chain = Chain(machine)
+    columns = _columns(chain)
+    geometry_lines = max(len(column.geometry) for column in columns)
+    model_lines = max(len(column.model) for column in columns)
+    row = 1.05 + LINE * (geometry_lines + model_lines) + 0.45
+    width, height = max(12.5, CELL * len(columns) + 0.8), SPACE + row + 1.25
+    figure = Figure(figsize=(width, height), facecolor="white")
+    page = figure.add_axes((0, 0, 1, 1), xlim=(0, width), ylim=(0, height))
+    page.axis("off")
+    page.text(0.5, height - 0.55, machine.name, size=style.TITLE, weight="bold", color=style.INK, va="center")
+    counts = (len(machine.joints), len(machine.shapes), len(chain.machine_ids))
+    summary = "{} joints, {} shapes, {} error parameters".format(*counts)
+    page.text(0.5, height - 0.9, summary, size=style.HEADING, color=style.MUTED, va="center")
+    page.add_patch(Rectangle((0, SPACE), width, row, fc=style.PAPER, ec="none", zorder=0))
+    _draw_row(page, columns, SPACE + row - 0.85, LINE * geometry_lines)
+    scale = draw_machine(page, chain, (0.3, 0.1, width - LEGEND - 0.3, SPACE - 0.2))
+    _draw_legend(page, width - LEGEND + 0.7, SPACE - 0.75, scale)
+    style.save(figure, path)
+
+
+def _columns(chain: Chain) -> list[_Column]:
+    counts = Counter(p.element for p in chain.parameters)
+    columns: list[_Column] = [_Column("workpiece", ["chain starts", "here"], [], symbols.workpiece)]
+    for element in chain.machine.elements:
+        if isinstance(element, Shape):
+            model = [f"{counts[element.name]} constants"] if element.motions else ["no errors"]
+            columns.append(_Column(element.name, _dimensions(element.offset, element.rotation), model, symbols.shape))
+        else:
+            symbol = partial(symbols.prismatic if element.type == "prismatic" else symbols.rotary, axis=element.axis)
+            model = _model(chain, element, counts[element.name])
+            columns.append(_Column(element.name, _travel(element), model, symbol))
+    return [*columns, _Column("tool point", _dimensions(chain.machine.tool), [], symbols.tool)]
+
+
+def _dimensions(offset: Vector, rotation: Vector = (0.0, 0.0, 0.0)) -> list[str]:
+    parts = [f"{axis} {_number(v)} mm" for axis, v in zip("xyz", offset, strict=True) if v]
+    turns = [f"{_number(math.degrees(v))}° about {axis}" for axis, v in zip("xyz", rotation, strict=True) if v]
+    return [*(parts or ["no offset"]), *turns]
+
+
+def _travel(joint: Joint) -> list[str]:
+    linear = joint.type == "prismatic"
+    low, high = (_number(t if linear else math.degrees(t)) for t in joint.travel)
+    span = f"±{high}" if low == f"−{high}" else f"{low} … {high}"
+    return [f"{'along' if linear else 'about'} {symbols.axis_name(joint.axis)}", f"{span}{' mm' if linear else '°'}"]
+
+
+def _model(chain: Chain, joint: Joint, count: int) -> list[str]:
+    if not count:
+        return ["no error", "motions"]
+    symbol = {p.motion: p.symbol for p in chain.parameters if p.element == joint.name}
+    halves = (TRANSLATIONS, MOTIONS[len(TRANSLATIONS) :])
+    names = [line for half in halves for line in textwrap.wrap(" ".join(symbol[m] for m in half if m in symbol), 18)]
+    bases = dict.fromkeys(b.kind if b.kind == "first-order" else f"{b.kind} {b.n}" for b in joint.models.values())
+    return [*names, *bases, f"{count} parameters"]
+
+
+def _number(value: float) -> str:
+    return f"{round(value, 3) + 0.0:.8g}".replace("-", "−")
+
+
+def _draw_row(page: Axes, columns: list[_Column], y: float, geometry_height: float) -> None:
+    places = page.get_xlim()[1] / 2 + CELL * (np.arange(len(columns)) - (len(columns) - 1) / 2)
+    page.plot(places[[0, -1]], [y, y], color=style.FAINT, lw=3, zorder=1)
+    for x, column in zip(places, columns, strict=True):
+        column.symbol(page, x, y)
+        page.text(x, y + 0.46, column.name, size=style.HEADING, weight="bold", color=style.INK, ha="center")
+        for top, lines, size, colour in (
+            (y - 0.45, column.geometry, style.BODY, style.INK),
+            (y - 0.6 - geometry_height, column.model, style.SMALL, style.MUTED),
+        ):
+            text = "\n".join(lines)
+            page.text(x, top, text, size=size, color=colour, ha="center", va="top", linespacing=1.35)
+
+
+def _draw_legend(page: Axes, x: float, y: float, scale: float) -> None:
+    entries: list[tuple[Symbol, str]] = [
+        (partial(symbols.prismatic, axis=(1, 0, 0)), "linear joint: moves along\nthe axis named on it"),
+        (partial(symbols.rotary, axis=(0, 0, 1)), "rotary joint: turns about\nthe axis named on it"),
+        (symbols.shape, "shape: a rigid member,\noffset to the next joint"),
+        (symbols.tool, "tool with its functional\npoint"),
+    ]
+    for k, (symbol, meaning) in enumerate(entries):
+        symbol(page, x, y - 0.78 * k)
+        page.text(x + 0.75, y - 0.78 * k, meaning, size=style.BODY, color=style.INK, va="center", linespacing=1.35)
+    length = next(m * 10**e for e in range(6, -4, -1) for m in (5, 2, 1) if m * 10**e * scale < 0.7)  # mm
+    origin = np.array([x, y - 4.05])
+    for name, colour, along in zip("xyz", style.AXIS_COLOURS, VIEW.T, strict=True):
+        tip = origin + length * scale * along
+        page.plot(*np.array([origin, tip]).T, color=colour, lw=2)
+        symbols.head(page, tip, along, 0.13, colour)
+        page.text(
+            *(tip + 0.27 * along), name, size=style.HEADING, weight="bold", color=colour, ha="center", va="center"
+        )
+    scale_note = f"directions, colours\nand scale: each\narrow {length:g} mm"
+    page.text(x + 0.95, y - 4.05, scale_note, size=style.BODY, color=style.INK, va="center", linespacing=1.35)
+    note = (
+        "Linear axes stand at mid-travel (dotted: from\ntheir zero), rotary axes at 0; z is drawn upwards.\n"
+        "EXY is the error along x of joint Y, EAY its tilt\nabout x (B: about y, C: about z), after ISO 230-1."
+    )
+    page.text(x - 0.5, y - 4.75, note, size=style.SMALL, color=style.MUTED, va="top", linespacing=1.4)

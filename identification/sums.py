@@ -1,0 +1,167 @@
+"""Sufficient statistics of least squares, accumulated by streaming the views' rows through the kernels."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from errormodel.kernel import BLOCK, Array, Kernel
+from identification.views import Kind, View
+
+
+@dataclass
+class Sums:
+    """``M'WM``, ``M'Wr``, ``r'Wr`` and the number of scalar observations."""
+
+    gram: Array  # (p, p)
+    slope: Array  # (p,)
+    square: float = 0.0
+    count: int = 0
+
+    @classmethod
+    def zero(cls, p: int) -> Sums:
+        return cls(np.zeros((p, p)), np.zeros(p))
+
+    def add(self, other: Sums, factor: float = 1.0) -> None:
+        """Add `factor` times the other's sums (1/sigma^2 of its kind, or -1 to take a fold out)."""
+        self.gram += factor * other.gram
+        self.slope += factor * other.slope
+        self.square += factor * other.square
+        self.count += other.count if factor > 0 else -other.count
+
+
+def accumulate(
+    views: Sequence[View],
+    unknowns: Mapping[str, int],
+    values: Array,
+    held: Array,
+    *,
+    exact: bool = True,
+    at: Array | None = None,
+    gram: bool = True,
+) -> dict[Kind, Sums]:
+    """Sums of each kind of observation over the unknowns.
+
+    Parameters
+    ----------
+    unknowns : place of each unknown in the sums; a view's columns that are not named are held.
+    values : (unknowns,)
+        Where the residual is taken.
+    held : (chain parameters,)
+        Values of what is not unknown.
+    exact : bool
+        Residual of the exact kinematics, or of the linear model ``gap(held) - M values``.
+    at : (unknowns,)
+        Where M is taken; None: at `held` zero errors, which is cheaper and, errors being small, nearly always enough.
+    gram : bool
+        False leaves ``M'WM`` out (it does not change while M is not taken anew).
+    """
+    sums: dict[Kind, Sums] = {}
+    for view in views:
+        local = np.array([k for k, c in enumerate(view.columns) if c in unknowns], dtype=np.intp)
+        places = np.array([unknowns[view.columns[k]] for k in local], dtype=np.intp)
+        linear = values[places] * (np.array([exact and k < len(view.ids) for k in local]) == 0)
+        task = _Task(
+            view, local, linear if linear.any() else None, view_vector(view, unknowns, values, held) if exact else held,
+            None if at is None else view_vector(view, unknowns, at, held), gram,
+        )  # fmt: skip
+        own = task.run()
+        total = sums.setdefault(view.kind, Sums.zero(len(unknowns)))
+        total.gram[np.ix_(places, places)] += own.gram
+        total.slope[places] += own.slope
+        total.square += own.square
+        total.count += view.count
+    return sums
+
+
+def view_vector(view: View, unknowns: Mapping[str, int], values: Array, held: Array) -> Array:
+    """The chain's parameters as this view sees them: held ones, and the unknowns among its columns."""
+    p = held.copy()
+    for identity, column in zip(view.ids, view.columns, strict=False):  # a motion view's zeros are not the chain's
+        if column in unknowns:
+            p[view.chain.index[identity]] = values[unknowns[column]]
+    return p
+
+
+@dataclass(frozen=True)
+class _Task:
+    """One pass over one view."""
+
+    view: View
+    columns: np.ndarray[tuple[int], np.dtype[np.intp]]
+    linear: Array | None
+    p: Array
+    at: Array | None
+    gram: bool
+
+    def run(self) -> Sums:
+        kernel = self.view.design(linearised=self.at is not None)
+        selectors = selectors_of(kernel, len(self.view.outputs), self.columns)
+        return self._alike(kernel, selectors) if self.view.whitener.ndim == 1 else self._directed(kernel, selectors)
+
+    def _blocks(self, kernel: Kernel, selectors: list[Array]) -> Iterator[tuple[slice, Array, Array]]:
+        design = kernel.blocks(self.view.rows, self.p if self.at is None else self.at)
+        slopes = None if self.linear is None else np.array([s @ self.linear for s in selectors])
+        for (part, functions), (_, gap) in zip(design, self.view.gaps(self.p), strict=True):
+            yield part, functions, gap if slopes is None else gap - slopes @ functions
+
+    def _alike(self, kernel: Kernel, selectors: list[Array]) -> Sums:
+        """Weights alike in all directions: one Gram matrix of the distinct functions serves all components."""
+        n, c = kernel.n_functions, len(selectors)
+        first = 0 if self.gram else n
+        gram = np.zeros((n + c - first, n + c))
+        stack = np.empty((n + c, min(BLOCK, len(self.view))))
+        for part, functions, gap in self._blocks(kernel, selectors):
+            m = part.stop - part.start
+            weights = self.view.whitener[part]
+            np.multiply(functions, weights, stack[:n, :m])
+            np.multiply(gap, weights, stack[n:, :m])
+            gram += stack[first:, :m] @ stack[:, :m].T
+        sums = Sums.zero(selectors[0].shape[1])
+        for k, selector in enumerate(selectors):
+            if self.gram:
+                sums.gram += selector.T @ gram[:n, :n] @ selector
+            sums.slope += selector.T @ gram[n - first + k, :n]
+            sums.square += gram[n - first + k, n + k]
+        return sums
+
+    def _directed(self, kernel: Kernel, selectors: list[Array]) -> Sums:
+        """A covariance for each row: M is whitened as it is."""
+        sums = Sums.zero(selectors[0].shape[1])
+        for part, functions, gap in self._blocks(kernel, selectors):
+            design = np.array([s.T @ functions for s in selectors]).transpose(1, 0, 2)  # (p, c, m)
+            white = self.view.whiten(part, design).reshape(len(design), -1)
+            flat = self.view.whiten(part, gap).ravel()
+            if self.gram:
+                sums.gram += white @ white.T
+            sums.slope += white @ flat
+            sums.square += flat @ flat
+        return sums
+
+
+def selectors_of(kernel: Kernel, components: int, columns: np.ndarray[tuple[int], np.dtype[np.intp]]) -> list[Array]:
+    """For each component c the (functions, columns) matrix S with ``M_c = functions' S``."""
+    out = []
+    for c in range(components):
+        k = columns * components + c
+        selector = np.zeros((kernel.n_functions, len(columns)))
+        selector[kernel.index[k], np.arange(len(columns))] = kernel.coefficient[k]
+        out.append(selector)
+    return out
+
+
+def design_rows(view: View, unknowns: Mapping[str, int], most: int = 4096) -> Array:
+    """Whitened rows of M, dense, of at most `most` of the view's rows, evenly spread: (rows * components, unknowns)."""
+    if len(view) > most:
+        view = view.part(np.unique(np.linspace(0, len(view) - 1, most).astype(int)))
+    kernel = view.design(linearised=False)
+    local = np.array([k for k, c in enumerate(view.columns) if c in unknowns], dtype=np.intp)
+    places = [unknowns[view.columns[k]] for k in local]
+    selectors = selectors_of(kernel, len(view.outputs), local)
+    functions = kernel.functions(view.rows, np.zeros(len(view.chain.ids)))
+    design = np.array([s.T @ functions for s in selectors]).transpose(1, 0, 2)
+    out = np.zeros((len(view) * len(selectors), len(unknowns)))
+    out[:, places] = view.whiten(slice(None), design).reshape(len(local), -1).T
+    return out

@@ -1,0 +1,70 @@
+"""The house rules that a linter cannot check."""
+
+from __future__ import annotations
+
+import ast
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+PACKAGES = ("errormodel", "identification")
+HEAVY = {"casadi", "cvxpy", "emcee", "jinja2", "matplotlib", "numpy", "pandas", "pint", "pyarrow", "scipy"}
+LONGEST_FILE = 399  # lines
+LOCAL_PATH = re.compile(rb"(?<![\w.~$}-])/(?:work|home|root|Users)/")
+
+
+def package_files(package: str) -> list[Path]:
+    return [file for file in (ROOT / package).rglob("*") if file.is_file() and "__pycache__" not in file.parts]
+
+
+def project_files() -> list[Path]:
+    """Files that git has, or would take."""
+    if shutil.which("git") is None or not (ROOT / ".git").exists():
+        pytest.skip("not a git checkout")
+    command = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
+    names = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True).stdout.split("\0")
+    return [ROOT / name for name in names if name and (ROOT / name).is_file()]
+
+
+def imported_packages(file: Path) -> set[str]:
+    """Top-level names of all absolute imports of a file, wherever in it they stand."""
+    found = set()
+    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"), str(file))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name.partition(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+            found.add(node.module.partition(".")[0])
+    return found
+
+
+def test_errormodel_never_imports_identification():
+    files = [file for file in package_files("errormodel") if file.suffix == ".py"]
+    assert files
+    offenders = [str(file.relative_to(ROOT)) for file in files if "identification" in imported_packages(file)]
+    assert not offenders
+
+
+def test_command_line_starts_without_heavy_imports():
+    code = "import sys, identification.cli; print(*{name.partition('.')[0] for name in sys.modules})"
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert not HEAVY & set(done.stdout.split())
+
+
+def test_files_stay_short():
+    lengths = {
+        str(file.relative_to(ROOT)): len(file.read_text(encoding="utf-8").splitlines())
+        for package in PACKAGES
+        for file in package_files(package)
+    }
+    assert {name: length for name, length in lengths.items() if length > LONGEST_FILE} == {}
+
+
+def test_no_local_paths():
+    offenders = [str(file.relative_to(ROOT)) for file in project_files() if LOCAL_PATH.search(file.read_bytes())]
+    assert not offenders
