@@ -15,7 +15,7 @@ import numpy as np
 
 from errormodel.kernel import Array
 
-ROUND_OFF = 1e-9  # of a unit column: exact dependences come out below 1e-12, real ones of any use above 1e-7
+ROUND_OFF = 1e-7  # of a unit column: exact dependences come out below 1e-12, and the normal equations hold down to here
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from errormodel.chain import Chain
 from errormodel.conventions import MOTIONS, TRANSLATIONS
 from errormodel.machine import Joint, Machine, Shape, Vector
 from identification.plots import style, symbols
-from identification.plots.isometric import VIEW, draw_machine
+from identification.plots.space import VIEW, draw_machine
 
 CELL, LINE = 1.3, 0.175  # width of an element in the row, height of a line of text: inches
 SPACE = 6.6  # height of the drawing in space, inches
@@ -39,7 +39,7 @@ def draw_chain(machine: Machine, path: Path) -> None:
     """Draw the chain of `machine` to `path` (``.svg`` or ``.png``), in mm and degrees.
 
     Above, the elements in order with offsets, travels, error motions (ISO 230-1) and numbers of parameters; below, the
-    nominal machine in isometric view, linear axes at mid-travel and rotary axes at zero (or as near as they get).
+    nominal machine in space, linear axes at mid-travel and rotary axes at zero (or as near as they get).
     """
     chain = Chain(machine)
     columns = _columns(chain)
@@ -50,10 +50,10 @@ def draw_chain(machine: Machine, path: Path) -> None:
     figure = Figure(figsize=(width, height), facecolor="white")
     page = figure.add_axes((0, 0, 1, 1), xlim=(0, width), ylim=(0, height))
     page.axis("off")
-    page.text(0.5, height - 0.55, machine.name, size=style.TITLE, weight="bold", color=style.INK, va="center")
-    counts = (len(machine.joints), len(machine.shapes), len(chain.machine_ids))
-    summary = "{} joints, {} shapes, {} error parameters".format(*counts)
-    page.text(0.5, height - 0.9, summary, size=style.HEADING, color=style.MUTED, va="center")
+    page.text(0.5, height - 0.55, machine.name, size=style.TITLE, weight="bold", color=style.INK, parse_math=False)
+    counts = {"joint": len(machine.joints), "shape": len(machine.shapes), "error parameter": len(chain.machine_ids)}
+    summary = ", ".join(f"{n} {what}{'s' * (n != 1)}" for what, n in counts.items())
+    page.text(0.5, height - 0.92, summary, size=style.HEADING, color=style.MUTED)
     page.add_patch(Rectangle((0, SPACE), width, row, fc=style.PAPER, ec="none", zorder=0))
     _draw_row(page, columns, SPACE + row - 0.85, LINE * geometry_lines)
     scale = draw_machine(page, chain, (0.3, 0.1, width - LEGEND - 0.3, SPACE - 0.2))
@@ -85,7 +85,8 @@ def _travel(joint: Joint) -> list[str]:
     linear = joint.type == "prismatic"
     low, high = (_number(t if linear else math.degrees(t)) for t in joint.travel)
     span = f"±{high}" if low == f"−{high}" else f"{low} … {high}"
-    return [f"{'along' if linear else 'about'} {symbols.axis_name(joint.axis)}", f"{span}{' mm' if linear else '°'}"]
+    axis = symbols.axis_name(joint.axis) or "(" + ", ".join(f"{v:.2g}" for v in joint.axis) + ")"
+    return [f"{'along' if linear else 'about'} {axis}", f"{span}{' mm' if linear else '°'}"]
 
 
 def _model(chain: Chain, joint: Joint, count: int) -> list[str]:
@@ -107,7 +108,8 @@ def _draw_row(page: Axes, columns: list[_Column], y: float, geometry_height: flo
     page.plot(places[[0, -1]], [y, y], color=style.FAINT, lw=3, zorder=1)
     for x, column in zip(places, columns, strict=True):
         column.symbol(page, x, y)
-        page.text(x, y + 0.46, column.name, size=style.HEADING, weight="bold", color=style.INK, ha="center")
+        heading = style.HEADING * min(1, 13 / len(column.name))
+        page.text(x, y + 0.46, column.name, size=heading, weight="bold", color=style.INK, ha="center")
         for top, lines, size, colour in (
             (y - 0.45, column.geometry, style.BODY, style.INK),
             (y - 0.6 - geometry_height, column.model, style.SMALL, style.MUTED),
@@ -126,17 +128,16 @@ def _draw_legend(page: Axes, x: float, y: float, scale: float) -> None:
     for k, (symbol, meaning) in enumerate(entries):
         symbol(page, x, y - 0.78 * k)
         page.text(x + 0.75, y - 0.78 * k, meaning, size=style.BODY, color=style.INK, va="center", linespacing=1.35)
-    length = next(m * 10**e for e in range(6, -4, -1) for m in (5, 2, 1) if m * 10**e * scale < 0.7)  # mm
+    length = next(m * 10**e for e in range(6, -4, -1) for m in (5, 2, 1) if m * 10**e * scale < 0.8)  # mm
     origin = np.array([x, y - 4.05])
     for name, colour, along in zip("xyz", style.AXIS_COLOURS, VIEW.T, strict=True):
         tip = origin + length * scale * along
         page.plot(*np.array([origin, tip]).T, color=colour, lw=2)
         symbols.head(page, tip, along, 0.13, colour)
-        page.text(
-            *(tip + 0.27 * along), name, size=style.HEADING, weight="bold", color=colour, ha="center", va="center"
-        )
+        letter = tip + 0.27 * along / np.hypot(*along)
+        page.text(letter[0], letter[1], name, size=style.HEADING, weight="bold", color=colour, ha="center", va="center")
     scale_note = f"directions, colours\nand scale: each\narrow {length:g} mm"
-    page.text(x + 0.95, y - 4.05, scale_note, size=style.BODY, color=style.INK, va="center", linespacing=1.35)
+    page.text(x + 1.05, y - 4.05, scale_note, size=style.BODY, color=style.INK, va="center", linespacing=1.35)
     note = (
         "Linear axes stand at mid-travel (dotted: from\ntheir zero), rotary axes at 0; z is drawn upwards.\n"
         "EXY is the error along x of joint Y, EAY its tilt\nabout x (B: about y, C: about z), after ISO 230-1."

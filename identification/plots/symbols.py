@@ -16,10 +16,10 @@ def axis_colour(axis: Vector) -> str:
 
 
 def axis_name(axis: Vector) -> str:
-    """``x``, ``−x``, ... or ``oblique``."""
+    """``x``, ``−x``, ... or nothing for an oblique axis."""
     largest = int(np.argmax(np.abs(axis)))
     if abs(axis[largest]) < 1 - 1e-12:
-        return "oblique"
+        return ""
     return ("−" if axis[largest] < 0 else "") + "xyz"[largest]
 
 
@@ -72,6 +72,4 @@ def head(axes: Axes, tip: np.ndarray, direction: np.ndarray, size: float, colour
 
 
 def _letter(axes: Axes, x: float, y: float, axis: Vector) -> None:
-    name = axis_name(axis)
-    size = style.BODY if len(name) <= 2 else style.SMALL - 3
-    axes.text(x, y, name, color="white", size=size, weight="bold", ha="center", va="center", zorder=5)
+    axes.text(x, y, axis_name(axis), color="white", size=style.BODY, weight="bold", ha="center", va="center", zorder=5)

@@ -16,19 +16,24 @@ mp.dps = 60
 _UNITS = [[mpf(int(i == k)) for i in range(3)] for k in range(3)]
 
 
+def number(value: float) -> mpf:
+    """A double as it is, to the last bit."""
+    return mpf(float(value))
+
+
 def design(q: Array) -> list[list[list[mpf]]]:
     """M exactly, for the doubles in `q`: (n, 3, 52)."""
-    return [_transposed(_columns([mpf(float(v)) for v in command])) for command in q]
+    return [_transposed(_columns([number(v) for v in command])) for command in q]
 
 
 def nominal(q: Array) -> list[list[mpf]]:
     """Nominal positions, (n, 3) mm."""
-    return [_behind([mpf(float(v)) for v in command], 0) for command in q]
+    return [_behind([number(v) for v in command], 0) for command in q]
 
 
 def least_squares(rows: Sequence[Sequence[mpf]], e: Sequence[mpf], scale: Array) -> Array:
     """Exact least-squares solution, times `scale`: with 60 digits even normal equations are exact."""
-    scales = [mpf(float(s)) for s in scale]
+    scales = [number(s) for s in scale]
     columns = [[v / s for v in column] for column, s in zip(zip(*rows, strict=True), scales, strict=True)]
     m = len(columns)
     normal = mp.matrix(m, m)

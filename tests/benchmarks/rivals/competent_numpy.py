@@ -9,7 +9,7 @@ import numpy as np
 
 from tests.benchmarks.five_axis import IDS, JOINTS, MOTIONS, RANK, TOOL, Array, nominal
 
-__all__ = ["IDS", "build", "fit"]
+__all__ = ["IDS", "build", "fit", "solve"]
 
 
 def build(q: Array) -> Array:
@@ -50,22 +50,25 @@ def build(q: Array) -> Array:
 
 
 def fit(q: Array, measured: Array) -> dict[str, object]:
+    """Least squares from commands (n, 5) and measured positions (n, 3), mm."""
+    return solve(q, measured - nominal(q))
+
+
+def solve(q: Array, errors: Array) -> dict[str, object]:
     """Least squares on independent columns, with residual statistics and covariance, as a user would."""
     M = build(q)
     base = independent_columns(M)
-    A = M[:, base]
-    e = (measured - nominal(q)).ravel()
+    A, e = M[:, base], errors.ravel()
     values = np.linalg.lstsq(A, e, rcond=None)[0]
-    residuals = (e - A @ values).reshape(-1, 3)
-    dof = len(e) - len(base)
-    variance = float((residuals**2).sum() / dof)
-    size = np.sqrt((residuals**2).sum(axis=1))
+    residuals = e - A @ values
+    variance = float(residuals @ residuals) / (len(e) - len(base))
+    size = np.linalg.norm(residuals.reshape(-1, 3), axis=1)
     return {
         "ids": tuple(IDS[k] for k in base),
         "values": values,
         "covariance": variance * np.linalg.inv(A.T @ A),
         "sigma": variance**0.5,
-        "rms": float((size**2).mean() ** 0.5),
+        "rms": float(np.sqrt((size**2).mean())),
         "mean": float(size.mean()),
         "max": float(size.max()),
     }

@@ -1,4 +1,4 @@
-"""A nominal machine in isometric view: members as bars, linear axes as rails of their travel, rotary axes as rings."""
+"""A nominal machine in parallel projection: members as bars, linear axes as rails, rotary axes as rings."""
 
 from __future__ import annotations
 
@@ -16,8 +16,15 @@ from identification.plots import style, symbols
 
 Array = NDArray[np.float64]
 
-# x to the right and forward, y to the right and back, z up: seen from the right, the front and above
-VIEW = np.array([[math.sqrt(0.75), math.sqrt(0.75), 0.0], [-0.5, 0.5, 1.0]])
+# Seen from the right, the front and above, 30 degrees down. Turned by 35 degrees rather than an isometric view's 45, as
+# otherwise members with equal offsets in x and y fall on one another.
+_TURN, _DOWN = math.radians(35), math.radians(30)
+VIEW = np.array(
+    [
+        [math.cos(_TURN), math.sin(_TURN), 0.0],
+        [-math.sin(_TURN) * math.sin(_DOWN), math.cos(_TURN) * math.sin(_DOWN), math.cos(_DOWN)],
+    ]
+)
 
 
 def draw_machine(page: Axes, chain: Chain, box: tuple[float, float, float, float]) -> float:
@@ -52,7 +59,7 @@ class _Drawing:
         flat = np.concatenate(corners) @ VIEW.T
         low, high = flat.min(axis=0), flat.max(axis=0)
         margin = 0.65  # inches, for rings and labels
-        self.scale = float(np.min((np.array(box[2:]) - 2 * margin) / np.maximum(high - low, 1e-9)))
+        self.scale = float(np.min((np.array(box[2:]) - 2 * margin) / np.maximum(high - low, 1.0)))
         self.shift = np.array(box[:2]) + np.array(box[2:]) / 2 - self.scale * (low + high) / 2
         self.ink: list[Array] = []
         self.labels: list[tuple[str, Array, str, bool]] = []
@@ -78,6 +85,10 @@ class _Drawing:
         ]
         return np.asarray(line[-1] + size * along)
 
+    def mark(self, spot: Array, marker: str, colour: str) -> None:
+        self.page.plot(*spot, marker, color=colour, ms=9, mec="white", mew=1, zorder=7)
+        self.ink.append(spot + 0.07 * np.array([[-1, -1], [-1, 1], [1, 1], [1, -1]]))
+
     def _travel(self, place: int, joint: Joint) -> tuple[Array, Array]:
         frame = self.frames[place]
         along = frame[:3, :3] @ joint.axis
@@ -89,7 +100,7 @@ class _Drawing:
         here, carriage = self.frames[place, :3, 3], self.frames[place + 1, :3, 3]
         self.line(np.array([here, carriage]), style.MUTED, 1.2, ls=(0, (1, 1.5)), zorder=2)
         ends = self.line(np.array(self._travel(place, joint)), colour, 5, alpha=0.55, solid_capstyle="butt", zorder=3)
-        self.page.plot(*self.flat(carriage), "s", color=colour, ms=9, mec="white", mew=1, zorder=7)
+        self.mark(self.flat(carriage), "s", colour)
         self.labels.append((joint.name, self.head(ends, 0.22, colour), colour, True))
 
     def ring(self, place: int, joint: Joint) -> None:
@@ -119,7 +130,7 @@ class _Drawing:
         self.labels.append(("workpiece", self.flat(np.zeros(3)), style.INK, True))
         self.line(np.array([self.frames[-1, :3, 3], self.tip]), style.INK, 3, zorder=5)
         on_page = self.flat(self.tip)
-        self.page.plot(*on_page, "o", color=style.ACCENT, ms=9, mec="white", mew=1, zorder=8)
+        self.mark(on_page, "o", style.ACCENT)
         self.labels.append(("tool point", on_page, style.ACCENT, True))
 
     def write_labels(self) -> None:
@@ -145,7 +156,5 @@ class _Drawing:
             taken.append((centre, half))
             if radius > 0.45:
                 self.page.plot(*np.array([anchor, centre]).T, color=style.FAINT, lw=0.8, zorder=1)
-            weight = "bold" if bold else "normal"
-            self.page.text(
-                *centre, text, size=size, weight=weight, color=colour, ha="center", va="center", zorder=9, bbox=halo
-            )
+            look = {"size": size, "weight": "bold" if bold else "normal", "color": colour, "bbox": halo}
+            self.page.text(centre[0], centre[1], text, ha="center", va="center", zorder=9, **look)  # type: ignore[arg-type]

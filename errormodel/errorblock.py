@@ -1,0 +1,190 @@
+"""The ``errors`` block of ``machine.yaml``: which error motions are parameters, read and written.
+
+``shapes`` says which constant motions a shape has, ``joints`` how each motion of a joint depends on its position.
+What a present block does not list is no parameter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal
+
+from errormodel.conventions import MOTIONS, ROTATIONS, TRANSLATIONS, Motion, iso_symbol, motion_of_iso
+from errormodel.exceptions import nearest
+from errormodel.machine import Basis, Joint, Shape
+from errormodel.yamlfile import Document, Keys, shown
+
+MAX_ORDER = 50
+
+_FAMILIES: dict[Literal["polynomial", "harmonic", "spline"], str] = {
+    "polynomial": "powers of the position",
+    "harmonic": "harmonics of a turn",
+    "spline": "intervals of the travel",
+}
+_MODELS = ("none", "first-order", *_FAMILIES)
+_CURE = "Write none, first-order, {polynomial: 3}, {harmonic: 2} or {spline: 8}"
+_WORDS: dict[str, tuple[Motion, ...]] = {"all": MOTIONS, "none": ()}
+
+Models = dict[Motion, Basis]
+
+
+def first_order_motions(joint: Joint) -> tuple[Motion, ...]:
+    """The motions that have a first-order model: all six of a rotary joint, four of a prismatic one.
+
+    Those of a prismatic joint are the scale (the translation nearest to the axis) and the three angular rates.
+    """
+    if joint.type == "rotary":
+        return MOTIONS
+    along = max(range(3), key=lambda i: abs(joint.axis[i]))
+    return (TRANSLATIONS[along], *ROTATIONS)
+
+
+def read_shapes(document: Document, keys: Keys, shapes: Sequence[Shape]) -> dict[str, tuple[Motion, ...]]:
+    """Error motions of each shape by name, from the value at `keys`."""
+    value = document.value_at(keys)
+    if isinstance(value, str) and value in _WORDS:
+        return {shape.name: _WORDS[value] for shape in shapes}
+    if not isinstance(value, dict):
+        raise document.error(keys, shown(value), "Write all, none or motions by shape such as {T1: [dx, ea], T2: all}")
+    _check_names(document, keys, "shape", [shape.name for shape in shapes])
+    listed = {name: _shape_motions(document, (*keys, name)) for name in value}
+    return {shape.name: listed.get(shape.name, ()) for shape in shapes}
+
+
+def _check_names(document: Document, keys: Keys, kind: str, names: Sequence[str]) -> None:
+    for name in document.value_at(keys):
+        if name not in names:
+            raise document.error((*keys, name), f"the chain has no {kind} '{name}'", nearest(name, names))
+
+
+def _shape_motions(document: Document, keys: Keys) -> tuple[Motion, ...]:
+    value = document.value_at(keys)
+    if isinstance(value, str) and value in _WORDS:
+        return _WORDS[value]
+    if not isinstance(value, list):
+        raise document.error(keys, shown(value), "Write all, none or a list of motions such as [dx, ea]")
+    for i, motion in enumerate(value):
+        if motion not in MOTIONS:
+            raise document.error((*keys, i), f"{shown(motion)} is no error motion", nearest(str(motion), MOTIONS))
+    return tuple(motion for motion in MOTIONS if motion in value)
+
+
+def read_joints(document: Document, keys: Keys, joints: Sequence[Joint]) -> dict[str, Models]:
+    """Models of each joint by name, from the value at `keys`."""
+    value = document.value_at(keys)
+    names = [joint.name for joint in joints]
+    family = isinstance(value, dict) and len(value) == 1 and next(iter(value)) in {*_FAMILIES} - {*names}
+    if family or not isinstance(value, dict):  # one model for all joints
+        return {joint.name: _spread(joint, _basis(document, keys, joint)) for joint in joints}
+    _check_names(document, keys, "joint", names)
+    return {j.name: _joint_models(document, (*keys, j.name), j) if j.name in value else {} for j in joints}
+
+
+def _joint_models(document: Document, keys: Keys, joint: Joint) -> Models:
+    value = document.value_at(keys)
+    if not isinstance(value, dict):
+        return _spread(joint, _basis(document, keys, joint))
+    whole = [key for key in value if key == "all" or key in _FAMILIES]
+    if len(whole) > 1:
+        raise document.error((*keys, whole[1]), f"a second model of all motions, after '{whole[0]}'", "Write one")
+    models: Models = {}
+    if whole == ["all"]:
+        models = _spread(joint, _basis(document, (*keys, "all"), joint))
+    elif whole:
+        models = _spread(joint, _family(document, (*keys, whole[0]), joint))
+    seen: dict[Motion, str] = {}
+    for key in value:
+        if key in whole:
+            continue
+        motion = next((m for m in MOTIONS if m == key.lower()), None) or motion_of_iso(key, joint.name)
+        if motion is None:
+            symbols = [iso_symbol(joint.name, m) for m in MOTIONS]
+            valid = ["all", *_FAMILIES, *(s.lower() if key.islower() else s for s in symbols)]
+            raise document.error((*keys, key), f"'{key}' is no error motion of {joint.name}", nearest(key, valid))
+        if motion in seen:
+            found = f"a second model of {motion}, after '{seen[motion]}'"
+            raise document.error((*keys, key), found, "Write one of the two")
+        seen[motion] = key
+        models.pop(motion, None)
+        basis = _basis(document, (*keys, key), joint)
+        if basis is not None:
+            models[motion] = _checked(document, (*keys, key), joint, motion, basis)
+    return {motion: models[motion] for motion in MOTIONS if motion in models}
+
+
+def _checked(document: Document, keys: Keys, joint: Joint, motion: Motion, basis: Basis) -> Basis:
+    if basis.kind == "first-order" and motion not in first_order_motions(joint):
+        scale = iso_symbol(joint.name, first_order_motions(joint)[0])
+        found = f"first-order for {motion}, a straightness of {joint.name}"
+        cure = f"Remove it: straightness comes with the angular rates; or write {{polynomial: 2}}. The scale is {scale}"
+        raise document.error(keys, found, cure)
+    return basis
+
+
+def _spread(joint: Joint, basis: Basis | None) -> Models:
+    """One model for all motions of a joint that can have it."""
+    if basis is None:
+        return {}
+    return dict.fromkeys(first_order_motions(joint) if basis.kind == "first-order" else MOTIONS, basis)
+
+
+def _basis(document: Document, keys: Keys, joint: Joint) -> Basis | None:
+    """One model as written at `keys`; None for ``none``."""
+    value = document.value_at(keys)
+    if value == "none":
+        return None
+    if value == "first-order":
+        return Basis("first-order")
+    if isinstance(value, dict) and len(value) == 1:
+        family = next(iter(value))
+        if family not in _FAMILIES:
+            raise document.error((*keys, family), f"unknown model '{family}'", nearest(family, _FAMILIES))
+        return _family(document, (*keys, family), joint)
+    if isinstance(value, str):
+        if value in _FAMILIES:
+            raise document.error(keys, f"'{value}' without a number", f"Write {{{value}: 3}}")
+        raise document.error(keys, f"unknown model '{value}'", f"{nearest(value, _MODELS)}. {_CURE}")
+    raise document.error(keys, shown(value), _CURE)
+
+
+def _family(document: Document, keys: Keys, joint: Joint) -> Basis:
+    """The model whose name is the last of `keys` and whose order stands there."""
+    family, n = next(family for family in _FAMILIES if family == keys[-1]), document.value_at(keys)
+    if isinstance(n, bool) or not isinstance(n, int) or not 1 <= n <= MAX_ORDER:
+        cure = f"Write {family}: n with a whole number n from 1 to {MAX_ORDER}, the {_FAMILIES[family]}"
+        raise document.error(keys, shown(n), cure)
+    if family == "harmonic" and joint.type == "prismatic":
+        raise document.error(keys, f"harmonics of the prismatic joint {joint.name}", "Write polynomial or spline")
+    return Basis(family, n)
+
+
+def written_shapes(shapes: Sequence[Shape]) -> Any:
+    """The value of ``errors.shapes`` that :func:`read_shapes` reads as these shapes' motions."""
+    each = {shape.name: _written_motions(shape.motions) for shape in shapes}
+    for word in ("all", "none"):
+        if all(value == word for value in each.values()):
+            return word
+    return {name: value for name, value in each.items() if value != "none"}
+
+
+def _written_motions(motions: Sequence[Motion]) -> Any:
+    return "all" if set(motions) == set(MOTIONS) else list(motions) or "none"
+
+
+def written_joints(joints: Sequence[Joint]) -> Any:
+    """The value of ``errors.joints`` that :func:`read_joints` reads as these joints' models."""
+    return {joint.name: _written_models(joint) for joint in joints} or "none"
+
+
+def _written_models(joint: Joint) -> Any:
+    models: Mapping[Motion, Basis] = joint.models
+    if not models:
+        return "none"
+    for basis in models.values():  # one model for all motions, if any of those present is that
+        if models == _spread(joint, basis):
+            return _written_basis(basis)
+    return {iso_symbol(joint.name, motion): _written_basis(basis) for motion, basis in models.items()}
+
+
+def _written_basis(basis: Basis) -> Any:
+    return "first-order" if basis.kind == "first-order" else {basis.kind: basis.n}

@@ -1,0 +1,60 @@
+"""Table files: one module a format, chosen by the file's suffix; a folder of parts is one table in several files."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from errormodel.exceptions import InputError, nearest
+from errormodel.formats import csv_file, parquet_file
+from errormodel.formats.base import Table
+
+_OPENERS = {suffix: module.open_table for module in (csv_file, parquet_file) for suffix in module.SUFFIXES}
+SUFFIXES = tuple(_OPENERS)
+
+
+def open_tables(path: Path, name: str) -> list[Table]:
+    """Open a file, or a folder's files in the order of their names (``part2`` before ``part10``).
+
+    Parameters
+    ----------
+    path : Path
+    name : str
+        The path as the user wrote it, for messages.
+
+    Raises
+    ------
+    InputError
+        There is nothing to read, or not what the suffix promises.
+    """
+    try:
+        if path.is_dir():
+            return [_open(part, f"{name.rstrip('/')}/{part.name}") for part in _parts(path, name)]
+        if not path.exists():
+            beside = [p.name for p in path.parent.glob("*") if p.suffix.lower() in SUFFIXES or p.is_dir()]
+            raise InputError(name, "no such file", nearest(path.name, beside[:20]))
+        return [_open(path, name)]
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError(name, f"cannot be read: {reason}", "Give a file that can be read") from error
+
+
+def _open(path: Path, name: str) -> Table:
+    opener = _OPENERS.get(path.suffix.lower())
+    if opener is None:
+        raise InputError(name, f"a file of type '{path.suffix}'", f"Write the table as one of {', '.join(SUFFIXES)}")
+    table: Table = opener(path, name)
+    return table
+
+
+def _parts(folder: Path, name: str) -> list[Path]:
+    visible = [p for p in folder.iterdir() if p.is_file() and not p.name.startswith((".", "_"))]
+    parts = [p for p in visible if p.suffix.lower() in SUFFIXES]
+    if not parts:
+        surveys = [p.name for p in visible if p.suffix.lower() in (".yaml", ".yml")]
+        cure = f"Give {name.rstrip('/')}/{surveys[0]}" if surveys else f"Put the parts there: {', '.join(SUFFIXES)}"
+        raise InputError(name, "a folder without a table in it", cure)
+    modules = {_OPENERS[p.suffix.lower()] for p in parts}
+    if len(modules) > 1:  # most likely the same data twice
+        raise InputError(name, "a folder with both Parquet and CSV files", "Keep one kind there")
+    return sorted(parts, key=lambda p: ([int(t) if t.isdigit() else t for t in re.split(r"(\d+)", p.name)], p.name))

@@ -1,0 +1,155 @@
+"""CSV as spreadsheets and instruments write it: commas, semicolons or tabs; decimal points or commas."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from errormodel.exceptions import InputError
+from errormodel.formats.base import EMPTY, Table, as_numbers
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+SUFFIXES = (".csv", ".txt", ".tsv", ".dat")
+
+_DELIMITERS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars"}
+_HEAD = 1 << 18  # bytes in which the header must end
+
+
+@dataclass(frozen=True)
+class CsvTable(Table):
+    """A delimited text file in UTF-8."""
+
+    delimiter: str
+    skip: int  # lines up to and with the header
+
+    def read(self, numbers: Collection[str], texts: Collection[str]) -> tuple[pd.DataFrame, tuple[str, ...]]:
+        import pandas as pd
+        import pyarrow as pa
+
+        comma = self.delimiter != ","  # a decimal comma can be told from the delimiter
+        place = {name: str(i) for i, name in enumerate(self.columns)}
+        notes = [] if not comma else [f"columns separated by {_DELIMITERS[self.delimiter]}"]
+        frame: dict[str, pd.Series[Any]] = {}
+        for decimal in (".", ",") if comma else (".",):
+            try:
+                arrow = self._arrow({place[n] for n in numbers}, {place[n] for n in texts}, decimal)
+            except pa.ArrowInvalid:
+                continue
+            frame = {n: pd.Series(arrow[place[n]].to_numpy()) for n in numbers}
+            break
+        else:  # some cell is no number: read all as text, convert what can be
+            decimal = "."
+            try:
+                arrow = self._arrow(set(), {place[n] for n in (*numbers, *texts)}, decimal)
+            except pa.ArrowInvalid as error:
+                raise self._broken(error) from error
+            for name in numbers:
+                text = pd.Series(arrow[place[name]].to_pandas(), dtype="str")
+                values, bad = as_numbers(text, comma)
+                frame[name] = text if bad.any() else pd.Series(values)
+                if comma and text.str.contains(",", regex=False).any():
+                    decimal = ","
+        if decimal == ",":
+            notes.append("decimal commas")
+        frame |= {n: pd.Series(arrow[place[n]].to_pandas(), dtype="str").str.strip() for n in texts}
+        return pd.DataFrame(frame), tuple(notes)
+
+    def line(self, row: int) -> int | None:
+        for number, (line, _) in enumerate(self._records()):
+            if number == row:
+                return line
+        return None
+
+    def _arrow(self, numbers: Collection[str], texts: Collection[str], decimal: str) -> Any:
+        """The wanted columns by their place (``"0"``, ``"1"``, ...); ArrowInvalid if a cell does not fit its type."""
+        import pyarrow as pa
+        from pyarrow import csv as arrow
+
+        with self.path.open("rb") as file:
+            quoted = b'"' in file.read(_HEAD)
+        return arrow.read_csv(
+            self.path,
+            arrow.ReadOptions(column_names=[str(i) for i in range(len(self.columns))], skip_rows=self.skip),
+            arrow.ParseOptions(
+                delimiter=self.delimiter,
+                newlines_in_values=quoted,
+                invalid_row_handler=lambda row: "error" if row.text.strip(" \t\r\n" + self.delimiter) else "skip",
+            ),
+            arrow.ConvertOptions(
+                column_types=dict.fromkeys(numbers, pa.float64()) | dict.fromkeys(texts, pa.string()),
+                include_columns=[*numbers, *texts],
+                null_values=EMPTY,
+                strings_can_be_null=False,
+                decimal_point=decimal,
+            ),
+        )
+
+    def _records(self) -> Iterator[tuple[int, list[str]]]:
+        """Line and fields of every data row, blank lines left out as `_arrow` does."""
+        with self.path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
+            reader = csv.reader(file, delimiter=self.delimiter)
+            last = 0
+            try:
+                for fields in reader:
+                    line, last = last + 1, reader.line_num
+                    blank = len(fields) != len(self.columns) and not "".join(fields).strip()
+                    if last > self.skip and not blank:
+                        yield line, fields
+            except csv.Error:
+                return
+
+    def _broken(self, error: Exception) -> InputError:
+        """What keeps a file from being read at all: a row of another length, or bytes that are not UTF-8."""
+        with self.path.open("rb") as file:
+            for number, raw in enumerate(file, start=1):
+                try:
+                    raw.decode("utf-8")
+                except UnicodeDecodeError as bad:
+                    byte = f"the byte 0x{raw[bad.start]:02x}, which is not UTF-8"
+                    return InputError(f"{self.name}, line {number}", byte, "Save the file as UTF-8")
+        for row, (line, fields) in enumerate(self._records(), start=1):
+            if len(fields) != len(self.columns):
+                found = f"{len(fields)} fields where the header has {len(self.columns)}"
+                cure = "Give every row one field a column, empty where there is no value"
+                if self.delimiter == "," and len(fields) > len(self.columns):
+                    cure += "; if commas are decimal signs, separate the columns with semicolons"
+                return InputError(f"{self.name}, row {row} (line {line})", found, cure)
+        reason = str(error).splitlines()[0]
+        return InputError(self.name, f"not readable as CSV: {reason}", "Write it again as plain CSV")
+
+
+def open_table(path: Path, name: str) -> Table:
+    """Find the delimiter and read the header of a delimited file."""
+    with path.open("rb") as file:
+        head = file.read(_HEAD)
+    if head[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        raise InputError(name, "text in UTF-16", "Save the file as UTF-8 (in a spreadsheet: 'CSV UTF-8')")
+    if b"\0" in head:
+        raise InputError(name, "not a text file", "Give CSV in UTF-8, or Parquet with the suffix .parquet")
+    text = head.decode("utf-8-sig", errors="replace")
+    first = next((line for line in text.splitlines() if line.strip()), "")
+    if not first:
+        raise InputError(name, "an empty file", "Give a header with the columns' names and a row a pose")
+    outside = re.sub(r'"[^"]*"', "", first)
+    delimiter = max(_DELIMITERS, key=outside.count)
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter)
+    try:
+        names = next(fields for fields in reader if "".join(fields).strip())
+    except csv.Error as error:
+        raise InputError(f"{name}, line 1", f"not readable as CSV: {error}", "Write it again as plain CSV") from error
+    where = f"{name}, header (line {reader.line_num})"
+    columns = tuple(" ".join(n.split()) for n in names)
+    if any("\ufffd" in n for n in columns):
+        raise InputError(where, "bytes that are not UTF-8", "Save the file as UTF-8")
+    if all(re.fullmatch(r"[-+]?[\d.]+(e[-+]?\d+)?", n, re.IGNORECASE) for n in columns if n):
+        raise InputError(where, "numbers where the columns' names belong", "Put a line with the names above the data")
+    if len(columns) == 1 and " " in columns[0]:
+        raise InputError(where, f"one column, '{columns[0]}'", "Separate the columns with commas")
+    return CsvTable(path, name, columns, delimiter, reader.line_num)

@@ -1,0 +1,33 @@
+"""A laser tracker: a range along the line of sight and two angles across it."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from pydantic import Field
+
+from errormodel.instruments.base import Array, Instrument, Pair, Positive
+from errormodel.yamlfile import Vector3
+
+
+class LaserTracker(Instrument):
+    """A tracker at a station; its own keys are in mm and rad, whatever ``units`` says of the data."""
+
+    type: Literal["laser-tracker"]
+    station: Vector3 = Field([0.0, 0.0, 0.0], description="[x, y, z] of the tracker in the measuring frame, mm")
+    range: Pair = Field(
+        description="[a, b] of the standard uncertainty hypot(a, b r) in mm and mm/mm (k = 1), such as [0.5e-3, 3.0e-6]"
+    )
+    angle: Positive = Field(description="the standard uncertainty of both angles in rad (k = 1), such as 1.2e-6")
+
+    def covariance(self, points: Array) -> Array:
+        sight = np.nan_to_num(points - self.station)  # what was not measured adds nothing to the line of sight
+        r2 = np.einsum("ni,ni->n", sight, sight)[:, None, None]
+        a, b = self.range
+        across = self.angle**2 * r2
+        along = a**2 + b**2 * r2
+        with np.errstate(invalid="ignore"):  # in the station itself there is no line of sight
+            direction = np.where(r2 > 0, sight[:, :, None] * sight[:, None, :] / r2, np.eye(3))
+        covariance: Array = across * np.eye(3) + (along - across) * direction
+        return covariance

@@ -1,0 +1,120 @@
+"""Recordings of a machine whose errors are known: exact (finite) kinematics, a measuring frame, an instrument's noise."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from errormodel.chain import TOOL_CHANNELS, Chain
+from errormodel.exceptions import InputError, nearest
+from errormodel.instruments.base import Instrument
+from errormodel.kernel import Array, as_rows
+from errormodel.machine import Machine
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from errormodel.survey import Survey
+
+
+@dataclass(frozen=True)
+class Truth:
+    """Parameter values by id (mm, rad and per-unit), and the pose of the measuring frame.
+
+    ``measured = rotation @ actual + translation`` with ``rotation = Rx Ry Rz`` of the three angles.
+    """
+
+    parameters: Mapping[str, float]
+    translation: tuple[float, float, float] = (0.0, 0.0, 0.0)  # mm
+    rotation: tuple[float, float, float] = (0.0, 0.0, 0.0)  # rad
+
+
+def read_truth(path: Path, chain: Chain) -> Truth:
+    """Read ``parameters: {T1.dx: 0.01, ...}`` (mm, rad) and an optional ``frame: {translation: mm, rotation: deg}``.
+
+    Raises
+    ------
+    InputError
+        The file is not such a mapping, or an id is not one of the machine's.
+    """
+    from pydantic import Field, FiniteFloat
+
+    from errormodel import yamlfile
+
+    class FrameForm(yamlfile.FileModel):
+        translation: tuple[FiniteFloat, FiniteFloat, FiniteFloat] = (0.0, 0.0, 0.0)
+        rotation: tuple[FiniteFloat, FiniteFloat, FiniteFloat] = (0.0, 0.0, 0.0)
+
+    class TruthForm(yamlfile.FileModel):
+        parameters: dict[str, FiniteFloat] = Field(default_factory=dict)
+        frame: FrameForm = Field(default_factory=FrameForm)
+
+    document = yamlfile.load(path)
+    form = yamlfile.validate(document, TruthForm)
+    for identity in form.parameters:
+        if identity not in chain.index:
+            line = document.line_of(("parameters", identity))
+            raise InputError(
+                f"{path}, line {line}, key parameters.{identity}",
+                f"the machine has no parameter '{identity}'",
+                nearest(identity, chain.ids),
+            )
+    a, b, c = np.radians(form.frame.rotation).tolist()
+    return Truth(form.parameters, form.frame.translation, (a, b, c))
+
+
+def simulate(
+    machine: Machine, points: pd.DataFrame, truth: Truth, noise: float | Instrument = 0.0, seed: int = 0
+) -> pd.DataFrame:
+    """What would be measured at the points.
+
+    Parameters
+    ----------
+    points : table of a :class:`~errormodel.survey.Survey` (joints and tool in mm and rad).
+    noise : float or Instrument
+        Standard deviation of each coordinate in mm, or an instrument (a tracker's grows with range and angle).
+
+    Returns
+    -------
+    DataFrame
+        ``mx my mz`` in mm and ``mrx mry mrz`` (rotation vector, rad, without noise), in the measuring frame.
+    """
+    import pandas as pd
+    from scipy.spatial.transform import Rotation
+
+    chain = Chain(machine)
+    rows = as_rows(*(points[name].to_numpy(dtype=float) for name in chain.channels))
+    pose = chain.kernel("actual")(rows, chain.vector(truth.parameters))
+    frame = Rotation.from_euler("XYZ", truth.rotation)
+    measured = frame.apply(pose[:3].T) + np.array(truth.translation)
+    turned = frame * Rotation.from_matrix(pose[3:].reshape(3, 3, -1).transpose(2, 1, 0))
+    rng = np.random.default_rng(seed)
+    if isinstance(noise, Instrument):
+        measured = measured + noise.draw_noise(measured, rng)
+    elif noise:
+        measured = measured + rng.normal(0.0, noise, measured.shape)
+    table = np.hstack([measured, turned.as_rotvec()])
+    return pd.DataFrame(table, columns=["mx", "my", "mz", "mrx", "mry", "mrz"], index=points.index)
+
+
+def random_points(machine: Machine, count: int, seed: int = 0) -> pd.DataFrame:
+    """Random poses, uniform over the travels, with the machine's one tool; mm and rad."""
+    import pandas as pd
+
+    rng = np.random.default_rng(seed)
+    columns: dict[str, Array] = {j.name: rng.uniform(*j.travel, count) for j in machine.joints}
+    columns |= {name: np.full(count, value) for name, value in zip(TOOL_CHANNELS, machine.tool, strict=True)}
+    return pd.DataFrame(columns)
+
+
+def outward(points: Survey | pd.DataFrame, machine: Machine) -> pd.DataFrame:
+    """A table of points as a file has it: rotary joints in degrees."""
+    table = (points if not hasattr(points, "table") else points.table).copy()
+    for joint in machine.joints:
+        if joint.type == "rotary":
+            table[joint.name] = np.degrees(table[joint.name])
+    return table

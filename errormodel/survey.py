@@ -1,0 +1,213 @@
+"""A survey: what was commanded and what was measured, in one table, in mm and radians."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from errormodel.conventions import MOTIONS
+from errormodel.exceptions import InputError
+from errormodel.formats import open_tables
+from errormodel.formats.base import Table
+from errormodel.instruments.base import Instrument
+from errormodel.machine import Machine
+from errormodel.survey_checks import Part, read_part, run_labels
+from errormodel.survey_columns import (
+    MEASURED,
+    ORIENTATION,
+    SIGMA,
+    TOOL,
+    UNCERTAINTY,
+    check_map,
+    plan_columns,
+)
+from errormodel.survey_schema import FileEntry, Frame, Refit, SurveyForm, read_form
+from errormodel.survey_sizes import check_sizes, travel_notes
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Survey:
+    """Rows of commands with what was measured at them.
+
+    Attributes
+    ----------
+    table : DataFrame
+        One row a measurement, index 0..n-1, in mm, rad, s, degC, mm/min and kg. Always there: the joints by name,
+        ``tool_x tool_y tool_z`` (the machine's where the file has none), ``mx my mz`` (NaN: not measured), ``run``,
+        ``file`` (as the user wrote it), ``role`` and ``row`` (data row of the file, from 1). There if some file has
+        them, and NaN in the others: ``mrx mry mrz``, ``time``, ``dir_<joint>``, ``T_*``, ``w_*``, ``feed``, ``load``,
+        ``sigma_x sigma_y sigma_z``; with rows about one joint's error motions also ``joint`` (empty for volumetric
+        rows), ``dx dy dz ea eb ec`` and their uncertainties ``u_dx`` ... ``u_ec``. A position is NaN only in rows
+        about another joint.
+    frame : {"shared", "per-run", "per-file", "fixed"}
+        Which rows share a measuring frame; fixed: it is the machine's own.
+    refit : tuple of {"frame", "tool"}
+        What a test file estimates for itself.
+    instrument : Instrument
+    source : Path
+        What the user gave.
+    notes : tuple of str
+        Warnings to print.
+    """
+
+    table: pd.DataFrame
+    frame: Frame
+    refit: tuple[Refit, ...]
+    instrument: Instrument
+    source: Path
+    notes: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.table)
+
+    def commands(self, joints: Sequence[str]) -> Array:
+        """Commanded positions, (n, len(joints)) in mm or rad."""
+        return self._columns(joints)
+
+    @property
+    def tool(self) -> Array:
+        """Functional points in the last frame, (n, 3) in mm."""
+        return self._columns(TOOL)
+
+    @property
+    def measured(self) -> Array:
+        """Measured coordinates in the measuring frame, (n, 3) in mm; NaN where not measured."""
+        return self._columns(MEASURED)
+
+    def _columns(self, names: Sequence[str]) -> Array:
+        return self.table[list(names)].to_numpy(dtype=np.float64)
+
+    def rows(self, which: NDArray[np.bool_]) -> Survey:
+        """The survey of the rows where `which`, (n,), is true."""
+        return replace(self, table=self.table[which].reset_index(drop=True))
+
+    @property
+    def fit(self) -> Survey:
+        """The rows that the parameters come from."""
+        return self.rows((self.table["role"] == "fit").to_numpy(dtype=bool))
+
+    @property
+    def test(self) -> list[Survey]:
+        """The held-out files, one survey each."""
+        held_out = self.table["role"] == "test"
+        files = self.table["file"][held_out].unique()
+        return [self.rows((held_out & (self.table["file"] == file)).to_numpy(dtype=bool)) for file in files]
+
+    def direction(self, joint: str) -> Array:
+        """Side from which a joint arrived: +1 where it came up from smaller positions, -1 from larger, (n,).
+
+        As the column ``dir_<joint>`` says; where it says nothing, by the order of a file's rows (of their times where a
+        run's rows are not in order). A joint that stands still keeps its sign; before its first move it has the sign of
+        that move; one that never moves has +1.
+        """
+        table = self.table
+        file = pd.factorize(table["file"])[0]
+        order = np.arange(len(table))
+        if "time" in table:
+            run = table.groupby(["file", "run"], sort=False).ngroup().to_numpy()
+            step = table["time"].groupby(run, sort=False).diff()
+            shuffled = (step < 0).groupby(file).transform("any").to_numpy()
+            time = np.where(shuffled, table["time"], 0.0)
+            order = np.lexsort((time, np.where(shuffled, run, 0), file))  # stable: otherwise the rows' own order
+        position = table[joint].iloc[order].groupby(file[order])
+        moved = np.sign(position.ffill().groupby(file[order]).diff()).replace(0.0, np.nan)
+        by_file = moved.groupby(file[order])
+        derived = by_file.ffill().fillna(by_file.bfill()).fillna(1.0)
+        result = np.empty(len(table))
+        result[order] = derived.to_numpy()
+        if f"dir_{joint}" in table:
+            given = table[f"dir_{joint}"].to_numpy(dtype=np.float64)
+            result = np.where(np.isnan(given), result, given)
+        return result
+
+
+def read_survey(path: Path | str, machine: Machine, measured: bool = True) -> Survey:
+    """Read a survey: a table, a folder of its parts, or a ``survey.yaml`` that points to tables.
+
+    Parameters
+    ----------
+    path : Path or str
+    machine : Machine
+        Names the joints and gives the tool.
+    measured : bool
+        False for mere commands (to simulate or predict), where nothing measured is needed.
+
+    Raises
+    ------
+    InputError
+        The first thing that is wrong, with file, row and column or line and key.
+    """
+    path = Path(path)
+    form, document, folder = read_form(path)
+    opened = [(entry, open_tables(folder / entry.path, entry.path)) for entry in form.files]
+    check_map(document, machine, form.columns, [table for _, tables in opened for table in tables])
+    notes: dict[str, None] = {}  # in order, and each once
+    parts: list[Part] = []
+    for entry, tables in opened:
+        part = _read_file(entry, tables, machine, form, measured)
+        notes |= dict.fromkeys(f"{entry.path}: {note}" for note in part.notes)
+        notes |= dict.fromkeys(check_sizes(part.frame, machine, form.units, entry.path, measured))
+        parts.append(part)
+    if measured and all(entry.role == "test" for entry in form.files):
+        raise document.error(("files",), "only test files", "Give at least one file the role fit")
+    table = _assemble(parts, machine)
+    notes |= dict.fromkeys(travel_notes(table, machine))
+    return Survey(table, form.frame, tuple(form.refit), form.instrument, path, tuple(notes))
+
+
+def _read_file(entry: FileEntry, tables: list[Table], machine: Machine, form: SurveyForm, measured: bool) -> Part:
+    """All parts of a file as one, its rows numbered through."""
+    plans = [plan_columns(table, machine, form.columns, measured) for table in tables]
+    for table, plan in zip(tables, plans, strict=True):
+        other = sorted(plan.ours.keys() ^ plans[0].ours.keys())
+        if other:
+            found = f"not the same columns as in {tables[0].name}: {', '.join(other)}"
+            raise InputError(f"{table.name}, header", found, "Give all parts of a folder the same columns")
+    parts = [read_part(table, plan, machine, form.units, measured) for table, plan in zip(tables, plans, strict=True)]
+    if len({part.dated for part in parts}) > 1:
+        raise InputError(entry.path, "times as dates in some parts, as numbers in others", "Write all in one way")
+    frame = parts[0].frame
+    if len(parts) > 1:
+        frame = pd.concat([part.frame for part in parts], ignore_index=True)
+        frame["row"] = np.arange(1, len(frame) + 1)
+    frame["file"], frame["role"] = entry.path, entry.role
+    notes = [note for plan in plans for note in plan.notes] + [note for part in parts for note in part.notes]
+    return Part(frame, parts[0].dated, tuple(notes))
+
+
+def _assemble(parts: list[Part], machine: Machine) -> pd.DataFrame:
+    """The table of a :class:`Survey`: all files, with the columns that are always there."""
+    epochs = [part.frame["time"].min() for part in parts if part.dated]
+    for part in parts:
+        if part.dated:  # one zero for all files, so that their times stay comparable
+            part.frame["time"] -= min(epochs)
+    table = pd.concat([part.frame for part in parts], ignore_index=True)
+    for name in (*(j.name for j in machine.joints), *MEASURED):
+        if name not in table:
+            table[name] = np.nan
+    for name, value in zip(TOOL, machine.tool, strict=True):
+        table[name] = table[name].fillna(value) if name in table else value
+    if "sigma" in table:
+        for name in SIGMA:
+            table[name] = table[name].fillna(table["sigma"]) if name in table else table["sigma"]
+    table["run"] = run_labels(table["run"].fillna("")) if "run" in table else "1"
+    about = "joint" in table and bool((table["joint"].fillna("") != "").any())
+    motions = [name for name in (*MOTIONS, *UNCERTAINTY) if name in table]
+    if about:
+        table["joint"] = table["joint"].fillna("")
+        for name in MOTIONS:
+            if name not in table:
+                table[name] = np.nan
+    else:
+        table = table.drop(columns=[*motions, "joint"], errors="ignore")
+    first = [*(j.name for j in machine.joints), *TOOL, *MEASURED, *ORIENTATION, "joint", *MOTIONS, *UNCERTAINTY]
+    first += ["run", "time", "file", "role", "row"]
+    front = [name for name in first if name in table]
+    return table[[*front, *(name for name in table if name not in (*front, "sigma"))]]

@@ -1,0 +1,246 @@
+"""Every cell of a survey's table checked and converted; the first wrong one is named.
+
+All checks run on whole columns; only when one fails is the offending cell looked for.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from errormodel.conventions import MOTIONS, ROTATIONS
+from errormodel.exceptions import InputError, nearest
+from errormodel.formats.base import Table, as_numbers
+from errormodel.machine import Machine
+from errormodel.survey_columns import (
+    LENGTHS,
+    MEASURED,
+    ORIENTATION,
+    SIGMA,
+    UNCERTAINTY,
+    Plan,
+    missing_joint,
+)
+from errormodel.units import to_internal
+
+if TYPE_CHECKING:
+    from errormodel.survey_schema import SurveyUnits
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+LONGEST = 1e7  # mm; beyond any machine, so it is a placeholder for "no value"
+
+
+@dataclass(frozen=True)
+class Part:
+    """One file, or one part of a folder, checked and in internal units.
+
+    Attributes
+    ----------
+    frame : DataFrame
+        What the file has, under our names, and ``row``, the data row from 1. Rows without anything are left out.
+    dated : bool
+        The times were dates: they are seconds since 1970.
+    notes : tuple of str
+    """
+
+    frame: pd.DataFrame
+    dated: bool
+    notes: tuple[str, ...]
+
+
+@dataclass
+class _Offences:
+    """Collects the first wrong cell of every check, to report the first of the file."""
+
+    table: Table
+    plan: Plan
+    raw: pd.DataFrame
+    found: list[tuple[int, int, str, str, str]] = field(default_factory=list)
+
+    def add(self, column: str, bad: Mask, what: str, cure: str) -> None:
+        """`what` may show the cell as ``{}``."""
+        if bad.any():
+            at = int(bad.argmax())
+            value = self.raw[column].iloc[at]
+            text = f"'{value}'" if isinstance(value, str) else f"{value:.10g}"
+            row = int(self.raw.index[at])
+            self.found.append((row, list(self.raw.columns).index(column), column, what.format(text), cure))
+
+    def raise_first(self) -> None:
+        if self.found:
+            row, _, column, found, cure = min(self.found)
+            raise InputError(self.table.cell(row, self.plan.ours[column]), found, cure)
+
+
+def read_part(table: Table, plan: Plan, machine: Machine, units: SurveyUnits, measured: bool) -> Part:
+    """Read one file (or one part of a folder), check it and convert it to mm, rad, s and degC.
+
+    Raises
+    ------
+    InputError
+        About the first wrong cell.
+    """
+    ours = plan.ours
+    raw, notes = table.read([ours[n] for n in plan.numbers], [ours[n] for n in plan.texts])
+    raw = raw.rename(columns={theirs: our for our, theirs in ours.items()})[list(ours)]
+    empty = np.logical_and.reduce([_is_empty(raw[name]) for name in raw])
+    if empty.any():  # spreadsheets like to add them at the end
+        raw = raw[~empty]
+    if raw.empty:
+        raise InputError(table.name, "no rows below the header", "Give a row a pose")
+
+    offences = _Offences(table, plan, raw)
+    values = {name: _numbers(offences, name) for name in plan.numbers}
+    dated = "time" in values and values["time"][1]
+    if dated:
+        notes = (*notes, "times given as dates, read as seconds")
+    columns: dict[str, Any] = {
+        name: numbers if is_date else _convert(name, numbers, machine, units)
+        for name, (numbers, is_date) in values.items()
+    }
+    frame = pd.DataFrame(columns | {name: raw[name].str.strip() for name in plan.texts}, index=raw.index)
+
+    joint = frame["joint"].to_numpy(dtype=object) if "joint" in frame else np.full(len(frame), "", dtype=object)
+    volumetric = joint == ""
+    if plan.missing_joints:
+        wanted = [j for j in plan.missing_joints if volumetric.any() or (joint == j).any()]
+        if wanted:
+            raise missing_joint(table, wanted[0], ())
+    _check_commands(offences, frame, joint, machine)
+    _check_measured(offences, frame)
+    _check_labels(offences, frame, machine)
+    offences.raise_first()
+    if measured:
+        notes = (*notes, *_nothing_measured(table, frame, volumetric))
+    frame["row"] = raw.index.to_numpy() + 1
+    return Part(frame, dated, notes)
+
+
+def _is_empty(column: pd.Series[Any]) -> Mask:
+    empty = column.str.strip() == "" if isinstance(column.dtype, pd.StringDtype) else column.isna()
+    return empty.to_numpy(dtype=bool)
+
+
+def _numbers(offences: _Offences, name: str) -> tuple[Array, bool]:
+    """A column as numbers in the user's unit, and whether it held dates."""
+    column = offences.raw[name]
+    if not isinstance(column.dtype, pd.StringDtype):
+        values, dated = column.to_numpy(dtype=np.float64), False
+    else:
+        values, bad = as_numbers(column)
+        dated = False
+        if name == "time":
+            seconds, no_date = _seconds(column)
+            dated = bool(no_date.sum() < bad.sum())
+            if dated:
+                values, bad = seconds, no_date
+        example = "seconds, or dates such as 2024-03-12T10:00:00" if name == "time" else "a number"
+        found = "{}" if name == "time" else "{} is not a number"
+        offences.add(name, bad, found, f"Write {example}; leave the cell empty if there is no value")
+    offences.add(name, np.isinf(values), "{}", "Write a finite number; leave the cell empty if there is no value")
+    return values, dated
+
+
+def _seconds(column: pd.Series[str]) -> tuple[Array, Mask]:
+    """ISO 8601 dates as seconds since 1970, and which cells are neither a date nor empty."""
+    empty = (column.str.strip() == "").to_numpy(dtype=bool)
+    dates = pd.to_datetime(column.str.strip(), format="ISO8601", utc=True, errors="coerce")
+    seconds = np.asarray((dates - pd.Timestamp(0, tz="UTC")) / pd.Timedelta(seconds=1), dtype=np.float64)
+    return seconds, dates.isna().to_numpy(dtype=bool) & ~empty
+
+
+def _convert(name: str, values: Array, machine: Machine, units: SurveyUnits) -> Array:
+    kinds: dict[str, Literal["prismatic", "rotary"]] = {j.name: j.type for j in machine.joints}
+    if kinds.get(name) == "rotary":
+        return to_internal(values, units.angle, "angle")
+    if kinds.get(name) == "prismatic" or name in LENGTHS:
+        return to_internal(values, units.length, "length")
+    if name == "time":
+        return to_internal(values, units.time, "time")
+    if name.startswith("T_"):
+        return to_internal(values, units.temperature, "temperature")
+    return values
+
+
+def _check_commands(offences: _Offences, frame: pd.DataFrame, joint: NDArray[np.object_], machine: Machine) -> None:
+    for j in machine.joints:
+        if j.name in frame:
+            needed = (joint == "") | (joint == j.name)
+            empty = frame[j.name].isna().to_numpy() & needed
+            offences.add(j.name, empty, "no commanded position", f"Write the position of {j.name} in every row")
+    prismatic = {j.name for j in machine.joints if j.type == "prismatic"}
+    lengths = [n for n in offences.plan.numbers if n in LENGTHS or n in prismatic]
+    for name in lengths:
+        far = np.abs(frame[name].to_numpy()) > LONGEST
+        offences.add(name, far, "{}, more than 10 km", "Leave the cell empty if there is no value, or check the unit")
+
+
+def _check_measured(offences: _Offences, frame: pd.DataFrame) -> None:
+    if ORIENTATION[0] in frame:
+        vector = frame[list(ORIENTATION)].to_numpy()
+        absent = np.isnan(vector)
+        for k, name in enumerate(ORIENTATION):
+            partial = absent[:, k] & ~absent.all(axis=1)
+            offences.add(name, partial, "an orientation with a component missing", "Give mrx mry mrz or none of them")
+            turned = np.linalg.norm(np.nan_to_num(vector), axis=1) > 2 * math.pi * (1 + 1e-6)
+            offences.add(name, turned, "{} in a rotation vector longer than a turn", "Write mrx mry mrz in rad")
+    for name in ROTATIONS:
+        if name in frame:
+            large = np.abs(frame[name].to_numpy()) > 1
+            offences.add(name, large, "{} rad as an error motion", f"Write {name} in rad (1 urad is 1e-6)")
+    for name in ("sigma", *SIGMA, *UNCERTAINTY):
+        if name in frame:
+            bad = frame[name].to_numpy() <= 0
+            offences.add(name, bad, "{} as a standard uncertainty", "Write a number above 0, or leave the cell empty")
+
+
+def _check_labels(offences: _Offences, frame: pd.DataFrame, machine: Machine) -> None:
+    for name in offences.plan.numbers:
+        if name.startswith("dir_"):
+            values = frame[name].to_numpy()
+            bad = ~np.isnan(values) & (np.abs(values) != 1)
+            offences.add(name, bad, "{} as a direction", "Write +1 or -1, or leave the cell empty")
+    if "time" in frame:
+        gaps = frame["time"].isna().to_numpy()
+        if not gaps.all():
+            offences.add("time", gaps, "no time", "Give every row of the file a time, or no row")
+    if "run" in frame:
+        gaps = (frame["run"] == "").to_numpy(dtype=bool)
+        if not gaps.all():
+            offences.add("run", gaps, "no label", "Give every row of the file a run, or no row")
+    if "joint" in frame:
+        names = [j.name for j in machine.joints]
+        label = frame["joint"]
+        bad = ~label.isin([*names, ""]).to_numpy(dtype=bool)
+        if bad.any():
+            wrong = str(label.iloc[int(bad.argmax())])
+            offences.add("joint", bad, "{} is not a joint", nearest(wrong, names) + ", or an empty cell")
+
+
+def _nothing_measured(table: Table, frame: pd.DataFrame, volumetric: Mask) -> tuple[str, ...]:
+    def some(names: tuple[str, ...], rows: Mask) -> Mask:
+        have = [n for n in names if n in frame]
+        return frame[have].notna().to_numpy().any(axis=1) & rows if have else np.zeros(len(frame), dtype=bool)
+
+    empty = ~(some((*MEASURED, *ORIENTATION), np.ones(len(frame), dtype=bool)) | some(MOTIONS, ~volumetric))
+    if empty.all():
+        found = f"nothing measured in {'any row' if len(frame) > 1 else 'its row'}"
+        raise InputError(table.name, found, "Fill in at least one of mx my mz")
+    if not empty.any():
+        return ()
+    rows = frame.index[empty]
+    more = f" and {len(rows) - 1} more" if len(rows) > 1 else ""
+    return (f"nothing measured in row {int(rows[0]) + 1}{more}",)
+
+
+def run_labels(text: pd.Series[str]) -> pd.Series[str]:
+    """Labels of runs: 1, 1.0 and 1.000 are the same one, and no label is run 1."""
+    return text.map({label: re.sub(r"^(\d+)\.0*$", r"\1", label) or "1" for label in text.unique()}).astype("str")

@@ -1,0 +1,170 @@
+"""Which column of a file is which of ours (contract: the columns of a survey), and what to say of the others."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from errormodel.conventions import MOTIONS
+from errormodel.exceptions import InputError, nearest
+from errormodel.formats.base import Table
+from errormodel.machine import Machine
+from errormodel.yamlfile import Document
+
+MEASURED = ("mx", "my", "mz")
+ORIENTATION = ("mrx", "mry", "mrz")
+TOOL = ("tool_x", "tool_y", "tool_z")
+SIGMA = ("sigma_x", "sigma_y", "sigma_z")
+UNCERTAINTY = tuple(f"u_{motion}" for motion in MOTIONS)  # of a joint's error motions
+TEXTS = ("run", "joint")
+
+LENGTHS = frozenset((*MEASURED, *TOOL, *SIGMA, "sigma", *MOTIONS[:3], *UNCERTAINTY[:3]))
+_NAMES = (*MEASURED, *ORIENTATION, *TOOL, "time", "feed", "load", "sigma", *SIGMA, *MOTIONS, *UNCERTAINTY, *TEXTS)
+
+# What people write instead, in lower case without blanks and underscores.
+_ALIASES = (
+    (r"(?:m|meas(?:ured)?|act(?:ual)?)([xyz])|([xyz])(?:m|meas(?:ured)?|act(?:ual)?)", "m{}"),
+    (r"temp(?:erature)?", "T_<sensor>"),
+    (r"temp(?:erature)?(.+)", "T_{}"),
+    (r"dir(?:ection)?(.+)", "dir_{}"),
+    (r"timestamp|datetime|seconds?", "time"),
+    (r"tool([xyz])", "tool_{}"),
+)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The columns to read.
+
+    Attributes
+    ----------
+    ours : dict
+        Our name: the name in the file, in the file's order.
+    missing_joints : tuple of str
+        Joints without a column, allowed only where every row is about another joint's error motions.
+    notes : tuple of str
+    """
+
+    ours: dict[str, str]
+    missing_joints: tuple[str, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def texts(self) -> list[str]:
+        return [name for name in self.ours if name in TEXTS]
+
+    @property
+    def numbers(self) -> list[str]:
+        return [name for name in self.ours if name not in TEXTS]
+
+
+def check_map(document: Document, machine: Machine, columns: Mapping[str, str], headers: Iterable[Table]) -> None:
+    """InputError if ``columns:`` in a survey.yaml names a column that we do not know or that no file has."""
+    present = {name for table in headers for name in table.columns if name}
+    for ours, theirs in columns.items():
+        if not _is_ours(ours, machine):
+            known = (*(j.name for j in machine.joints), *_NAMES)
+            cure = nearest(ours, known) + ", T_<sensor>, w_<name>, dir_<joint>"
+            raise document.error(("columns", ours), f"'{ours}' is not a column of a survey", cure)
+        if theirs not in present:
+            raise document.error(("columns", ours), f"no file has a column '{theirs}'", nearest(theirs, present))
+
+
+def plan_columns(table: Table, machine: Machine, columns: Mapping[str, str], measured: bool) -> Plan:
+    """Match the header of a file with the columns of a survey.
+
+    Parameters
+    ----------
+    table : Table
+    machine : Machine
+    columns : mapping
+        Our name: the user's name, from survey.yaml.
+    measured : bool
+        Whether the file must hold something measured.
+
+    Raises
+    ------
+    InputError
+        A column is there twice, or a needed one is not there.
+    """
+    where = f"{table.name}, header"
+    named = [name for name in table.columns if name]
+    for name in named:
+        if named.count(name) > 1:
+            places = [str(i) for i, other in enumerate(table.columns, start=1) if other == name]
+            found = f"the name '{name}' stands above columns {' and '.join(places)}"
+            raise InputError(where, found, "Give every column a name of its own")
+    taken = {columns[ours]: ours for ours in columns if columns[ours] in named}
+    candidates = {name: taken.get(name, name) for name in named}
+    free = {our: name for name, our in candidates.items() if name in taken or our not in taken.values()}
+    ours = {our: name for our, name in free.items() if _is_ours(our, machine)}
+    if "joint" not in ours:  # without it nobody knows whose dx dy dz they are
+        ours = {our: name for our, name in ours.items() if our not in (*MOTIONS, *UNCERTAINTY)}
+    unused = [name for name in named if name not in ours.values()]
+
+    missing = tuple(j.name for j in machine.joints if j.name not in ours)
+    if missing and "joint" not in ours:
+        raise missing_joint(table, missing[0], unused)
+    something = any(name in ours for name in (*MEASURED, *ORIENTATION, *MOTIONS))
+    if measured and not something:
+        hints = [f"'{theirs}' looks like '{our}'" for theirs in unused if (our := _near(theirs, machine)) in MEASURED]
+        if not hints and any(name in MOTIONS for name in unused):
+            hints = ["error motions need a column 'joint' with the joint's name"]
+        found = "no measured column" + (f" ({', '.join(hints)})" if hints else "")
+        raise InputError(where, found, f"Name what was measured mx my mz. Found: {', '.join(named)}")
+    _all_or_none(where, ours, ORIENTATION)
+    return Plan(ours, missing, tuple(_notes(unused, ours, machine)))
+
+
+def missing_joint(table: Table, joint: str, unused: Iterable[str]) -> InputError:
+    """The error that the commanded position of a joint has no column."""
+    unused = list(unused)
+    near = next((name for name in unused if name.lower() == joint.lower()), None)
+    near = near or next(iter(difflib.get_close_matches(joint, unused, n=1, cutoff=0.5)), None)
+    found = f"no column for the joint '{joint}'" + (f"; the nearest is '{near}'" if near else "")
+    example = near or "the name in your file"
+    cure = f"Name the column '{joint}', or write columns: {{{joint}: \"{example}\"}} in a survey.yaml"
+    return InputError(f"{table.name}, header", found, f"{cure}. Found: {', '.join(n for n in table.columns if n)}")
+
+
+def _all_or_none(where: str, ours: Mapping[str, str], names: tuple[str, ...]) -> None:
+    lacking = [name for name in names if name not in ours]
+    if lacking and len(lacking) < len(names):
+        raise InputError(where, f"{' '.join(names)} without {' '.join(lacking)}", "Give all of them or none")
+
+
+def _is_ours(name: str, machine: Machine) -> bool:
+    joints = [j.name for j in machine.joints]
+    direction = name.startswith("dir_") and name[4:] in joints
+    return name in joints or name in _NAMES or direction or re.fullmatch(r"[Tw]_.+", name) is not None
+
+
+def _notes(unused: list[str], ours: Mapping[str, str], machine: Machine) -> Iterable[str]:
+    plain = []
+    for name in unused:
+        near = _near(name, machine)
+        if near is None or near in ours:
+            plain.append(name)
+        else:
+            yield f"column '{name}' is not used; did you mean '{near}'?"
+    if plain:
+        yield f"columns not used: {', '.join(plain)}"
+
+
+def _near(name: str, machine: Machine) -> str | None:
+    """Our name that a user's name may stand for."""
+    if name in MOTIONS or name in UNCERTAINTY:
+        return None  # left out on purpose
+    joints = [j.name for j in machine.joints]
+    bare = re.sub(r"[\s_]+", "", re.sub(r"[\[(].*?[\])]", "", name)).lower()  # without a unit in brackets
+    for pattern, ours in _ALIASES:
+        match = re.fullmatch(pattern, bare)
+        if match:
+            tail = next((group for group in match.groups() if group), "")
+            tail = next((j for j in joints if j.lower() == tail), tail)
+            return ours.format(tail)
+    known = {known.lower().replace("_", ""): known for known in (*joints, *_NAMES, *(f"dir_{j}" for j in joints))}
+    close = difflib.get_close_matches(bare, known, n=1, cutoff=0.8)
+    return known[close[0]] if close else None

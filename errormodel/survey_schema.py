@@ -1,0 +1,77 @@
+"""The file form of ``survey.yaml``, and of a bare table, which is a survey.yaml of defaults."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias, Union
+
+from pydantic import Field, field_validator
+
+from errormodel.instruments import instruments
+from errormodel.instruments.base import Instrument
+from errormodel.instruments.plain import Plain
+from errormodel.units import UnitsBlock
+from errormodel.yamlfile import Document, FileModel, VersionedModel, load, validate
+
+Role = Literal["fit", "test"]
+Frame = Literal["shared", "per-run", "per-file", "fixed"]
+Refit = Literal["frame", "tool"]
+
+if TYPE_CHECKING:
+    AnyInstrument: TypeAlias = Instrument
+else:
+    AnyInstrument = Annotated[Union[tuple(instruments().values())], Field(discriminator="type")]  # noqa: UP007
+
+
+class SurveyUnits(UnitsBlock):
+    """Units of the positions, measured coordinates, tools and uncertainties; rotation vectors are always in rad."""
+
+    time: str = Field("s", description="a unit of time, such as s, ms, min or h")
+    temperature: str = Field("degC", description="a unit of temperature, such as degC, K or degF")
+
+
+class FileEntry(FileModel):
+    """One table and what it is for."""
+
+    path: str = Field(min_length=1, description="a CSV or Parquet file, or a folder of parts, relative to this file")
+    role: Role = Field("fit", description="fit (the parameters come from it) or test (held out)")
+
+
+class SurveyForm(VersionedModel):
+    """``survey.yaml``."""
+
+    files: list[FileEntry] = Field(min_length=1, description="a list such as [{path: data.csv, role: fit}]")
+    frame: Frame = Field("shared", description="which rows share a measuring frame")
+    refit: list[Refit] = Field(["frame"], description="what a test file estimates for itself, such as [frame, tool]")
+    columns: dict[str, str] = Field({}, description='our column name: the name in your files, such as {mx: "X meas"}')
+    units: SurveyUnits = Field(SurveyUnits(), description="a block such as {length: mm, angle: deg}")
+    instrument: AnyInstrument = Field(Plain(), description="a block such as {type: cmm, sigma: [1e-3, 2e-6]}")
+
+    @field_validator("files")
+    @classmethod
+    def _once(cls, files: list[FileEntry]) -> list[FileEntry]:
+        paths = [Path(entry.path) for entry in files]
+        twice = next((str(p) for p in paths if paths.count(p) > 1), None)
+        if twice:  # a file that is both fitted and held out would test nothing
+            raise ValueError(f"Name {twice} once")
+        return files
+
+    @field_validator("columns")
+    @classmethod
+    def _distinct(cls, columns: dict[str, str]) -> dict[str, str]:
+        for ours, theirs in columns.items():
+            other = next((o for o, t in columns.items() if t == theirs and o != ours), None)
+            if other:
+                raise ValueError(f"Give {ours} and {other} a column each")
+        return {ours: " ".join(theirs.split()) for ours, theirs in columns.items()}
+
+
+def read_form(path: Path) -> tuple[SurveyForm, Document, Path]:
+    """The form, the document behind it for messages, and the folder that its paths start from.
+
+    Anything but a ``.yaml`` or ``.yml`` is taken for a table and gets the form of a single file.
+    """
+    if path.suffix.lower() in (".yaml", ".yml"):
+        document = load(path)
+        return validate(document, SurveyForm), document, path.parent
+    return SurveyForm(errormodel=1, files=[FileEntry(path=str(path))]), Document(str(path), {}, {(): 1}), Path()

@@ -1,0 +1,285 @@
+"""The command line: calls the stages in order and holds no mathematics. Heavy imports live inside the commands."""
+
+from __future__ import annotations
+
+import functools
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from errormodel import __version__
+from errormodel.exceptions import InputError
+
+if TYPE_CHECKING:
+    from identification.describe import Description
+    from identification.fit.result import Fit
+
+FOLDER = click.Path(path_type=Path, file_okay=False)
+FILE = click.Path(path_type=Path, dir_okay=False)
+ANY = click.Path(path_type=Path)
+
+
+class Group(click.Group):
+    """Commands in the order of the work, and a near name for one that does not exist."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(self.commands)
+
+    def resolve_command(self, ctx: click.Context, args: list[str]) -> tuple[str | None, click.Command | None, list[str]]:
+        from errormodel.exceptions import nearest
+
+        if args and not args[0].startswith("-") and args[0] not in self.commands:
+            raise InputError("errormodel", f"there is no command '{args[0]}'", nearest(args[0], self.commands))
+        return super().resolve_command(ctx, args)
+
+
+@click.group(cls=Group, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.version_option(__version__, prog_name="errormodel")
+def app() -> None:
+    """Volumetric error models of machine tools, CMMs, gantries and arms.
+
+    MACHINE is a machine.yaml, or the name of a machine that comes with the tool (`errormodel machines` lists them).
+    SURVEY is a CSV, a survey.yaml, or a folder of CSV or Parquet parts.
+    """
+
+
+def command(function: Callable[..., None]) -> click.Command:
+    """Register a command with the options that every command has."""
+
+    @functools.wraps(function)
+    def run(*args: Any, quiet: bool, **kwargs: Any) -> None:
+        with _speaking(quiet):
+            function(*args, **kwargs)
+
+    run = click.option("--quiet", is_flag=True, help="Print nothing but errors.")(run)
+    return app.command()(run)
+
+
+def seeded(function: Callable[..., None]) -> Callable[..., None]:
+    """Add the option --seed to a command that draws random numbers."""
+    return click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Random seed.")(function)
+
+
+_quiet = False
+
+
+@contextmanager
+def _speaking(quiet: bool) -> Iterator[None]:
+    global _quiet  # noqa: PLW0603  one process runs one command
+    _quiet = quiet
+    yield
+
+
+def say(text: str = "") -> None:
+    """Print a line of the result."""
+    if not _quiet:
+        click.echo(text)
+
+
+@contextmanager
+def working(text: str) -> Iterator[None]:
+    """Show what is being done: a spinner on a terminal, a plain line elsewhere."""
+    if _quiet:
+        yield
+    elif sys.stderr.isatty():
+        from rich.console import Console
+
+        with Console(stderr=True).status(text):
+            yield
+    else:
+        click.echo(f"{text} ...", err=True)
+        yield
+
+
+def _notes(notes: tuple[str, ...]) -> None:
+    for note in notes:
+        if not _quiet:
+            click.secho(f"note: {note}", err=True, fg="yellow")
+
+
+@command
+def machines() -> None:
+    """List the machines that come with the tool."""
+    from errormodel.schema import library, read_machine
+
+    for name, path in library().items():
+        say(f"{name:24} {read_machine(path).name}")
+
+
+@command
+@click.argument("machine")
+@click.argument("survey", type=ANY, required=False)
+@click.option("--json", "json_file", type=FILE, help="Write the description as JSON.")
+@click.option("--drawing", type=FILE, help="Draw the chain (.svg or .png).")
+def describe(machine: str, survey: Path | None, json_file: Path | None, drawing: Path | None) -> None:
+    """Show the chain, its parameters, and which of them can be identified.
+
+    Without a SURVEY: by random poses over the travels with one tool, seen from a known measuring frame. With one: by
+    its poses and tools, also when the measuring frame is unknown.
+    """
+    from errormodel.schema import read_machine
+    from identification import describe as stage
+
+    model = read_machine(machine)
+    points = None
+    if survey is not None:
+        from errormodel.survey import read_survey
+
+        points = read_survey(survey, model, measured=False)
+        _notes(points.notes)
+    description = stage.describe(model, points)
+    if json_file is not None:
+        from errormodel.files import write_text_atomic
+        from identification.store import dumps
+
+        write_text_atomic(dumps(description.as_json()), json_file)
+    if drawing is not None:
+        from identification.plots.chain_drawing import draw_chain
+
+        draw_chain(model, drawing)
+    _say_description(description)
+
+
+def _say_description(description: Description) -> None:
+    from identification.tables import description_lines
+
+    for line in description_lines(description):
+        say(line)
+
+
+@command
+@click.argument("machine")
+@click.argument("points")
+@click.option("--parameters", type=FILE, help="YAML: parameters {id: value in mm, rad}, frame {translation, rotation}.")
+@click.option("--noise", default="0", help="Standard deviation in mm, or 'instrument': that of the survey's instrument.")
+@click.option("--out", type=FILE, required=True, help="CSV to write.")
+@seeded
+def simulate(machine: str, points: str, parameters: Path | None, noise: str, out: Path, seed: int) -> None:
+    """Simulate what would be measured at POINTS (a survey's commands, or a number of random poses)."""
+    from errormodel import simulate as stage
+    from errormodel.chain import Chain
+    from errormodel.files import write_csv
+    from errormodel.instruments.base import Instrument
+    from errormodel.instruments.plain import Plain
+    from errormodel.schema import read_machine
+    from errormodel.survey import read_survey
+
+    model = read_machine(machine)
+    instrument: Instrument = Plain()
+    if points.isdigit():
+        table = stage.random_points(model, int(points), seed)
+    else:
+        survey = read_survey(Path(points), model, measured=False)
+        _notes(survey.notes)
+        table, instrument = survey.table, survey.instrument
+    truth = stage.read_truth(parameters, Chain(model)) if parameters is not None else stage.Truth({})
+    measured = stage.simulate(model, table, truth, _noise(noise, instrument), seed)
+    result = stage.outward(table, model).drop(columns=["file", "role", "row"], errors="ignore")
+    for name in ("mx", "my", "mz"):
+        result[name] = measured[name]
+    write_csv(result, out)
+    say(f"{len(result)} points written to {out}")
+
+
+def _noise(text: str, instrument: Any) -> Any:
+    if text == "instrument":
+        if type(instrument).__name__ == "Plain":
+            raise InputError("--noise instrument", "the survey names no instrument", "Add `instrument:` to survey.yaml")
+        return instrument
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 0 <= value < float("inf"):
+        raise InputError("--noise", f"'{text}'", "Write a standard deviation in mm (0.005), or instrument")
+    return value
+
+
+@command
+@click.argument("machine")
+@click.argument("survey", type=ANY)
+@click.option("--out", type=FOLDER, required=True, help="Folder for fit.json, the tables and report.html.")
+def fit(machine: str, survey: Path, out: Path) -> None:
+    """Fit the machine's parameters to a SURVEY: values, uncertainties, residuals, a report."""
+    from errormodel.schema import read_machine
+    from errormodel.survey import read_survey
+    from identification.fit.run import fit_machine
+
+    model = read_machine(machine)
+    with working("Reading"):
+        data = read_survey(survey, model)
+    _notes(data.notes)
+    with working("Fitting"):
+        result = fit_machine(model, data)
+    _save(result, out)
+    _say_fit(result, out)
+
+
+def _save(result: Fit, out: Path) -> None:
+    from identification import store
+
+    with working("Writing tables"):
+        store.save(result, out)
+    with working("Drawing the report"):
+        from identification.report import write_report
+
+        write_report(result, out / "report.html")
+
+
+def _say_fit(result: Fit, out: Path) -> None:
+    from identification.tables import fit_lines
+
+    for line in fit_lines(result):
+        say(line)
+    say(f"\nReport: {out / 'report.html'}")
+
+
+@command
+@click.argument("folder", type=FOLDER)
+@click.argument("points", type=ANY)
+@click.option("--out", type=FILE, required=True, help="CSV to write.")
+def predict(folder: Path, points: Path, out: Path) -> None:
+    """Predict at POINTS from the FOLDER of a fit: position, volumetric error, standard uncertainty."""
+    from errormodel.files import write_csv
+    from errormodel.simulate import outward
+    from errormodel.survey import read_survey
+    from identification import store
+    from identification.predict import predict as stage
+
+    stored = store.load(folder)
+    machine = stored.chain.machine
+    survey = read_survey(points, machine, measured=False)
+    _notes(survey.notes)
+    with working("Predicting"):
+        result = stage(stored, survey)
+    table = outward(survey, machine).drop(columns=["file", "role", "row"]).drop(columns=result.columns, errors="ignore")
+    write_csv(table.join(result), out)
+    say(f"{len(result)} predictions written to {out}")
+
+
+def main() -> None:
+    """Entry point: one message and exit code 2 for wrong input, never a traceback for it."""
+    try:
+        app(standalone_mode=False)
+    except InputError as error:
+        _fail(f"error: {error}")
+    except click.ClickException as error:
+        error.show()
+        sys.exit(2)
+    except click.exceptions.Abort:
+        sys.exit(1)
+    except BrokenPipeError:
+        sys.exit(1)
+
+
+def _fail(message: str) -> None:
+    click.secho(message, err=True, fg="red")
+    sys.exit(2)
+
+
+if __name__ == "__main__":
+    main()

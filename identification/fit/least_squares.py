@@ -1,0 +1,216 @@
+"""Weighted least squares: all unknowns together, iterated on the exact kinematics until linearising no longer matters.
+
+The normal equations of the scaled base columns are factorised once; every further pass streams the exact residual
+through again, which removes second-order terms and, at the same time, what normal equations lose in digits.
+Where no uncertainty is declared, each kind of observation gets its own noise level from its own residuals
+(variance components, with the degrees of freedom its rows leave).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from errormodel.chain import Chain
+from errormodel.conventions import ROTATIONS
+from errormodel.kernel import Array
+from identification.groups import Groups, find_groups
+from identification.problem import group_order
+from identification.sums import Sums, accumulate, design_rows
+from identification.views import Kind, View
+
+MOST_PASSES = 30
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Estimates of all unknowns.
+
+    Attributes
+    ----------
+    unknowns : names; `values` (u,): their estimates, 0 for those that are not the base of a group.
+    groups : what is identifiable; `covariance` (rank, rank) of the groups' values.
+    sigma : noise level of each kind in units of its whitener (1 where declared: `declared`).
+    chi2, dof : whitened residual sum of squares with those levels, and degrees of freedom.
+    sums : sufficient statistics of each kind, the residual taken at `values`.
+    passes : streams through the data; `converged`: the last step was negligible.
+    """
+
+    unknowns: tuple[str, ...]
+    values: Array
+    groups: Groups
+    covariance: Array
+    sigma: dict[Kind, float]
+    declared: frozenset[Kind]
+    chi2: float
+    dof: int
+    sums: dict[Kind, Sums]
+    passes: int
+    converged: bool
+
+    def named(self) -> dict[str, float]:
+        return dict(zip(self.unknowns, self.values.tolist(), strict=True))
+
+
+def solve(
+    chain: Chain,
+    views: Sequence[View],
+    unknowns: Sequence[str],
+    held: Array | None = None,
+    declared: frozenset[Kind] = frozenset(),
+    *,
+    exact: bool = True,
+) -> Solution:
+    """Estimate the unknowns from the views.
+
+    Parameters
+    ----------
+    held : (chain parameters,) values of parameters that are known; None: zero.
+    exact : bool
+        False solves the linear model ``gap = M values`` only.
+    """
+    with threadpool_limits(1, "blas"):  # blocks are small: two threads would wait for each other
+        return _Solver(chain, views, tuple(unknowns), held, declared, exact).run()
+
+
+def identifiable(
+    chain: Chain,
+    views: Sequence[View],
+    unknowns: Sequence[str],
+    sigma: dict[Kind, float] | None = None,
+    noise_floor: float = 0.0,
+) -> Groups:
+    """The groups of unknowns that the views can tell apart."""
+    place = {name: k for k, name in enumerate(unknowns)}
+    blocks, scale = [], np.zeros(len(unknowns))
+    for view in views:
+        level = (sigma or {}).get(view.kind, 1.0)
+        blocks.append(design_rows(view, place) / level)
+        full = np.abs(view.whitener).max() / level * np.sqrt(len(blocks[-1]))
+        for column, identity in zip(view.columns, (*view.ids, *[""] * 6), strict=False):
+            if column in place:  # what the column's norm would be with a full lever: tells zero from small
+                angle = identity != "" and chain.parameters[chain.index[identity]].motion in ROTATIONS
+                scale[place[column]] += full * (chain.size if angle else 1.0)
+    return find_groups(np.vstack(blocks), unknowns, scale, group_order(chain, unknowns), noise_floor)
+
+
+class _Solver:
+    def __init__(
+        self,
+        chain: Chain,
+        views: Sequence[View],
+        unknowns: tuple[str, ...],
+        held: Array | None,
+        declared: frozenset[Kind],
+        exact: bool,
+    ) -> None:
+        self.chain, self.views, self.unknowns, self.declared, self.exact = chain, views, unknowns, declared, exact
+        self.held = np.zeros(len(chain.ids)) if held is None else held
+        self.place = {name: k for k, name in enumerate(unknowns)}
+        self.sigma: dict[Kind, float] = {v.kind: 1.0 for v in views}
+
+    def run(self) -> Solution:
+        groups = self.groups()
+        values, sums, passes, converged = self.iterate(groups)
+        floor = self.noise_floor(sums)
+        if groups.rank and groups.singular_values[groups.rank - 1] < floor:  # the noise hides the weakest directions
+            groups = self.groups(floor)
+            values, sums, passes, converged = self.iterate(groups)
+        base = groups.base
+        gram, _ = self.total(sums)
+        covariance = _inverse(gram[np.ix_(base, base)])
+        chi2 = sum(s.square / self.sigma[k] ** 2 for k, s in sums.items())
+        dof = sum(s.count for s in sums.values()) - groups.rank
+        return Solution(
+            self.unknowns, values, groups, covariance, dict(self.sigma), self.declared, chi2, dof, sums, passes, converged
+        )
+
+    def groups(self, noise_floor: float = 0.0) -> Groups:
+        return identifiable(self.chain, self.views, self.unknowns, self.sigma, noise_floor)
+
+    def noise_floor(self, sums: dict[Kind, Sums]) -> float:
+        """Scaled singular value below which a group's standard uncertainty exceeds a hundredth of the machine."""
+        if "position" not in sums or not sums["position"].count:
+            return 0.0
+        views = [v for v in self.views if v.kind == "position"]
+        weight = np.sqrt(np.mean(np.concatenate([np.square(v.whitener).reshape(len(v), -1).max(axis=1) for v in views])))
+        noise = self.sigma["position"] / weight
+        return float(noise / (0.01 * self.chain.size * np.sqrt(sums["position"].count)))
+
+    def total(self, sums: dict[Kind, Sums]) -> tuple[Array, Array]:
+        gram = sum(s.gram / self.sigma[k] ** 2 for k, s in sums.items())
+        slope = sum(s.slope / self.sigma[k] ** 2 for k, s in sums.items())
+        return np.asarray(gram), np.asarray(slope)
+
+    def iterate(self, groups: Groups) -> tuple[Array, dict[Kind, Sums], int, bool]:
+        base = groups.base
+        values, at = np.zeros(len(self.unknowns)), None
+        sums = self.pass_(values, at, gram=True)
+        first = last = 0.0
+        for passes in range(1, MOST_PASSES + 1):
+            self.update_noise(sums, groups)
+            gram, slope = self.total(sums)
+            step = _scaled_solve(gram[np.ix_(base, base)], slope[base])
+            size = float(np.sqrt(max(step @ gram[np.ix_(base, base)] @ step, 0.0)))
+            first = first or size
+            # the residual at `values` is known; a step that rounds away, or no longer shrinks, is not worth a pass
+            if size <= 1e-12 * first or (passes > 3 and size <= 1e-6 * first and size > 0.5 * last):
+                return values, sums, passes, True
+            values = values.copy()
+            values[base] += step
+            relinearise = passes > 1 and size > 0.2 * last  # errors so large that M itself has changed
+            last = size
+            if relinearise and self.exact:
+                at = values
+            fresh = self.pass_(values, at, gram=relinearise)
+            if not relinearise:
+                for kind, old in sums.items():
+                    fresh[kind].gram = old.gram
+            sums = fresh
+        return values, sums, MOST_PASSES, False
+
+    def pass_(self, values: Array, at: Array | None, gram: bool) -> dict[Kind, Sums]:
+        return accumulate(
+            self.views, self.place, values, self.held, exact=self.exact, at=at if self.exact else None, gram=gram
+        )
+
+    def update_noise(self, sums: dict[Kind, Sums], groups: Groups) -> None:
+        """Noise level of each kind that has none declared, from the residuals one step ahead."""
+        open_kinds = [k for k in sums if k not in self.declared]
+        base = groups.base
+        pick = np.ix_(base, base)
+        for _ in range(50 if len(open_kinds) > 1 else 1):
+            gram, slope = self.total(sums)
+            step = _scaled_solve(gram[pick], slope[base])
+            inverse = _inverse(gram[pick])
+            before = dict(self.sigma)
+            for kind in open_kinds:
+                own = sums[kind]
+                square = own.square - 2 * step @ own.slope[base] + step @ own.gram[pick] @ step
+                used = float(np.sum(inverse * own.gram[pick])) / self.sigma[kind] ** 2
+                free = own.count - used
+                floor = 1e-30 * max(own.square, 1e-30)
+                self.sigma[kind] = float(np.sqrt(max(square, floor) / max(free, 1e-3)))
+            if all(abs(self.sigma[k] / before[k] - 1) < 1e-6 for k in open_kinds):
+                break
+
+
+def _scaled_solve(gram: Array, slope: Array) -> Array:
+    from scipy.linalg import cho_factor, cho_solve
+
+    if not len(slope):
+        return np.zeros(0)
+    d = 1 / np.sqrt(np.diag(gram))
+    return np.asarray(d * cho_solve(cho_factor(gram * np.outer(d, d)), d * slope))
+
+
+def _inverse(gram: Array) -> Array:
+    from scipy.linalg import cho_factor, cho_solve
+
+    if not len(gram):
+        return np.zeros((0, 0))
+    d = 1 / np.sqrt(np.diag(gram))
+    return np.asarray(np.outer(d, d) * cho_solve(cho_factor(gram * np.outer(d, d)), np.eye(len(gram))))

@@ -1,0 +1,166 @@
+"""The fit of a machine to a survey, from aligned frames to residuals on data that was not fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from errormodel.chain import Chain
+from errormodel.exceptions import InputError
+from errormodel.kernel import Array
+from errormodel.machine import Machine
+from errormodel.survey import Survey
+from identification.alignment import IDENTITY, Pose
+from identification.fit.least_squares import Solution, solve
+from identification.fit.result import Fit, Spread, TestFile, residuals_of
+from identification.problem import Problem, build, frame_columns, frame_labels
+from identification.sums import accumulate
+from identification.views import OrientationView, PositionView, View
+
+BLOCK_ROWS = 600  # consecutive rows left out together, in large surveys; a tenth of the rows in small ones
+
+
+def fit_machine(machine: Machine, survey: Survey) -> Fit:
+    """Fit all parameters, frames and noise levels to the survey's fit rows; then look at its test files.
+
+    Raises
+    ------
+    InputError
+        The survey has no rows to fit, or fewer equations than identifiable unknowns.
+    """
+    chain = Chain(machine)
+    rows = survey.fit
+    if not len(rows):
+        raise InputError(str(survey.source), "no file has role: fit", "Give at least one file the role fit")
+    problem, nominal_residuals = anchored(build(chain, rows), len(rows))
+    solution = solve(chain, problem.views, problem.unknowns, declared=problem.declared)
+    if solution.dof < 0 or solution.dof == 0 and solution.declared != set(solution.sums):
+        raise _too_few(survey, problem, solution)
+    place, zero = problem.place(), np.zeros(len(chain.ids))
+    residuals = residuals_of(problem.views, place, solution.values, zero, len(rows))
+    heldout, folds = held_out(problem, solution, len(rows))
+    fit = Fit(
+        chain, rows, problem, solution, Spread.of(nominal_residuals), Spread.of(residuals), Spread.of(heldout), folds,
+        residuals, nominal_residuals, heldout, notes=_notes(survey, solution),
+    )  # fmt: skip
+    return replace(fit, tests=tuple(look_at(fit, test) for test in survey.test))
+
+
+def anchored(problem: Problem, rows: int, held: Array | None = None) -> tuple[Problem, Array]:
+    """The problem with its frames at their least-squares best fit to the given parameters (None: nominal).
+
+    Small frame parameters then count from there, and what is left over, returned as (rows, 3), is the nominal error.
+    """
+    held = np.zeros(len(problem.chain.ids)) if held is None else held
+    positions = [v for v in problem.views if isinstance(v, PositionView)]
+    poses = dict(problem.frames)
+    free = [c for label in poses for c in frame_columns(problem.chain, label)]
+    if free:
+        best = solve(problem.chain, positions, free, held, problem.declared & {"position"}).named()
+        poses = {label: moved(problem.chain, pose, best, label) for label, pose in poses.items()}
+    views: list[View] = []
+    for view in problem.views:
+        if isinstance(view, PositionView | OrientationView) and poses:
+            label = next(la for la in poses if frame_columns(problem.chain, la)[0] == view.columns[0])
+            view = replace(view, pose=poses[label])
+        views.append(view)
+    out = replace(problem, views=tuple(views), frames=poses)
+    return out, residuals_of(views, {}, np.zeros(0), held, rows)
+
+
+def moved(chain: Chain, pose: Pose, values: dict[str, float], label: str) -> Pose:
+    """A frame's pose followed by its small parameters ``Trans(d) Rx Ry Rz``."""
+    from scipy.spatial.transform import Rotation
+
+    small = np.array([values.get(c, 0.0) for c in frame_columns(chain, label)])
+    return pose.then_small(small[:3], Rotation.from_euler("XYZ", small[3:]).as_matrix())
+
+
+def held_out(problem: Problem, solution: Solution, rows: int) -> tuple[Array, int]:
+    """Residuals (rows, 3) of blocks of consecutive rows, each predicted by a fit without it; and how many blocks.
+
+    Leaving a block out takes its sums away from the whole's: no data is streamed twice.
+    """
+    blocks = np.array_split(np.arange(rows), min(max(10, round(rows / BLOCK_ROWS)), rows))
+    zero, place, base = np.zeros(len(problem.chain.ids)), problem.place(), solution.groups.base
+    pick = np.ix_(base, base)
+    weight = {k: 1 / s**2 for k, s in solution.sigma.items()}
+    gram = sum(weight[k] * s.gram for k, s in solution.sums.items())[pick]
+    scale = 1 / np.sqrt(np.diag(gram))
+    out = np.full((rows, 3), np.nan)
+    for block in blocks:
+        views = [v.part((v.index >= block[0]) & (v.index <= block[-1])) for v in problem.views]
+        views = [v for v in views if len(v)]
+        own = accumulate(views, place, solution.values, zero)
+        less = gram - sum(weight[k] * s.gram for k, s in own.items())[pick]
+        slope = -sum(weight[k] * s.slope for k, s in own.items())[base]
+        values = solution.values.copy()
+        # what the other blocks cannot determine stays as it was fitted
+        step = np.linalg.pinv(less * np.outer(scale, scale), rcond=1e-13, hermitian=True) @ (scale * slope)
+        values[base] += scale * step
+        part = residuals_of(views, place, values, zero, rows)
+        out[block] = part[block]
+    return out, len(blocks)
+
+
+def look_at(fit: Fit, test: Survey) -> TestFile:
+    """A file that was not fitted: it estimates its own frame, if it has one, and what `refit` names, nothing else."""
+    chain, held = fit.chain, fit.held
+    tool = chain.tool_ids[:3] if "tool" in test.refit else ()
+    labels = frame_labels(test)
+    known = fit.problem.frames
+    own_frame = test.frame == "per-file" or any(label not in known for label in labels if test.frame != "fixed")
+    ids: Sequence[str] = tool
+    problem = build(chain, test, held, ids, mount=fit.problem.mount)
+    zero = np.zeros(len(chain.ids))
+    if own_frame:
+        _, nominal = anchored(build(chain, test, zero, ()), len(test))
+    else:
+        named = fit.solution.named()
+        poses = {label: moved(chain, known[label], named, label) if known else IDENTITY for label in set(labels)}
+        problem = _placed(problem, poses)
+        nominal = residuals_of(_placed(problem, known).views, {}, np.zeros(0), zero, len(test))
+    views = [v for v in problem.views if isinstance(v, PositionView)]
+    unknowns = [u for u in problem.unknowns if own_frame or u in tool]
+    unknowns = [u for u in unknowns if u not in chain.tool_ids[3:]]
+    solution = solve(chain, views, unknowns, held, problem.declared & {"position"})
+    residuals = residuals_of(views, solution_place(solution), solution.values, held, len(test))
+    path = str(test.table["file"].iloc[0])
+    return TestFile(
+        path, test, Spread.of(nominal), Spread.of(residuals), residuals, nominal, solution.named(), problem.frames
+    )
+
+
+def solution_place(solution: Solution) -> dict[str, int]:
+    """Place of each unknown of a solution."""
+    return {name: k for k, name in enumerate(solution.unknowns)}
+
+
+def _placed(problem: Problem, poses: dict[str, Pose]) -> Problem:
+    labels = {frame_columns(problem.chain, label)[0]: label for label in poses}
+    views = tuple(
+        replace(v, pose=poses[labels[v.columns[0]]]) if isinstance(v, PositionView | OrientationView) else v
+        for v in problem.views
+    )
+    return replace(problem, views=views)
+
+
+def _too_few(survey: Survey, problem: Problem, solution: Solution) -> InputError:
+    equations = sum(s.count for s in solution.sums.values())
+    whole = len(problem.chain.machine_ids) + 6 * len(problem.frames)
+    need = -(-(whole + 1) // 3)
+    return InputError(
+        str(survey.source),
+        f"{equations} measured coordinates for {len(problem.unknowns)} unknowns, of which these rows could tell at most "
+        f"{solution.groups.rank} apart, with nothing left to judge them by",
+        f"Measure at least {need} points with three coordinates each (twice as many is a good start), or declare fewer errors",
+    )
+
+
+def _notes(survey: Survey, solution: Solution) -> tuple[str, ...]:
+    notes = list(survey.notes)
+    if not solution.converged:
+        notes.append("the iteration has not settled: errors are too large for this model, or rows contradict each other")
+    return tuple(notes)

@@ -1,0 +1,94 @@
+"""Predictions of a stored fit: what would be measured, the volumetric error, and how well both are known."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from errormodel.kernel import Array, as_rows
+from errormodel.survey import Survey
+from identification.alignment import IDENTITY, Pose
+from identification.problem import frame_columns, frame_labels
+from identification.store import StoredFit
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+# What an error nobody could identify may be where no identified one of its kind gives a scale (mm, rad, 1, rad/mm)
+PLAUSIBLE = {"mm": 0.02, "rad": 5e-5, "1": 5e-5, "rad/mm": 5e-8}
+
+
+def predict(fit: StoredFit, points: Survey) -> pd.DataFrame:
+    """Predict at commands: ``mx my mz`` (mm, measuring frame), ``ex ey ez`` (actual minus nominal), ``ux uy uz`` (k = 1).
+
+    The uncertainty is that of the model: estimated parameters with their covariance, and parameters that the survey
+    could not identify (another tool may bring them in) with the size of the identified ones of their kind.
+    """
+    import pandas as pd
+
+    chain = fit.chain
+    labels = frame_labels(points)
+    known = fit.frames
+    out = np.full((len(points), 9), np.nan)
+    first = next(iter(known), None)
+    for label in dict.fromkeys(labels):
+        used = label if label in known else first  # a run never measured: as if it stood in the first one's frame
+        index = np.flatnonzero(labels == label)
+        out[index] = _predict_frame(fit, points, index, used)
+    return pd.DataFrame(
+        out, columns=["mx", "my", "mz", "ex", "ey", "ez", "ux", "uy", "uz"], index=points.table.index
+    )
+
+
+def _predict_frame(
+    fit: StoredFit, points: Survey, index: np.ndarray[tuple[int], np.dtype[np.intp]], label: str | None
+) -> Array:
+    chain = fit.chain
+    pose: Pose = fit.frames[label] if label is not None else IDENTITY
+    rows = as_rows(*(points.table[name].to_numpy(dtype=float)[index] for name in chain.channels))
+    columns = (*(frame_columns(chain, label) if label is not None else chain.frame_ids), *chain.ids[6:])
+    p = np.array([fit.values.get(c, 0.0) for c in columns])
+    actual = chain.kernel("actual", outputs=(0, 1, 2))(rows, p).T
+    nominal = chain.kernel("nominal", outputs=(0, 1, 2))(rows).T
+    measured = pose.apply(actual)
+    own = tuple(i for i in chain.ids if i in chain.machine_ids or (label is not None and i in chain.frame_ids))
+    design = chain.kernel("design", own, outputs=(0, 1, 2))(rows).reshape(len(own), 3, -1)
+    design = np.einsum("ij,pjm->pim", pose.rotation, design)
+    names = [columns[chain.index[i]] for i in own]
+    variance = _variance(fit, names, design)
+    return np.hstack([measured, measured - pose.apply(nominal), np.sqrt(variance).T])
+
+
+def _variance(fit: StoredFit, names: list[str], design: Array) -> Array:
+    """(3, m): of the estimated groups, plus what the dependent parameters add where they are no longer dependent."""
+    place = {n: k for k, n in enumerate(names)}
+    kept = [k for k, n in enumerate(fit.base) if n in place]
+    base = design[[place[fit.base[k]] for k in kept]]
+    covariance = fit.covariance[np.ix_(kept, kept)]
+    variance = np.einsum("aim,ab,bim->im", base, covariance, base, optimize=True)
+    groups = np.zeros((len(kept), len(names)))
+    for row, k in enumerate(kept):
+        for member, coefficient in fit.data["parameters"][k]["members"].items():
+            if member in place:
+                groups[row, place[member]] = coefficient
+    scale = _plausible(fit)
+    units = {p.id: p.unit for p in fit.chain.parameters}
+    for name in names:
+        if name in fit.base or name not in units or name in fit.chain.frame_ids:
+            continue
+        column = design[place[name]]
+        left = column - np.tensordot(groups[:, place[name]], base, axes=1)
+        left[np.abs(left) < 1e-6 * np.abs(column).max(initial=1e-300)] = 0.0  # the group acts here as it did there
+        variance += np.square(left * scale[units[name]])
+    return variance
+
+
+def _plausible(fit: StoredFit) -> dict[str, float]:
+    """Size of an unidentified parameter of each unit: the root mean square of the identified ones, if there are any."""
+    out = dict(PLAUSIBLE)
+    for unit in out:
+        values = [v for i, v in fit.values.items() if fit.units[i] == unit and not i.startswith(("frame", "zero["))]
+        if len(values) > 2:
+            out[unit] = max(float(np.sqrt(np.mean(np.square(values)))), 1e-3 * out[unit])
+    return out

@@ -1,0 +1,237 @@
+"""From a survey to the views and unknowns of a fit: frames aligned, rows whitened, rows that see nothing left out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from errormodel.chain import Chain
+from errormodel.conventions import MOTIONS, TRANSLATIONS
+from errormodel.exceptions import InputError
+from errormodel.kernel import Array, as_rows
+from errormodel.machine import Joint
+from identification.alignment import IDENTITY, Pose, align, mean_rotation
+from identification.views import Kind, MotionView, OrientationView, PositionView, View
+
+if TYPE_CHECKING:
+    from errormodel.survey import Survey
+
+Index = np.ndarray[tuple[int], np.dtype[np.intp]]
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What a survey asks of a chain.
+
+    Attributes
+    ----------
+    views : what the rows see; `frames`: pose by label ("" for the one shared frame; none if the frame is fixed).
+    unknowns : names of all unknowns, those of the frames first.
+    declared : kinds of observation whose uncertainty the survey states.
+    mount : (3, 3) orientation of a 6-D target in the last frame, or None.
+    """
+
+    chain: Chain
+    views: tuple[View, ...]
+    unknowns: tuple[str, ...]
+    frames: dict[str, Pose]
+    labels: Array  # (n,) of str: the frame of each row of the survey
+    declared: frozenset[Kind]
+    mount: Array | None = None
+
+    def place(self) -> dict[str, int]:
+        return {name: k for k, name in enumerate(self.unknowns)}
+
+
+def frame_labels(survey: Survey) -> Array:
+    """The label of each row's measuring frame: "" where all share one, else the run's or the file's name."""
+    if survey.frame in ("shared", "fixed"):
+        return np.full(len(survey), "", dtype=object)
+    return survey.table["run" if survey.frame == "per-run" else "file"].to_numpy(dtype=object)
+
+
+def frame_columns(chain: Chain, label: str) -> tuple[str, ...]:
+    """Names of a frame's six unknowns: ``frame.dx`` ..., or ``frame[2].dx`` for run 2."""
+    return tuple(f"frame[{label}].{m}" for m in MOTIONS) if label else chain.frame_ids
+
+
+def build(
+    chain: Chain, survey: Survey, held: Array | None = None, ids: Sequence[str] | None = None, mount: Array | None = None
+) -> Problem:
+    """Views of a survey; the unknowns are the frames' and `ids` (None: the machine's own parameters).
+
+    `held` are known parameters (test files): frames are then aligned to the predicted instead of the nominal points.
+    """
+    table = survey.table
+    joint = table["joint"].to_numpy(dtype=object) if "joint" in table else np.full(len(table), "", dtype=object)
+    volumetric = np.flatnonzero(joint == "")
+    labels = frame_labels(survey)
+    p = np.zeros(len(chain.ids)) if held is None else held
+    own = tuple(chain.machine_ids if ids is None else ids)
+    views: list[View] = []
+    frames: dict[str, Pose] = {}
+    free: list[str] = []
+    declared: set[Kind] = set()
+    seen = np.isfinite(survey.measured).any(axis=1)
+    turned = _rotations(survey)
+    mounts = []
+    for label in dict.fromkeys(labels[volumetric]):
+        index = volumetric[(labels[volumetric] == label) & seen[volumetric]]
+        if not len(index):
+            continue
+        rows = _channels(chain, survey, index)
+        nominal = chain.kernel("actual")(rows, p)
+        pose = IDENTITY
+        if survey.frame != "fixed":
+            whole = survey.measured[index]
+            pose = align(nominal[:3].T, whole, _row_weights(survey, index))
+            frames[label] = pose
+            free += frame_columns(chain, label)
+        columns = (*frame_columns(chain, label), *own, *(i for i in chain.tool_ids if i not in own))
+        whitener, known = _whitener(survey, index)
+        if known:
+            declared.add("position")
+        common = {"chain": chain, "ids": (*chain.frame_ids, *columns[6:]), "columns": columns}
+        measured = np.nan_to_num(survey.measured[index])
+        views.append(
+            PositionView(
+                kind="position", rows=rows, whitener=whitener, index=index, measured=measured, pose=pose, **common
+            )
+        )
+        if turned is not None and np.isfinite(turned[index]).any():
+            here = np.flatnonzero(np.isfinite(turned[index]).all(axis=(1, 2)))
+            last = nominal[3:].reshape(3, 3, -1).transpose(2, 1, 0)[here]
+            mounts.append(last.transpose(0, 2, 1) @ pose.rotation.T @ turned[index[here]])
+            views.append(
+                OrientationView(
+                    rows=as_rows(*(c[here] for c in rows)),
+                    whitener=np.ones(len(here)),
+                    index=index[here],
+                    turned=turned[index[here]],
+                    pose=pose,
+                    **common,
+                )
+            )
+    if mounts:
+        from dataclasses import replace
+
+        mount = mean_rotation(np.concatenate(mounts)) if mount is None else mount
+        views = [replace(v, mount=mount) if isinstance(v, OrientationView) else v for v in views]
+        own = (*own, *(i for i in chain.tool_ids[3:] if i not in own))
+    motion_views, zeros = _motion_views(chain, survey, joint)
+    if ids is None:
+        views += motion_views
+        free += zeros
+    if not views:
+        raise InputError(str(survey.source), "no row holds a measured value", "Give mx my mz in at least one row")
+    return Problem(chain, tuple(views), (*free, *own), frames, labels, frozenset(declared), mount)
+
+
+def _channels(chain: Chain, survey: Survey, index: Index) -> list[Array]:
+    return as_rows(*(survey.table[name].to_numpy(dtype=float)[index] for name in chain.channels))
+
+
+def _rotations(survey: Survey) -> Array | None:
+    from scipy.spatial.transform import Rotation
+
+    if "mrx" not in survey.table:
+        return None
+    vectors = survey.table[["mrx", "mry", "mrz"]].to_numpy(dtype=float)
+    out = np.full((len(vectors), 3, 3), np.nan)
+    whole = np.isfinite(vectors).all(axis=1)
+    out[whole] = Rotation.from_rotvec(vectors[whole]).as_matrix()
+    return out
+
+
+def _sigmas(survey: Survey, index: Index) -> Array | None:
+    names = ["sigma_x", "sigma_y", "sigma_z"]
+    return survey.table[names].to_numpy(dtype=float)[index] if "sigma_x" in survey.table else None
+
+
+def _row_weights(survey: Survey, index: Index) -> Array | None:
+    sigmas = _sigmas(survey, index)
+    return None if sigmas is None else 1 / np.linalg.norm(sigmas, axis=1)
+
+
+def _whitener(survey: Survey, index: Index) -> tuple[Array, bool]:
+    """Whitener of positions and whether the survey states their uncertainty (columns before instrument)."""
+    measured = survey.measured[index]
+    missing = ~np.isfinite(measured)
+    sigmas = _sigmas(survey, index)
+    covariance = None
+    if sigmas is not None:
+        if not missing.any() and (sigmas == sigmas[:, :1]).all():
+            return 1 / sigmas[:, 0], True
+        covariance = np.einsum("ij,jk->ijk", sigmas**2, np.eye(3))
+    else:
+        covariance = survey.instrument.covariance(np.nan_to_num(measured))
+    known = covariance is not None
+    if covariance is None:
+        if not missing.any():
+            return np.ones(len(index)), False
+        covariance = np.broadcast_to(np.eye(3), (len(index), 3, 3))
+    covariance = covariance.copy()
+    covariance[missing] = 0.0  # marginal covariance of what was measured ...
+    covariance.transpose(0, 2, 1)[missing] = 0.0
+    covariance[:, range(3), range(3)] += missing
+    whitener = np.linalg.inv(np.linalg.cholesky(covariance))
+    whitener[missing] = 0.0  # ... and no equation for what was not
+    return whitener, known
+
+
+def _motion_views(chain: Chain, survey: Survey, joint: Array) -> tuple[list[View], list[str]]:
+    """Views of error-motion rows: each joint, run and motion has an instrument's zero of its own."""
+    views: list[View] = []
+    zeros: list[str] = []
+    table = survey.table
+    runs = table["run"].to_numpy(dtype=object)
+    for name in dict.fromkeys(joint[joint != ""]):
+        ids = tuple(i for i in chain.machine_ids if chain.parameters[chain.index[i]].element == name)
+        for run in dict.fromkeys(runs[joint == name]):
+            rows = np.flatnonzero((joint == name) & (runs == run))
+            zero = tuple(f"zero[{name}, run {run}].{m}" for m in MOTIONS)
+            for k, motion in enumerate(MOTIONS):
+                if motion not in table:
+                    continue
+                values = table[motion].to_numpy(dtype=float)
+                index = rows[np.isfinite(values[rows])]
+                if not len(index):
+                    continue
+                channels = as_rows(*(np.nan_to_num(table[c].to_numpy(dtype=float)[index]) for c in chain.channels))
+                views.append(
+                    MotionView(
+                        kind="displacement" if motion in TRANSLATIONS else "angle",
+                        chain=chain,
+                        ids=ids,
+                        columns=(*ids, *zero),
+                        rows=channels,
+                        whitener=np.ones(len(index)),
+                        index=index,
+                        outputs=(k,),
+                        measured=values[index],
+                    )
+                )
+                zeros.append(zero[k])
+    return views, zeros
+
+
+def group_order(chain: Chain, unknowns: Sequence[str]) -> list[int]:
+    """The order in which unknowns stand for their group: shapes' lengths, shapes' angles, joints, zeros, frames, tool.
+
+    The measuring frame comes late, so that a group it shares is named after the member of the machine.
+    """
+    joints = {e.name for e in chain.machine.elements if isinstance(e, Joint)}
+
+    def rank(k: int) -> tuple[int, int]:
+        name = unknowns[k]
+        if name not in chain.index or name in chain.frame_ids or name in chain.tool_ids:
+            return (3 if name.startswith("zero[") else 5 if name in chain.tool_ids else 4), k
+        parameter = chain.parameters[chain.index[name]]
+        if parameter.element in joints:
+            return 2, k
+        return (0 if parameter.motion in TRANSLATIONS else 1), k
+
+    return sorted(range(len(unknowns)), key=rank)

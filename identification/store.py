@@ -1,0 +1,205 @@
+"""A fit on disk: ``fit.json``, the tables beside it, and what `predict` needs to read it back."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from errormodel import __version__
+from errormodel.chain import Chain
+from errormodel.exceptions import InputError
+from errormodel.files import write_csv, write_text_atomic
+from errormodel.kernel import Array
+from errormodel.schema import read_machine, write_machine
+from errormodel.simulate import outward
+from identification.alignment import Pose
+from identification.fit.result import Fit, Spread
+from identification.fit.run import moved
+
+SCHEMA = "errormodel.fit/1"
+
+
+def as_json(fit: Fit) -> dict[str, Any]:
+    """``fit.json``: values and standard uncertainties in mm, rad and their ratios; residual statistics in um."""
+    s = fit.solution
+    named = s.named()
+    whole = None if s.dof <= 0 else s.chi2 / s.dof
+    return {
+        "schema": SCHEMA,
+        "version": __version__,
+        "machine": fit.chain.machine.name,
+        "survey": str(fit.survey.source),
+        "parameters": parameters(fit),
+        "no_effect": list(s.groups.no_effect),
+        "n_parameters": len(fit.chain.machine_ids),
+        "rank": s.groups.rank,
+        "condition": s.groups.condition,
+        "frame": [
+            {
+                "label": label,
+                "alignment": _pose_json(pose),
+                "pose": _pose_json(moved(fit.chain, pose, named, label)),
+            }
+            for label, pose in fit.problem.frames.items()
+        ],
+        "nominal": asdict(fit.nominal),
+        "fitted": asdict(fit.fitted),
+        "heldout": asdict(fit.heldout) | {"blocks": fit.folds},
+        "test": [
+            {"path": t.path, "nominal": asdict(t.nominal), "fitted": asdict(t.fitted), "refit": t.refit}
+            for t in fit.tests
+        ],
+        "sigma_um": 1e3 * fit.sigma_mm,
+        "sigma_from": "declared" if "position" in s.declared else "residuals",
+        "noise": {kind: {"sigma": value, "declared": kind in s.declared} for kind, value in s.sigma.items()},
+        "dof": s.dof,
+        "reduced_chi2": whole,
+        "inflation": fit.inflation,
+        "passes": s.passes,
+        "converged": s.converged,
+        "notes": list(fit.notes),
+    }
+
+
+def parameters(fit: Fit) -> list[dict[str, Any]]:
+    """One entry a group: id of the base parameter, the group as a formula, value, standard uncertainty, unit."""
+    s, chain = fit.solution, fit.chain
+    std = np.sqrt(np.diag(s.covariance)) * fit.inflation
+    out = []
+    for k, j in enumerate(s.groups.base):
+        name = s.unknowns[j]
+        plain = "frame." + name.rsplit(".", 1)[1] if name.startswith("frame[") else name
+        known = chain.parameters[chain.index[plain]] if plain in chain.index else None
+        motion = name.rsplit(".", 1)[1]
+        out.append(
+            {
+                "id": name,
+                "group": s.groups.name(k),
+                "members": s.groups.members(k),
+                "symbol": known.symbol if known else "",
+                "value": float(s.values[j]),
+                "std": float(std[k]),
+                "unit": known.unit if known else ("mm" if motion in ("dx", "dy", "dz") else "rad"),
+            }
+        )
+    return out
+
+
+def save(fit: Fit, folder: Path) -> None:
+    """Write ``machine.yaml``, ``parameters.csv``, ``residuals.csv``, ``covariance.csv`` and, last, ``fit.json``."""
+    import pandas as pd
+
+    write_machine(fit.chain.machine, folder / "machine.yaml")
+    table = pd.DataFrame(parameters(fit)).drop(columns="members")
+    write_csv(table, folder / "parameters.csv")
+    write_csv(_residual_table(fit), folder / "residuals.csv")
+    names = [fit.solution.unknowns[j] for j in fit.solution.groups.base]
+    covariance = pd.DataFrame(fit.solution.covariance * fit.inflation**2, columns=names)
+    write_csv(covariance, folder / "covariance.csv")
+    write_text_atomic(dumps(as_json(fit)), folder / "fit.json")
+
+
+def dumps(data: Any) -> str:
+    """Return JSON with NaN as null, so that every reader takes it."""
+    return json.dumps(_plain(data), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {k: _plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(v) for v in value]
+    if isinstance(value, float | np.floating):
+        return float(value) if np.isfinite(value) else None
+    return value
+
+
+def _pose_json(pose: Pose) -> dict[str, list[float]]:
+    """Translation in mm and rotation vector in rad: reference into measuring frame."""
+    from scipy.spatial.transform import Rotation
+
+    return {
+        "translation": pose.translation.tolist(),
+        "rotation": Rotation.from_matrix(pose.rotation).as_rotvec().tolist(),
+    }
+
+
+def _residual_table(fit: Fit) -> Any:
+    """Every measured row: nominal and fitted residual (and held out), um, in the measuring frame."""
+    import pandas as pd
+
+    parts = [(fit.survey, fit.nominal_residuals, fit.residuals, fit.heldout_residuals)]
+    parts += [(t.survey, t.nominal_residuals, t.residuals, None) for t in fit.tests]
+    tables = []
+    for survey, nominal, fitted, heldout in parts:
+        table = outward(survey, fit.chain.machine)
+        columns = ["file", "role", "row", "run", *(["time"] if "time" in table else []), *fit.chain.channels]
+        table = table[columns].copy()
+        for name, values in (("nominal", nominal), ("residual", fitted), ("heldout", heldout)):
+            if values is not None:
+                table[[f"{name}_{axis}_um" for axis in "xyz"]] = 1e3 * values
+        tables.append(table)
+    return pd.concat(tables, ignore_index=True)
+
+
+@dataclass(frozen=True)
+class StoredFit:
+    """What `predict` and `compensate` need of a fit: the chain, values, covariance and frames."""
+
+    chain: Chain
+    values: dict[str, float]
+    base: tuple[str, ...]
+    covariance: Array  # of `base`
+    units: dict[str, str]
+    frames: dict[str, Pose]  # alignments, which the small frame parameters follow
+    data: dict[str, Any]
+
+    @property
+    def fitted(self) -> Spread:
+        return Spread(**self.data["fitted"])
+
+
+def load(folder: Path) -> StoredFit:
+    """Read a fit's folder back.
+
+    Raises
+    ------
+    InputError
+        The folder holds no finished fit, or its files do not belong together.
+    """
+    import pandas as pd
+    from scipy.spatial.transform import Rotation
+
+    path = folder / "fit.json"
+    cure = "Give the folder that `errormodel fit ... --out DIR` wrote"
+    if not path.is_file():
+        raise InputError(str(path), "there is no such file", cure)
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+        if data.get("schema") != SCHEMA:
+            raise InputError(str(path), f"its schema is {data.get('schema')!r}, not {SCHEMA!r}", cure)
+        base = tuple(p["id"] for p in data["parameters"])
+        covariance = pd.read_csv(folder / "covariance.csv")
+        if tuple(covariance.columns) != base or len(covariance) != len(base):
+            raise InputError(str(folder / "covariance.csv"), "it is of another fit than fit.json", "Run the fit again")
+        frames = {
+            f["label"]: Pose(
+                Rotation.from_rotvec(f["alignment"]["rotation"]).as_matrix(), np.array(f["alignment"]["translation"])
+            )
+            for f in data["frame"]
+        }
+        return StoredFit(
+            Chain(read_machine(folder / "machine.yaml")),
+            {p["id"]: p["value"] for p in data["parameters"]},
+            base,
+            covariance.to_numpy(dtype=float),
+            {p["id"]: p["unit"] for p in data["parameters"]},
+            frames,
+            data,
+        )
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise InputError(str(path), f"it cannot be read as a fit ({type(error).__name__}: {error})", cure) from error

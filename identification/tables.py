@@ -1,0 +1,73 @@
+"""What the command line prints: plain lines, made from results."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from identification.describe import Description
+from identification.fit.result import Fit, Spread
+from identification.store import parameters
+
+
+def description_lines(description: Description) -> Iterator[str]:
+    """Chain, counts, groups, and what has no effect."""
+    chain, groups = description.chain, description.groups
+    machine = chain.machine
+    yield machine.name
+    yield "chain: " + " > ".join(e.name for e in machine.elements)
+    yield (
+        f"{len(chain.machine_ids)} parameters, {len(groups.no_effect)} without effect, rank {groups.rank}, "
+        f"condition {groups.condition:.3g}"
+    )
+    yield "\nidentifiable groups"
+    symbols = {p.id: p.symbol for p in chain.parameters}
+    units = {p.id: p.unit for p in chain.parameters}
+    for k in range(groups.rank):
+        base = groups.ids[groups.base[k]]
+        yield f"  {symbols.get(base, ''):7} {units.get(base, ''):7} {groups.name(k)}"
+    if groups.no_effect:
+        yield "\nno effect"
+        for identity, reason in description.reasons.items():
+            yield f"  {identity}: {reason}"
+    if description.split:
+        yield "\nsplit by this survey (one group with one tool and random poses)"
+        for name in description.split:
+            yield f"  {name}"
+    if description.with_frame is not None:
+        own = sum(not description.with_frame.ids[j].startswith("frame") for j in description.with_frame.base)
+        yield (
+            f"\nwith the measuring frame unknown: rank {description.with_frame.rank}, of which {own} groups hold "
+            "parameters of the machine; those that it shares:"
+        )
+        for k in range(description.with_frame.rank):
+            members = description.with_frame.members(k)
+            if len(members) > 1 and any(m.startswith("frame") for m in members):
+                yield f"  {description.with_frame.name(k)}"
+
+
+def fit_lines(fit: Fit) -> Iterator[str]:
+    """Residuals before and after, noise, and the groups that stand out."""
+    yield f"{fit.chain.machine.name}: {len(fit.survey)} rows, {fit.solution.groups.rank} identifiable groups"
+    yield f"\n{'um':28}{'rms':>9}{'mean':>9}{'max':>9}{'n':>8}"
+    rows: list[tuple[str, Spread]] = [
+        ("nominal, best frame", fit.nominal),
+        ("fitted", fit.fitted),
+        (f"held out ({fit.folds} blocks)", fit.heldout),
+    ]
+    for test in fit.tests:
+        rows += [(f"{test.path}: nominal", test.nominal), (f"{test.path}: predicted", test.fitted)]
+    for name, spread in rows:
+        yield f"{name:28}{spread.rms_um:9.2f}{spread.mean_um:9.2f}{spread.max_um:9.2f}{spread.n:8d}"
+    how = "declared" if "position" in fit.solution.declared else "from residuals"
+    chi = f", reduced chi-square {fit.solution.chi2 / fit.solution.dof:.3f}" if how == "declared" else ""
+    yield f"\nnoise of one coordinate {1e3 * fit.sigma_mm:.2f} um ({how}), {fit.solution.dof} degrees of freedom{chi}"
+    if fit.inflation > 1:
+        yield f"residuals exceed the declared uncertainty: standard uncertainties are multiplied by {fit.inflation:.2f}"
+    listed = [p for p in parameters(fit) if not p["id"].startswith(("frame", "zero["))]
+    listed.sort(key=lambda p: -abs(p["value"]) / p["std"] if p["std"] else -np.inf)
+    yield "\nlargest in units of their uncertainty (all in parameters.csv)"
+    for p in listed[:12]:
+        factor, unit = {"mm": (1e3, "um"), "rad": (1e6, "urad"), "1": (1e6, "um/m"), "rad/mm": (1e9, "urad/m")}[p["unit"]]
+        yield f"  {p['symbol']:6} {factor * p['value']:11.3f} +- {factor * p['std']:8.3f} {unit:7} {p['group']}"
