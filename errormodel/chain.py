@@ -11,17 +11,22 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from errormodel import conventions
+from errormodel import conventions, effects
 from errormodel.bases import Term, constant_terms, joint_terms
 from errormodel.conventions import FRAME, MOTIONS, TOOL, Motion
-from errormodel.kernel import Array, Kernel
-from errormodel.machine import Joint, Machine, Shape
+from errormodel.exceptions import InputError, nearest
+from errormodel.features import POINT, channel
+from errormodel.kernel import Array, Kernel, as_rows
+from errormodel.machine import EffectSpec, Joint, Machine, Shape
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 TOOL_CHANNELS = ("tool_x", "tool_y", "tool_z")
 What = Literal["nominal", "actual", "design", "linearised", "terms"]
@@ -51,22 +56,29 @@ class Chain:
     Attributes
     ----------
     channels : tuple of str
-        What varies from row to row: the joints in chain order, then ``tool_x tool_y tool_z``. mm, rad.
+        What varies from row to row: the joints in chain order, ``tool_x tool_y tool_z``, then what effects depend on
+        (names as in `errormodel.features`). mm, rad, s, degC.
     parameters : tuple of Parameter
-        The measuring frame's six, then the machine's in chain order, then the tool's six.
+        The measuring frame's six, then the machine's in chain order, an effect's after the element it moves, then the
+        tool's six.
     """
 
     def __init__(self, machine: Machine) -> None:
         self.machine = machine
-        self.channels: tuple[str, ...] = (*(j.name for j in machine.joints), *TOOL_CHANNELS)
-        self.rows = ca.SX.sym("x", len(self.channels))
-        self._channel = {name: self.rows[k] for k, name in enumerate(self.channels)}
+        own = (*(j.name for j in machine.joints), *TOOL_CHANNELS)
+        self._channel = {name: ca.SX.sym(name) for name in own}
+        extra = [term for spec in machine.effects for term in self._effect_terms(spec)]
+        self.channels: tuple[str, ...] = tuple(self._channel)
+        self.rows = ca.vertcat(*self._channel.values())
         parameters: list[Parameter] = []
         self._columns: list[tuple[int, Term]] = []  # (place of the element among all, term)
         for place, (name, terms) in enumerate(self._element_terms()):
             joint = 0 < place <= len(machine.elements) and isinstance(machine.elements[place - 1], Joint)
-            for term in terms:
+            self._tool_start = len(parameters)  # of the last element, the tool, in the end
+            for term in (*terms, *(t for element, t in extra if element == name)):
                 identity = f"{name}.{term.motion}" + (f".{term.label}" if term.label else "")
+                while any(p.id == identity for p in parameters):  # the same effect twice at one place
+                    identity += "'"
                 symbol = conventions.iso_symbol(name, term.motion) if joint else ""
                 parameters.append(Parameter(identity, name, term.motion, term.label, term.unit, symbol))
                 self._columns.append((place, term))
@@ -74,6 +86,29 @@ class Chain:
         self.ids = tuple(p.id for p in parameters)
         self.index = {identity: k for k, identity in enumerate(self.ids)}
         self.values = ca.SX.sym("p", len(parameters))
+
+    def _effect_terms(self, spec: EffectSpec) -> list[tuple[str, Term]]:
+        """An effect's parameters as terms of the elements they move."""
+        effect = effects.make(spec)
+        out = []
+        for term in effect.terms(self._symbol, self.machine):
+            if term.element not in (FRAME, TOOL, *(e.name for e in self.machine.elements)):
+                names = (e.name for e in self.machine.elements)
+                raise InputError(f"effect {spec.effect}", f"no element {term.element}", nearest(term.element, names))
+            column = ca.SX.zeros(6)
+            for motion, value in term.motion.items():
+                column[MOTIONS.index(motion)] = value
+            label = f"{spec.effect}-{term.label}" if term.label else spec.effect
+            out.append((term.element, Term(next(iter(term.motion)), label, term.unit, column)))
+        return out
+
+    def _symbol(self, name: str) -> ca.SX:
+        """The symbol of a channel; one that is asked for the first time becomes a channel of the chain."""
+        if name in POINT:
+            return self.pose()[0][POINT.index(name)]
+        if name not in self._channel:
+            self._channel[name] = ca.SX.sym(name)
+        return self._channel[name]
 
     def _element_terms(self) -> list[tuple[str, list[Term]]]:
         own = [
@@ -100,12 +135,13 @@ class Chain:
     @property
     def tool_ids(self) -> tuple[str, ...]:
         """The six of the tool: offset of the functional point, and of the target's mount in orientation."""
-        return self.ids[-6:]
+        return tuple(self.ids[self._tool_start : self._tool_start + 6])
 
     @property
     def machine_ids(self) -> tuple[str, ...]:
         """The machine's own parameters: all but those of the measuring frame and the tool."""
-        return tuple(p.id for p in self.parameters[6:-6])
+        others = {*self.frame_ids, *self.tool_ids}
+        return tuple(i for i in self.ids if i not in others)
 
     @cached_property
     def _motions(self) -> list[ca.SX]:
@@ -201,6 +237,10 @@ class Chain:
         for identity, value in values.items():
             vector[self.index[identity]] = value
         return vector
+
+    def columns(self, table: pd.DataFrame) -> list[Array]:
+        """The chain's channels over all rows of a survey's table, as kernels take them."""
+        return as_rows(*(channel(table, name) for name in self.channels))
 
     def frames(self, position: Mapping[str, float]) -> NDArray[np.float64]:
         """Nominal frames along the chain at one command, (elements + 1, 4, 4): the reference, then after each element."""

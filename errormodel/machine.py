@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from errormodel.conventions import Motion
+from errormodel.exceptions import InputError, nearest
 
 Vector = tuple[float, float, float]
 
@@ -73,3 +74,17 @@ class Machine:
     @property
     def shapes(self) -> tuple[Shape, ...]:
         return tuple(e for e in self.elements if isinstance(e, Shape))
+
+
+def joint_of(machine: Machine, name: str) -> Joint:
+    """The joint of that name.
+
+    Raises
+    ------
+    InputError
+        The machine has no such joint.
+    """
+    for joint in machine.joints:
+        if joint.name == name:
+            return joint
+    raise InputError(f"joint {name}", "the machine has no joint of this name", nearest(name, [j.name for j in machine.joints]))

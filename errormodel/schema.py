@@ -196,17 +196,20 @@ def _axis(document: Document, keys: Keys) -> Vector:
         sign = -1.0 if value.startswith("-") else 1.0
         x, y, z = (sign if i == _AXES[value] else 0.0 for i in range(3))
         return x, y, z
-    numbers = isinstance(value, list) and len(value) == 3
-    if not numbers or any(isinstance(v, bool) or not isinstance(v, int | float) for v in value):
+    if not isinstance(value, list) or len(value) != 3 or not all(map(_moderate, value)):
         raise document.error(keys, shown(value), "Write x, y or z, or a unit vector such as [0, 0.6, 0.8]")
     size = math.hypot(*value)
-    if not 0 < size < math.inf:
+    if size == 0:
         raise document.error(keys, shown(value), "Write a vector of length 1, such as [0, 0.6, 0.8]")
     x, y, z = (v / size for v in value)
     if abs(size - 1) > 1e-6:
         cure = f"Write axis: [{x:.9g}, {y:.9g}, {z:.9g}]"
         raise document.error(keys, f"{shown(value)}, of length {size:.6g} and not 1", cure)
     return x, y, z
+
+
+def _moderate(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e9
 
 
 def _check_names(document: Document, elements: Sequence[Joint | Shape]) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from errormodel.chain import TOOL_CHANNELS, Chain
 from errormodel.exceptions import InputError, nearest
 from errormodel.instruments.base import Instrument
-from errormodel.kernel import Array, as_rows
+from errormodel.kernel import Array
 from errormodel.machine import Machine
 
 if TYPE_CHECKING:
@@ -46,8 +46,8 @@ def read_truth(path: Path, chain: Chain) -> Truth:
     from errormodel import yamlfile
 
     class FrameForm(yamlfile.FileModel):
-        translation: tuple[FiniteFloat, FiniteFloat, FiniteFloat] = (0.0, 0.0, 0.0)
-        rotation: tuple[FiniteFloat, FiniteFloat, FiniteFloat] = (0.0, 0.0, 0.0)
+        translation: yamlfile.Vector3 = Field([0.0, 0.0, 0.0], description="[x, y, z] in mm")
+        rotation: yamlfile.Vector3 = Field([0.0, 0.0, 0.0], description="three angles in degrees, such as [0, 0, 90]")
 
     class TruthForm(yamlfile.FileModel):
         parameters: dict[str, FiniteFloat] = Field(default_factory=dict)
@@ -63,8 +63,9 @@ def read_truth(path: Path, chain: Chain) -> Truth:
                 f"the machine has no parameter '{identity}'",
                 nearest(identity, chain.ids),
             )
+    x, y, z = form.frame.translation
     a, b, c = np.radians(form.frame.rotation).tolist()
-    return Truth(form.parameters, form.frame.translation, (a, b, c))
+    return Truth(form.parameters, (x, y, z), (a, b, c))
 
 
 def simulate(
@@ -87,8 +88,7 @@ def simulate(
     from scipy.spatial.transform import Rotation
 
     chain = Chain(machine)
-    rows = as_rows(*(points[name].to_numpy(dtype=float) for name in chain.channels))
-    pose = chain.kernel("actual")(rows, chain.vector(truth.parameters))
+    pose = chain.kernel("actual")(chain.columns(points), chain.vector(truth.parameters))
     frame = Rotation.from_euler("XYZ", truth.rotation)
     measured = frame.apply(pose[:3].T) + np.array(truth.translation)
     turned = frame * Rotation.from_matrix(pose[3:].reshape(3, 3, -1).transpose(2, 1, 0))

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from errormodel.conventions import MOTIONS
 from errormodel.exceptions import InputError
+from errormodel.features import direction
 from errormodel.formats import open_tables
 from errormodel.formats.base import Table
 from errormodel.instruments.base import Instrument
@@ -101,31 +102,8 @@ class Survey:
         return [self.rows((held_out & (self.table["file"] == file)).to_numpy(dtype=bool)) for file in files]
 
     def direction(self, joint: str) -> Array:
-        """Side from which a joint arrived: +1 where it came up from smaller positions, -1 from larger, (n,).
-
-        As the column ``dir_<joint>`` says; where it says nothing, by the order of a file's rows (of their times where a
-        run's rows are not in order). A joint that stands still keeps its sign; before its first move it has the sign of
-        that move; one that never moves has +1.
-        """
-        table = self.table
-        file = pd.factorize(table["file"])[0]
-        order = np.arange(len(table))
-        if "time" in table:
-            run = table.groupby(["file", "run"], sort=False).ngroup().to_numpy()
-            step = table["time"].groupby(run, sort=False).diff()
-            shuffled = (step < 0).groupby(file).transform("any").to_numpy()
-            time = np.where(shuffled, table["time"], 0.0)
-            order = np.lexsort((time, np.where(shuffled, run, 0), file))  # stable: otherwise the rows' own order
-        position = table[joint].iloc[order].groupby(file[order])
-        moved = np.sign(position.ffill().groupby(file[order]).diff()).replace(0.0, np.nan)
-        by_file = moved.groupby(file[order])
-        derived = by_file.ffill().fillna(by_file.bfill()).fillna(1.0)
-        result = np.empty(len(table))
-        result[order] = derived.to_numpy()
-        if f"dir_{joint}" in table:
-            given = table[f"dir_{joint}"].to_numpy(dtype=np.float64)
-            result = np.where(np.isnan(given), result, given)
-        return result
+        """Side from which a joint arrived, +-1, (n,): see :func:`errormodel.features.direction`."""
+        return direction(self.table, joint)
 
 
 def read_survey(path: Path | str, machine: Machine, measured: bool = True) -> Survey:

@@ -28,6 +28,7 @@ from errormodel.survey_columns import (
     missing_joint,
 )
 from errormodel.units import to_internal
+from errormodel.yamlfile import shown
 
 if TYPE_CHECKING:
     from errormodel.survey_schema import SurveyUnits
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-LONGEST = 1e7  # mm; beyond any machine, so it is a placeholder for "no value"
+LARGEST = 1e7  # mm or rad; what is larger is a placeholder for "no value"
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,7 @@ class _Offences:
         if bad.any():
             at = int(bad.argmax())
             value = self.raw[column].iloc[at]
-            text = f"'{value}'" if isinstance(value, str) else f"{value:.10g}"
+            text = shown(value) if isinstance(value, str) else f"{value:.10g}"
             row = int(self.raw.index[at])
             self.found.append((row, list(self.raw.columns).index(column), column, what.format(text), cure))
 
@@ -151,10 +152,11 @@ def _numbers(offences: _Offences, name: str) -> tuple[Array, bool]:
 
 def _seconds(column: pd.Series[str]) -> tuple[Array, Mask]:
     """ISO 8601 dates as seconds since 1970, and which cells are neither a date nor empty."""
-    empty = (column.str.strip() == "").to_numpy(dtype=bool)
-    dates = pd.to_datetime(column.str.strip(), format="ISO8601", utc=True, errors="coerce")
-    seconds = np.asarray((dates - pd.Timestamp(0, tz="UTC")) / pd.Timedelta(seconds=1), dtype=np.float64)
-    return seconds, dates.isna().to_numpy(dtype=bool) & ~empty
+    text = column.str.strip()
+    text = text.where(text.str.match(r"\d{4}-?\d{2}-?\d{2}"), "")
+    dates = pd.to_datetime(text, format="ISO8601", utc=True, errors="coerce").to_numpy(dtype="datetime64[us]")
+    seconds = (dates - np.datetime64(0, "us")) / np.timedelta64(1, "s")
+    return seconds, np.isnan(seconds) & (column.str.strip() != "").to_numpy(dtype=bool)
 
 
 def _convert(name: str, values: Array, machine: Machine, units: SurveyUnits) -> Array:
@@ -176,11 +178,12 @@ def _check_commands(offences: _Offences, frame: pd.DataFrame, joint: NDArray[np.
             needed = (joint == "") | (joint == j.name)
             empty = frame[j.name].isna().to_numpy() & needed
             offences.add(j.name, empty, "no commanded position", f"Write the position of {j.name} in every row")
-    prismatic = {j.name for j in machine.joints if j.type == "prismatic"}
-    lengths = [n for n in offences.plan.numbers if n in LENGTHS or n in prismatic]
-    for name in lengths:
-        far = np.abs(frame[name].to_numpy()) > LONGEST
-        offences.add(name, far, "{}, more than 10 km", "Leave the cell empty if there is no value, or check the unit")
+    joints = {j.name for j in machine.joints}
+    for name in (n for n in offences.plan.numbers if n in LENGTHS or n in joints):
+        far = np.abs(frame[name].to_numpy()) > LARGEST
+        offences.add(
+            name, far, "{}, beyond any machine", "Leave the cell empty if there is no value, or check the unit"
+        )
 
 
 def _check_measured(offences: _Offences, frame: pd.DataFrame) -> None:
@@ -190,7 +193,7 @@ def _check_measured(offences: _Offences, frame: pd.DataFrame) -> None:
         for k, name in enumerate(ORIENTATION):
             partial = absent[:, k] & ~absent.all(axis=1)
             offences.add(name, partial, "an orientation with a component missing", "Give mrx mry mrz or none of them")
-            turned = np.linalg.norm(np.nan_to_num(vector), axis=1) > 2 * math.pi * (1 + 1e-6)
+            turned = np.linalg.norm(np.nan_to_num(np.clip(vector, -99, 99)), axis=1) > 2 * math.pi * (1 + 1e-6)
             offences.add(name, turned, "{} in a rotation vector longer than a turn", "Write mrx mry mrz in rad")
     for name in ROTATIONS:
         if name in frame:

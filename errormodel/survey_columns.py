@@ -132,7 +132,9 @@ def missing_joint(table: Table, joint: str, unused: Iterable[str]) -> InputError
 def _all_or_none(where: str, ours: Mapping[str, str], names: tuple[str, ...]) -> None:
     lacking = [name for name in names if name not in ours]
     if lacking and len(lacking) < len(names):
-        raise InputError(where, f"{' '.join(names)} without {' '.join(lacking)}", "Give all of them or none")
+        raise InputError(
+            where, f"{' '.join(n for n in names if n in ours)} without {' '.join(lacking)}", "Give all of them or none"
+        )
 
 
 def _is_ours(name: str, machine: Machine) -> bool:
@@ -163,7 +165,7 @@ def _near(name: str, machine: Machine) -> str | None:
         match = re.fullmatch(pattern, bare)
         if match:
             tail = next((group for group in match.groups() if group), "")
-            tail = next((j for j in joints if j.lower() == tail), tail)
+            tail = next((j for j in joints if j.lower() == tail and ours.startswith("dir")), tail)
             return ours.format(tail)
     known = {known.lower().replace("_", ""): known for known in (*joints, *_NAMES, *(f"dir_{j}" for j in joints))}
     close = difflib.get_close_matches(bare, known, n=1, cutoff=0.8)

@@ -1,7 +1,7 @@
 """Do the numbers fit the machine? Units that cannot be right are refused; poses outside the travels are noted.
 
 Distances between measured points equal those between nominal positions but for a fraction of a millimetre, wherever the
-instrument stands. A wrong unit therefore shows as one factor, 1000 or 25.4, in nearly all of them; nothing else does.
+instrument stands. A wrong unit shows as one factor, such as 1000 or 25.4, in nearly all of them; nothing else does.
 """
 
 from __future__ import annotations
@@ -25,8 +25,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-_FACTORS = (1000.0, 1e-3, 25.4, 1 / 25.4)
-_UNITS = {"um": 1e-3, "mm": 1.0, "inch": 25.4, "m": 1000.0}
+_UNITS = {"m": 1000.0, "inch": 25.4, "mm": 1.0, "um": 1e-3}  # mm
 _ROWS = 1000  # tell as much as a million
 _CLEAR = 0.7  # part of the pairs that must agree on a factor
 
@@ -50,12 +49,12 @@ def check_sizes(frame: pd.DataFrame, machine: Machine, units: SurveyUnits, name:
     if frame.empty:
         return []
     prismatic = [j for j in machine.joints if j.type == "prismatic"]
-    _check_commands(frame, prismatic, units, name)
+    notes = [_check_commands(frame, prismatic, units, name)]
     sample = _sample(frame, machine) if measured else None
     if sample is not None:
         _check_measured(sample, prismatic, units, name)
-    note = _radians(frame, machine, units, sample)
-    return [f"{name}: {note}"] if note else []
+    notes.append(_radians(frame, machine, units, sample))
+    return [f"{name}: {note}" for note in notes if note]
 
 
 def travel_notes(table: pd.DataFrame, machine: Machine) -> Iterator[str]:
@@ -75,32 +74,42 @@ def travel_notes(table: pd.DataFrame, machine: Machine) -> Iterator[str]:
             )
 
 
-def _check_commands(frame: pd.DataFrame, joints: Sequence[Joint], units: SurveyUnits, name: str) -> None:
-    """InputError if all prismatic joints that move are off their travels by one factor."""
+def _check_commands(frame: pd.DataFrame, joints: Sequence[Joint], units: SurveyUnits, name: str) -> str | None:
+    """InputError if the prismatic joints that move are off their travels and another unit brings all back.
+
+    Where they are not off but would fill all travels in inches, a note.
+    """
     moving = [(j, frame[j.name].to_numpy()) for j in joints if np.ptp(frame[j.name].to_numpy()) > 0]
     if not moving:
-        return
-    spans = [j.travel[1] - j.travel[0] for j, _ in moving]
-    filled = [float(np.ptp(q)) / span for (_, q), span in zip(moving, spans, strict=True)]
+        return None
+    names = " ".join(j.name for j, _ in moving)
+    filled = np.array([np.ptp(q) / (j.travel[1] - j.travel[0]) for j, q in moving])
 
     def inside(scale: float) -> list[float]:
-        slack = [0.1 * span for span in spans]
-        return [
-            float(np.mean((q * scale > j.travel[0] - s) & (q * scale < j.travel[1] + s)))
-            for (j, q), s in zip(moving, slack, strict=True)
-        ]
+        return [float(np.mean(_near_travel(j, q * scale))) for j, q in moving]
 
-    outside = max(inside(1.0)) < 0.05
-    tiny = len(moving) > 1 and max(filled) < 0.002  # all poses in a thousandth of the machine: metres
-    for scale in _FACTORS if outside else _FACTORS[:1] if tiny else ():
-        plausible = [0.1 < scale * f < 1.5 for f in filled]
-        if min(inside(scale)) > 0.95 and (any(plausible) if outside else all(plausible)):
-            names = " ".join(j.name for j, _ in moving)
-            truly, found = (
-                _unit(units, scale),
-                f"positions of {names} that fit the travels only as {_unit(units, scale)}",
-            )
-            raise InputError(f"{name}, columns {names}", found, f"Write units: {{length: {truly}}} in a survey.yaml")
+    outside = min(inside(1.0)) < 0.05
+    tiny = len(moving) > 1 and filled.max() < 0.002  # all poses in a thousandth of the machine: metres
+    for scale, unit in _other_units(units):
+        fits = min(inside(scale)) > 0.95 and (filled * scale).max() < 1.5
+        if fits and (filled * scale).min() > 0.02 and (outside or (tiny and scale == 1000)):
+            found = f"positions of {names} that fit the travels only if they are in {unit}"
+            raise InputError(f"{name}, columns {names}", found, f"Write units: {{length: {unit}}} in a survey.yaml")
+        if fits and (filled * scale).min() > 0.7 and len(moving) > 1 and unit == "inch":
+            return f"{names} fill their travels if they are in inch; if so, write units: {{length: inch}}"
+    return None
+
+
+def _near_travel(joint: Joint, q: Array) -> NDArray[np.bool_]:
+    low, high = joint.travel
+    slack = 0.1 * (high - low)
+    return (q > low - slack) & (q < high + slack)
+
+
+def _other_units(units: SurveyUnits) -> Iterator[tuple[float, str]]:
+    """Other units of length that people use, each with its size in the one that `units` says."""
+    said = factor(units.length, "length")
+    return ((mm / said, unit) for unit, mm in _UNITS.items() if mm != said)
 
 
 @dataclass(frozen=True)
@@ -149,28 +158,21 @@ def _sample(frame: pd.DataFrame, machine: Machine) -> _Sample | None:
 
 
 def _check_measured(sample: _Sample, prismatic: list[Joint], units: SurveyUnits, name: str) -> None:
-    """InputError if the distances between measured points are off by one factor."""
+    """InputError if the distances between measured points are off by one factor, that of another unit."""
     if sample.agreement() > 0.05:
         return
-    names = [j.name for j in sample.machine.joints]
-    travelled = [
-        np.mean((q > 1.1 * j.travel[0] - 0.1 * j.travel[1]) & (q < 1.1 * j.travel[1] - 0.1 * j.travel[0]))
-        for j in prismatic
-        for q in [sample.rows[names.index(j.name)]]
-    ]
-    # metres measured and micrometres commanded give the same ratio: what fits the travels is right
-    believed = not travelled or min(travelled) > 0.5
-    for scale in _FACTORS:
-        fits = sample.agreement(measured=scale) if believed else sample.agreement(lengths=scale)
-        if fits > _CLEAR:
-            truly, said = _unit(units, scale), units.length
-            columns = "mx my mz" if believed else " ".join(j.name for j in prismatic)
-            others = "the joint positions" if believed else "mx my mz"
-            found = (
-                f"looks like {truly} where {others} look like {said} (distances are off by {max(scale, 1 / scale):g})"
-            )
-            cure = f"Write all lengths in one unit: {columns} in {said}, or {others} in {truly} too and"
-            raise InputError(f"{name}, columns {columns}", found, f"{cure} units: {{length: {truly}}} in a survey.yaml")
+    row = {j.name: q for j, q in zip(sample.machine.joints, sample.rows[:-3], strict=True)}
+    # metres measured and micrometres commanded give the same distances: what fits the travels is right
+    believed = all(np.mean(_near_travel(j, row[j.name])) > 0.5 for j in prismatic)
+    for measured in (believed, not believed):
+        for scale, unit in _other_units(units):
+            fits = sample.agreement(measured=scale) if measured else sample.agreement(lengths=scale)
+            if fits > _CLEAR:
+                columns, others = "mx my mz", " ".join(j.name for j in prismatic) or "the machine"
+                columns, others = (columns, others) if measured else (others, columns)
+                found = f"in {unit}, it seems, where {others} {'is' if not prismatic else 'are'} in {units.length}"
+                cure = f"Write all lengths in one unit; if it is {unit}, say units: {{length: {unit}}} in a survey.yaml"
+                raise InputError(f"{name}, columns {columns}", found, cure)
 
 
 def _radians(frame: pd.DataFrame, machine: Machine, units: SurveyUnits, sample: _Sample | None) -> str | None:
@@ -185,9 +187,3 @@ def _radians(frame: pd.DataFrame, machine: Machine, units: SurveyUnits, sample: 
             return None
         return f"the measured points fit {' '.join(moving)} in rad, not {units.angle}; write units: {{angle: rad}}"
     return f"{' '.join(moving)} within 6.3 {units.angle} in all rows; if that is rad, write units: {{angle: rad}}"
-
-
-def _unit(units: SurveyUnits, scale: float) -> str:
-    """The unit of length that is `scale` times the one in `units`."""
-    size = factor(units.length, "length") * scale
-    return next((unit for unit, mm in _UNITS.items() if abs(size / mm - 1) < 0.01), f"{size:g} mm")

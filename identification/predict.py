@@ -46,7 +46,7 @@ def _predict_frame(
 ) -> Array:
     chain = fit.chain
     pose: Pose = fit.frames[label] if label is not None else IDENTITY
-    rows = as_rows(*(points.table[name].to_numpy(dtype=float)[index] for name in chain.channels))
+    rows = as_rows(*(c[index] for c in chain.columns(points.table)))
     columns = (*(frame_columns(chain, label) if label is not None else chain.frame_ids), *chain.ids[6:])
     p = np.array([fit.values.get(c, 0.0) for c in columns])
     actual = chain.kernel("actual", outputs=(0, 1, 2))(rows, p).T

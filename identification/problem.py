@@ -77,12 +77,13 @@ def build(
     declared: set[Kind] = set()
     seen = np.isfinite(survey.measured).any(axis=1)
     turned = _rotations(survey)
+    channels = chain.columns(survey.table) if len(volumetric) else []
     mounts = []
     for label in dict.fromkeys(labels[volumetric]):
         index = volumetric[(labels[volumetric] == label) & seen[volumetric]]
         if not len(index):
             continue
-        rows = _channels(chain, survey, index)
+        rows = as_rows(*(c[index] for c in channels))
         nominal = chain.kernel("actual")(rows, p)
         pose = IDENTITY
         if survey.frame != "fixed":
@@ -128,10 +129,6 @@ def build(
     if not views:
         raise InputError(str(survey.source), "no row holds a measured value", "Give mx my mz in at least one row")
     return Problem(chain, tuple(views), (*free, *own), frames, labels, frozenset(declared), mount)
-
-
-def _channels(chain: Chain, survey: Survey, index: Index) -> list[Array]:
-    return as_rows(*(survey.table[name].to_numpy(dtype=float)[index] for name in chain.channels))
 
 
 def _rotations(survey: Survey) -> Array | None:

@@ -52,7 +52,8 @@ class View:
     @property
     def fixed(self) -> dict[str, float]:
         """Tool components that are one number in all rows: folded into the kernels, which then do less."""
-        columns = self.rows[len(self.chain.channels) - 3 :]
+        start = self.chain.channels.index(TOOL_CHANNELS[0])
+        columns = self.rows[start : start + 3]
         return {n: float(c[0]) for n, c in zip(TOOL_CHANNELS, columns, strict=True) if len(c) and (c == c[0]).all()}
 
     @property

@@ -44,12 +44,13 @@ class CsvTable(Table):
                 continue
             frame = {n: pd.Series(arrow[place[n]].to_numpy()) for n in numbers}
             break
-        else:  # some cell is no number: read all as text, convert what can be
+        else:  # some cell is no number, or some line is blank: read all as text, convert what can be
             decimal = "."
+            self._check_utf8()
             try:
-                arrow = self._arrow(set(), {place[n] for n in (*numbers, *texts)}, decimal)
+                arrow = self._arrow(set(), {place[n] for n in (*numbers, *texts)}, decimal, self._if_not_blank)
             except pa.ArrowInvalid as error:
-                raise self._broken(error) from error
+                raise self._ragged(error) from error
             for name in numbers:
                 text = pd.Series(arrow[place[name]].to_pandas(), dtype="str")
                 values, bad = as_numbers(text, comma)
@@ -67,7 +68,7 @@ class CsvTable(Table):
                 return line
         return None
 
-    def _arrow(self, numbers: Collection[str], texts: Collection[str], decimal: str) -> Any:
+    def _arrow(self, numbers: Collection[str], texts: Collection[str], decimal: str, ragged: Any = None) -> Any:
         """The wanted columns by their place (``"0"``, ``"1"``, ...); ArrowInvalid if a cell does not fit its type."""
         import pyarrow as pa
         from pyarrow import csv as arrow
@@ -80,7 +81,7 @@ class CsvTable(Table):
             arrow.ParseOptions(
                 delimiter=self.delimiter,
                 newlines_in_values=quoted,
-                invalid_row_handler=lambda row: "error" if row.text.strip(" \t\r\n" + self.delimiter) else "skip",
+                invalid_row_handler=ragged,
             ),
             arrow.ConvertOptions(
                 column_types=dict.fromkeys(numbers, pa.float64()) | dict.fromkeys(texts, pa.string()),
@@ -90,6 +91,9 @@ class CsvTable(Table):
                 decimal_point=decimal,
             ),
         )
+
+    def _if_not_blank(self, row: Any) -> str:
+        return "error" if row.text.strip(f" \t\r\n{self.delimiter}") else "skip"
 
     def _records(self) -> Iterator[tuple[int, list[str]]]:
         """Line and fields of every data row, blank lines left out as `_arrow` does."""
@@ -105,15 +109,18 @@ class CsvTable(Table):
             except csv.Error:
                 return
 
-    def _broken(self, error: Exception) -> InputError:
-        """What keeps a file from being read at all: a row of another length, or bytes that are not UTF-8."""
+    def _check_utf8(self) -> None:
         with self.path.open("rb") as file:
             for number, raw in enumerate(file, start=1):
                 try:
                     raw.decode("utf-8")
                 except UnicodeDecodeError as bad:
                     byte = f"the byte 0x{raw[bad.start]:02x}, which is not UTF-8"
-                    return InputError(f"{self.name}, line {number}", byte, "Save the file as UTF-8")
+                    raise InputError(f"{self.name}, line {number}", byte, "Save the file as UTF-8") from bad
+
+    def _ragged(self, error: Exception) -> InputError:
+        """What keeps text from being read as a table: most likely the first row of another length."""
+        row = 0
         for row, (line, fields) in enumerate(self._records(), start=1):
             if len(fields) != len(self.columns):
                 found = f"{len(fields)} fields where the header has {len(self.columns)}"
@@ -121,6 +128,8 @@ class CsvTable(Table):
                 if self.delimiter == "," and len(fields) > len(self.columns):
                     cure += "; if commas are decimal signs, separate the columns with semicolons"
                 return InputError(f"{self.name}, row {row} (line {line})", found, cure)
+        if row == 0:
+            return InputError(self.name, "no rows below the header", "Give a row a pose")
         reason = str(error).splitlines()[0]
         return InputError(self.name, f"not readable as CSV: {reason}", "Write it again as plain CSV")
 
@@ -141,11 +150,13 @@ def open_table(path: Path, name: str) -> Table:
     delimiter = max(_DELIMITERS, key=outside.count)
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter)
     try:
-        names = next(fields for fields in reader if "".join(fields).strip())
+        names = next((fields for fields in reader if "".join(fields).strip()), [])
     except csv.Error as error:
         raise InputError(f"{name}, line 1", f"not readable as CSV: {error}", "Write it again as plain CSV") from error
     where = f"{name}, header (line {reader.line_num})"
     columns = tuple(" ".join(n.split()) for n in names)
+    if not columns:
+        raise InputError(name, "no columns' names", "Give a header with the columns' names and a row a pose")
     if any("\ufffd" in n for n in columns):
         raise InputError(where, "bytes that are not UTF-8", "Save the file as UTF-8")
     if all(re.fullmatch(r"[-+]?[\d.]+(e[-+]?\d+)?", n, re.IGNORECASE) for n in columns if n):

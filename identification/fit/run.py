@@ -125,17 +125,15 @@ def look_at(fit: Fit, test: Survey) -> TestFile:
     views = [v for v in problem.views if isinstance(v, PositionView)]
     unknowns = [u for u in problem.unknowns if own_frame or u in tool]
     unknowns = [u for u in unknowns if u not in chain.tool_ids[3:]]
-    solution = solve(chain, views, unknowns, held, problem.declared & {"position"})
-    residuals = residuals_of(views, solution_place(solution), solution.values, held, len(test))
+    refit: dict[str, float] = {}
+    if unknowns:  # a file in a frame that is known has nothing to estimate
+        refit = solve(chain, views, unknowns, held, problem.declared & {"position"}).named()
+    places = {name: k for k, name in enumerate(refit)}
+    residuals = residuals_of(views, places, np.array([*refit.values()]), held, len(test))
     path = str(test.table["file"].iloc[0])
     return TestFile(
-        path, test, Spread.of(nominal), Spread.of(residuals), residuals, nominal, solution.named(), problem.frames
+        path, test, Spread.of(nominal), Spread.of(residuals), residuals, nominal, refit, problem.frames
     )
-
-
-def solution_place(solution: Solution) -> dict[str, int]:
-    """Place of each unknown of a solution."""
-    return {name: k for k, name in enumerate(solution.unknowns)}
 
 
 def _placed(problem: Problem, poses: dict[str, Pose]) -> Problem:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import io
+import warnings
 from pathlib import Path
 
 import matplotlib as mpl
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 # Okabe and Ito's palette: red, green and blue in spirit, and distinct in every common colour blindness
@@ -14,12 +17,43 @@ INK = "#1F2933"
 MUTED = "#57626F"
 FAINT = "#D5DBE1"
 PAPER = "#F5F7F9"
+NOMINAL, FITTED, HELDOUT = "#8A6100", "#0072B2", "#009E73"  # a darkened orange: the palette's own is faint on white
+OTHERS = ("#CC79A7", "#56B4E9", "#D55E00", "#000000")  # test files, in turn
 
 TITLE, HEADING, BODY, SMALL = 15.0, 11.0, 9.0, 8.0  # points
+WIDTH = 8.0  # inches of a report's figure: its text is then as large as the report's, on A4 as on a screen
 
 
 def save(figure: Figure, path: Path) -> None:
     """Write `figure` in the format of the path's suffix; same figure, same bytes; the text of an SVG stays text."""
-    undated = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(path.suffix.lower(), {})
-    with mpl.rc_context({"svg.hashsalt": "errormodel", "svg.fonttype": "none"}):
-        figure.savefig(path, dpi=150, metadata=undated)
+    path.write_bytes(render(figure, path.suffix.lower().removeprefix(".")))
+
+
+def render(figure: Figure, kind: str) -> bytes:
+    """The bytes of `figure` as ``svg``, ``png`` or ``pdf``."""
+    undated = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind, {})
+    out = io.BytesIO()
+    with mpl.rc_context({"svg.hashsalt": "errormodel", "svg.fonttype": "none"}), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing from font")  # the reader's fonts have what ours lack
+        figure.savefig(out, format=kind, dpi=150, metadata=undated)
+    return out.getvalue()
+
+
+def dress(axes: Axes, x: str = "", y: str = "", title: str = "") -> None:
+    """Labels with units, a light grid, no box."""
+    axes.set_xlabel(x, size=BODY, color=INK)
+    axes.set_ylabel(y, size=BODY, color=INK)
+    if title:
+        axes.set_title(title, size=BODY, weight="bold", color=INK, loc="left")
+    axes.tick_params(labelsize=SMALL, colors=MUTED, labelcolor=INK, length=3)
+    axes.grid(color=FAINT, lw=0.6)
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.spines[["left", "bottom"]].set_color(MUTED)
+
+
+def plain(text: str, most: int = 40) -> str:
+    """A user's word as a figure can take it: printable, no mathematics, no longer than `most`."""
+    word = "".join(c if c.isprintable() else " " for c in text)
+    word = word if len(word) <= most else word[: most - 1] + "…"
+    return word.replace("$", r"\$")

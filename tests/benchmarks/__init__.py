@@ -1,1 +1,1 @@
-"""Ratios to what a competent user would otherwise use, all measured in one run: ``python -m tests.benchmarks.speed``."""
+"""Ratios to what a competent user would take, all measured in one run: ``python -m tests.benchmarks.speed``."""

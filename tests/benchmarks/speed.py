@@ -18,7 +18,7 @@ import sys
 import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -76,7 +76,10 @@ def rivals(names: list[str]) -> Iterator[Contender]:
 
 
 def race(contenders: list[Contender], inputs: tuple[Array, ...], repeats: int, memory: bool) -> list[Row]:
-    """Time the contenders turn by turn on the first rows of the inputs; the first contender is the measure of all."""
+    """Time the contenders turn by turn on the first rows of the inputs; ratios are to ours, if it takes part.
+
+    The first turn (compilation, first use) is not counted.
+    """
     n = len(inputs[0])
     tasks = {c.label: partial(c.call, *(i[: c.poses(n)] for i in inputs)) for c in contenders}
     seconds = timing.interleaved(tasks, repeats)
@@ -91,7 +94,7 @@ def race(contenders: list[Contender], inputs: tuple[Array, ...], repeats: int, m
         for c in contenders
     ]
     for row in rows:
-        row["ratio"] = row["ns"]["median"] / rows[0]["ns"]["median"]
+        row["ratio"] = row["ns"]["median"] / rows[0]["ns"]["median"] if contenders[0].module is ours else None
     return rows
 
 
@@ -110,6 +113,7 @@ def fit(n: int, repeats: int, memory: bool) -> list[Row]:
     return race(solvers("fit"), (q, measured), repeats, memory)
 
 
+@cache
 def solvers(function: str) -> list[Contender]:
     """Ours, if it is wired, and the competent user's."""
     numpy_user = importlib.import_module("tests.benchmarks.rivals.competent_numpy")
@@ -141,6 +145,7 @@ def exactness(poses: int = 400) -> list[Row]:
 _FROM = {"fit": "measured positions", "solve": "volumetric errors"}
 
 
+@cache
 def _accuracy() -> Any:
     try:
         return importlib.import_module("tests.benchmarks.accuracy")
@@ -153,12 +158,15 @@ def show(title: str, rows: list[Row]) -> None:
     """One table of a race."""
     print(f"\n{title}\n{'':<44}{'poses':>9}{'ns a pose':>12}{'min - max':>21}{'ratio':>9}{'peak MB':>9}{'error':>9}")
     for row in rows:
-        ns, size, error = row["ns"], row["bytes"], row["error"]
+        ns = row["ns"]
         spread = f"{ns['min']:.0f} - {ns['max']:.0f}"
-        print(
-            f"{row['name']:<44}{row['poses']:>9}{ns['median']:>12.0f}{spread:>21}{row['ratio']:>9.2f}"
-            f"{'-' if size is None else f'{size / 1e6:.0f}':>9}{'-' if error is None else f'{error:.0e}':>9}"
-        )
+        ratio, error = _cell(row["ratio"], ".2f"), _cell(row["error"], ".0e")
+        size = _cell(row["bytes"] and row["bytes"] / 1e6, ".0f")
+        print(f"{row['name']:<44}{row['poses']:>9}{ns['median']:>12.0f}{spread:>21}{ratio:>9}{size:>9}{error:>9}")
+
+
+def _cell(value: float | None, form: str) -> str:
+    return "-" if value is None else format(value, form)
 
 
 def main() -> None:

@@ -1,52 +1,56 @@
-"""What a competent user writes: frames of all poses at once as stacked arrays, and screw columns. No block, no trick.
+"""What a competent user writes: frames of all poses at once as stacked arrays, and screw columns.
 
-Returns the dense M, (3n, 52), rows x y z of one pose after the other: all 52 columns.
+Returns the dense M, (3n, 52): all 52 columns, rows x of all poses, then y, then z. The pose is the last index of every
+array, so that each operation runs over contiguous memory: nearly three times as fast as the usual (n, 4, 4) stacks.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from tests.benchmarks.five_axis import IDS, JOINTS, MOTIONS, RANK, TOOL, Array, nominal
+from tests.benchmarks.five_axis import IDS, JOINTS, RANK, TOOL, Array, nominal
 
-__all__ = ["IDS", "build", "fit", "solve"]
+__all__ = ["IDS", "as_design", "build", "fit", "solve"]
 
 
 def build(q: Array) -> Array:
     n = len(q)
-    turn, point = np.broadcast_to(np.eye(3), (n, 3, 3)), np.zeros((n, 3))
+    turn, point = np.broadcast_to(np.eye(3)[:, :, None], (3, 3, n)), np.zeros((3, n))
     frames = []  # axes and pivot of the errors, of each joint and of the member behind it
-    for k, (_, kind, axis, _) in enumerate(JOINTS):
+    for (_, kind, direction, _), position in zip(JOINTS, q.T, strict=True):
+        axis = np.array(direction)
         if kind == "rotary":
             frames.append((turn, point))
-            turn = turn @ _rotations(axis, q[:, k])
+            turn = np.einsum("ijn,jkn->ikn", turn, _rotations(axis, position))
         else:
-            point = point + q[:, k, None] * (turn @ np.array(axis))
+            point = point + position * np.einsum("ijn,j->in", turn, axis)
             frames.append((turn, point))
         frames.append((turn, point))
-    tip = point + turn @ np.array(TOOL)
+    tip = point + np.einsum("ijn,j->in", turn, np.array(TOOL))
 
-    M = np.empty((n, 3, len(IDS)))
-    column = 0
+    M = np.empty((len(IDS), 3, n))
+    columns = M.transpose(1, 0, 2)
+    at = 0
     for place, (turn, point) in enumerate(frames):
-        _, kind, axis, _ = JOINTS[place // 2]
-        lever = np.cross(turn, (tip - point)[:, :, None], axis=1)  # columns: each axis x lever arm
-        width = 6
-        if place % 2:  # a member: constants
-            M[:, :, column : column + 3] = turn
-            M[:, :, column + 3 : column + 6] = lever
-        elif kind == "rotary":
-            half = np.sin(q[:, place // 2] / 2)[:, None, None]
-            M[:, :, column : column + 3] = half * turn
-            M[:, :, column + 3 : column + 6] = half * lever
-        else:  # a scale, and three angular rates with the straightness their integral gives
-            travel = q[:, place // 2, None, None]
-            bend = np.cross(np.eye(3), np.array(axis)).T
-            M[:, :, column] = travel[:, 0] * (turn @ np.array(axis))
-            M[:, :, column + 1 : column + 4] = travel * lever + travel**2 / 2 * (turn @ bend)
-            width = 4
-        column += width
-    return M.reshape(3 * n, -1)
+        _, kind, direction, _ = JOINTS[place // 2]
+        axis, position = np.array(direction), q[:, place // 2]
+        lever = np.cross(turn, (tip - point)[:, None], axis=0)  # columns: each axis x lever arm
+        shift = turn
+        if place % 2 == 0 and kind == "rotary":
+            half = np.sin(position / 2)
+            shift, lever = half * turn, half * lever
+        elif place % 2 == 0:  # a scale, and three angular rates with the straightness their integral gives
+            shift = position * np.einsum("ijn,jk->ikn", turn, axis[:, None])
+            bend = np.einsum("ijn,jk->ikn", turn, np.cross(np.eye(3), axis).T)
+            lever = position * lever + position**2 / 2 * bend
+        for block in (shift, lever):
+            columns[:, at : at + block.shape[1]] = block
+            at += block.shape[1]
+    return M.reshape(len(IDS), -1).T
+
+
+def as_design(result: Array, q: Array) -> Array:
+    return result.T.reshape(len(IDS), 3, len(q)).transpose(2, 1, 0)
 
 
 def fit(q: Array, measured: Array) -> dict[str, object]:
@@ -58,11 +62,11 @@ def solve(q: Array, errors: Array) -> dict[str, object]:
     """Least squares on independent columns, with residual statistics and covariance, as a user would."""
     M = build(q)
     base = independent_columns(M)
-    A, e = M[:, base], errors.ravel()
+    A, e = M.T[base].T, errors.T.ravel()
     values = np.linalg.lstsq(A, e, rcond=None)[0]
     residuals = e - A @ values
     variance = float(residuals @ residuals) / (len(e) - len(base))
-    size = np.linalg.norm(residuals.reshape(-1, 3), axis=1)
+    size = np.linalg.norm(residuals.reshape(3, -1), axis=0)
     return {
         "ids": tuple(IDS[k] for k in base),
         "values": values,
@@ -75,17 +79,17 @@ def solve(q: Array, errors: Array) -> dict[str, object]:
 
 
 def independent_columns(M: Array) -> list[int]:
-    """Columns that a pivoted QR of a few hundred scaled rows keeps."""
+    """Columns that a pivoted QR of a thousand scaled rows keeps."""
     from scipy.linalg import qr
 
-    some = M[: 3 * 400]
+    some = M[:: -(-len(M) // 1000)]
     scale = np.sqrt((some**2).sum(axis=0))
     scale[scale < 1e-12 * scale.max()] = np.inf  # columns without effect are rounding errors, not zeros
     order = qr(some / scale, mode="r", pivoting=True)[1]
     return sorted(int(k) for k in order[:RANK])
 
 
-def _rotations(axis: tuple[float, float, float], angle: Array) -> Array:
-    cross = np.cross(np.eye(3), np.array(axis))
-    s, c = np.sin(angle)[:, None, None], np.cos(angle)[:, None, None]
-    return np.eye(3) + s * cross + (1 - c) * (cross @ cross)
+def _rotations(axis: Array, angle: Array) -> Array:
+    cross = np.cross(np.eye(3), axis)
+    once, twice = cross[:, :, None], (cross @ cross)[:, :, None]
+    return np.eye(3)[:, :, None] + np.sin(angle) * once + (1 - np.cos(angle)) * twice

@@ -21,6 +21,7 @@ from tests.benchmarks.five_axis import JOINTS, MOTIONS, TOOL, Array
 IDS = tuple(f"{element}.{motion}" for element in ("frame", "T1", "T2", "T3", "T4") for motion in MOTIONS)
 MAX_POSES = 300
 _UNIT = np.array([0.001 if kind == "prismatic" else 1.0 for _, kind, _, _ in JOINTS])
+_URDF = {"rotary": "revolute", "prismatic": "prismatic"}
 
 
 def urdf() -> str:
@@ -30,9 +31,8 @@ def urdf() -> str:
     for (name, kind, axis, travel), unit in zip(JOINTS, _UNIT, strict=True):
         direction = " ".join(str(a) for a in axis)
         low, high = (t * unit for t in travel)
-        kind = "revolute" if kind == "rotary" else kind
         parts.append(
-            f'<link name="after_{name}"/><joint name="{name}" type="{kind}"><parent link="{parent}"/>'
+            f'<link name="after_{name}"/><joint name="{name}" type="{_URDF[kind]}"><parent link="{parent}"/>'
             f'<child link="after_{name}"/><axis xyz="{direction}"/>'
             f'<limit lower="{low}" upper="{high}" effort="1" velocity="1"/></joint>'
         )

@@ -1,0 +1,40 @@
+"""Backlash: the position a joint settles at depends on the side it came from."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import ClassVar
+
+from errormodel.effects.base import Channels, Effect, EffectTerm, along
+from errormodel.effects.scene import Scene
+from errormodel.machine import Machine, joint_of
+
+
+class Backlash(Effect):
+    """``size/2 * direction`` along the axis (mm, or rad about it); sign: positive lags ahead in the direction of travel."""
+
+    effect: ClassVar[str] = "backlash"
+    family: ClassVar[str] = "reversal"
+    source: ClassVar[str] = "ISO 230-2 reversal value; 0 to 50 um on machine tools"
+    alike: ClassVar[tuple[str, ...]] = ("lost-motion", "hysteresis", "servo-lag")
+    separate: ClassVar[str] = "approach the same positions from both sides at two feeds, along the whole travel"
+    example: ClassVar[Mapping[str, object]] = {"joint": "X"}
+
+    joint: str
+
+    @property
+    def where(self) -> str:
+        return self.joint
+
+    @property
+    def drivers(self) -> tuple[str, ...]:
+        return (f"dir_{self.joint}",)
+
+    def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
+        joint = joint_of(machine, self.joint)
+        unit, size = ("mm", 0.02) if joint.type == "prismatic" else ("rad", 5e-5)
+        return [EffectTerm(self.joint, "", unit, along(joint, channel(f"dir_{self.joint}") / 2), size)]
+
+    @classmethod
+    def proposals(cls, scene: Scene) -> Iterator[Effect]:
+        return (cls(joint=j.name) for j in scene.moving if scene.both_ways(j))

@@ -1,0 +1,24 @@
+"""Functions that effects write their motion with: on CasADi symbols when a chain is built, on arrays when many are tried."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+Value = Any  # a float, an array of one value a row, or an SX
+
+
+def _both(name: str, numeric: str | None = None) -> Any:
+    symbolic, plain = getattr(ca, name), getattr(np, numeric or name)
+
+    def function(*args: Value) -> Value:
+        return symbolic(*args) if any(isinstance(a, ca.SX) for a in args) else plain(*args)
+
+    function.__name__ = name
+    return function
+
+
+sin, cos, exp, tanh, sqrt = (_both(n) for n in ("sin", "cos", "exp", "tanh", "sqrt"))
+fmax, fmin, absolute = _both("fmax", "maximum"), _both("fmin", "minimum"), _both("fabs", "abs")

@@ -1,0 +1,64 @@
+"""What a survey lets an effect be looked for by: which joints moved, which channels vary, how long it took."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from errormodel.machine import Joint, Machine
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A machine and the columns of a survey of it, each (n,), in mm, rad, s, degC."""
+
+    machine: Machine
+    columns: Mapping[str, Array]
+
+    def varies(self, name: str) -> bool:
+        """Whether a channel is there, complete, and not constant."""
+        values = self.columns.get(name)
+        return values is not None and bool(np.isfinite(values).all()) and float(np.ptp(values)) > 0
+
+    @cached_property
+    def moving(self) -> tuple[Joint, ...]:
+        """Joints that took more than one position."""
+        return tuple(j for j in self.machine.joints if self.varies(j.name))
+
+    @property
+    def prismatic(self) -> tuple[Joint, ...]:
+        return tuple(j for j in self.moving if j.type == "prismatic")
+
+    @property
+    def rotary(self) -> tuple[Joint, ...]:
+        return tuple(j for j in self.moving if j.type == "rotary")
+
+    @cached_property
+    def sensors(self) -> tuple[str, ...]:
+        """Temperature channels that vary."""
+        return tuple(n for n in self.columns if n.startswith("T_") and self.varies(n))
+
+    @cached_property
+    def witnesses(self) -> tuple[str, ...]:
+        return tuple(n for n in self.columns if n.startswith("w_") and self.varies(n))
+
+    @property
+    def duration(self) -> float:
+        """Of the recording, s; 0 without time."""
+        return float(np.ptp(self.columns["time"])) if self.varies("time") else 0.0
+
+    def span(self, joint: Joint) -> tuple[float, float]:
+        """Positions that a joint really took."""
+        values = self.columns[joint.name]
+        return float(values.min()), float(values.max())
+
+    def both_ways(self, joint: Joint) -> bool:
+        """Whether the joint arrived from both sides, at least five times each."""
+        signs = self.columns.get(f"dir_{joint.name}")
+        return signs is not None and min(int((signs > 0).sum()), int((signs < 0).sum())) >= 5

@@ -1,0 +1,140 @@
+"""Channels of a survey, by name: its columns, and what effects derive from them (lagged temperatures, friction's memory).
+
+``X`` a joint; ``time`` ``feed`` ``load`` ``T_bed`` ``w_sync`` columns as they are; ``dir_X`` side of arrival, +-1;
+``lag(T_bed,600)`` the column behind a first-order lag of 600 s; ``play(X,0.01)`` what follows X with a play of 0.01
+(mm or rad) in the order of the rows; ``point_x`` is not a column but the chain's nominal position.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from errormodel.exceptions import InputError, nearest
+from errormodel.kernel import Array
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_CALL = re.compile(r"(lag|play)\(([^,()]+),([^,()]+)\)")
+_GAPLESS = ("T_", "w_", "time", "feed", "load")  # positions may be missing in rows about another joint
+Index = np.ndarray[tuple[int], np.dtype[np.intp]]
+POINT = ("point_x", "point_y", "point_z")
+
+
+def channel(table: pd.DataFrame, name: str) -> Array:
+    """One channel over all rows, (n,).
+
+    Raises
+    ------
+    InputError
+        The survey has no such column, or it has gaps.
+    """
+    call = _CALL.fullmatch(name)
+    if call:
+        return _DERIVED[call[1]](table, call[2], float(call[3]))
+    if name.startswith("dir_"):
+        return direction(table, name[4:])
+    if name not in table:
+        raise InputError(
+            "survey",
+            f"no column '{name}', which an effect of this machine needs",
+            nearest(name, [str(c) for c in table.columns]),
+        )
+    values = table[name].to_numpy(dtype=np.float64)
+    if name.startswith(_GAPLESS) and not np.isfinite(values).all():
+        row = int(np.flatnonzero(~np.isfinite(values))[0])
+        raise InputError(
+            f"survey, row {row + 1}, column {name}",
+            "no value, though an effect of this machine depends on it",
+            "Fill the gap, or take the effect out of machine.yaml",
+        )
+    return values
+
+
+def direction(table: pd.DataFrame, joint: str) -> Array:
+    """Side from which a joint arrived: +1 where it came up from smaller positions, -1 from larger, (n,).
+
+    As the column ``dir_<joint>`` says; where it says nothing, by the order of a file's rows (of their times where a
+    run's rows are not in order). A joint that stands still keeps its sign; before its first move it has the sign of
+    that move; one that never moves has +1.
+    """
+    import pandas as pd
+
+    file = _codes(table, ["file"])
+    order = np.arange(len(table))
+    if "time" in table:
+        run = _codes(table, ["file", "run"])
+        step = table["time"].groupby(run, sort=False).diff()
+        shuffled = pd.Series(step < 0).groupby(file).transform("any").to_numpy()
+        time = np.where(shuffled, table["time"], 0.0)
+        order = np.lexsort((time, np.where(shuffled, run, 0), file))  # stable: otherwise the rows' own order
+    position = table[joint].iloc[order].groupby(file[order])
+    moved = np.sign(position.ffill().groupby(file[order]).diff()).replace(0.0, np.nan)
+    by_file = moved.groupby(file[order])
+    derived = by_file.ffill().fillna(by_file.bfill()).fillna(1.0)
+    result = np.empty(len(table))
+    result[order] = derived.to_numpy()
+    if f"dir_{joint}" in table:
+        given = table[f"dir_{joint}"].to_numpy(dtype=np.float64)
+        result = np.where(np.isnan(given), result, given)
+    return result
+
+
+def _codes(table: pd.DataFrame, names: list[str]) -> Index:
+    """A number for each different label of a row; one for all where the columns are not there."""
+    known = [n for n in names if n in table]
+    return table.groupby(known, sort=False).ngroup().to_numpy() if known else np.zeros(len(table), dtype=np.intp)
+
+
+def lag(table: pd.DataFrame, name: str, tau: float) -> Array:
+    """A column behind a first-order lag (time constant `tau`, s), settled at its first value; run by run."""
+    values, time = channel(table, name), channel(table, "time")
+    out = np.empty_like(values)
+    runs = _codes(table, ["file", "run"])
+    for run in np.unique(runs):
+        rows = np.flatnonzero(runs == run)
+        out[rows] = lagged(time[rows], values[rows], tau)
+    return out
+
+
+def lagged(time: Array, values: Array, tau: float) -> Array:
+    """First-order lag of a signal known at unevenly spaced times (any order), straight lines in between.
+
+    On an even grid of at least 20 steps a time constant and 4 a row, where the recursion of a lag is a digital filter.
+    """
+    from scipy.signal import lfilter
+
+    order = np.argsort(time, kind="stable")
+    t, x = time[order], values[order]
+    steps = int(min(max(20 * (t[-1] - t[0]) / tau, 4 * len(t), 2), 200_000))
+    grid = np.linspace(t[0], t[-1], steps + 1)
+    signal = np.interp(grid, t, x)
+    keep = np.exp(-(grid[1] - grid[0]) / tau) if t[-1] > t[0] else 0.0
+    # each step: y <- keep y + (1 - keep) * middle of the step's signal
+    middle = np.concatenate([[signal[0]], (signal[1:] + signal[:-1]) / 2])
+    filtered, _ = lfilter([1 - keep], [1, -keep], middle, zi=[keep * signal[0]])
+    out = np.empty_like(values)
+    out[order] = np.interp(t, grid, filtered)
+    return out
+
+
+def play(table: pd.DataFrame, name: str, width: float) -> Array:
+    """What a joint leaves of its position behind a play of full `width` (mm or rad), in the order of the rows."""
+    q = channel(table, name)
+    start = direction(table, name)[0]
+    low, high = q - width / 2, q + width / 2
+    # each row clamps what came before into [low, high]; clamps compose into clamps, so that a scan by doubling will do
+    step = 1
+    while step < len(q):
+        earlier_low, earlier_high = low[:-step], high[:-step]
+        new_low = np.clip(earlier_low, low[step:], high[step:])
+        new_high = np.clip(earlier_high, low[step:], high[step:])
+        low, high = np.concatenate([low[:step], new_low]), np.concatenate([high[:step], new_high])
+        step *= 2
+    return np.clip(q[0] - start * width / 2, low, high)
+
+
+_DERIVED = {"lag": lag, "play": play}

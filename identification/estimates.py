@@ -1,0 +1,67 @@
+"""The fitted groups as they are printed: numbered, named, in um and urad."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from errormodel.machine import Joint
+from identification.fit.result import Fit
+from identification.store import parameters
+
+PRINTED: dict[str, tuple[float, str]] = {
+    "mm": (1e3, "µm"),
+    "rad": (1e6, "µrad"),
+    "1": (1e6, "µm/m"),
+    "rad/mm": (1e9, "µrad/m"),
+}
+ARCSEC = 0.20626480624709636  # of a microradian
+
+Kind = Literal["member", "joint", "frame", "zero"]
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One identifiable group.
+
+    Attributes
+    ----------
+    number : from 1, in the order of the fit.
+    id : the parameter that stands for the group; `name` has an ellipsis where it has others with it.
+    formula : the whole group; `symbol` is the ISO 230-1 name, if there is one.
+    value, std : in `unit` (um, urad, um/m, urad/m); std is k = 1.
+    kind : a structural member's, a joint's, a measuring frame's (or a target's mount), or an instrument's zero.
+    """
+
+    number: int
+    id: str
+    name: str
+    formula: str
+    symbol: str
+    value: float
+    std: float
+    unit: str
+    kind: Kind
+
+    @property
+    def significance(self) -> float:
+        """The value in units of its standard uncertainty."""
+        return abs(self.value) / self.std if self.std else float("inf")
+
+
+def estimates(fit: Fit) -> list[Estimate]:
+    """All groups of a fit."""
+    joints = {e.name for e in fit.chain.machine.elements if isinstance(e, Joint)}
+    members = {e.name for e in fit.chain.machine.elements} - joints
+    out = []
+    for number, p in enumerate(parameters(fit), start=1):
+        factor, unit = PRINTED[p["unit"]]
+        kind: Kind = "zero" if p["id"].startswith("zero[") else "frame"
+        if p["id"] in fit.chain.index:
+            element = fit.chain.parameters[fit.chain.index[p["id"]]].element
+            kind = "joint" if element in joints else "member" if element in members else "frame"
+        more = " …" if len(p["members"]) > 1 else ""
+        symbol = p["symbol"] + more if p["symbol"] else ""
+        values = (factor * p["value"], factor * p["std"])
+        out.append(Estimate(number, p["id"], p["id"] + more, p["group"], symbol, *values, unit, kind))
+    return out

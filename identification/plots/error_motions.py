@@ -1,0 +1,108 @@
+"""The error motions of a joint over its travel, as fitted, with their uncertainty."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MultipleLocator
+
+from errormodel.conventions import MOTIONS, iso_symbol
+from errormodel.kernel import Array
+from errormodel.machine import Joint
+from identification.fit.result import Fit
+from identification.plots import style
+from identification.views import MotionView
+
+POINTS = 241
+MOST_DOTS = 400  # of a motion's own measurements
+LINES = ("-", "--", "-.")
+
+
+def moving_joints(fit: Fit) -> list[Joint]:
+    """The joints of which at least one error motion was identified."""
+    found = {fit.chain.parameters[fit.chain.index[i]].element for i in _base(fit)}
+    return [j for j in fit.chain.machine.joints if j.name in found]
+
+
+def draw_error_motions(fit: Fit, joint: Joint) -> Figure:
+    """The identified error motions of one joint, with a band of twice their standard uncertainty.
+
+    Translations in um on the left, rotations in urad on the right, over the joint's travel. Dots are measurements of
+    the motion itself, their instrument's zero taken off; a shaded end of the travel holds no measured row.
+    """
+    q = np.linspace(*joint.travel, POINTS)
+    value, deviation = _curves(fit, joint, q)
+    turning = joint.type == "rotary"
+    figure = Figure(figsize=(style.WIDTH, 2.75), facecolor="white")
+    for side, (unit, factor) in enumerate((("µm", 1e3), ("µrad", 1e6))):
+        axes = figure.add_axes((0.085 + 0.5 * side, 0.17, 0.385, 0.66))
+        position = f"{style.plain(joint.name, 16)} / {'°' if turning else 'mm'}"
+        style.dress(axes, position, f"{('translation', 'rotation')[side]} / {unit}")
+        along = np.degrees(q) if turning else q
+        for k in range(3):
+            row = 3 * side + k
+            if deviation[row].any():
+                dots = _measured(fit, joint, row)
+                axes.plot(np.degrees(dots[0]) if turning else dots[0], factor * dots[1], ".", ms=3, mew=0,
+                          color=style.AXIS_COLOURS[k], alpha=0.5, rasterized=True)  # fmt: skip
+                middle, width = factor * value[row], 2 * factor * deviation[row]
+                axes.fill_between(along, middle - width, middle + width, color=style.AXIS_COLOURS[k], alpha=0.2, lw=0)
+                label = style.plain(iso_symbol(joint.name, MOTIONS[row]), 16)
+                axes.plot(along, middle, color=style.AXIS_COLOURS[k], ls=LINES[k], lw=1.6, label=label)
+        axes.axhline(0, color=style.MUTED, lw=0.7)
+        axes.set_xlim(along[0], along[-1])
+        if turning and 90 < np.ptp(along) <= 360:
+            axes.xaxis.set_major_locator(MultipleLocator(60 if np.ptp(along) > 180 else 30))
+        _shade_unmeasured(fit, joint, axes)
+        if axes.get_legend_handles_labels()[0]:
+            axes.legend(loc="lower left", bbox_to_anchor=(-0.02, 0.98), ncols=3, fontsize=style.BODY, frameon=False,
+                        labelcolor=style.INK, handlelength=2.4, columnspacing=1.4)  # fmt: skip
+        else:
+            axes.text(0.5, 0.55, "none identified", transform=axes.transAxes, size=style.BODY, color=style.MUTED, ha="center")
+    return figure
+
+
+def _base(fit: Fit) -> list[str]:
+    names = (fit.solution.unknowns[j] for j in fit.solution.groups.base)
+    return [n for n in names if n in fit.chain.machine_ids]
+
+
+def _curves(fit: Fit, joint: Joint, q: Array) -> tuple[Array, Array]:
+    """The six motions at positions `q` and their standard uncertainty, (6, n) in mm and rad."""
+    chain, solution = fit.chain, fit.solution
+    ids = tuple(i for i in _base(fit) if chain.parameters[chain.index[i]].element == joint.name)
+    names = [solution.unknowns[j] for j in solution.groups.base]
+    here = [names.index(i) for i in ids]
+    rows = [q if c == joint.name else np.zeros_like(q) for c in chain.channels]
+    terms = chain.kernel("terms", ids)(rows, np.zeros(len(chain.ids))).reshape(len(ids) + 6, 6, len(q))[: len(ids)]
+    value = np.tensordot(solution.values[solution.groups.base[here]], terms, axes=1)
+    covariance = solution.covariance[np.ix_(here, here)] * fit.inflation**2
+    variance = np.einsum("amq,ab,bmq->mq", terms, covariance, terms)
+    return value, np.sqrt(np.maximum(variance, 0.0))
+
+
+def _measured(fit: Fit, joint: Joint, row: int) -> tuple[Array, Array]:
+    """Where this motion itself was measured, and what was found there beyond the instrument's zero."""
+    named = fit.solution.named()
+    channel = fit.chain.channels.index(joint.name)
+    found = [np.zeros((2, 0))]
+    for view in fit.problem.views:
+        if isinstance(view, MotionView) and view.outputs == (row,) and set(view.ids) & set(_base(fit)):
+            some = np.unique(np.linspace(0, len(view) - 1, MOST_DOTS).astype(int))
+            zero = named.get(view.columns[len(view.ids) + row], 0.0)
+            if fit.chain.parameters[fit.chain.index[view.ids[0]]].element == joint.name:
+                found.append(np.array([view.rows[channel][some], view.measured[some] - zero]))
+    position, value = np.concatenate(found, axis=1)
+    return position, value
+
+
+def _shade_unmeasured(fit: Fit, joint: Joint, axes: Axes) -> None:
+    position = fit.survey.table[joint.name].to_numpy(dtype=float)
+    low, high = np.nanmin(position), np.nanmax(position)
+    if joint.type == "rotary":
+        low, high = np.degrees(low), np.degrees(high)
+    left, right = axes.get_xlim()
+    for start, end in ((left, low), (high, right)):
+        if end - start > 0.02 * (right - left):
+            axes.axvspan(start, end, color=style.FAINT, alpha=0.6, lw=0, zorder=0)

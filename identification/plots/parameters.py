@@ -1,0 +1,47 @@
+"""The fitted parameters with their uncertainty, the most significant first, each unit by itself."""
+
+from __future__ import annotations
+
+from matplotlib.figure import Figure
+
+from identification.estimates import Estimate, estimates
+from identification.fit.result import Fit
+from identification.plots import style
+
+BAR = 0.19  # inches a parameter
+TITLES = {"µm": "Lengths", "µm/m": "Scales", "µrad": "Angles", "µrad/m": "Angles a travel"}
+
+
+def draw_parameters(fit: Fit) -> Figure:
+    """Dots with bars of twice the standard uncertainty; hollow where the bar holds zero.
+
+    Frames and zeros of instruments are left out: they say nothing of the machine.
+    """
+    shown = [e for e in estimates(fit) if e.kind in ("member", "joint")]
+    shown.sort(key=lambda e: -e.significance)
+    stacks = [[(u, [e for e in shown if e.unit == u]) for u in units] for units in (("µm", "µm/m"), ("µrad", "µrad/m"))]
+    stacks = [[(unit, some) for unit, some in stack if some] for stack in stacks]
+    height = max([sum(len(some) * BAR + 0.95 for _, some in stack) for stack in stacks] + [1.0])
+    figure = Figure(figsize=(style.WIDTH, height), facecolor="white")
+    for side, stack in enumerate(stacks):
+        top = height
+        for unit, some in stack:
+            tall = len(some) * BAR + 0.1
+            box = (1.15 + 4.0 * side, top - 0.3 - tall, 2.6, tall)
+            _panel(figure, [v / s for v, s in zip(box, (style.WIDTH, height) * 2, strict=True)], unit, some)
+            top -= tall + 0.85
+    return figure
+
+
+def _panel(figure: Figure, box: list[float], unit: str, some: list[Estimate]) -> None:
+    axes = figure.add_axes((box[0], box[1], box[2], box[3]))
+    style.dress(axes, f"value ± 2 standard uncertainties / {unit}", "", TITLES[unit])
+    axes.axvline(0, color=style.MUTED, lw=0.8)
+    for y, e in enumerate(some):
+        clear = e.significance >= 2
+        axes.plot([e.value - 2 * e.std, e.value + 2 * e.std], [y, y], color=style.FITTED, lw=1.6, alpha=1 if clear else 0.6)
+        axes.plot(e.value, y, "o", ms=4.5, mfc=style.FITTED if clear else "white", mec=style.FITTED, mew=1.1)
+    axes.set_yticks(range(len(some)), [style.plain(e.name, 22) for e in some])
+    axes.set_ylim(len(some) - 0.4, -0.6)
+    axes.grid(axis="y", visible=False)
+    axes.locator_params(axis="x", nbins=6)

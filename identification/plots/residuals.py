@@ -1,0 +1,120 @@
+"""What the fit leaves over, against where the joints stood and when the row was measured."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from errormodel.kernel import Array
+from identification.fit.result import Fit
+from identification.plots import style
+
+MOST = 1500  # dots of a panel
+LANE, ROW = 1.25, 1.2  # height of a panel, inches
+
+
+def draw_residuals_by_position(fit: Fit) -> Figure:
+    """Residuals x, y, z (um, measuring frame) against the position of each joint: one column a joint."""
+    joints = [j for j in fit.chain.machine.joints if np.ptp(_finite(fit, j.name)) > 0]
+    wide, lines = min(len(joints), 5), -(-len(joints) // 5)
+    height = lines * (3 * LANE + 0.75) + 0.35
+    figure = Figure(figsize=(style.WIDTH, height), facecolor="white")
+    limit = _limit(fit)
+    column = 7.25 / max(wide, 3)
+    for k, joint in enumerate(joints):
+        line, place = divmod(k, wide)
+        position = fit.survey.table[joint.name].to_numpy(dtype=float)
+        turning = joint.type == "rotary"
+        name = f"{style.plain(joint.name, 12)} / {'°' if turning else 'mm'}"
+        for component, axis in enumerate("xyz"):
+            bottom = height - 0.3 - line * (3 * LANE + 0.75) - (component + 1) * LANE
+            box = (0.65 + place * column, bottom, column - 0.12, LANE - 0.12)
+            axes = figure.add_axes([v / s for v, s in zip(box, (style.WIDTH, height) * 2, strict=True)])
+            style.dress(axes, name if component == 2 else "", f"{axis} / µm" if place == 0 else "")
+            _panel(fit, axes, np.degrees(position) if turning else position, component, limit)
+            axes.tick_params(labelbottom=component == 2, labelleft=place == 0)
+            axes.locator_params(axis="x", nbins=max(3, int(column * 2.2)))
+    _legend(figure)
+    return figure
+
+
+def draw_residuals_by_order(fit: Fit) -> Figure:
+    """Residuals x, y, z (um, measuring frame) against time, or against the row where no time was recorded."""
+    when, label = _when(fit)
+    height = 3 * LANE + 0.9
+    figure = Figure(figsize=(style.WIDTH, height), facecolor="white")
+    limit = _limit(fit)
+    for component, axis in enumerate("xyz"):
+        box = (0.65, height - 0.3 - (component + 1) * LANE, 7.2, LANE - 0.12)
+        axes = figure.add_axes([v / s for v, s in zip(box, (style.WIDTH, height) * 2, strict=True)])
+        style.dress(axes, label if component == 2 else "", f"{axis} / µm")
+        _panel(fit, axes, when, component, limit)
+        axes.tick_params(labelbottom=component == 2)
+    _legend(figure)
+    return figure
+
+
+def _finite(fit: Fit, name: str) -> Array:
+    seen = np.isfinite(fit.residuals).any(axis=1)
+    values = fit.survey.table[name].to_numpy(dtype=float)[seen]
+    return values if len(values) else np.zeros(1)
+
+
+def _when(fit: Fit) -> tuple[Array, str]:
+    table = fit.survey.table
+    if "time" in table:
+        time = table["time"].to_numpy(dtype=float)
+        if np.isfinite(time).sum() > 1 and np.nanmax(time) > np.nanmin(time):
+            hours = np.nanmax(time) - np.nanmin(time) > 3 * 3600
+            return time / (3600 if hours else 60), f"time / {'h' if hours else 'min'}"
+    return np.arange(1.0, len(table) + 1), "row, in the order of the survey"
+
+
+def _limit(fit: Fit) -> float:
+    """Half the height of every panel: nearly all residuals, um; what lies beyond is drawn at the edge."""
+    sizes = np.abs(fit.residuals[np.isfinite(fit.residuals)])
+    if not len(sizes):
+        return 1.0
+    return 1e3 * max(1.15 * float(np.quantile(sizes, 0.997)), 2.4 * fit.sigma_mm, 1e-6)
+
+
+def _panel(fit: Fit, axes: Axes, x: Array, component: int, limit: float) -> None:
+    """Dots, the median and the middle nine tenths in bins of equally many rows, and twice the noise."""
+    y = 1e3 * fit.residuals[:, component]
+    use = np.isfinite(x) & np.isfinite(y)
+    x, y = x[use], y[use]
+    colour = style.AXIS_COLOURS[component]
+    axes.axhspan(-2e3 * fit.sigma_mm, 2e3 * fit.sigma_mm, color=style.FAINT, alpha=0.55, lw=0, zorder=0)
+    axes.axhline(0, color=style.MUTED, lw=0.7)
+    axes.set_ylim(-limit, limit)
+    if not len(x):
+        axes.text(0.5, 0.6, "not measured", transform=axes.transAxes, size=style.SMALL, color=style.MUTED, ha="center")
+        return
+    some = np.unique(np.linspace(0, len(x) - 1, MOST).astype(int))
+    axes.plot(x[some], np.clip(y[some], -limit, limit), ".", ms=2.5, mew=0, color=colour, alpha=0.4, rasterized=True)
+    middle, low, median, high = _quantiles(x, y)
+    if len(middle) > 1:
+        axes.plot(middle, low, middle, high, color=colour, lw=0.9, ls=(0, (3, 1.5)))
+        axes.plot(middle, median, color=style.INK, lw=1.6)
+
+
+def _quantiles(x: Array, y: Array) -> tuple[Array, Array, Array, Array]:
+    """Of bins with equally many rows (equal x stay together): mean x, and the 5, 50 and 95 % points of y."""
+    bins = int(np.clip(len(x) // 25, 3, 24))
+    edges = np.unique(np.quantile(x, np.linspace(0, 1, bins + 1)))
+    bin_of = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, max(len(edges) - 2, 0))
+    order = np.argsort(bin_of, kind="stable")
+    out = [
+        (x[part].mean(), *np.quantile(y[part], (0.05, 0.5, 0.95)))
+        for part in np.split(order, np.flatnonzero(np.diff(bin_of[order])) + 1)
+        if len(part) >= 5
+    ]
+    columns = np.array(out).reshape(-1, 4).T
+    return columns[0], columns[1], columns[2], columns[3]
+
+
+def _legend(figure: Figure) -> None:
+    height = figure.get_figheight()
+    text = "dark line: median      dashed: 9 of 10 residuals lie between      grey: ± 2 standard deviations of the noise"
+    figure.text(0.65 / style.WIDTH, 1 - 0.2 / height, text, size=style.SMALL, color=style.MUTED)

@@ -1,0 +1,38 @@
+"""How many combinations of parameters the survey tells apart: the singular values of its scaled design matrix."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from identification.fit.result import Fit
+from identification.groups import ROUND_OFF
+from identification.plots import style
+
+FLOOR = 1e-17  # what is computed as zero is drawn here
+
+
+def draw_singular_values(fit: Fit) -> Figure:
+    """Singular values in falling order and the threshold that decides the rank."""
+    groups = fit.solution.groups
+    values = np.maximum(groups.singular_values, FLOOR)
+    place = np.arange(1, len(values) + 1)
+    kept = place <= groups.rank
+    figure = Figure(figsize=(style.WIDTH, 2.7), facecolor="white")
+    axes = figure.add_axes((0.085, 0.18, 0.885, 0.76))
+    style.dress(axes, "number of the singular value", "singular value, logarithmic")
+    axes.set_yscale("log")
+    axes.plot(place[kept], values[kept], "o", ms=5, color=style.FITTED, label=f"identified: {groups.rank}")
+    if not kept.all():
+        axes.plot(place[~kept], values[~kept], "o", ms=5, mfc="white", mec=style.NOMINAL, mew=1.3,
+                  label=f"not told apart: {int((~kept).sum())}")  # fmt: skip
+    dropped = values[~kept]
+    by_noise = len(dropped) and dropped[0] > ROUND_OFF
+    threshold = float(np.sqrt(dropped[0] * values[groups.rank - 1])) if by_noise and groups.rank else ROUND_OFF
+    axes.axhline(threshold, color=style.INK, lw=1.1, ls="--")
+    why = "below: hidden by the noise" if by_noise else "below: round-off, not told apart by any survey of these poses"
+    axes.text(0.012, threshold, why, transform=axes.get_yaxis_transform(), size=style.SMALL, color=style.INK, va="bottom")
+    axes.set_xlim(0.2, len(values) + 0.8)
+    axes.set_ylim(top=5 * float(values.max()) if len(values) else 1.0)
+    axes.legend(loc="lower left", fontsize=style.BODY, frameon=False, labelcolor=style.INK)
+    return figure

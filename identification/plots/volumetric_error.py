@@ -1,0 +1,96 @@
+"""Volumetric error in space, before and after the fit, both at one magnification."""
+
+from __future__ import annotations
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import ListedColormap, Normalize
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from errormodel.kernel import Array, as_rows
+from identification.fit.result import Fit
+from identification.plots import style
+
+MOST = 400  # arrows
+SHADES = ListedColormap(mpl.colormaps["viridis_r"](np.linspace(0.15, 1, 128)))  # without its palest: arrows are thin
+ELEVATION, AZIMUTH = 22.0, -58.0  # degrees
+BOX = (2.6, 2.7)  # a volume's drawing is at most so wide and high, inches
+SIDE = 3.4  # of the square that Matplotlib draws it in; it fills 1.03 of it at zoom 1, see `_shadow`
+
+
+def draw_volumetric_error(fit: Fit) -> Figure:
+    """Arrows from the nominal positions along the error, in the axes of the machine's reference.
+
+    The magnification stands above; what was not measured of a row counts as no error.
+    """
+    points, before, after = _arrows(fit)
+    low, high = points.min(axis=0), points.max(axis=0)
+    span = np.maximum(high - low, 0.2 * max(float((high - low).max()), 1.0))
+    large = max(float(np.quantile(np.linalg.norm(before, axis=1), 0.95)), 1e-9)
+    factor = _round_down(0.13 * float(np.linalg.norm(span)) / large)
+    scale = Normalize(0, 1e3 * large)
+    wide, tall = _shadow(span)
+    zoom = min(BOX[0] / wide, BOX[1] / tall)
+    height = zoom * tall + 1.5
+    figure = Figure(figsize=(style.WIDTH, height), facecolor="white")
+    for place, (title, errors) in enumerate((("Nominal", before), ("Fitted", after))):
+        x = 1.62 + 3.55 * place  # the middle of the panel, inches
+        frame = (x - SIDE / 2, 0.62 + zoom * tall / 2 - SIDE / 2, SIDE, SIDE)
+        axes = figure.add_axes(
+            [v / s for v, s in zip(frame, (style.WIDTH, height) * 2, strict=True)],
+            projection="3d", proj_type="ortho", elev=ELEVATION, azim=AZIMUTH,
+        )  # fmt: skip
+        axes.patch.set_visible(False)
+        size = 1e3 * np.linalg.norm(errors, axis=1)
+        shades = SHADES(scale(size))
+        axes.scatter(*points.T, s=3, c=shades, lw=0, depthshade=False)
+        axes.quiver(  # a head's two strokes take the colour of their shaft
+            *points.T, *(factor * errors).T, lw=0.8, arrow_length_ratio=0.25,
+            colors=np.concatenate([shades, np.repeat(shades, 2, axis=0)]),
+        )  # fmt: skip
+        axes.set(**{f"{name}lim": m + s * np.array([-0.5, 0.5]) for name, m, s in zip("xyz", (low + high) / 2, span, strict=True)})
+        for name, axis in zip("xyz", (axes.xaxis, axes.yaxis, axes.zaxis), strict=True):
+            axis.set_label_text(f"{name} / mm", size=style.SMALL, color=style.INK)
+            axis.labelpad = 3
+            axis.set_major_locator(MaxNLocator(4))
+        axes.tick_params(labelsize=7, pad=-1, colors=style.MUTED)
+        axes.tick_params(axis="z", pad=3)
+        axes.set_box_aspect(tuple(span), zoom=zoom / (1.03 * SIDE))
+        figure.text(x / style.WIDTH, 1 - 0.58 / height, title, size=style.HEADING, weight="bold", color=style.INK, ha="center")
+    note = f"errors drawn {factor:g} × their size, {len(points)} of {len(fit.survey)} rows"
+    figure.text(0.43, 1 - 0.25 / height, note, size=style.BODY, color=style.MUTED, ha="center")
+    bar = figure.colorbar(ScalarMappable(scale, SHADES), cax=figure.add_axes((0.915, 0.6 / height, 0.018, 1 - 1.5 / height)), extend="max")
+    bar.set_label("|e| / µm", size=style.BODY, color=style.INK)
+    bar.ax.tick_params(labelsize=style.SMALL, colors=style.MUTED)
+    return figure
+
+
+def _arrows(fit: Fit) -> tuple[Array, Array, Array]:
+    """Nominal points and errors before and after, (m, 3) in mm, in the axes of the machine's reference."""
+    seen = np.flatnonzero(np.isfinite(fit.residuals).any(axis=1))
+    seen = seen[np.unique(np.linspace(0, len(seen) - 1, MOST).astype(int))]
+    table = fit.survey.table
+    rows = as_rows(*(table[c].to_numpy(dtype=float)[seen] for c in fit.chain.channels))
+    points = fit.chain.kernel("nominal", outputs=(0, 1, 2))(rows).T
+    before, after = (np.nan_to_num(errors[seen]) for errors in (fit.nominal_residuals, fit.residuals))
+    labels = fit.problem.labels[seen]
+    for label, pose in fit.problem.frames.items():
+        here = labels == label
+        before[here], after[here] = before[here] @ pose.rotation, after[here] @ pose.rotation
+    return points, before, after
+
+
+def _round_down(value: float) -> float:
+    """The largest 1, 2, 3, 5 or 7 times a power of ten that is not above `value`."""
+    power = 10.0 ** np.floor(np.log10(value))
+    return float(power * max(m for m in (1, 2, 3, 5, 7) if m * power <= value * (1 + 1e-9)))
+
+
+def _shadow(span: Array) -> tuple[float, float]:
+    """Width and height of a box in parallel projection, its diagonal being 1."""
+    x, y, z = span / np.linalg.norm(span)
+    up, turn = np.radians(ELEVATION), np.radians(AZIMUTH)
+    depth = abs(x * np.cos(turn)) + abs(y * np.sin(turn))
+    return float(abs(x * np.sin(turn)) + abs(y * np.cos(turn))), float(z * np.cos(up) + depth * np.sin(up))

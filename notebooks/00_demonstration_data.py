@@ -1,0 +1,99 @@
+# ---
+# jupyter:
+#   jupytext:
+#     text_representation:
+#       extension: .py
+#       format_name: percent
+# ---
+
+# %% [markdown]
+# # How the demonstration's survey was made
+#
+# `machines/examples/five_axis_table_quill/` holds a survey that nobody measured. It is simulated from the machine of
+# the library with the errors in `truth.yaml`, in exact (finite) kinematics. A laser tracker stands on the table: its
+# frame is turned and moved, and its noise grows with the range. Because the truth is known, a fit can be checked.
+#
+# Run as a script, this notebook makes the files again and compares them with the committed ones, byte for byte.
+# With a folder as argument it writes them there.
+
+# %%
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+import errormodel
+from errormodel import simulate
+from errormodel.chain import Chain
+from errormodel.files import write_csv
+from errormodel.schema import read_machine
+from errormodel.survey_schema import read_form
+
+FOLDER = Path(errormodel.__file__).parents[1] / "machines" / "examples" / "five_axis_table_quill"
+machine = read_machine("five_axis_table_quill")
+truth = simulate.read_truth(FOLDER / "truth.yaml", Chain(machine))
+tracker = read_form(FOLDER / "survey.yaml")[0].instrument
+joints = [joint.name for joint in machine.joints]
+tracker
+
+# %% [markdown]
+# ## Poses
+#
+# Random poses over the travels, in whole millimetres and degrees as an NC program would have them. The target stays
+# 400 mm away from the tracker's vertical axis and below 60 degrees of elevation.
+
+# %%
+SPEED = {"B": np.radians(15.0), "X": 200.0, "Z": 200.0, "Y": 150.0, "W": 80.0}  # rad/s, mm/s
+PAUSE = 6.0  # s, to settle and to measure
+
+
+def in_sight(points: pd.DataFrame) -> np.ndarray:
+    seen = simulate.simulate(machine, points, simulate.Truth({}, truth.translation, truth.rotation))
+    across = np.hypot(seen["mx"], seen["my"])
+    return ((across > 400.0) & (seen["mz"] < across * np.tan(np.radians(60.0)))).to_numpy()
+
+
+def run(name: str, count: int, length: float, start: float, seed: int) -> pd.DataFrame:
+    """Commands of one run in mm and rad: a tool of this length (mm), beginning at this time (s)."""
+    points = simulate.random_points(machine, 3 * count, seed)
+    for joint in machine.joints:
+        step = np.radians(1.0) if joint.type == "rotary" else 1.0
+        points[joint.name] = step * np.round(points[joint.name] / step)
+    points["tool_z"] = -length
+    points = points[in_sight(points)].head(count).reset_index(drop=True)
+    travel = points[joints].diff().abs() / pd.Series(SPEED)
+    points.insert(0, "run", name)
+    points.insert(1, "time", start + (travel.max(axis=1).fillna(0.0) + PAUSE).cumsum().round(1))
+    return points
+
+
+# %% [markdown]
+# Two tools to identify with, and a third one with other poses to check. Between the runs the target is remounted.
+
+# %%
+short = run("short", 102, 312.035, start=0.0, seed=11)
+long = run("long", 102, 435.185, start=short["time"].iloc[-1] + 780.0, seed=12)
+check = run("check", 60, 374.210, start=long["time"].iloc[-1] + 660.0, seed=13)
+campaign = {"identification.csv": pd.concat([short, long], ignore_index=True), "check.csv": check}
+{name: len(points) for name, points in campaign.items()}
+
+# %% [markdown]
+# ## What the tracker reads
+#
+# To 0.1 µm, as an instrument's export has it.
+
+# %%
+folder = Path(sys.argv[1]) if len(sys.argv) > 1 and Path(__file__).name == Path(sys.argv[0]).name else Path("demonstration")
+for seed, (name, points) in enumerate(campaign.items(), start=21):
+    measured = simulate.simulate(machine, points, truth, noise=tracker, seed=seed)[["mx", "my", "mz"]]
+    table = simulate.outward(points, machine).join(measured.round(4))
+    table["B"] = table["B"].round(6)
+    table["time"] = table["time"].round(1)
+    write_csv(table, folder / name)
+
+# %%
+if folder.name == "demonstration":
+    for name in campaign:
+        assert (folder / name).read_bytes() == (FOLDER / name).read_bytes(), f"{name} differs from the committed file"
+    print("the same as the committed files, byte for byte")
