@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 TOOL_CHANNELS = ("tool_x", "tool_y", "tool_z")
-What = Literal["nominal", "actual", "design", "linearised", "terms"]
+What = Literal["nominal", "actual", "design", "linearised", "terms", "levers"]
 
 
 @dataclass(frozen=True)
@@ -188,12 +188,27 @@ class Chain:
     def _design(self) -> ca.SX:
         return ca.substitute(self._derivative, self.values, ca.SX.zeros(len(self.ids)))
 
+    @property
+    def element_names(self) -> tuple[str, ...]:
+        """The measuring frame, the machine's elements in chain order, the tool."""
+        return (FRAME, *(e.name for e in self.machine.elements), TOOL)
+
+    @cached_property
+    def _levers(self) -> ca.SX:
+        motions = [ca.SX.sym(f"m{k}", 6) for k in range(len(self.element_names))]
+        every = ca.vertcat(*motions)
+        point, turn = self.pose(motions)
+        here = self.pose()[1]
+        turned = sum((ca.cross(here[:, k], turn[:, k]) for k in range(3)), ca.SX.zeros(3)) / 2
+        return ca.substitute(ca.jacobian(ca.vertcat(point, turned), every), every, ca.SX.zeros(every.numel()))
+
     def expression(self, what: What, ids: tuple[str, ...] = ()) -> ca.SX:
         """The expression behind a kernel.
 
         ``nominal`` and ``actual``: (12, 1), position (mm) and the orientation's columns. ``design``: (6, len(ids)), M at
         zero parameters (mm and rad per unit); ``linearised``: the same at the parameters' present values. ``terms``:
         (6, len(ids) + 6), the motion of its own element per unit of each parameter, and the six motions themselves.
+        ``levers``: (6, 6 * elements), the tip's motion per unit of each motion of each element (`element_names`).
         """
         if what == "nominal":
             point, turn = self.pose()
@@ -202,6 +217,8 @@ class Chain:
             point, turn = self._actual
             return ca.vertcat(point, ca.vec(turn))
         columns = [self.index[i] for i in ids]
+        if what == "levers":
+            return self._levers
         if what == "terms":
             return ca.horzcat(*(self._columns[k][1].column for k in columns), ca.SX.eye(6))
         return (self._design if what == "design" else self._derivative)[:, columns]

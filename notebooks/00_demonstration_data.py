@@ -11,13 +11,14 @@
 #
 # `machines/examples/five_axis_table_quill/` holds a survey that nobody measured. It is simulated from the machine of
 # the library with the errors in `truth.yaml`, in exact (finite) kinematics. A laser tracker stands on the table: its
-# frame is turned and moved, and its noise grows with the range. Because the truth is known, a fit can be checked.
+# frame is turned and moved, and its noise grows with the range. Because the truth is known, a fit can be judged.
 #
-# Run as a script, this notebook makes the files again and compares them with the committed ones, byte for byte.
-# With a folder as argument it writes them there.
+# As a script, this notebook makes both files again and compares them with the committed ones, byte for byte. With
+# `--write` it writes them there.
 
 # %%
 import sys
+import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -64,12 +65,12 @@ def run(name: str, count: int, length: float, start: float, seed: int) -> pd.Dat
     points = points[in_sight(points)].head(count).reset_index(drop=True)
     travel = points[joints].diff().abs() / pd.Series(SPEED)
     points.insert(0, "run", name)
-    points.insert(1, "time", start + (travel.max(axis=1).fillna(0.0) + PAUSE).cumsum().round(1))
+    points.insert(1, "time", start + (travel.max(axis=1).fillna(0.0) + PAUSE).cumsum())
     return points
 
 
 # %% [markdown]
-# Two tools to identify with, and a third one with other poses to check. Between the runs the target is remounted.
+# Two tools to identify with; a third one with other poses to check. Between the runs the target is remounted.
 
 # %%
 short = run("short", 102, 312.035, start=0.0, seed=11)
@@ -78,22 +79,26 @@ check = run("check", 60, 374.210, start=long["time"].iloc[-1] + 660.0, seed=13)
 campaign = {"identification.csv": pd.concat([short, long], ignore_index=True), "check.csv": check}
 {name: len(points) for name, points in campaign.items()}
 
+
 # %% [markdown]
 # ## What the tracker reads
 #
 # To 0.1 µm, as an instrument's export has it.
 
-# %%
-folder = Path(sys.argv[1]) if len(sys.argv) > 1 and Path(__file__).name == Path(sys.argv[0]).name else Path("demonstration")
-for seed, (name, points) in enumerate(campaign.items(), start=21):
-    measured = simulate.simulate(machine, points, truth, noise=tracker, seed=seed)[["mx", "my", "mz"]]
-    table = simulate.outward(points, machine).join(measured.round(4))
-    table["B"] = table["B"].round(6)
-    table["time"] = table["time"].round(1)
-    write_csv(table, folder / name)
 
 # %%
-if folder.name == "demonstration":
+def make(folder: Path) -> None:
+    for seed, (name, points) in enumerate(campaign.items(), start=10):
+        measured = simulate.simulate(machine, points, truth, noise=tracker, seed=seed)[["mx", "my", "mz"]]
+        table = simulate.outward(points, machine).join(measured.round(4))
+        write_csv(table.round({"time": 1, **dict.fromkeys(joints, 6)}), folder / name)
+
+
+if "--write" in sys.argv:
+    make(FOLDER)
+with tempfile.TemporaryDirectory() as temporary:
+    make(Path(temporary))
     for name in campaign:
-        assert (folder / name).read_bytes() == (FOLDER / name).read_bytes(), f"{name} differs from the committed file"
-    print("the same as the committed files, byte for byte")
+        same = (Path(temporary) / name).read_bytes() == (FOLDER / name).read_bytes()
+        assert same, f"{name} is not what the committed file holds; --write replaces it"
+print("the same as the committed files, byte for byte")

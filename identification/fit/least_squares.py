@@ -132,13 +132,13 @@ class _Solver:
         return identifiable(self.chain, self.views, self.unknowns, self.sigma, noise_floor)
 
     def noise_floor(self, sums: dict[Kind, Sums]) -> float:
-        """Scaled singular value below which a group's standard uncertainty exceeds a hundredth of the machine."""
+        """Scaled singular value below which a group's standard uncertainty exceeds a tenth of the machine."""
         if "position" not in sums or not sums["position"].count:
             return 0.0
         views = [v for v in self.views if v.kind == "position"]
         weight = np.sqrt(np.mean(np.concatenate([np.square(v.whitener).reshape(len(v), -1).max(axis=1) for v in views])))
         noise = self.sigma["position"] / weight
-        return float(noise / (0.01 * self.chain.size * np.sqrt(sums["position"].count)))
+        return float(noise / (0.1 * self.chain.size * np.sqrt(sums["position"].count)))
 
     def total(self, sums: dict[Kind, Sums]) -> tuple[Array, Array]:
         gram = sum(s.gram / self.sigma[k] ** 2 for k, s in sums.items())

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import MultipleLocator
 
 from errormodel.conventions import MOTIONS, iso_symbol
 from errormodel.kernel import Array
@@ -33,27 +32,24 @@ def draw_error_motions(fit: Fit, joint: Joint) -> Figure:
     """
     q = np.linspace(*joint.travel, POINTS)
     value, deviation = _curves(fit, joint, q)
-    turning = joint.type == "rotary"
+    along = style.shown(joint, q)
     figure = Figure(figsize=(style.WIDTH, 2.75), facecolor="white")
     for side, (unit, factor) in enumerate((("µm", 1e3), ("µrad", 1e6))):
         axes = figure.add_axes((0.085 + 0.5 * side, 0.17, 0.385, 0.66))
-        position = f"{style.plain(joint.name, 16)} / {'°' if turning else 'mm'}"
-        style.dress(axes, position, f"{('translation', 'rotation')[side]} / {unit}")
-        along = np.degrees(q) if turning else q
+        style.dress(axes, "", f"{('translation', 'rotation')[side]} / {unit}")
         for k in range(3):
             row = 3 * side + k
             if deviation[row].any():
                 dots = _measured(fit, joint, row)
-                axes.plot(np.degrees(dots[0]) if turning else dots[0], factor * dots[1], ".", ms=3, mew=0,
-                          color=style.AXIS_COLOURS[k], alpha=0.5, rasterized=True)  # fmt: skip
+                axes.plot(style.shown(joint, dots[0]), factor * dots[1], ".", ms=4, mew=0,
+                          color=style.AXIS_COLOURS[k], alpha=0.6, rasterized=True)  # fmt: skip
                 middle, width = factor * value[row], 2 * factor * deviation[row]
                 axes.fill_between(along, middle - width, middle + width, color=style.AXIS_COLOURS[k], alpha=0.2, lw=0)
                 label = style.plain(iso_symbol(joint.name, MOTIONS[row]), 16)
                 axes.plot(along, middle, color=style.AXIS_COLOURS[k], ls=LINES[k], lw=1.6, label=label)
         axes.axhline(0, color=style.MUTED, lw=0.7)
         axes.set_xlim(along[0], along[-1])
-        if turning and 90 < np.ptp(along) <= 360:
-            axes.xaxis.set_major_locator(MultipleLocator(60 if np.ptp(along) > 180 else 30))
+        style.dress_position(axes, joint)
         _shade_unmeasured(fit, joint, axes)
         if axes.get_legend_handles_labels()[0]:
             axes.legend(loc="lower left", bbox_to_anchor=(-0.02, 0.98), ncols=3, fontsize=style.BODY, frameon=False,
@@ -98,10 +94,8 @@ def _measured(fit: Fit, joint: Joint, row: int) -> tuple[Array, Array]:
 
 
 def _shade_unmeasured(fit: Fit, joint: Joint, axes: Axes) -> None:
-    position = fit.survey.table[joint.name].to_numpy(dtype=float)
+    position = style.shown(joint, fit.survey.table[joint.name].to_numpy(dtype=float))
     low, high = np.nanmin(position), np.nanmax(position)
-    if joint.type == "rotary":
-        low, high = np.degrees(low), np.degrees(high)
     left, right = axes.get_xlim()
     for start, end in ((left, low), (high, right)):
         if end - start > 0.02 * (right - left):

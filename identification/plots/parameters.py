@@ -9,7 +9,7 @@ from identification.fit.result import Fit
 from identification.plots import style
 
 BAR = 0.19  # inches a parameter
-TITLES = {"µm": "Lengths", "µm/m": "Scales", "µrad": "Angles", "µrad/m": "Angles a travel"}
+TITLES = {"µm": "Lengths", "µm/m": "Scale errors", "µrad": "Angles", "µrad/m": "Angles for a metre of travel"}
 
 
 def draw_parameters(fit: Fit) -> Figure:
@@ -41,7 +41,12 @@ def _panel(figure: Figure, box: list[float], unit: str, some: list[Estimate]) ->
         clear = e.significance >= 2
         axes.plot([e.value - 2 * e.std, e.value + 2 * e.std], [y, y], color=style.FITTED, lw=1.6, alpha=1 if clear else 0.6)
         axes.plot(e.value, y, "o", ms=4.5, mfc=style.FITTED if clear else "white", mec=style.FITTED, mew=1.1)
-    axes.set_yticks(range(len(some)), [style.plain(e.name, 22) for e in some])
+    axes.set_yticks(range(len(some)), [_name(e) for e in some])
     axes.set_ylim(len(some) - 0.4, -0.6)
     axes.grid(axis="y", visible=False)
     axes.locator_params(axis="x", nbins=6)
+
+
+def _name(e: Estimate) -> str:
+    symbol = f" ({e.symbol.removesuffix(' …')})" if e.symbol else ""
+    return style.plain(e.name + symbol, 20)

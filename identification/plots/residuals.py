@@ -11,30 +11,29 @@ from identification.fit.result import Fit
 from identification.plots import style
 
 MOST = 1500  # dots of a panel
-LANE, ROW = 1.25, 1.2  # height of a panel, inches
+LANE = 1.25  # height of a panel, inches
 
 
 def draw_residuals_by_position(fit: Fit) -> Figure:
     """Residuals x, y, z (um, measuring frame) against the position of each joint: one column a joint."""
     joints = [j for j in fit.chain.machine.joints if np.ptp(_finite(fit, j.name)) > 0]
-    wide, lines = min(len(joints), 5), -(-len(joints) // 5)
-    height = lines * (3 * LANE + 0.75) + 0.35
+    lines = max(-(-len(joints) // 6), 1)
+    wide = max(-(-len(joints) // lines), 1)
+    height = lines * (3 * LANE + 0.75) + 0.1
     figure = Figure(figsize=(style.WIDTH, height), facecolor="white")
     limit = _limit(fit)
-    column = 7.25 / max(wide, 3)
+    column = 7.3 / max(wide, 3)
     for k, joint in enumerate(joints):
         line, place = divmod(k, wide)
         position = fit.survey.table[joint.name].to_numpy(dtype=float)
-        turning = joint.type == "rotary"
-        name = f"{style.plain(joint.name, 12)} / {'°' if turning else 'mm'}"
         for component, axis in enumerate("xyz"):
             bottom = height - 0.3 - line * (3 * LANE + 0.75) - (component + 1) * LANE
-            box = (0.65 + place * column, bottom, column - 0.12, LANE - 0.12)
+            box = (0.65 + place * column, bottom, column - 0.2, LANE - 0.12)
             axes = figure.add_axes([v / s for v, s in zip(box, (style.WIDTH, height) * 2, strict=True)])
-            style.dress(axes, name if component == 2 else "", f"{axis} / µm" if place == 0 else "")
-            _panel(fit, axes, np.degrees(position) if turning else position, component, limit)
+            style.dress(axes, "", f"{axis} / µm" if place == 0 else "")
+            _panel(fit, axes, style.shown(joint, position), component, limit)
             axes.tick_params(labelbottom=component == 2, labelleft=place == 0)
-            axes.locator_params(axis="x", nbins=max(3, int(column * 2.2)))
+            style.dress_position(axes, joint, label=component == 2, ticks=max(3, int(1.9 * column)))
     _legend(figure)
     return figure
 
@@ -42,13 +41,14 @@ def draw_residuals_by_position(fit: Fit) -> Figure:
 def draw_residuals_by_order(fit: Fit) -> Figure:
     """Residuals x, y, z (um, measuring frame) against time, or against the row where no time was recorded."""
     when, label = _when(fit)
-    height = 3 * LANE + 0.9
+    height = 3 * LANE + 0.85
     figure = Figure(figsize=(style.WIDTH, height), facecolor="white")
     limit = _limit(fit)
     for component, axis in enumerate("xyz"):
         box = (0.65, height - 0.3 - (component + 1) * LANE, 7.2, LANE - 0.12)
         axes = figure.add_axes([v / s for v, s in zip(box, (style.WIDTH, height) * 2, strict=True)])
         style.dress(axes, label if component == 2 else "", f"{axis} / µm")
+        axes.margins(x=0.01)
         _panel(fit, axes, when, component, limit)
         axes.tick_params(labelbottom=component == 2)
     _legend(figure)
@@ -92,7 +92,8 @@ def _panel(fit: Fit, axes: Axes, x: Array, component: int, limit: float) -> None
         axes.text(0.5, 0.6, "not measured", transform=axes.transAxes, size=style.SMALL, color=style.MUTED, ha="center")
         return
     some = np.unique(np.linspace(0, len(x) - 1, MOST).astype(int))
-    axes.plot(x[some], np.clip(y[some], -limit, limit), ".", ms=2.5, mew=0, color=colour, alpha=0.4, rasterized=True)
+    dots = {"ms": 4.5, "alpha": 0.55} if len(some) < 600 else {"ms": 2.5, "alpha": 0.4}
+    axes.plot(x[some], np.clip(y[some], -limit, limit), ".", mew=0, color=colour, rasterized=True, **dots)
     middle, low, median, high = _quantiles(x, y)
     if len(middle) > 1:
         axes.plot(middle, low, middle, high, color=colour, lw=0.9, ls=(0, (3, 1.5)))

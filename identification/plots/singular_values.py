@@ -30,7 +30,7 @@ def draw_singular_values(fit: Fit) -> Figure:
     by_noise = len(dropped) and dropped[0] > ROUND_OFF
     threshold = float(np.sqrt(dropped[0] * values[groups.rank - 1])) if by_noise and groups.rank else ROUND_OFF
     axes.axhline(threshold, color=style.INK, lw=1.1, ls="--")
-    why = "below: hidden by the noise" if by_noise else "below: round-off, not told apart by any survey of these poses"
+    why = "below the line: hidden by the noise" if by_noise else "below the line: cannot be told apart in these poses"
     axes.text(0.012, threshold, why, transform=axes.get_yaxis_transform(), size=style.SMALL, color=style.INK, va="bottom")
     axes.set_xlim(0.2, len(values) + 0.8)
     axes.set_ylim(top=5 * float(values.max()) if len(values) else 1.0)

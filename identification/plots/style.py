@@ -7,8 +7,13 @@ import warnings
 from pathlib import Path
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator, MultipleLocator
+from numpy.typing import NDArray
+
+from errormodel.machine import Joint
 
 # Okabe and Ito's palette: red, green and blue in spirit, and distinct in every common colour blindness
 AXIS_COLOURS = ("#D55E00", "#009E73", "#0072B2")  # x, y, z
@@ -29,13 +34,13 @@ def save(figure: Figure, path: Path) -> None:
     path.write_bytes(render(figure, path.suffix.lower().removeprefix(".")))
 
 
-def render(figure: Figure, kind: str) -> bytes:
+def render(figure: Figure, kind: str, dpi: int = 150) -> bytes:
     """The bytes of `figure` as ``svg``, ``png`` or ``pdf``."""
     undated = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind, {})
     out = io.BytesIO()
     with mpl.rc_context({"svg.hashsalt": "errormodel", "svg.fonttype": "none"}), warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing from font")  # the reader's fonts have what ours lack
-        figure.savefig(out, format=kind, dpi=150, metadata=undated)
+        figure.savefig(out, format=kind, dpi=dpi, metadata=undated)
     return out.getvalue()
 
 
@@ -50,6 +55,24 @@ def dress(axes: Axes, x: str = "", y: str = "", title: str = "") -> None:
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)
     axes.spines[["left", "bottom"]].set_color(MUTED)
+
+
+def shown(joint: Joint, position: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Positions of a joint as they are printed: mm or degrees."""
+    return np.degrees(position) if joint.type == "rotary" else position
+
+
+def dress_position(axes: Axes, joint: Joint, label: bool = True, ticks: int = 7) -> None:
+    """The x axis of a joint's positions, as `shown`."""
+    turning = joint.type == "rotary"
+    if label:
+        axes.set_xlabel(f"{plain(joint.name, 16)} / {'°' if turning else 'mm'}", size=BODY, color=INK)
+    low, high = axes.get_xlim()
+    step = next((s for s in (15, 30, 45, 60, 90, 180, 360) if (high - low) / s <= ticks), 0)
+    if turning and high - low >= 90 and step:
+        axes.xaxis.set_major_locator(MultipleLocator(step))
+    else:
+        axes.xaxis.set_major_locator(MaxNLocator(ticks, steps=[1, 2, 2.5, 5, 10]))
 
 
 def plain(text: str, most: int = 40) -> str:

@@ -45,15 +45,16 @@ def draw_volumetric_error(fit: Fit) -> Figure:
         axes.patch.set_visible(False)
         size = 1e3 * np.linalg.norm(errors, axis=1)
         shades = SHADES(scale(size))
-        axes.scatter(*points.T, s=3, c=shades, lw=0, depthshade=False)
-        axes.quiver(  # a head's two strokes take the colour of their shaft
-            *points.T, *(factor * errors).T, lw=0.8, arrow_length_ratio=0.25,
-            colors=np.concatenate([shades, np.repeat(shades, 2, axis=0)]),
+        axes.scatter(*points.T, s=2.5, c=shades, lw=0, depthshade=False)
+        some = size > 0
+        axes.quiver(  # shafts, then each head's two strokes
+            *points[some].T, *(factor * errors[some]).T, lw=0.8, arrow_length_ratio=0.25,
+            colors=np.tile(shades[some], (3, 1)),
         )  # fmt: skip
         axes.set(**{f"{name}lim": m + s * np.array([-0.5, 0.5]) for name, m, s in zip("xyz", (low + high) / 2, span, strict=True)})
         for name, axis in zip("xyz", (axes.xaxis, axes.yaxis, axes.zaxis), strict=True):
             axis.set_label_text(f"{name} / mm", size=style.SMALL, color=style.INK)
-            axis.labelpad = 3
+            axis.labelpad = 6
             axis.set_major_locator(MaxNLocator(4))
         axes.tick_params(labelsize=7, pad=-1, colors=style.MUTED)
         axes.tick_params(axis="z", pad=3)

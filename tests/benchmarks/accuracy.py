@@ -44,12 +44,16 @@ class Problem:
         self.errors = self.measured - five_axis.nominal(self.q)
         self._answers: dict[tuple[str, tuple[str, ...]], Array] = {}
 
-    def error(self, question: str, contender: Callable[[Array, Array], dict[str, Any]]) -> float:
-        """``|D (p - p*)| / |D p*|``: p found by the contender, p* exact, D the norms of the columns it chose."""
+    def error(self, question: str, contender: Callable[[Array, Array], dict[str, Any]]) -> dict[str, float]:
+        """``error``: ``|D (p - p*)| / |D p*|``, p found by the contender, p* exact, D the norms of its columns.
+
+        ``rank`` is how many columns the contender held to be independent; p* is the answer for the same ones.
+        """
         found = contender(self.q, self.measured if question == "fit" else self.errors)
         ids = tuple(found["ids"])
         exact = self._answer(question, ids)
-        return float(np.linalg.norm(self._scale(ids) * np.asarray(found["values"]) - exact) / np.linalg.norm(exact))
+        missed = self._scale(ids) * np.asarray(found["values"]) - exact
+        return {"error": float(np.linalg.norm(missed) / np.linalg.norm(exact)), "rank": len(ids)}
 
     def _answer(self, question: str, ids: tuple[str, ...]) -> Array:
         if (question, ids) not in self._answers:

@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 
 from errormodel.chain import TOOL_CHANNELS, Chain
 from errormodel.conventions import MOTIONS
-from errormodel.kernel import Kernel, as_rows
+from errormodel.kernel import BLOCK, Array, Kernel, as_rows
 from errormodel.machine import Basis, Joint, Machine, Shape
-from tests.benchmarks.five_axis import IDS, JOINTS, TOOL, Array
+from identification.fit import least_squares
+from identification.fit.result import residuals_of
+from identification.views import PositionView
+from tests.benchmarks.five_axis import IDS, JOINTS, TOOL
 
 __all__ = ["IDS", "as_design", "build", "build_compact", "fit", "solve"]
-
-
-class NotWiredError(NotImplementedError):
-    """A part of the package that this benchmark does not call yet."""
 
 
 def machine() -> Machine:
@@ -30,9 +31,14 @@ def machine() -> Machine:
 
 
 @cache
+def chain() -> Chain:
+    return Chain(machine())
+
+
+@cache
 def kernel() -> Kernel:
     """M at zero error, position rows, one tool in all rows."""
-    return Chain(machine()).kernel("design", IDS, dict(zip(TOOL_CHANNELS, TOOL, strict=True)), (0, 1, 2))
+    return chain().kernel("design", IDS, dict(zip(TOOL_CHANNELS, TOOL, strict=True)), (0, 1, 2))
 
 
 def build(q: Array) -> Array:
@@ -53,6 +59,8 @@ def build_compact(q: Array) -> Array:
 def fit(q: Array, measured: Array) -> dict[str, object]:
     """Least squares from commands (n, 5) and measured positions (n, 3), the measuring frame being fixed.
 
+    The linear model, as the rivals solve it; residuals are those of the exact kinematics.
+
     Returns
     -------
     dict
@@ -60,13 +68,54 @@ def fit(q: Array, measured: Array) -> dict[str, object]:
         ``covariance``, and of the residuals ``sigma`` (per component), ``rms``, ``mean`` and ``max`` (of the 3-D
         residual), mm: what ``rivals.competent_numpy.fit`` returns.
     """
-    raise NotWiredError("identification.fit is not called by tests/benchmarks/ours.py yet")
+    view = _view(PositionView, q, measured)
+    found = least_squares.solve(chain(), [view], IDS, exact=False)
+    place = {name: k for k, name in enumerate(found.unknowns)}
+    residuals = residuals_of([view], place, found.values, np.zeros(len(chain().ids)), len(q))
+    size = np.linalg.norm(residuals, axis=1)
+    return {
+        **_estimates(found),
+        "covariance": found.covariance,
+        "sigma": found.sigma["position"],
+        "rms": float(np.sqrt((size**2).mean())),
+        "mean": float(size.mean()),
+        "max": float(size.max()),
+    }
 
 
 def solve(q: Array, errors: Array) -> dict[str, object]:
-    """The same from volumetric errors (n, 3), actual minus nominal, mm: the linear problem alone."""
-    raise NotWiredError("identification.fit is not called by tests/benchmarks/ours.py yet")
+    """Parameters from volumetric errors (n, 3), actual minus nominal, mm: the linear problem alone."""
+    return _estimates(least_squares.solve(chain(), [_view(_ErrorView, q, errors)], IDS, exact=False))
+
+
+@dataclass(frozen=True, kw_only=True)
+class _ErrorView(PositionView):
+    """Errors in place of positions: `measured` is actual minus nominal."""
+
+    def gaps(self, p: Array) -> Iterator[tuple[slice, Array]]:
+        for start in range(0, len(self), BLOCK):
+            part = slice(start, min(start + BLOCK, len(self)))
+            yield part, self.measured[part].T
+
+
+def _view(kind: type[PositionView], q: Array, measured: Array) -> PositionView:
+    n = len(q)
+    return kind(
+        kind="position",
+        chain=chain(),
+        ids=IDS,
+        columns=IDS,
+        rows=_rows(q),
+        whitener=np.ones(n),
+        index=np.arange(n),
+        measured=measured,
+    )
+
+
+def _estimates(found: least_squares.Solution) -> dict[str, object]:
+    base = found.groups.base
+    return {"ids": tuple(found.unknowns[k] for k in base), "values": found.values[base]}
 
 
 def _rows(q: Array) -> list[Array]:
-    return [*as_rows(*q.T), *[np.zeros(len(q))] * len(TOOL_CHANNELS)]
+    return [*as_rows(*q.T), *(np.full(len(q), component) for component in TOOL)]

@@ -1,0 +1,1 @@
+"""Finding the physics that was left out: locate, name, model, prove."""

@@ -1,0 +1,114 @@
+"""Every effect the library proposes for a survey, as columns, and how much evidence each has beside what is accepted.
+
+Evidence is that of a linear-Gaussian model with priors of physical size, in closed form; a shape parameter is integrated
+over its grid, which pays for looking elsewhere. Nats throughout.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from errormodel.effects import registry
+from errormodel.effects.base import Effect
+from errormodel.kernel import Array
+from identification.diagnosis.workbench import Workbench
+
+ABSORBED = 0.99  # of a column's length squared: beyond it an effect cannot be told from the geometry
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """Proposals with their columns, in blocks of the same number of parameters.
+
+    Attributes
+    ----------
+    effects : all proposals; `keys` their keys (one key: all shapes of one effect at one place).
+    blocks : (proposals' numbers, columns (m, k, N), sizes (m, k)).
+    """
+
+    effects: list[Effect]
+    blocks: list[tuple[np.ndarray[tuple[int], np.dtype[np.intp]], Array, Array]]
+    keys: list[tuple[object, ...]] = field(default_factory=list)
+
+    @classmethod
+    def of(cls, bench: Workbench, effects: Sequence[Effect] | None = None) -> Candidates:
+        """All proposals of the library (or the given ones) whose channels the survey has."""
+        if effects is None:
+            effects = [e for kind in registry().values() for e in kind.proposals(bench.scene)]
+        by_count: dict[int, list[tuple[int, Array, Array]]] = {}
+        kept: list[Effect] = []
+        for effect in effects:
+            columns, size = bench.columns(effect)
+            if np.isfinite(columns).all() and columns.any():
+                by_count.setdefault(len(columns), []).append((len(kept), columns, size))
+                kept.append(effect)
+        blocks = [
+            (np.array([n for n, _, _ in rows]), np.array([c for _, c, _ in rows]), np.array([s for _, _, s in rows]))
+            for _, rows in sorted(by_count.items())
+        ]
+        return cls(kept, blocks, [e.key for e in kept])
+
+    def scores(self, bench: Workbench) -> Scores:
+        """Evidence of each proposal beside what the bench has accepted."""
+        evidence = np.full(len(self.effects), -np.inf)
+        drop = np.zeros(len(self.effects))
+        absorbed = np.ones(len(self.effects))
+        for numbers, columns, sizes in self.blocks:
+            for start in range(0, len(numbers), 500):
+                part = slice(start, start + 500)
+                e, t, a = _block_scores(bench, columns[part], sizes[part])
+                evidence[numbers[part]], drop[numbers[part]], absorbed[numbers[part]] = e, t, a
+        return Scores(self, evidence - np.array([e.cost for e in self.effects]), drop, absorbed)
+
+
+@dataclass(frozen=True)
+class Scores:
+    """Of each proposal: evidence against nothing (nats), drop of the residual sum of squares (in noise variances), and
+    the part of it that the geometry absorbs."""
+
+    candidates: Candidates
+    evidence: Array
+    drop: Array
+    absorbed: Array
+
+    def by_key(self) -> list[tuple[float, int]]:
+        """(evidence of the key with its shapes integrated out, its best proposal), best first."""
+        groups: dict[tuple[object, ...], list[int]] = {}
+        for n, key in enumerate(self.candidates.keys):
+            groups.setdefault(key, []).append(n)
+        out = []
+        for numbers in groups.values():
+            values = self.evidence[numbers]
+            best = int(np.argmax(values))
+            if np.isfinite(values[best]):
+                mean = values[best] + np.log(np.mean(np.exp(values - values[best])))
+                out.append((float(mean), numbers[best]))
+        return sorted(out, reverse=True)
+
+
+def _block_scores(bench: Workbench, columns: Array, sizes: Array) -> tuple[Array, Array, Array]:
+    m, k, n = columns.shape
+    flat = columns.reshape(m * k, n)
+    whole = np.einsum("ij,ij->i", flat, flat).reshape(m, k)
+    # what is left of a column, and its product with the residual, without forming it: R is a projector
+    inner = (flat @ bench.basis).reshape(m, k, -1)
+    gram = np.einsum("aip,ajp->aij", columns, columns, optimize=True) - np.einsum("air,ajr->aij", inner, inner, optimize=True)
+    slope = (flat @ bench.residual).reshape(m, k)
+    norm = np.sqrt(np.maximum(whole, 1e-300))
+    unit = gram / norm[:, :, None] / norm[:, None, :]
+    values, vectors = np.linalg.eigh(unit)
+    seen = values > 1 - ABSORBED  # directions that the geometry leaves at least a hundredth of
+    t = np.einsum("aij,ai->aj", vectors, slope / norm)
+    variance = bench.square / bench.freedom
+    # directions of the scaled columns have prior sizes of their own: those of the columns, taken along them
+    prior = np.einsum("aij,ai->aj", np.square(vectors), np.square(sizes * norm))
+    gain = np.where(seen, values / variance * prior, 0.0)
+    safe = np.where(seen, values, 1.0)
+    drop = np.where(seen, t**2 / safe, 0.0) / variance
+    kept = (drop * gain / (1 + gain)).sum(axis=1)
+    evidence = -bench.freedom / 2 * np.log1p(-np.minimum(kept / bench.freedom, 1 - 1e-12)) - 0.5 * np.log1p(gain).sum(axis=1)
+    absorbed = 1 - np.where(seen.any(axis=1), values.mean(axis=1), values.max(axis=1))
+    return np.where(seen.any(axis=1), evidence, -np.inf), drop.sum(axis=1), np.clip(absorbed, 0.0, 1.0)

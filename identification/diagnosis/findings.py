@@ -1,0 +1,191 @@
+"""What a diagnosis says: findings with the sentence an engineer can act on, and what the data could not show."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+
+from errormodel.effects import registry
+from errormodel.effects.base import Effect
+from errormodel.kernel import Array
+from identification.diagnosis.selection import Step
+from identification.diagnosis.workbench import Workbench
+
+PRINTED = {"mm": (1e3, "um"), "rad": (1e6, "urad"), "mm/K": (1e3, "um/K"), "rad/K": (1e6, "urad/K"), "1/K": (1e6, "um/(m K)")}
+
+
+@dataclass(frozen=True)
+class Amount:
+    """A parameter of a finding."""
+
+    name: str
+    value: float
+    std: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """Another explanation, and whether this data can tell it apart."""
+
+    effect: str
+    where: str
+    log10_bayes_factor: float
+    separable: bool
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Held-out error before and after, um."""
+
+    before: float
+    after: float
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One entry of ``findings`` (contract, section 4)."""
+
+    effect: str
+    where: str
+    motion: list[str]
+    driver: list[str]
+    runs: list[str] | None
+    time: list[float] | None
+    period: float | None
+    statement: str
+    parameters: list[Amount]
+    probability: float
+    p_value: float
+    heldout_rms_um: HeldOut
+    absorbed: float
+    moved: dict[str, float]
+    alternatives: list[Alternative]
+    next_measurement: str
+    rows: list[int] | None = None  # of outliers: data rows, from 1
+
+    def as_json(self) -> dict[str, Any]:
+        out = asdict(self)
+        return {k: v for k, v in out.items() if k != "rows" or v is not None}
+
+
+@dataclass(frozen=True)
+class Untestable:
+    """An effect that this data cannot show, why, and what would."""
+
+    effect: str
+    reason: str
+    needs: str
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """All that ``diagnosis.json`` holds."""
+
+    verdict: str
+    noise_um: float
+    baseline: dict[str, float | None]
+    final: dict[str, float | None]
+    findings: tuple[Finding, ...]
+    untestable: tuple[Untestable, ...] = ()
+    unexplained: str | None = None
+    notes: tuple[str, ...] = field(default=())
+
+    def as_json(self) -> dict[str, Any]:
+        return {
+            "schema": "errormodel.diagnosis/1",
+            "verdict": self.verdict,
+            "noise_um": self.noise_um,
+            "baseline": self.baseline,
+            "final": self.final,
+            "findings": [f.as_json() for f in self.findings],
+            "untestable": [asdict(u) for u in self.untestable],
+            "unexplained": self.unexplained,
+            "notes": list(self.notes),
+        }
+
+
+def motions_of(effect: Effect, bench: Workbench) -> list[str]:
+    """Motions that an effect makes, in the order of its terms."""
+    return list(dict.fromkeys(m for t in effect.terms(bench.channel, bench.chain.machine) for m in t.motion))
+
+
+def alternatives_of(step: Step, most: int = 5) -> list[Alternative]:
+    """The best other explanations: one for each effect and place."""
+    seen = {(step.effect.effect, step.effect.where)}
+    out = []
+    for effect, evidence in step.rivals:
+        key = (effect.effect, effect.where)
+        if key in seen:
+            continue
+        seen.add(key)
+        factor = (evidence - step.evidence) / np.log(10)
+        out.append(Alternative(effect.effect, effect.where, float(factor), bool(abs(factor) > 2)))
+    return out[:most]
+
+
+def probability_of(step: Step) -> float:
+    """Of the named effect against other effects, a mere form and nothing.
+
+    Evidence is tempered: no form is exact, so that a difference counts in proportion to what is explained.
+    """
+    temper = 1.0 + 0.02 * max(step.drop, 0.0)
+    best: dict[str, float] = {step.effect.effect: step.evidence, "none": np.log(max(step.searched, 1))}
+    for effect, evidence in step.rivals:
+        if effect.effect not in step.effect.alike:  # those cannot be told apart and are listed as alternatives
+            best[effect.effect] = max(best.get(effect.effect, -np.inf), evidence)
+    values = np.array(list(best.values())) / temper
+    weights = np.exp(values - values.max())
+    return float(np.clip(weights[0] / weights.sum(), 0.0, 0.999))
+
+
+def p_value_of(step: Step, count: int) -> float:
+    """Chance of such a drop of the residual sum of squares by noise alone, anywhere among what was searched."""
+    from scipy.stats import chi2
+
+    return float(min(1.0, max(step.searched, 1) * chi2.sf(step.drop, count)))
+
+
+def statement_of(effect: Effect, amounts: Sequence[Amount], size_um: float, absorbed: float, probability: float) -> str:
+    """One sentence an engineer can act on."""
+    values = ", ".join(f"{a.name} {_printed(a)}" for a in amounts[:3])
+    drivers = " and ".join(dict.fromkeys(effect.drivers)) or "position"
+    name = f"{effect.effect} of {effect.where}" if not effect.generic else f"an effect without a name at {effect.where}"
+    period = f", period {effect.period:.4g}" if effect.period else ""
+    hidden = f"; the geometry had hidden {100 * absorbed:.0f} % of it" if absorbed > 0.05 else ""
+    return (
+        f"{name[0].upper()}{name[1:]}, driven by {drivers}{period}: {size_um:.1f} um rms at the tip ({values}){hidden}. "
+        f"Probability {probability:.2f}."
+    )
+
+
+def _printed(amount: Amount) -> str:
+    factor, unit = PRINTED.get(amount.unit, (1.0, amount.unit))
+    return f"{factor * amount.value:.4g} +- {factor * amount.std:.2g} {unit}"
+
+
+def moved_by(bench: Workbench, design: Array, names: Sequence[str], columns: Array, values: Array) -> dict[str, float]:
+    """What the missing effect had put into the fitted parameters: ``M^+ h theta`` in their units, the largest first."""
+    bias, *_ = np.linalg.lstsq(design, columns.T @ values, rcond=None)
+    scaled = np.abs(bias) * np.linalg.norm(design, axis=0)
+    order = np.argsort(-scaled)[:6]
+    return {names[k]: float(-bias[k]) for k in order if scaled[k] > 0.05 * scaled.max()}
+
+
+def untestable(bench: Workbench, tried: Sequence[Effect], absorbed: Array) -> list[Untestable]:
+    """Effects of the library that this survey has no channel for, or that the geometry hides entirely."""
+    out = []
+    best: dict[str, float] = {}
+    for effect, part in zip(tried, absorbed, strict=True):
+        best[effect.effect] = min(best.get(effect.effect, 1.0), float(part))
+    for name, kind in registry().items():
+        if kind.generic:
+            continue
+        if name not in best:
+            out.append(Untestable(name, "this survey has no rows or columns that it would show in", kind.separate))
+        elif best[name] > 0.99:
+            out.append(Untestable(name, f"the geometry absorbs {100 * best[name]:.0f} % of it", kind.separate))
+    return out

@@ -1,0 +1,203 @@
+"""The diagnosis from gate 0 to the extended machine, refitted in exact kinematics."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from errormodel.chain import Chain
+from errormodel.effects.base import Effect
+from errormodel.machine import EffectSpec, Machine
+from errormodel.survey import Survey
+from identification.diagnosis.candidates import Candidates
+from identification.diagnosis.findings import (
+    Amount,
+    Diagnosis,
+    Finding,
+    HeldOut,
+    alternatives_of,
+    motions_of,
+    moved_by,
+    p_value_of,
+    probability_of,
+    statement_of,
+    untestable,
+)
+from identification.diagnosis.outliers import gross_rows
+from identification.diagnosis.sanity import Blunder, find_blunder, without
+from identification.diagnosis.selection import Growth, Step, grow
+from identification.diagnosis.workbench import Workbench, set_up
+from identification.fit.result import Fit
+from identification.fit.run import fit_machine
+from identification.store import parameters
+
+
+@dataclass(frozen=True)
+class Diagnosed:
+    """The diagnosis, the fit before it and the fit of the extended machine."""
+
+    diagnosis: Diagnosis
+    baseline: Fit
+    final: Fit
+    growth: Growth
+
+
+def diagnose(machine: Machine, survey: Survey, say: Callable[[str], None] = lambda _: None) -> Diagnosed:
+    """Find what physics a survey shows beyond the machine's model, and put it into the model."""
+    chain = Chain(machine)
+    blunders: list[Blunder] = []
+    while len(blunders) < 3 and (blunder := find_blunder(chain, survey)) is not None:
+        blunders.append(blunder)
+        survey = blunder.survey
+    say("Fitting the geometry")
+    baseline = fit = fit_machine(machine, survey)
+    bad = np.zeros(len(fit.survey), dtype=bool)
+    for _ in range(3):  # gross rows hide smaller ones
+        more = gross_rows(fit) & ~bad
+        if not more.any():
+            break
+        bad |= more
+        survey = _without_fit_rows(survey, bad)
+        fit = fit_machine(machine, survey)
+    say("Trying the library of effects")
+    bench = set_up(fit)
+    candidates = Candidates.of(bench)
+    say(f"Weighing {len(candidates.effects)} candidates")
+    growth = grow(bench, candidates)
+    effects = [s.effect for s in growth.steps]
+    final = fit_machine(_extended(machine, effects), survey) if effects else fit
+    findings = [_blunder_finding(b) for b in blunders]
+    findings += [_finding(group, growth, final, fit) for group in growth.findings]
+    if bad.any():
+        findings.append(_outlier_finding(bad, baseline, fit))
+    absorbed = candidates.scores(bench).absorbed
+    diagnosis = Diagnosis(
+        "explained" if findings else "adequate",
+        1e3 * final.sigma_mm,
+        _summary(baseline),
+        _summary(final),
+        tuple(findings),
+        tuple(untestable(bench, candidates.effects, absorbed)),
+        None,
+        final.notes,
+    )
+    return Diagnosed(diagnosis, baseline, final, growth)
+
+
+def _without_fit_rows(survey: Survey, bad: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> Survey:
+    mask = np.zeros(len(survey), dtype=bool)
+    mask[np.flatnonzero((survey.table["role"] == "fit").to_numpy())[bad]] = True
+    return without(survey, mask)
+
+
+def _extended(machine: Machine, effects: list[Effect]) -> Machine:
+    specs = tuple(EffectSpec(e.effect, e.model_dump(exclude_defaults=True)) for e in effects)
+    return replace(machine, effects=(*machine.effects, *specs))
+
+
+def _summary(fit: Fit) -> dict[str, float | None]:
+    s = fit.solution
+    return {
+        "rms_um": fit.fitted.rms_um,
+        "heldout_rms_um": fit.heldout.rms_um,
+        "reduced_chi2": s.chi2 / s.dof if s.dof > 0 else None,
+    }
+
+
+def _finding(group: list[Step], growth: Growth, final: Fit, before: Fit) -> Finding:
+    main = group[0]
+    bench = growth.start
+    columns = np.vstack([bench.columns(s.effect)[0] for s in group])
+    values = np.linalg.lstsq(_free(growth, group, columns), _target(growth, group), rcond=None)[0]
+    noise = 1e3 * before.sigma_mm
+    size = float(np.sqrt(np.sum((columns.T @ values) ** 2) / bench.size * 3)) * noise
+    amounts = _amounts(main.effect, final)
+    probability = probability_of(main)
+    rest = growth.start
+    for s in growth.steps:
+        if s not in group:
+            rest = rest.with_columns(rest.columns(s.effect)[0])
+    from identification.diagnosis.selection import heldout_rms
+
+    all_in = growth.bench
+    times = getattr(main.effect, "at", None) if "time" in main.effect.drivers else None
+    return Finding(
+        effect=main.effect.effect,
+        where=main.effect.where,
+        motion=motions_of(main.effect, bench),
+        driver=list(main.effect.drivers),
+        runs=None,
+        time=[float(times)] if times is not None else None,
+        period=main.effect.period,
+        statement=statement_of(main.effect, amounts, size, main.absorbed, probability),
+        parameters=amounts,
+        probability=probability,
+        p_value=p_value_of(main, max(len(amounts), 1)),
+        heldout_rms_um=HeldOut(float(np.sqrt(3) * noise * heldout_rms(rest)), float(np.sqrt(3) * noise * heldout_rms(all_in))),
+        absorbed=main.absorbed,
+        moved=_moved(bench, before, columns, values),
+        alternatives=alternatives_of(main),
+        next_measurement=main.effect.separate,
+    )
+
+
+def _free(growth: Growth, group: list[Step], columns: np.ndarray) -> np.ndarray:
+    """The group's columns without the geometry and the other findings: (N, k)."""
+    bench = growth.start
+    for s in growth.steps:
+        if s not in group:
+            bench = bench.with_columns(bench.columns(s.effect)[0])
+    return bench.project(columns).T
+
+
+def _target(growth: Growth, group: list[Step]) -> np.ndarray:
+    bench = growth.start
+    for s in growth.steps:
+        if s not in group:
+            bench = bench.with_columns(bench.columns(s.effect)[0])
+    return bench.residual
+
+
+def _moved(bench: Workbench, before: Fit, columns: np.ndarray, values: np.ndarray) -> dict[str, float]:
+    from identification.sums import design_rows
+    from identification.views import PositionView
+
+    base = before.solution.groups.base
+    names = [before.solution.unknowns[j] for j in base]
+    views = [v for v in before.problem.views if isinstance(v, PositionView)]
+    design = np.vstack([design_rows(v, before.problem.place(), most=len(v))[:, base] for v in views])
+    if len(design) != columns.shape[1]:
+        return {}
+    return moved_by(bench, design / before.sigma_mm, names, columns, values)
+
+
+def _amounts(effect: Effect, final: Fit) -> list[Amount]:
+    wanted = f".{effect.effect}"
+    out = []
+    for p in parameters(final):
+        if p["id"].startswith(effect.where + ".") and wanted in p["id"]:
+            out.append(Amount(p["id"], p["value"], p["std"], p["unit"]))
+    return out
+
+
+def _blunder_finding(blunder: Blunder) -> Finding:
+    text = f"{blunder.text}: the nominal machine misses by {blunder.before_um:.0f} um, with it put right by {blunder.after_um:.0f} um."
+    return Finding(
+        "axis-blunder", blunder.where, [], [blunder.where], None, None, None, text[0].upper() + text[1:], [], 0.999, 0.0,
+        HeldOut(blunder.before_um, blunder.after_um), 0.0, {}, [], "correct the table or the program that writes it",
+    )  # fmt: skip
+
+
+def _outlier_finding(bad: np.ndarray, baseline: Fit, fit: Fit) -> Finding:
+    rows = [int(r) for r in baseline.survey.table["row"].to_numpy()[bad]]
+    largest = float(np.nanmax(np.linalg.norm(baseline.residuals[bad], axis=1))) * 1e3
+    text = (
+        f"{len(rows)} rows of {len(bad)} lie far outside anything the others show (up to {largest:.0f} um); they were left "
+        f"out: rows {', '.join(map(str, rows[:12]))}{' ...' if len(rows) > 12 else ''}."
+    )
+    return Finding(
+        "outliers", "instrument", [], [], None, None, None, text, [Amount("rows", float(len(rows)), 0.0, "1")], 0.99, 0.0,
+        HeldOut(baseline.heldout.rms_um, fit.heldout.rms_um), 0.0, {}, [], "measure these rows again", rows,
+    )  # fmt: skip

@@ -1,0 +1,188 @@
+"""The linear world in which candidates are scored: whitened residuals, the fitted geometry's columns, and levers.
+
+Everything is stacked as one list of scalar observations (component by component, view by view), in units of one standard
+uncertainty. What M (with frames and tool) can absorb is taken out of every candidate before it is looked at.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from errormodel.chain import Chain
+from errormodel.conventions import MOTIONS
+from errormodel.effects.base import Effect
+from errormodel.effects.ops import Value
+from errormodel.effects.scene import Scene
+from errormodel.features import POINT, channel
+from errormodel.kernel import Array
+from errormodel.survey import Survey
+from identification.fit.result import Fit
+from identification.sums import design_rows, view_vector
+from identification.views import PositionView
+
+MOST_VALUES = 1.5e8  # numbers held at once: rows are thinned out above
+
+
+@dataclass(frozen=True)
+class Workbench:
+    """Observations of a fit, ready for candidates.
+
+    Attributes
+    ----------
+    residual : (N,) whitened residual, free of what `basis` spans.
+    basis : (N, r) orthonormal: the fitted geometry, and what has been accepted so far.
+    levers : element -> (6, N) whitened effect of each motion of the element.
+    channels : channel -> (N,) its value at each observation.
+    index : (N,) the survey's row of each observation.
+    """
+
+    chain: Chain
+    residual: Array
+    basis: Array
+    levers: Mapping[str, Array]
+    table: dict[str, Array]
+    index: np.ndarray[tuple[int], np.dtype[np.intp]]
+    scene: Scene
+
+    @property
+    def size(self) -> int:
+        return len(self.residual)
+
+    @property
+    def freedom(self) -> int:
+        return self.size - self.basis.shape[1]
+
+    @property
+    def square(self) -> float:
+        """Residual sum of squares."""
+        return float(self.residual @ self.residual)
+
+    def channel(self, name: str) -> Array:
+        """A channel at each observation, (N,)."""
+        return self.table[name]
+
+    def columns(self, effect: Effect) -> tuple[Array, Array]:
+        """Whitened columns (k, N) of an effect's parameters as they act on the data, and their sizes (k,)."""
+        terms = effect.terms(self.channel, self.chain.machine)
+        out = np.zeros((len(terms), self.size))
+        for row, term in zip(out, terms, strict=True):
+            lever = self.levers[term.element]
+            for motion, value in term.motion.items():
+                row += lever[MOTIONS.index(motion)] * value
+        return out, np.array([t.size for t in terms])
+
+    def project(self, columns: Array) -> Array:
+        """Columns (k, N) without what the basis spans."""
+        return columns - (columns @ self.basis) @ self.basis.T
+
+    def with_columns(self, columns: Array) -> Workbench:
+        """The workbench after further columns (k, N) have been fitted."""
+        left = self.project(self.project(columns))
+        norms = np.linalg.norm(left, axis=1)
+        keep = norms > 1e-6 * np.linalg.norm(columns, axis=1)
+        if not keep.any():
+            return self
+        q, r = np.linalg.qr((left[keep] / norms[keep, None]).T)
+        q = q[:, np.abs(np.diag(r)) > 1e-9]
+        return replace(self, basis=np.hstack([self.basis, q]), residual=self.residual - q @ (q.T @ self.residual))
+
+    def only(self, keep: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> Workbench:
+        """The same with some of the observations (the basis is made orthonormal anew; what they cannot tell falls)."""
+        q, r = np.linalg.qr(self.basis[keep])
+        good = np.abs(np.diag(r)) > 1e-9
+        residual = self.residual[keep]
+        return replace(
+            self,
+            basis=q[:, good],
+            residual=residual - q[:, good] @ (q[:, good].T @ residual),
+            levers={k: v[:, keep] for k, v in self.levers.items()},
+            table=_Lazy(self.table, keep),
+            index=self.index[keep],
+        )
+
+
+class _Lazy(dict[str, Array]):
+    """Channels at the observations: made when first asked for."""
+
+    def __init__(self, source: Mapping[str, Array], keep: Array) -> None:
+        super().__init__()
+        self._source, self._keep = source, keep
+
+    def __missing__(self, name: str) -> Array:
+        self[name] = self._source[name][self._keep]
+        return self[name]
+
+
+class _Channels(dict[str, Array]):
+    """Channels over a survey's rows: made when first asked for."""
+
+    def __init__(self, survey: Survey, points: Array) -> None:
+        super().__init__(zip(POINT, points, strict=True))
+        self._survey = survey
+
+    def __missing__(self, name: str) -> Array:
+        self[name] = channel(self._survey.table, name)
+        return self[name]
+
+
+def set_up(fit: Fit, sigma: float | None = None, most_rows: int = 4000) -> Workbench:
+    """The workbench of a fit. `sigma` (mm) is the noise of plain rows; None: as the fit found it."""
+    chain, problem, solution = fit.chain, fit.problem, fit.solution
+    place = problem.place()
+    base = solution.groups.base
+    zero = np.zeros(len(chain.ids))
+    points = chain.kernel("nominal", outputs=(0, 1, 2))(chain.columns(fit.survey.table))
+    table = _Channels(fit.survey, points)
+    residuals, designs, levers, index = [], [], [], []
+    views = [v for v in problem.views if isinstance(v, PositionView)]
+    total = sum(len(v) for v in views)
+    for view in views:
+        if total > most_rows:
+            view = view.part(np.unique(np.linspace(0, len(view) - 1, most_rows * len(view) // total).astype(int)))
+        level = (sigma or solution.sigma["position"]) if "position" not in solution.declared else 1.0
+        gap = np.hstack([view.whiten(p, g) for p, g in view.gaps(view_vector(view, place, solution.values, zero))])
+        arms = chain.kernel("levers", (), view.fixed, (0, 1, 2))(view.rows, zero)
+        arms = view.whiten(slice(None), arms.reshape(-1, 3, len(view)))
+        residuals.append(gap.ravel() / level)
+        designs.append(design_rows(view, place, most=len(view))[:, base] / level)
+        levers.append(arms.reshape(len(arms), -1) / level)
+        index.append(np.tile(view.index, 3))
+    design, stacked = np.vstack(designs), np.hstack(levers)
+    rows = np.concatenate(index)
+    live = np.abs(design).max(axis=1) + np.abs(stacked).max(axis=0) > 0  # components that were measured
+    q, _ = np.linalg.qr(design[live] / np.linalg.norm(design[live], axis=0))
+    residual = np.concatenate(residuals)[live]
+    names = chain.element_names
+    arms_of = {n: stacked[6 * k : 6 * k + 6][:, live] for k, n in reversed(list(enumerate(names)))}
+    scene = Scene(chain.machine, _scene_columns(fit.survey, table, chain))
+    return Workbench(
+        chain, residual - q @ (q.T @ residual), q, arms_of, _Lazy(table, rows[live]), rows[live], scene
+    )
+
+
+def _scene_columns(survey: Survey, table: _Channels, chain: Chain) -> dict[str, Array]:
+    """What the survey's rows hold, with the side of arrival of every joint that the data knows it of."""
+    names = [c for c in survey.table.columns if str(c).startswith(("T_", "w_")) or c in ("time", "feed", "load")]
+    columns = {str(n): survey.table[n].to_numpy(dtype=float) for n in names}
+    for joint in chain.machine.joints:
+        columns[joint.name] = survey.table[joint.name].to_numpy(dtype=float)
+        if f"dir_{joint.name}" in survey.table or "time" in survey.table:
+            columns[f"dir_{joint.name}"] = table[f"dir_{joint.name}"]
+    return columns
+
+
+def tried(effects: Sequence[Effect], bench: Workbench) -> tuple[list[Effect], list[tuple[Array, Array]]]:
+    """Columns of every effect that this survey has the channels for."""
+    kept, out = [], []
+    for effect in effects:
+        columns, size = bench.columns(effect)
+        if np.isfinite(columns).all() and np.abs(columns).max() > 0:
+            kept.append(effect)
+            out.append((columns, size))
+    return kept, out
+
+
+__all__ = ["Value", "Workbench", "set_up", "tried"]

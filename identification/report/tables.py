@@ -1,0 +1,177 @@
+"""The tables of a report, as text in cells."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from identification.describe import _reasons as no_effect_reasons
+from identification.estimates import ARCSEC, Estimate, Kind
+from identification.fit.result import Fit, Spread
+from identification.fit.run import moved
+from identification.report.wording import decimals
+
+HEADINGS: dict[Kind, str] = {
+    "member": "Structural members (constants)",
+    "joint": "Joints (error motions)",
+    "frame": "Measuring frame and target",
+    "zero": "Zeros of the instruments",
+}
+MOST_FRAMES = 30
+
+
+class Result(NamedTuple):
+    """A row of the table of residuals, um."""
+
+    name: str
+    note: str
+    spread: Spread
+
+    @property
+    def cells(self) -> list[str]:
+        s = self.spread
+        return [number(v, 1) for v in (s.mean_um, s.rms_um, s.max_um)] + [str(s.n)]
+
+
+class GroupRow(NamedTuple):
+    """A row of the table of groups."""
+
+    number: int
+    formula: str
+    symbol: str
+    value: str
+    unit: str
+    arcsec: str
+    significance: str
+    clear: bool
+
+
+def number(value: float, places: int) -> str:
+    """With a true minus sign; a dash for what is not known."""
+    if not np.isfinite(value):
+        return "–"
+    text = f"{value:.{places}f}"
+    return text.replace("-", "−") if float(text) else text.removeprefix("-")
+
+
+def results(fit: Fit) -> list[Result]:
+    """Nominal, fitted, held out, and each test file before and after."""
+    rows = [
+        Result("Nominal", "best frame, no error parameter", fit.nominal),
+        Result("Fitted", f"{fit.solution.groups.rank} groups identified", fit.fitted),
+        Result("Held out", f"each of {fit.folds} blocks of rows predicted without it", fit.heldout),
+    ]
+    for test in fit.tests:
+        own = ["its frame"] * any(".d" in n or ".e" in n for n in test.refit if not n.startswith("tool"))
+        own += ["its tool"] * any(n.startswith("tool") for n in test.refit)
+        note = f"predicted; estimated from its own rows: {' and '.join(own)}" if own else "predicted, nothing estimated"
+        rows += [Result(f"Test {test.path}", "nominal", test.nominal), Result(f"Test {test.path}", note, test.fitted)]
+    return rows
+
+
+def counts(fit: Fit) -> dict[str, int]:
+    """How many parameters there are, and what becomes of them."""
+    ids, groups = fit.chain.machine_ids, fit.solution.groups
+    named = {groups.ids[j] for j in groups.base}
+    return {
+        "parameters": len(ids),
+        "identified": sum(i in named for i in ids),
+        "without": sum(i in groups.no_effect for i in ids),
+        "rank": groups.rank,
+    }
+
+
+def group_sections(groups: Sequence[Estimate]) -> list[tuple[str, list[GroupRow]]]:
+    """The groups by kind, in the order of the fit."""
+    kinds = {kind: [_group_row(e) for e in groups if e.kind == kind] for kind in HEADINGS}
+    return [(HEADINGS[kind], rows) for kind, rows in kinds.items() if rows]
+
+
+def _group_row(e: Estimate) -> GroupRow:
+    places = decimals(e.std)
+    arcsec = ""
+    if e.unit.startswith("µrad"):
+        places_arcsec = decimals(ARCSEC * e.std)
+        size = f"{number(ARCSEC * e.value, places_arcsec)} ± {number(ARCSEC * e.std, places_arcsec)}"
+        arcsec = f"{size} arcsec{e.unit.removeprefix('µrad')}"
+    value = f"{number(e.value, places)} ± {number(e.std, places)}"
+    significance = number(e.significance, 1) if e.significance < 1e4 else "over 10000"
+    return GroupRow(e.number, e.formula, e.symbol, value, e.unit, arcsec, significance, e.significance >= 2)
+
+
+def dependent(fit: Fit) -> list[tuple[str, str]]:
+    """Parameters that other groups already hold: their ids, and what they act as; alike ones share a row."""
+    groups = fit.solution.groups
+    base = set(groups.base.tolist())
+    alike: dict[tuple[tuple[str, float], ...], list[str]] = {}
+    for j, name in enumerate(groups.ids):
+        rows = np.flatnonzero(groups.coefficients[:, j])
+        if j not in base and len(rows):
+            key = tuple((groups.ids[groups.base[k]], float(groups.coefficients[k, j])) for k in rows)
+            alike.setdefault(key, []).append(name)
+    return [(", ".join(names), ", ".join(_share(*pair) for pair in key)) for key, names in alike.items()]
+
+
+def _share(name: str, factor: float) -> str:
+    if abs(factor - 1) < 1e-9:
+        return name
+    return f"{'−' if factor < 0 else ''}{'' if abs(factor + 1) < 1e-9 else f'{abs(factor):.6g} × '}{name}"
+
+
+def no_effect(fit: Fit) -> list[tuple[str, str]]:
+    """Parameters that change nothing that was measured: their ids and why; alike ones share a row."""
+    groups = fit.solution.groups
+    known = replace(groups, no_effect=tuple(i for i in groups.no_effect if i in fit.chain.index))
+    reasons = dict.fromkeys(groups.no_effect, "nothing that was measured depends on it")
+    reasons |= no_effect_reasons(fit.chain, known, fit.survey)
+    alike: dict[str, list[str]] = {}
+    for name, reason in reasons.items():
+        alike.setdefault(reason, []).append(name)
+    return [(", ".join(names), reason) for reason, names in alike.items()]
+
+
+def frames(fit: Fit) -> list[list[str]]:
+    """Label, x y z (mm) and rotations about x, y, z (deg) of each measuring frame, the first of very many."""
+    from scipy.spatial.transform import Rotation
+
+    named = fit.solution.named()
+    out = []
+    for label, pose in list(fit.problem.frames.items())[:MOST_FRAMES]:
+        whole = moved(fit.chain, pose, named, label)
+        turns = Rotation.from_matrix(whole.rotation).as_euler("XYZ", degrees=True)
+        cells = [*(number(v, 4) for v in whole.translation), *(number(v, 6) for v in turns)]
+        out.append([label or "one frame for all rows", *cells])
+    more = len(fit.problem.frames) - len(out)
+    return [*out, [f"and {more} more in fit.json", *[""] * 6]] if more else out
+
+
+def noise(fit: Fit) -> list[list[str]]:
+    """Each kind of observation: how many, standard deviation, and where that comes from."""
+    out = []
+    for kind, sums in fit.solution.sums.items():
+        declared = kind in fit.solution.declared
+        factor, unit = (1e3, "µm") if kind in ("position", "displacement") else (1e6, "µrad")
+        sigma = fit.sigma_mm if kind == "position" else fit.solution.sigma[kind]
+        how = "declared (the deviation is that of the residuals)" if declared else "estimated from the residuals"
+        out.append([f"{kind}, one coordinate", str(sums.count), f"{factor * sigma:.3g} {unit}", how])
+    return out
+
+
+def inputs(fit: Fit) -> list[tuple[str, str]]:
+    """Names of what was read."""
+    machine = fit.chain.machine
+    rows = [("Machine", _name(machine.source) if machine.source else machine.name)]
+    rows.append(("Survey", _name(fit.survey.source)))
+    counts = fit.survey.table["file"].value_counts(sort=False)
+    rows += [("Fitted file", f"{_name(Path(str(file)))}, {n} rows") for file, n in counts.items()]
+    rows += [("Test file", f"{_name(Path(test.path))}, {len(test.survey)} rows") for test in fit.tests]
+    return [*rows, ("Instrument", fit.survey.instrument.type)]
+
+
+def _name(path: Path) -> str:
+    """As the user wrote it, but without the folders of an absolute path, which are of one computer only."""
+    return path.name if path.is_absolute() else str(path)

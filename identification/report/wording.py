@@ -1,0 +1,105 @@
+"""What a report says in words, from the numbers of a fit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import floor, log10
+from typing import NamedTuple
+
+import numpy as np
+
+from identification.estimates import Estimate
+from identification.fit.result import Fit
+from identification.plots.correlation import correlation
+
+WORSE = 1.5  # rms on other rows over rms on fitted ones, from which the difference is worth a warning
+
+
+class Judgement(NamedTuple):
+    """One sentence; `good` is False where the reader should do something."""
+
+    good: bool
+    text: str
+
+
+def short(value: float) -> str:
+    """An error in um as one says it: ``421``, ``27``, ``4.2``, ``0.35``."""
+    if not np.isfinite(value):
+        return "–"
+    return f"{value:.0f}" if value >= 9.95 else f"{value:.1f}" if value >= 0.95 else f"{value:.2g}"
+
+
+def decimals(std: float) -> int:
+    """Decimals that show two digits of a standard uncertainty."""
+    return max(0, 1 - floor(log10(std))) if 0 < std < float("inf") else 3
+
+
+def headline(fit: Fit) -> str:
+    """The verdict in one line."""
+    if not fit.fitted.n:
+        return f"Error motions fitted: {fit.solution.groups.rank} parameters identified; no positions were measured."
+    return (
+        f"Geometry fitted: mean error {short(fit.nominal.mean_um)} → {short(fit.fitted.mean_um)} µm; "
+        f"held-out {short(fit.heldout.mean_um)} µm."
+    )
+
+
+def judgements(fit: Fit) -> list[Judgement]:
+    """Whether to believe it: improvement, held-out rows, declared noise, test files."""
+    out: list[Judgement] = []
+    if fit.fitted.n:
+        if fit.fitted.mean_um > 0.8 * fit.nominal.mean_um:
+            text = "The declared error parameters explain little of the error: its cause lies elsewhere."
+            out.append(Judgement(False, text))
+        ratio = fit.heldout.rms_um / fit.fitted.rms_um if fit.fitted.rms_um else 1.0
+        if ratio > WORSE:
+            text = (
+                f"Rows that were left out are predicted {ratio:.1f} times worse (rms) than those fitted: too few poses "
+                "for so many parameters, or the machine changed during the survey."
+            )
+        else:
+            text = "Rows that were left out of the fit are predicted about as well as those that were fitted."
+        out.append(Judgement(ratio <= WORSE, text))
+    if fit.solution.declared:
+        if fit.inflation > 1:
+            text = (
+                f"The residuals are {fit.inflation:.2g} times as large as the declared uncertainty allows: the model "
+                "misses something, or the instrument was worse than declared. All standard uncertainties are multiplied "
+                "by this factor."
+            )
+        else:
+            text = "The residuals agree with the declared uncertainty."
+        out.append(Judgement(fit.inflation <= 1, text))
+    for test in fit.tests:
+        if test.fitted.n and test.fitted.rms_um > WORSE * fit.fitted.rms_um:
+            text = (
+                f"The test file {test.path} is predicted clearly worse: mean {short(test.fitted.mean_um)} µm "
+                f"(before: {short(test.nominal.mean_um)} µm)."
+            )
+            out.append(Judgement(False, text))
+    return out
+
+
+def noise(fit: Fit) -> str:
+    """Where the noise level comes from."""
+    dof = f"{fit.solution.dof} degrees of freedom"
+    if "position" in fit.solution.declared:
+        return (
+            f"The survey declares the uncertainty of its positions. Measured by it, the residuals have a reduced "
+            f"chi-square of {fit.solution.chi2 / max(fit.solution.dof, 1):.3f} (1 is as declared) with {dof}; they "
+            f"scatter by {1e3 * fit.sigma_mm:.3g} µm (k = 1) in one coordinate."
+        )
+    return (
+        f"No uncertainty of positions is declared, so the noise is estimated from the residuals, with {dof}. What the "
+        "model cannot follow is then taken for noise: a survey of known uncertainty would tell them apart."
+    )
+
+
+def strongest_correlation(fit: Fit, groups: Sequence[Estimate]) -> str:
+    """The two groups that hang together most, in words."""
+    if len(groups) < 2:
+        return ""
+    matrix = correlation(fit) - np.eye(len(groups))
+    i, j = sorted(int(k) for k in np.unravel_index(int(np.argmax(np.abs(matrix))), matrix.shape))
+    value = f"{matrix[i, j]:+.2f}".replace("-", "−")
+    return f"The strongest is {value}, between {groups[i].name} and {groups[j].name}."

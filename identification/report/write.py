@@ -1,0 +1,46 @@
+"""`write_report`: figures, tables and words of a fit, put into the template."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from errormodel import __version__
+from errormodel.files import write_text_atomic
+from identification.estimates import estimates
+from identification.fit.result import Fit
+from identification.report import tables, wording
+from identification.report.pictures import pictures
+
+
+def write_report(fit: Fit, path: Path) -> None:
+    """Write the report of `fit` to `path`: HTML without links to anything outside it, the same bytes for the same fit."""
+    import jinja2
+
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("identification.report"),
+        autoescape=True,  # names of machines, elements, runs and files are anybody's
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    groups = estimates(fit)
+    text = environment.get_template("report.html").render(
+        machine=fit.chain.machine.name,
+        headline=wording.headline(fit),
+        judgements=wording.judgements(fit),
+        notes=fit.notes,
+        results=tables.results(fit),
+        pictures=pictures(fit),
+        sections=tables.group_sections(groups),
+        counts=tables.counts(fit),
+        dependent=tables.dependent(fit),
+        no_effect=tables.no_effect(fit),
+        correlated=wording.strongest_correlation(fit, groups),
+        frames=tables.frames(fit),
+        frame_mode=fit.survey.frame,
+        noise=tables.noise(fit),
+        noise_text=wording.noise(fit),
+        inputs=tables.inputs(fit),
+        version=__version__,
+    )
+    write_text_atomic(text, path)
