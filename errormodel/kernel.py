@@ -24,17 +24,18 @@ _UNARY = {
     ca.OP_ATAN: "arctan", ca.OP_SQ: "square", ca.OP_SQRT: "sqrt", ca.OP_EXP: "exp", ca.OP_LOG: "log",
     ca.OP_FABS: "absolute", ca.OP_SIGN: "sign", ca.OP_INV: "reciprocal", ca.OP_TANH: "tanh", ca.OP_SINH: "sinh",
     ca.OP_COSH: "cosh", ca.OP_FLOOR: "floor", ca.OP_CEIL: "ceil", ca.OP_NOT: "logical_not",
-    ca.OP_NEG: "negative",
+    ca.OP_NEG: "negative", ca.OP_ASINH: "arcsinh", ca.OP_ACOSH: "arccosh", ca.OP_ATANH: "arctanh",
+    ca.OP_EXPM1: "expm1", ca.OP_LOG1P: "log1p",
 }  # fmt: skip
 _BINARY = {
     ca.OP_ADD: "add", ca.OP_SUB: "subtract", ca.OP_MUL: "multiply", ca.OP_DIV: "divide", ca.OP_POW: "power",
-    ca.OP_CONSTPOW: "power", ca.OP_FMIN: "minimum", ca.OP_FMAX: "maximum", ca.OP_ATAN2: "arctan2", ca.OP_LT: "less",
+    ca.OP_CONSTPOW: "power", ca.OP_FMIN: "fmin", ca.OP_FMAX: "fmax", ca.OP_ATAN2: "arctan2", ca.OP_LT: "less",
     ca.OP_LE: "less_equal", ca.OP_EQ: "equal", ca.OP_NE: "not_equal", ca.OP_AND: "logical_and",
     ca.OP_OR: "logical_or", ca.OP_FMOD: "fmod", ca.OP_HYPOT: "hypot", ca.OP_COPYSIGN: "copysign",
     ca.OP_IF_ELSE_ZERO: "where",
 }  # fmt: skip
-_COMMUTES = {"add", "multiply", "minimum", "maximum", "equal", "not_equal", "logical_and", "logical_or", "hypot"}
-_ODD = {"sin", "tan", "arcsin", "arctan", "tanh", "sinh", "reciprocal", "sign"}
+_COMMUTES = {"add", "multiply", "fmin", "fmax", "equal", "not_equal", "logical_and", "logical_or", "hypot"}
+_ODD = {"sin", "tan", "arcsin", "arctan", "tanh", "sinh", "arcsinh", "arctanh", "reciprocal", "sign"}
 _EVEN = {"cos", "square", "absolute", "cosh"}
 
 Ref = tuple[int, int]  # (sign, node)
@@ -60,7 +61,12 @@ class _Program:
 
     def plain(self, ref: Ref) -> int:
         sign, node = ref
-        return node if sign > 0 else self.node(("negative", node), self.scalar[node])
+        if sign > 0:
+            return node
+        kind, *args = self.nodes[node]
+        if kind == "subtract":  # as cheap as the negative, and +0 where both are equal, as CasADi has it
+            return self.node((kind, *args[::-1]), self.scalar[node])
+        return self.node(("negative", node), self.scalar[node])
 
     def unary(self, name: str, a: Ref) -> Ref:
         if name == "negative":
@@ -168,7 +174,7 @@ def _emit(program: _Program, wanted: list[int]) -> tuple[str, int]:
             if kind == "where":  # not a product: the branch not taken may be infinite
                 body.append(f"np.copyto({name[node]}, np.where({operands}, 0.0))")
             else:
-                body.append(f"np.{kind}({operands}, {name[node]})")
+                body.append(f"np.{kind}({operands}, out={name[node]})")
     inputs = sorted({program.nodes[n][2] for n in needed if program.nodes[n][:2] == ("input", 0)})
     unpack = [f"x{k} = X[{k}]" for k in inputs] + [f"w{k} = W[{k}]" for k in range(registers)]
     lines = ["def scalars(p, np):", *(f"    {s}" for s in head), "    return locals()"]
@@ -220,15 +226,17 @@ class Kernel:
         """
         n = len(rows[0])
         p = [float(v) for v in scalars]
-        s = self._scalars(p, np)
         work = np.empty((self._registers, min(size, n)))
         functions = np.empty((self.n_functions, min(size, n))) if into is None else None
         with np.errstate(all="ignore"):  # both branches of a switch are evaluated, one of them possibly at 0/0
-            for start in range(0, n, size):
-                part = slice(start, min(start + size, n))
-                m = part.stop - start
-                target = [row[part] for row in into] if functions is None else functions[:, :m]
-                yield part, self._block([x[part] for x in rows], work[:, :m], target, p, s, np)
+            s = self._scalars(p, np)
+        for start in range(0, n, size):
+            part = slice(start, min(start + size, n))
+            m = part.stop - start
+            target = [row[part] for row in into] if functions is None else functions[:, :m]
+            with np.errstate(all="ignore"):  # not around the yield: the caller's arithmetic is not ours to silence
+                done = self._block([x[part] for x in rows], work[:, :m], target, p, s, np)
+            yield part, done
 
     def expand(self, functions: Array | list[Array]) -> Array:
         """All outputs ``(n_outputs, m)`` of a block from its distinct functions."""

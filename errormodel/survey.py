@@ -11,6 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from errormodel.conventions import MOTIONS
+from errormodel.effects.axis_blunder import mended
 from errormodel.exceptions import InputError
 from errormodel.features import direction
 from errormodel.formats import open_tables
@@ -135,7 +136,7 @@ def read_survey(path: Path | str, machine: Machine, measured: bool = True) -> Su
         parts.append(part)
     if measured and all(entry.role == "test" for entry in form.files):
         raise document.error(("files",), "only test files", "Give at least one file the role fit")
-    table = _assemble(parts, machine)
+    table = mended(_assemble(parts, machine), machine)
     notes |= dict.fromkeys(travel_notes(table, machine))
     return Survey(table, form.frame, tuple(form.refit), form.instrument, path, tuple(notes))
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import functools
+import inspect
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
 FOLDER = click.Path(path_type=Path, file_okay=False)
 FILE = click.Path(path_type=Path, dir_okay=False)
 ANY = click.Path(path_type=Path)
+DRAWINGS = (".svg", ".png", ".pdf")
+MOST_POSES = 10_000_000  # simulated in one go
 
 
 class Group(click.Group):
@@ -48,30 +51,21 @@ def app() -> None:
 
 
 def command(function: Callable[..., None]) -> click.Command:
-    """Register a command with the options that every command has."""
+    """Register a command with the options that every command has; those that draw no random numbers ignore the seed."""
+    draws = "seed" in inspect.signature(function).parameters
 
     @functools.wraps(function)
-    def run(*args: Any, quiet: bool, **kwargs: Any) -> None:
-        with _speaking(quiet):
-            function(*args, **kwargs)
+    def run(*args: Any, quiet: bool, seed: int, **kwargs: Any) -> None:
+        global _quiet  # noqa: PLW0603  one process runs one command
+        _quiet = quiet
+        function(*args, **kwargs, **({"seed": seed} if draws else {}))
 
+    run = click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Random seed.")(run)
     run = click.option("--quiet", is_flag=True, help="Print nothing but errors.")(run)
     return app.command()(run)
 
 
-def seeded(function: Callable[..., None]) -> Callable[..., None]:
-    """Add the option --seed to a command that draws random numbers."""
-    return click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Random seed.")(function)
-
-
 _quiet = False
-
-
-@contextmanager
-def _speaking(quiet: bool) -> Iterator[None]:
-    global _quiet  # noqa: PLW0603  one process runs one command
-    _quiet = quiet
-    yield
 
 
 def say(text: str = "") -> None:
@@ -91,14 +85,14 @@ def working(text: str) -> Iterator[None]:
         with Console(stderr=True).status(text):
             yield
     else:
-        click.echo(f"{text} ...", err=True)
+        say(f"{text} ...")  # not on stderr, which is left to what needs attention
         yield
 
 
 def _notes(notes: tuple[str, ...]) -> None:
     for note in notes:
         if not _quiet:
-            click.secho(f"note: {note}", err=True, fg="yellow")
+            click.secho(f"note: {one_line(note)}", err=True, fg="yellow")
 
 
 @command
@@ -124,6 +118,9 @@ def describe(machine: str, survey: Path | None, json_file: Path | None, drawing:
     from errormodel.schema import read_machine
     from identification import describe as stage
 
+    if drawing is not None and drawing.suffix.lower() not in DRAWINGS:
+        found = f"a drawing of type '{drawing.suffix}'"
+        raise InputError(f"--drawing {drawing}", found, f"Write one of {', '.join(DRAWINGS)}")
     model = read_machine(machine)
     points = None
     if survey is not None:
@@ -157,7 +154,6 @@ def _say_description(description: Description) -> None:
 @click.option("--parameters", type=FILE, help="YAML: parameters {id: value in mm, rad}, frame {translation, rotation}.")
 @click.option("--noise", default="0", help="Standard deviation in mm, or 'instrument': that of the survey's instrument.")
 @click.option("--out", type=FILE, required=True, help="CSV to write.")
-@seeded
 def simulate(machine: str, points: str, parameters: Path | None, noise: str, out: Path, seed: int) -> None:
     """Simulate what would be measured at POINTS (a survey's commands, or a number of random poses)."""
     from errormodel import simulate as stage
@@ -170,19 +166,27 @@ def simulate(machine: str, points: str, parameters: Path | None, noise: str, out
 
     model = read_machine(machine)
     instrument: Instrument = Plain()
-    if points.isdigit():
-        table = stage.random_points(model, int(points), seed)
+    if points.isdecimal():
+        table = stage.random_points(model, _count(points), seed)
     else:
         survey = read_survey(Path(points), model, measured=False)
         _notes(survey.notes)
         table, instrument = survey.table, survey.instrument
     truth = stage.read_truth(parameters, Chain(model)) if parameters is not None else stage.Truth({})
     measured = stage.simulate(model, table, truth, _noise(noise, instrument), seed)
-    result = stage.outward(table, model).drop(columns=["file", "role", "row"], errors="ignore")
+    # orientations are exact, which no instrument is: those of the survey go, none take their place
+    stale = ["file", "role", "row", "mrx", "mry", "mrz"]
+    result = stage.outward(table, model).drop(columns=stale, errors="ignore")
     for name in ("mx", "my", "mz"):
         result[name] = measured[name]
     write_csv(result, out)
     say(f"{len(result)} points written to {out}")
+
+
+def _count(text: str) -> int:
+    if not 0 < int(text[:9]) == float(text) <= MOST_POSES:
+        raise InputError("POINTS", f"{text} random poses", f"Write a number from 1 to {MOST_POSES}, or name a survey")
+    return int(text)
 
 
 def _noise(text: str, instrument: Any) -> Any:
@@ -239,6 +243,32 @@ def _say_fit(result: Fit, out: Path) -> None:
 
 
 @command
+@click.argument("machine")
+@click.argument("survey", type=ANY)
+@click.option("--out", type=FOLDER, required=True, help="Folder for diagnosis.json, machine.yaml, the fit and report.html.")
+def diagnose(machine: str, survey: Path, out: Path) -> None:
+    """Fit, then find the physics that was left out: where, what, how sure; the fit is that of the extended machine."""
+    from errormodel.files import write_text_atomic
+    from errormodel.schema import read_machine
+    from errormodel.survey import read_survey
+    from identification.diagnosis.run import diagnose as stage
+    from identification.store import dumps
+    from identification.tables import diagnosis_lines
+
+    model = read_machine(machine)
+    with working("Reading"):
+        data = read_survey(survey, model)
+    _notes(data.notes)
+    with working("Looking for what was left out"):
+        result = stage(model, data)
+    _save(result.final, out)
+    write_text_atomic(dumps(result.diagnosis.as_json()), out / "diagnosis.json")
+    for line in diagnosis_lines(result.diagnosis):
+        say(line)
+    say(f"\nReport: {out / 'report.html'}")
+
+
+@command
 @click.argument("folder", type=FOLDER)
 @click.argument("points", type=ANY)
 @click.option("--out", type=FILE, required=True, help="CSV to write.")
@@ -247,37 +277,45 @@ def predict(folder: Path, points: Path, out: Path) -> None:
     from errormodel.files import write_csv
     from errormodel.simulate import outward
     from errormodel.survey import read_survey
+    from identification import predict as stage
     from identification import store
-    from identification.predict import predict as stage
 
     stored = store.load(folder)
     machine = stored.chain.machine
     survey = read_survey(points, machine, measured=False)
-    _notes(survey.notes)
+    _notes((*survey.notes, *stage.frame_notes(stored, survey)))
     with working("Predicting"):
-        result = stage(stored, survey)
+        result = stage.predict(stored, survey)
     table = outward(survey, machine).drop(columns=["file", "role", "row"]).drop(columns=result.columns, errors="ignore")
     write_csv(table.join(result), out)
     say(f"{len(result)} predictions written to {out}")
 
 
-def main() -> None:
+def main(arguments: Sequence[str] | None = None) -> None:
     """Entry point: one message and exit code 2 for wrong input, never a traceback for it."""
     try:
-        app(standalone_mode=False)
+        app(arguments, prog_name="errormodel", standalone_mode=False)
     except InputError as error:
-        _fail(f"error: {error}")
-    except click.ClickException as error:
+        _fail(str(error))
+    except click.exceptions.NoArgsIsHelpError as error:
         error.show()
         sys.exit(2)
-    except click.exceptions.Abort:
+    except click.ClickException as error:
+        context = error.ctx if isinstance(error, click.UsageError) else None
+        name = context.command_path if context is not None else "errormodel"
+        found = error.format_message().rstrip(".")
+        _fail(f"{name}: {found}{'' if found.endswith('?') else '.'} See {name} --help")
+    except (click.exceptions.Abort, BrokenPipeError):
         sys.exit(1)
-    except BrokenPipeError:
-        sys.exit(1)
+
+
+def one_line(message: str) -> str:
+    """A message as a terminal may show it: names in it are anybody's."""
+    return "".join(c if c.isprintable() else " " for c in message)
 
 
 def _fail(message: str) -> None:
-    click.secho(message, err=True, fg="red")
+    click.secho(f"error: {one_line(message)}", err=True, fg="red")
     sys.exit(2)
 
 

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import re
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from errormodel.chain import TOOL_CHANNELS, Chain
+from errormodel.chain import Chain
 from errormodel.machine import Machine
+from errormodel.simulate import random_points
+from errormodel.survey_columns import MEASURED
 from identification.fit.least_squares import identifiable
 from identification.groups import Groups
 from identification.problem import build
 from identification.views import PositionView, View
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from errormodel.survey import Survey
 
 POSES = 2000  # random poses: enough that chance does not hide a direction, few enough to answer at once
@@ -62,38 +67,54 @@ class Description:
         return out
 
 
-def random_rows(machine: Machine, count: int, seed: int = 0) -> list[np.ndarray[Any, np.dtype[np.float64]]]:
-    """Channels of random poses, uniform over the travels, with the machine's one tool."""
-    rng = np.random.default_rng(seed)
-    joints = [rng.uniform(*j.travel, count) for j in machine.joints]
-    return [*joints, *(np.full(count, value) for value in machine.tool)]
-
-
 def describe(machine: Machine, survey: Survey | None = None) -> Description:
     """Parameters, rank and groups; without a survey for random poses over the travels and one tool."""
     chain = Chain(machine)
     ids = chain.machine_ids
     alone = identifiable(chain, [_random_view(chain)], ids)
     if survey is None:
-        return Description(chain, alone, _reasons(chain, alone, None))
+        return Description(chain, alone, no_effect_reasons(chain, alone, None))
+    survey = _as_if_measured(chain, survey)
     problem = build(chain, survey)
     groups = identifiable(chain, problem.views, ids)
     names = {groups.name(k) for k in range(groups.rank)}
     split = tuple(alone.name(k) for k in range(alone.rank) if alone.name(k) not in names)
     return Description(
-        chain, groups, _reasons(chain, groups, survey), identifiable(chain, problem.views, problem.unknowns), split
+        chain, groups, no_effect_reasons(chain, groups, survey), identifiable(chain, problem.views, problem.unknowns), split
     )
 
 
 def _random_view(chain: Chain) -> View:
-    rows = random_rows(chain.machine, POSES)
     return PositionView(
-        kind="position", chain=chain, ids=chain.machine_ids, columns=chain.machine_ids, rows=rows,
-        whitener=np.ones(POSES), index=np.arange(POSES), measured=np.zeros((POSES, 3)),
+        kind="position", chain=chain, ids=chain.machine_ids, columns=chain.machine_ids,
+        rows=chain.columns(_random_table(chain)), whitener=np.ones(POSES), index=np.arange(POSES),
+        measured=np.zeros((POSES, 3)),
     )  # fmt: skip
 
 
-def _reasons(chain: Chain, groups: Groups, survey: Survey | None) -> dict[str, str]:
+def _random_table(chain: Chain) -> pd.DataFrame:
+    """Random poses with one tool; the other columns that effects depend on vary as they would in a day's work."""
+    table = random_points(chain.machine, POSES)
+    rng = np.random.default_rng(1)
+    ranges = {"T_": (18.0, 24.0), "w_": (0.0, 1.0), "feed": (500.0, 5000.0), "load": (0.0, 500.0)}
+    for word in dict.fromkeys(word for name in chain.channels for word in re.split(r"[(),]", name)):
+        for prefix, (low, high) in ranges.items():
+            if word.startswith(prefix):
+                table[word] = rng.uniform(low, high, POSES)
+    return table.assign(time=60.0 * np.arange(POSES))  # s
+
+
+def _as_if_measured(chain: Chain, survey: Survey) -> Survey:
+    """A survey's rows to fit; commands alone count as poses at which all three coordinates will be measured."""
+    rows = survey.fit if len(survey.fit) else survey
+    if "joint" in rows.table or np.isfinite(rows.measured).any():
+        return rows
+    nominal = chain.kernel("nominal", outputs=(0, 1, 2))(chain.columns(rows.table))
+    return replace(rows, table=rows.table.assign(**dict(zip(MEASURED, nominal, strict=True))))
+
+
+def no_effect_reasons(chain: Chain, groups: Groups, survey: Survey | None) -> dict[str, str]:
+    """Why each parameter without effect has none, in words."""
     out = {}
     for identity in groups.no_effect:
         parameter = chain.parameters[chain.index[identity]]
@@ -105,8 +126,3 @@ def _reasons(chain: Chain, groups: Groups, survey: Survey | None) -> dict[str, s
         else:
             out[identity] = "nothing is measured in its direction"
     return out
-
-
-def tools_of(survey: Survey) -> int:
-    """How many different functional points a survey uses."""
-    return len(survey.table[list(TOOL_CHANNELS)].drop_duplicates())

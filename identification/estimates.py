@@ -17,6 +17,16 @@ PRINTED: dict[str, tuple[float, str]] = {
 }
 ARCSEC = 0.20626480624709636  # of a microradian
 
+
+def printed(unit: str) -> tuple[float, str]:
+    """Factor and name of the unit in which people read values of an internal one, those of effects such as mm/K too."""
+    head, slash, rest = unit.partition("/")
+    if unit in PRINTED or not slash:
+        return PRINTED.get(unit, (1.0, unit))
+    factor, name = PRINTED[head] if head in ("mm", "rad") else (1e6, "1e-6") if head == "1" else (1.0, head)
+    return factor, f"{name}/{rest}"
+
+
 Kind = Literal["member", "joint", "frame", "zero"]
 
 
@@ -55,7 +65,7 @@ def estimates(fit: Fit) -> list[Estimate]:
     members = {e.name for e in fit.chain.machine.elements} - joints
     out = []
     for number, p in enumerate(parameters(fit), start=1):
-        factor, unit = PRINTED[p["unit"]]
+        factor, unit = printed(p["unit"])
         kind: Kind = "zero" if p["id"].startswith("zero[") else "frame"
         if p["id"] in fit.chain.index:
             element = fit.chain.parameters[fit.chain.index[p["id"]]].element

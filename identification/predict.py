@@ -27,18 +27,31 @@ def predict(fit: StoredFit, points: Survey) -> pd.DataFrame:
     """
     import pandas as pd
 
-    chain = fit.chain
-    labels = frame_labels(points)
-    known = fit.frames
+    labels = _labels(fit, points)
     out = np.full((len(points), 9), np.nan)
-    first = next(iter(known), None)
+    first = next(iter(fit.frames), None)
     for label in dict.fromkeys(labels):
-        used = label if label in known else first  # a run never measured: as if it stood in the first one's frame
+        used = label if label in fit.frames else first
         index = np.flatnonzero(labels == label)
         out[index] = _predict_frame(fit, points, index, used)
     return pd.DataFrame(
         out, columns=["mx", "my", "mz", "ex", "ey", "ez", "ux", "uy", "uz"], index=points.table.index
     )
+
+
+def _labels(fit: StoredFit, points: Survey) -> Array:
+    """The frame of each row, by the rule of the survey that was fitted: mere commands have none of their own."""
+    return frame_labels(points, fit.frame_mode)
+
+
+def frame_notes(fit: StoredFit, points: Survey) -> tuple[str, ...]:
+    """A note on rows whose run (or file) was not fitted: they are predicted in the first one's frame."""
+    what = {"per-run": "run", "per-file": "file"}.get(fit.frame_mode)
+    unknown = [label for label in dict.fromkeys(_labels(fit, points)) if label not in fit.frames]
+    if what is None or not fit.frames or not unknown or (what == "file" and len(fit.frames) == 1):
+        return ()
+    more = f" and {len(unknown) - 1} more" if len(unknown) > 1 else ""
+    return (f"{what} {unknown[0]}{more} was not fitted: predicted in the frame of {what} {next(iter(fit.frames))}",)
 
 
 def _predict_frame(
@@ -69,7 +82,7 @@ def _variance(fit: StoredFit, names: list[str], design: Array) -> Array:
     variance = np.einsum("aim,ab,bim->im", base, covariance, base, optimize=True)
     groups = np.zeros((len(kept), len(names)))
     for row, k in enumerate(kept):
-        for member, coefficient in fit.data["parameters"][k]["members"].items():
+        for member, coefficient in fit.groups[fit.base[k]].items():
             if member in place:
                 groups[row, place[member]] = coefficient
     scale = _plausible(fit)
@@ -80,15 +93,15 @@ def _variance(fit: StoredFit, names: list[str], design: Array) -> Array:
         column = design[place[name]]
         left = column - np.tensordot(groups[:, place[name]], base, axes=1)
         left[np.abs(left) < 1e-6 * np.abs(column).max(initial=1e-300)] = 0.0  # the group acts here as it did there
-        variance += np.square(left * scale[units[name]])
+        variance += np.square(left * scale.get(units[name], 0.0))
     return variance
 
 
 def _plausible(fit: StoredFit) -> dict[str, float]:
     """Size of an unidentified parameter of each unit: the root mean square of the identified ones, if there are any."""
     out = dict(PLAUSIBLE)
-    for unit in out:
+    for unit, least in PLAUSIBLE.items():
         values = [v for i, v in fit.values.items() if fit.units[i] == unit and not i.startswith(("frame", "zero["))]
         if len(values) > 2:
-            out[unit] = max(float(np.sqrt(np.mean(np.square(values)))), 1e-3 * out[unit])
+            out[unit] = max(float(np.sqrt(np.mean(np.square(values)))), 1e-3 * least)
     return out

@@ -46,11 +46,15 @@ class Problem:
         return {name: k for k, name in enumerate(self.unknowns)}
 
 
-def frame_labels(survey: Survey) -> Array:
-    """The label of each row's measuring frame: "" where all share one, else the run's or the file's name."""
-    if survey.frame in ("shared", "fixed"):
+def frame_labels(survey: Survey, mode: str | None = None) -> Array:
+    """The label of each row's measuring frame: "" where all share one, else the run's or the file's name.
+
+    `mode` in place of the survey's own ``frame``.
+    """
+    mode = mode or survey.frame
+    if mode in ("shared", "fixed"):
         return np.full(len(survey), "", dtype=object)
-    return survey.table["run" if survey.frame == "per-run" else "file"].to_numpy(dtype=object)
+    return survey.table["run" if mode == "per-run" else "file"].to_numpy(dtype=object)
 
 
 def frame_columns(chain: Chain, label: str) -> tuple[str, ...]:
@@ -184,6 +188,7 @@ def _motion_views(chain: Chain, survey: Survey, joint: Array) -> tuple[list[View
     views: list[View] = []
     zeros: list[str] = []
     table = survey.table
+    channels = chain.columns(table) if (joint != "").any() else []
     runs = table["run"].to_numpy(dtype=object)
     for name in dict.fromkeys(joint[joint != ""]):
         ids = tuple(i for i in chain.machine_ids if chain.parameters[chain.index[i]].element == name)
@@ -197,14 +202,14 @@ def _motion_views(chain: Chain, survey: Survey, joint: Array) -> tuple[list[View
                 index = rows[np.isfinite(values[rows])]
                 if not len(index):
                     continue
-                channels = as_rows(*(np.nan_to_num(table[c].to_numpy(dtype=float)[index]) for c in chain.channels))
+                rows_seen = as_rows(*(np.nan_to_num(c[index]) for c in channels))
                 views.append(
                     MotionView(
                         kind="displacement" if motion in TRANSLATIONS else "angle",
                         chain=chain,
                         ids=ids,
                         columns=(*ids, *zero),
-                        rows=channels,
+                        rows=rows_seen,
                         whitener=np.ones(len(index)),
                         index=index,
                         outputs=(k,),

@@ -38,6 +38,7 @@ def as_json(fit: Fit) -> dict[str, Any]:
         "n_parameters": len(fit.chain.machine_ids),
         "rank": s.groups.rank,
         "condition": s.groups.condition,
+        "frame_mode": fit.survey.frame,
         "frame": [
             {
                 "label": label,
@@ -137,8 +138,8 @@ def _residual_table(fit: Fit) -> Any:
     tables = []
     for survey, nominal, fitted, heldout in parts:
         table = outward(survey, fit.chain.machine)
-        columns = ["file", "role", "row", "run", *(["time"] if "time" in table else []), *fit.chain.channels]
-        table = table[columns].copy()
+        wanted = ("file", "role", "row", "run", "time", *fit.chain.channels)
+        table = table[[c for c in dict.fromkeys(wanted) if c in table]].copy()
         for name, values in (("nominal", nominal), ("residual", fitted), ("heldout", heldout)):
             if values is not None:
                 table[[f"{name}_{axis}_um" for axis in "xyz"]] = 1e3 * values
@@ -155,6 +156,8 @@ class StoredFit:
     base: tuple[str, ...]
     covariance: Array  # of `base`
     units: dict[str, str]
+    groups: dict[str, dict[str, float]]  # members of each group and their coefficients
+    frame_mode: str  # which rows of a survey share a measuring frame
     frames: dict[str, Pose]  # alignments, which the small frame parameters follow
     data: dict[str, Any]
 
@@ -182,10 +185,18 @@ def load(folder: Path) -> StoredFit:
         data = json.loads(path.read_text(encoding="utf-8"))
         if data.get("schema") != SCHEMA:
             raise InputError(str(path), f"its schema is {data.get('schema')!r}, not {SCHEMA!r}", cure)
-        base = tuple(p["id"] for p in data["parameters"])
+        entries = data["parameters"]
+        base = tuple(str(p["id"]) for p in entries)
+        std = np.array([p["std"] for p in entries], dtype=float)
         covariance = pd.read_csv(folder / "covariance.csv")
-        if tuple(covariance.columns) != base or len(covariance) != len(base):
+        matrix = covariance.to_numpy(dtype=float) if len(covariance) == len(base) else np.zeros((0, 0))
+        if tuple(covariance.columns) != base or not np.allclose(np.sqrt(np.diag(matrix)), std, rtol=1e-9, atol=0):
             raise InputError(str(folder / "covariance.csv"), "it is of another fit than fit.json", "Run the fit again")
+        chain = Chain(read_machine(folder / "machine.yaml"))
+        foreign = next((i for i in base if i not in chain.index and not i.startswith(("frame[", "zero["))), None)
+        if foreign is not None:
+            found = f"it has no parameter '{foreign}', which fit.json estimates"
+            raise InputError(str(folder / "machine.yaml"), found, "Run the fit again")
         frames = {
             f["label"]: Pose(
                 Rotation.from_rotvec(f["alignment"]["rotation"]).as_matrix(), np.array(f["alignment"]["translation"])
@@ -193,13 +204,15 @@ def load(folder: Path) -> StoredFit:
             for f in data["frame"]
         }
         return StoredFit(
-            Chain(read_machine(folder / "machine.yaml")),
-            {p["id"]: p["value"] for p in data["parameters"]},
+            chain,
+            {p["id"]: float(p["value"]) for p in entries},
             base,
-            covariance.to_numpy(dtype=float),
-            {p["id"]: p["unit"] for p in data["parameters"]},
+            matrix,
+            {p["id"]: str(p["unit"]) for p in entries},
+            {p["id"]: {str(m): float(c) for m, c in p["members"].items()} for p in entries},
+            str(data["frame_mode"]),
             frames,
             data,
         )
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise InputError(str(path), f"it cannot be read as a fit ({type(error).__name__}: {error})", cure) from error

@@ -7,8 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from errormodel.kernel import BLOCK, Array, Kernel
+from errormodel.kernel import Array, Kernel
 from identification.views import Kind, View
+
+
+SAMPLE = 1024  # rows that the rank is decided on, before all rows are asked whether they agree
 
 
 @dataclass
@@ -110,21 +113,23 @@ class _Task:
     def _alike(self, kernel: Kernel, selectors: list[Array]) -> Sums:
         """Weights alike in all directions: one Gram matrix of the distinct functions serves all components."""
         n, c = kernel.n_functions, len(selectors)
-        first = 0 if self.gram else n
-        gram = np.zeros((n + c - first, n + c))
-        stack = np.empty((n + c, min(BLOCK, len(self.view))))
+        gram, slope, square = np.zeros((n, n)), np.zeros((n, c)), np.zeros(c)
+        whitener = self.view.whitener
+        same = len(whitener) > 0 and bool((whitener == whitener[0]).all())
         for part, functions, gap in self._blocks(kernel, selectors):
-            m = part.stop - part.start
-            weights = self.view.whitener[part]
-            np.multiply(functions, weights, stack[:n, :m])
-            np.multiply(gap, weights, stack[n:, :m])
-            gram += stack[first:, :m] @ stack[:, :m].T
+            if not same:
+                functions, gap = functions * whitener[part], gap * whitener[part]
+            if self.gram:
+                gram += functions @ functions.T
+            slope += functions @ gap.T
+            square += np.einsum("cm,cm->c", gap, gap)
+        weight = float(whitener[0]) ** 2 if same else 1.0
         sums = Sums.zero(selectors[0].shape[1])
+        sums.square = weight * float(square.sum())
         for k, selector in enumerate(selectors):
             if self.gram:
-                sums.gram += selector.T @ gram[:n, :n] @ selector
-            sums.slope += selector.T @ gram[n - first + k, :n]
-            sums.square += gram[n - first + k, n + k]
+                sums.gram += weight * (selector.T @ gram @ selector)
+            sums.slope += weight * (selector.T @ slope[:, k])
         return sums
 
     def _directed(self, kernel: Kernel, selectors: list[Array]) -> Sums:
@@ -152,7 +157,7 @@ def selectors_of(kernel: Kernel, components: int, columns: np.ndarray[tuple[int]
     return out
 
 
-def design_rows(view: View, unknowns: Mapping[str, int], most: int = 4096) -> Array:
+def design_rows(view: View, unknowns: Mapping[str, int], most: int = SAMPLE) -> Array:
     """Whitened rows of M, dense, of at most `most` of the view's rows, evenly spread: (rows * components, unknowns)."""
     if len(view) > most:
         view = view.part(np.unique(np.linspace(0, len(view) - 1, most).astype(int)))

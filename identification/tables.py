@@ -7,6 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from identification.describe import Description
+from identification.diagnosis.findings import Diagnosis
+from identification.estimates import printed
 from identification.fit.result import Fit, Spread
 from identification.store import parameters
 
@@ -61,7 +63,8 @@ def fit_lines(fit: Fit) -> Iterator[str]:
     for name, spread in rows:
         yield f"{name:28}{spread.rms_um:9.2f}{spread.mean_um:9.2f}{spread.max_um:9.2f}{spread.n:8d}"
     how = "declared" if "position" in fit.solution.declared else "from residuals"
-    chi = f", reduced chi-square {fit.solution.chi2 / fit.solution.dof:.3f}" if how == "declared" else ""
+    tested = how == "declared" and fit.solution.dof > 0
+    chi = f", reduced chi-square {fit.solution.chi2 / fit.solution.dof:.3f}" if tested else ""
     yield f"\nnoise of one coordinate {1e3 * fit.sigma_mm:.2f} um ({how}), {fit.solution.dof} degrees of freedom{chi}"
     if fit.inflation > 1:
         yield f"residuals exceed the declared uncertainty: standard uncertainties are multiplied by {fit.inflation:.2f}"
@@ -69,5 +72,22 @@ def fit_lines(fit: Fit) -> Iterator[str]:
     listed.sort(key=lambda p: -abs(p["value"]) / p["std"] if p["std"] else -np.inf)
     yield "\nlargest in units of their uncertainty (all in parameters.csv)"
     for p in listed[:12]:
-        factor, unit = {"mm": (1e3, "um"), "rad": (1e6, "urad"), "1": (1e6, "um/m"), "rad/mm": (1e9, "urad/m")}[p["unit"]]
+        factor, unit = printed(p["unit"])
         yield f"  {p['symbol']:6} {factor * p['value']:11.3f} +- {factor * p['std']:8.3f} {unit:7} {p['group']}"
+
+
+def diagnosis_lines(diagnosis: Diagnosis) -> Iterator[str]:
+    """The verdict, the findings as sentences, and what the data could not show."""
+    before, after = diagnosis.baseline, diagnosis.final
+    yield f"verdict: {diagnosis.verdict}; noise of one coordinate {diagnosis.noise_um:.2f} um"
+    yield f"held out: {before['heldout_rms_um']:.2f} um rms before, {after['heldout_rms_um']:.2f} um after"
+    if not diagnosis.findings:
+        yield "\nNothing was found beyond the model and the noise."
+    for number, finding in enumerate(diagnosis.findings, start=1):
+        yield f"\n{number}. {finding.statement}"
+        for other in finding.alternatives[:3]:
+            told = "told apart" if other.separable else "not told apart by this data"
+            yield f"   instead: {other.effect} at {other.where}, odds 10^{other.log10_bayes_factor:.1f} ({told})"
+        yield f"   next: {finding.next_measurement}"
+    if diagnosis.untestable:
+        yield "\ncannot be seen in this survey: " + ", ".join(u.effect for u in diagnosis.untestable)

@@ -14,7 +14,7 @@ from typing import Literal, Self
 import numpy as np
 
 from errormodel.chain import TOOL_CHANNELS, Chain, What
-from errormodel.kernel import Array, Kernel, as_rows
+from errormodel.kernel import BLOCK, Array, Kernel, as_rows
 from identification.alignment import IDENTITY, Pose
 
 Kind = Literal["position", "orientation", "displacement", "angle"]  # one noise level each, where none is declared
@@ -103,6 +103,32 @@ class PositionView(View):
             return vectors * self.whitener[part]
         turned = self.whitener[part] @ self.pose.rotation
         return np.einsum("mij,...jm->...im", turned, vectors, optimize=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class GapView(View):
+    """Gaps that are already known: volumetric errors, or those of another view at fixed parameters (linear models)."""
+
+    gap: Array  # (outputs, n), actual minus nominal in the reference's axes
+
+    def part(self, rows: slice | Array) -> Self:
+        return replace(super().part(rows), gap=self.gap[:, rows])
+
+    def gaps(self, p: Array) -> Iterator[tuple[slice, Array]]:
+        for start in range(0, len(self), BLOCK):
+            part = slice(start, min(start + BLOCK, len(self)))
+            yield part, self.gap[:, part]
+
+    @classmethod
+    def of(cls, view: View, p: Array) -> GapView:
+        """The gaps of a view at the chain's parameters `p`, taken once."""
+        gap = np.empty((len(view.outputs), len(view)))
+        for part, block in view.gaps(p):
+            gap[:, part] = block
+        return cls(
+            kind=view.kind, chain=view.chain, ids=view.ids, columns=view.columns, rows=view.rows,
+            whitener=view.whitener, index=view.index, outputs=view.outputs, what=view.what, gap=gap,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)

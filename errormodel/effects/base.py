@@ -48,7 +48,10 @@ class EffectTerm:
 
 
 class Effect(BaseModel, ABC):
-    """Base of all effects. A new one is one class in one file of this package; it is found by itself."""
+    """Base of all effects. A new one is one class in one file of this package; it is found by itself.
+
+    Periodic effects also have a ``period`` (mm or rad), a field or a property.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
@@ -79,11 +82,6 @@ class Effect(BaseModel, ABC):
     @abstractmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
         """Every place and shape that it could have in a survey: what the diagnosis tries."""
-
-    @property
-    def period(self) -> float | None:
-        """Of periodic effects: mm or turns' angle in rad; else None."""
-        return None
 
     @property
     def key(self) -> tuple[object, ...]:

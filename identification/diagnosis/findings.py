@@ -154,7 +154,8 @@ def statement_of(effect: Effect, amounts: Sequence[Amount], size_um: float, abso
     values = ", ".join(f"{a.name} {_printed(a)}" for a in amounts[:3])
     drivers = " and ".join(dict.fromkeys(effect.drivers)) or "position"
     name = f"{effect.effect} of {effect.where}" if not effect.generic else f"an effect without a name at {effect.where}"
-    period = f", period {effect.period:.4g}" if effect.period else ""
+    length = getattr(effect, "period", None)
+    period = f", period {length:.4g}" if length else ""
     hidden = f"; the geometry had hidden {100 * absorbed:.0f} % of it" if absorbed > 0.05 else ""
     return (
         f"{name[0].upper()}{name[1:]}, driven by {drivers}{period}: {size_um:.1f} um rms at the tip ({values}){hidden}. "

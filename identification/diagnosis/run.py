@@ -66,7 +66,7 @@ def diagnose(machine: Machine, survey: Survey, say: Callable[[str], None] = lamb
     candidates = Candidates.of(bench)
     say(f"Weighing {len(candidates.effects)} candidates")
     growth = grow(bench, candidates)
-    effects = [s.effect for s in growth.steps]
+    effects = [*(b.effect for b in blunders), *(s.effect for s in growth.steps)]
     final = fit_machine(_extended(machine, effects), survey) if effects else fit
     findings = [_blunder_finding(b) for b in blunders]
     findings += [_finding(group, growth, final, fit) for group in growth.findings]
@@ -130,7 +130,7 @@ def _finding(group: list[Step], growth: Growth, final: Fit, before: Fit) -> Find
         driver=list(main.effect.drivers),
         runs=None,
         time=[float(times)] if times is not None else None,
-        period=main.effect.period,
+        period=getattr(main.effect, "period", None),
         statement=statement_of(main.effect, amounts, size, main.absorbed, probability),
         parameters=amounts,
         probability=probability,
@@ -183,9 +183,9 @@ def _amounts(effect: Effect, final: Fit) -> list[Amount]:
 
 
 def _blunder_finding(blunder: Blunder) -> Finding:
-    text = f"{blunder.text}: the nominal machine misses by {blunder.before_um:.0f} um, with it put right by {blunder.after_um:.0f} um."
+    text = f"{blunder.effect.text}: the nominal machine misses by {blunder.before_um:.0f} um, with it put right by {blunder.after_um:.0f} um."
     return Finding(
-        "axis-blunder", blunder.where, [], [blunder.where], None, None, None, text[0].upper() + text[1:], [], 0.999, 0.0,
+        "axis-blunder", blunder.effect.where, [], [blunder.effect.column], None, None, None, text[0].upper() + text[1:], [], 0.999, 0.0,
         HeldOut(blunder.before_um, blunder.after_um), 0.0, {}, [], "correct the table or the program that writes it",
     )  # fmt: skip
 

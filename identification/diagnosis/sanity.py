@@ -6,7 +6,7 @@ closed form. Geometry is small, so that the right table fits to a fraction of wh
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import TYPE_CHECKING
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from errormodel.chain import Chain
-from errormodel.kernel import Array
+from errormodel.effects.axis_blunder import MEASURED, AxisBlunder
 from errormodel.survey import Survey
 from identification.alignment import align
 
@@ -23,25 +23,16 @@ if TYPE_CHECKING:
 
 BETTER = 4.0  # times: a mended table must fit the nominal machine this much better
 SMALL = 2e-4  # of the machine's size: a nominal error below it is no blunder (0.6 mm in 3 m)
-MEASURED = ["mx", "my", "mz"]
 
 
 @dataclass(frozen=True)
 class Blunder:
-    """A mistake in the table, and the table without it."""
+    """A mistake in the table, and the survey without it."""
 
-    where: str  # the joint, or `instrument`
-    text: str
-    before_um: float  # mean nominal misfit of the table as it is, and as mended
+    effect: AxisBlunder
+    before_um: float  # median nominal misfit of the table as it is, and as mended
     after_um: float
     survey: Survey
-
-
-@dataclass(frozen=True)
-class _Change:
-    where: str
-    text: str
-    apply: Callable[[pd.DataFrame], None]
 
 
 def find_blunder(chain: Chain, survey: Survey) -> Blunder | None:
@@ -54,62 +45,39 @@ def find_blunder(chain: Chain, survey: Survey) -> Blunder | None:
     before = _misfit(chain, sample)
     if before < SMALL * chain.size:
         return None
-    tries = []
-    for change in _changes(chain):
-        table = sample.copy()
-        change.apply(table)
-        tries.append((_misfit(chain, table), change))
-    after, best = min(tries, key=lambda t: t[0])
+    tries = [(_misfit(chain, change.mend(sample)), k, change) for k, change in enumerate(_changes(chain))]
+    after, _, best = min(tries)
     if after > before / BETTER:
         return None
-    table = survey.table.copy()
-    best.apply(table)
-    return Blunder(best.where, best.text, 1e3 * before, 1e3 * after, replace(survey, table=table))
+    return Blunder(best, 1e3 * before, 1e3 * after, replace(survey, table=best.mend(survey.table)))
 
 
 def _misfit(chain: Chain, table: pd.DataFrame) -> float:
-    """Median distance (mm) of measured from nominal points after the best frame of each run."""
+    """Median distance (mm) of measured from nominal points after the best frame."""
     nominal = chain.kernel("nominal", outputs=(0, 1, 2))(chain.columns(table)).T
-    measured = table[MEASURED].to_numpy(dtype=float)
+    measured = table[list(MEASURED)].to_numpy(dtype=float)
     pose = align(nominal, measured)
     return float(np.median(np.linalg.norm(measured - pose.apply(nominal), axis=1)))
 
 
-def _changes(chain: Chain) -> Iterator[_Change]:
-    def scaled(name: str, factor: float) -> Callable[[pd.DataFrame], None]:
-        def apply(table: pd.DataFrame) -> None:
-            table[name] = table[name] * factor
-
-        return apply
-
-    def swapped(one: str, other: str) -> Callable[[pd.DataFrame], None]:
-        def apply(table: pd.DataFrame) -> None:
-            table[one], table[other] = table[other].copy(), table[one].copy()
-
-        return apply
-
+def _changes(chain: Chain) -> Iterator[AxisBlunder]:
     for joint in chain.machine.joints:
-        name = joint.name
-        yield _Change(name, f"the sign of column {name} is wrong", scaled(name, -1.0))
-        units = {"radians": np.degrees(1.0), "degrees, converted twice": np.radians(1.0)}
-        if joint.type == "prismatic":
-            units = {"inches": 25.4, "metres": 1000.0, "micrometres": 1e-3, "mm taken for inches": 1 / 25.4}
-        for unit, factor in units.items():
-            yield _Change(name, f"column {name} seems to be in {unit}", scaled(name, factor))
+        degree = float(np.degrees(1.0))
+        units = (degree, 1 / degree) if joint.type == "rotary" else (25.4, 1 / 25.4, 1e3, 1e-3)
+        for factor in (-1.0, *units):
+            yield AxisBlunder(column=joint.name, factor=factor)
     for one, other in combinations(chain.machine.joints, 2):
         if one.type == other.type:
-            text = f"columns {one.name} and {other.name} are swapped"
-            yield _Change(one.name, text, swapped(one.name, other.name))
+            yield AxisBlunder(column=one.name, swap=other.name)
     for name in MEASURED:
-        yield _Change("instrument", f"the sign of column {name} is wrong", scaled(name, -1.0))
-        for unit, factor in {"inches": 25.4, "metres": 1000.0}.items():
-            yield _Change("instrument", f"column {name} seems to be in {unit}", scaled(name, factor))
-    for one, other in combinations(MEASURED, 2):
-        yield _Change("instrument", f"columns {one} and {other} are swapped", swapped(one, other))
+        for factor in (-1.0, 25.4, 1e3):
+            yield AxisBlunder(column=name, factor=factor)
+    for first, second in combinations(MEASURED, 2):
+        yield AxisBlunder(column=first, swap=second)
 
 
-def without(survey: Survey, rows: Array) -> Survey:
+def without(survey: Survey, rows: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> Survey:
     """The survey with the measured values of some rows (mask) taken out; the rows stay, for what follows in order."""
     table = survey.table.copy()
-    table.loc[np.asarray(rows, dtype=bool), MEASURED] = np.nan
+    table.loc[rows, list(MEASURED)] = np.nan
     return replace(survey, table=table)

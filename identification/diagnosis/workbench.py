@@ -153,7 +153,9 @@ def set_up(fit: Fit, sigma: float | None = None, most_rows: int = 4000) -> Workb
     design, stacked = np.vstack(designs), np.hstack(levers)
     rows = np.concatenate(index)
     live = np.abs(design).max(axis=1) + np.abs(stacked).max(axis=0) > 0  # components that were measured
-    q, _ = np.linalg.qr(design[live] / np.linalg.norm(design[live], axis=0))
+    norms = np.linalg.norm(design[live], axis=0)
+    seen = norms > 1e-12 * norms.max(initial=0.0)  # a mount's orientation moves no position
+    q, _ = np.linalg.qr(design[live][:, seen] / norms[seen])
     residual = np.concatenate(residuals)[live]
     names = chain.element_names
     arms_of = {n: stacked[6 * k : 6 * k + 6][:, live] for k, n in reversed(list(enumerate(names)))}

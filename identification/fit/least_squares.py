@@ -19,8 +19,8 @@ from errormodel.conventions import ROTATIONS
 from errormodel.kernel import Array
 from identification.groups import Groups, find_groups
 from identification.problem import group_order
-from identification.sums import Sums, accumulate, design_rows
-from identification.views import Kind, View
+from identification.sums import SAMPLE, Sums, accumulate, design_rows
+from identification.views import GapView, Kind, View
 
 MOST_PASSES = 30
 
@@ -82,13 +82,21 @@ def identifiable(
     unknowns: Sequence[str],
     sigma: dict[Kind, float] | None = None,
     noise_floor: float = 0.0,
+    thorough: bool = False,
 ) -> Groups:
-    """The groups of unknowns that the views can tell apart."""
+    """The groups of unknowns that the views can tell apart, by a sample of their rows or (`thorough`) by all."""
     place = {name: k for k, name in enumerate(unknowns)}
     blocks, scale = [], np.zeros(len(unknowns))
     for view in views:
         level = (sigma or {}).get(view.kind, 1.0)
-        blocks.append(design_rows(view, place) / level)
+        if thorough:
+            factor = np.zeros((0, len(unknowns)))
+            for start in range(0, len(view), SAMPLE):
+                rows = design_rows(view.part(slice(start, start + SAMPLE)), place)
+                factor = np.linalg.qr(np.vstack([factor, rows]), mode="r")
+            blocks.append(factor / level)
+        else:
+            blocks.append(design_rows(view, place, max(SAMPLE, 4 * len(unknowns))) / level)
         full = np.abs(view.whitener).max() / level * np.sqrt(len(blocks[-1]))
         for column, identity in zip(view.columns, (*view.ids, *[""] * 6), strict=False):
             if column in place:  # what the column's norm would be with a full lever: tells zero from small
@@ -109,12 +117,17 @@ class _Solver:
     ) -> None:
         self.chain, self.views, self.unknowns, self.declared, self.exact = chain, views, unknowns, declared, exact
         self.held = np.zeros(len(chain.ids)) if held is None else held
+        if not exact:  # the gap does not change from pass to pass
+            self.views = [GapView.of(v, self.held) if v.whitener.ndim == 1 else v for v in views]
         self.place = {name: k for k, name in enumerate(unknowns)}
         self.sigma: dict[Kind, float] = {v.kind: 1.0 for v in views}
 
     def run(self) -> Solution:
         groups = self.groups()
         values, sums, passes, converged = self.iterate(groups)
+        if self.missed(groups, sums):
+            groups = self.groups(thorough=True)
+            values, sums, passes, converged = self.iterate(groups)
         floor = self.noise_floor(sums)
         if groups.rank and groups.singular_values[groups.rank - 1] < floor:  # the noise hides the weakest directions
             groups = self.groups(floor)
@@ -128,8 +141,23 @@ class _Solver:
             self.unknowns, values, groups, covariance, dict(self.sigma), self.declared, chi2, dof, sums, passes, converged
         )
 
-    def groups(self, noise_floor: float = 0.0) -> Groups:
-        return identifiable(self.chain, self.views, self.unknowns, self.sigma, noise_floor)
+    def groups(self, noise_floor: float = 0.0, thorough: bool = False) -> Groups:
+        return identifiable(self.chain, self.views, self.unknowns, self.sigma, noise_floor, thorough)
+
+    def missed(self, groups: Groups, sums: dict[Kind, Sums]) -> bool:
+        """Whether some row outside the sample moves a parameter by itself that the sample saw only in groups."""
+        gram, _ = self.total(sums)
+        others = np.setdiff1d(np.arange(len(self.unknowns)), groups.base)
+        if not len(others) or all(len(v) <= SAMPLE for v in self.views):
+            return False
+        mix = groups.coefficients[:, others]
+        base = groups.base
+        left = (
+            np.diag(gram)[others]
+            - 2 * np.sum(mix * gram[np.ix_(base, others)], axis=0)
+            + np.sum(mix * (gram[np.ix_(base, base)] @ mix), axis=0)
+        )
+        return bool((left > 1e-9 * np.diag(gram)[others] + 1e-300).any())
 
     def noise_floor(self, sums: dict[Kind, Sums]) -> float:
         """Scaled singular value below which a group's standard uncertainty exceeds a tenth of the machine."""

@@ -9,11 +9,11 @@ import numpy as np
 
 from errormodel.chain import Chain
 from errormodel.exceptions import InputError
-from errormodel.kernel import Array
+from errormodel.kernel import Array, as_rows
 from errormodel.machine import Machine
 from errormodel.survey import Survey
 from identification.alignment import IDENTITY, Pose
-from identification.fit.least_squares import Solution, solve
+from identification.fit.least_squares import Solution, identifiable, solve
 from identification.fit.result import Fit, Spread, TestFile, residuals_of
 from identification.problem import Problem, build, frame_columns, frame_labels
 from identification.sums import accumulate
@@ -36,8 +36,8 @@ def fit_machine(machine: Machine, survey: Survey) -> Fit:
         raise InputError(str(survey.source), "no file has role: fit", "Give at least one file the role fit")
     problem, nominal_residuals = anchored(build(chain, rows), len(rows))
     solution = solve(chain, problem.views, problem.unknowns, declared=problem.declared)
-    if solution.dof < 0 or solution.dof == 0 and solution.declared != set(solution.sums):
-        raise _too_few(survey, problem, solution)
+    if solution.dof <= 0:
+        check_enough(survey, problem, solution)
     place, zero = problem.place(), np.zeros(len(chain.ids))
     residuals = residuals_of(problem.views, place, solution.values, zero, len(rows))
     heldout, folds = held_out(problem, solution, len(rows))
@@ -145,16 +145,32 @@ def _placed(problem: Problem, poses: dict[str, Pose]) -> Problem:
     return replace(problem, views=views)
 
 
-def _too_few(survey: Survey, problem: Problem, solution: Solution) -> InputError:
-    equations = sum(s.count for s in solution.sums.values())
-    whole = len(problem.chain.machine_ids) + 6 * len(problem.frames)
-    need = -(-(whole + 1) // 3)
-    return InputError(
-        str(survey.source),
-        f"{equations} measured coordinates for {len(problem.unknowns)} unknowns, of which these rows could tell at most "
-        f"{solution.groups.rank} apart, with nothing left to judge them by",
-        f"Measure at least {need} points with three coordinates each (twice as many is a good start), or declare fewer errors",
-    )
+def check_enough(survey: Survey, problem: Problem, solution: Solution) -> None:
+    """InputError if a fit without redundancy has lost groups, or leaves nothing to judge its residuals by."""
+    whole = identifiable(problem.chain, [_anywhere(v) for v in problem.views], problem.unknowns)
+    reached = {solution.groups.ids[j] for j in solution.groups.base}
+    lost = [whole.name(k) for k in range(whole.rank) if whole.ids[whole.base[k]] not in reached]
+    if not lost and solution.declared == set(solution.sums):
+        return  # just enough, and the survey itself says how uncertain it is
+    equations, rows = sum(s.count for s in solution.sums.values()), len(survey.fit)
+    need = -(-(whole.rank + 1) * rows // max(equations, 1))
+    found = f"{rows} row{'s' if rows > 1 else ''} with {equations} measured values where {whole.rank} groups of parameters can be told apart"
+    if lost:
+        more = f" and {len(lost) - 3} more" if len(lost) > 3 else ""
+        found += f"; {len(lost)} fall: {', '.join(lost[:3])}{more}"
+    else:
+        found += ", with nothing left to judge the residuals by"
+    cure = f"Measure at least {need} rows like these, better {2 * need}, or declare fewer errors in machine.yaml"
+    raise InputError(str(survey.source), found, cure)
+
+
+def _anywhere(view: View) -> View:
+    """The view as it would be with many poses all over the travels: same tools, components and other channels."""
+    rng = np.random.default_rng(0)
+    drawn = np.arange(600) % len(view)
+    more = view.part(drawn)
+    joints = [rng.uniform(*j.travel, len(drawn)) for j in view.chain.machine.joints]
+    return replace(more, rows=as_rows(*joints, *more.rows[len(joints) :]))
 
 
 def _notes(survey: Survey, solution: Solution) -> tuple[str, ...]:

@@ -10,7 +10,7 @@ from errormodel.kernel import Array
 from identification.fit.result import Fit
 from identification.plots import style
 
-BINS = 32
+MOST_BINS = 32
 Curve = tuple[str, str, Array, str, float]  # label, colour, sizes, line style, line width
 
 
@@ -18,17 +18,16 @@ def draw_error_distribution(fit: Fit) -> Figure:
     """Histogram and cumulative distribution of |e| in um: nominal, fitted, held-out, and each test file."""
     curves = _curves(fit)
     sizes = [size for _, _, size, _, _ in curves]
-    largest = max(float(s[-1]) for s in sizes)
+    largest = max(1e-6, *(float(s[-1]) for s in sizes))
     logarithmic = max(float(np.median(s)) for s in sizes) > 4 * min(float(np.median(s)) for s in sizes)
     smallest = max(min(float(np.quantile(s, 0.005)) for s in sizes), 1e-4 * largest) if logarithmic else 0.0
-    edges = (np.geomspace if logarithmic else np.linspace)(smallest, 1.02 * largest, BINS + 1)
+    bins = int(np.clip(2 * np.sqrt(len(fit.residuals)), 8, MOST_BINS))
+    edges = (np.geomspace if logarithmic else np.linspace)(smallest, 1.02 * largest, bins + 1)
     columns = 3 if len(curves) < 7 else 4
     lines = -(-len(curves) // columns)
     height = 3.1 + 0.22 * lines
     figure = Figure(figsize=(style.WIDTH, height), facecolor="white")
-    bottom, tall = 0.52 / height, 2.3 / height
-    left = figure.add_axes((0.075, bottom, 0.4, tall))
-    right = figure.add_axes((0.575, bottom, 0.4, tall))
+    left, right = (style.panel(figure, x, 0.52, 3.2, 2.3) for x in (0.6, 4.6))
     scale = ", logarithmic" if logarithmic else ""
     style.dress(left, f"|e| / µm{scale}", "share of the rows / %", "Histogram")
     style.dress(right, f"|e| / µm{scale}", "rows with less / %", "Cumulative")
@@ -51,8 +50,8 @@ def draw_error_distribution(fit: Fit) -> Figure:
     handles, labels = right.get_legend_handles_labels()
     across = [k for column in range(columns) for k in range(column, len(curves), columns)]  # a legend fills columns
     figure.legend(
-        [handles[k] for k in across], [labels[k] for k in across], loc="upper left", bbox_to_anchor=(0.065, 1.0), ncols=columns, fontsize=style.SMALL,
-        frameon=False, labelcolor=style.INK, handlelength=2.4, columnspacing=1.6,
+        [handles[k] for k in across], [labels[k] for k in across], loc="upper left", bbox_to_anchor=(0.065, 1.0),
+        ncols=columns, fontsize=style.SMALL, frameon=False, labelcolor=style.INK, handlelength=2.4, columnspacing=1.6,
     )  # fmt: skip
     return figure
 

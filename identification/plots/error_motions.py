@@ -35,7 +35,7 @@ def draw_error_motions(fit: Fit, joint: Joint) -> Figure:
     along = style.shown(joint, q)
     figure = Figure(figsize=(style.WIDTH, 2.75), facecolor="white")
     for side, (unit, factor) in enumerate((("µm", 1e3), ("µrad", 1e6))):
-        axes = figure.add_axes((0.085 + 0.5 * side, 0.17, 0.385, 0.66))
+        axes = style.panel(figure, 0.68 + 4.0 * side, 0.47, 3.08, 1.8)
         style.dress(axes, "", f"{('translation', 'rotation')[side]} / {unit}")
         for k in range(3):
             row = 3 * side + k
@@ -45,17 +45,21 @@ def draw_error_motions(fit: Fit, joint: Joint) -> Figure:
                           color=style.AXIS_COLOURS[k], alpha=0.6, rasterized=True)  # fmt: skip
                 middle, width = factor * value[row], 2 * factor * deviation[row]
                 axes.fill_between(along, middle - width, middle + width, color=style.AXIS_COLOURS[k], alpha=0.2, lw=0)
-                label = style.plain(iso_symbol(joint.name, MOTIONS[row]), 16)
+                label = style.plain(iso_symbol(joint.name, MOTIONS[row]), 12)
                 axes.plot(along, middle, color=style.AXIS_COLOURS[k], ls=LINES[k], lw=1.6, label=label)
         axes.axhline(0, color=style.MUTED, lw=0.7)
         axes.set_xlim(along[0], along[-1])
         style.dress_position(axes, joint)
         _shade_unmeasured(fit, joint, axes)
         if axes.get_legend_handles_labels()[0]:
-            axes.legend(loc="lower left", bbox_to_anchor=(-0.02, 0.98), ncols=3, fontsize=style.BODY, frameon=False,
-                        labelcolor=style.INK, handlelength=2.4, columnspacing=1.4)  # fmt: skip
+            size = style.BODY if len(joint.name) < 5 else style.SMALL
+            axes.legend(
+                loc="lower left", bbox_to_anchor=(-0.02, 0.98), ncols=3, frameon=False, labelcolor=style.INK,
+                fontsize=size, handlelength=1.9, columnspacing=1.1,
+            )  # fmt: skip
         else:
-            axes.text(0.5, 0.55, "none identified", transform=axes.transAxes, size=style.BODY, color=style.MUTED, ha="center")
+            inside = axes.transAxes
+            axes.text(0.5, 0.55, "none identified", transform=inside, size=style.BODY, color=style.MUTED, ha="center")
     return figure
 
 
@@ -71,7 +75,7 @@ def _curves(fit: Fit, joint: Joint, q: Array) -> tuple[Array, Array]:
     names = [solution.unknowns[j] for j in solution.groups.base]
     here = [names.index(i) for i in ids]
     rows = [q if c == joint.name else np.zeros_like(q) for c in chain.channels]
-    terms = chain.kernel("terms", ids)(rows, np.zeros(len(chain.ids))).reshape(len(ids) + 6, 6, len(q))[: len(ids)]
+    terms = chain.kernel("terms", ids)(rows).reshape(len(ids) + 6, 6, len(q))[: len(ids)]
     value = np.tensordot(solution.values[solution.groups.base[here]], terms, axes=1)
     covariance = solution.covariance[np.ix_(here, here)] * fit.inflation**2
     variance = np.einsum("amq,ab,bmq->mq", terms, covariance, terms)

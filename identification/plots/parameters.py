@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from identification.estimates import Estimate, estimates
@@ -27,19 +28,18 @@ def draw_parameters(fit: Fit) -> Figure:
         top = height
         for unit, some in stack:
             tall = len(some) * BAR + 0.1
-            box = (1.15 + 4.0 * side, top - 0.3 - tall, 2.6, tall)
-            _panel(figure, [v / s for v, s in zip(box, (style.WIDTH, height) * 2, strict=True)], unit, some)
+            _draw(style.panel(figure, 1.15 + 4.0 * side, top - 0.3 - tall, 2.6, tall), unit, some)
             top -= tall + 0.85
     return figure
 
 
-def _panel(figure: Figure, box: list[float], unit: str, some: list[Estimate]) -> None:
-    axes = figure.add_axes((box[0], box[1], box[2], box[3]))
+def _draw(axes: Axes, unit: str, some: list[Estimate]) -> None:
     style.dress(axes, f"value ± 2 standard uncertainties / {unit}", "", TITLES[unit])
     axes.axvline(0, color=style.MUTED, lw=0.8)
     for y, e in enumerate(some):
         clear = e.significance >= 2
-        axes.plot([e.value - 2 * e.std, e.value + 2 * e.std], [y, y], color=style.FITTED, lw=1.6, alpha=1 if clear else 0.6)
+        ends = (e.value - 2 * e.std, e.value + 2 * e.std)
+        axes.plot(ends, (y, y), color=style.FITTED, lw=1.6, alpha=1 if clear else 0.6)
         axes.plot(e.value, y, "o", ms=4.5, mfc=style.FITTED if clear else "white", mec=style.FITTED, mew=1.1)
     axes.set_yticks(range(len(some)), [_name(e) for e in some])
     axes.set_ylim(len(some) - 0.4, -0.6)

@@ -28,8 +28,7 @@ def draw_residuals_by_position(fit: Fit) -> Figure:
         position = fit.survey.table[joint.name].to_numpy(dtype=float)
         for component, axis in enumerate("xyz"):
             bottom = height - 0.3 - line * (3 * LANE + 0.75) - (component + 1) * LANE
-            box = (0.65 + place * column, bottom, column - 0.2, LANE - 0.12)
-            axes = figure.add_axes([v / s for v, s in zip(box, (style.WIDTH, height) * 2, strict=True)])
+            axes = style.panel(figure, 0.65 + place * column, bottom, column - 0.2, LANE - 0.12)
             style.dress(axes, "", f"{axis} / µm" if place == 0 else "")
             _panel(fit, axes, style.shown(joint, position), component, limit)
             axes.tick_params(labelbottom=component == 2, labelleft=place == 0)
@@ -45,8 +44,7 @@ def draw_residuals_by_order(fit: Fit) -> Figure:
     figure = Figure(figsize=(style.WIDTH, height), facecolor="white")
     limit = _limit(fit)
     for component, axis in enumerate("xyz"):
-        box = (0.65, height - 0.3 - (component + 1) * LANE, 7.2, LANE - 0.12)
-        axes = figure.add_axes([v / s for v, s in zip(box, (style.WIDTH, height) * 2, strict=True)])
+        axes = style.panel(figure, 0.65, height - 0.3 - (component + 1) * LANE, 7.2, LANE - 0.12)
         style.dress(axes, label if component == 2 else "", f"{axis} / µm")
         axes.margins(x=0.01)
         _panel(fit, axes, when, component, limit)
@@ -92,8 +90,9 @@ def _panel(fit: Fit, axes: Axes, x: Array, component: int, limit: float) -> None
         axes.text(0.5, 0.6, "not measured", transform=axes.transAxes, size=style.SMALL, color=style.MUTED, ha="center")
         return
     some = np.unique(np.linspace(0, len(x) - 1, MOST).astype(int))
-    dots = {"ms": 4.5, "alpha": 0.55} if len(some) < 600 else {"ms": 2.5, "alpha": 0.4}
-    axes.plot(x[some], np.clip(y[some], -limit, limit), ".", mew=0, color=colour, rasterized=True, **dots)
+    size, alpha = (4.5, 0.55) if len(some) < 600 else (2.5, 0.4)
+    inside = np.clip(y[some], -limit, limit)
+    axes.plot(x[some], inside, ".", ms=size, mew=0, color=colour, alpha=alpha, rasterized=True)
     middle, low, median, high = _quantiles(x, y)
     if len(middle) > 1:
         axes.plot(middle, low, middle, high, color=colour, lw=0.9, ls=(0, (3, 1.5)))
@@ -117,5 +116,5 @@ def _quantiles(x: Array, y: Array) -> tuple[Array, Array, Array, Array]:
 
 def _legend(figure: Figure) -> None:
     height = figure.get_figheight()
-    text = "dark line: median      dashed: 9 of 10 residuals lie between      grey: ± 2 standard deviations of the noise"
+    text = "dark line: median  ·  dashed: 9 of 10 residuals lie between  ·  grey: ± 2 standard deviations of the noise"
     figure.text(0.65 / style.WIDTH, 1 - 0.2 / height, text, size=style.SMALL, color=style.MUTED)

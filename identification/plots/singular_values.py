@@ -19,7 +19,7 @@ def draw_singular_values(fit: Fit) -> Figure:
     place = np.arange(1, len(values) + 1)
     kept = place <= groups.rank
     figure = Figure(figsize=(style.WIDTH, 2.7), facecolor="white")
-    axes = figure.add_axes((0.085, 0.18, 0.885, 0.76))
+    axes = style.panel(figure, 0.7, 0.5, 7.1, 2.05)
     style.dress(axes, "number of the singular value", "singular value, logarithmic")
     axes.set_yscale("log")
     axes.plot(place[kept], values[kept], "o", ms=5, color=style.FITTED, label=f"identified: {groups.rank}")
@@ -31,7 +31,8 @@ def draw_singular_values(fit: Fit) -> Figure:
     threshold = float(np.sqrt(dropped[0] * values[groups.rank - 1])) if by_noise and groups.rank else ROUND_OFF
     axes.axhline(threshold, color=style.INK, lw=1.1, ls="--")
     why = "below the line: hidden by the noise" if by_noise else "below the line: cannot be told apart in these poses"
-    axes.text(0.012, threshold, why, transform=axes.get_yaxis_transform(), size=style.SMALL, color=style.INK, va="bottom")
+    there = axes.get_yaxis_transform()
+    axes.text(0.012, threshold, why, transform=there, size=style.SMALL, color=style.INK, va="bottom")
     axes.set_xlim(0.2, len(values) + 0.8)
     axes.set_ylim(top=5 * float(values.max()) if len(values) else 1.0)
     axes.legend(loc="lower left", fontsize=style.BODY, frameon=False, labelcolor=style.INK)

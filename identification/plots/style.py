@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import warnings
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -44,6 +45,12 @@ def render(figure: Figure, kind: str, dpi: int = 150) -> bytes:
     return out.getvalue()
 
 
+def panel(figure: Figure, left: float, bottom: float, width: float, height: float, **options: Any) -> Axes:
+    """Axes of `figure` at a place in inches."""
+    across, up = figure.get_size_inches()
+    return figure.add_axes((left / across, bottom / up, width / across, height / up), **options)
+
+
 def dress(axes: Axes, x: str = "", y: str = "", title: str = "") -> None:
     """Labels with units, a light grid, no box."""
     axes.set_xlabel(x, size=BODY, color=INK)
@@ -76,7 +83,7 @@ def dress_position(axes: Axes, joint: Joint, label: bool = True, ticks: int = 7)
 
 
 def plain(text: str, most: int = 40) -> str:
-    """A user's word as a figure can take it: printable, no mathematics, no longer than `most`."""
+    """A user's word as a figure can take it: printable, no mathematics, its middle left out beyond `most`."""
     word = "".join(c if c.isprintable() else " " for c in text)
-    word = word if len(word) <= most else word[: most - 1] + "…"
+    word = word if len(word) <= most else word[: most - 7] + "…" + word[-6:]
     return word.replace("$", r"\$")

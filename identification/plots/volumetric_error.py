@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import matplotlib as mpl
 import numpy as np
 from matplotlib.cm import ScalarMappable
@@ -35,11 +37,10 @@ def draw_volumetric_error(fit: Fit) -> Figure:
     zoom = min(BOX[0] / wide, BOX[1] / tall)
     height = zoom * tall + 1.5
     figure = Figure(figsize=(style.WIDTH, height), facecolor="white")
-    for place, (title, errors) in enumerate((("Nominal", before), ("Fitted", after))):
-        x = 1.62 + 3.55 * place  # the middle of the panel, inches
-        frame = (x - SIDE / 2, 0.62 + zoom * tall / 2 - SIDE / 2, SIDE, SIDE)
-        axes = figure.add_axes(
-            [v / s for v, s in zip(frame, (style.WIDTH, height) * 2, strict=True)],
+    for k, (title, errors) in enumerate((("Nominal", before), ("Fitted", after))):
+        x = 1.62 + 3.55 * k  # the middle of the panel, inches
+        axes: Any = style.panel(
+            figure, x - SIDE / 2, 0.62 + (zoom * tall - SIDE) / 2, SIDE, SIDE,
             projection="3d", proj_type="ortho", elev=ELEVATION, azim=AZIMUTH,
         )  # fmt: skip
         axes.patch.set_visible(False)
@@ -51,18 +52,21 @@ def draw_volumetric_error(fit: Fit) -> Figure:
             *points[some].T, *(factor * errors[some]).T, lw=0.8, arrow_length_ratio=0.25,
             colors=np.tile(shades[some], (3, 1)),
         )  # fmt: skip
-        axes.set(**{f"{name}lim": m + s * np.array([-0.5, 0.5]) for name, m, s in zip("xyz", (low + high) / 2, span, strict=True)})
-        for name, axis in zip("xyz", (axes.xaxis, axes.yaxis, axes.zaxis), strict=True):
+        for name, middle, reach in zip("xyz", (low + high) / 2, span / 2, strict=True):
+            axes.set(**{f"{name}lim": (middle - reach, middle + reach)})
+            axis = getattr(axes, f"{name}axis")
             axis.set_label_text(f"{name} / mm", size=style.SMALL, color=style.INK)
             axis.labelpad = 6
             axis.set_major_locator(MaxNLocator(4))
         axes.tick_params(labelsize=7, pad=-1, colors=style.MUTED)
         axes.tick_params(axis="z", pad=3)
         axes.set_box_aspect(tuple(span), zoom=zoom / (1.03 * SIDE))
-        figure.text(x / style.WIDTH, 1 - 0.58 / height, title, size=style.HEADING, weight="bold", color=style.INK, ha="center")
+        heading: dict[str, Any] = {"size": style.HEADING, "weight": "bold", "color": style.INK, "ha": "center"}
+        figure.text(x / style.WIDTH, 1 - 0.58 / height, title, **heading)
     note = f"errors drawn {factor:g} × their size, {len(points)} of {len(fit.survey)} rows"
     figure.text(0.43, 1 - 0.25 / height, note, size=style.BODY, color=style.MUTED, ha="center")
-    bar = figure.colorbar(ScalarMappable(scale, SHADES), cax=figure.add_axes((0.915, 0.6 / height, 0.018, 1 - 1.5 / height)), extend="max")
+    place = style.panel(figure, 7.32, 0.6, 0.14, height - 1.5)
+    bar = figure.colorbar(ScalarMappable(scale, SHADES), cax=place, extend="max")
     bar.set_label("|e| / µm", size=style.BODY, color=style.INK)
     bar.ax.tick_params(labelsize=style.SMALL, colors=style.MUTED)
     return figure
@@ -72,8 +76,7 @@ def _arrows(fit: Fit) -> tuple[Array, Array, Array]:
     """Nominal points and errors before and after, (m, 3) in mm, in the axes of the machine's reference."""
     seen = np.flatnonzero(np.isfinite(fit.residuals).any(axis=1))
     seen = seen[np.unique(np.linspace(0, len(seen) - 1, MOST).astype(int))]
-    table = fit.survey.table
-    rows = as_rows(*(table[c].to_numpy(dtype=float)[seen] for c in fit.chain.channels))
+    rows = as_rows(*(c[seen] for c in fit.chain.columns(fit.survey.table)))
     points = fit.chain.kernel("nominal", outputs=(0, 1, 2))(rows).T
     before, after = (np.nan_to_num(errors[seen]) for errors in (fit.nominal_residuals, fit.residuals))
     labels = fit.problem.labels[seen]

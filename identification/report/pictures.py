@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
+from errormodel.machine import Joint
 from identification.fit.result import Fit
 from identification.plots import style
 from identification.plots.chain_drawing import draw_chain
@@ -21,7 +22,7 @@ from identification.plots.residuals import draw_residuals_by_order, draw_residua
 from identification.plots.singular_values import draw_singular_values
 from identification.plots.volumetric_error import draw_volumetric_error
 
-LARGEST_SVG = 160_000  # bytes; a larger figure is a picture of points, and smaller as PNG
+LARGEST_SVG = 160_000  # bytes; a larger figure is mostly points, and often smaller as PNG
 PNG_DPI = 190
 
 
@@ -36,75 +37,90 @@ class Picture(NamedTuple):
 def pictures(fit: Fit) -> dict[str, list[Picture]]:
     """Figures by the section of the report they belong to."""
     points = bool(np.isfinite(fit.residuals).any())
-    rank = fit.solution.groups.rank
-    out: dict[str, list[Picture]] = {key: [] for key in ("result", "chain", "motions", "residuals", "parameters", "rank")}
-    if points:
-        out["result"] = [
-            _picture(
-                draw_error_distribution(fit),
-                "How many rows have an error of which size: the further the fitted curve lies to the left of the nominal "
-                "one, the more of the error the model removes; held-out and test curves show rows it has not seen.",
-                "Histogram and cumulative distribution of the error's size before and after the fit; figures in the table",
-            ),
-            _picture(
-                draw_volumetric_error(fit),
-                "Where in the working volume the errors are and where they point, before and after the fit, both enlarged "
-                "alike, in the axes of the machine's reference.",
-                "Arrows in space along the error of each measured point, nominal on the left, fitted on the right",
-            ),
-        ]
-        out["residuals"] = [
-            _picture(
-                draw_residuals_by_position(fit),
-                "What is left over against the position of each joint: a dark line that wanders shows an error of that "
-                "joint that the model does not have.",
-                "Residuals x, y, z against each joint's position, with median and spread",
-            ),
-            _picture(
-                draw_residuals_by_order(fit),
-                "What is left over in the order of measuring: a drift here is warming up, or a frame that moved.",
-                "Residuals x, y, z in the order of measuring, with median and spread",
-            ),
-        ]
-    out["chain"] = [_chain(fit)]
-    out["motions"] = [
+    return {
+        "result": _errors(fit) if points else [],
+        "chain": [_chain(fit)],
+        "motions": [_motions(fit, joint) for joint in moving_joints(fit)],
+        "residuals": _residuals(fit) if points else [],
+        "parameters": _parameters(fit) if fit.solution.groups.rank else [],
+        "rank": _rank(fit) if fit.solution.groups.rank else [],
+    }
+
+
+def _errors(fit: Fit) -> list[Picture]:
+    return [
         _picture(
-            draw_error_motions(fit, joint),
-            f"Joint {joint.name}: its identified error motions over the travel, with a band of ± 2 standard uncertainties.",
-            f"Curves of the translations and rotations of joint {joint.name} over its travel",
-        )
-        for joint in moving_joints(fit)
+            draw_error_distribution(fit),
+            "How many rows have an error of which size: the further the fitted curve lies to the left of the nominal "
+            "one, the more of the error the model removes; held-out and test curves show rows it has not seen.",
+            "Histogram and cumulative distribution of the size of the error, before and after the fit",
+        ),
+        _picture(
+            draw_volumetric_error(fit),
+            "Where in the working volume the errors are and where they point, before and after the fit, both enlarged "
+            "alike, in the axes of the machine's reference.",
+            "Arrows in space along the error of each measured point, nominal on the left, fitted on the right",
+        ),
     ]
-    if rank:
-        out["parameters"] = [
-            _picture(
-                draw_parameters(fit),
-                "The machine's parameters with ± 2 standard uncertainties, the most significant first; a hollow dot is "
-                "not significant: its bar holds zero. A name ending in … stands for a group.",
-                "Values of all parameters with their uncertainty; figures in the table below",
-            )
-        ]
-        out["rank"] = [
-            _picture(
-                draw_singular_values(fit),
-                "How clearly the poses tell the parameters apart: every dot above the line is one identified combination, "
-                "the lower the less certain.",
-                f"Singular values in falling order; {rank} lie above the threshold",
-            ),
-            _picture(
-                draw_correlation(fit),
-                "Which groups the survey can hardly tell apart: dark squares off the diagonal are pairs of which only "
-                "a sum (blue) or a difference (red) is known well.",
-                "Heat map of the correlation coefficients of all groups",
-            ),
-        ]
-    return out
+
+
+def _motions(fit: Fit, joint: Joint) -> Picture:
+    return _picture(
+        draw_error_motions(fit, joint),
+        f"Joint {joint.name}: its identified error motions over the travel, with bands of ± 2 standard uncertainties.",
+        f"Curves of the translations and rotations of joint {joint.name} over its travel",
+    )
+
+
+def _residuals(fit: Fit) -> list[Picture]:
+    return [
+        _picture(
+            draw_residuals_by_position(fit),
+            "What is left over against the position of each joint: a dark line that wanders shows an error of that "
+            "joint that the model does not have.",
+            "Residuals x, y, z against each joint's position, with median and spread",
+        ),
+        _picture(
+            draw_residuals_by_order(fit),
+            "What is left over in the order of measuring: a drift here is warming up, or a frame that moved.",
+            "Residuals x, y, z in the order of measuring, with median and spread",
+        ),
+    ]
+
+
+def _parameters(fit: Fit) -> list[Picture]:
+    return [
+        _picture(
+            draw_parameters(fit),
+            "The machine's parameters with ± 2 standard uncertainties, the most significant first; a hollow dot is "
+            "not significant: its bar holds zero. A name ending in … stands for a group.",
+            "Values of all parameters with their uncertainty, as in the table below",
+        )
+    ]
+
+
+def _rank(fit: Fit) -> list[Picture]:
+    return [
+        _picture(
+            draw_singular_values(fit),
+            "How clearly the poses tell the parameters apart: every dot above the line is one identified "
+            "combination, the lower the less certain.",
+            f"Singular values in falling order; {fit.solution.groups.rank} lie above the threshold",
+        ),
+        _picture(
+            draw_correlation(fit),
+            "Which groups the survey can hardly tell apart: dark squares off the diagonal are pairs of which only "
+            "a sum (blue) or a difference (red) is known well.",
+            "Heat map of the correlation coefficients of the groups",
+        ),
+    ]
 
 
 def _picture(figure: Figure, caption: str, alt: str) -> Picture:
     data, kind = style.render(figure, "svg"), "svg+xml"
     if len(data) > LARGEST_SVG:
-        data, kind = style.render(figure, "png", PNG_DPI), "png"
+        pixels = style.render(figure, "png", PNG_DPI)
+        data, kind = (pixels, "png") if len(pixels) < len(data) else (data, kind)
     return Picture(f"data:image/{kind};base64,{base64.b64encode(data).decode('ascii')}", caption, alt)
 
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from identification.describe import _reasons as no_effect_reasons
+from identification.describe import no_effect_reasons
 from identification.estimates import ARCSEC, Estimate, Kind
 from identification.fit.result import Fit, Spread
 from identification.fit.run import moved
@@ -21,7 +21,7 @@ HEADINGS: dict[Kind, str] = {
     "frame": "Measuring frame and target",
     "zero": "Zeros of the instruments",
 }
-MOST_FRAMES = 30
+MOST_FRAMES = 30  # rows about frames or zeros, of which a long survey may have hundreds
 
 
 class Result(NamedTuple):
@@ -59,7 +59,9 @@ def number(value: float, places: int) -> str:
 
 
 def results(fit: Fit) -> list[Result]:
-    """Nominal, fitted, held out, and each test file before and after."""
+    """Nominal, fitted, held out, and each test file before and after; none if no position was measured."""
+    if not fit.fitted.n:
+        return []
     rows = [
         Result("Nominal", "best frame, no error parameter", fit.nominal),
         Result("Fitted", f"{fit.solution.groups.rank} groups identified", fit.fitted),
@@ -86,9 +88,15 @@ def counts(fit: Fit) -> dict[str, int]:
 
 
 def group_sections(groups: Sequence[Estimate]) -> list[tuple[str, list[GroupRow]]]:
-    """The groups by kind, in the order of the fit."""
-    kinds = {kind: [_group_row(e) for e in groups if e.kind == kind] for kind in HEADINGS}
-    return [(HEADINGS[kind], rows) for kind, rows in kinds.items() if rows]
+    """The groups by kind, in the order of the fit; of very many frames the first."""
+    out = []
+    for kind, heading in HEADINGS.items():
+        own = [e for e in groups if e.kind == kind]
+        most = MOST_FRAMES if kind in ("frame", "zero") else len(own)
+        more = f": {most} of {len(own)}, all in parameters.csv" if len(own) > most else ""
+        if own:
+            out.append((heading + more, [_group_row(e) for e in own[:most]]))
+    return out
 
 
 def _group_row(e: Estimate) -> GroupRow:

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from math import floor, log10
 from typing import NamedTuple
 
 import numpy as np
 
-from identification.estimates import Estimate
 from identification.fit.result import Fit
 from identification.plots.correlation import correlation
 
@@ -30,8 +28,8 @@ def short(value: float) -> str:
 
 
 def decimals(std: float) -> int:
-    """Decimals that show two digits of a standard uncertainty."""
-    return max(0, 1 - floor(log10(std))) if 0 < std < float("inf") else 3
+    """Decimals that show two digits of a standard uncertainty, four at most."""
+    return min(max(0, 1 - floor(log10(std))), 4) if 0 < std < float("inf") else 3
 
 
 def headline(fit: Fit) -> str:
@@ -51,7 +49,8 @@ def judgements(fit: Fit) -> list[Judgement]:
         if fit.fitted.mean_um > 0.8 * fit.nominal.mean_um:
             text = "The declared error parameters explain little of the error: its cause lies elsewhere."
             out.append(Judgement(False, text))
-        ratio = fit.heldout.rms_um / fit.fitted.rms_um if fit.fitted.rms_um else 1.0
+        # below a nanometre there is nothing but round-off to compare
+        ratio = fit.heldout.rms_um / max(fit.fitted.rms_um, 1e-3)
         if ratio > WORSE:
             text = (
                 f"Rows that were left out are predicted {ratio:.1f} times worse (rms) than those fitted: too few poses "
@@ -64,8 +63,8 @@ def judgements(fit: Fit) -> list[Judgement]:
         if fit.inflation > 1:
             text = (
                 f"The residuals are {fit.inflation:.2g} times as large as the declared uncertainty allows: the model "
-                "misses something, or the instrument was worse than declared. All standard uncertainties are multiplied "
-                "by this factor."
+                "misses something, or the instrument was worse than declared. All standard uncertainties are "
+                "multiplied by this factor."
             )
         else:
             text = "The residuals agree with the declared uncertainty."
@@ -95,11 +94,12 @@ def noise(fit: Fit) -> str:
     )
 
 
-def strongest_correlation(fit: Fit, groups: Sequence[Estimate]) -> str:
+def strongest_correlation(fit: Fit) -> str:
     """The two groups that hang together most, in words."""
+    groups, matrix = correlation(fit)
     if len(groups) < 2:
         return ""
-    matrix = correlation(fit) - np.eye(len(groups))
+    matrix = matrix - np.eye(len(groups))
     i, j = sorted(int(k) for k in np.unravel_index(int(np.argmax(np.abs(matrix))), matrix.shape))
-    value = f"{matrix[i, j]:+.2f}".replace("-", "−")
+    value = f"{matrix[i, j]:+.3f}".replace("-", "−")
     return f"The strongest is {value}, between {groups[i].name} and {groups[j].name}."

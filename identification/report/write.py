@@ -13,7 +13,7 @@ from identification.report.pictures import pictures
 
 
 def write_report(fit: Fit, path: Path) -> None:
-    """Write the report of `fit` to `path`: HTML without links to anything outside it, the same bytes for the same fit."""
+    """Write the report of `fit` to `path`: HTML that holds all it shows; same fit, same bytes."""
     import jinja2
 
     environment = jinja2.Environment(
@@ -35,7 +35,7 @@ def write_report(fit: Fit, path: Path) -> None:
         counts=tables.counts(fit),
         dependent=tables.dependent(fit),
         no_effect=tables.no_effect(fit),
-        correlated=wording.strongest_correlation(fit, groups),
+        correlated=wording.strongest_correlation(fit),
         frames=tables.frames(fit),
         frame_mode=fit.survey.frame,
         noise=tables.noise(fit),

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import fields
 from functools import cache
 
 import numpy as np
 
 from errormodel.chain import TOOL_CHANNELS, Chain
 from errormodel.conventions import MOTIONS
-from errormodel.kernel import BLOCK, Array, Kernel, as_rows
+from errormodel.kernel import Array, Kernel, as_rows
 from errormodel.machine import Basis, Joint, Machine, Shape
 from identification.fit import least_squares
-from identification.fit.result import residuals_of
-from identification.views import PositionView
+from identification.sums import selectors_of
+from identification.views import GapView, PositionView, View
 from tests.benchmarks.five_axis import IDS, JOINTS, TOOL
 
 __all__ = ["IDS", "as_design", "build", "build_compact", "fit", "solve"]
@@ -59,7 +58,7 @@ def build_compact(q: Array) -> Array:
 def fit(q: Array, measured: Array) -> dict[str, object]:
     """Least squares from commands (n, 5) and measured positions (n, 3), the measuring frame being fixed.
 
-    The linear model, as the rivals solve it; residuals are those of the exact kinematics.
+    The linear model, as the rivals solve it, and its residuals.
 
     Returns
     -------
@@ -68,11 +67,15 @@ def fit(q: Array, measured: Array) -> dict[str, object]:
         ``covariance``, and of the residuals ``sigma`` (per component), ``rms``, ``mean`` and ``max`` (of the 3-D
         residual), mm: what ``rivals.competent_numpy.fit`` returns.
     """
-    view = _view(PositionView, q, measured)
+    zero = np.zeros(len(chain().ids))
+    view = GapView.of(_view(q, measured), zero)
     found = least_squares.solve(chain(), [view], IDS, exact=False)
-    place = {name: k for k, name in enumerate(found.unknowns)}
-    residuals = residuals_of([view], place, found.values, np.zeros(len(chain().ids)), len(q))
-    size = np.linalg.norm(residuals, axis=1)
+    size = np.empty(len(q))
+    design = view.design(linearised=False)
+    slopes = np.array([s @ found.values for s in selectors_of(design, 3, np.arange(len(IDS)))])
+    for (part, functions), (_, gap) in zip(design.blocks(view.rows, zero), view.gaps(zero), strict=True):
+        left = gap - slopes @ functions
+        np.sqrt(np.einsum("cm,cm->m", left, left), out=size[part])
     return {
         **_estimates(found),
         "covariance": found.covariance,
@@ -85,22 +88,14 @@ def fit(q: Array, measured: Array) -> dict[str, object]:
 
 def solve(q: Array, errors: Array) -> dict[str, object]:
     """Parameters from volumetric errors (n, 3), actual minus nominal, mm: the linear problem alone."""
-    return _estimates(least_squares.solve(chain(), [_view(_ErrorView, q, errors)], IDS, exact=False))
+    view = _view(q, np.zeros((len(q), 3)))
+    known = GapView(**{f.name: getattr(view, f.name) for f in fields(View)}, gap=np.ascontiguousarray(errors.T))
+    return _estimates(least_squares.solve(chain(), [known], IDS, exact=False))
 
 
-@dataclass(frozen=True, kw_only=True)
-class _ErrorView(PositionView):
-    """Errors in place of positions: `measured` is actual minus nominal."""
-
-    def gaps(self, p: Array) -> Iterator[tuple[slice, Array]]:
-        for start in range(0, len(self), BLOCK):
-            part = slice(start, min(start + BLOCK, len(self)))
-            yield part, self.measured[part].T
-
-
-def _view(kind: type[PositionView], q: Array, measured: Array) -> PositionView:
+def _view(q: Array, measured: Array) -> PositionView:
     n = len(q)
-    return kind(
+    return PositionView(
         kind="position",
         chain=chain(),
         ids=IDS,

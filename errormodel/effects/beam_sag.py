@@ -1,0 +1,60 @@
+"""Beam sag: a beam held at both ends gives way most where a carriage stands in its middle."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from itertools import product
+from typing import ClassVar
+
+from pydantic import Field
+
+from errormodel.effects.base import Channels, Effect, EffectTerm
+from errormodel.effects.ops import fmax
+from errormodel.effects.scene import Scene
+from errormodel.effects.shared import across, bent, joint_as
+from errormodel.effects.travel import Translation, fraction, length, sag_direction, tilt_of, turn
+from errormodel.machine import Machine
+
+
+class BeamSag(Effect):
+    """``sag * (4 u (1 - u))^exponent`` along `motion` (mm in the middle of the travel), with the beam's angle there.
+
+    A second parameter (rad) is angle beyond that: of dead weight, or of ends that are clamped or give way.
+    """
+
+    effect: ClassVar[str] = "beam-sag"
+    family: ClassVar[str] = "gravity"
+    source: ClassVar[str] = "beam under a travelling load: P a^2 (L-a)^2 / 3EIL, clamped ends a^3 (L-a)^3; up to 0.1 mm"
+    alike: ClassVar[tuple[str, ...]] = ("higher-order-geometry", "thermal-bending", "rail-waviness")
+    separate: ClassVar[str] = "straightness along the beam with and without a weight on the carriage"
+    example: ClassVar[Mapping[str, object]] = {"joint": "Y"}
+
+    joint: str  # that travels along the beam
+    motion: Translation | None = None  # None: dz, or dy of a beam along z
+    exponent: float = Field(2.0, ge=1, le=4)  # 1.2 dead weight, 2 travelling load, 3 travelling load and clamped ends
+
+    @property
+    def where(self) -> str:
+        return self.joint
+
+    @property
+    def drivers(self) -> tuple[str, ...]:
+        return (self.joint,)
+
+    def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
+        beam, p = joint_as(machine, self.joint, "prismatic", self.effect), self.exponent
+        motion, u = sag_direction(beam, self.motion), fraction(beam, channel(self.joint))
+        arch = fmax(4 * u * (1 - u), 0)
+        tilt = arch ** (p - 1) * (1 - 2 * u)
+        # of a travelling load the beam's angle under it is half the slope of the path
+        sag = bent(beam, motion, arch**p, 2 * p / length(beam) * tilt)
+        return [
+            EffectTerm(self.joint, "", "mm", sag, 0.05),
+            EffectTerm(self.joint, "slope", "rad", turn(tilt_of(beam, motion), tilt), 5e-5),
+        ]
+
+    @classmethod
+    def proposals(cls, scene: Scene) -> Iterator[Effect]:
+        for beam in scene.prismatic:
+            for motion, exponent in product(across(beam, "d"), (1.2, 2.0, 3.0)):
+                yield cls.model_validate({"joint": beam.name, "motion": motion, "exponent": exponent})

@@ -1,0 +1,71 @@
+"""Column bending: what a column carries out to the side tilts it, the more the higher it stands."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from itertools import product
+from typing import ClassVar, Literal
+
+from errormodel.effects.base import Channels, Effect, EffectTerm
+from errormodel.effects.scene import Scene
+from errormodel.effects.shared import Rotation, across, bent, joint_as
+from errormodel.effects.travel import ENDS, cross, direction, extension, length, scaled, turn
+from errormodel.exceptions import InputError
+from errormodel.machine import Joint, Machine
+
+
+class ColumnBending(Effect):
+    """Tilt of the column's carriage (rad at the end of the load's travel): ``tilt * v``, v the load's travel, -1 to 1.
+
+    With a `foot` the column bends from that end of its travel on: ``tilt * v * h``, h from 0 to 1, and is bowed by it.
+    """
+
+    effect: ClassVar[str] = "column-bending"
+    family: ClassVar[str] = "gravity"
+    source: ClassVar[str] = "cantilever under a moment: angle M h/EI, deflection M h^2/2EI; up to 0.2 mrad"
+    alike: ClassVar[tuple[str, ...]] = ("cross-axis-compliance", "ground-compliance", "beam-torsion")
+    separate: ClassVar[str] = "levels at the column's foot and on its carriage while only the load travels"
+    example: ClassVar[Mapping[str, object]] = {"joint": "Z", "load_joint": "X"}
+
+    joint: str  # that travels along the column
+    load_joint: str  # that carries the weight out
+    motion: Rotation | None = None  # None: about the axis across both joints
+    foot: Literal["low", "high"] | None = None  # None: the whole column tilts in its foot
+
+    @property
+    def where(self) -> str:
+        return self.joint
+
+    @property
+    def drivers(self) -> tuple[str, ...]:
+        return (self.load_joint,) if self.foot is None else (self.load_joint, self.joint)
+
+    def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
+        column, load = (joint_as(machine, n, "prismatic", self.effect) for n in (self.joint, self.load_joint))
+        about, v = self._about(column, load), scaled(load, channel(self.load_joint))
+        if self.foot is None:
+            return [EffectTerm(self.joint, "", "rad", turn(direction(about), v), 5e-5)]
+        h, sense = extension(column, channel(self.joint), self.foot), 1 if self.foot == "low" else -1
+        side = cross(direction(about), column.axis)
+        towards = max(across(column, "d"), key=lambda m: abs(side["dx dy dz".split().index(m)]))
+        sign = 1 if side["dx dy dz".split().index(towards)] > 0 else -1
+        bow = bent(column, towards, sign * sense * length(column) / 2 * v * h**2, sign * v * h)
+        return [EffectTerm(self.joint, "", "rad", bow, 5e-5)]
+
+    def _about(self, column: Joint, load: Joint) -> Rotation:
+        if self.motion is not None:
+            return self.motion
+        normal = cross(column.axis, load.axis)
+        if not any(abs(n) > 0.1 for n in normal):
+            raise InputError(f"effect {self.effect}", f"{load.name} travels along {column.name}", "Write a joint across it")
+        names: tuple[Rotation, ...] = ("ea", "eb", "ec")
+        return names[max(range(3), key=lambda k: abs(normal[k]))]
+
+    @classmethod
+    def proposals(cls, scene: Scene) -> Iterator[Effect]:
+        for column, load in product(scene.prismatic, repeat=2):
+            if column is not load:
+                for motion, foot in product(across(column, "e"), (None, *ENDS)):
+                    yield cls.model_validate(
+                        {"joint": column.name, "load_joint": load.name, "motion": motion, "foot": foot}
+                    )

@@ -1,0 +1,56 @@
+"""A correction table at work, off or doubled: positioning goes in straight lines from one table point to the next."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Annotated, ClassVar
+
+from pydantic import Field
+
+from errormodel.effects.base import Channels, Effect, EffectTerm, along
+from errormodel.effects.ops import absolute, fmax
+from errormodel.effects.scene import Scene
+from errormodel.effects.travel import fraction
+from errormodel.machine import Machine, joint_of
+
+
+class CompensationActive(Effect):
+    """The table's value at each inner one of `points` points, even over the travel; mm along the axis, or rad.
+
+    At the ends it is zero: a straight line belongs to the scale. Positive: what the table adds.
+    """
+
+    effect: ClassVar[str] = "compensation-active"
+    family: ClassVar[str] = "dynamic"
+    source: ClassVar[str] = "tables of controllers are linear in between their points; 0 to 20 um"
+    alike: ClassVar[tuple[str, ...]] = ("higher-order-geometry", "pitch-cyclic", "local-defect")
+    separate: ClassVar[str] = "the same axis with the table on and off, at points between those of the table"
+    example: ClassVar[Mapping[str, object]] = {"joint": "X", "points": 5}
+
+    cost: ClassVar[float] = 10.0  # so many straight pieces follow any smooth curve
+
+    joint: str
+    points: Annotated[int, Field(ge=3)]
+
+    @property
+    def where(self) -> str:
+        return self.joint
+
+    @property
+    def drivers(self) -> tuple[str, ...]:
+        return (self.joint,)
+
+    def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
+        joint = joint_of(machine, self.joint)
+        unit, size = ("mm", 0.01) if joint.type == "prismatic" else ("rad", 3e-5)
+        u = fraction(joint, channel(self.joint)) * (self.points - 1)
+        tents = {str(k): fmax(1 - absolute(u - k), 0) for k in range(1, self.points - 1)}
+        return [EffectTerm(self.joint, label, unit, along(joint, tent), size) for label, tent in tents.items()]
+
+    @classmethod
+    def proposals(cls, scene: Scene) -> Iterator[Effect]:
+        """Tables with twenty rows or more an interval."""
+        for joint in scene.moving:
+            for points in (5, 6, 7, 8, 9, 11, 13, 16, 21):
+                if 20 * points <= len(scene.columns[joint.name]):
+                    yield cls(joint=joint.name, points=points)

@@ -1,0 +1,50 @@
+"""Eccentricity: the scale of a rotary joint sits off its centre, and positioning repeats once or twice a turn."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Annotated, ClassVar
+
+from pydantic import Field
+
+from errormodel.effects.base import Channels, Effect, EffectTerm, along
+from errormodel.effects.scene import Scene
+from errormodel.effects.shared import joint_as, waves
+from errormodel.machine import Machine
+
+
+class Eccentricity(Effect):
+    """``sin * sin(harmonic q) + cos * cos(harmonic q)`` about the axis, rad; `harmonic` a turn."""
+
+    effect: ClassVar[str] = "eccentricity"
+    family: ClassVar[str] = "periodic"
+    source: ClassVar[str] = "1 um off on a scale of 200 mm is 10 urad, 2 arcsec; ISO 230-7, ISO 230-2"
+    alike: ClassVar[tuple[str, ...]] = ("gear-cyclic", "wobble", "higher-order-geometry")
+    separate: ClassVar[str] = "a polygon and autocollimator, or a calibrated encoder on the axis, once around"
+    example: ClassVar[Mapping[str, object]] = {"joint": "B", "harmonic": 2}
+
+    joint: str
+    harmonic: Annotated[int, Field(ge=1)] = 1
+
+    @property
+    def where(self) -> str:
+        return self.joint
+
+    @property
+    def drivers(self) -> tuple[str, ...]:
+        return (self.joint,)
+
+    @property
+    def period(self) -> float:
+        """Angle of one period, rad."""
+        return 2 * math.pi / self.harmonic
+
+    def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
+        joint = joint_as(machine, self.joint, "rotary", self.effect)
+        both = waves(channel(self.joint), self.harmonic)
+        return [EffectTerm(self.joint, label, "rad", along(joint, wave), 5e-5) for label, wave in both.items()]
+
+    @classmethod
+    def proposals(cls, scene: Scene) -> Iterator[Effect]:
+        return (cls(joint=joint.name, harmonic=k) for joint in scene.rotary for k in (1, 2, 3))

@@ -1,0 +1,55 @@
+"""Gear-cyclic error: positioning of a rotary joint that repeats with its gear, worm or motor, many times a turn."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import ClassVar
+
+import numpy as np
+
+from errormodel.effects.base import Channels, Effect, EffectTerm, along
+from errormodel.effects.scene import Scene
+from errormodel.effects.shared import Positive, frequencies, joint_as, resolved, waves
+from errormodel.machine import Machine
+
+
+class GearCyclic(Effect):
+    """``sin * sin(per_turn q) + cos * cos(per_turn q)`` about the axis, rad; `per_turn` need not be whole."""
+
+    effect: ClassVar[str] = "gear-cyclic"
+    family: ClassVar[str] = "periodic"
+    source: ClassVar[str] = "worm tables: 90 to 180 a turn, 10 to 50 urad; strain-wave gears: twice a turn of the input"
+    alike: ClassVar[tuple[str, ...]] = ("eccentricity", "higher-order-geometry")
+    separate: ClassVar[str] = "200 positions over three periods, at steps that are no fraction of the period"
+    example: ClassVar[Mapping[str, object]] = {"joint": "B", "per_turn": 90.0}
+
+    joint: str
+    per_turn: Positive
+
+    @property
+    def where(self) -> str:
+        return self.joint
+
+    @property
+    def drivers(self) -> tuple[str, ...]:
+        return (self.joint,)
+
+    @property
+    def period(self) -> float:
+        """Angle of one period, rad."""
+        return 2 * math.pi / self.per_turn
+
+    def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
+        joint = joint_as(machine, self.joint, "rotary", self.effect)
+        both = waves(channel(self.joint), self.per_turn)
+        return [EffectTerm(self.joint, label, "rad", along(joint, wave), 3e-5) for label, wave in both.items()]
+
+    @classmethod
+    def proposals(cls, scene: Scene) -> Iterator[Effect]:
+        """More than three a turn, what the poses resolve, at most 200; three in the span at least."""
+        for joint in scene.rotary:
+            turns = float(np.ptp(scene.span(joint))) / (2 * math.pi)
+            most = 2 * math.pi / resolved(scene, joint, math.pi / 100)
+            for rate in frequencies(turns, max(4.0, 3 / turns), most):
+                yield cls(joint=joint.name, per_turn=rate)

@@ -1,0 +1,48 @@
+"""Lost motion: what a joint loses at a reversal grows along its travel, as its screw or belt winds up."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import ClassVar
+
+from errormodel.effects.base import Channels, Effect, EffectTerm, along
+from errormodel.effects.scene import Scene
+from errormodel.effects.travel import fraction
+from errormodel.machine import Machine, joint_of
+
+
+class LostMotion(Effect):
+    """``(growth * u + size) * direction / 2`` along the axis; u runs from 0 to 1 over the travel. mm, or rad about it.
+
+    Positive leads ahead in the direction of travel, as with backlash.
+    """
+
+    effect: ClassVar[str] = "lost-motion"
+    family: ClassVar[str] = "reversal"
+    source: ClassVar[str] = "friction over the stiffness of a screw held at one end: 1 to 30 um/m; ISO 230-2"
+    alike: ClassVar[tuple[str, ...]] = ("backlash", "hysteresis", "servo-lag")
+    separate: ClassVar[str] = "approach positions at both ends of the travel from both sides"
+    example: ClassVar[Mapping[str, object]] = {"joint": "X"}
+
+    joint: str
+
+    @property
+    def where(self) -> str:
+        return self.joint
+
+    @property
+    def drivers(self) -> tuple[str, ...]:
+        return (f"dir_{self.joint}",)
+
+    def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
+        joint = joint_of(machine, self.joint)
+        unit, size = ("mm", 0.02) if joint.type == "prismatic" else ("rad", 5e-5)
+        side = channel(f"dir_{self.joint}") / 2
+        return [
+            EffectTerm(self.joint, "growth", unit, along(joint, side * fraction(joint, channel(self.joint))), size),
+            EffectTerm(self.joint, "size", unit, along(joint, side), size),
+        ]
+
+    @classmethod
+    def proposals(cls, scene: Scene) -> Iterator[Effect]:
+        return (cls(joint=j.name) for j in scene.moving if scene.both_ways(j))

@@ -1,0 +1,48 @@
+"""Pitch-cyclic error: positioning that repeats with the lead of a screw, the pitch of a rack, motor or scale."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import ClassVar
+
+import numpy as np
+
+from errormodel.effects.base import Channels, Effect, EffectTerm, along
+from errormodel.effects.scene import Scene
+from errormodel.effects.shared import Positive, frequencies, joint_as, resolved, waves
+from errormodel.machine import Machine
+
+
+class PitchCyclic(Effect):
+    """``sin * sin(2 pi q/period) + cos * cos(2 pi q/period)`` along the axis, mm; `period` in mm."""
+
+    effect: ClassVar[str] = "pitch-cyclic"
+    family: ClassVar[str] = "periodic"
+    source: ClassVar[str] = "ISO 230-2 and ISO 3408: 1 to 10 um within a lead"
+    alike: ClassVar[tuple[str, ...]] = ("rail-waviness", "compensation-active", "higher-order-geometry")
+    separate: ClassVar[str] = "200 positions over three periods, at steps that are no fraction of the period"
+    example: ClassVar[Mapping[str, object]] = {"joint": "X", "period": 10.0}
+
+    joint: str
+    period: Positive
+
+    @property
+    def where(self) -> str:
+        return self.joint
+
+    @property
+    def drivers(self) -> tuple[str, ...]:
+        return (self.joint,)
+
+    def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
+        joint = joint_as(machine, self.joint, "prismatic", self.effect)
+        both = waves(channel(self.joint), 2 * math.pi / self.period)
+        return [EffectTerm(self.joint, label, "mm", along(joint, wave), 0.005) for label, wave in both.items()]
+
+    @classmethod
+    def proposals(cls, scene: Scene) -> Iterator[Effect]:
+        for joint in scene.prismatic:
+            span = float(np.ptp(scene.span(joint)))
+            for rate in frequencies(span, 3 / span, 1 / resolved(scene, joint, 4.0)):
+                yield cls(joint=joint.name, period=1 / rate)

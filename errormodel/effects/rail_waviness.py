@@ -1,0 +1,54 @@
+"""Rail waviness: straightness or angle that repeats along the travel, with its bolts, rollers or rail joints."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import ClassVar
+
+import numpy as np
+
+from errormodel.conventions import MOTIONS, Motion, unit_of
+from errormodel.effects.base import Channels, Effect, EffectTerm, axis_motion
+from errormodel.effects.scene import Scene
+from errormodel.effects.shared import Positive, frequencies, joint_as, resolved, waves
+from errormodel.machine import Machine
+
+
+class RailWaviness(Effect):
+    """``sin * sin(2 pi q/period) + cos * cos(2 pi q/period)`` in one motion that is not positioning; `period` in mm."""
+
+    effect: ClassVar[str] = "rail-waviness"
+    family: ClassVar[str] = "periodic"
+    source: ClassVar[str] = "guides have bolts every 40 to 120 mm, joints every 1 to 4 m; 1 to 10 um, 1 to 20 urad"
+    alike: ClassVar[tuple[str, ...]] = ("pitch-cyclic", "higher-order-geometry", "local-defect")
+    separate: ClassVar[str] = "straightness and level along the travel at steps of a sixth of the period"
+    example: ClassVar[Mapping[str, object]] = {"joint": "X", "motion": "dz", "period": 120.0}
+
+    joint: str
+    motion: Motion
+    period: Positive
+
+    @property
+    def where(self) -> str:
+        return self.joint
+
+    @property
+    def drivers(self) -> tuple[str, ...]:
+        return (self.joint,)
+
+    def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
+        joint_as(machine, self.joint, "prismatic", self.effect)
+        both = waves(channel(self.joint), 2 * math.pi / self.period)
+        unit = unit_of(self.motion)
+        size = 0.005 if unit == "mm" else 1e-5
+        return [EffectTerm(self.joint, label, unit, {self.motion: wave}, size) for label, wave in both.items()]
+
+    @classmethod
+    def proposals(cls, scene: Scene) -> Iterator[Effect]:
+        for joint in scene.prismatic:
+            span = float(np.ptp(scene.span(joint)))
+            for rate in frequencies(span, 2 / span, 1 / resolved(scene, joint, 20.0)):
+                for motion in MOTIONS:
+                    if motion != axis_motion(joint):
+                        yield cls(joint=joint.name, motion=motion, period=1 / rate)

@@ -1,0 +1,70 @@
+"""Ram sag: a ram or quill bends down under its own weight and its tool the further it is out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from itertools import product
+from typing import ClassVar
+
+from pydantic import Field
+
+from errormodel.effects.base import Channels, Effect, EffectTerm
+from errormodel.effects.scene import Scene
+from errormodel.effects.shared import across, bent, joint_as
+from errormodel.effects.travel import (
+    ENDS,
+    End,
+    Translation,
+    extension,
+    length,
+    retracted_end,
+    sag_direction,
+    tilt_of,
+    turn,
+)
+from errormodel.machine import Machine
+
+
+class RamSag(Effect):
+    """``sag * u^exponent`` along `motion` (mm at full travel, u from 0 retracted to 1), with the angle of a cantilever's end.
+
+    A second parameter (rad at full travel) is angle beyond that: guides give way where the ram leaves them.
+    """
+
+    effect: ClassVar[str] = "ram-sag"
+    family: ClassVar[str] = "gravity"
+    source: ClassVar[str] = "cantilever: end load P u^3/3EI, own weight w u^4/8EI, end moment M u^2/2EI; up to 0.1 mm"
+    alike: ClassVar[tuple[str, ...]] = ("higher-order-geometry", "telescoping-compliance", "payload-sag")
+    separate: ClassVar[str] = "the same positions with two tools of different weight, and with two tool lengths"
+    example: ClassVar[Mapping[str, object]] = {"joint": "Z", "motion": "dy"}
+
+    joint: str
+    motion: Translation | None = None  # None: dz, or dy of a ram along z
+    retracted: End | None = None  # end of travel at which the ram is in; None: that further from the tool's side
+    exponent: float = Field(3.0, ge=1.5, le=4.5)  # 2 end moment, 3 weight at the end, 4 own weight
+
+    @property
+    def where(self) -> str:
+        return self.joint
+
+    @property
+    def drivers(self) -> tuple[str, ...]:
+        return (self.joint,)
+
+    def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
+        ram, p = joint_as(machine, self.joint, "prismatic", self.effect), self.exponent
+        motion, end = sag_direction(ram, self.motion), retracted_end(machine, ram, self.retracted)
+        u, sense = extension(ram, channel(self.joint), end), 1 if end == "low" else -1
+        # u^2, u^3 and u^4 have 2, 3/2 and 4/3 of sag over length as the angle at the end: p / (p - 1)
+        slope = sense * u ** (p - 1)
+        sag = bent(ram, motion, u**p, p / (p - 1) / length(ram) * slope)
+        return [
+            EffectTerm(self.joint, "", "mm", sag, 0.05),
+            EffectTerm(self.joint, "slope", "rad", turn(tilt_of(ram, motion), slope), 5e-5),
+        ]
+
+    @classmethod
+    def proposals(cls, scene: Scene) -> Iterator[Effect]:
+        for ram in scene.prismatic:
+            for motion, end, exponent in product(across(ram, "d"), ENDS, (2.0, 3.0, 4.0)):
+                yield cls.model_validate({"joint": ram.name, "motion": motion, "retracted": end, "exponent": exponent})

@@ -1,0 +1,54 @@
+"""Scale expansion: the scale or screw of a prismatic joint grows with its temperature."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import ClassVar
+
+from errormodel.effects.base import Channels, Effect, EffectTerm, along
+from errormodel.effects.scene import Scene
+from errormodel.effects.shared import STEEL, Lag, joint_as, lags, thermal, warmth
+from errormodel.machine import Machine
+
+
+class ScaleExpansion(Effect):
+    """``expansion * (position - anchor) * (temperature - 20)`` along the axis, 1/K; positive: too long when warm.
+
+    `tau` is the lag (s) of scale or screw behind the sensor, `minus` another sensor in place of 20 degC, `anchor` the
+    position (mm) at which it is held and does not move.
+    """
+
+    effect: ClassVar[str] = "scale-expansion"
+    family: ClassVar[str] = "thermal"
+    source: ClassVar[str] = "expansion of steel is 11 to 12, of glass 8 ppm/K; ISO 230-3"
+    alike: ClassVar[tuple[str, ...]] = ("warm-up", "scale-ppm", "structure-drift")
+    separate: ClassVar[str] = "measure the axis cold and warm with an interferometer, at both ends of the travel"
+    example: ClassVar[Mapping[str, object]] = {"joint": "X", "sensor": "T_bed"}
+
+    joint: str
+    sensor: str
+    minus: str | None = None
+    tau: Lag = 0.0
+    anchor: float = 0.0
+
+    @property
+    def where(self) -> str:
+        return self.joint
+
+    @property
+    def drivers(self) -> tuple[str, ...]:
+        return thermal(self.sensor, self.minus)
+
+    def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
+        joint = joint_as(machine, self.joint, "prismatic", self.effect)
+        growth = (channel(self.joint) - self.anchor) * warmth(channel, self.sensor, self.minus, self.tau)
+        return [EffectTerm(self.joint, "", "1/K", along(joint, growth), STEEL)]
+
+    @classmethod
+    def proposals(cls, scene: Scene) -> Iterator[Effect]:
+        for joint in scene.prismatic:
+            low, high = joint.travel
+            for sensor in scene.sensors:
+                for tau in lags(scene):
+                    for anchor in sorted({0.0, low, (low + high) / 2, high}):
+                        yield cls(joint=joint.name, sensor=sensor, tau=tau, anchor=anchor)

@@ -1,0 +1,41 @@
+"""Servo lag: a joint read before it has settled is late by its speed over the gain of its servo."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import ClassVar
+
+from errormodel.effects.base import Channels, Effect, EffectTerm, along
+from errormodel.effects.scene import Scene
+from errormodel.machine import Machine, joint_of
+
+
+class ServoLag(Effect):
+    """``-lag * feed * direction`` along the axis; min for a prismatic joint (mm per mm/min). Positive: late."""
+
+    effect: ClassVar[str] = "servo-lag"
+    family: ClassVar[str] = "dynamic"
+    source: ClassVar[str] = "speed over the gain of the position loop; after a short dwell 5 um are left at 1 m/min"
+    alike: ClassVar[tuple[str, ...]] = ("backlash", "clock-offset", "lost-motion")
+    separate: ClassVar[str] = "approach the same positions at three feeds, with a short and a long dwell"
+    example: ClassVar[Mapping[str, object]] = {"joint": "X"}
+
+    joint: str
+
+    @property
+    def where(self) -> str:
+        return self.joint
+
+    @property
+    def drivers(self) -> tuple[str, ...]:
+        return ("feed", f"dir_{self.joint}")
+
+    def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
+        joint = joint_of(machine, self.joint)
+        unit, size = ("min", 5e-6) if joint.type == "prismatic" else ("rad min/mm", 1e-8)
+        late = -channel("feed") * channel(f"dir_{self.joint}")
+        return [EffectTerm(self.joint, "", unit, along(joint, late), size)]
+
+    @classmethod
+    def proposals(cls, scene: Scene) -> Iterator[Effect]:
+        return (cls(joint=j.name) for j in scene.moving if scene.both_ways(j) and scene.varies("feed"))

@@ -1,0 +1,57 @@
+"""Spindle growth: the spindle lengthens with its temperature and pushes the tool out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import ClassVar
+
+from errormodel.conventions import TOOL, Motion
+from errormodel.effects.base import Channels, Effect, EffectTerm
+from errormodel.effects.scene import Scene
+from errormodel.effects.shared import Lag, lags, outward, thermal, warmth
+from errormodel.machine import Machine, Shape
+
+
+class SpindleGrowth(Effect):
+    """``growth * (temperature - 20)`` along the tool, mm/K; positive: outward.
+
+    `element` moves: the tool, or the last member. `motion` and a sign of the growth replace the direction of the tool,
+    `tau` (s) is the lag behind the sensor, `minus` another sensor in place of 20 degC.
+    """
+
+    effect: ClassVar[str] = "spindle-growth"
+    family: ClassVar[str] = "thermal"
+    source: ClassVar[str] = "300 mm of steel grow by 3.6 um/K; ISO 230-3"
+    alike: ClassVar[tuple[str, ...]] = ("structure-drift", "warm-up")
+    separate: ClassVar[str] = "run the spindle warm and cold with the axes at rest; use two tool lengths"
+    example: ClassVar[Mapping[str, object]] = {"sensor": "T_spindle"}
+
+    sensor: str
+    element: str = TOOL
+    motion: Motion | None = None
+    minus: str | None = None
+    tau: Lag = 0.0
+
+    @property
+    def where(self) -> str:
+        return self.element
+
+    @property
+    def drivers(self) -> tuple[str, ...]:
+        return thermal(self.sensor, self.minus)
+
+    def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
+        warm = warmth(channel, self.sensor, self.minus, self.tau)
+        direction = outward(machine) if self.motion is None else {self.motion: 1.0}
+        motion = {name: value * warm for name, value in direction.items()}
+        return [EffectTerm(self.element, "", "mm/K", motion, 0.005)]
+
+    @classmethod
+    def proposals(cls, scene: Scene) -> Iterator[Effect]:
+        """By the spindle's own sensors, where there are any; else any sensor may be near enough."""
+        last = scene.machine.elements[-1]
+        element = last.name if isinstance(last, Shape) and not any(last.rotation) else TOOL
+        own = [s for s in scene.sensors if "spindle" in s.lower()]
+        for sensor in own or scene.sensors:
+            for tau in lags(scene):
+                yield cls(sensor=sensor, element=element, tau=tau)

@@ -1,0 +1,63 @@
+"""Structure drift: a member of the machine moves or tilts with a temperature, or with time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import ClassVar
+
+from errormodel.conventions import MOTIONS, Motion, unit_of
+from errormodel.effects.base import Channels, Effect, EffectTerm
+from errormodel.effects.scene import Scene
+from errormodel.effects.shared import Lag, lags, members, settling, settling_times, start_of, thermal, warmth
+from errormodel.machine import Machine
+
+
+class StructureDrift(Effect):
+    """``drift * (temperature - 20)`` in one motion of a member, mm/K or rad/K.
+
+    With `sensor` ``time`` the drift (mm, rad) settles as ``1 - exp(-(t - start)/tau)``. `tau` (s) is else the member's
+    lag behind the sensor, and `minus` another sensor in place of 20 degC.
+    """
+
+    effect: ClassVar[str] = "structure-drift"
+    family: ClassVar[str] = "thermal"
+    source: ClassVar[str] = (
+        "1 m of steel or cast iron grows by 10 to 12 um/K, and tilts where one side is warmer; ISO 230-3"
+    )
+    alike: ClassVar[tuple[str, ...]] = ("tracker-drift", "thermal-squareness", "spindle-growth", "warm-up")
+    separate: ClassVar[str] = "levels on the member, or targets on both sides of it, measured again and again"
+    example: ClassVar[Mapping[str, object]] = {"element": "T1", "motion": "dx", "sensor": "T_bed"}
+
+    element: str
+    motion: Motion
+    sensor: str
+    minus: str | None = None
+    tau: Lag = 0.0
+    start: float = 0.0
+
+    @property
+    def where(self) -> str:
+        return self.element
+
+    @property
+    def drivers(self) -> tuple[str, ...]:
+        return thermal(self.sensor, self.minus)
+
+    def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
+        unit = unit_of(self.motion)
+        if self.sensor == "time":
+            warm, size = settling(channel, self.tau or 3600.0, self.start), 0.03 if unit == "mm" else 3e-5
+        else:
+            warm, size = warmth(channel, self.sensor, self.minus, self.tau), 0.01 if unit == "mm" else 1e-5
+            unit += "/K"
+        return [EffectTerm(self.element, "", unit, {self.motion: warm}, size)]
+
+    @classmethod
+    def proposals(cls, scene: Scene) -> Iterator[Effect]:
+        for element in members(scene.machine):
+            for motion in MOTIONS:
+                for sensor in scene.sensors:
+                    for tau in lags(scene):
+                        yield cls(element=element, motion=motion, sensor=sensor, tau=tau)
+                for tau in settling_times(scene):
+                    yield cls(element=element, motion=motion, sensor="time", tau=tau, start=start_of(scene))

@@ -1,0 +1,63 @@
+"""Thermal bending: a beam that is warmer on one side than on the other bows, and the joint that runs on it with it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from itertools import combinations
+from typing import ClassVar
+
+from errormodel.effects.base import Channels, Effect, EffectTerm
+from errormodel.effects.scene import Scene
+from errormodel.effects.shared import STEEL, Lag, across, bent, joint_as, lags, thermal, warmth
+from errormodel.effects.travel import Translation
+from errormodel.machine import Machine
+
+
+class ThermalBending(Effect):
+    """``curvature * (T_sensor - T_minus) * u (L - u)/2`` across the axis, with its slope as an angle, 1/(mm K).
+
+    u is the position from the lower end of the travel, L the travel. `tau` (s) is the beam's lag behind its sensors.
+    The second parameter is a slope beyond that of the deflection: guides follow the beam, but not to the letter.
+    """
+
+    effect: ClassVar[str] = "thermal-bending"
+    family: ClassVar[str] = "thermal"
+    source: ClassVar[str] = "curvature is expansion over height: 12 ppm/K over 300 mm"
+    alike: ClassVar[tuple[str, ...]] = ("beam-sag", "structure-drift", "refraction", "cross-axis-compliance")
+    separate: ClassVar[str] = (
+        "level along the beam, or straightness by autocollimator, with the beam heated on one side"
+    )
+    example: ClassVar[Mapping[str, object]] = {"joint": "Y", "motion": "dz", "sensor": "T_top", "minus": "T_bed"}
+
+    joint: str
+    motion: Translation
+    sensor: str
+    minus: str | None = None
+    tau: Lag = 0.0
+
+    @property
+    def where(self) -> str:
+        return self.joint
+
+    @property
+    def drivers(self) -> tuple[str, ...]:
+        return thermal(self.sensor, self.minus)
+
+    def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
+        joint = joint_as(machine, self.joint, "prismatic", self.effect)
+        (low, high), q = joint.travel, channel(self.joint)
+        warm = warmth(channel, self.sensor, self.minus, self.tau)
+        bow = bent(joint, self.motion, warm * (q - low) * (high - q) / 2, warm * ((low + high) / 2 - q))
+        slope = {name: value for name, value in bow.items() if name != self.motion}
+        return [
+            EffectTerm(self.joint, "bow", "1/(mm K)", bow, STEEL / 300),
+            EffectTerm(self.joint, "slope", "1/(mm K)", slope, STEEL / 300),
+        ]
+
+    @classmethod
+    def proposals(cls, scene: Scene) -> Iterator[Effect]:
+        for joint in scene.prismatic:
+            for motion in across(joint, "d"):
+                for sensor, minus in combinations(scene.sensors, 2):
+                    for tau in lags(scene):
+                        yield cls(joint=joint.name, motion=motion, sensor=sensor, minus=minus, tau=tau)

@@ -1,0 +1,114 @@
+"""Positions on a joint's travel as effects use them, and how a member that carries something deflects.
+
+Everything works on arrays and on CasADi symbols alike. Scales come from the joint's travel, never from a survey, so that
+a prediction at other poses means the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import permutations
+from math import hypot
+from typing import Literal
+
+from errormodel.conventions import MOTIONS, ROTATIONS, TRANSLATIONS, Motion
+from errormodel.effects.ops import Value, fmax
+from errormodel.effects.scene import Scene
+from errormodel.effects.shared import across
+from errormodel.exceptions import InputError
+from errormodel.machine import Joint, Machine, Vector
+
+Translation = Literal["dx", "dy", "dz"]
+End = Literal["low", "high"]
+ENDS: tuple[End, End] = ("low", "high")
+
+
+def usual_size(motion: Motion) -> float:
+    """Size of an error motion that nothing more is known of: 20 um, 30 urad."""
+    return 0.02 if motion in TRANSLATIONS else 3e-5
+
+
+def length(joint: Joint) -> float:
+    """Of the travel, mm or rad."""
+    return joint.travel[1] - joint.travel[0]
+
+
+def fraction(joint: Joint, q: Value) -> Value:
+    """Position on the travel, 0 at its low end and 1 at its high one."""
+    return (q - joint.travel[0]) / length(joint)
+
+
+def scaled(joint: Joint, q: Value) -> Value:
+    """Position on the travel, from -1 to 1."""
+    return 2 * fraction(joint, q) - 1
+
+
+def extension(joint: Joint, q: Value, retracted: End) -> Value:
+    """How far a member is out of its guide: 0 at its retracted end (and beyond it), 1 at the other end of its travel."""
+    f = fraction(joint, q)
+    return fmax(f if retracted == "low" else 1 - f, 0.0)
+
+
+def legendre(degree: int, u: Value) -> Value:
+    """Legendre polynomial of a degree from 1."""
+    before, here = 1.0, u
+    for n in range(1, degree):
+        before, here = here, ((2 * n + 1) * u * here - n * before) / (n + 1)
+    return here
+
+
+def cross(a: Vector, b: Vector) -> Vector:
+    """Cross product of two plain vectors."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+def parallel(one: Joint, other: Joint) -> bool:
+    """Whether two axes lie along each other, within 8 degrees."""
+    return hypot(*cross(one.axis, other.axis)) < 0.14
+
+
+def direction(motion: Motion) -> Vector:
+    """Unit vector along (about) which a motion goes."""
+    k = MOTIONS.index(motion) % 3
+    return float(k == 0), float(k == 1), float(k == 2)
+
+
+def turn(about: Vector, value: Value) -> dict[Motion, Value]:
+    """Small rotation of size `value` (rad) about a unit vector."""
+    return {name: value * a for name, a in zip(ROTATIONS, about, strict=True) if abs(a) > 1e-9}
+
+
+def tilt_of(joint: Joint, motion: Motion) -> Vector:
+    """The rotation, about which vector, that goes with a growing deflection along `motion` of what lies along the axis."""
+    return cross(joint.axis, direction(motion))
+
+
+def sag_direction(joint: Joint, motion: Motion | None) -> Motion:
+    """The given translation across a joint; where none is given ``dz``, of a joint along z ``dy``.
+
+    Raises
+    ------
+    InputError
+        The motion is along the joint.
+    """
+    sides = across(joint, "d")
+    if motion is None:
+        return "dz" if "dz" in sides else "dy"
+    if motion not in sides:
+        raise InputError(f"joint {joint.name}", f"{motion} is along it, and sag is across", f"Write {' or '.join(sides)}")
+    return motion
+
+
+def retracted_end(machine: Machine, joint: Joint, given: End | None) -> End:
+    """The end of travel at which a member is drawn in; where not given, that from which it moves towards the tool."""
+    if given is not None:
+        return given
+    later = machine.elements[machine.elements.index(joint) + 1 :]
+    arms = [*(e.offset for e in later if not isinstance(e, Joint)), machine.tool]
+    ahead = sum(a * v for arm in arms for a, v in zip(joint.axis, arm, strict=True))
+    return "high" if ahead < 0 else "low"
+
+
+def crossing(scene: Scene) -> Iterator[tuple[Joint, Joint]]:
+    """Ordered pairs of sliding joints that both moved and do not lie along each other."""
+    return ((a, b) for a, b in permutations(scene.prismatic, 2) if not parallel(a, b))

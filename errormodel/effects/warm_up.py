@@ -1,0 +1,55 @@
+"""Warm-up: a joint's screw, or the tool, grows and settles with time; no temperature need be recorded."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import ClassVar
+
+from errormodel.effects.base import Channels, Effect, EffectTerm, along
+from errormodel.effects.scene import Scene
+from errormodel.effects.shared import STEEL, Positive, joint_as, outward, settling, settling_times, start_of
+from errormodel.machine import Machine
+
+
+class WarmUp(Effect):
+    """``(scale * position + growth) * (1 - exp(-(t - start)/tau))`` along the axis; without a joint, of the tool.
+
+    `tau` (s) is how fast it settles, `start` (s, as ``time`` counts) when it began. Positive: longer.
+    """
+
+    effect: ClassVar[str] = "warm-up"
+    family: ClassVar[str] = "thermal"
+    source: ClassVar[str] = "ISO 230-3; screws settle in 5 to 60 minutes some 10 K warmer, castings in hours"
+    alike: ClassVar[tuple[str, ...]] = ("scale-expansion", "spindle-growth", "structure-drift", "tracker-drift")
+    separate: ClassVar[str] = "repeat the first positions at the end, and again after a night of rest"
+    example: ClassVar[Mapping[str, object]] = {"joint": "X", "tau": 1800.0}
+
+    joint: str | None = None
+    tau: Positive = 1800.0
+    start: float = 0.0
+
+    @property
+    def where(self) -> str:
+        return self.joint or "tool"
+
+    @property
+    def drivers(self) -> tuple[str, ...]:
+        return ("time",)
+
+    def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
+        warm = settling(channel, self.tau, self.start)
+        if self.joint is None:
+            motion = {name: value * warm for name, value in outward(machine).items()}
+            return [EffectTerm("tool", "growth", "mm", motion, 0.02)]
+        joint = joint_as(machine, self.joint, "prismatic", self.effect)
+        return [
+            EffectTerm(self.joint, "scale", "1", along(joint, channel(self.joint) * warm), 10 * STEEL),
+            EffectTerm(self.joint, "growth", "mm", along(joint, warm), 0.02),
+        ]
+
+    @classmethod
+    def proposals(cls, scene: Scene) -> Iterator[Effect]:
+        if scene.duration:
+            for joint in (*(j.name for j in scene.prismatic), None):
+                for tau in settling_times(scene):
+                    yield cls(joint=joint, tau=tau, start=start_of(scene))

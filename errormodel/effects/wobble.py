@@ -1,0 +1,56 @@
+"""Wobble: the axis of a rotary joint tilts once, twice or three times a turn, as its bearings do."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Annotated, ClassVar
+
+from pydantic import Field
+
+from errormodel.effects.base import Channels, Effect, EffectTerm
+from errormodel.effects.scene import Scene
+from errormodel.effects.shared import Rotation, across, joint_as, waves
+from errormodel.machine import Machine
+
+
+class Wobble(Effect):
+    """Both tilts across the axis, each with ``sin(harmonic q)`` and ``cos(harmonic q)``, rad; or the `motion` alone."""
+
+    effect: ClassVar[str] = "wobble"
+    family: ClassVar[str] = "periodic"
+    source: ClassVar[str] = "ISO 230-7 tilt error motion: 1 to 30 urad on rotary tables"
+    alike: ClassVar[tuple[str, ...]] = ("eccentricity", "higher-order-geometry", "structure-drift")
+    separate: ClassVar[str] = "an electronic level or two indicators on a plate on the table, once around"
+    example: ClassVar[Mapping[str, object]] = {"joint": "B", "harmonic": 2}
+
+    joint: str
+    harmonic: Annotated[int, Field(ge=1)] = 1
+    motion: Rotation | None = None
+
+    @property
+    def where(self) -> str:
+        return self.joint
+
+    @property
+    def drivers(self) -> tuple[str, ...]:
+        return (self.joint,)
+
+    @property
+    def period(self) -> float:
+        """Angle of one period, rad."""
+        return 2 * math.pi / self.harmonic
+
+    def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
+        joint = joint_as(machine, self.joint, "rotary", self.effect)
+        both = waves(channel(self.joint), self.harmonic)
+        tilts = across(joint, "e") if self.motion is None else (self.motion,)
+        return [EffectTerm(self.joint, label, "rad", {m: wave}, 2e-5) for m in tilts for label, wave in both.items()]
+
+    @classmethod
+    def proposals(cls, scene: Scene) -> Iterator[Effect]:
+        for joint in scene.rotary:
+            for harmonic in (1, 2, 3):
+                yield cls(joint=joint.name, harmonic=harmonic)
+                for motion in across(joint, "e"):
+                    yield cls(joint=joint.name, harmonic=harmonic, motion=motion)

@@ -1,0 +1,55 @@
+"""The command line as tests call it: in this process, with what it printed and how it ended."""
+
+from __future__ import annotations
+
+import io
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from identification.cli import main
+
+
+@dataclass(frozen=True)
+class Done:
+    """How a command ended: exit code, and the text on its two streams."""
+
+    code: int
+    out: str
+    err: str
+
+
+def run(*arguments: object) -> Done:
+    """Run ``errormodel <arguments>``; what is no wrong input raises here as it would end a process."""
+    out, err, code = io.StringIO(), io.StringIO(), 0
+    with redirect_stdout(out), redirect_stderr(err):
+        try:
+            main([str(a) for a in arguments])
+        except SystemExit as end:
+            code = end.code if isinstance(end.code, int) else 1
+    return Done(code, out.getvalue(), err.getvalue())
+
+
+def done(*arguments: object) -> Done:
+    """Like :func:`run`, for a command that must succeed."""
+    result = run(*arguments)
+    assert result.code == 0, result.err
+    return result
+
+
+def tree(folder: Path) -> dict[str, bytes]:
+    """Every file below a folder, by its path there."""
+    files = (p for p in sorted(folder.rglob("*")) if p.is_file())
+    return {p.relative_to(folder).as_posix(): p.read_bytes() for p in files}
+
+
+def write(path: Path, content: str | bytes) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(content.encode() if isinstance(content, str) else content)
+    return path
+
+
+def close(value: Any, expected: float, part: float) -> bool:
+    """Whether a figure is within `part` of what is expected."""
+    return abs(float(value) - expected) <= part * abs(expected)
