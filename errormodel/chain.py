@@ -21,7 +21,7 @@ from errormodel import conventions, effects
 from errormodel.bases import Term, constant_terms, joint_terms
 from errormodel.conventions import FRAME, MOTIONS, TOOL, Motion
 from errormodel.exceptions import InputError, nearest
-from errormodel.features import POINT, channel
+from errormodel.features import POINT, columns
 from errormodel.kernel import Array, Kernel, as_rows
 from errormodel.machine import EffectSpec, Joint, Machine, Shape
 
@@ -257,7 +257,7 @@ class Chain:
 
     def columns(self, table: pd.DataFrame) -> list[Array]:
         """The chain's channels over all rows of a survey's table, as kernels take them."""
-        return as_rows(*(channel(table, name) for name in self.channels))
+        return as_rows(*columns(table, self.channels))
 
     def frames(self, position: Mapping[str, float]) -> NDArray[np.float64]:
         """Nominal frames along the chain at one command, (elements + 1, 4, 4): the reference, then after each element."""

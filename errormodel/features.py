@@ -8,6 +8,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -54,6 +55,42 @@ def channel(table: pd.DataFrame, name: str) -> Array:
     return values
 
 
+def columns(table: pd.DataFrame, names: Sequence[str]) -> list[Array]:
+    """Several channels over all rows, each (n,), with temperatures freed of their sensors' noise (`settled`)."""
+    table = settled(table, {m for name in names for m in re.findall(r"T_\w+", name)})
+    return [channel(table, name) for name in names]
+
+
+def settled(table: pd.DataFrame, names: Iterable[str]) -> pd.DataFrame:
+    """The table with the named temperatures as smooth functions of time, file by file.
+
+    A member's temperature changes slowly; a sensor adds noise from row to row, which an effect of 10 um/K would carry
+    into every prediction. Smoothing splines (generalised cross-validation decides how smooth); a file with fewer than
+    ten times, or a table without time, is left as it is.
+    """
+    names = [n for n in names if n in table and table[n].notna().all()]
+    if not names or "time" not in table or not table["time"].notna().all():
+        return table
+    from scipy.interpolate import make_smoothing_spline
+
+    table = table.copy()
+    runs, time = _codes(table, ["file"]), table["time"].to_numpy(dtype=np.float64)
+    for run in np.unique(runs):
+        rows = np.flatnonzero(runs == run)
+        moments, place = np.unique(time[rows], return_inverse=True)
+        if len(moments) < 10:
+            continue
+        count = np.bincount(place).astype(np.float64)
+        unit = (moments - moments[0]) / (moments[-1] - moments[0])
+        for name in names:
+            values = table[name].to_numpy(dtype=np.float64)[rows]
+            middle = np.bincount(place, values) / count
+            if np.ptp(middle) > 0:
+                spline = make_smoothing_spline(unit, middle, w=count)
+                table.iloc[rows, table.columns.get_loc(name)] = spline(unit)[place]
+    return table
+
+
 def direction(table: pd.DataFrame, joint: str) -> Array:
     """Side from which a joint arrived: +1 where it came up from smaller positions, -1 from larger, (n,).
 
@@ -90,10 +127,10 @@ def _codes(table: pd.DataFrame, names: list[str]) -> Index:
 
 
 def lag(table: pd.DataFrame, name: str, tau: float) -> Array:
-    """A column behind a first-order lag (time constant `tau`, s), settled at its first value; run by run."""
+    """A column behind a first-order lag (time constant `tau`, s), settled at its first value; file by file."""
     values, time = channel(table, name), channel(table, "time")
     out = np.empty_like(values)
-    runs = _codes(table, ["file", "run"])
+    runs = _codes(table, ["file"])
     for run in np.unique(runs):
         rows = np.flatnonzero(runs == run)
         out[rows] = lagged(time[rows], values[rows], tau)

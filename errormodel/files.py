@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -35,7 +35,8 @@ def replacing(path: Path | str) -> Iterator[Path]:
         found = f"cannot be written: {error.strerror or error}"
         raise InputError(str(path), found, "Give a place that can be written to") from error
     finally:
-        part.unlink(missing_ok=True)
+        with suppress(OSError):  # where nothing can be written nothing is left behind
+            part.unlink(missing_ok=True)
 
 
 def write_text_atomic(text: str, path: Path | str) -> None:

@@ -240,7 +240,10 @@ class Kernel:
 
     def expand(self, functions: Array | list[Array]) -> Array:
         """All outputs ``(n_outputs, m)`` of a block from its distinct functions."""
-        return np.asarray(functions)[self.index] * self.coefficient[:, None]
+        functions, live = np.asarray(functions), self.coefficient != 0
+        out = np.zeros((self.n_outputs, functions.shape[1]))
+        out[live] = functions[self.index[live]] * self.coefficient[live, None]
+        return out
 
     def functions(self, rows: Sequence[Array], scalars: Sequence[float] = ()) -> Array:
         """The distinct functions over all rows, ``(n_functions, n)``: M without its repetitions."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias, Union
 
@@ -12,6 +13,8 @@ from errormodel.instruments.base import Instrument
 from errormodel.instruments.plain import Plain
 from errormodel.units import UnitsBlock
 from errormodel.yamlfile import Document, FileModel, VersionedModel, load, validate
+
+FILE_NAME = "survey.yaml"
 
 Role = Literal["fit", "test"]
 Frame = Literal["shared", "per-run", "per-file", "fixed"]
@@ -69,8 +72,11 @@ class SurveyForm(VersionedModel):
 def read_form(path: Path) -> tuple[SurveyForm, Document, Path]:
     """The form, the document behind it for messages, and the folder that its paths start from.
 
-    Anything but a ``.yaml`` or ``.yml`` is taken for a table and gets the form of a single file.
+    A folder that holds a ``survey.yaml`` stands for it. Anything else but a ``.yaml`` or ``.yml`` is taken for a table
+    (or a folder of its parts) and gets the form of a single file.
     """
+    with suppress(OSError):  # a name too long: opening it says so
+        path = path / FILE_NAME if (path / FILE_NAME).is_file() else path
     if path.suffix.lower() in (".yaml", ".yml"):
         document = load(path)
         return validate(document, SurveyForm), document, path.parent

@@ -15,7 +15,7 @@ from errormodel.survey_columns import MEASURED
 from identification.fit.least_squares import identifiable
 from identification.groups import Groups
 from identification.problem import build
-from identification.views import PositionView, View
+from identification.views import PositionView, View, fixed_tool
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -85,10 +85,10 @@ def describe(machine: Machine, survey: Survey | None = None) -> Description:
 
 
 def _random_view(chain: Chain) -> View:
+    rows = chain.columns(_random_table(chain))
     return PositionView(
-        kind="position", chain=chain, ids=chain.machine_ids, columns=chain.machine_ids,
-        rows=chain.columns(_random_table(chain)), whitener=np.ones(POSES), index=np.arange(POSES),
-        measured=np.zeros((POSES, 3)),
+        kind="position", chain=chain, ids=chain.machine_ids, columns=chain.machine_ids, rows=rows,
+        whitener=np.ones(POSES), index=np.arange(POSES), fixed=fixed_tool(chain, rows), measured=np.zeros((POSES, 3)),
     )  # fmt: skip
 
 

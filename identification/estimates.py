@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from errormodel.machine import Joint
+from errormodel.chain import Parameter
+from errormodel.machine import Joint, Machine
 from identification.fit.result import Fit
 from identification.store import parameters
 
@@ -27,7 +28,7 @@ def printed(unit: str) -> tuple[float, str]:
     return factor, f"{name}/{rest}"
 
 
-Kind = Literal["member", "joint", "frame", "zero"]
+Kind = Literal["member", "joint", "effect", "frame", "zero"]
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,7 @@ class Estimate:
     id : the parameter that stands for the group; `name` has an ellipsis where it has others with it.
     formula : the whole group; `symbol` is the ISO 230-1 name, if there is one.
     value, std : in `unit` (um, urad, um/m, urad/m); std is k = 1.
-    kind : a structural member's, a joint's, a measuring frame's (or a target's mount), or an instrument's zero.
+    kind : of a structural member, joint, effect, measuring frame (or a target's mount), or zero of an instrument.
     """
 
     number: int
@@ -59,6 +60,11 @@ class Estimate:
         return abs(self.value) / self.std if self.std else float("inf")
 
 
+def of_effect(parameter: Parameter, machine: Machine) -> bool:
+    """Whether a parameter belongs to an effect of the machine rather than to its rigid error motions."""
+    return any(parameter.term.startswith(spec.effect) for spec in machine.effects)
+
+
 def estimates(fit: Fit) -> list[Estimate]:
     """All groups of a fit."""
     joints = {e.name for e in fit.chain.machine.elements if isinstance(e, Joint)}
@@ -68,8 +74,9 @@ def estimates(fit: Fit) -> list[Estimate]:
         factor, unit = printed(p["unit"])
         kind: Kind = "zero" if p["id"].startswith("zero[") else "frame"
         if p["id"] in fit.chain.index:
-            element = fit.chain.parameters[fit.chain.index[p["id"]]].element
-            kind = "joint" if element in joints else "member" if element in members else "frame"
+            known = fit.chain.parameters[fit.chain.index[p["id"]]]
+            kind = "joint" if known.element in joints else "member" if known.element in members else "frame"
+            kind = "effect" if of_effect(known, fit.chain.machine) else kind
         more = " …" if len(p["members"]) > 1 else ""
         symbol = p["symbol"] + more if p["symbol"] else ""
         values = (factor * p["value"], factor * p["std"])

@@ -92,9 +92,8 @@ def find_groups(
     if unit.shape[0] > unit.shape[1]:
         unit = np.linalg.qr(unit, mode="r")
     singular = np.linalg.svd(unit, compute_uv=False)
-    tolerance = max(ROUND_OFF, noise_floor)
-    rank = int((singular > tolerance).sum())
-    chosen, q = _first_independent(unit, tolerance, rank)
+    rank = int((singular > max(ROUND_OFF, noise_floor)).sum())
+    chosen = _first_independent(unit, rank)
     # a_dependent = A_base K, column by column
     mix, *_ = np.linalg.lstsq(unit[:, chosen], unit, rcond=None)
     mix[np.abs(mix) < 1e-7] = 0.0
@@ -107,34 +106,31 @@ def find_groups(
     return Groups(tuple(ids), base, coefficients, no_effect, singular)
 
 
-def _first_independent(unit: Array, tolerance: float, rank: int) -> tuple[list[int], Array]:
+def _first_independent(unit: Array, rank: int) -> list[int]:
     """The first columns, in order, that are independent of those before; as many as the rank."""
-    while True:
-        q = np.zeros((unit.shape[0], rank))
-        chosen: list[int] = []
-        for j in range(unit.shape[1]):
-            column = unit[:, j]
+    _, singular, directions = np.linalg.svd(unit, full_matrices=False)
+    seen = singular[:rank, None] * directions[:rank]  # what counts of each column: exactly of this rank
+    least = singular[rank - 1] / 10
+    chosen: list[int] = []
+    while len(chosen) < rank:
+        q = np.zeros((rank, rank))
+        chosen = []
+        for j in range(seen.shape[1]):
             basis = q[:, : len(chosen)]
-            rest = column - basis @ (basis.T @ column)
+            rest = seen[:, j] - basis @ (basis.T @ seen[:, j])
             rest -= basis @ (basis.T @ rest)  # once more: once is not enough near dependence
             size = float(np.linalg.norm(rest))
-            if size > tolerance:
-                if len(chosen) == rank:
-                    break
+            if size > least:
                 q[:, len(chosen)] = rest / size
                 chosen.append(j)
-        else:
             if len(chosen) == rank:
-                return chosen, q
-            tolerance /= 3  # a column was passed over that the rank needs
-            continue
-        tolerance *= 2  # more columns than the rank passed: the weakest of them do not count
+                break
+        least /= 3  # a column was passed over that the rank needs
+    return chosen
 
 
 def _tidy(values: Array) -> Array:
-    """Ten significant digits: round-off of the null space is gone, tool lengths stay as they were written."""
-    out = np.zeros_like(values)
-    live = values != 0
-    digits = 10.0 ** (9 - np.floor(np.log10(np.abs(values[live]))))
-    out[live] = np.round(values[live] * digits) / digits
-    return out
+    """Values within round-off of a short number are that number: tool lengths stay as they were written."""
+    digits = 10.0 ** (8 - np.floor(np.log10(np.maximum(np.abs(values), 1e-300))))
+    short = np.round(values * digits) / digits
+    return np.where(np.abs(short - values) <= 1e-11 * np.abs(values), short, values)

@@ -14,7 +14,7 @@ from errormodel.exceptions import InputError
 from errormodel.kernel import Array, as_rows
 from errormodel.machine import Joint
 from identification.alignment import IDENTITY, Pose, align, mean_rotation
-from identification.views import Kind, MotionView, OrientationView, PositionView, View
+from identification.views import Kind, MotionView, OrientationView, PositionView, View, fixed_tool
 
 if TYPE_CHECKING:
     from errormodel.survey import Survey
@@ -82,13 +82,15 @@ def build(
     seen = np.isfinite(survey.measured).any(axis=1)
     turned = _rotations(survey)
     channels = chain.columns(survey.table) if len(volumetric) else []
+    fixed = fixed_tool(chain, channels) if channels else {}  # in all frames, so that they share their kernels
+    outputs = None if turned is not None else (0, 1, 2)
     mounts = []
     for label in dict.fromkeys(labels[volumetric]):
         index = volumetric[(labels[volumetric] == label) & seen[volumetric]]
         if not len(index):
             continue
         rows = as_rows(*(c[index] for c in channels))
-        nominal = chain.kernel("actual")(rows, p)
+        nominal = chain.kernel("actual" if p.any() else "nominal", (), fixed, outputs)(rows, p)
         pose = IDENTITY
         if survey.frame != "fixed":
             whole = survey.measured[index]
@@ -99,7 +101,7 @@ def build(
         whitener, known = _whitener(survey, index)
         if known:
             declared.add("position")
-        common = {"chain": chain, "ids": (*chain.frame_ids, *columns[6:]), "columns": columns}
+        common = {"chain": chain, "ids": (*chain.frame_ids, *columns[6:]), "columns": columns, "fixed": fixed}
         measured = np.nan_to_num(survey.measured[index])
         views.append(
             PositionView(

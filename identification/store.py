@@ -21,6 +21,7 @@ from identification.fit.result import Fit, Spread
 from identification.fit.run import moved
 
 SCHEMA = "errormodel.fit/1"
+CURE = "Give the folder that `errormodel fit ... --out DIR` wrote"
 
 
 def as_json(fit: Fit) -> dict[str, Any]:
@@ -174,45 +175,62 @@ def load(folder: Path) -> StoredFit:
     InputError
         The folder holds no finished fit, or its files do not belong together.
     """
-    import pandas as pd
     from scipy.spatial.transform import Rotation
 
     path = folder / "fit.json"
-    cure = "Give the folder that `errormodel fit ... --out DIR` wrote"
-    if not path.is_file():
-        raise InputError(str(path), "there is no such file", cure)
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
-        if data.get("schema") != SCHEMA:
-            raise InputError(str(path), f"its schema is {data.get('schema')!r}, not {SCHEMA!r}", cure)
+        if data["schema"] != SCHEMA:
+            raise InputError(str(path), f"its schema is {data['schema']!r}, not {SCHEMA!r}", CURE)
         entries = data["parameters"]
         base = tuple(str(p["id"]) for p in entries)
-        std = np.array([p["std"] for p in entries], dtype=float)
-        covariance = pd.read_csv(folder / "covariance.csv")
-        matrix = covariance.to_numpy(dtype=float) if len(covariance) == len(base) else np.zeros((0, 0))
-        if tuple(covariance.columns) != base or not np.allclose(np.sqrt(np.diag(matrix)), std, rtol=1e-9, atol=0):
-            raise InputError(str(folder / "covariance.csv"), "it is of another fit than fit.json", "Run the fit again")
-        chain = Chain(read_machine(folder / "machine.yaml"))
-        foreign = next((i for i in base if i not in chain.index and not i.startswith(("frame[", "zero["))), None)
-        if foreign is not None:
-            found = f"it has no parameter '{foreign}', which fit.json estimates"
-            raise InputError(str(folder / "machine.yaml"), found, "Run the fit again")
-        frames = {
-            f["label"]: Pose(
-                Rotation.from_rotvec(f["alignment"]["rotation"]).as_matrix(), np.array(f["alignment"]["translation"])
-            )
-            for f in data["frame"]
-        }
-        return StoredFit(
-            chain,
+        fit = StoredFit(
+            _machine_of(folder, base),
             {p["id"]: float(p["value"]) for p in entries},
             base,
-            matrix,
+            _covariance(folder, base, np.array([p["std"] for p in entries], dtype=float)),
             {p["id"]: str(p["unit"]) for p in entries},
             {p["id"]: {str(m): float(c) for m, c in p["members"].items()} for p in entries},
             str(data["frame_mode"]),
-            frames,
+            {
+                str(f["label"]): Pose(
+                    Rotation.from_rotvec(f["alignment"]["rotation"]).as_matrix(),
+                    np.array(f["alignment"]["translation"], dtype=float),
+                )
+                for f in data["frame"]
+            },
             data,
         )
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise InputError(str(path), f"it cannot be read as a fit ({type(error).__name__}: {error})", cure) from error
+    except OSError as error:
+        raise InputError(str(path), f"it cannot be read ({error.strerror})", CURE) from error
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        raise InputError(str(path), f"it cannot be read as a fit ({type(error).__name__}: {error})", CURE) from error
+    return fit
+
+
+def _machine_of(folder: Path, base: tuple[str, ...]) -> Chain:
+    path = folder / "machine.yaml"
+    if not path.is_file():
+        raise InputError(str(path), "there is no such file", CURE)
+    chain = Chain(read_machine(path))
+    for identity in base:
+        if identity not in chain.index and not identity.startswith(("frame[", "zero[")):
+            found = f"the machine has no parameter '{identity}', which fit.json estimates"
+            raise InputError(str(path), found, "Run the fit again")
+    return chain
+
+
+def _covariance(folder: Path, base: tuple[str, ...], std: Array) -> Array:
+    import pandas as pd
+
+    path = folder / "covariance.csv"
+    try:
+        table = pd.read_csv(path)
+        matrix = table.to_numpy(dtype=float)
+    except (OSError, ValueError) as error:
+        found = f"it cannot be read ({getattr(error, 'strerror', None) or error})"
+        raise InputError(str(path), found, "Run the fit again") from error
+    ours = tuple(table.columns) == base and len(matrix) == len(base)
+    if not ours or not np.allclose(np.diag(matrix), std**2, rtol=1e-9, atol=0.0):
+        raise InputError(str(path), "it is of another fit than fit.json", "Run the fit again")
+    return matrix

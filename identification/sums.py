@@ -151,8 +151,9 @@ def selectors_of(kernel: Kernel, components: int, columns: np.ndarray[tuple[int]
     out = []
     for c in range(components):
         k = columns * components + c
+        live = kernel.coefficient[k] != 0
         selector = np.zeros((kernel.n_functions, len(columns)))
-        selector[kernel.index[k], np.arange(len(columns))] = kernel.coefficient[k]
+        selector[kernel.index[k[live]], np.flatnonzero(live)] = kernel.coefficient[k[live]]
         out.append(selector)
     return out
 
@@ -168,5 +169,5 @@ def design_rows(view: View, unknowns: Mapping[str, int], most: int = SAMPLE) -> 
     functions = kernel.functions(view.rows, np.zeros(len(view.chain.ids)))
     design = np.array([s.T @ functions for s in selectors]).transpose(1, 0, 2)
     out = np.zeros((len(view) * len(selectors), len(unknowns)))
-    out[:, places] = view.whiten(slice(None), design).reshape(len(local), -1).T
+    out[:, places] = view.whiten(slice(None), design).reshape(len(local), len(out)).T
     return out

@@ -7,7 +7,7 @@ the whitener of a view takes them to units of one standard uncertainty.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal, Self
 
@@ -33,6 +33,7 @@ class View:
     whitener : (n,) 1/sigma, or (n, 3, 3) ``L`` with ``L'L`` the inverse covariance in the measuring frame;
         0 for what was not measured.
     index : (n,) the survey's rows.
+    fixed : channels that are one number in all rows: folded into the kernels, which then do less.
     """
 
     kind: Kind
@@ -43,18 +44,12 @@ class View:
     whitener: Array
     index: np.ndarray[tuple[int], np.dtype[np.intp]]
 
+    fixed: Mapping[str, float] = field(default_factory=dict)
     outputs: tuple[int, ...] = (0, 1, 2)
     what: What = "design"
 
     def __len__(self) -> int:
         return len(self.index)
-
-    @property
-    def fixed(self) -> dict[str, float]:
-        """Tool components that are one number in all rows: folded into the kernels, which then do less."""
-        start = self.chain.channels.index(TOOL_CHANNELS[0])
-        columns = self.rows[start : start + 3]
-        return {n: float(c[0]) for n, c in zip(TOOL_CHANNELS, columns, strict=True) if len(c) and (c == c[0]).all()}
 
     @property
     def count(self) -> int:
@@ -81,6 +76,13 @@ class View:
     def whiten(self, part: slice, vectors: Array) -> Array:
         """(..., outputs, m) in the reference's axes to units of one sigma."""
         return vectors * self.whitener[part]
+
+
+def fixed_tool(chain: Chain, rows: Sequence[Array]) -> dict[str, float]:
+    """Tool components that are one number in all rows of the chain's channels."""
+    start = chain.channels.index(TOOL_CHANNELS[0])
+    columns = rows[start : start + 3]
+    return {n: float(c[0]) for n, c in zip(TOOL_CHANNELS, columns, strict=True) if len(c) and (c == c[0]).all()}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -127,7 +129,7 @@ class GapView(View):
             gap[:, part] = block
         return cls(
             kind=view.kind, chain=view.chain, ids=view.ids, columns=view.columns, rows=view.rows,
-            whitener=view.whitener, index=view.index, outputs=view.outputs, what=view.what, gap=gap,
+            whitener=view.whitener, index=view.index, fixed=view.fixed, outputs=view.outputs, what=view.what, gap=gap,
         )  # fmt: skip
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -10,31 +12,32 @@ from errormodel.chain import Chain
 from errormodel.conventions import MOTIONS, ROTATIONS, Motion
 from errormodel.errorblock import first_order_motions
 from errormodel.machine import Basis, Joint, Machine, Shape, Vector
+from identification.views import PositionView, fixed_tool
 
 Array = NDArray[np.float64]
 
 AXES: list[Vector] = [(1, 0, 0), (0, 1, 0), (0, 0, 1), (-1, 0, 0), (0, -1, 0), (0, 0, -1)]
 
 
-def unit(angles: tuple[float, float]) -> Vector:
-    z, phi = angles
-    r = float(np.sqrt(1 - z * z))
-    return r * float(np.cos(phi)), r * float(np.sin(phi)), z
+def unit(vector: tuple[int, ...]) -> Vector:
+    x, y, z = (v / float(np.linalg.norm(vector)) for v in vector)
+    return x, y, z
 
 
-oblique = st.tuples(st.floats(-0.99, 0.99), st.floats(-3.1, 3.1)).map(unit)
-lengths = st.one_of(st.just(0.0), st.floats(-800, 800))
+# Whole numbers, and round ones: a machine a hair's breadth from a special one has no definite rank.
+oblique = st.tuples(*[st.integers(-3, 3)] * 3).filter(any).map(unit)
+lengths = st.integers(-80, 80).map(lambda n: 10.0 * n)
 vectors = st.tuples(lengths, lengths, lengths)
-angles = st.one_of(st.just(0.0), st.floats(-3, 3))
+angles = st.integers(-30, 30).map(lambda n: n / 10)
 motions = st.one_of(st.just(MOTIONS), st.lists(st.sampled_from(MOTIONS), max_size=6, unique=True).map(tuple))
 
 
 @st.composite
 def joints(draw: st.DrawFn, name: str) -> Joint:
     rotary = draw(st.booleans())
-    low = draw(st.floats(-3, 1) if rotary else st.floats(-2000, 1500))
-    high = low + draw(st.floats(0.5, 5) if rotary else st.floats(100, 3000))
-    bare = Joint(name, "rotary" if rotary else "prismatic", draw(st.one_of(st.sampled_from(AXES), oblique)), (low, high))
+    low, high = draw(st.integers(-20, 15)), draw(st.integers(1, 30))
+    travel = (low / 10, (low + high) / 10 + 0.5) if rotary else (100.0 * low, 100.0 * (low + high))
+    bare = Joint(name, "rotary" if rotary else "prismatic", draw(st.one_of(st.sampled_from(AXES), oblique)), travel)
     bases = [Basis("polynomial", draw(st.integers(1, 4))), Basis("spline", draw(st.integers(1, 5)))]
     bases += [Basis("harmonic", draw(st.integers(1, 3)))] if rotary else []
     models: dict[Motion, Basis] = {}
@@ -65,6 +68,15 @@ def poses(machine: Machine, count: int, seed: int = 0, tools: tuple[Vector, ...]
     commands = [rng.uniform(*joint.travel, count) for joint in machine.joints]
     tool = np.resize(np.array(tools or (machine.tool,)), (count, 3))
     return [*commands, *(np.ascontiguousarray(c) for c in tool.T)]
+
+
+def seen(chain: Chain, rows: list[Array], ids: tuple[str, ...] = (), **more: Any) -> PositionView:
+    """Positions at poses, in a known measuring frame."""
+    n, own = len(rows[0]), ids or chain.machine_ids
+    given = {"whitener": np.ones(n), "index": np.arange(n), "measured": np.zeros((n, 3)), **more}
+    return PositionView(
+        kind="position", chain=chain, ids=own, columns=own, rows=rows, fixed=fixed_tool(chain, rows), **given
+    )
 
 
 def errors(chain: Chain, seed: int = 0, um: float = 10.0, urad: float = 20.0) -> Array:

@@ -6,9 +6,12 @@ import io
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from identification.cli import main
+
+FIVE = "five_axis_table_quill"
+MILL = "vertical_three_axis"
+XYZ = ["mx", "my", "mz"]
 
 
 @dataclass(frozen=True)
@@ -50,6 +53,8 @@ def write(path: Path, content: str | bytes) -> Path:
     return path
 
 
-def close(value: Any, expected: float, part: float) -> bool:
-    """Whether a figure is within `part` of what is expected."""
-    return abs(float(value) - expected) <= part * abs(expected)
+def fitted_mill(folder: Path) -> Path:
+    """A small machine's survey with noise, and its fit: ``s.csv fit/``."""
+    done("simulate", MILL, 60, "--noise", 0.002, "--out", folder / "s.csv")
+    done("fit", MILL, folder / "s.csv", "--out", folder / "fit")
+    return folder

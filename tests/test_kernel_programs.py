@@ -56,7 +56,7 @@ def test_functions_of_one_value(name: str) -> None:
     values = np.concatenate([np.random.default_rng(0).normal(0, 2, 60), SPECIAL])
     outputs = ca.vertcat(f(x), f(-x), -f(x), -f(-x), f(a), -f(-a), f(a) * x, f(y - x), f(x - y), f(-3 * x) * f(x))
     for p in (0.3, -1.5):
-        check(outputs, as_rows(values, values[::-1], values), np.array([p, 1.0]))
+        check(outputs, as_rows(values, np.roll(values, 1), values), np.array([p, 1.0]))
 
 
 @pytest.mark.parametrize("name", BINARY)

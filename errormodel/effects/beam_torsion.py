@@ -14,7 +14,7 @@ from errormodel.machine import Machine
 
 
 class BeamTorsion(Effect):
-    """Roll of `joint` about the beam: ``twist * v * 4 u (1 - u)`` (rad), u along the beam, v the load's travel, -1 to 1.
+    """Roll of `joint` about the beam: ``twist * v * 4 u (1 - u)``, rad; u along the beam, v the load's travel, -1 to 1.
 
     A second parameter (rad) is the twist under the load's middle position, which also goes with the place on the beam.
     """
@@ -23,7 +23,9 @@ class BeamTorsion(Effect):
     family: ClassVar[str] = "gravity"
     source: ClassVar[str] = "shaft held at both ends: T a (L-a) / (L G J), T growing with the overhang; up to 0.2 mrad"
     alike: ClassVar[tuple[str, ...]] = ("cross-axis-compliance", "column-bending", "telescoping-compliance")
-    separate: ClassVar[str] = "a level on the carriage at both ends of the load's travel, in the beam's middle and at its ends"
+    separate: ClassVar[str] = (
+        "a level on the carriage at both ends of the load's travel, in the beam's middle and at its ends"
+    )
     example: ClassVar[Mapping[str, object]] = {"joint": "Y", "load_joint": "Z"}
 
     joint: str  # that travels along the beam

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from itertools import product
-from typing import ClassVar, Literal
+from typing import ClassVar
 
 from errormodel.effects.base import Channels, Effect, EffectTerm
 from errormodel.effects.scene import Scene
-from errormodel.effects.shared import Rotation, across, bent, joint_as
-from errormodel.effects.travel import ENDS, cross, direction, extension, length, scaled, turn
+from errormodel.effects.shared import Rotation, across, joint_as
+from errormodel.effects.travel import ENDS, End, cross, crossing, direction, extension, length, scaled, shift, turn
 from errormodel.exceptions import InputError
 from errormodel.machine import Joint, Machine
 
@@ -30,7 +30,7 @@ class ColumnBending(Effect):
     joint: str  # that travels along the column
     load_joint: str  # that carries the weight out
     motion: Rotation | None = None  # None: about the axis across both joints
-    foot: Literal["low", "high"] | None = None  # None: the whole column tilts in its foot
+    foot: End | None = None  # None: the whole column tilts in its foot
 
     @property
     def where(self) -> str:
@@ -46,26 +46,23 @@ class ColumnBending(Effect):
         if self.foot is None:
             return [EffectTerm(self.joint, "", "rad", turn(direction(about), v), 5e-5)]
         h, sense = extension(column, channel(self.joint), self.foot), 1 if self.foot == "low" else -1
-        side = cross(direction(about), column.axis)
-        towards = max(across(column, "d"), key=lambda m: abs(side["dx dy dz".split().index(m)]))
-        sign = 1 if side["dx dy dz".split().index(towards)] > 0 else -1
-        bow = bent(column, towards, sign * sense * length(column) / 2 * v * h**2, sign * v * h)
-        return [EffectTerm(self.joint, "", "rad", bow, 5e-5)]
+        bow = shift(cross(direction(about), column.axis), sense * length(column) / 2 * v * h**2)
+        return [EffectTerm(self.joint, "", "rad", {**turn(direction(about), v * h), **bow}, 5e-5)]
 
     def _about(self, column: Joint, load: Joint) -> Rotation:
         if self.motion is not None:
             return self.motion
         normal = cross(column.axis, load.axis)
         if not any(abs(n) > 0.1 for n in normal):
-            raise InputError(f"effect {self.effect}", f"{load.name} travels along {column.name}", "Write a joint across it")
+            raise InputError(
+                f"effect {self.effect}", f"{load.name} travels along {column.name}", "Write a joint across it"
+            )
         names: tuple[Rotation, ...] = ("ea", "eb", "ec")
         return names[max(range(3), key=lambda k: abs(normal[k]))]
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
-        for column, load in product(scene.prismatic, repeat=2):
-            if column is not load:
-                for motion, foot in product(across(column, "e"), (None, *ENDS)):
-                    yield cls.model_validate(
-                        {"joint": column.name, "load_joint": load.name, "motion": motion, "foot": foot}
-                    )
+        for column, load in crossing(scene):
+            for motion, foot in product(across(column, "e"), (None, *ENDS)):
+                fields = {"joint": column.name, "load_joint": load.name, "motion": motion, "foot": foot}
+                yield cls.model_validate(fields)

@@ -27,6 +27,8 @@ class Hysteresis(Effect):
     separate: ClassVar[str] = "nested reversals: go back by 0.01, 0.1, 1 and 10 mm, and by large steps"
     example: ClassVar[Mapping[str, object]] = {"joint": "X", "width": 60.0}
 
+    cost: ClassVar[float] = 2.0  # plain backlash is the usual form
+
     joint: str
     width: Positive
 

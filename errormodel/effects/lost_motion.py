@@ -24,6 +24,8 @@ class LostMotion(Effect):
     separate: ClassVar[str] = "approach positions at both ends of the travel from both sides"
     example: ClassVar[Mapping[str, object]] = {"joint": "X"}
 
+    cost: ClassVar[float] = 2.0  # plain backlash is the usual form
+
     joint: str
 
     @property

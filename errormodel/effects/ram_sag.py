@@ -26,7 +26,7 @@ from errormodel.machine import Machine
 
 
 class RamSag(Effect):
-    """``sag * u^exponent`` along `motion` (mm at full travel, u from 0 retracted to 1), with the angle of a cantilever's end.
+    """``sag * u^exponent`` along `motion` (mm; u from 0 retracted to 1), with the angle of a cantilever's end.
 
     A second parameter (rad at full travel) is angle beyond that: guides give way where the ram leaves them.
     """

@@ -40,6 +40,11 @@ class SpindleGrowth(Effect):
     def drivers(self) -> tuple[str, ...]:
         return thermal(self.sensor, self.minus)
 
+    @property
+    def cost(self) -> float:  # type: ignore[override]  # of the base: the same for all
+        """Nats of prior odds against it: a sensor that is not called the spindle's may still be near it."""
+        return 0.0 if "spindle" in self.sensor.lower() else 4.0
+
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         warm = warmth(channel, self.sensor, self.minus, self.tau)
         direction = outward(machine) if self.motion is None else {self.motion: 1.0}
@@ -48,10 +53,8 @@ class SpindleGrowth(Effect):
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
-        """By the spindle's own sensors, where there are any; else any sensor may be near enough."""
         last = scene.machine.elements[-1]
         element = last.name if isinstance(last, Shape) and not any(last.rotation) else TOOL
-        own = [s for s in scene.sensors if "spindle" in s.lower()]
-        for sensor in own or scene.sensors:
+        for sensor in scene.sensors:
             for tau in lags(scene):
                 yield cls(sensor=sensor, element=element, tau=tau)

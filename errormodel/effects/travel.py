@@ -1,7 +1,7 @@
 """Positions on a joint's travel as effects use them, and how a member that carries something deflects.
 
-Everything works on arrays and on CasADi symbols alike. Scales come from the joint's travel, never from a survey, so that
-a prediction at other poses means the same.
+All works on arrays and on CasADi symbols alike. Scales come from the joint's travel, never from a survey, so that a
+parameter means the same at other poses.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def scaled(joint: Joint, q: Value) -> Value:
 
 
 def extension(joint: Joint, q: Value, retracted: End) -> Value:
-    """How far a member is out of its guide: 0 at its retracted end (and beyond it), 1 at the other end of its travel."""
+    """How far a member is out of its guide: 0 at its retracted end and beyond it, 1 at the other end of travel."""
     f = fraction(joint, q)
     return fmax(f if retracted == "low" else 1 - f, 0.0)
 
@@ -62,9 +62,9 @@ def cross(a: Vector, b: Vector) -> Vector:
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-def parallel(one: Joint, other: Joint) -> bool:
+def parallel(one: Vector, other: Vector) -> bool:
     """Whether two axes lie along each other, within 8 degrees."""
-    return hypot(*cross(one.axis, other.axis)) < 0.14
+    return hypot(*cross(one, other)) < 0.14
 
 
 def direction(motion: Motion) -> Vector:
@@ -78,8 +78,13 @@ def turn(about: Vector, value: Value) -> dict[Motion, Value]:
     return {name: value * a for name, a in zip(ROTATIONS, about, strict=True) if abs(a) > 1e-9}
 
 
+def shift(along: Vector, value: Value) -> dict[Motion, Value]:
+    """Small displacement of size `value` (mm) along a unit vector."""
+    return {name: value * a for name, a in zip(TRANSLATIONS, along, strict=True) if abs(a) > 1e-9}
+
+
 def tilt_of(joint: Joint, motion: Motion) -> Vector:
-    """The rotation, about which vector, that goes with a growing deflection along `motion` of what lies along the axis."""
+    """Vector about which what lies along the axis turns where its deflection along `motion` grows."""
     return cross(joint.axis, direction(motion))
 
 
@@ -95,7 +100,9 @@ def sag_direction(joint: Joint, motion: Motion | None) -> Motion:
     if motion is None:
         return "dz" if "dz" in sides else "dy"
     if motion not in sides:
-        raise InputError(f"joint {joint.name}", f"{motion} is along it, and sag is across", f"Write {' or '.join(sides)}")
+        raise InputError(
+            f"joint {joint.name}", f"{motion} is along it, and sag is across", f"Write {' or '.join(sides)}"
+        )
     return motion
 
 
@@ -111,4 +118,4 @@ def retracted_end(machine: Machine, joint: Joint, given: End | None) -> End:
 
 def crossing(scene: Scene) -> Iterator[tuple[Joint, Joint]]:
     """Ordered pairs of sliding joints that both moved and do not lie along each other."""
-    return ((a, b) for a, b in permutations(scene.prismatic, 2) if not parallel(a, b))
+    return ((a, b) for a, b in permutations(scene.prismatic, 2) if not parallel(a.axis, b.axis))

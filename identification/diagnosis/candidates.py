@@ -51,6 +51,12 @@ class Candidates:
         ]
         return cls(kept, blocks, [e.key for e in kept])
 
+    def joined(self, other: Candidates) -> Candidates:
+        """Both lists as one."""
+        shift = len(self.effects)
+        blocks = [*self.blocks, *((numbers + shift, columns, sizes) for numbers, columns, sizes in other.blocks)]
+        return Candidates([*self.effects, *other.effects], blocks, [*self.keys, *other.keys])
+
     def scores(self, bench: Workbench) -> Scores:
         """Evidence of each proposal beside what the bench has accepted."""
         evidence = np.full(len(self.effects), -np.inf)

@@ -15,11 +15,13 @@ import numpy as np
 from errormodel.effects.base import Effect
 from errormodel.kernel import Array
 from identification.diagnosis.candidates import Candidates, Scores
+from identification.diagnosis.refinements import forms
 from identification.diagnosis.workbench import Workbench
 
 DETECT = 7.0  # nats beyond the number of places looked at: one false alarm in a thousand
 LEAK = 0.06  # of what is already explained: less than this elsewhere may be the shape of what was found
 FORM = 0.85  # a name may explain this much less than the best mere form: forms bend to anything
+ALIKE = 0.6  # canonical correlation beyond which a later effect is a further form of an earlier finding
 MOST_FINDINGS = 4
 SHAPES = ("period", "per_turn", "tau", "at", "width")
 
@@ -68,8 +70,10 @@ def grow(bench: Workbench, candidates: Candidates) -> Growth:
         if step is None:
             break
         growth = _with(growth, step)
-        if step.refines is None and len(growth.findings) > 1:
-            growth = second_look(growth, candidates)
+        if step.refines is None:
+            candidates = candidates.joined(Candidates.of(bench, list(forms(bench, step.effect))))
+            if len(growth.findings) > 1:
+                growth = second_look(growth, candidates)
     return growth
 
 
@@ -87,9 +91,13 @@ def next_step(growth: Growth, candidates: Candidates) -> Step | None:
             return None
     steps = [_polished(candidates, scores, bench, n, searched) for _, n in ranked[:12]]
     best = choose(steps)
+    own = _refined(growth, best)
+    if own is None:  # what was found before explains it as well, in another form: that is the simpler story
+        others = [s for s in steps if s.evidence > 0.7 * best.evidence and _refined(growth, s) is not None]
+        best = max(others, key=lambda s: s.evidence, default=best)
+        own = _refined(growth, best)
     rivals = tuple((s.effect, s.evidence) for s in sorted(steps, key=lambda s: -s.evidence) if s is not best)
     best = replace(best, rivals=rivals)
-    own = _refined(growth, best)
     if own is not None:
         best = replace(best, refines=own)
     elif best.evidence - np.log(searched) < DETECT or best.drop < LEAK * explained or len(growth.findings) >= MOST_FINDINGS:
@@ -161,18 +169,19 @@ def _polished(candidates: Candidates, scores: Scores, bench: Workbench, number: 
     effect = candidates.effects[number]
     family = [e for e, k in zip(candidates.effects, candidates.keys, strict=True) if k == effect.key]
     for name in SHAPES:
-        value = getattr(effect, name, None)
+        value = getattr(effect, name, None) if name in type(effect).model_fields else None
         if not isinstance(value, float) or value == 0:
             continue
         grid = sorted({float(getattr(e, name)) for e in family})
-        below = [g for g in grid if 0 < g < value] or [value / 1.3]
-        above = [g for g in grid if g > value] or [value * 1.3]
+        edge = 0.3 * abs(value)
+        below = max((g for g in grid if g < value and g != 0), default=value - edge)
+        above = min((g for g in grid if g > value and g != 0), default=value + edge)
 
         def left(x: float, name: str = name) -> float:
             trial = effect.model_copy(update={name: float(x)})
             return bench.with_columns(bench.columns(trial)[0]).square
 
-        found = minimize_scalar(left, bounds=(below[-1], above[0]), method="bounded", options={"maxiter": 20})
+        found = minimize_scalar(left, bounds=(below, above), method="bounded", options={"maxiter": 20})
         if found.fun < left(value):
             effect = effect.model_copy(update={name: float(found.x)})
     alone = Candidates.of(bench, [effect])
@@ -184,21 +193,41 @@ def _polished(candidates: Candidates, scores: Scores, bench: Workbench, number: 
 
 
 def _refined(growth: Growth, step: Step) -> int | None:
-    """The finding whose place and driver this effect shares, if there is one."""
+    """The finding that this effect is another form of, if there is one.
+
+    The same effect at the same place, the same motion there by the same driver, or columns that look much alike once the
+    geometry is taken out: what a sensor's lag or another exponent leaves over.
+    """
+    bench = growth.start
+    mine, _ = bench.columns(step.effect)
     for k, earlier in enumerate(growth.steps):
-        if earlier.refines is None and _same_cause(earlier.effect, step.effect):
+        if earlier.refines is not None:
+            continue
+        one, other = earlier.effect, step.effect
+        if one.where == other.where and (one.effect == other.effect or roots(one) & roots(other)):
+            return k
+        if likeness(bench, bench.columns(one)[0], mine) > ALIKE:
             return k
     return None
 
 
-def _same_cause(one: Effect, other: Effect) -> bool:
-    return bool(roots(one) & roots(other)) or (one.where == other.where and one.effect == other.effect)
+def likeness(bench: Workbench, one: Array, other: Array) -> float:
+    """Largest canonical correlation of two effects' columns (k, N), the geometry taken out of both."""
+    bases = []
+    for columns in (one, other):
+        left = bench.project(columns)
+        norms = np.linalg.norm(left, axis=1)
+        keep = norms > 1e-2 * np.linalg.norm(columns, axis=1)
+        if not keep.any():
+            return 0.0
+        bases.append(np.linalg.qr((left[keep] / norms[keep, None]).T)[0])
+    return float(np.linalg.svd(bases[0].T @ bases[1], compute_uv=False)[0])
 
 
 def roots(effect: Effect) -> frozenset[str]:
-    """Channels at the bottom of an effect's drivers: of ``lag(T_bed,600)``, ``T_bed``; temperatures count as one cause."""
+    """Channels at the bottom of an effect's drivers: of ``lag(T_bed,600)``, ``T_bed``; warmth, by whatever clock, is one cause."""
     names = {re.sub(r"^(?:lag|play)\(([^,]+),.*\)$", r"\1", d) for d in effect.drivers}
-    return frozenset("temperature" if n.startswith("T_") else n for n in names)
+    return frozenset("temperature" if n.startswith("T_") or n == "time" else n for n in names)
 
 
 def heldout_rms(bench: Workbench, blocks: int = 12) -> float:

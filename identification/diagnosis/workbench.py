@@ -16,7 +16,7 @@ from errormodel.conventions import MOTIONS
 from errormodel.effects.base import Effect
 from errormodel.effects.ops import Value
 from errormodel.effects.scene import Scene
-from errormodel.features import POINT, channel
+from errormodel.features import POINT, channel, settled
 from errormodel.kernel import Array
 from errormodel.survey import Survey
 from identification.fit.result import Fit
@@ -121,10 +121,11 @@ class _Channels(dict[str, Array]):
 
     def __init__(self, survey: Survey, points: Array) -> None:
         super().__init__(zip(POINT, points, strict=True))
-        self._survey = survey
+        table = survey.table
+        self._table = settled(table, [str(c) for c in table.columns if str(c).startswith("T_")])
 
     def __missing__(self, name: str) -> Array:
-        self[name] = channel(self._survey.table, name)
+        self[name] = channel(self._table, name)
         return self[name]
 
 

@@ -125,12 +125,13 @@ class _Solver:
     def run(self) -> Solution:
         groups = self.groups()
         values, sums, passes, converged = self.iterate(groups)
-        if self.missed(groups, sums):
+        thorough = self.missed(groups, sums)
+        if thorough:
             groups = self.groups(thorough=True)
             values, sums, passes, converged = self.iterate(groups)
         floor = self.noise_floor(sums)
         if groups.rank and groups.singular_values[groups.rank - 1] < floor:  # the noise hides the weakest directions
-            groups = self.groups(floor)
+            groups = self.groups(floor, thorough)
             values, sums, passes, converged = self.iterate(groups)
         base = groups.base
         gram, _ = self.total(sums)
@@ -168,6 +169,11 @@ class _Solver:
         noise = self.sigma["position"] / weight
         return float(noise / (0.1 * self.chain.size * np.sqrt(sums["position"].count)))
 
+    def round_off(self) -> float:
+        """Size of a step that moves what is measured by 1e-13 of the machine."""
+        weight = sum(float(np.square(v.whitener).sum()) / self.sigma[v.kind] ** 2 for v in self.views)
+        return float(1e-13 * self.chain.size * np.sqrt(weight))
+
     def total(self, sums: dict[Kind, Sums]) -> tuple[Array, Array]:
         gram = sum(s.gram / self.sigma[k] ** 2 for k, s in sums.items())
         slope = sum(s.slope / self.sigma[k] ** 2 for k, s in sums.items())
@@ -175,21 +181,25 @@ class _Solver:
 
     def iterate(self, groups: Groups) -> tuple[Array, dict[Kind, Sums], int, bool]:
         base = groups.base
+        pick = np.ix_(base, base)
         values, at = np.zeros(len(self.unknowns)), None
         sums = self.pass_(values, at, gram=True)
         first = last = 0.0
         for passes in range(1, MOST_PASSES + 1):
             self.update_noise(sums, groups)
             gram, slope = self.total(sums)
-            step = _scaled_solve(gram[np.ix_(base, base)], slope[base])
-            size = float(np.sqrt(max(step @ gram[np.ix_(base, base)] @ step, 0.0)))
+            step = _scaled_solve(gram[pick], slope[base])
+            if passes == 1:  # all steps are measured alike: noise levels fall with the residual as long as it falls
+                measure, round_off = gram[pick], self.round_off()
+            size = float(np.sqrt(max(step @ measure @ step, 0.0)))
             first = first or size
+            small = max(1e-6 * first, round_off)
             # the residual at `values` is known; a step that rounds away, or no longer shrinks, is not worth a pass
-            if size <= 1e-12 * first or (passes > 3 and size <= 1e-6 * first and size > 0.5 * last):
+            if size <= 1e-12 * first or (size <= small and size > 0.5 * last):
                 return values, sums, passes, True
             values = values.copy()
             values[base] += step
-            relinearise = passes > 1 and size > 0.2 * last  # errors so large that M itself has changed
+            relinearise = passes > 1 and size > max(0.2 * last, small)  # errors so large that M itself has changed
             last = size
             if relinearise and self.exact:
                 at = values
@@ -210,7 +220,7 @@ class _Solver:
         open_kinds = [k for k in sums if k not in self.declared]
         base = groups.base
         pick = np.ix_(base, base)
-        for _ in range(50 if len(open_kinds) > 1 else 1):
+        for _ in range(50 if open_kinds and len(sums) > 1 else 1):
             gram, slope = self.total(sums)
             step = _scaled_solve(gram[pick], slope[base])
             inverse = _inverse(gram[pick])

@@ -121,7 +121,7 @@ def look_at(fit: Fit, test: Survey) -> TestFile:
         named = fit.solution.named()
         poses = {label: moved(chain, known[label], named, label) if known else IDENTITY for label in set(labels)}
         problem = _placed(problem, poses)
-        nominal = residuals_of(_placed(problem, known).views, {}, np.zeros(0), zero, len(test))
+        nominal = residuals_of(_placed(problem, known or poses).views, {}, np.zeros(0), zero, len(test))
     views = [v for v in problem.views if isinstance(v, PositionView)]
     unknowns = [u for u in problem.unknowns if own_frame or u in tool]
     unknowns = [u for u in unknowns if u not in chain.tool_ids[3:]]

@@ -19,7 +19,7 @@ def correlation(fit: Fit) -> tuple[list[Estimate], Array]:
     """The groups shown and their correlation coefficients, (n, n)."""
     groups = estimates(fit)
     if len(groups) > MOST:
-        groups = [e for e in groups if e.kind in ("member", "joint")]
+        groups = [e for e in groups if e.kind not in ("frame", "zero")]
     place = [e.number - 1 for e in groups]
     covariance = fit.solution.covariance[np.ix_(place, place)]
     std = np.sqrt(np.diag(covariance))

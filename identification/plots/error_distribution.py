@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatter
@@ -65,7 +67,7 @@ def _curves(fit: Fit) -> list[Curve]:
     ]
     for k, test in enumerate(fit.tests):
         colour = style.OTHERS[k % len(style.OTHERS)]
-        sets.append((f"test {style.plain(test.path, 24)}", colour, test.residuals, ("-.", ":")[k % 2], 1.4))
+        sets.append((f"test {style.plain(Path(test.path).name, 24)}", colour, test.residuals, ("-.", ":")[k % 2], 1.4))
     out = []
     for label, colour, errors, line, width in sets:
         rows = errors[np.isfinite(errors).any(axis=1)]

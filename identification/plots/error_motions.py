@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from errormodel.conventions import MOTIONS, iso_symbol
 from errormodel.kernel import Array
 from errormodel.machine import Joint
+from identification.estimates import of_effect
 from identification.fit.result import Fit
 from identification.plots import style
 from identification.views import MotionView
@@ -64,8 +65,10 @@ def draw_error_motions(fit: Fit, joint: Joint) -> Figure:
 
 
 def _base(fit: Fit) -> list[str]:
-    names = (fit.solution.unknowns[j] for j in fit.solution.groups.base)
-    return [n for n in names if n in fit.chain.machine_ids]
+    """Identified parameters of rigid error motions; effects depend on more than the joint's position."""
+    names = {fit.solution.unknowns[j] for j in fit.solution.groups.base}
+    own = (p for p in fit.chain.parameters if p.id in fit.chain.machine_ids and p.id in names)
+    return [p.id for p in own if not of_effect(p, fit.chain.machine)]
 
 
 def _curves(fit: Fit, joint: Joint, q: Array) -> tuple[Array, Array]:

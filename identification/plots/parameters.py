@@ -18,10 +18,12 @@ def draw_parameters(fit: Fit) -> Figure:
 
     Frames and zeros of instruments are left out: they say nothing of the machine.
     """
-    shown = [e for e in estimates(fit) if e.kind in ("member", "joint")]
+    shown = [e for e in estimates(fit) if e.kind in ("member", "joint", "effect")]
     shown.sort(key=lambda e: -e.significance)
-    stacks = [[(u, [e for e in shown if e.unit == u]) for u in units] for units in (("µm", "µm/m"), ("µrad", "µrad/m"))]
-    stacks = [[(unit, some) for unit, some in stack if some] for stack in stacks]
+    order = {unit: k for k, unit in enumerate(TITLES)}
+    units = sorted({e.unit for e in shown}, key=lambda unit: (order.get(unit, len(order)), unit))
+    panels = [(unit, [e for e in shown if e.unit == unit]) for unit in units]
+    stacks = [[p for p in panels if p[0].startswith("µm") == lengths] for lengths in (True, False)]
     height = max([sum(len(some) * BAR + 0.95 for _, some in stack) for stack in stacks] + [1.0])
     figure = Figure(figsize=(style.WIDTH, height), facecolor="white")
     for side, stack in enumerate(stacks):
@@ -34,7 +36,7 @@ def draw_parameters(fit: Fit) -> Figure:
 
 
 def _draw(axes: Axes, unit: str, some: list[Estimate]) -> None:
-    style.dress(axes, f"value ± 2 standard uncertainties / {unit}", "", TITLES[unit])
+    style.dress(axes, f"value ± 2 standard uncertainties / {unit}", "", TITLES.get(unit, "Effects"))
     axes.axvline(0, color=style.MUTED, lw=0.8)
     for y, e in enumerate(some):
         clear = e.significance >= 2

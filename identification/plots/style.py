@@ -75,7 +75,7 @@ def dress_position(axes: Axes, joint: Joint, label: bool = True, ticks: int = 7)
     if label:
         axes.set_xlabel(f"{plain(joint.name, 16)} / {'°' if turning else 'mm'}", size=BODY, color=INK)
     low, high = axes.get_xlim()
-    step = next((s for s in (15, 30, 45, 60, 90, 180, 360) if (high - low) / s <= ticks), 0)
+    step = next((s for s in (15, 30, 45, 60, 90, 180, 360) if high // s + -low // s < ticks), 0)
     if turning and high - low >= 90 and step:
         axes.xaxis.set_major_locator(MultipleLocator(step))
     else:

@@ -57,7 +57,8 @@ def draw_volumetric_error(fit: Fit) -> Figure:
             axis = getattr(axes, f"{name}axis")
             axis.set_label_text(f"{name} / mm", size=style.SMALL, color=style.INK)
             axis.labelpad = 6
-            axis.set_major_locator(MaxNLocator(4))
+            ticks = MaxNLocator(2 if reach < 0.2 * span.max() else 4).tick_values(middle - reach, middle + reach)
+            axis.set_ticks(ticks[np.abs(ticks - middle) < 0.85 * reach])  # none at the corners, where two axes meet
         axes.tick_params(labelsize=7, pad=-1, colors=style.MUTED)
         axes.tick_params(axis="z", pad=3)
         axes.set_box_aspect(tuple(span), zoom=zoom / (1.03 * SIDE))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -13,11 +12,12 @@ from identification.describe import no_effect_reasons
 from identification.estimates import ARCSEC, Estimate, Kind
 from identification.fit.result import Fit, Spread
 from identification.fit.run import moved
-from identification.report.wording import decimals
+from identification.report.wording import decimals, file_name, three
 
 HEADINGS: dict[Kind, str] = {
     "member": "Structural members (constants)",
     "joint": "Joints (error motions)",
+    "effect": "Effects",
     "frame": "Measuring frame and target",
     "zero": "Zeros of the instruments",
 }
@@ -64,14 +64,15 @@ def results(fit: Fit) -> list[Result]:
         return []
     rows = [
         Result("Nominal", "best frame, no error parameter", fit.nominal),
-        Result("Fitted", f"{fit.solution.groups.rank} groups identified", fit.fitted),
+        Result("Fitted", f"groups identified: {fit.solution.groups.rank}", fit.fitted),
         Result("Held out", f"each of {fit.folds} blocks of rows predicted without it", fit.heldout),
     ]
     for test in fit.tests:
         own = ["its frame"] * any(".d" in n or ".e" in n for n in test.refit if not n.startswith("tool"))
         own += ["its tool"] * any(n.startswith("tool") for n in test.refit)
         note = f"predicted; estimated from its own rows: {' and '.join(own)}" if own else "predicted, nothing estimated"
-        rows += [Result(f"Test {test.path}", "nominal", test.nominal), Result(f"Test {test.path}", note, test.fitted)]
+        name = f"Test {file_name(test.path)}"
+        rows += [Result(name, "nominal", test.nominal), Result(name, note, test.fitted)]
     return rows
 
 
@@ -121,7 +122,12 @@ def dependent(fit: Fit) -> list[tuple[str, str]]:
         if j not in base and len(rows):
             key = tuple((groups.ids[groups.base[k]], float(groups.coefficients[k, j])) for k in rows)
             alike.setdefault(key, []).append(name)
-    return [(", ".join(names), ", ".join(_share(*pair) for pair in key)) for key, names in alike.items()]
+    return [(_list(names), _list([_share(*pair) for pair in key])) for key, names in alike.items()]
+
+
+def _list(words: list[str], most: int = 12) -> str:
+    more = f" and {len(words) - most} more" if len(words) > most else ""
+    return ", ".join(words[:most]) + more
 
 
 def _share(name: str, factor: float) -> str:
@@ -139,7 +145,7 @@ def no_effect(fit: Fit) -> list[tuple[str, str]]:
     alike: dict[str, list[str]] = {}
     for name, reason in reasons.items():
         alike.setdefault(reason, []).append(name)
-    return [(", ".join(names), reason) for reason, names in alike.items()]
+    return [(_list(names), reason) for reason, names in alike.items()]
 
 
 def frames(fit: Fit) -> list[list[str]]:
@@ -165,21 +171,16 @@ def noise(fit: Fit) -> list[list[str]]:
         factor, unit = (1e3, "µm") if kind in ("position", "displacement") else (1e6, "µrad")
         sigma = fit.sigma_mm if kind == "position" else fit.solution.sigma[kind]
         how = "declared (the deviation is that of the residuals)" if declared else "estimated from the residuals"
-        out.append([f"{kind}, one coordinate", str(sums.count), f"{factor * sigma:.3g} {unit}", how])
+        out.append([f"{kind}, one coordinate", str(sums.count), f"{three(factor * sigma)} {unit}", how])
     return out
 
 
 def inputs(fit: Fit) -> list[tuple[str, str]]:
     """Names of what was read."""
     machine = fit.chain.machine
-    rows = [("Machine", _name(machine.source) if machine.source else machine.name)]
-    rows.append(("Survey", _name(fit.survey.source)))
+    rows = [("Machine", file_name(machine.source) if machine.source else machine.name)]
+    rows.append(("Survey", file_name(fit.survey.source)))
     counts = fit.survey.table["file"].value_counts(sort=False)
-    rows += [("Fitted file", f"{_name(Path(str(file)))}, {n} rows") for file, n in counts.items()]
-    rows += [("Test file", f"{_name(Path(test.path))}, {len(test.survey)} rows") for test in fit.tests]
+    rows += [("Fitted file", f"{file_name(str(file))}, {n} rows") for file, n in counts.items()]
+    rows += [("Test file", f"{file_name(test.path)}, {len(test.survey)} rows") for test in fit.tests]
     return [*rows, ("Instrument", fit.survey.instrument.type)]
-
-
-def _name(path: Path) -> str:
-    """As the user wrote it, but without the folders of an absolute path, which are of one computer only."""
-    return path.name if path.is_absolute() else str(path)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from math import floor, log10
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +12,7 @@ from identification.fit.result import Fit
 from identification.plots.correlation import correlation
 
 WORSE = 1.5  # rms on other rows over rms on fitted ones, from which the difference is worth a warning
+ROUND_OFF_UM = 1e-3  # smaller errors are not worth a word
 
 
 class Judgement(NamedTuple):
@@ -24,7 +26,17 @@ def short(value: float) -> str:
     """An error in um as one says it: ``421``, ``27``, ``4.2``, ``0.35``."""
     if not np.isfinite(value):
         return "–"
-    return f"{value:.0f}" if value >= 9.95 else f"{value:.1f}" if value >= 0.95 else f"{value:.2g}"
+    return f"{value:.0f}" if value >= 9.95 else f"{value:.1f}" if value >= 0.95 else f"{value:.2f}"
+
+
+def three(value: float) -> str:
+    """A positive number in three digits, without an exponent where it is of usual size."""
+    return f"{value:.{max(2 - floor(log10(value)), 0)}f}" if 1e-3 < value < float("inf") else f"{value:.3g}"
+
+
+def file_name(path: Path | str) -> str:
+    """As the user wrote it, but without the folders of an absolute path, which are of one computer only."""
+    return Path(path).name if Path(path).is_absolute() else str(path)
 
 
 def decimals(std: float) -> int:
@@ -46,11 +58,13 @@ def judgements(fit: Fit) -> list[Judgement]:
     """Whether to believe it: improvement, held-out rows, declared noise, test files."""
     out: list[Judgement] = []
     if fit.fitted.n:
-        if fit.fitted.mean_um > 0.8 * fit.nominal.mean_um:
-            text = "The declared error parameters explain little of the error: its cause lies elsewhere."
+        if fit.fitted.mean_um > max(0.8 * fit.nominal.mean_um, ROUND_OFF_UM):
+            text = (
+                "The error parameters explain little of the error: there is hardly more of it than noise, or its cause "
+                "is not in this model."
+            )
             out.append(Judgement(False, text))
-        # below a nanometre there is nothing but round-off to compare
-        ratio = fit.heldout.rms_um / max(fit.fitted.rms_um, 1e-3)
+        ratio = fit.heldout.rms_um / max(fit.fitted.rms_um, ROUND_OFF_UM)
         if ratio > WORSE:
             text = (
                 f"Rows that were left out are predicted {ratio:.1f} times worse (rms) than those fitted: too few poses "
@@ -72,8 +86,8 @@ def judgements(fit: Fit) -> list[Judgement]:
     for test in fit.tests:
         if test.fitted.n and test.fitted.rms_um > WORSE * fit.fitted.rms_um:
             text = (
-                f"The test file {test.path} is predicted clearly worse: mean {short(test.fitted.mean_um)} µm "
-                f"(before: {short(test.nominal.mean_um)} µm)."
+                f"The test file {file_name(test.path)} is predicted clearly worse: mean "
+                f"{short(test.fitted.mean_um)} µm (before: {short(test.nominal.mean_um)} µm)."
             )
             out.append(Judgement(False, text))
     return out
@@ -86,7 +100,7 @@ def noise(fit: Fit) -> str:
         return (
             f"The survey declares the uncertainty of its positions. Measured by it, the residuals have a reduced "
             f"chi-square of {fit.solution.chi2 / max(fit.solution.dof, 1):.3f} (1 is as declared) with {dof}; they "
-            f"scatter by {1e3 * fit.sigma_mm:.3g} µm (k = 1) in one coordinate."
+            f"scatter by {three(1e3 * fit.sigma_mm)} µm (k = 1) in one coordinate."
         )
     return (
         f"No uncertainty of positions is declared, so the noise is estimated from the residuals, with {dof}. What the "

@@ -36,6 +36,7 @@ def write_report(fit: Fit, path: Path) -> None:
         dependent=tables.dependent(fit),
         no_effect=tables.no_effect(fit),
         correlated=wording.strongest_correlation(fit),
+        effects=bool(fit.chain.machine.effects),
         frames=tables.frames(fit),
         frame_mode=fit.survey.frame,
         noise=tables.noise(fit),

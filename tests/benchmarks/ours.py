@@ -103,6 +103,7 @@ def _view(q: Array, measured: Array) -> PositionView:
         rows=_rows(q),
         whitener=np.ones(n),
         index=np.arange(n),
+        fixed=dict(zip(TOOL_CHANNELS, TOOL, strict=True)),
         measured=measured,
     )
 

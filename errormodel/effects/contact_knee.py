@@ -1,0 +1,57 @@
+"""Contact knee: from one position on something touches, lifts off or comes to a stop, and a motion changes its rate."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import ClassVar, Literal
+
+import numpy as np
+
+from errormodel.conventions import MOTIONS, Motion, unit_of
+from errormodel.effects.base import Channels, Effect, EffectTerm
+from errormodel.effects.ops import fmax
+from errormodel.effects.scene import Scene
+from errormodel.effects.travel import length, usual_size
+from errormodel.machine import Machine, joint_of
+
+KNEES = 16  # positions along the travel
+
+
+class ContactKnee(Effect):
+    """`motion` in proportion to the way beyond `at` (mm, rad per travel of the joint), none on the other side of it."""
+
+    effect: ClassVar[str] = "contact-knee"
+    family: ClassVar[str] = "geometric"
+    source: ClassVar[str] = "one-sided contact: covers, stops, lifting guides; 5 to 50 um, up to 0.1 mrad"
+    alike: ClassVar[tuple[str, ...]] = ("higher-order-geometry", "local-defect", "telescoping-compliance")
+    separate: ClassVar[str] = "a dial gauge at the contact, and positions close together around the knee, both ways"
+    example: ClassVar[Mapping[str, object]] = {"joint": "X", "motion": "dz", "at": 1400.0}
+
+    joint: str
+    motion: Motion
+    at: float  # mm or rad
+    side: Literal["above", "below"] = "above"
+
+    @property
+    def where(self) -> str:
+        return self.joint
+
+    @property
+    def drivers(self) -> tuple[str, ...]:
+        return (self.joint,)
+
+    def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
+        joint, sense = joint_of(machine, self.joint), 1 if self.side == "above" else -1
+        beyond = fmax(sense * (channel(self.joint) - self.at), 0) / length(joint)
+        size = 2 * usual_size(self.motion)
+        return [EffectTerm(self.joint, "", unit_of(self.motion), {self.motion: beyond}, size)]
+
+    @classmethod
+    def proposals(cls, scene: Scene) -> Iterator[Effect]:
+        for joint in scene.moving:
+            for at in np.linspace(*scene.span(joint), KNEES + 2)[1:-1].tolist():
+                for motion in MOTIONS:
+                    # a straight line is the difference of the two sides: where the model has one they are alike
+                    straight = joint.type == "prismatic" and motion in joint.models
+                    for side in ("above",) if straight else ("above", "below"):
+                        yield cls.model_validate({"joint": joint.name, "motion": motion, "at": at, "side": side})

@@ -1,0 +1,69 @@
+"""Cross-axis compliance: a motion of one joint changes gently with where another joint stands."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from itertools import permutations
+from typing import ClassVar
+
+from pydantic import Field
+
+from errormodel.conventions import ROTATIONS, TRANSLATIONS, Motion, unit_of
+from errormodel.effects.base import Channels, Effect, EffectTerm
+from errormodel.effects.ops import cos, sin
+from errormodel.effects.scene import Scene
+from errormodel.effects.travel import legendre, scaled
+from errormodel.machine import Machine, joint_of
+
+SHAPES = {  # degree, along
+    "prismatic": ((1, False), (2, False), (3, False), (1, True), (2, True)),
+    "rotary": ((1, False), (2, False), (1, True)),
+}
+
+
+class CrossAxisCompliance(Effect):
+    """`motion` (mm, rad) as Legendre polynomials of the `other`'s travel, -1 to 1, or as harmonics of its turn."""
+
+    effect: ClassVar[str] = "cross-axis-compliance"
+    family: ClassVar[str] = "gravity"
+    source: ClassVar[str] = "guides and frames give way as weight moves over them; up to 0.3 mrad"
+    alike: ClassVar[tuple[str, ...]] = ("gantry-racking", "column-bending", "beam-torsion", "higher-order-geometry")
+    separate: ClassVar[str] = "a level or a second target on the joint while only the other joint travels"
+    example: ClassVar[Mapping[str, object]] = {"joint": "X", "motion": "ec", "other": "Y"}
+
+    joint: str
+    motion: Motion
+    other: str
+    degree: int = Field(2, ge=1, le=3)
+    along: bool = False  # gives way more at one end of the joint's own travel than at the other
+
+    @property
+    def where(self) -> str:
+        return self.joint
+
+    @property
+    def drivers(self) -> tuple[str, ...]:
+        return (self.other, self.joint) if self.along else (self.other,)
+
+    def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
+        joint = joint_of(machine, self.joint)
+        other, q = joint_of(machine, self.other), channel(self.other)
+        orders = range(1, self.degree + 1)
+        if other.type == "rotary":
+            shapes = {f"{name}{k}": f(k * q) for k in orders for name, f in (("sin", sin), ("cos", cos))}
+        else:
+            shapes = {str(k): legendre(k, scaled(other, q)) for k in orders}
+        if self.along:
+            shapes["along"] = next(iter(shapes.values())) * scaled(joint, channel(self.joint))
+        unit, size = unit_of(self.motion), 0.02 if self.motion in TRANSLATIONS else 1e-4
+        return [EffectTerm(self.joint, label, unit, {self.motion: value}, size) for label, value in shapes.items()]
+
+    @classmethod
+    def proposals(cls, scene: Scene) -> Iterator[Effect]:
+        for joint, other in permutations(scene.moving, 2):
+            # with no turn between the two, a translation of one is an error motion of the other: geometry
+            first, last = sorted(scene.machine.elements.index(j) for j in (joint, other))
+            turns = any(j.type == "rotary" for j in scene.moving if j in scene.machine.elements[first:last])
+            for motion in (*(TRANSLATIONS if turns else ()), *ROTATIONS):
+                for degree, along in SHAPES[other.type]:
+                    yield cls(joint=joint.name, motion=motion, other=other.name, degree=degree, along=along)

@@ -1,0 +1,63 @@
+"""Gantry racking: two drives out of step turn the bridge between them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from itertools import product
+from typing import ClassVar
+
+from errormodel.effects.base import Channels, Effect, EffectTerm
+from errormodel.effects.scene import Scene
+from errormodel.effects.shared import Rotation, across, joint_as
+from errormodel.effects.travel import crossing, scaled
+from errormodel.machine import Machine
+
+# in the names of what witnesses two drives; whatever goes with another witness has no name yet
+HINTS = ("sync", "enc", "rack", "x1x2", "x1_x2", "drive", "skew", "gantry", "dual", "yaw")
+
+
+class GantryRacking(Effect):
+    """Yaw of `joint` per unit of a witness of the drives; or (rad) with the joint across, -1 to 1, or its side."""
+
+    effect: ClassVar[str] = "gantry-racking"
+    family: ClassVar[str] = "gantry"
+    source: ClassVar[str] = "difference of the two encoders over their distance, 0.5 to 5 m: about 1e-3 rad/mm"
+    alike: ClassVar[tuple[str, ...]] = ("cross-axis-compliance", "thermal-squareness")
+    separate: ClassVar[str] = "log both encoders of the gantry, or measure two lines at the ends of the bridge"
+    example: ClassVar[Mapping[str, object]] = {"joint": "X", "channel": "w_sync"}
+
+    joint: str
+    channel: str  # w_<name>; or the joint across, or dir_<joint>, where nothing witnesses the drives
+    motion: Rotation = "ec"
+
+    @property
+    def where(self) -> str:
+        return self.joint
+
+    @property
+    def drivers(self) -> tuple[str, ...]:
+        return (self.channel,)
+
+    @property
+    def cost(self) -> float:  # type: ignore[override]  # of other effects it is the same for all
+        """Nats of prior odds against it: without a witness of the drives it is one compliance among others."""
+        return 0.0 if self.channel.startswith("w_") else 5.0
+
+    def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
+        joint_as(machine, self.joint, "prismatic", self.effect)
+        value, unit, size = channel(self.channel), "rad", 5e-5
+        if self.channel.startswith("w_"):
+            unit, size = f"rad/{self.channel}", 1e-3
+        elif not self.channel.startswith("dir_"):
+            value = scaled(joint_as(machine, self.channel, "prismatic", self.effect), value)
+        return [EffectTerm(self.joint, "", unit, {self.motion: value}, size)]
+
+    @classmethod
+    def proposals(cls, scene: Scene) -> Iterator[Effect]:
+        drives = [name for name in scene.witnesses if any(hint in name.lower() for hint in HINTS)]
+        pairs = list(product(scene.prismatic, drives))
+        pairs += [(joint, other.name) for joint, other in crossing(scene)]
+        pairs += [(joint, f"dir_{joint.name}") for joint in scene.prismatic if scene.both_ways(joint)]
+        for joint, name in pairs:
+            for motion in across(joint, "e"):
+                yield cls.model_validate({"joint": joint.name, "channel": name, "motion": motion})

@@ -1,0 +1,48 @@
+"""Ground compliance: the whole machine tilts on its feet as a heavy axis travels."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from itertools import product
+from typing import ClassVar
+
+from errormodel.conventions import FRAME, ROTATIONS
+from errormodel.effects.base import Channels, Effect, EffectTerm
+from errormodel.effects.scene import Scene
+from errormodel.effects.shared import Rotation, across, joint_as
+from errormodel.effects.travel import scaled
+from errormodel.machine import Machine
+
+
+class GroundCompliance(Effect):
+    """Tilt of `element` (rad at the end of the heavy axis's travel), in proportion to its travel from -1 to 1."""
+
+    effect: ClassVar[str] = "ground-compliance"
+    family: ClassVar[str] = "gravity"
+    source: ClassVar[str] = "moment of the moving mass on feet and floor; up to 0.1 mrad"
+    alike: ClassVar[tuple[str, ...]] = ("column-bending", "cross-axis-compliance", "tracker-drift")
+    separate: ClassVar[str] = "a level on the base, or targets on the floor, while the axis travels"
+    example: ClassVar[Mapping[str, object]] = {"joint": "Y", "motion": "ea"}
+
+    joint: str  # the heavy axis
+    motion: Rotation | None = None  # None: the first across the axis
+    element: str = FRAME  # that tilts
+
+    @property
+    def where(self) -> str:
+        return self.element
+
+    @property
+    def drivers(self) -> tuple[str, ...]:
+        return (self.joint,)
+
+    def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
+        heavy = joint_as(machine, self.joint, "prismatic", self.effect)
+        motion = self.motion or across(heavy, "e")[0]
+        return [EffectTerm(self.element, "", "rad", {motion: scaled(heavy, channel(self.joint))}, 3e-5)]
+
+    @classmethod
+    def proposals(cls, scene: Scene) -> Iterator[Effect]:
+        places = (FRAME, scene.machine.elements[0].name)
+        for heavy, motion, element in product(scene.prismatic, ROTATIONS, places):
+            yield cls.model_validate({"joint": heavy.name, "motion": motion, "element": element})

@@ -1,0 +1,70 @@
+"""Joint compliance: a rotary joint of an arm twists in its gear under the weight of what it carries."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import ClassVar, Literal
+
+from errormodel.conventions import TRANSLATIONS
+from errormodel.effects.base import Channels, Effect, EffectTerm, along
+from errormodel.effects.kinematics import Place, Triple, apply, places
+from errormodel.effects.ops import Value
+from errormodel.effects.scene import Scene
+from errormodel.effects.shared import joint_as
+from errormodel.machine import Machine
+
+Gravity = Literal["x", "-x", "y", "-y", "z", "-z"]
+
+
+class JointCompliance(Effect):
+    """Twist about the joint's axis per lever of weight (rad/mm): the mean of the members behind it, then the tool's.
+
+    A member's lever is that of its end, mm. With `payload` the tool's is also taken per kg of ``load``.
+    """
+
+    effect: ClassVar[str] = "joint-compliance"
+    family: ClassVar[str] = "gravity"
+    source: ClassVar[str] = "stiffness of arms' joints 1e4 to 1e6 N m/rad under 10 to 1000 N; 1 mrad at 1 m"
+    alike: ClassVar[tuple[str, ...]] = ("eccentricity", "payload-sag", "cross-axis-compliance")
+    separate: ClassVar[str] = "the same poses with two payloads, the arm stretched out and folded"
+    example: ClassVar[Mapping[str, object]] = {"joint": "B", "gravity": "x"}
+
+    joint: str
+    gravity: Gravity = "-z"  # direction of weight in the reference's axes
+    payload: bool = False
+
+    @property
+    def where(self) -> str:
+        return self.joint
+
+    @property
+    def drivers(self) -> tuple[str, ...]:
+        return (self.joint, "load") if self.payload else (self.joint,)
+
+    def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
+        joint = joint_as(machine, self.joint, "rotary", self.effect)
+        number, frames = machine.elements.index(joint), places(machine, channel)
+        axis = apply(frames[number].turn, joint.axis)
+        levers = [self._lever(axis, frames[number], f) for f in frames[number + 1 :]]
+        mean, tip = sum(levers) / len(levers), levers[-1]
+        out = [
+            EffectTerm(self.joint, "", "rad/mm", along(joint, mean), 1e-6),
+            EffectTerm(self.joint, "tool", "rad/mm", along(joint, tip), 5e-7),
+        ]
+        if self.payload:
+            out.append(EffectTerm(self.joint, "payload", "rad/(kg mm)", along(joint, tip * channel("load")), 3e-8))
+        return out
+
+    def _lever(self, axis: Triple, joint: Place, weight: Place) -> Value:
+        """Moment about the axis of a unit weight, mm: axis . (arm x down), arm from the joint to the weight."""
+        k = TRANSLATIONS.index(f"d{self.gravity[-1]}")
+        i, j = (k + 1) % 3, (k + 2) % 3
+        arm = [w - o for w, o in zip(weight.origin, joint.origin, strict=True)]
+        sign = -1.0 if self.gravity[0] == "-" else 1.0
+        return sign * (axis[i] * arm[j] - axis[j] * arm[i])
+
+    @classmethod
+    def proposals(cls, scene: Scene) -> Iterator[Effect]:
+        for joint in scene.rotary:
+            for gravity in ("-x", "-y", "-z"):
+                yield cls.model_validate({"joint": joint.name, "gravity": gravity, "payload": scene.varies("load")})

@@ -1,0 +1,70 @@
+"""The nominal chain in plain arithmetic, on arrays and on symbols alike, for effects that need levers of weights."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from errormodel.effects.base import Channels
+from errormodel.effects.ops import Value, cos, sin
+from errormodel.machine import Joint, Machine, Vector
+
+Triple = tuple[Value, Value, Value]
+Turn = tuple[Triple, Triple, Triple]  # columns
+IDENTITY: Turn = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+
+@dataclass(frozen=True)
+class Place:
+    """A frame of the chain in the reference's axes: its origin (mm), and its axes as columns."""
+
+    origin: Triple
+    turn: Turn
+
+
+def places(machine: Machine, channel: Channels) -> list[Place]:
+    """The nominal frame before each element, in chain order, and last that at the functional point."""
+    point: Triple = (0.0, 0.0, 0.0)
+    turn, out = IDENTITY, []
+    for element in machine.elements:
+        out.append(Place(point, turn))
+        if not isinstance(element, Joint):
+            point = add(point, apply(turn, element.offset))
+            for k, angle in enumerate(element.rotation):
+                turn = rotated(turn, IDENTITY[k], angle) if angle else turn
+        elif element.type == "prismatic":
+            q = channel(element.name)
+            x, y, z = apply(turn, element.axis)
+            point = add(point, (q * x, q * y, q * z))
+        else:
+            turn = rotated(turn, element.axis, channel(element.name))
+    tool: Triple = (channel("tool_x"), channel("tool_y"), channel("tool_z"))
+    out.append(Place(add(point, apply(turn, tool)), turn))
+    return out
+
+
+def add(a: Triple, b: Triple) -> Triple:
+    """Sum of two vectors."""
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+def apply(turn: Turn, vector: Triple) -> Triple:
+    """A vector in the axes that a turned frame stands in."""
+    x, y, z = (sum(turn[k][i] * v for k, v in enumerate(vector) if not _zero(v)) for i in range(3))
+    return x, y, z
+
+
+def rotated(turn: Turn, axis: Vector, angle: Value) -> Turn:
+    """``turn`` followed by a right-handed rotation about a unit axis of its frame (Rodrigues)."""
+    s, c = sin(angle), cos(angle)
+    a, b, g = axis
+    skew = ((0.0, g, -b), (-g, 0.0, a), (b, -a, 0.0))  # columns
+
+    def column(k: int) -> Triple:
+        x, y, z = (c * (i == k) + s * skew[k][i] + (1 - c) * axis[i] * axis[k] for i in range(3))
+        return apply(turn, (x, y, z))
+
+    return column(0), column(1), column(2)
+
+
+def _zero(value: Value) -> bool:
+    return isinstance(value, float) and value == 0.0

@@ -1,0 +1,60 @@
+"""Local defect: a dent, a chip or a bad joint of a rail disturbs a motion at one place of the travel."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from itertools import product
+from typing import ClassVar
+
+import numpy as np
+
+from errormodel.conventions import MOTIONS, Motion, unit_of
+from errormodel.effects.base import Channels, Effect, EffectTerm
+from errormodel.effects.ops import exp
+from errormodel.effects.scene import Scene
+from errormodel.effects.shared import Positive
+from errormodel.effects.travel import length, usual_size
+from errormodel.machine import Machine, joint_of
+
+WIDTHS = (1 / 40, 1 / 16, 1 / 6.5)  # of the travel
+STEP = 0.8  # widths: neighbours alike to 0.85
+LEAST = 4  # rows within a width, so that it is no outlier
+
+
+class LocalDefect(Effect):
+    """``height * exp(-((q - at) / width)^2 / 2)`` in one motion of a joint (mm, rad)."""
+
+    effect: ClassVar[str] = "local-defect"
+    family: ClassVar[str] = "geometric"
+    source: ClassVar[str] = "dents and joints of rails, damaged scales: 2 to 50 um over 10 to 200 mm"
+    alike: ClassVar[tuple[str, ...]] = ("outliers", "rail-waviness", "contact-knee", "higher-order-geometry")
+    separate: ClassVar[str] = "twenty positions within three widths of the place, in both directions"
+    example: ClassVar[Mapping[str, object]] = {"joint": "X", "motion": "dz", "at": 600.0, "width": 120.0}
+
+    joint: str
+    motion: Motion
+    at: float  # mm or rad
+    width: Positive
+
+    @property
+    def where(self) -> str:
+        return self.joint
+
+    @property
+    def drivers(self) -> tuple[str, ...]:
+        return (self.joint,)
+
+    def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
+        joint_of(machine, self.joint)
+        bump = exp(-(((channel(self.joint) - self.at) / self.width) ** 2) / 2)
+        return [EffectTerm(self.joint, "", unit_of(self.motion), {self.motion: bump}, usual_size(self.motion))]
+
+    @classmethod
+    def proposals(cls, scene: Scene) -> Iterator[Effect]:
+        for joint, part in product(scene.moving, WIDTHS):
+            width, positions = length(joint) * part, scene.columns[joint.name]
+            low, high = scene.span(joint)
+            for at in np.arange(low + width / 2, high, STEP * width).tolist():
+                if np.sum(np.abs(positions - at) < width) >= LEAST:
+                    for motion in MOTIONS:
+                        yield cls(joint=joint.name, motion=motion, at=at, width=width)

@@ -1,0 +1,54 @@
+"""Payload sag: what the machine carries bends or tilts it, differently along a joint's travel."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from itertools import product
+from typing import ClassVar
+
+from errormodel.conventions import MOTIONS, TRANSLATIONS, Motion, unit_of
+from errormodel.effects.base import Channels, Effect, EffectTerm
+from errormodel.effects.ops import cos, sin
+from errormodel.effects.scene import Scene
+from errormodel.effects.travel import legendre, sag_direction, scaled
+from errormodel.machine import Machine, joint_of
+
+
+class PayloadSag(Effect):
+    """`motion` per kg of the column ``load`` (mm/kg, rad/kg): constant, and Legendre polynomials of the travel.
+
+    Of a rotary joint: a constant, and the sine and cosine of its angle.
+    """
+
+    effect: ClassVar[str] = "payload-sag"
+    family: ClassVar[str] = "gravity"
+    source: ClassVar[str] = "stiffness of machine tools at the tool, 10 to 100 N/um, of arms 1 N/um"
+    alike: ClassVar[tuple[str, ...]] = ("ram-sag", "joint-compliance", "target-offset")
+    separate: ClassVar[str] = "the same positions with no load and with two loads"
+    example: ClassVar[Mapping[str, object]] = {"joint": "Y"}
+
+    joint: str
+    motion: Motion | None = None  # None: dz, or dy of a joint along z
+
+    @property
+    def where(self) -> str:
+        return self.joint
+
+    @property
+    def drivers(self) -> tuple[str, ...]:
+        return ("load", self.joint)
+
+    def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
+        joint, q, load = joint_of(machine, self.joint), channel(self.joint), channel("load")
+        motion = self.motion or sag_direction(joint, None)
+        shapes = {"": 1.0, "sin": sin(q), "cos": cos(q)}
+        if joint.type == "prismatic":
+            shapes = {"": 1.0, **{str(n): legendre(n, scaled(joint, q)) for n in (1, 2)}}
+        unit, size = f"{unit_of(motion)}/kg", 5e-4 if motion in TRANSLATIONS else 1e-6
+        return [EffectTerm(self.joint, k, unit, {motion: load * shape}, size) for k, shape in shapes.items()]
+
+    @classmethod
+    def proposals(cls, scene: Scene) -> Iterator[Effect]:
+        if scene.varies("load"):
+            for joint, motion in product(scene.moving, MOTIONS):
+                yield cls(joint=joint.name, motion=motion)

@@ -1,0 +1,54 @@
+"""Refraction: air warmer above than below bends the line of sight, with the square of the distance."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from itertools import combinations, product
+from typing import ClassVar
+
+from errormodel.conventions import FRAME, TRANSLATIONS
+from errormodel.effects.base import Channels, Effect, EffectTerm
+from errormodel.effects.scene import Scene
+from errormodel.effects.shared import thermal, warmth
+from errormodel.effects.travel import Translation
+from errormodel.features import POINT
+from errormodel.machine import Machine, Vector
+
+
+class Refraction(Effect):
+    """``curvature * distance^2 / 2`` along `motion`, distance from `station`; 1/mm, with a `sensor` per K of it."""
+
+    effect: ClassVar[str] = "refraction"
+    family: ClassVar[str] = "instrument"
+    source: ClassVar[str] = "dn/dT = -0.93e-6 1/K: a gradient of 1 K/m curves by 1e-9 1/mm, 47 um over 10 m"
+    alike: ClassVar[tuple[str, ...]] = ("higher-order-geometry", "thermal-bending", "scale-ppm")
+    separate: ClassVar[str] = "a second station at the other end of the machine, or the same lines with the air stirred"
+    example: ClassVar[Mapping[str, object]] = {"motion": "dz"}
+
+    motion: Translation = "dz"  # vertical
+    station: Vector = (0.0, 0.0, 0.0)  # mm, in the reference's axes
+    sensor: str | None = None
+    minus: str | None = None
+
+    @property
+    def where(self) -> str:
+        return FRAME
+
+    @property
+    def drivers(self) -> tuple[str, ...]:
+        level = (p for p, m in zip(POINT, TRANSLATIONS, strict=True) if m != self.motion)
+        return (*level, *(thermal(self.sensor, self.minus) if self.sensor else ()))
+
+    def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
+        level = [k for k in range(3) if TRANSLATIONS[k] != self.motion]
+        bend = sum((channel(POINT[k]) - self.station[k]) ** 2 for k in level) / 2
+        if self.sensor:
+            bend = bend * warmth(channel, self.sensor, self.minus)
+        unit = "1/(mm K)" if self.sensor else "1/mm"
+        return [EffectTerm(FRAME, "", unit, {self.motion: bend}, 1e-9)]
+
+    @classmethod
+    def proposals(cls, scene: Scene) -> Iterator[Effect]:
+        pairs = [(None, None), *((s, None) for s in scene.sensors), *combinations(scene.sensors, 2)]
+        for motion, (sensor, minus) in product(TRANSLATIONS, pairs):
+            yield cls.model_validate({"motion": motion, "sensor": sensor, "minus": minus})

@@ -1,0 +1,53 @@
+"""Station shift: the instrument was knocked, or moved on its feet, at one moment."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import ClassVar
+
+import numpy as np
+
+from errormodel.conventions import FRAME, MOTIONS, TRANSLATIONS, unit_of
+from errormodel.effects.base import Channels, Effect, EffectTerm
+from errormodel.effects.ops import fmax, fmin
+from errormodel.effects.scene import Scene
+from errormodel.machine import Machine
+
+MOMENTS = 40  # evenly among the rows
+BREAKS = 10  # the longest times without a row: between runs
+
+
+class StationShift(Effect):
+    """Six motions of the measuring frame (mm, rad) from the time `at` on, within a second."""
+
+    effect: ClassVar[str] = "station-shift"
+    family: ClassVar[str] = "instrument"
+    source: ClassVar[str] = "a knock against tripod or fixture: 5 to 100 um, 5 to 50 urad"
+    alike: ClassVar[tuple[str, ...]] = ("tracker-drift", "structure-drift")
+    separate: ClassVar[str] = "fixed targets on the floor, measured before and after"
+    example: ClassVar[Mapping[str, object]] = {"at": 1800.0}
+
+    at: float  # s
+
+    @property
+    def where(self) -> str:
+        return FRAME
+
+    @property
+    def drivers(self) -> tuple[str, ...]:
+        return ("time",)
+
+    def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
+        after = fmin(fmax(channel("time") - self.at + 0.5, 0), 1)
+        sizes = {m: 0.02 if m in TRANSLATIONS else 2e-5 for m in MOTIONS}
+        return [EffectTerm(FRAME, "", unit_of(m), {m: after}, size) for m, size in sizes.items()]
+
+    @classmethod
+    def proposals(cls, scene: Scene) -> Iterator[Effect]:
+        if not scene.duration:
+            return
+        time = np.unique(scene.columns["time"])
+        gaps = np.diff(time)
+        spread = np.linspace(0, len(gaps) - 1, MOMENTS + 2)[1:-1].astype(int)
+        for k in np.union1d(spread, np.argsort(gaps)[-BREAKS:]):
+            yield cls(at=round(float(time[k] + time[k + 1]) / 2, 3))

@@ -1,0 +1,54 @@
+"""Target offset: the target of one tool does not sit where its data say."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import ClassVar
+
+import numpy as np
+
+from errormodel.conventions import TOOL, TRANSLATIONS
+from errormodel.effects.base import Channels, Effect, EffectTerm
+from errormodel.effects.ops import absolute, fmax, fmin
+from errormodel.effects.scene import Scene
+from errormodel.machine import Machine, Vector
+
+COLUMNS = ("tool_x", "tool_y", "tool_z")
+SAME = 0.05  # mm: tools nearer than this are one
+MOST = 12  # different tools; more are no set of tools
+
+
+class TargetOffset(Effect):
+    """Constant shift (mm) of the functional point in the last frame, in the rows with one `tool`, or in all."""
+
+    effect: ClassVar[str] = "target-offset"
+    family: ClassVar[str] = "instrument"
+    source: ClassVar[str] = "seats of reflectors, lengths of tools as measured: 2 to 50 um"
+    alike: ClassVar[tuple[str, ...]] = ("spindle-growth", "payload-sag")
+    separate: ClassVar[str] = "the same positions with all targets, and a target taken off and put on again"
+    example: ClassVar[Mapping[str, object]] = {"tool": [40.0, 25.0, -180.0]}
+
+    tool: Vector | None = None  # mm
+
+    @property
+    def where(self) -> str:
+        return TOOL
+
+    @property
+    def drivers(self) -> tuple[str, ...]:
+        return COLUMNS if self.tool else ()
+
+    def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
+        here = 1.0
+        if self.tool is not None:
+            apart = sum(absolute(channel(c) - v) for c, v in zip(COLUMNS, self.tool, strict=True))
+            here = fmin(fmax(2 - apart / SAME, 0), 1)
+        return [EffectTerm(TOOL, "", "mm", {motion: here}, 0.02) for motion in TRANSLATIONS]
+
+    @classmethod
+    def proposals(cls, scene: Scene) -> Iterator[Effect]:
+        if any(scene.varies(c) for c in COLUMNS):
+            tools = np.unique(np.round(np.column_stack([scene.columns[c] for c in COLUMNS]), 4), axis=0)
+            if len(tools) <= MOST:
+                for tool in tools.tolist():
+                    yield cls(tool=tuple(tool))

@@ -1,0 +1,50 @@
+"""Tracker drift: the instrument, or what it stands on, moves and tilts slowly as time goes on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import ClassVar
+
+from pydantic import Field
+
+from errormodel.conventions import FRAME, MOTIONS, TRANSLATIONS, unit_of
+from errormodel.effects.base import Channels, Effect, EffectTerm
+from errormodel.effects.scene import Scene
+from errormodel.effects.shared import settling, start_of
+from errormodel.machine import Machine
+
+
+class TrackerDrift(Effect):
+    """Six motions of the measuring frame (mm, rad), even in time over `duration` or settling in a time `tau`."""
+
+    effect: ClassVar[str] = "tracker-drift"
+    family: ClassVar[str] = "instrument"
+    source: ClassVar[str] = "warm-up of laser trackers and stands over hours: up to 50 um, 20 urad"
+    alike: ClassVar[tuple[str, ...]] = ("structure-drift", "warm-up", "station-shift")
+    separate: ClassVar[str] = "measure fixed targets on the floor again and again between the positions"
+    example: ClassVar[Mapping[str, object]] = {"duration": 7200.0}
+
+    start: float = 0.0  # s
+    duration: float = Field(3600.0, gt=0)  # s
+    tau: float = Field(0.0, ge=0)  # s; 0: even drift
+
+    @property
+    def where(self) -> str:
+        return FRAME
+
+    @property
+    def drivers(self) -> tuple[str, ...]:
+        return ("time",)
+
+    def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
+        even = (channel("time") - self.start) / self.duration
+        grown = settling(channel, self.tau, self.start) if self.tau else even
+        sizes = {m: 0.02 if m in TRANSLATIONS else 1e-5 for m in MOTIONS}
+        return [EffectTerm(FRAME, "", unit_of(m), {m: grown}, size) for m, size in sizes.items()]
+
+    @classmethod
+    def proposals(cls, scene: Scene) -> Iterator[Effect]:
+        if scene.duration:
+            start, duration = round(start_of(scene), 1), round(scene.duration, 1)
+            for tau in (0.0, *(duration * 0.04 * 1.6**k for k in range(7))):
+                yield cls(start=start, duration=duration, tau=tau)

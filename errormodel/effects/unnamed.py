@@ -1,0 +1,79 @@
+"""Unnamed: a motion of an element that goes with some channel, whatever the cause; it bends to anything."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from itertools import product
+from typing import ClassVar, Literal
+
+from errormodel.conventions import Motion, unit_of
+from errormodel.effects.base import Channels, Effect, EffectTerm
+from errormodel.effects.lattice import lattice
+from errormodel.effects.ops import Value
+from errormodel.effects.scene import Scene
+from errormodel.effects.shared import Positive, waves
+from errormodel.effects.travel import legendre, usual_size
+from errormodel.machine import Machine
+
+Form = Literal["linear", "square", "cubic"]
+ORDER = {"linear": 1, "square": 2, "cubic": 3}
+
+
+class Unnamed(Effect):
+    """`motion` (mm, rad): Legendre polynomials of ``(driver - center) / half_range`` up to the form's order, or a wave.
+
+    With a second channel `by`, products of the one's shapes with the other's.
+    """
+
+    effect: ClassVar[str] = "unnamed"
+    family: ClassVar[str] = "none of these"
+    source: ClassVar[str] = "no physics; sizes of usual error motions"
+    separate: ClassVar[str] = "only the driver varied, all else kept; the motion measured directly at the element"
+    example: ClassVar[Mapping[str, object]] = {"element": "X", "motion": "dx", "driver": "w_level", "form": "square"}
+    generic: ClassVar[bool] = True
+
+    element: str
+    motion: Motion
+    driver: str
+    form: Form = "linear"
+    center: float = 0.0  # in the channel's internal unit, as half_range and period
+    half_range: Positive = 1.0
+    period: Positive | None = None  # makes it a sine and a cosine
+    by: str | None = None
+    by_form: Form = "linear"
+    by_center: float = 0.0
+    by_half_range: Positive = 1.0
+    by_period: Positive | None = None
+
+    @property
+    def where(self) -> str:
+        return self.element
+
+    @property
+    def drivers(self) -> tuple[str, ...]:
+        return (self.driver, self.by) if self.by else (self.driver,)
+
+    @property
+    def key(self) -> tuple[object, ...]:
+        """Waves apart from polynomials: a period is a shape of the ones only."""
+        return (*super().key, self.period is None, self.by_period is None)
+
+    def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
+        shapes = _shapes(channel(self.driver), self.form, self.center, self.half_range, self.period)
+        if self.by:
+            second = _shapes(channel(self.by), self.by_form, self.by_center, self.by_half_range, self.by_period)
+            shapes = {f"{k}-{n}": a * b for (k, a), (n, b) in product(shapes.items(), second.items())}
+        unit, size = unit_of(self.motion), usual_size(self.motion)
+        return [EffectTerm(self.element, label, unit, {self.motion: value}, size) for label, value in shapes.items()]
+
+    @classmethod
+    def proposals(cls, scene: Scene) -> Iterator[Effect]:
+        return (cls.model_validate(fields) for fields in lattice(scene))
+
+
+def _shapes(x: Value, form: Form, center: float, half_range: float, period: float | None) -> dict[str, Value]:
+    if period:
+        return waves(x, 2 * math.pi / period)
+    u = (x - center) / half_range
+    return {str(n): legendre(n, u) for n in range(1, ORDER[form] + 1)}

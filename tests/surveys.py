@@ -1,0 +1,72 @@
+"""Surveys of machines whose errors are known, without files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from scipy.spatial.transform import Rotation
+
+from errormodel.chain import Chain
+from errormodel.instruments.base import Instrument
+from errormodel.instruments.plain import Plain
+from errormodel.machine import Machine, Vector
+from errormodel.simulate import Truth, random_points, simulate
+from errormodel.survey import Survey
+from identification.fit.result import Fit
+from identification.store import StoredFit, parameters
+from tests.chains import Array
+
+OBLIQUE = np.array([0.48, 0.6, 0.64])
+FAR = (1500.0, -1200.0, 550.0)  # 2 m
+TURNED = tuple(Rotation.from_rotvec(np.radians(60) * OBLIQUE).as_euler("XYZ").tolist())
+
+
+def measured(
+    machine: Machine,
+    p: Array,
+    n: int = 200,
+    seed: int = 0,
+    noise: float | Instrument = 0.0,
+    tools: tuple[Vector, ...] = (),
+    frame: tuple[Any, Any] = (FAR, TURNED),
+    points: pd.DataFrame | None = None,
+    **more: Any,
+) -> pd.DataFrame:
+    """A survey's table: random poses (or `points`), exact positions and orientations, noise on the positions."""
+    table = random_points(machine, n, seed) if points is None else points.copy()
+    if tools:
+        table[["tool_x", "tool_y", "tool_z"]] = np.resize(np.array(tools), (len(table), 3))
+    values = dict(zip(Chain(machine).ids, p.tolist(), strict=True))
+    seen = simulate(machine, table, Truth(values, *frame), noise, seed)
+    labels = {"run": "1", "file": "a.csv", "role": "fit", **more}
+    return pd.concat([table, seen], axis=1).assign(**labels, row=np.arange(1, len(table) + 1))
+
+
+def positions(table: pd.DataFrame) -> pd.DataFrame:
+    return table.drop(columns=["mrx", "mry", "mrz"])
+
+
+def survey(*tables: pd.DataFrame, frame: str = "shared", instrument: Instrument | None = None, **more: Any) -> Survey:
+    table = pd.concat(tables, ignore_index=True)
+    given: Mapping[str, Any] = {"refit": ("frame",), "source": Path("survey.yaml"), **more}
+    return Survey(table, frame, instrument=instrument or Plain(type="plain"), **given)  # type: ignore[arg-type]
+
+
+def stored(fit: Fit) -> StoredFit:
+    """The fit as it would come back from its folder."""
+    entries, s = parameters(fit), fit.solution
+    return StoredFit(
+        chain=fit.chain,
+        values={p["id"]: p["value"] for p in entries},
+        base=tuple(p["id"] for p in entries),
+        covariance=s.covariance * fit.inflation**2,
+        units={p["id"]: p["unit"] for p in entries},
+        groups={p["id"]: p["members"] for p in entries},
+        frame_mode=fit.survey.frame,
+        frames=fit.problem.frames,
+        data={},
+    )
