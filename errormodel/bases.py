@@ -78,7 +78,7 @@ def _spline(joint: Joint, basis: Basis, q: ca.SX) -> Iterator[tuple[str, ca.SX]]
     low, high = joint.travel
     home = min(max(0.0, low), high)
     clamped = ca.fmin(ca.fmax(q, low), high)
-    for k in range(0, basis.n + 2):  # centred on knot k; k = -1 is the one left out
+    for k in range(basis.n + 2):  # centred on knot k; k = -1 is the one left out
         value, at_home = (_cubic((x - low) / (high - low) * basis.n - k) for x in (clamped, ca.SX(home)))
         yield f"s{k + 1}", value - at_home
 

@@ -18,11 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from errormodel import conventions, effects
+from errormodel.arrays import Array, as_rows
 from errormodel.bases import Term, constant_terms, joint_terms
 from errormodel.conventions import FRAME, MOTIONS, TOOL, Motion
 from errormodel.exceptions import InputError, nearest
 from errormodel.features import POINT, columns
-from errormodel.kernel import Array, Kernel, as_rows
+from errormodel.kernel import Kernel
 from errormodel.machine import EffectSpec, Joint, Machine, Shape
 
 if TYPE_CHECKING:

@@ -13,15 +13,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from errormodel.arrays import Array, Index
 from errormodel.exceptions import InputError, nearest
-from errormodel.kernel import Array
 
 if TYPE_CHECKING:
     import pandas as pd
 
 _CALL = re.compile(r"(lag|play)\(([^,()]+),([^,()]+)\)")
+SETTLE = 240.0  # s: the quickest members take some ten minutes to follow the air or a motor
 _GAPLESS = ("T_", "w_", "time", "feed", "load")  # positions may be missing in rows about another joint
-Index = np.ndarray[tuple[int], np.dtype[np.intp]]
 POINT = ("point_x", "point_y", "point_z")
 
 
@@ -65,30 +65,45 @@ def settled(table: pd.DataFrame, names: Iterable[str]) -> pd.DataFrame:
     """The table with the named temperatures as smooth functions of time, file by file.
 
     A member's temperature changes slowly; a sensor adds noise from row to row, which an effect of 10 um/K would carry
-    into every prediction. Smoothing splines (generalised cross-validation decides how smooth); a file with fewer than
-    ten times, or a table without time, is left as it is.
+    into every prediction. A local straight line over `SETTLE` seconds takes most of it out and leaves what takes longer
+    than a quarter of an hour as it is, however many rows there are. A table without time is left as it is.
     """
     names = [n for n in names if n in table and table[n].notna().all()]
     if not names or "time" not in table or not table["time"].notna().all():
         return table
-    from scipy.interpolate import make_smoothing_spline
-
     table = table.copy()
-    runs, time = _codes(table, ["file"]), table["time"].to_numpy(dtype=np.float64)
-    for run in np.unique(runs):
-        rows = np.flatnonzero(runs == run)
-        moments, place = np.unique(time[rows], return_inverse=True)
-        if len(moments) < 10:
-            continue
-        count = np.bincount(place).astype(np.float64)
-        unit = (moments - moments[0]) / (moments[-1] - moments[0])
+    files, time = _codes(table, ["file"]), table["time"].to_numpy(dtype=np.float64)
+    for file in np.unique(files):
+        rows = np.flatnonzero(files == file)
         for name in names:
-            values = table[name].to_numpy(dtype=np.float64)[rows]
-            middle = np.bincount(place, values) / count
-            if np.ptp(middle) > 0:
-                spline = make_smoothing_spline(unit, middle, w=count)
-                table.iloc[rows, table.columns.get_loc(name)] = spline(unit)[place]
+            values = table[name].to_numpy(dtype=np.float64, copy=True)
+            values[rows] = _local_line(time[rows], values[rows])
+            table[name] = values
     return table
+
+
+def _local_line(time: Array, values: Array) -> Array:
+    """Local linear regression with Gaussian weights of standard deviation `SETTLE`, by convolution on an even grid."""
+    from scipy.ndimage import gaussian_filter1d
+
+    start, end = float(time.min()), float(time.max())
+    step = max(SETTLE / 8, (end - start) / 1_000_000)
+    place = np.rint((time - start) / step).astype(np.intp)
+    size, x = int(place.max()) + 1, place - place.max() / 2
+    level = values.mean()
+
+    def moment(weights: Array) -> Array:
+        sums = np.bincount(place, weights, minlength=size)
+        smooth = gaussian_filter1d(sums, SETTLE / step, mode="constant", truncate=5.0)
+        return np.asarray(smooth, dtype=np.float64)[place]
+
+    count, first, second = moment(np.ones_like(x)), moment(x), moment(x**2)
+    value, product = moment(values - level), moment(x * (values - level))
+    middle = first / count
+    spread = second / count - middle**2
+    slope = (product / count - middle * value / count) / (spread + 1.0)  # a lone row keeps its value
+    out: Array = level + value / count + slope * (x - middle)
+    return out
 
 
 def direction(table: pd.DataFrame, joint: str) -> Array:
@@ -123,7 +138,9 @@ def direction(table: pd.DataFrame, joint: str) -> Array:
 def _codes(table: pd.DataFrame, names: list[str]) -> Index:
     """A number for each different label of a row; one for all where the columns are not there."""
     known = [n for n in names if n in table]
-    return table.groupby(known, sort=False).ngroup().to_numpy() if known else np.zeros(len(table), dtype=np.intp)
+    if not known:
+        return np.zeros(len(table), dtype=np.intp)
+    return np.asarray(table.groupby(known, sort=False).ngroup(), dtype=np.intp)
 
 
 def lag(table: pd.DataFrame, name: str, tau: float) -> Array:
@@ -171,7 +188,8 @@ def play(table: pd.DataFrame, name: str, width: float) -> Array:
         new_high = np.clip(earlier_high, low[step:], high[step:])
         low, high = np.concatenate([low[:step], new_low]), np.concatenate([high[:step], new_high])
         step *= 2
-    return np.clip(q[0] - start * width / 2, low, high)
+    left: Array = np.clip(q[0] - start * width / 2, low, high)
+    return left
 
 
 _DERIVED = {"lag": lag, "play": play}

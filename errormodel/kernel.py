@@ -13,9 +13,8 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from errormodel.arrays import Array, Numbers
 
 BLOCK = 2048  # rows a block: the work registers of a five-axis machine then stay in the second-level cache
 
@@ -218,7 +217,11 @@ class Kernel:
         self.coefficient = np.array([value for value, _ in table])
 
     def blocks(
-        self, rows: Sequence[Array], scalars: Sequence[float] = (), size: int = BLOCK, into: Sequence[Array] | Array | None = None
+        self,
+        rows: Sequence[Array],
+        scalars: Numbers = (),
+        size: int = BLOCK,
+        into: Sequence[Array] | Array | None = None,
     ) -> Iterator[tuple[slice, Array | list[Array]]]:
         """Yield ``(rows of the block, functions (n_functions, m))``; without `into`, the next block reuses the array.
 
@@ -233,7 +236,9 @@ class Kernel:
         for start in range(0, n, size):
             part = slice(start, min(start + size, n))
             m = part.stop - start
-            target = [row[part] for row in into] if functions is None else functions[:, :m]
+            target = work[:0, :m] if into is None else [row[part] for row in into]
+            if functions is not None:
+                target = functions[:, :m]
             with np.errstate(all="ignore"):  # not around the yield: the caller's arithmetic is not ours to silence
                 done = self._block([x[part] for x in rows], work[:, :m], target, p, s, np)
             yield part, done
@@ -245,19 +250,23 @@ class Kernel:
         out[live] = functions[self.index[live]] * self.coefficient[live, None]
         return out
 
-    def functions(self, rows: Sequence[Array], scalars: Sequence[float] = ()) -> Array:
+    def functions(self, rows: Sequence[Array], scalars: Numbers = ()) -> Array:
         """The distinct functions over all rows, ``(n_functions, n)``: M without its repetitions."""
         out = np.empty((self.n_functions, len(rows[0])))
         for _ in self.blocks(rows, scalars, into=out):
             pass
         return out
 
-    def __call__(self, rows: Sequence[Array], scalars: Sequence[float] = (), out: Array | None = None) -> Array:
+    def __call__(self, rows: Sequence[Array], scalars: Numbers = (), out: Array | None = None) -> Array:
         """All outputs over all rows, ``(n_outputs, n)``; `out` may be a buffer used before for this kernel."""
         if out is None:
             out = np.zeros((self.n_outputs, len(rows[0])))
         # each function is computed where it is first wanted as it is, and copied from there while it is in the cache
-        home = {int(i): k for k, (i, c) in reversed(list(enumerate(zip(self.index, self.coefficient, strict=True)))) if c == 1}
+        home = {
+            int(i): k
+            for k, (i, c) in reversed(list(enumerate(zip(self.index, self.coefficient, strict=True))))
+            if c == 1
+        }
         spare = {i: np.empty(len(rows[0])) for i in range(self.n_functions) if i not in home}
         into = [out[home[i]] if i in home else spare[i] for i in range(self.n_functions)]
         copies = [
@@ -274,8 +283,3 @@ class Kernel:
                 else:
                     np.multiply(function[part], c, target[part])
         return out
-
-
-def as_rows(*columns: Array) -> list[Array]:
-    """Contiguous float columns, as the kernel wants them (a strided view would be gathered in every block)."""
-    return [np.ascontiguousarray(c, dtype=np.float64) for c in columns]

@@ -87,4 +87,6 @@ def joint_of(machine: Machine, name: str) -> Joint:
     for joint in machine.joints:
         if joint.name == name:
             return joint
-    raise InputError(f"joint {name}", "the machine has no joint of this name", nearest(name, [j.name for j in machine.joints]))
+    raise InputError(
+        f"joint {name}", "the machine has no joint of this name", nearest(name, [j.name for j in machine.joints])
+    )

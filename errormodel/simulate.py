@@ -9,16 +9,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from errormodel.arrays import Array
 from errormodel.chain import TOOL_CHANNELS, Chain
 from errormodel.exceptions import InputError, nearest
 from errormodel.instruments.base import Instrument
-from errormodel.kernel import Array
 from errormodel.machine import Machine
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from errormodel.survey import Survey
 
 
 @dataclass(frozen=True)
@@ -111,9 +110,9 @@ def random_points(machine: Machine, count: int, seed: int = 0) -> pd.DataFrame:
     return pd.DataFrame(columns)
 
 
-def outward(points: Survey | pd.DataFrame, machine: Machine) -> pd.DataFrame:
+def outward(table: pd.DataFrame, machine: Machine) -> pd.DataFrame:
     """A table of points as a file has it: rotary joints in degrees."""
-    table = (points if not hasattr(points, "table") else points.table).copy()
+    table = table.copy()
     for joint in machine.joints:
         if joint.type == "rotary":
             table[joint.name] = np.degrees(table[joint.name])

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from errormodel.kernel import Array
+from errormodel.arrays import Array
 
 
 @dataclass(frozen=True)
@@ -52,9 +52,10 @@ def align(nominal: Array, measured: Array, weights: Array | None = None, rounds:
         return Pose(np.eye(3), shift)
     a, b, w = nominal[full], measured[full], w[full]
     pose = _kabsch(a, b, w)
-    for _ in range(rounds):
+    least = 1e-8 * float(np.abs(a).max())  # the closed form is exact to 1e-10
+    for _ in range(rounds if len(a) > 6 else 0):  # of fewer points, so few may agree that they determine no frame
         distance = np.linalg.norm(b - pose.apply(a), axis=1)
-        scale = max(3.0 * float(np.median(distance)), 1e-9)
+        scale = max(3.0 * float(np.median(distance)), least, 1e-9)
         new = _kabsch(a, b, w / (1 + (distance / scale) ** 2))
         done = np.abs(new.apply(a) - pose.apply(a)).max() < 1e-6 * scale
         pose = new

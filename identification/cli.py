@@ -32,7 +32,9 @@ class Group(click.Group):
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(self.commands)
 
-    def resolve_command(self, ctx: click.Context, args: list[str]) -> tuple[str | None, click.Command | None, list[str]]:
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
         from errormodel.exceptions import nearest
 
         if args and not args[0].startswith("-") and args[0] not in self.commands:
@@ -152,7 +154,9 @@ def _say_description(description: Description) -> None:
 @click.argument("machine")
 @click.argument("points")
 @click.option("--parameters", type=FILE, help="YAML: parameters {id: value in mm, rad}, frame {translation, rotation}.")
-@click.option("--noise", default="0", help="Standard deviation in mm, or 'instrument': that of the survey's instrument.")
+@click.option(
+    "--noise", default="0", help="Standard deviation in mm, or 'instrument': that of the survey's instrument."
+)
 @click.option("--out", type=FILE, required=True, help="CSV to write.")
 def simulate(machine: str, points: str, parameters: Path | None, noise: str, out: Path, seed: int) -> None:
     """Simulate what would be measured at POINTS (a survey's commands, or a number of random poses)."""
@@ -245,7 +249,9 @@ def _say_fit(result: Fit, out: Path) -> None:
 @command
 @click.argument("machine")
 @click.argument("survey", type=ANY)
-@click.option("--out", type=FOLDER, required=True, help="Folder for diagnosis.json, machine.yaml, the fit and report.html.")
+@click.option(
+    "--out", type=FOLDER, required=True, help="Folder for diagnosis.json, machine.yaml, the fit and report.html."
+)
 def diagnose(machine: str, survey: Path, out: Path) -> None:
     """Fit, then find the physics that was left out: where, what, how sure; the fit is that of the extended machine."""
     from errormodel.files import write_text_atomic
@@ -286,7 +292,7 @@ def predict(folder: Path, points: Path, out: Path) -> None:
     _notes((*survey.notes, *stage.frame_notes(stored, survey)))
     with working("Predicting"):
         result = stage.predict(stored, survey)
-    table = outward(survey, machine).drop(columns=["file", "role", "row"]).drop(columns=result.columns, errors="ignore")
+    table = outward(survey.table, machine).drop(columns=["file", "role", "row"]).drop(columns=result.columns, errors="ignore")
     write_csv(table.join(result), out)
     say(f"{len(result)} predictions written to {out}")
 

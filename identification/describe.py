@@ -50,7 +50,9 @@ class Description:
             "n_parameters": len(self.chain.machine_ids),
             "n_no_effect": len(self.groups.no_effect),
             "rank": self.groups.rank,
-            "groups": [{"name": self.groups.name(k), "members": self.groups.members(k)} for k in range(self.groups.rank)],
+            "groups": [
+                {"name": self.groups.name(k), "members": self.groups.members(k)} for k in range(self.groups.rank)
+            ],
             "no_effect": list(self.groups.no_effect),
             "no_effect_reasons": self.reasons,
             "condition": self.groups.condition,
@@ -80,7 +82,11 @@ def describe(machine: Machine, survey: Survey | None = None) -> Description:
     names = {groups.name(k) for k in range(groups.rank)}
     split = tuple(alone.name(k) for k in range(alone.rank) if alone.name(k) not in names)
     return Description(
-        chain, groups, no_effect_reasons(chain, groups, survey), identifiable(chain, problem.views, problem.unknowns), split
+        chain,
+        groups,
+        no_effect_reasons(chain, groups, survey),
+        identifiable(chain, problem.views, problem.unknowns),
+        split,
     )
 
 
@@ -118,7 +124,9 @@ def no_effect_reasons(chain: Chain, groups: Groups, survey: Survey | None) -> di
     out = {}
     for identity in groups.no_effect:
         parameter = chain.parameters[chain.index[identity]]
-        still = survey is not None and parameter.element in survey.table and survey.table[parameter.element].nunique() < 2
+        still = (
+            survey is not None and parameter.element in survey.table and survey.table[parameter.element].nunique() < 2
+        )
         if still:
             out[identity] = f"{parameter.element} stands still in this survey"
         elif parameter.motion in ("ea", "eb", "ec"):

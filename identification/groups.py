@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from errormodel.kernel import Array
+from errormodel.arrays import Array, Index
 
 ROUND_OFF = 1e-7  # of a unit column: exact dependences come out below 1e-12, and the normal equations hold down to here
 
@@ -37,7 +37,7 @@ class Groups:
     """
 
     ids: tuple[str, ...]
-    base: np.ndarray[tuple[int], np.dtype[np.intp]]
+    base: Index
     coefficients: Array
     no_effect: tuple[str, ...]
     singular_values: Array
@@ -67,8 +67,16 @@ class Groups:
         return text
 
 
+@dataclass(frozen=True)
+class Floors:
+    """What noise leaves meaningful, of columns that would have unit length with a full lever."""
+
+    direction: float = 0.0  # smallest singular value
+    lever: float = 0.0  # smallest length of a column
+
+
 def find_groups(
-    design: Array, ids: Sequence[str], scale: Array, order: Sequence[int], noise_floor: float = 0.0
+    design: Array, ids: Sequence[str], scale: Array, order: Sequence[int], floors: Floors | None = None
 ) -> Groups:
     """Groups of the columns of a design matrix.
 
@@ -78,13 +86,13 @@ def find_groups(
         Rows of M (any row weights), or any triangular factor of it.
     ids : n parameter ids.
     scale : (n,)
-        What each column's norm would be if nothing cancelled (see `errormodel.chain`): decides "no effect".
+        What each column's norm would be with a full lever (see `full_norms`): decides "no effect".
     order : columns in the order in which they may stand for a group.
-    noise_floor : float
-        Smallest singular value of scaled columns that noise leaves meaningful.
+    floors : where the noise is known.
     """
+    floors = floors or Floors()
     norms = np.linalg.norm(design, axis=0)
-    active = norms > 1e-12 * scale
+    active = norms > max(1e-12, floors.lever) * scale
     order = [j for j in order if active[j]]
     if not order:
         return Groups(tuple(ids), np.zeros(0, np.intp), np.zeros((0, len(ids))), tuple(ids), np.zeros(0))
@@ -92,8 +100,11 @@ def find_groups(
     if unit.shape[0] > unit.shape[1]:
         unit = np.linalg.qr(unit, mode="r")
     singular = np.linalg.svd(unit, compute_uv=False)
-    rank = int((singular > max(ROUND_OFF, noise_floor)).sum())
-    chosen = _first_independent(unit, rank)
+    # what hardly shows is independent all the same; but it should not stand for a group, nor outlast the noise
+    shown = unit * np.minimum(norms[order] / scale[order], 1.0)
+    above = np.linalg.svd(shown, compute_uv=False) > floors.direction
+    rank = min(int((singular > ROUND_OFF).sum()), int(above.sum()))
+    chosen = _first_independent(shown, rank)
     # a_dependent = A_base K, column by column
     mix, *_ = np.linalg.lstsq(unit[:, chosen], unit, rcond=None)
     mix[np.abs(mix) < 1e-7] = 0.0
@@ -106,27 +117,26 @@ def find_groups(
     return Groups(tuple(ids), base, coefficients, no_effect, singular)
 
 
-def _first_independent(unit: Array, rank: int) -> list[int]:
-    """The first columns, in order, that are independent of those before; as many as the rank."""
-    _, singular, directions = np.linalg.svd(unit, full_matrices=False)
+def _first_independent(shown: Array, rank: int) -> list[int]:
+    """The first columns, in order, that are clearly independent of those before; as many as the rank."""
+    _, singular, directions = np.linalg.svd(shown, full_matrices=False)
     seen = singular[:rank, None] * directions[:rank]  # what counts of each column: exactly of this rank
-    least = singular[rank - 1] / 10
+    q = np.zeros((rank, rank))
     chosen: list[int] = []
+    clearly = 1e-2
     while len(chosen) < rank:
-        q = np.zeros((rank, rank))
-        chosen = []
-        for j in range(seen.shape[1]):
+        for j in (j for j in range(seen.shape[1]) if j not in chosen):
             basis = q[:, : len(chosen)]
             rest = seen[:, j] - basis @ (basis.T @ seen[:, j])
             rest -= basis @ (basis.T @ rest)  # once more: once is not enough near dependence
             size = float(np.linalg.norm(rest))
-            if size > least:
+            if size > clearly:
                 q[:, len(chosen)] = rest / size
                 chosen.append(j)
             if len(chosen) == rank:
                 break
-        least /= 3  # a column was passed over that the rank needs
-    return chosen
+        clearly /= 10  # some of those passed over are needed
+    return sorted(chosen)
 
 
 def _tidy(values: Array) -> Array:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from errormodel.kernel import Array, as_rows
+from errormodel.arrays import Array, Index, as_rows
 from errormodel.survey import Survey
 from identification.alignment import IDENTITY, Pose
 from identification.problem import frame_columns, frame_labels
@@ -34,9 +34,7 @@ def predict(fit: StoredFit, points: Survey) -> pd.DataFrame:
         used = label if label in fit.frames else first
         index = np.flatnonzero(labels == label)
         out[index] = _predict_frame(fit, points, index, used)
-    return pd.DataFrame(
-        out, columns=["mx", "my", "mz", "ex", "ey", "ez", "ux", "uy", "uz"], index=points.table.index
-    )
+    return pd.DataFrame(out, columns=["mx", "my", "mz", "ex", "ey", "ez", "ux", "uy", "uz"], index=points.table.index)
 
 
 def _labels(fit: StoredFit, points: Survey) -> Array:
@@ -54,9 +52,7 @@ def frame_notes(fit: StoredFit, points: Survey) -> tuple[str, ...]:
     return (f"{what} {unknown[0]}{more} was not fitted: predicted in the frame of {what} {next(iter(fit.frames))}",)
 
 
-def _predict_frame(
-    fit: StoredFit, points: Survey, index: np.ndarray[tuple[int], np.dtype[np.intp]], label: str | None
-) -> Array:
+def _predict_frame(fit: StoredFit, points: Survey, index: Index, label: str | None) -> Array:
     chain = fit.chain
     pose: Pose = fit.frames[label] if label is not None else IDENTITY
     rows = as_rows(*(c[index] for c in chain.columns(points.table)))
@@ -79,7 +75,7 @@ def _variance(fit: StoredFit, names: list[str], design: Array) -> Array:
     kept = [k for k, n in enumerate(fit.base) if n in place]
     base = design[[place[fit.base[k]] for k in kept]]
     covariance = fit.covariance[np.ix_(kept, kept)]
-    variance = np.einsum("aim,ab,bim->im", base, covariance, base, optimize=True)
+    variance: Array = np.einsum("aim,ab,bim->im", base, covariance, base, optimize=True)
     groups = np.zeros((len(kept), len(names)))
     for row, k in enumerate(kept):
         for member, coefficient in fit.groups[fit.base[k]].items():

@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from errormodel.arrays import Array, Index, as_rows
 from errormodel.chain import Chain
 from errormodel.conventions import MOTIONS, TRANSLATIONS
 from errormodel.exceptions import InputError
-from errormodel.kernel import Array, as_rows
 from errormodel.machine import Joint
 from identification.alignment import IDENTITY, Pose, align, mean_rotation
 from identification.views import Kind, MotionView, OrientationView, PositionView, View, fixed_tool
 
 if TYPE_CHECKING:
     from errormodel.survey import Survey
-
-Index = np.ndarray[tuple[int], np.dtype[np.intp]]
 
 
 @dataclass(frozen=True)
@@ -63,7 +61,11 @@ def frame_columns(chain: Chain, label: str) -> tuple[str, ...]:
 
 
 def build(
-    chain: Chain, survey: Survey, held: Array | None = None, ids: Sequence[str] | None = None, mount: Array | None = None
+    chain: Chain,
+    survey: Survey,
+    held: Array | None = None,
+    ids: Sequence[str] | None = None,
+    mount: Array | None = None,
 ) -> Problem:
     """Views of a survey; the unknowns are the frames' and `ids` (None: the machine's own parameters).
 
@@ -79,13 +81,13 @@ def build(
     frames: dict[str, Pose] = {}
     free: list[str] = []
     declared: set[Kind] = set()
-    seen = np.isfinite(survey.measured).any(axis=1)
+    seen = np.asarray(np.isfinite(survey.measured).any(axis=1))
     turned = _rotations(survey)
     channels = chain.columns(survey.table) if len(volumetric) else []
     fixed = fixed_tool(chain, channels) if channels else {}  # in all frames, so that they share their kernels
     outputs = None if turned is not None else (0, 1, 2)
     mounts = []
-    for label in dict.fromkeys(labels[volumetric]):
+    for label in dict.fromkeys(labels[volumetric].tolist()):
         index = volumetric[(labels[volumetric] == label) & seen[volumetric]]
         if not len(index):
             continue
@@ -93,38 +95,32 @@ def build(
         nominal = chain.kernel("actual" if p.any() else "nominal", (), fixed, outputs)(rows, p)
         pose = IDENTITY
         if survey.frame != "fixed":
-            whole = survey.measured[index]
-            pose = align(nominal[:3].T, whole, _row_weights(survey, index))
+            pose = align(nominal[:3].T, survey.measured[index], _row_weights(survey, index))
             frames[label] = pose
             free += frame_columns(chain, label)
-        columns = (*frame_columns(chain, label), *own, *(i for i in chain.tool_ids if i not in own))
+        rest = (*own, *(i for i in chain.tool_ids if i not in own))
         whitener, known = _whitener(survey, index)
         if known:
             declared.add("position")
-        common = {"chain": chain, "ids": (*chain.frame_ids, *columns[6:]), "columns": columns, "fixed": fixed}
-        measured = np.nan_to_num(survey.measured[index])
-        views.append(
-            PositionView(
-                kind="position", rows=rows, whitener=whitener, index=index, measured=measured, pose=pose, **common
-            )
+        position = PositionView(
+            kind="position",
+            chain=chain,
+            ids=(*chain.frame_ids, *rest),
+            columns=(*frame_columns(chain, label), *rest),
+            rows=rows,
+            whitener=whitener,
+            index=index,
+            fixed=fixed,
+            measured=np.nan_to_num(survey.measured[index]),
+            pose=pose,
         )
+        views.append(position)
         if turned is not None and np.isfinite(turned[index]).any():
             here = np.flatnonzero(np.isfinite(turned[index]).all(axis=(1, 2)))
             last = nominal[3:].reshape(3, 3, -1).transpose(2, 1, 0)[here]
             mounts.append(last.transpose(0, 2, 1) @ pose.rotation.T @ turned[index[here]])
-            views.append(
-                OrientationView(
-                    rows=as_rows(*(c[here] for c in rows)),
-                    whitener=np.ones(len(here)),
-                    index=index[here],
-                    turned=turned[index[here]],
-                    pose=pose,
-                    **common,
-                )
-            )
+            views.append(_orientation_view(position, turned, here))
     if mounts:
-        from dataclasses import replace
-
         mount = mean_rotation(np.concatenate(mounts)) if mount is None else mount
         views = [replace(v, mount=mount) if isinstance(v, OrientationView) else v for v in views]
         own = (*own, *(i for i in chain.tool_ids[3:] if i not in own))
@@ -135,6 +131,21 @@ def build(
     if not views:
         raise InputError(str(survey.source), "no row holds a measured value", "Give mx my mz in at least one row")
     return Problem(chain, tuple(views), (*free, *own), frames, labels, frozenset(declared), mount)
+
+
+def _orientation_view(position: PositionView, turned: Array, here: Index) -> OrientationView:
+    """Orientations beside positions, of the rows `here` of the position view."""
+    return OrientationView(
+        chain=position.chain,
+        ids=position.ids,
+        columns=position.columns,
+        rows=as_rows(*(c[here] for c in position.rows)),
+        whitener=np.ones(len(here)),
+        index=position.index[here],
+        fixed=position.fixed,
+        turned=turned[position.index[here]],
+        pose=position.pose,
+    )
 
 
 def _rotations(survey: Survey) -> Array | None:
@@ -151,7 +162,20 @@ def _rotations(survey: Survey) -> Array | None:
 
 def _sigmas(survey: Survey, index: Index) -> Array | None:
     names = ["sigma_x", "sigma_y", "sigma_z"]
-    return survey.table[names].to_numpy(dtype=float)[index] if "sigma_x" in survey.table else None
+    if "sigma_x" not in survey.table:
+        return None
+    sigmas = survey.table[names].to_numpy(dtype=float)[index]
+    bare = ~np.isfinite(sigmas).all(axis=1)
+    if bare.all():
+        return None
+    if bare.any():
+        row = survey.table.iloc[index[np.flatnonzero(bare)[0]]]
+        raise InputError(
+            f"{row['file']}, row {row['row']}, column sigma",
+            "no standard uncertainty, though other rows of this measuring frame have one",
+            "Give sigma (or sigma_x sigma_y sigma_z) in every row, or in none",
+        )
+    return sigmas
 
 
 def _row_weights(survey: Survey, index: Index) -> Array | None:

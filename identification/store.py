@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 
 from errormodel import __version__
+from errormodel.arrays import Array
 from errormodel.chain import Chain
 from errormodel.exceptions import InputError
 from errormodel.files import write_csv, write_text_atomic
-from errormodel.kernel import Array
 from errormodel.schema import read_machine, write_machine
 from errormodel.simulate import outward
+from errormodel.survey import Survey
 from identification.alignment import Pose
 from identification.fit.result import Fit, Spread
 from identification.fit.run import moved
@@ -134,11 +135,11 @@ def _residual_table(fit: Fit) -> Any:
     """Every measured row: nominal and fitted residual (and held out), um, in the measuring frame."""
     import pandas as pd
 
-    parts = [(fit.survey, fit.nominal_residuals, fit.residuals, fit.heldout_residuals)]
+    parts: list[tuple[Survey, Array, Array, Array | None]] = [(fit.survey, fit.nominal_residuals, fit.residuals, fit.heldout_residuals)]
     parts += [(t.survey, t.nominal_residuals, t.residuals, None) for t in fit.tests]
     tables = []
     for survey, nominal, fitted, heldout in parts:
-        table = outward(survey, fit.chain.machine)
+        table = outward(survey.table, fit.chain.machine)
         wanted = ("file", "role", "row", "run", "time", *fit.chain.channels)
         table = table[[c for c in dict.fromkeys(wanted) if c in table]].copy()
         for name, values in (("nominal", nominal), ("residual", fitted), ("heldout", heldout)):

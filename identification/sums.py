@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from errormodel.kernel import Array, Kernel
+from errormodel.arrays import Array, Index
+from errormodel.kernel import Kernel
 from identification.views import Kind, View
-
 
 SAMPLE = 1024  # rows that the rank is decided on, before all rows are asked whether they agree
 
@@ -79,6 +79,17 @@ def accumulate(
     return sums
 
 
+def total(sums: Mapping[Kind, Sums], sigma: Mapping[Kind, float]) -> tuple[Array, Array]:
+    """``M'WM`` and ``M'Wr`` of all kinds together, each at its noise level."""
+    parts = [(s, 1 / sigma[kind] ** 2) for kind, s in sums.items()]
+    size = len(parts[0][0].slope)
+    gram, slope = np.zeros((size, size)), np.zeros(size)
+    for own, weight in parts:
+        gram += weight * own.gram
+        slope += weight * own.slope
+    return gram, slope
+
+
 def view_vector(view: View, unknowns: Mapping[str, int], values: Array, held: Array) -> Array:
     """The chain's parameters as this view sees them: held ones, and the unknowns among its columns."""
     p = held.copy()
@@ -93,7 +104,7 @@ class _Task:
     """One pass over one view."""
 
     view: View
-    columns: np.ndarray[tuple[int], np.dtype[np.intp]]
+    columns: Index
     linear: Array | None
     p: Array
     at: Array | None
@@ -108,7 +119,8 @@ class _Task:
         design = kernel.blocks(self.view.rows, self.p if self.at is None else self.at)
         slopes = None if self.linear is None else np.array([s @ self.linear for s in selectors])
         for (part, functions), (_, gap) in zip(design, self.view.gaps(self.p), strict=True):
-            yield part, functions, gap if slopes is None else gap - slopes @ functions
+            block = np.asarray(functions)
+            yield part, block, gap if slopes is None else gap - slopes @ block
 
     def _alike(self, kernel: Kernel, selectors: list[Array]) -> Sums:
         """Weights alike in all directions: one Gram matrix of the distinct functions serves all components."""
@@ -117,12 +129,11 @@ class _Task:
         whitener = self.view.whitener
         same = len(whitener) > 0 and bool((whitener == whitener[0]).all())
         for part, functions, gap in self._blocks(kernel, selectors):
-            if not same:
-                functions, gap = functions * whitener[part], gap * whitener[part]
+            white, left = (functions, gap) if same else (functions * whitener[part], gap * whitener[part])
             if self.gram:
-                gram += functions @ functions.T
-            slope += functions @ gap.T
-            square += np.einsum("cm,cm->c", gap, gap)
+                gram += white @ white.T
+            slope += white @ left.T
+            square += np.einsum("cm,cm->c", left, left)
         weight = float(whitener[0]) ** 2 if same else 1.0
         sums = Sums.zero(selectors[0].shape[1])
         sums.square = weight * float(square.sum())
@@ -142,11 +153,11 @@ class _Task:
             if self.gram:
                 sums.gram += white @ white.T
             sums.slope += white @ flat
-            sums.square += flat @ flat
+            sums.square += float(flat @ flat)
         return sums
 
 
-def selectors_of(kernel: Kernel, components: int, columns: np.ndarray[tuple[int], np.dtype[np.intp]]) -> list[Array]:
+def selectors_of(kernel: Kernel, components: int, columns: Index) -> list[Array]:
     """For each component c the (functions, columns) matrix S with ``M_c = functions' S``."""
     out = []
     for c in range(components):
@@ -155,6 +166,26 @@ def selectors_of(kernel: Kernel, components: int, columns: np.ndarray[tuple[int]
         selector = np.zeros((kernel.n_functions, len(columns)))
         selector[kernel.index[k[live]], np.flatnonzero(live)] = kernel.coefficient[k[live]]
         out.append(selector)
+    return out
+
+
+def sampled(view: View, most: int) -> View:
+    """At most `most` of a view's rows, evenly spread."""
+    return view if len(view) <= most else view.part(np.unique(np.linspace(0, len(view) - 1, most).astype(int)))
+
+
+def full_norms(view: View, unknowns: Mapping[str, int]) -> Array:
+    """(unknowns,) what the norms of :func:`design_rows` would be if each motion had the longest lever there is."""
+    chain = view.chain
+    terms = chain.kernel("terms", view.ids, view.fixed)
+    motions = terms(view.rows, np.zeros(len(chain.ids))).reshape(-1, 6, len(view))[: len(view.columns)]
+    shift, turn = np.linalg.norm(motions[:, :3], axis=1), np.linalg.norm(motions[:, 3:], axis=1)
+    reach = shift + chain.size * turn if view.outputs[0] < 3 else turn
+    norms = np.linalg.norm(reach * np.abs(view.whitener).reshape(len(view), -1).max(axis=1), axis=1)
+    out = np.zeros(len(unknowns))
+    for column, norm in zip(view.columns, norms, strict=True):
+        if column in unknowns:
+            out[unknowns[column]] += norm
     return out
 
 

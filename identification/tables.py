@@ -68,12 +68,16 @@ def fit_lines(fit: Fit) -> Iterator[str]:
     yield f"\nnoise of one coordinate {1e3 * fit.sigma_mm:.2f} um ({how}), {fit.solution.dof} degrees of freedom{chi}"
     if fit.inflation > 1:
         yield f"residuals exceed the declared uncertainty: standard uncertainties are multiplied by {fit.inflation:.2f}"
-    listed = [p for p in parameters(fit) if not p["id"].startswith(("frame", "zero["))]
+    framed = [any(m.startswith(("frame.", "frame[", "zero[")) for m in p["members"]) for p in parameters(fit)]
+    listed = [p for p, shared in zip(parameters(fit), framed, strict=True) if not shared]
     listed.sort(key=lambda p: -abs(p["value"]) / p["std"] if p["std"] else -np.inf)
     yield "\nlargest in units of their uncertainty (all in parameters.csv)"
     for p in listed[:12]:
         factor, unit = printed(p["unit"])
-        yield f"  {p['symbol']:6} {factor * p['value']:11.3f} +- {factor * p['std']:8.3f} {unit:7} {p['group']}"
+        value, std = factor * p["value"], factor * p["std"]
+        yield f"  {p['symbol']:6} {value:11.3f} +- {std:8.3f} {unit.replace('µ', 'u'):7} {p['group']}"
+    if any(framed):
+        yield f"  and {sum(framed)} groups of, or shared with, the measuring frame"
 
 
 def diagnosis_lines(diagnosis: Diagnosis) -> Iterator[str]:

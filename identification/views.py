@@ -13,8 +13,9 @@ from typing import Literal, Self
 
 import numpy as np
 
+from errormodel.arrays import Array, Index, Rows, as_rows
 from errormodel.chain import TOOL_CHANNELS, Chain, What
-from errormodel.kernel import BLOCK, Array, Kernel, as_rows
+from errormodel.kernel import BLOCK, Kernel
 from identification.alignment import IDENTITY, Pose
 
 Kind = Literal["position", "orientation", "displacement", "angle"]  # one noise level each, where none is declared
@@ -42,7 +43,7 @@ class View:
     columns: tuple[str, ...]
     rows: list[Array]
     whitener: Array
-    index: np.ndarray[tuple[int], np.dtype[np.intp]]
+    index: Index
 
     fixed: Mapping[str, float] = field(default_factory=dict)
     outputs: tuple[int, ...] = (0, 1, 2)
@@ -58,7 +59,7 @@ class View:
             return int((self.whitener > 0).sum()) * len(self.outputs)
         return int((np.abs(self.whitener).sum(axis=2) > 0).sum())
 
-    def part(self, rows: slice | Array) -> Self:
+    def part(self, rows: Rows) -> Self:
         """The same view with some of its rows."""
         return replace(
             self, rows=as_rows(*(c[rows] for c in self.rows)), whitener=self.whitener[rows], index=self.index[rows]
@@ -92,7 +93,7 @@ class PositionView(View):
     measured: Array  # (n, 3) mm, 0 where not measured
     pose: Pose = IDENTITY
 
-    def part(self, rows: slice | Array) -> Self:
+    def part(self, rows: Rows) -> Self:
         return replace(super().part(rows), measured=self.measured[rows])
 
     def gaps(self, p: Array) -> Iterator[tuple[slice, Array]]:
@@ -104,7 +105,8 @@ class PositionView(View):
         if self.whitener.ndim == 1:
             return vectors * self.whitener[part]
         turned = self.whitener[part] @ self.pose.rotation
-        return np.einsum("mij,...jm->...im", turned, vectors, optimize=True)
+        white: Array = np.einsum("mij,...jm->...im", turned, vectors, optimize=True)
+        return white
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,7 +115,7 @@ class GapView(View):
 
     gap: Array  # (outputs, n), actual minus nominal in the reference's axes
 
-    def part(self, rows: slice | Array) -> Self:
+    def part(self, rows: Rows) -> Self:
         return replace(super().part(rows), gap=self.gap[:, rows])
 
     def gaps(self, p: Array) -> Iterator[tuple[slice, Array]]:
@@ -143,7 +145,7 @@ class OrientationView(View):
     kind: Kind = "orientation"
     outputs: tuple[int, ...] = (3, 4, 5)
 
-    def part(self, rows: slice | Array) -> Self:
+    def part(self, rows: Rows) -> Self:
         return replace(super().part(rows), turned=self.turned[rows])
 
     def gaps(self, p: Array) -> Iterator[tuple[slice, Array]]:
@@ -166,7 +168,7 @@ class MotionView(View):
     measured: Array  # (n,) mm or rad
     what: What = "terms"
 
-    def part(self, rows: slice | Array) -> Self:
+    def part(self, rows: Rows) -> Self:
         return replace(super().part(rows), measured=self.measured[rows])
 
     def gaps(self, p: Array) -> Iterator[tuple[slice, Array]]:

@@ -34,7 +34,7 @@ def assert_carries(pose: Pose, points: Array, expected: Array, tolerance: float)
 @given(st.integers(0, 999), st.integers(3, 40))
 def test_any_pose_of_any_cloud(seed: int, n: int) -> None:
     pose, points = pose_of(seed), cloud(n, seed)
-    assert_carries(align(points, pose.apply(points)), points, pose.apply(points), 1e-6)
+    assert_carries(align(points, pose.apply(points)), points, pose.apply(points), 1e-4)
 
 
 @pytest.mark.parametrize("extent", [(2000, 1000, 0), (2000, 0, 0), (0, 0, 5), (1e-3, 1e-3, 1e-3)])
@@ -45,10 +45,20 @@ def test_flat_and_straight_and_tiny_clouds(extent: tuple[float, float, float], s
     assert_carries(align(points, pose.apply(points)), points, pose.apply(points), 1e-5)
 
 
+@pytest.mark.parametrize("n", [3, 4, 5, 6, 7, 10])
+def test_few_noisy_points_are_all_used(n: int) -> None:
+    """None is thrown out for being the worst of three: least squares is all there is."""
+    for seed in range(20):
+        pose, points = pose_of(seed), cloud(n, seed)
+        measured = pose.apply(points) + np.random.default_rng(seed).normal(0, 5e-3, (n, 3))
+        gap = align(points, measured).apply(points) - measured
+        assert np.sqrt(np.mean(gap**2)) < 9e-3
+
+
 def test_half_a_turn() -> None:
     for axis in np.vstack([np.eye(3), [[0.6, 0, 0.8]]]):
         pose, points = Pose(Rotation.from_rotvec(np.pi * axis).as_matrix(), np.ones(3)), cloud(30)
-        assert_carries(align(points, pose.apply(points)), points, pose.apply(points), 1e-6)
+        assert_carries(align(points, pose.apply(points)), points, pose.apply(points), 1e-4)
 
 
 def test_what_a_line_leaves_open_is_not_turned() -> None:

@@ -87,9 +87,9 @@ TABLES: dict[str, tuple[Content, tuple[str, ...]]] = {
     "runs without a label": (added("run", lambda k: "" if k == 9 else "a"), ("row 9", "column run", "no label")),
     "direction of 2": (added("dir_X", lambda k: "2"), ("row 1", "column dir_X", "2 as a direction", "+1 or -1")),
     "times partly": (added("time", lambda k: "" if k == 2 else "1"), ("row 2", "column time", "no time")),
-    "five rows": (first(5), ("s.csv", "5 rows with 15 measured values", "groups", "fall: ", "Measure at least 12")),
-    "one row": (first(1), ("s.csv", "1 row with 3 measured values", "33 groups", "30 fall: ", "at least 12")),
-    "just as many rows": (first(11), ("11 rows with 33", "nothing left to judge", "at least 12")),
+    "five rows": (first(5), ("s.csv", "5 rows with 15 measured", "30 groups", "15 fall: X.eb.1", "at least 11 rows")),
+    "one row": (first(1), ("s.csv", "1 row with 3 measured values", "30 groups", "27 fall: table.ea", "at least 11")),
+    "just as many rows": (first(10), ("10 rows with 30", "30 groups", "at least 11")),
 }  # fmt: skip
 
 YAML = "errormodel: 1\nfiles:\n  - {path: a.csv, role: fit}\n"
@@ -97,7 +97,7 @@ FORMS: dict[str, tuple[Content, tuple[str, ...]]] = {
     "unknown key": (YAML + "frames: shared\n", ("s.yaml, line 4, key frames", "unknown key 'frames'", "'frame'")),
     "misspelt role": (YAML.replace("fit}", "fitt}"), ("s.yaml, line 3", "role", "'fitt'", "Did you mean 'fit'")),
     "unknown frame": (YAML + "frame: perrun\n", ("line 4, key frame", "'perrun'", "'per-run'")),
-    "missing file": (YAML.replace("a.csv", "b.csv"), ("b.csv", "no such file", "Did you mean 'a.csv'")),
+    "missing file": (YAML.replace("a.csv", "aa.csv"), ("aa.csv", "no such file", "Did you mean 'a.csv'")),
     "only tests": (YAML.replace("fit", "test"), ("s.yaml, line 2, key files", "only test files", "role fit")),
     "a file twice": (YAML + "  - {path: ./a.csv, role: test}\n", ("s.yaml, line 2, key files", "Name a.csv once")),
     "no files": ("errormodel: 1\nfiles: []\n", ("s.yaml, line 2, key files", "[]", "path: data.csv")),
@@ -192,7 +192,7 @@ COMMANDS: dict[str, Case] = {
         PREDICT, {"fit/covariance.csv": lambda t: re.sub(r"(?<=\n)[\d.e-]+", "1.0", t, count=1)},
         ("fit/covariance.csv", "of another fit", "Run the fit again")),
     "covariance of other columns": (
-        PREDICT, {"fit/covariance.csv": lambda t: t.replace("Z.dz.1", "Z.dz.2")}, ("fit/covariance.csv", "another fit")),
+        PREDICT, {"fit/covariance.csv": lambda t: t.replace("Z.dz.1", "Z.dz.2")}, ("fit/covariance.csv", "another")),
     "covariance empty": (PREDICT, {"fit/covariance.csv": ""}, ("fit/covariance.csv", "cannot be read", "again")),
     "machine of another fit": (
         PREDICT, {"fit/machine.yaml": lambda t: t.replace("polynomial: 2", "polynomial: 1")},

@@ -12,6 +12,7 @@ import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
+from errormodel.arrays import Array
 from errormodel.chain import Chain
 from errormodel.conventions import MOTIONS, ROTATIONS
 from errormodel.effects import make, registry
@@ -20,7 +21,6 @@ from errormodel.effects.scene import Scene
 from errormodel.exceptions import InputError
 from errormodel.features import POINT, columns, direction
 from errormodel.instruments.plain import Plain
-from errormodel.kernel import Array
 from errormodel.machine import Basis, EffectSpec, Joint, Machine, Shape, Vector
 from errormodel.schema import EFFECTS, read_machine, write_machine
 from errormodel.simulate import Truth, simulate

@@ -90,7 +90,9 @@ def test_a_test_file_finds_its_frame_and_its_tool() -> None:
     machine = read_machine(FIVE_AXIS)
     p = errors(Chain(machine), 3)
     fitted = positions(measured(machine, p, 150, tools=tools(machine)))
-    other = positions(measured(machine, p, 40, 5, frame=((50.0, -3e3, 0.0), (0.0, 2.0, 0.3)), file="b.csv", role="test"))
+    other = positions(
+        measured(machine, p, 40, 5, frame=((50.0, -3e3, 0.0), (0.0, 2.0, 0.3)), file="b.csv", role="test")
+    )
     fit = fit_machine(machine, survey(fitted, other, frame="per-file"))
     assert fit.tests[0].nominal.rms_um > 5
     assert fit.tests[0].fitted.rms_um < EXACT
@@ -116,7 +118,9 @@ def test_missing_components() -> None:
     assert sum(s.count for s in fit.solution.sums.values()) == 60 * (3 + 1 + 2 + 3)
     assert np.isnan(fit.residuals[60, :2]).all() and np.isfinite(fit.residuals[60, 2])
     assert max(fit.fitted.rms_um, prediction_error(fit, p)) < EXACT
-    aligned = measured(machine, p, 240, frame=((1.0, 2.0, 3.0), (1e-3, 0.0, 2e-3))).drop(columns=["mz"]).assign(mz=np.nan)
+    aligned = (
+        measured(machine, p, 240, frame=((1.0, 2.0, 3.0), (1e-3, 0.0, 2e-3))).drop(columns=["mz"]).assign(mz=np.nan)
+    )
     assert fit_machine(machine, survey(positions(aligned))).fitted.rms_um < EXACT
 
 
@@ -247,7 +251,9 @@ def test_the_linear_mode_is_plain_least_squares() -> None:
     gap = np.concatenate([g for _, g in view.gaps(np.zeros(len(chain.ids)))], axis=1).ravel()
     scale = np.linalg.norm(m, axis=0)
     expected, square, *_ = np.linalg.lstsq(m / scale, gap, rcond=None)
-    np.testing.assert_allclose(found.values[found.groups.base] * scale, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+    np.testing.assert_allclose(
+        found.values[found.groups.base] * scale, expected, rtol=0, atol=1e-9 * np.abs(expected).max()
+    )
     assert found.sigma["position"] ** 2 == pytest.approx(float(square[0]) / (300 - found.groups.rank), rel=1e-9)
     assert found.dof == 300 - found.groups.rank
 

@@ -66,7 +66,9 @@ def with_tools(machine: Machine, tools: tuple[Vector, ...], n: int = 400) -> Sur
     table = random_points(machine, n, seed=3)
     table[["tool_x", "tool_y", "tool_z"]] = np.resize(np.array(tools), (n, 3))
     table[["mx", "my", "mz"]] = 0.0
-    return Survey(table.assign(run="1", file="a.csv", role="fit", row=1), "fixed", (), Plain(type="plain"), Path("a.csv"))
+    return Survey(
+        table.assign(run="1", file="a.csv", role="fit", row=1), "fixed", (), Plain(type="plain"), Path("a.csv")
+    )
 
 
 def test_the_five_axis_paper() -> None:
@@ -166,7 +168,9 @@ def check_combinations(chain: Chain, groups: Groups, seed: int) -> None:
         p[j] = 1.0
         p[groups.base] -= groups.coefficients[:, j]
         p *= 1e-5 * chain.size / max(np.abs(p[:, None] * m).max(), 1e-9 * chain.size)
-        moved = [np.abs(actual(rows, chain.vector(dict(zip(own, p * f, strict=True)))) - nominal).max() for f in (1, 0.5)]
+        moved = [
+            np.abs(actual(rows, chain.vector(dict(zip(own, p * f, strict=True)))) - nominal).max() for f in (1, 0.5)
+        ]
         assert moved[1] < 0.27 * moved[0] + 1e-12 * chain.size, own[j]
 
 
@@ -202,7 +206,8 @@ def test_few_parameters_stand_alone() -> None:
     shapes = {"T1": ("dx", "ea"), "T3": ("eb",)}
     machine = read_machine("five_axis_table_quill")
     elements = tuple(
-        replace(e, motions=shapes.get(e.name, ())) if isinstance(e, Shape) else replace(e, models={}) for e in machine.elements
+        replace(e, motions=shapes.get(e.name, ())) if isinstance(e, Shape) else replace(e, models={})
+        for e in machine.elements
     )
     found = describe(replace(machine, elements=elements)).groups
     assert [found.members(k) for k in range(found.rank)] == [{"T1.dx": 1.0}, {"T1.ea": 1.0}, {"T3.eb": 1.0}]

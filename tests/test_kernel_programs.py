@@ -8,8 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from errormodel.arrays import as_rows
 from errormodel.chain import Chain
-from errormodel.kernel import BLOCK, Kernel, as_rows
+from errormodel.kernel import BLOCK, Kernel
 from errormodel.schema import read_machine
 from tests.chains import Array, errors, poses
 
@@ -78,7 +79,9 @@ def test_scalars_may_be_infinite_where_nobody_looks() -> None:
 
 
 def test_rows_may_be_infinite_where_nobody_looks() -> None:
-    outputs = ca.vertcat(ca.if_else(x > 0, ca.log(x), -5), ca.if_else(x == 0, 1, ca.sin(x) / x), ca.if_else(x < 0, -1 / x, y))
+    outputs = ca.vertcat(
+        ca.if_else(x > 0, ca.log(x), -5), ca.if_else(x == 0, 1, ca.sin(x) / x), ca.if_else(x < 0, -1 / x, y)
+    )
     check(outputs, [np.array([-1.0, 0.0, 2.0])] * 3, np.zeros(2))
     assert np.isfinite(Kernel(X, P, outputs)([np.array([-1.0, 0.0, 2.0])] * 3, np.zeros(2))).all()
 
@@ -98,10 +101,14 @@ EXACT = {
 
 @settings(max_examples=60)
 @given(
-    st.lists(st.tuples(st.sampled_from(sorted(EXACT)), st.integers(0, 99), st.integers(0, 99)), min_size=1, max_size=25),
+    st.lists(
+        st.tuples(st.sampled_from(sorted(EXACT)), st.integers(0, 99), st.integers(0, 99)), min_size=1, max_size=25
+    ),
     st.integers(0, 99),
 )
-def test_any_program_of_exact_operations_is_casadi_to_the_last_bit(steps: list[tuple[str, int, int]], seed: int) -> None:
+def test_any_program_of_exact_operations_is_casadi_to_the_last_bit(
+    steps: list[tuple[str, int, int]], seed: int
+) -> None:
     nodes = [x, y, z, a, b, ca.SX(1), ca.SX(-2.5), ca.SX(0)]
     for name, i, k in steps:
         nodes.append(EXACT[name](nodes[-1 - i % len(nodes)], nodes[k % len(nodes)]))
@@ -197,4 +204,6 @@ def test_a_machine_without_errors() -> None:
 
 
 def _geometry(element: object) -> tuple[object, ...]:
-    return tuple(getattr(element, name) for name in ("offset", "rotation", "type", "axis", "travel") if hasattr(element, name))
+    return tuple(
+        getattr(element, name) for name in ("offset", "rotation", "type", "axis", "travel") if hasattr(element, name)
+    )

@@ -11,9 +11,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from errormodel.arrays import Array, Index, Mask
 from errormodel.effects import registry
 from errormodel.effects.base import Effect
-from errormodel.kernel import Array
 from identification.diagnosis.workbench import Workbench
 
 ABSORBED = 0.99  # of a column's length squared: beyond it an effect cannot be told from the geometry
@@ -30,7 +30,7 @@ class Candidates:
     """
 
     effects: list[Effect]
-    blocks: list[tuple[np.ndarray[tuple[int], np.dtype[np.intp]], Array, Array]]
+    blocks: list[tuple[Index, Array, Array]]
     keys: list[tuple[object, ...]] = field(default_factory=list)
 
     @classmethod
@@ -65,7 +65,8 @@ class Candidates:
         for numbers, columns, sizes in self.blocks:
             for start in range(0, len(numbers), 500):
                 part = slice(start, start + 500)
-                e, t, a = _block_scores(bench, columns[part], sizes[part])
+                generic = np.array([self.effects[n].generic for n in numbers[part]])
+                e, t, a = _block_scores(bench, columns[part], sizes[part], generic)
                 evidence[numbers[part]], drop[numbers[part]], absorbed[numbers[part]] = e, t, a
         return Scores(self, evidence - np.array([e.cost for e in self.effects]), drop, absorbed)
 
@@ -73,7 +74,8 @@ class Candidates:
 @dataclass(frozen=True)
 class Scores:
     """Of each proposal: evidence against nothing (nats), drop of the residual sum of squares (in noise variances), and
-    the part of it that the geometry absorbs."""
+    the part of it that the geometry absorbs.
+    """
 
     candidates: Candidates
     evidence: Array
@@ -95,13 +97,20 @@ class Scores:
         return sorted(out, reverse=True)
 
 
-def _block_scores(bench: Workbench, columns: Array, sizes: Array) -> tuple[Array, Array, Array]:
+def _block_scores(bench: Workbench, columns: Array, sizes: Array, generic: Mask) -> tuple[Array, Array, Array]:
+    """Evidence, drop and absorbed part of proposals (m) with columns (m, k, N).
+
+    A physical effect is weighed with its physical size; a mere form has none and gets the scale that suits it best
+    (one nat is paid for the choice).
+    """
     m, k, n = columns.shape
     flat = columns.reshape(m * k, n)
     whole = np.einsum("ij,ij->i", flat, flat).reshape(m, k)
     # what is left of a column, and its product with the residual, without forming it: R is a projector
     inner = (flat @ bench.basis).reshape(m, k, -1)
-    gram = np.einsum("aip,ajp->aij", columns, columns, optimize=True) - np.einsum("air,ajr->aij", inner, inner, optimize=True)
+    gram = np.einsum("aip,ajp->aij", columns, columns, optimize=True) - np.einsum(
+        "air,ajr->aij", inner, inner, optimize=True
+    )
     slope = (flat @ bench.residual).reshape(m, k)
     norm = np.sqrt(np.maximum(whole, 1e-300))
     unit = gram / norm[:, :, None] / norm[:, None, :]
@@ -112,9 +121,16 @@ def _block_scores(bench: Workbench, columns: Array, sizes: Array) -> tuple[Array
     # directions of the scaled columns have prior sizes of their own: those of the columns, taken along them
     prior = np.einsum("aij,ai->aj", np.square(vectors), np.square(sizes * norm))
     gain = np.where(seen, values / variance * prior, 0.0)
+    count = np.maximum(seen.sum(axis=1), 1)
     safe = np.where(seen, values, 1.0)
     drop = np.where(seen, t**2 / safe, 0.0) / variance
+    fitting = np.maximum(drop.sum(axis=1) / count, 1.0) - 1.0
+    gain = np.where(generic[:, None], np.where(seen, fitting[:, None], 0.0), gain)
     kept = (drop * gain / (1 + gain)).sum(axis=1)
-    evidence = -bench.freedom / 2 * np.log1p(-np.minimum(kept / bench.freedom, 1 - 1e-12)) - 0.5 * np.log1p(gain).sum(axis=1)
+    evidence = (
+        -1.0 * generic
+        - bench.freedom / 2 * np.log1p(-np.minimum(kept / bench.freedom, 1 - 1e-12))
+        - 0.5 * np.log1p(gain).sum(axis=1)
+    )
     absorbed = 1 - np.where(seen.any(axis=1), values.mean(axis=1), values.max(axis=1))
     return np.where(seen.any(axis=1), evidence, -np.inf), drop.sum(axis=1), np.clip(absorbed, 0.0, 1.0)

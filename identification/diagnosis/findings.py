@@ -8,13 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from errormodel.arrays import Array
 from errormodel.effects import registry
 from errormodel.effects.base import Effect
-from errormodel.kernel import Array
 from identification.diagnosis.selection import Step
 from identification.diagnosis.workbench import Workbench
-
-PRINTED = {"mm": (1e3, "um"), "rad": (1e6, "urad"), "mm/K": (1e3, "um/K"), "rad/K": (1e6, "urad/K"), "1/K": (1e6, "um/(m K)")}
+from identification.estimates import printed
 
 
 @dataclass(frozen=True)
@@ -164,8 +163,8 @@ def statement_of(effect: Effect, amounts: Sequence[Amount], size_um: float, abso
 
 
 def _printed(amount: Amount) -> str:
-    factor, unit = PRINTED.get(amount.unit, (1.0, amount.unit))
-    return f"{factor * amount.value:.4g} +- {factor * amount.std:.2g} {unit}"
+    factor, unit = printed(amount.unit)
+    return f"{factor * amount.value:.4g} +- {factor * amount.std:.2g} {unit.replace('µ', 'u')}"
 
 
 def moved_by(bench: Workbench, design: Array, names: Sequence[str], columns: Array, values: Array) -> dict[str, float]:

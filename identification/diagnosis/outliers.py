@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
+from errormodel.arrays import Mask
 from identification.fit.result import Fit
 
 GROSS = 8.0  # robust standard deviations: Gaussian noise never gets there, knees and local defects rarely
 MOST = 0.15  # of the rows: more is not a handful of accidents
 
 
-def gross_rows(fit: Fit) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+def gross_rows(fit: Fit) -> Mask:
     """Mask (n,) of rows whose residual vector is longer than `GROSS` robust standard deviations of one component."""
     residuals = fit.residuals
     seen = np.isfinite(residuals).any(axis=1)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from errormodel.arrays import Mask
 from errormodel.chain import Chain
 from errormodel.effects.base import Effect
 from errormodel.machine import EffectSpec, Machine
@@ -86,7 +87,7 @@ def diagnose(machine: Machine, survey: Survey, say: Callable[[str], None] = lamb
     return Diagnosed(diagnosis, baseline, final, growth)
 
 
-def _without_fit_rows(survey: Survey, bad: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> Survey:
+def _without_fit_rows(survey: Survey, bad: Mask) -> Survey:
     mask = np.zeros(len(survey), dtype=bool)
     mask[np.flatnonzero((survey.table["role"] == "fit").to_numpy())[bad]] = True
     return without(survey, mask)
@@ -135,7 +136,9 @@ def _finding(group: list[Step], growth: Growth, final: Fit, before: Fit) -> Find
         parameters=amounts,
         probability=probability,
         p_value=p_value_of(main, max(len(amounts), 1)),
-        heldout_rms_um=HeldOut(float(np.sqrt(3) * noise * heldout_rms(rest)), float(np.sqrt(3) * noise * heldout_rms(all_in))),
+        heldout_rms_um=HeldOut(
+            float(np.sqrt(3) * noise * heldout_rms(rest)), float(np.sqrt(3) * noise * heldout_rms(all_in))
+        ),
         absorbed=main.absorbed,
         moved=_moved(bench, before, columns, values),
         alternatives=alternatives_of(main),

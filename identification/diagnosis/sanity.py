@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from errormodel.arrays import Mask
 from errormodel.chain import Chain
 from errormodel.effects.axis_blunder import MEASURED, AxisBlunder
 from errormodel.survey import Survey
@@ -76,7 +77,7 @@ def _changes(chain: Chain) -> Iterator[AxisBlunder]:
         yield AxisBlunder(column=first, swap=second)
 
 
-def without(survey: Survey, rows: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> Survey:
+def without(survey: Survey, rows: Mask) -> Survey:
     """The survey with the measured values of some rows (mask) taken out; the rows stay, for what follows in order."""
     table = survey.table.copy()
     table.loc[rows, list(MEASURED)] = np.nan

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from errormodel.arrays import Array
 from errormodel.effects.base import Effect
-from errormodel.kernel import Array
 from identification.diagnosis.candidates import Candidates, Scores
 from identification.diagnosis.refinements import forms
 from identification.diagnosis.workbench import Workbench
@@ -100,11 +100,16 @@ def next_step(growth: Growth, candidates: Candidates) -> Step | None:
     best = replace(best, rivals=rivals)
     if own is not None:
         best = replace(best, refines=own)
-    elif best.evidence - np.log(searched) < DETECT or best.drop < LEAK * explained or len(growth.findings) >= MOST_FINDINGS:
+    elif (
+        best.evidence - np.log(searched) < DETECT
+        or best.drop < LEAK * explained
+        or len(growth.findings) >= MOST_FINDINGS
+    ):
         # not enough for a finding: perhaps a refinement among what follows
-        best = next((replace(s, refines=_refined(growth, s)) for s in steps if _refined(growth, s) is not None), None)  # type: ignore[assignment]
-        if best is None or best.evidence < 3.0:
+        further = [s for s in steps if s.evidence > 3.0 and _refined(growth, s) is not None]
+        if not further:
             return None
+        best = replace(further[0], refines=_refined(growth, further[0]))
     gain = heldout_rms(bench) - heldout_rms(bench.with_columns(bench.columns(best.effect)[0]))
     return best if gain > 0 else None
 
@@ -189,7 +194,9 @@ def _polished(candidates: Candidates, scores: Scores, bench: Workbench, number: 
     if not len(own.evidence):
         return Step(candidates.effects[number], scores.evidence[number], scores.drop[number], scores.absorbed[number])
     same = len(family)
-    return Step(effect, float(own.evidence[0] - np.log(same)), float(own.drop[0]), float(own.absorbed[0]), (), None, searched)
+    return Step(
+        effect, float(own.evidence[0] - np.log(same)), float(own.drop[0]), float(own.absorbed[0]), (), None, searched
+    )
 
 
 def _refined(growth: Growth, step: Step) -> int | None:

@@ -11,13 +11,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from errormodel.chain import Chain
+from errormodel.arrays import Array, Index, Mask
+from errormodel.chain import TOOL_CHANNELS, Chain
 from errormodel.conventions import MOTIONS
 from errormodel.effects.base import Effect
 from errormodel.effects.ops import Value
 from errormodel.effects.scene import Scene
 from errormodel.features import POINT, channel, settled
-from errormodel.kernel import Array
 from errormodel.survey import Survey
 from identification.fit.result import Fit
 from identification.sums import design_rows, view_vector
@@ -44,12 +44,12 @@ class Workbench:
     basis: Array
     levers: Mapping[str, Array]
     table: dict[str, Array]
-    index: np.ndarray[tuple[int], np.dtype[np.intp]]
+    index: Index
     scene: Scene
 
     @property
     def size(self) -> int:
-        return len(self.residual)
+        return int(self.residual.shape[0])
 
     @property
     def freedom(self) -> int:
@@ -89,7 +89,7 @@ class Workbench:
         q = q[:, np.abs(np.diag(r)) > 1e-9]
         return replace(self, basis=np.hstack([self.basis, q]), residual=self.residual - q @ (q.T @ self.residual))
 
-    def only(self, keep: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> Workbench:
+    def only(self, keep: Mask) -> Workbench:
         """The same with some of the observations (the basis is made orthonormal anew; what they cannot tell falls)."""
         q, r = np.linalg.qr(self.basis[keep])
         good = np.abs(np.diag(r)) > 1e-9
@@ -107,7 +107,7 @@ class Workbench:
 class _Lazy(dict[str, Array]):
     """Channels at the observations: made when first asked for."""
 
-    def __init__(self, source: Mapping[str, Array], keep: Array) -> None:
+    def __init__(self, source: Mapping[str, Array], keep: Mask | Index) -> None:
         super().__init__()
         self._source, self._keep = source, keep
 
@@ -161,19 +161,17 @@ def set_up(fit: Fit, sigma: float | None = None, most_rows: int = 4000) -> Workb
     names = chain.element_names
     arms_of = {n: stacked[6 * k : 6 * k + 6][:, live] for k, n in reversed(list(enumerate(names)))}
     scene = Scene(chain.machine, _scene_columns(fit.survey, table, chain))
-    return Workbench(
-        chain, residual - q @ (q.T @ residual), q, arms_of, _Lazy(table, rows[live]), rows[live], scene
-    )
+    return Workbench(chain, residual - q @ (q.T @ residual), q, arms_of, _Lazy(table, rows[live]), rows[live], scene)
 
 
 def _scene_columns(survey: Survey, table: _Channels, chain: Chain) -> dict[str, Array]:
     """What the survey's rows hold, with the side of arrival of every joint that the data knows it of."""
-    names = [c for c in survey.table.columns if str(c).startswith(("T_", "w_")) or c in ("time", "feed", "load")]
+    plain = ("time", "feed", "load", *TOOL_CHANNELS)
+    names = [c for c in survey.table.columns if str(c).startswith(("T_", "w_")) or c in plain]
     columns = {str(n): survey.table[n].to_numpy(dtype=float) for n in names}
     for joint in chain.machine.joints:
         columns[joint.name] = survey.table[joint.name].to_numpy(dtype=float)
-        if f"dir_{joint.name}" in survey.table or "time" in survey.table:
-            columns[f"dir_{joint.name}"] = table[f"dir_{joint.name}"]
+        columns[f"dir_{joint.name}"] = table[f"dir_{joint.name}"]
     return columns
 
 

@@ -14,12 +14,12 @@ from dataclasses import dataclass
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from errormodel.arrays import Array
 from errormodel.chain import Chain
 from errormodel.conventions import ROTATIONS
-from errormodel.kernel import Array
 from identification.groups import Groups, find_groups
 from identification.problem import group_order
-from identification.sums import SAMPLE, Sums, accumulate, design_rows
+from identification.sums import SAMPLE, Sums, accumulate, design_rows, total
 from identification.views import GapView, Kind, View
 
 MOST_PASSES = 30
@@ -93,7 +93,7 @@ def identifiable(
             factor = np.zeros((0, len(unknowns)))
             for start in range(0, len(view), SAMPLE):
                 rows = design_rows(view.part(slice(start, start + SAMPLE)), place)
-                factor = np.linalg.qr(np.vstack([factor, rows]), mode="r")
+                factor = np.asarray(np.linalg.qr(np.vstack([factor, rows]), mode="r"))
             blocks.append(factor / level)
         else:
             blocks.append(design_rows(view, place, max(SAMPLE, 4 * len(unknowns))) / level)
@@ -134,12 +134,22 @@ class _Solver:
             groups = self.groups(floor, thorough)
             values, sums, passes, converged = self.iterate(groups)
         base = groups.base
-        gram, _ = self.total(sums)
+        gram, _ = total(sums, self.sigma)
         covariance = _inverse(gram[np.ix_(base, base)])
         chi2 = sum(s.square / self.sigma[k] ** 2 for k, s in sums.items())
         dof = sum(s.count for s in sums.values()) - groups.rank
         return Solution(
-            self.unknowns, values, groups, covariance, dict(self.sigma), self.declared, chi2, dof, sums, passes, converged
+            self.unknowns,
+            values,
+            groups,
+            covariance,
+            dict(self.sigma),
+            self.declared,
+            chi2,
+            dof,
+            sums,
+            passes,
+            converged,
         )
 
     def groups(self, noise_floor: float = 0.0, thorough: bool = False) -> Groups:
@@ -147,7 +157,7 @@ class _Solver:
 
     def missed(self, groups: Groups, sums: dict[Kind, Sums]) -> bool:
         """Whether some row outside the sample moves a parameter by itself that the sample saw only in groups."""
-        gram, _ = self.total(sums)
+        gram, _ = total(sums, self.sigma)
         others = np.setdiff1d(np.arange(len(self.unknowns)), groups.base)
         if not len(others) or all(len(v) <= SAMPLE for v in self.views):
             return False
@@ -165,7 +175,9 @@ class _Solver:
         if "position" not in sums or not sums["position"].count:
             return 0.0
         views = [v for v in self.views if v.kind == "position"]
-        weight = np.sqrt(np.mean(np.concatenate([np.square(v.whitener).reshape(len(v), -1).max(axis=1) for v in views])))
+        weight = np.sqrt(
+            np.mean(np.concatenate([np.square(v.whitener).reshape(len(v), -1).max(axis=1) for v in views]))
+        )
         noise = self.sigma["position"] / weight
         return float(noise / (0.1 * self.chain.size * np.sqrt(sums["position"].count)))
 
@@ -173,11 +185,6 @@ class _Solver:
         """Size of a step that moves what is measured by 1e-13 of the machine."""
         weight = sum(float(np.square(v.whitener).sum()) / self.sigma[v.kind] ** 2 for v in self.views)
         return float(1e-13 * self.chain.size * np.sqrt(weight))
-
-    def total(self, sums: dict[Kind, Sums]) -> tuple[Array, Array]:
-        gram = sum(s.gram / self.sigma[k] ** 2 for k, s in sums.items())
-        slope = sum(s.slope / self.sigma[k] ** 2 for k, s in sums.items())
-        return np.asarray(gram), np.asarray(slope)
 
     def iterate(self, groups: Groups) -> tuple[Array, dict[Kind, Sums], int, bool]:
         base = groups.base
@@ -187,11 +194,11 @@ class _Solver:
         first = last = 0.0
         for passes in range(1, MOST_PASSES + 1):
             self.update_noise(sums, groups)
-            gram, slope = self.total(sums)
+            gram, slope = total(sums, self.sigma)
             step = _scaled_solve(gram[pick], slope[base])
             if passes == 1:  # all steps are measured alike: noise levels fall with the residual as long as it falls
                 measure, round_off = gram[pick], self.round_off()
-            size = float(np.sqrt(max(step @ measure @ step, 0.0)))
+            size = float(np.sqrt(max(float(step @ measure @ step), 0.0)))
             first = first or size
             small = max(1e-6 * first, round_off)
             # the residual at `values` is known; a step that rounds away, or no longer shrinks, is not worth a pass
@@ -221,13 +228,13 @@ class _Solver:
         base = groups.base
         pick = np.ix_(base, base)
         for _ in range(50 if open_kinds and len(sums) > 1 else 1):
-            gram, slope = self.total(sums)
+            gram, slope = total(sums, self.sigma)
             step = _scaled_solve(gram[pick], slope[base])
             inverse = _inverse(gram[pick])
             before = dict(self.sigma)
             for kind in open_kinds:
                 own = sums[kind]
-                square = own.square - 2 * step @ own.slope[base] + step @ own.gram[pick] @ step
+                square = own.square - 2 * float(step @ own.slope[base]) + float(step @ own.gram[pick] @ step)
                 used = float(np.sum(inverse * own.gram[pick])) / self.sigma[kind] ** 2
                 free = own.count - used
                 floor = 1e-30 * max(own.square, 1e-30)

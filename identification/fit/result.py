@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from errormodel.arrays import Array
 from errormodel.chain import Chain
-from errormodel.kernel import Array
 from errormodel.survey import Survey
 from identification.alignment import Pose
 from identification.fit.least_squares import Solution
@@ -74,7 +74,9 @@ class Fit:
     def held(self) -> Array:
         """The chain's parameters at the solution, without frames: (chain parameters,)."""
         named = self.solution.named()
-        return self.chain.vector({i: named[i] for i in named if i in self.chain.index and i not in self.chain.frame_ids})
+        return self.chain.vector(
+            {i: named[i] for i in named if i in self.chain.index and i not in self.chain.frame_ids}
+        )
 
     @property
     def sigma_mm(self) -> float:
@@ -104,9 +106,7 @@ def position_sigma(views: Sequence[View], solution: Solution) -> float:
     return float(np.sqrt(np.mean(1 / precision[precision > 0]) * max(solution.chi2 / max(solution.dof, 1), 0.0)))
 
 
-def residuals_of(
-    views: Sequence[View], unknowns: Mapping[str, int], values: Array, held: Array, rows: int
-) -> Array:
+def residuals_of(views: Sequence[View], unknowns: Mapping[str, int], values: Array, held: Array, rows: int) -> Array:
     """Measured minus predicted positions (rows, 3), mm in the measuring frame, NaN where not measured."""
     out = np.full((rows, 3), np.nan)
     for view in views:

@@ -7,16 +7,16 @@ from dataclasses import replace
 
 import numpy as np
 
+from errormodel.arrays import Array, as_rows
 from errormodel.chain import Chain
 from errormodel.exceptions import InputError
-from errormodel.kernel import Array, as_rows
 from errormodel.machine import Machine
 from errormodel.survey import Survey
 from identification.alignment import IDENTITY, Pose
 from identification.fit.least_squares import Solution, identifiable, solve
 from identification.fit.result import Fit, Spread, TestFile, residuals_of
 from identification.problem import Problem, build, frame_columns, frame_labels
-from identification.sums import accumulate
+from identification.sums import accumulate, total
 from identification.views import OrientationView, PositionView, View
 
 BLOCK_ROWS = 600  # consecutive rows left out together, in large surveys; a tenth of the rows in small ones
@@ -36,7 +36,7 @@ def fit_machine(machine: Machine, survey: Survey) -> Fit:
         raise InputError(str(survey.source), "no file has role: fit", "Give at least one file the role fit")
     problem, nominal_residuals = anchored(build(chain, rows), len(rows))
     solution = solve(chain, problem.views, problem.unknowns, declared=problem.declared)
-    if solution.dof <= 0:
+    if sum(s.count for s in solution.sums.values()) <= len(problem.unknowns):
         check_enough(survey, problem, solution)
     place, zero = problem.place(), np.zeros(len(chain.ids))
     residuals = residuals_of(problem.views, place, solution.values, zero, len(rows))
@@ -86,16 +86,15 @@ def held_out(problem: Problem, solution: Solution, rows: int) -> tuple[Array, in
     blocks = np.array_split(np.arange(rows), min(max(10, round(rows / BLOCK_ROWS)), rows))
     zero, place, base = np.zeros(len(problem.chain.ids)), problem.place(), solution.groups.base
     pick = np.ix_(base, base)
-    weight = {k: 1 / s**2 for k, s in solution.sigma.items()}
-    gram = sum(weight[k] * s.gram for k, s in solution.sums.items())[pick]
+    gram = total(solution.sums, solution.sigma)[0][pick]
     scale = 1 / np.sqrt(np.diag(gram))
     out = np.full((rows, 3), np.nan)
     for block in blocks:
         views = [v.part((v.index >= block[0]) & (v.index <= block[-1])) for v in problem.views]
         views = [v for v in views if len(v)]
         own = accumulate(views, place, solution.values, zero)
-        less = gram - sum(weight[k] * s.gram for k, s in own.items())[pick]
-        slope = -sum(weight[k] * s.slope for k, s in own.items())[base]
+        own_gram, own_slope = total(own, solution.sigma)
+        less, slope = gram - own_gram[pick], -own_slope[base]
         values = solution.values.copy()
         # what the other blocks cannot determine stays as it was fitted
         step = np.linalg.pinv(less * np.outer(scale, scale), rcond=1e-13, hermitian=True) @ (scale * slope)
@@ -131,9 +130,7 @@ def look_at(fit: Fit, test: Survey) -> TestFile:
     places = {name: k for k, name in enumerate(refit)}
     residuals = residuals_of(views, places, np.array([*refit.values()]), held, len(test))
     path = str(test.table["file"].iloc[0])
-    return TestFile(
-        path, test, Spread.of(nominal), Spread.of(residuals), residuals, nominal, refit, problem.frames
-    )
+    return TestFile(path, test, Spread.of(nominal), Spread.of(residuals), residuals, nominal, refit, problem.frames)
 
 
 def _placed(problem: Problem, poses: dict[str, Pose]) -> Problem:
@@ -146,15 +143,19 @@ def _placed(problem: Problem, poses: dict[str, Pose]) -> Problem:
 
 
 def check_enough(survey: Survey, problem: Problem, solution: Solution) -> None:
-    """InputError if a fit without redundancy has lost groups, or leaves nothing to judge its residuals by."""
+    """InputError if there are no more equations than groups that such rows, all over the travels, can tell apart."""
+    equations, rows = sum(s.count for s in solution.sums.values()), len(survey.fit)
     whole = identifiable(problem.chain, [_anywhere(v) for v in problem.views], problem.unknowns)
     reached = {solution.groups.ids[j] for j in solution.groups.base}
     lost = [whole.name(k) for k in range(whole.rank) if whole.ids[whole.base[k]] not in reached]
-    if not lost and solution.declared == set(solution.sums):
-        return  # just enough, and the survey itself says how uncertain it is
-    equations, rows = sum(s.count for s in solution.sums.values()), len(survey.fit)
+    known = solution.declared == set(solution.sums)  # then just enough will do
+    if equations > whole.rank or (equations == whole.rank and known and not lost):
+        return
     need = -(-(whole.rank + 1) * rows // max(equations, 1))
-    found = f"{rows} row{'s' if rows > 1 else ''} with {equations} measured values where {whole.rank} groups of parameters can be told apart"
+    found = (
+        f"{rows} row{'s' if rows > 1 else ''} with {equations} measured values where {whole.rank} groups of parameters "
+        "can be told apart"
+    )
     if lost:
         more = f" and {len(lost) - 3} more" if len(lost) > 3 else ""
         found += f"; {len(lost)} fall: {', '.join(lost[:3])}{more}"
@@ -176,5 +177,7 @@ def _anywhere(view: View) -> View:
 def _notes(survey: Survey, solution: Solution) -> tuple[str, ...]:
     notes = list(survey.notes)
     if not solution.converged:
-        notes.append("the iteration has not settled: errors are too large for this model, or rows contradict each other")
+        notes.append(
+            "the iteration has not settled: errors are too large for this model, or rows contradict each other"
+        )
     return tuple(notes)

@@ -7,7 +7,7 @@ from math import ceil
 import numpy as np
 from matplotlib.figure import Figure
 
-from errormodel.kernel import Array
+from errormodel.arrays import Array
 from identification.estimates import Estimate, estimates
 from identification.fit.result import Fit
 from identification.plots import style

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatter
 
-from errormodel.kernel import Array
+from errormodel.arrays import Array
 from identification.fit.result import Fit
 from identification.plots import style
 

@@ -6,8 +6,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from errormodel.arrays import Array
 from errormodel.conventions import MOTIONS, iso_symbol
-from errormodel.kernel import Array
 from errormodel.machine import Joint
 from identification.estimates import of_effect
 from identification.fit.result import Fit

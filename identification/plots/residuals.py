@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from errormodel.kernel import Array
+from errormodel.arrays import Array
 from identification.fit.result import Fit
 from identification.plots import style
 

@@ -11,7 +11,7 @@ from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from errormodel.kernel import Array, as_rows
+from errormodel.arrays import Array, as_rows
 from identification.fit.result import Fit
 from identification.plots import style
 

@@ -7,9 +7,10 @@ from functools import cache
 
 import numpy as np
 
+from errormodel.arrays import Array, as_rows
 from errormodel.chain import TOOL_CHANNELS, Chain
 from errormodel.conventions import MOTIONS
-from errormodel.kernel import Array, Kernel, as_rows
+from errormodel.kernel import Kernel
 from errormodel.machine import Basis, Joint, Machine, Shape
 from identification.fit import least_squares
 from identification.sums import selectors_of
