@@ -90,7 +90,10 @@ class Chain:
 
     def _effect_terms(self, spec: EffectSpec) -> list[tuple[str, Term]]:
         """An effect's parameters as terms of the elements they move."""
-        effect = effects.make(spec)
+        try:
+            effect = effects.make(spec)
+        except InputError as error:
+            raise InputError(f"{self.machine.source}, {error.where}", error.found, error.cure) from error
         out = []
         for term in effect.terms(self._symbol, self.machine):
             if term.element not in (FRAME, TOOL, *(e.name for e in self.machine.elements)):
@@ -206,8 +209,8 @@ class Chain:
     def expression(self, what: What, ids: tuple[str, ...] = ()) -> ca.SX:
         """The expression behind a kernel.
 
-        ``nominal`` and ``actual``: (12, 1), position (mm) and the orientation's columns. ``design``: (6, len(ids)), M at
-        zero parameters (mm and rad per unit); ``linearised``: the same at the parameters' present values. ``terms``:
+        ``nominal`` and ``actual``: (12, 1), position (mm) and the orientation's columns. ``design``: (6, len(ids)), M
+        at zero parameters (mm and rad per unit); ``linearised``: the same at the parameters' present values. ``terms``:
         (6, len(ids) + 6), the motion of its own element per unit of each parameter, and the six motions themselves.
         ``levers``: (6, 6 * elements), the tip's motion per unit of each motion of each element (`element_names`).
         """
@@ -261,7 +264,7 @@ class Chain:
         return as_rows(*columns(table, self.channels))
 
     def frames(self, position: Mapping[str, float]) -> NDArray[np.float64]:
-        """Nominal frames along the chain at one command, (elements + 1, 4, 4): the reference, then after each element."""
+        """Nominal frames along the chain at one command, (elements + 1, 4, 4): the reference, then each element's."""
         out, point, turn = [np.eye(4)], ca.SX.zeros(3), ca.SX.eye(3)
         for element in self.machine.elements:
             step, rotation = self._transform(element, ca.SX.zeros(6))
@@ -280,6 +283,8 @@ def rotation_xyz(angles: ca.SX) -> ca.SX:
 
 def rotation_about(axis: ca.SX, angle: ca.SX) -> ca.SX:
     """Right-handed rotation about a unit axis (Rodrigues)."""
+    if angle.is_zero():
+        return ca.SX.eye(3)
     cross = ca.skew(axis)
     return ca.SX.eye(3) + ca.sin(angle) * cross + (1 - ca.cos(angle)) * (axis @ axis.T - ca.SX.eye(3))
 

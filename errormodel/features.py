@@ -1,4 +1,4 @@
-"""Channels of a survey, by name: its columns, and what effects derive from them (lagged temperatures, friction's memory).
+"""Channels of a survey, by name: its columns, and what effects derive from them (lagged temperatures, play).
 
 ``X`` a joint; ``time`` ``feed`` ``load`` ``T_bed`` ``w_sync`` columns as they are; ``dir_X`` side of arrival, +-1;
 ``lag(T_bed,600)`` the column behind a first-order lag of 600 s; ``play(X,0.01)`` what follows X with a play of 0.01
@@ -40,7 +40,7 @@ def channel(table: pd.DataFrame, name: str) -> Array:
         return direction(table, name[4:])
     if name not in table:
         raise InputError(
-            "survey",
+            f"{_place(table, 0)[0]}, header",
             f"no column '{name}', which an effect of this machine needs",
             nearest(name, [str(c) for c in table.columns]),
         )
@@ -48,7 +48,7 @@ def channel(table: pd.DataFrame, name: str) -> Array:
     if name.startswith(_GAPLESS) and not np.isfinite(values).all():
         row = int(np.flatnonzero(~np.isfinite(values))[0])
         raise InputError(
-            f"survey, row {row + 1}, column {name}",
+            f"{', row '.join(_place(table, row))}, column {name}",
             "no value, though an effect of this machine depends on it",
             "Fill the gap, or take the effect out of machine.yaml",
         )
@@ -104,6 +104,13 @@ def _local_line(time: Array, values: Array) -> Array:
     slope = (product / count - middle * value / count) / (spread + 1.0)  # a lone row keeps its value
     out: Array = level + value / count + slope * (x - middle)
     return out
+
+
+def _place(table: pd.DataFrame, row: int) -> tuple[str, str]:
+    """File and data row, from 1, of a row of a survey's table."""
+    if "file" not in table:
+        return "survey", str(row + 1)
+    return str(table["file"].iloc[row]), str(table["row"].iloc[row])
 
 
 def direction(table: pd.DataFrame, joint: str) -> Array:

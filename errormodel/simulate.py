@@ -1,4 +1,4 @@
-"""Recordings of a machine whose errors are known: exact (finite) kinematics, a measuring frame, an instrument's noise."""
+"""Recordings of a machine whose errors are known: exact kinematics, a measuring frame, an instrument's noise."""
 
 from __future__ import annotations
 
@@ -9,15 +9,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from errormodel.arrays import Array
+from errormodel.arrays import Array, as_rows
 from errormodel.chain import TOOL_CHANNELS, Chain
+from errormodel.conventions import MOTIONS
 from errormodel.exceptions import InputError, nearest
 from errormodel.instruments.base import Instrument
 from errormodel.machine import Machine
+from errormodel.survey_columns import MEASURED, ORIENTATION
 
 if TYPE_CHECKING:
     import pandas as pd
-
 
 
 @dataclass(frozen=True)
@@ -81,13 +82,17 @@ def simulate(
     Returns
     -------
     DataFrame
-        ``mx my mz`` in mm and ``mrx mry mrz`` (rotation vector, rad, without noise), in the measuring frame.
+        ``mx my mz`` in mm and ``mrx mry mrz`` (rotation vector, rad, without noise), in the measuring frame. They are NaN
+        in rows about one joint's error motions, which have ``dx dy dz ea eb ec`` (mm, rad, without noise).
     """
     import pandas as pd
     from scipy.spatial.transform import Rotation
 
     chain = Chain(machine)
-    pose = chain.kernel("actual")(chain.columns(points), chain.vector(truth.parameters))
+    rows, values = chain.columns(points), chain.vector(truth.parameters)
+    about = points["joint"].to_numpy(dtype=object) if "joint" in points else np.full(len(points), "", dtype=object)
+    whole = np.flatnonzero(about == "")
+    pose = chain.kernel("actual")(as_rows(*(row[whole] for row in rows)), values)
     frame = Rotation.from_euler("XYZ", truth.rotation)
     measured = frame.apply(pose[:3].T) + np.array(truth.translation)
     turned = frame * Rotation.from_matrix(pose[3:].reshape(3, 3, -1).transpose(2, 1, 0))
@@ -97,7 +102,20 @@ def simulate(
     elif noise:
         measured = measured + rng.normal(0.0, noise, measured.shape)
     table = np.hstack([measured, turned.as_rotvec()])
-    return pd.DataFrame(table, columns=["mx", "my", "mz", "mrx", "mry", "mrz"], index=points.index)
+    seen = pd.DataFrame(table, columns=[*MEASURED, *ORIENTATION], index=points.index[whole]).reindex(points.index)
+    for name in dict.fromkeys(about[about != ""]):
+        here = np.flatnonzero(about == name)
+        motions = _motions(chain, name, as_rows(*(np.nan_to_num(row[here]) for row in rows)), values)
+        seen.loc[points.index[here], list(MOTIONS)] = motions.T
+    return seen
+
+
+def _motions(chain: Chain, joint: str, rows: list[Array], values: Array) -> Array:
+    """The six error motions of a joint, (6, n) in mm and rad."""
+    own = [k for k, p in enumerate(chain.parameters) if p.element == joint]
+    terms = chain.kernel("terms", tuple(chain.ids[k] for k in own))(rows).reshape(len(own) + 6, 6, -1)
+    motions: Array = np.tensordot(values[own], terms[: len(own)], axes=1)
+    return motions
 
 
 def random_points(machine: Machine, count: int, seed: int = 0) -> pd.DataFrame:

@@ -29,7 +29,7 @@ class Pose:
         return (points - self.translation) @ self.rotation
 
     def then_small(self, shift: Array, turn: Array) -> Pose:
-        """This pose with a further motion ``Trans(shift) Rot(turn)`` on the machine's side."""
+        """The pose with a further motion ``Trans(shift) Rot(turn)`` on the machine's side."""
         return Pose(self.rotation @ turn, self.rotation @ shift + self.translation)
 
 

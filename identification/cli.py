@@ -181,7 +181,7 @@ def simulate(machine: str, points: str, parameters: Path | None, noise: str, out
     # orientations are exact, which no instrument is: those of the survey go, none take their place
     stale = ["file", "role", "row", "mrx", "mry", "mrz"]
     result = stage.outward(table, model).drop(columns=stale, errors="ignore")
-    for name in ("mx", "my", "mz"):
+    for name in measured.columns.difference(stale, sort=False):
         result[name] = measured[name]
     write_csv(result, out)
     say(f"{len(result)} points written to {out}")
@@ -292,7 +292,7 @@ def predict(folder: Path, points: Path, out: Path) -> None:
     _notes((*survey.notes, *stage.frame_notes(stored, survey)))
     with working("Predicting"):
         result = stage.predict(stored, survey)
-    table = outward(survey.table, machine).drop(columns=["file", "role", "row"]).drop(columns=result.columns, errors="ignore")
+    table = outward(survey.table, machine).drop(columns=["file", "role", "row", *result.columns], errors="ignore")
     write_csv(table.join(result), out)
     say(f"{len(result)} predictions written to {out}")
 

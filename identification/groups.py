@@ -101,10 +101,10 @@ def find_groups(
         unit = np.linalg.qr(unit, mode="r")
     singular = np.linalg.svd(unit, compute_uv=False)
     # what hardly shows is independent all the same; but it should not stand for a group, nor outlast the noise
-    shown = unit * np.minimum(norms[order] / scale[order], 1.0)
-    above = np.linalg.svd(shown, compute_uv=False) > floors.direction
+    strength = np.minimum(norms[order] / scale[order], 1.0)
+    above = np.linalg.svd(unit * strength, compute_uv=False) > floors.direction
     rank = min(int((singular > ROUND_OFF).sum()), int(above.sum()))
-    chosen = _first_independent(shown, rank)
+    chosen = _first_independent(unit, strength, rank)
     # a_dependent = A_base K, column by column
     mix, *_ = np.linalg.lstsq(unit[:, chosen], unit, rcond=None)
     mix[np.abs(mix) < 1e-7] = 0.0
@@ -117,24 +117,22 @@ def find_groups(
     return Groups(tuple(ids), base, coefficients, no_effect, singular)
 
 
-def _first_independent(shown: Array, rank: int) -> list[int]:
+def _first_independent(unit: Array, strength: Array, rank: int) -> list[int]:
     """The first columns, in order, that are clearly independent of those before; as many as the rank."""
-    _, singular, directions = np.linalg.svd(shown, full_matrices=False)
+    _, singular, directions = np.linalg.svd(unit * strength, full_matrices=False)
     seen = singular[:rank, None] * directions[:rank]  # what counts of each column: exactly of this rank
     q = np.zeros((rank, rank))
     chosen: list[int] = []
-    clearly = 1e-2
+    clearly = 1e-3
     while len(chosen) < rank:
-        for j in (j for j in range(seen.shape[1]) if j not in chosen):
+        for j in np.flatnonzero(strength >= clearly).tolist():
             basis = q[:, : len(chosen)]
             rest = seen[:, j] - basis @ (basis.T @ seen[:, j])
             rest -= basis @ (basis.T @ rest)  # once more: once is not enough near dependence
             size = float(np.linalg.norm(rest))
-            if size > clearly:
+            if j not in chosen and size > clearly * strength[j] and len(chosen) < rank:
                 q[:, len(chosen)] = rest / size
                 chosen.append(j)
-            if len(chosen) == rank:
-                break
         clearly /= 10  # some of those passed over are needed
     return sorted(chosen)
 

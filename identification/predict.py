@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from errormodel.arrays import Array, Index, as_rows
+from errormodel.arrays import Array, as_rows
 from errormodel.survey import Survey
 from identification.alignment import IDENTITY, Pose
 from identification.problem import frame_columns, frame_labels
@@ -15,12 +15,14 @@ from identification.store import StoredFit
 if TYPE_CHECKING:
     import pandas as pd
 
+BLOCK = 8192  # rows whose M is held at a time
+
 # What an error nobody could identify may be where no identified one of its kind gives a scale (mm, rad, 1, rad/mm)
 PLAUSIBLE = {"mm": 0.02, "rad": 5e-5, "1": 5e-5, "rad/mm": 5e-8}
 
 
 def predict(fit: StoredFit, points: Survey) -> pd.DataFrame:
-    """Predict at commands: ``mx my mz`` (mm, measuring frame), ``ex ey ez`` (actual minus nominal), ``ux uy uz`` (k = 1).
+    """Predict at commands: ``mx my mz`` (mm, measuring frame), ``ex ey ez`` (actual minus nominal), ``ux uy uz``.
 
     The uncertainty is that of the model: estimated parameters with their covariance, and parameters that the survey
     could not identify (another tool may bring them in) with the size of the identified ones of their kind.
@@ -28,12 +30,14 @@ def predict(fit: StoredFit, points: Survey) -> pd.DataFrame:
     import pandas as pd
 
     labels = _labels(fit, points)
+    channels = fit.chain.columns(points.table)
     out = np.full((len(points), 9), np.nan)
     first = next(iter(fit.frames), None)
     for label in dict.fromkeys(labels):
         used = label if label in fit.frames else first
         index = np.flatnonzero(labels == label)
-        out[index] = _predict_frame(fit, points, index, used)
+        for part in np.array_split(index, len(index) // BLOCK + 1):
+            out[part] = _predict_frame(fit, as_rows(*(c[part] for c in channels)), used)
     return pd.DataFrame(out, columns=["mx", "my", "mz", "ex", "ey", "ez", "ux", "uy", "uz"], index=points.table.index)
 
 
@@ -52,10 +56,9 @@ def frame_notes(fit: StoredFit, points: Survey) -> tuple[str, ...]:
     return (f"{what} {unknown[0]}{more} was not fitted: predicted in the frame of {what} {next(iter(fit.frames))}",)
 
 
-def _predict_frame(fit: StoredFit, points: Survey, index: Index, label: str | None) -> Array:
+def _predict_frame(fit: StoredFit, rows: list[Array], label: str | None) -> Array:
     chain = fit.chain
     pose: Pose = fit.frames[label] if label is not None else IDENTITY
-    rows = as_rows(*(c[index] for c in chain.columns(points.table)))
     columns = (*(frame_columns(chain, label) if label is not None else chain.frame_ids), *chain.ids[6:])
     p = np.array([fit.values.get(c, 0.0) for c in columns])
     actual = chain.kernel("actual", outputs=(0, 1, 2))(rows, p).T
@@ -87,7 +90,9 @@ def _variance(fit: StoredFit, names: list[str], design: Array) -> Array:
         if name in fit.base or name not in units or name in fit.chain.frame_ids:
             continue
         column = design[place[name]]
-        left = column - np.tensordot(groups[:, place[name]], base, axes=1)
+        mix = groups[:, place[name]]
+        some = np.flatnonzero(mix)
+        left = column - np.tensordot(mix[some], base[some], axes=1)
         left[np.abs(left) < 1e-6 * np.abs(column).max(initial=1e-300)] = 0.0  # the group acts here as it did there
         variance += np.square(left * scale.get(units[name], 0.0))
     return variance

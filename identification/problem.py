@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from errormodel.arrays import Array, Index, as_rows
-from errormodel.chain import Chain
+from errormodel.chain import Chain, What
 from errormodel.conventions import MOTIONS, TRANSLATIONS
 from errormodel.exceptions import InputError
 from errormodel.machine import Joint
+from errormodel.survey_columns import SIGMA
 from identification.alignment import IDENTITY, Pose, align, mean_rotation
 from identification.views import Kind, MotionView, OrientationView, PositionView, View, fixed_tool
 
@@ -80,28 +81,28 @@ def build(
     views: list[View] = []
     frames: dict[str, Pose] = {}
     free: list[str] = []
-    declared: set[Kind] = set()
+    stated: set[bool] = set()  # whether positions come with their uncertainty
     seen = np.asarray(np.isfinite(survey.measured).any(axis=1))
     turned = _rotations(survey)
     channels = chain.columns(survey.table) if len(volumetric) else []
     fixed = fixed_tool(chain, channels) if channels else {}  # in all frames, so that they share their kernels
-    outputs = None if turned is not None else (0, 1, 2)
+    exact: What = "actual" if p.any() else "nominal"
     mounts = []
     for label in dict.fromkeys(labels[volumetric].tolist()):
-        index = volumetric[(labels[volumetric] == label) & seen[volumetric]]
+        own_rows = volumetric[labels[volumetric] == label]
+        index = own_rows[seen[own_rows]]
         if not len(index):
             continue
         rows = as_rows(*(c[index] for c in channels))
-        nominal = chain.kernel("actual" if p.any() else "nominal", (), fixed, outputs)(rows, p)
         pose = IDENTITY
         if survey.frame != "fixed":
-            pose = align(nominal[:3].T, survey.measured[index], _row_weights(survey, index))
+            nominal = chain.kernel(exact, (), fixed, (0, 1, 2))(rows, p)
+            pose = align(nominal.T, survey.measured[index], _row_weights(survey, index))
             frames[label] = pose
             free += frame_columns(chain, label)
         rest = (*own, *(i for i in chain.tool_ids if i not in own))
         whitener, known = _whitener(survey, index)
-        if known:
-            declared.add("position")
+        stated.add(known)
         position = PositionView(
             kind="position",
             chain=chain,
@@ -115,11 +116,26 @@ def build(
             pose=pose,
         )
         views.append(position)
-        if turned is not None and np.isfinite(turned[index]).any():
-            here = np.flatnonzero(np.isfinite(turned[index]).all(axis=(1, 2)))
-            last = nominal[3:].reshape(3, 3, -1).transpose(2, 1, 0)[here]
-            mounts.append(last.transpose(0, 2, 1) @ pose.rotation.T @ turned[index[here]])
-            views.append(_orientation_view(position, turned, here))
+        here = own_rows[np.isfinite(turned[own_rows]).all(axis=(1, 2))] if turned is not None else own_rows[:0]
+        if turned is not None and len(here):
+            angles = OrientationView(
+                chain=chain,
+                ids=position.ids,
+                columns=position.columns,
+                rows=as_rows(*(c[here] for c in channels)),
+                whitener=np.ones(len(here)),
+                index=here,
+                fixed=fixed,
+                turned=turned[here],
+                pose=pose,
+            )
+            views.append(angles)
+            last = chain.kernel(exact, (), fixed, tuple(range(3, 12)))(angles.rows, p).reshape(3, 3, -1).T
+            mounts.append(last.transpose(0, 2, 1) @ pose.rotation.T @ turned[here])
+    if len(stated) > 1:
+        found = "standard uncertainties in some measuring frames and none in others"
+        raise InputError(str(survey.source), found, "Give sigma in every row or in none, or declare the instrument")
+    declared: frozenset[Kind] = frozenset({"position"} if True in stated else ())
     if mounts:
         mount = mean_rotation(np.concatenate(mounts)) if mount is None else mount
         views = [replace(v, mount=mount) if isinstance(v, OrientationView) else v for v in views]
@@ -130,22 +146,7 @@ def build(
         free += zeros
     if not views:
         raise InputError(str(survey.source), "no row holds a measured value", "Give mx my mz in at least one row")
-    return Problem(chain, tuple(views), (*free, *own), frames, labels, frozenset(declared), mount)
-
-
-def _orientation_view(position: PositionView, turned: Array, here: Index) -> OrientationView:
-    """Orientations beside positions, of the rows `here` of the position view."""
-    return OrientationView(
-        chain=position.chain,
-        ids=position.ids,
-        columns=position.columns,
-        rows=as_rows(*(c[here] for c in position.rows)),
-        whitener=np.ones(len(here)),
-        index=position.index[here],
-        fixed=position.fixed,
-        turned=turned[position.index[here]],
-        pose=position.pose,
-    )
+    return Problem(chain, tuple(views), (*free, *own), frames, labels, declared, mount)
 
 
 def _rotations(survey: Survey) -> Array | None:
@@ -161,21 +162,21 @@ def _rotations(survey: Survey) -> Array | None:
 
 
 def _sigmas(survey: Survey, index: Index) -> Array | None:
-    names = ["sigma_x", "sigma_y", "sigma_z"]
-    if "sigma_x" not in survey.table:
+    if not any(name in survey.table for name in SIGMA):
         return None
-    sigmas = survey.table[names].to_numpy(dtype=float)[index]
-    bare = ~np.isfinite(sigmas).all(axis=1)
-    if bare.all():
+    sigmas = survey.table.reindex(columns=SIGMA).to_numpy(dtype=float)[index]
+    measured = np.isfinite(survey.measured[index])
+    bare = (np.isnan(sigmas) & measured).any(axis=1)
+    if bare.all() and np.isnan(sigmas).all():
         return None
     if bare.any():
         row = survey.table.iloc[index[np.flatnonzero(bare)[0]]]
         raise InputError(
             f"{row['file']}, row {row['row']}, column sigma",
-            "no standard uncertainty, though other rows of this measuring frame have one",
+            "a measured value without a standard uncertainty, in a measuring frame where others have one",
             "Give sigma (or sigma_x sigma_y sigma_z) in every row, or in none",
         )
-    return sigmas
+    return np.where(measured, sigmas, 0.0)
 
 
 def _row_weights(survey: Survey, index: Index) -> Array | None:

@@ -135,7 +135,9 @@ def _residual_table(fit: Fit) -> Any:
     """Every measured row: nominal and fitted residual (and held out), um, in the measuring frame."""
     import pandas as pd
 
-    parts: list[tuple[Survey, Array, Array, Array | None]] = [(fit.survey, fit.nominal_residuals, fit.residuals, fit.heldout_residuals)]
+    parts: list[tuple[Survey, Array, Array, Array | None]] = [
+        (fit.survey, fit.nominal_residuals, fit.residuals, fit.heldout_residuals)
+    ]
     parts += [(t.survey, t.nominal_residuals, t.residuals, None) for t in fit.tests]
     tables = []
     for survey, nominal, fitted, heldout in parts:

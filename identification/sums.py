@@ -9,7 +9,7 @@ import numpy as np
 
 from errormodel.arrays import Array, Index
 from errormodel.kernel import Kernel
-from identification.views import Kind, View
+from identification.views import Kind, View, anywhere
 
 SAMPLE = 1024  # rows that the rank is decided on, before all rows are asked whether they agree
 
@@ -175,24 +175,23 @@ def sampled(view: View, most: int) -> View:
 
 
 def full_norms(view: View, unknowns: Mapping[str, int]) -> Array:
-    """(unknowns,) what the norms of :func:`design_rows` would be if each motion had the longest lever there is."""
-    chain = view.chain
-    terms = chain.kernel("terms", view.ids, view.fixed)
-    motions = terms(view.rows, np.zeros(len(chain.ids))).reshape(-1, 6, len(view))[: len(view.columns)]
-    shift, turn = np.linalg.norm(motions[:, :3], axis=1), np.linalg.norm(motions[:, 3:], axis=1)
+    """(unknowns,) what the norms of the view's columns would be all over the travels and with the longest lever."""
+    chain, poses = view.chain, 200
+    terms = chain.kernel("terms", view.ids, view.fixed)(anywhere(view, poses).rows, np.zeros(len(view.chain.ids)))
+    motions = terms.reshape(-1, 6, poses)[: len(view.columns)]
+    shift, turn = (np.sqrt(np.square(m).sum(axis=1).mean(axis=1)) for m in (motions[:, :3], motions[:, 3:]))
     reach = shift + chain.size * turn if view.outputs[0] < 3 else turn
-    norms = np.linalg.norm(reach * np.abs(view.whitener).reshape(len(view), -1).max(axis=1), axis=1)
+    weight = np.sqrt(np.square(view.whitener).reshape(len(view), -1).max(axis=1).sum())
     out = np.zeros(len(unknowns))
-    for column, norm in zip(view.columns, norms, strict=True):
+    for column, length in zip(view.columns, reach * weight, strict=True):
         if column in unknowns:
-            out[unknowns[column]] += norm
+            out[unknowns[column]] = length
     return out
 
 
 def design_rows(view: View, unknowns: Mapping[str, int], most: int = SAMPLE) -> Array:
     """Whitened rows of M, dense, of at most `most` of the view's rows, evenly spread: (rows * components, unknowns)."""
-    if len(view) > most:
-        view = view.part(np.unique(np.linspace(0, len(view) - 1, most).astype(int)))
+    view = sampled(view, most)
     kernel = view.design(linearised=False)
     local = np.array([k for k, c in enumerate(view.columns) if c in unknowns], dtype=np.intp)
     places = [unknowns[view.columns[k]] for k in local]

@@ -79,6 +79,14 @@ class View:
         return vectors * self.whitener[part]
 
 
+def anywhere(view: View, poses: int) -> View:
+    """The view as it would be with poses all over the travels: same tools, components and other channels."""
+    rng = np.random.default_rng(0)
+    more = view.part(np.arange(poses) % len(view))
+    joints = [rng.uniform(*j.travel, poses) for j in view.chain.machine.joints]
+    return replace(more, rows=as_rows(*joints, *more.rows[len(joints) :]))
+
+
 def fixed_tool(chain: Chain, rows: Sequence[Array]) -> dict[str, float]:
     """Tool components that are one number in all rows of the chain's channels."""
     start = chain.channels.index(TOOL_CHANNELS[0])

@@ -17,6 +17,7 @@ from errormodel.machine import Machine, Vector
 from errormodel.simulate import Truth, random_points, simulate
 from errormodel.survey import Survey
 from identification.fit.result import Fit
+from identification.predict import predict
 from identification.store import StoredFit, parameters
 from tests.chains import Array
 
@@ -70,3 +71,15 @@ def stored(fit: Fit) -> StoredFit:
         frames=fit.problem.frames,
         data={},
     )
+
+
+def rms(gap: Array) -> float:
+    """Of vectors (n, 3) in mm, um."""
+    return float(1e3 * np.sqrt(np.mean(np.sum(np.square(gap), axis=1))))
+
+
+def prediction_error(fit: Fit, p: Array, seed: int = 99, **how: object) -> float:
+    """Error of predictions at fresh poses, um."""
+    fresh = measured(fit.chain.machine, p, 100, seed, **how)  # type: ignore[arg-type]
+    out = predict(stored(fit), survey(fresh))
+    return rms((out[["mx", "my", "mz"]] - fresh[["mx", "my", "mz"]]).to_numpy())

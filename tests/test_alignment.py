@@ -11,6 +11,8 @@ from scipy.spatial.transform import Rotation
 from identification.alignment import Pose, align, mean_rotation
 from tests.chains import Array
 
+SHIFT = np.array([1.0, 2.0, 3.0])
+
 
 def pose_of(seed: int, size: float = np.pi) -> Pose:
     rng = np.random.default_rng(seed)
@@ -63,7 +65,7 @@ def test_half_a_turn() -> None:
 
 def test_what_a_line_leaves_open_is_not_turned() -> None:
     points = cloud(20, 1, (2000, 0, 0))
-    found = align(points, points + [1, 2, 3])
+    found = align(points, points + SHIFT)
     assert Rotation.from_matrix(found.rotation).magnitude() < 1e-9
     turned = Rotation.from_rotvec([0, 0, 0.7])
     found = align(points, turned.apply(points))
@@ -72,11 +74,11 @@ def test_what_a_line_leaves_open_is_not_turned() -> None:
 
 def test_one_point_and_two() -> None:
     point = np.array([[100.0, 200.0, 300.0]])
-    found = align(point, point + [1, 2, 3])
+    found = align(point, point + SHIFT)
     np.testing.assert_allclose(found.translation, [1, 2, 3])
     np.testing.assert_array_equal(found.rotation, np.eye(3))
     same = np.repeat(point, 5, axis=0)
-    assert_carries(align(same, same + [1, 2, 3]), same, same + [1, 2, 3], 1e-9)
+    assert_carries(align(same, same + SHIFT), same, same + SHIFT, 1e-9)
 
 
 def test_components_never_measured_stay() -> None:

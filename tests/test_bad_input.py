@@ -84,6 +84,8 @@ TABLES: dict[str, tuple[Content, tuple[str, ...]]] = {
     "nothing measured": (header("mx,my,mz", "a,b,c"), ("s.csv, header", "no measured column", "mx my mz", "Found")),
     "zero sigma": (added("sigma", lambda k: "0"), ("row 1", "column sigma", "0 as a standard", "above 0")),
     "negative sigma": (added("sigma_x", lambda k: "-1" if k == 5 else "1"), ("row 5", "sigma_x", "above 0")),
+    "sigma partly": (added("sigma", lambda k: "" if k == 4 else "1"), ("row 4, column sigma", "without", "every")),
+    "sigma of one component": (added("sigma_x", lambda k: "1"), ("row 1, column sigma", "sigma_x sigma_y sigma_z")),
     "runs without a label": (added("run", lambda k: "" if k == 9 else "a"), ("row 9", "column run", "no label")),
     "direction of 2": (added("dir_X", lambda k: "2"), ("row 1", "column dir_X", "2 as a direction", "+1 or -1")),
     "times partly": (added("time", lambda k: "" if k == 2 else "1"), ("row 2", "column time", "no time")),
@@ -172,6 +174,13 @@ COMMANDS: dict[str, Case] = {
     "noise of text": ((*SIMULATE, "--noise", "much"), {}, ("--noise", "'much'", "0.005")),
     "noise of nothing": ((*SIMULATE, "--noise", "nan"), {}, ("--noise", "'nan'", "0.005")),
     "noise of no instrument": ((*SIMULATE, "--noise", "instrument"), {}, ("--noise", "no instrument", "instrument:")),
+    "effect without its joint": (
+        ("fit", "fit", "s.csv", "--out", "out"), {"fit/machine.yaml": lambda t: t + "effects: [{effect: backlash}]\n"},
+        ("fit/machine.yaml", "backlash", "joint", "Example")),
+    "effect without its column": (
+        ("fit", "fit", "s.csv", "--out", "out"),
+        {"fit/machine.yaml": lambda t: t + "effects: [{effect: payload-sag, joint: Z}]\n"},
+        ("s.csv, header", "no column 'load'", "Valid: ")),
     "unknown parameter": (
         (*SIMULATE, "--parameters", "t.yaml"), {"t.yaml": "parameters:\n  tabel.dx: 1\n"},
         ("t.yaml, line 2, key parameters.tabel.dx", "Did you mean 'table.dx'")),

@@ -240,3 +240,46 @@ def test_a_machine_with_an_effect_goes_all_the_way(tmp_path: Path) -> None:
     assert {p["id"]: p["value"] for p in fit["parameters"]}["X.dx.backlash"] == pytest.approx(0.03, abs=1e-7)
     done("predict", tmp_path / "fit", tmp_path / "s.csv", "--out", tmp_path / "p.csv")
     np.testing.assert_allclose(pd.read_csv(tmp_path / "p.csv")[XYZ], pd.read_csv(tmp_path / "s.csv")[XYZ], atol=1e-6)
+
+
+def test_one_component_is_enough_for_what_it_sees(mill: Path, tmp_path: Path) -> None:
+    """An interferometer along x: no rotation of the frame is known, and nothing that moves along y or z matters."""
+    pd.read_csv(mill / "s.csv").drop(columns=["my", "mz"]).assign(sigma_x=0.002).to_csv(tmp_path / "x.csv", index=False)
+    done("fit", MILL, tmp_path / "x.csv", "--out", tmp_path / "fit")
+    fit = read_json(tmp_path / "fit/fit.json")
+    assert fit["sigma_from"] == "declared"
+    assert fit["dof"] == 60 - fit["rank"]
+    assert 0.5 < fit["reduced_chi2"] < 1.6
+    assert fit["fitted"]["rms_um"] < 2.5
+    ids = {p["id"] for p in fit["parameters"]}
+    assert {"X.dx.1", "X.dx.2", "Y.dx.2"} <= ids
+    assert not ids & {"X.dy.2", "X.dz.2", "Y.dy.1", "Z.dz.1", "Z.ea.1"}
+    assert all(abs(p["value"]) < 1 for p in fit["parameters"])  # none that hardly shows stands for its group
+
+
+def test_a_survey_of_one_joint_is_simulated_fitted_and_predicted(tmp_path: Path) -> None:
+    """Rows about X alone have no other position; its motions come back, and volumetric rows beside them are used."""
+    x = np.linspace(-380, 380, 21)
+    pd.DataFrame({"joint": "X", "X": x}).to_csv(tmp_path / "joint.csv", index=False)
+    truth = write(tmp_path / "t.yaml", "parameters: {X.dx.2: 0.01, X.eb.1: 2.0e-5, Y.dx.2: 0.004}\n")
+    done("simulate", MILL, tmp_path / "joint.csv", "--parameters", truth, "--out", tmp_path / "j.csv")
+    table = pd.read_csv(tmp_path / "j.csv")
+    np.testing.assert_allclose(table["dx"], 0.01 * (x / 380) ** 2, atol=1e-12)
+    np.testing.assert_allclose(table["eb"], 2e-5 * x / 380, atol=1e-15)
+    assert table[XYZ].isna().all(axis=None)
+    done("fit", MILL, tmp_path / "j.csv", "--out", tmp_path / "joint_fit")
+    values = {p["id"]: p["value"] for p in read_json(tmp_path / "joint_fit/fit.json")["parameters"]}
+    assert values["X.dx.2"] == pytest.approx(0.01)
+    assert values["X.eb.1"] == pytest.approx(2e-5)
+    assert "Y.dx.2" not in values
+    done("simulate", MILL, 40, "--parameters", truth, "--out", tmp_path / "v.csv")
+    both = pd.concat([table.assign(run="joint"), pd.read_csv(tmp_path / "v.csv").assign(run="volume")])
+    both.to_csv(tmp_path / "both.csv", index=False)
+    done("fit", MILL, tmp_path / "both.csv", "--out", tmp_path / "fit")
+    values = {p["id"]: p["value"] for p in read_json(tmp_path / "fit/fit.json")["parameters"]}
+    assert values["X.dx.2"] == pytest.approx(0.01, rel=1e-4)
+    assert values["Y.dx.2"] == pytest.approx(0.004, rel=1e-3)
+    done("predict", tmp_path / "fit", tmp_path / "both.csv", "--out", tmp_path / "p.csv")
+    predicted = pd.read_csv(tmp_path / "p.csv")
+    np.testing.assert_allclose(predicted[XYZ][21:], both[XYZ][21:], atol=1e-6)
+    assert predicted[XYZ][:21].isna().all(axis=None)

@@ -6,12 +6,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
-from scipy.spatial.transform import Rotation
 
 from errormodel.chain import Chain
-from errormodel.conventions import MOTIONS
 from errormodel.machine import Machine
 from errormodel.schema import library, read_machine
 from errormodel.survey import Survey
@@ -20,7 +17,7 @@ from identification.fit.run import fit_machine
 from identification.predict import predict
 from identification.store import load, save
 from tests.chains import Array, errors
-from tests.surveys import FAR, TURNED, measured, positions, stored, survey
+from tests.surveys import FAR, TURNED, measured, positions, prediction_error, stored, survey
 
 MACHINES = sorted(library())
 FIVE_AXIS, THREE_AXIS = "five_axis_table_quill", "horizontal_three_axis"
@@ -30,18 +27,6 @@ EXACT = 1e-3  # um: what second-order terms and round-off may leave
 def tools(machine: Machine) -> tuple[tuple[float, float, float], ...]:
     x, y, z = machine.tool
     return (x, y, z), (x + 30, y - 20, z - 123)
-
-
-def rms(gap: Array) -> float:
-    """Of vectors (n, 3) in mm, um."""
-    return float(1e3 * np.sqrt(np.mean(np.sum(np.square(gap), axis=1))))
-
-
-def prediction_error(fit: Fit, p: Array, seed: int = 99, **how: object) -> float:
-    """Error of predictions at fresh poses, um."""
-    fresh = measured(fit.chain.machine, p, 100, seed, **how)  # type: ignore[arg-type]
-    out = predict(stored(fit), survey(fresh))
-    return rms((out[["mx", "my", "mz"]] - fresh[["mx", "my", "mz"]]).to_numpy())
 
 
 @pytest.mark.parametrize("name", MACHINES)
@@ -105,77 +90,6 @@ def test_a_test_file_finds_its_frame_and_its_tool() -> None:
     shared = fit_machine(machine, survey(fitted, positions(measured(machine, p, 40, 5, role="test", file="b.csv"))))
     assert shared.tests[0].fitted.rms_um < EXACT
     assert shared.tests[0].refit == {}
-
-
-def test_missing_components() -> None:
-    """Rows with a height only, or without it: an interferometer, a probe."""
-    machine = read_machine(FIVE_AXIS)
-    p = errors(Chain(machine), 4)
-    table = positions(measured(machine, p, 240))
-    table.loc[60:119, ["mx", "my"]] = np.nan
-    table.loc[120:179, "mz"] = np.nan
-    fit = fit_machine(machine, survey(table))
-    assert sum(s.count for s in fit.solution.sums.values()) == 60 * (3 + 1 + 2 + 3)
-    assert np.isnan(fit.residuals[60, :2]).all() and np.isfinite(fit.residuals[60, 2])
-    assert max(fit.fitted.rms_um, prediction_error(fit, p)) < EXACT
-    aligned = (
-        measured(machine, p, 240, frame=((1.0, 2.0, 3.0), (1e-3, 0.0, 2e-3))).drop(columns=["mz"]).assign(mz=np.nan)
-    )
-    assert fit_machine(machine, survey(positions(aligned))).fitted.rms_um < EXACT
-
-
-def with_mount(table: pd.DataFrame, mount: Rotation) -> pd.DataFrame:
-    turned = Rotation.from_rotvec(np.array(table[["mrx", "mry", "mrz"]])) * mount
-    return table.assign(**dict(zip(["mrx", "mry", "mrz"], turned.as_rotvec().T, strict=True)))
-
-
-@pytest.mark.parametrize("name", [FIVE_AXIS, "six_axis_arm"])
-def test_orientations(name: str) -> None:
-    """A 6-D target mounted at any angle sees angles that its position does not, and its rows say so."""
-    machine = read_machine(name)
-    p = errors(Chain(machine), 5)
-    mount = Rotation.from_rotvec([1.2, -0.9, 2.0])
-    table = with_mount(measured(machine, p, 150), mount)
-    table.loc[100:, ["mrx", "mry", "mrz"]] = np.nan
-    fit = fit_machine(machine, survey(table))
-    assert fit.fitted.rms_um < EXACT
-    assert prediction_error(fit, p) < EXACT
-    plain = fit_machine(machine, survey(positions(table)))
-    assert fit.solution.groups.rank > plain.solution.groups.rank
-    assert fit.solution.sigma["orientation"] < 1e-10  # rad
-    assert fit.problem.mount is not None
-    assert Rotation.from_matrix(fit.problem.mount.T @ mount.as_matrix()).magnitude() < 1e-3
-
-
-def motion_rows(machine: Machine, p: Array, joint: str, motions: tuple[str, ...], n: int = 25) -> pd.DataFrame:
-    """What an interferometer or a level reads of one joint, from a zero of its own."""
-    chain = Chain(machine)
-    travel = next(j.travel for j in machine.joints if j.name == joint)
-    q = np.linspace(*travel, n)
-    rows = [q if c == joint else np.zeros(n) for c in chain.channels]
-    ids = tuple(i for i in chain.machine_ids if chain.parameters[chain.index[i]].element == joint)
-    terms = chain.kernel("terms", ids)(rows, p).reshape(-1, 6, n)[: len(ids)]
-    six = np.einsum("p,pim->im", [p[chain.index[i]] for i in ids], terms)
-    zeros = {m: 1e-2 * (k + 1) for k, m in enumerate(motions)}
-    read = {m: six[MOTIONS.index(m)] + zeros[m] for m in motions}  # type: ignore[arg-type]
-    table = pd.DataFrame({**dict(zip(chain.channels, rows, strict=True)), **read, "joint": joint})
-    table[[j.name for j in machine.joints if j.name != joint]] = np.nan
-    return table.assign(run="1", file="a.csv", role="fit", row=np.arange(1, n + 1), mx=np.nan, my=np.nan, mz=np.nan)
-
-
-def test_error_motions_join_volumetric_rows() -> None:
-    machine = read_machine(THREE_AXIS)
-    p = errors(Chain(machine), 6)
-    volumetric = positions(measured(machine, p, 60)).assign(joint="")
-    rows = [motion_rows(machine, p, "X", ("dx", "eb")), motion_rows(machine, p, "Y", ("dx", "dz", "ea", "ec"))]
-    fit = fit_machine(machine, survey(volumetric, *rows))
-    assert max(fit.fitted.rms_um, prediction_error(fit, p)) < EXACT
-    named, index = fit.solution.named(), fit.chain.index
-    assert named["X.dx.1"] == pytest.approx(p[index["X.dx.1"]], rel=1e-6)  # its own, not the frame's or a group's
-    assert named["zero[Y, run 1].dz"] == pytest.approx(2e-2, abs=1e-9)
-    assert set(fit.solution.sigma) == {"position", "displacement", "angle"}
-    alone = fit_machine(machine, survey(*rows))
-    assert alone.solution.named()["Y.ec.1"] == pytest.approx(p[index["Y.ec.1"]], rel=1e-9)
 
 
 def test_save_load_predict(tmp_path: Path) -> None:

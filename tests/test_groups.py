@@ -20,7 +20,7 @@ from errormodel.survey import Survey
 from identification.alignment import Pose
 from identification.describe import describe
 from identification.fit.least_squares import identifiable
-from identification.groups import Groups, find_groups
+from identification.groups import Floors, Groups, find_groups
 from tests.chains import Array, machines, poses, seen
 
 MACHINES = sorted(library())
@@ -135,7 +135,7 @@ def test_order_weights_units_and_frame_change_nothing(machine: Machine, seed: in
     rows, shuffled = poses(machine, 300), rng.permutation(300)
     assert_same_groups(identifiable(chain, [seen(chain, [r[shuffled] for r in rows])], chain.machine_ids), expected)
     assert_same_groups(groups_of(chain, whitener=10 ** rng.uniform(-1, 1, 300)), expected)
-    assert_same_groups(groups_of(Chain(scaled(machine, 1e-3))), expected)
+    assert_same_groups(groups_of(Chain(scaled(machine, 25.4))), expected)
     turned = Pose(Rotation.from_rotvec(rng.normal(size=3)).as_matrix(), rng.normal(0, 1e4, 3))
     whitener = rng.normal(size=(300, 3, 3)) + 3 * np.eye(3)  # as of a tracker, in the axes of the measuring frame
     assert_same_groups(groups_of(chain, pose=turned, whitener=whitener), expected)
@@ -214,13 +214,13 @@ def test_few_parameters_stand_alone() -> None:
     assert found.no_effect == ()
 
 
-def plain_groups(design: Array, noise_floor: float = 0.0) -> Groups:
+def plain_groups(design: Array, noise: float = 0.0) -> Groups:
     n = design.shape[1]
-    return find_groups(design, [f"p{k}" for k in range(n)], np.ones(n), range(n), noise_floor)
+    return find_groups(design, [f"p{k}" for k in range(n)], np.ones(n), range(n), Floors(noise))
 
 
 def test_equally_weak_directions_do_not_stall() -> None:
-    """Two columns as near to a third as each other: a threshold between their singular values parts them all the same."""
+    """Two columns as near to a third as each other: a threshold between their singular values parts them still."""
     e, small = np.eye(6), 1e-3
     design = np.array([e[0], e[0] + small * e[1], e[0] + small * e[2], e[3]]).T
     singular = plain_groups(design).singular_values
@@ -229,7 +229,7 @@ def test_equally_weak_directions_do_not_stall() -> None:
 
 
 def test_nothing_stands_above_the_noise() -> None:
-    found = plain_groups(np.eye(4), noise_floor=2.0)
+    found = plain_groups(np.eye(4), 2.0)
     assert (found.rank, found.condition, found.coefficients.shape) == (0, 1.0, (0, 4))
     nothing = plain_groups(np.zeros((5, 3)))
     assert (nothing.rank, nothing.no_effect) == (0, ("p0", "p1", "p2"))

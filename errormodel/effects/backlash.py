@@ -11,7 +11,7 @@ from errormodel.machine import Machine, joint_of
 
 
 class Backlash(Effect):
-    """``size/2 * direction`` along the axis (mm, or rad about it); sign: positive lags ahead in the direction of travel."""
+    """``size/2 * direction`` along the axis (mm, or rad about it); positive: ahead in the direction of travel."""
 
     effect: ClassVar[str] = "backlash"
     family: ClassVar[str] = "reversal"

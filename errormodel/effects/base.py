@@ -1,4 +1,4 @@
-"""What a physical effect is: at one place, the small motions it adds to a chain element, and how it is told from others.
+"""What a physical effect is: the small motions it adds to a chain element at one place, and what it looks like.
 
 An effect is a pydantic model: its fields are what one writes in ``machine.yaml``. Its linear parameters are chain
 parameters like any other; shape parameters (a period, a time constant) are fields. `terms` is written once, with

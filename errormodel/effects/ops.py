@@ -1,4 +1,4 @@
-"""Functions that effects write their motion with: on CasADi symbols when a chain is built, on arrays when many are tried."""
+"""Functions that effects write their motion with: on CasADi symbols to build a chain, on arrays to try many."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Every effect the library proposes for a survey, as columns, and how much evidence each has beside what is accepted.
 
-Evidence is that of a linear-Gaussian model with priors of physical size, in closed form; a shape parameter is integrated
-over its grid, which pays for looking elsewhere. Nats throughout.
+Evidence is that of a linear-Gaussian model with priors of physical size, in closed form; a shape parameter is
+integrated over its grid, which pays for looking elsewhere. Nats throughout.
 """
 
 from __future__ import annotations
@@ -73,8 +73,9 @@ class Candidates:
 
 @dataclass(frozen=True)
 class Scores:
-    """Of each proposal: evidence against nothing (nats), drop of the residual sum of squares (in noise variances), and
-    the part of it that the geometry absorbs.
+    """Of each proposal: evidence, drop of the residual sum of squares, and the part of it that the geometry absorbs.
+
+    Evidence in nats against nothing; the drop in noise variances.
     """
 
     candidates: Candidates

@@ -50,20 +50,20 @@ class Finding:
 
     effect: str
     where: str
-    motion: list[str]
-    driver: list[str]
-    runs: list[str] | None
-    time: list[float] | None
-    period: float | None
     statement: str
-    parameters: list[Amount]
     probability: float
     p_value: float
     heldout_rms_um: HeldOut
-    absorbed: float
-    moved: dict[str, float]
-    alternatives: list[Alternative]
     next_measurement: str
+    motion: list[str] = field(default_factory=list)
+    driver: list[str] = field(default_factory=list)
+    runs: list[str] | None = None
+    time: list[float] | None = None
+    period: float | None = None
+    parameters: list[Amount] = field(default_factory=list)
+    absorbed: float = 0.0
+    moved: dict[str, float] = field(default_factory=dict)
+    alternatives: list[Alternative] = field(default_factory=list)
     rows: list[int] | None = None  # of outliers: data rows, from 1
 
     def as_json(self) -> dict[str, Any]:
@@ -157,8 +157,8 @@ def statement_of(effect: Effect, amounts: Sequence[Amount], size_um: float, abso
     period = f", period {length:.4g}" if length else ""
     hidden = f"; the geometry had hidden {100 * absorbed:.0f} % of it" if absorbed > 0.05 else ""
     return (
-        f"{name[0].upper()}{name[1:]}, driven by {drivers}{period}: {size_um:.1f} um rms at the tip ({values}){hidden}. "
-        f"Probability {probability:.2f}."
+        f"{name[0].upper()}{name[1:]}, driven by {drivers}{period}: {size_um:.1f} um rms at the tip ({values}){hidden}."
+        f" Probability {probability:.2f}."
     )
 
 
@@ -167,7 +167,7 @@ def _printed(amount: Amount) -> str:
     return f"{factor * amount.value:.4g} +- {factor * amount.std:.2g} {unit.replace('µ', 'u')}"
 
 
-def moved_by(bench: Workbench, design: Array, names: Sequence[str], columns: Array, values: Array) -> dict[str, float]:
+def moved_by(design: Array, names: Sequence[str], columns: Array, values: Array) -> dict[str, float]:
     """What the missing effect had put into the fitted parameters: ``M^+ h theta`` in their units, the largest first."""
     bias, *_ = np.linalg.lstsq(design, columns.T @ values, rcond=None)
     scaled = np.abs(bias) * np.linalg.norm(design, axis=0)

@@ -1,4 +1,4 @@
-"""Further forms of an effect that was found: the same motion by the same cause, bent otherwise than the textbook has it."""
+"""Further forms of an effect that was found: the same motion by the same cause, but not as the textbook bends it."""
 
 from __future__ import annotations
 

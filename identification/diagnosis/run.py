@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from errormodel.arrays import Mask
+from errormodel.arrays import Array, Mask
 from errormodel.chain import Chain
 from errormodel.effects.base import Effect
 from errormodel.machine import EffectSpec, Machine
@@ -28,11 +28,13 @@ from identification.diagnosis.findings import (
 )
 from identification.diagnosis.outliers import gross_rows
 from identification.diagnosis.sanity import Blunder, find_blunder, without
-from identification.diagnosis.selection import Growth, Step, grow
-from identification.diagnosis.workbench import Workbench, set_up
+from identification.diagnosis.selection import Growth, Step, grow, heldout_rms
+from identification.diagnosis.workbench import set_up
 from identification.fit.result import Fit
 from identification.fit.run import fit_machine
 from identification.store import parameters
+from identification.sums import design_rows
+from identification.views import PositionView
 
 
 @dataclass(frozen=True)
@@ -108,99 +110,85 @@ def _summary(fit: Fit) -> dict[str, float | None]:
 
 
 def _finding(group: list[Step], growth: Growth, final: Fit, before: Fit) -> Finding:
+    """A finding from its steps: the effect, and the refinements of its form."""
     main = group[0]
-    bench = growth.start
+    bench = growth.without(group)  # geometry and the other findings fitted, this one not
     columns = np.vstack([bench.columns(s.effect)[0] for s in group])
-    values = np.linalg.lstsq(_free(growth, group, columns), _target(growth, group), rcond=None)[0]
+    values, *_ = np.linalg.lstsq(bench.project(columns).T, bench.residual, rcond=None)
     noise = 1e3 * before.sigma_mm
-    size = float(np.sqrt(np.sum((columns.T @ values) ** 2) / bench.size * 3)) * noise
+    size = noise * float(np.sqrt(3 * np.mean((columns.T @ values) ** 2)))
     amounts = _amounts(main.effect, final)
     probability = probability_of(main)
-    rest = growth.start
-    for s in growth.steps:
-        if s not in group:
-            rest = rest.with_columns(rest.columns(s.effect)[0])
-    from identification.diagnosis.selection import heldout_rms
-
-    all_in = growth.bench
-    times = getattr(main.effect, "at", None) if "time" in main.effect.drivers else None
+    at = getattr(main.effect, "at", None) if "time" in main.effect.drivers else None
     return Finding(
         effect=main.effect.effect,
         where=main.effect.where,
         motion=motions_of(main.effect, bench),
         driver=list(main.effect.drivers),
         runs=None,
-        time=[float(times)] if times is not None else None,
+        time=[float(at)] if at is not None else None,
         period=getattr(main.effect, "period", None),
         statement=statement_of(main.effect, amounts, size, main.absorbed, probability),
         parameters=amounts,
         probability=probability,
         p_value=p_value_of(main, max(len(amounts), 1)),
-        heldout_rms_um=HeldOut(
-            float(np.sqrt(3) * noise * heldout_rms(rest)), float(np.sqrt(3) * noise * heldout_rms(all_in))
-        ),
+        heldout_rms_um=HeldOut(*(float(np.sqrt(3)) * noise * heldout_rms(b) for b in (bench, growth.bench))),
         absorbed=main.absorbed,
-        moved=_moved(bench, before, columns, values),
+        moved=_moved(before, columns, np.asarray(values)),
         alternatives=alternatives_of(main),
         next_measurement=main.effect.separate,
     )
 
 
-def _free(growth: Growth, group: list[Step], columns: np.ndarray) -> np.ndarray:
-    """The group's columns without the geometry and the other findings: (N, k)."""
-    bench = growth.start
-    for s in growth.steps:
-        if s not in group:
-            bench = bench.with_columns(bench.columns(s.effect)[0])
-    return bench.project(columns).T
-
-
-def _target(growth: Growth, group: list[Step]) -> np.ndarray:
-    bench = growth.start
-    for s in growth.steps:
-        if s not in group:
-            bench = bench.with_columns(bench.columns(s.effect)[0])
-    return bench.residual
-
-
-def _moved(bench: Workbench, before: Fit, columns: np.ndarray, values: np.ndarray) -> dict[str, float]:
-    from identification.sums import design_rows
-    from identification.views import PositionView
-
+def _moved(before: Fit, columns: Array, values: Array) -> dict[str, float]:
+    """How far the missing effect had pushed the geometry's parameters; empty where rows were thinned out."""
     base = before.solution.groups.base
-    names = [before.solution.unknowns[j] for j in base]
     views = [v for v in before.problem.views if isinstance(v, PositionView)]
     design = np.vstack([design_rows(v, before.problem.place(), most=len(v))[:, base] for v in views])
     if len(design) != columns.shape[1]:
         return {}
-    return moved_by(bench, design / before.sigma_mm, names, columns, values)
+    level = 1.0 if "position" in before.solution.declared else before.sigma_mm
+    return moved_by(design / level, [before.solution.unknowns[j] for j in base], columns, values)
 
 
 def _amounts(effect: Effect, final: Fit) -> list[Amount]:
-    wanted = f".{effect.effect}"
-    out = []
-    for p in parameters(final):
-        if p["id"].startswith(effect.where + ".") and wanted in p["id"]:
-            out.append(Amount(p["id"], p["value"], p["std"], p["unit"]))
-    return out
+    """The effect's parameters as the final fit has them."""
+    own = (p for p in parameters(final) if p["id"].startswith(f"{effect.where}.") and f".{effect.effect}" in p["id"])
+    return [Amount(p["id"], p["value"], p["std"], p["unit"]) for p in own]
 
 
 def _blunder_finding(blunder: Blunder) -> Finding:
-    text = f"{blunder.effect.text}: the nominal machine misses by {blunder.before_um:.0f} um, with it put right by {blunder.after_um:.0f} um."
-    return Finding(
-        "axis-blunder", blunder.effect.where, [], [blunder.effect.column], None, None, None, text[0].upper() + text[1:], [], 0.999, 0.0,
-        HeldOut(blunder.before_um, blunder.after_um), 0.0, {}, [], "correct the table or the program that writes it",
-    )  # fmt: skip
-
-
-def _outlier_finding(bad: np.ndarray, baseline: Fit, fit: Fit) -> Finding:
-    rows = [int(r) for r in baseline.survey.table["row"].to_numpy()[bad]]
-    largest = float(np.nanmax(np.linalg.norm(baseline.residuals[bad], axis=1))) * 1e3
     text = (
-        f"{len(rows)} rows of {len(bad)} lie far outside anything the others show (up to {largest:.0f} um); they were left "
-        f"out: rows {', '.join(map(str, rows[:12]))}{' ...' if len(rows) > 12 else ''}."
+        f"{blunder.effect.text}: the nominal machine misses by {blunder.before_um:.0f} um, "
+        f"with it put right by {blunder.after_um:.0f} um."
     )
     return Finding(
-        "outliers", "instrument", [], [], None, None, None, text, [Amount("rows", float(len(rows)), 0.0, "1")], 0.99, 0.0,
-        HeldOut(baseline.heldout.rms_um, fit.heldout.rms_um), 0.0, {}, [], "measure these rows again", rows,
-    )  # fmt: skip
+        effect="axis-blunder",
+        where=blunder.effect.where,
+        driver=[blunder.effect.column],
+        statement=text[0].upper() + text[1:],
+        probability=0.999,
+        p_value=0.0,
+        heldout_rms_um=HeldOut(blunder.before_um, blunder.after_um),
+        next_measurement=blunder.effect.separate,
+    )
+
+
+def _outlier_finding(bad: Mask, baseline: Fit, fit: Fit) -> Finding:
+    rows = [int(r) for r in baseline.survey.table["row"].to_numpy()[bad]]
+    largest = 1e3 * float(np.nanmax(np.linalg.norm(baseline.residuals[bad], axis=1)))
+    listed = ", ".join(map(str, rows[:12])) + (" ..." if len(rows) > 12 else "")
+    return Finding(
+        effect="outliers",
+        where="instrument",
+        statement=(
+            f"{len(rows)} rows of {len(bad)} lie far outside anything the others show (up to {largest:.0f} um) and "
+            f"were left out: rows {listed}."
+        ),
+        parameters=[Amount("rows", float(len(rows)), 0.0, "1")],
+        probability=0.99,
+        p_value=0.0,
+        heldout_rms_um=HeldOut(baseline.heldout.rms_um, fit.heldout.rms_um),
+        next_measurement="measure these rows again",
+        rows=rows,
+    )

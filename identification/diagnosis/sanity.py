@@ -1,7 +1,7 @@
 """Gate 0: mistakes of columns, which mimic everything. A blunder is put right and reported, never explained as physics.
 
-Each hypothesis (a sign, a unit, a swap) is a change of the table; the nominal machine is aligned to the changed table in
-closed form. Geometry is small, so that the right table fits to a fraction of what a wrong one does.
+Each hypothesis (a sign, a unit, a swap) is a change of the table; the nominal machine is aligned to the changed table
+in closed form. Geometry is small, so that the right table fits to a fraction of what a wrong one does.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class Blunder:
 
 
 def find_blunder(chain: Chain, survey: Survey) -> Blunder | None:
-    """The most convincing blunder of a column, or None; a second one shows when the mended survey is looked at again."""
+    """The most convincing blunder of a column, or None; a second one shows when the mended survey is looked at."""
     whole = np.isfinite(survey.measured).all(axis=1)
     if whole.sum() < 8 or survey.frame == "fixed":
         return None

@@ -23,7 +23,7 @@ LEAK = 0.06  # of what is already explained: less than this elsewhere may be the
 FORM = 0.85  # a name may explain this much less than the best mere form: forms bend to anything
 ALIKE = 0.6  # canonical correlation beyond which a later effect is a further form of an earlier finding
 MOST_FINDINGS = 4
-SHAPES = ("period", "per_turn", "tau", "at", "width")
+SHAPES = ("period", "by_period", "per_turn", "tau", "at", "width", "exponent", "overlap")
 
 
 @dataclass(frozen=True)
@@ -60,6 +60,14 @@ class Growth:
         """Each finding with its refinements."""
         main = [k for k, s in enumerate(self.steps) if s.refines is None]
         return [[self.steps[k], *(s for s in self.steps if s.refines == k)] for k in main]
+
+    def without(self, group: Sequence[Step]) -> Workbench:
+        """The bench with all steps fitted but those of a group."""
+        bench = self.start
+        for step in self.steps:
+            if step not in group:
+                bench = bench.with_columns(bench.columns(step.effect)[0])
+        return bench
 
 
 def grow(bench: Workbench, candidates: Candidates) -> Growth:
@@ -129,10 +137,9 @@ def choose(steps: Sequence[Step]) -> Step:
 def second_look(growth: Growth, candidates: Candidates) -> Growth:
     """Each finding once more, with the others in place: another explanation may now be the better one, or none."""
     for number in [k for k, s in enumerate(growth.steps) if s.refines is None]:
-        others = [s for k, s in enumerate(growth.steps) if k != number and s.refines != number]
-        bench = growth.start
-        for s in others:
-            bench = bench.with_columns(bench.columns(s.effect)[0])
+        mine = [s for k, s in enumerate(growth.steps) if number in (k, s.refines)]
+        others = [s for s in growth.steps if s not in mine]
+        bench = growth.without(mine)
         scores = candidates.scores(bench)
         ranked = scores.by_key()
         steps = [_polished(candidates, scores, bench, n, len(ranked)) for _, n in ranked[:8]]
@@ -182,9 +189,8 @@ def _polished(candidates: Candidates, scores: Scores, bench: Workbench, number: 
         below = max((g for g in grid if g < value and g != 0), default=value - edge)
         above = min((g for g in grid if g > value and g != 0), default=value + edge)
 
-        def left(x: float, name: str = name) -> float:
-            trial = effect.model_copy(update={name: float(x)})
-            return bench.with_columns(bench.columns(trial)[0]).square
+        def left(x: float, name: str = name, effect: Effect = effect) -> float:
+            return bench.with_columns(bench.columns(effect.model_copy(update={name: float(x)}))[0]).square
 
         found = minimize_scalar(left, bounds=(below, above), method="bounded", options={"maxiter": 20})
         if found.fun < left(value):
@@ -202,8 +208,8 @@ def _polished(candidates: Candidates, scores: Scores, bench: Workbench, number: 
 def _refined(growth: Growth, step: Step) -> int | None:
     """The finding that this effect is another form of, if there is one.
 
-    The same effect at the same place, the same motion there by the same driver, or columns that look much alike once the
-    geometry is taken out: what a sensor's lag or another exponent leaves over.
+    The same effect at the same place, the same motion there by the same driver, or columns that look much alike once
+    the geometry is taken out: what a sensor's lag or another exponent leaves over.
     """
     bench = growth.start
     mine, _ = bench.columns(step.effect)
@@ -232,7 +238,10 @@ def likeness(bench: Workbench, one: Array, other: Array) -> float:
 
 
 def roots(effect: Effect) -> frozenset[str]:
-    """Channels at the bottom of an effect's drivers: of ``lag(T_bed,600)``, ``T_bed``; warmth, by whatever clock, is one cause."""
+    """Channels at the bottom of an effect's drivers: of ``lag(T_bed,600)``, ``T_bed``.
+
+    Warmth, by whatever sensor or clock, is one cause.
+    """
     names = {re.sub(r"^(?:lag|play)\(([^,]+),.*\)$", r"\1", d) for d in effect.drivers}
     return frozenset("temperature" if n.startswith("T_") or n == "time" else n for n in names)
 
@@ -252,8 +261,3 @@ def heldout_rms(bench: Workbench, blocks: int = 12) -> float:
         left = r + q @ np.linalg.lstsq(inner, q.T @ r, rcond=1e-10)[0]
         total += float(left @ left)
     return float(np.sqrt(total / bench.size))
-
-
-def observed(columns: Array) -> float:
-    """Length of a column."""
-    return float(np.linalg.norm(columns))

@@ -1,7 +1,7 @@
 """The linear world in which candidates are scored: whitened residuals, the fitted geometry's columns, and levers.
 
-Everything is stacked as one list of scalar observations (component by component, view by view), in units of one standard
-uncertainty. What M (with frames and tool) can absorb is taken out of every candidate before it is looked at.
+Everything is stacked as one list of scalar observations (component by component, view by view), in units of one
+standard uncertainty. What M (with frames and tool) can absorb is taken out of every candidate before it is looked at.
 """
 
 from __future__ import annotations
@@ -49,11 +49,11 @@ class Workbench:
 
     @property
     def size(self) -> int:
-        return int(self.residual.shape[0])
+        return len(self.index)
 
     @property
     def freedom(self) -> int:
-        return self.size - self.basis.shape[1]
+        return int(self.size - self.basis.shape[1])
 
     @property
     def square(self) -> float:
@@ -68,10 +68,10 @@ class Workbench:
         """Whitened columns (k, N) of an effect's parameters as they act on the data, and their sizes (k,)."""
         terms = effect.terms(self.channel, self.chain.machine)
         out = np.zeros((len(terms), self.size))
-        for row, term in zip(out, terms, strict=True):
+        for k, term in enumerate(terms):
             lever = self.levers[term.element]
             for motion, value in term.motion.items():
-                row += lever[MOTIONS.index(motion)] * value
+                out[k] += lever[MOTIONS.index(motion)] * value
         return out, np.array([t.size for t in terms])
 
     def project(self, columns: Array) -> Array:
@@ -140,9 +140,9 @@ def set_up(fit: Fit, sigma: float | None = None, most_rows: int = 4000) -> Workb
     residuals, designs, levers, index = [], [], [], []
     views = [v for v in problem.views if isinstance(v, PositionView)]
     total = sum(len(v) for v in views)
+    if total > most_rows:
+        views = [v.part(np.unique(np.linspace(0, len(v) - 1, most_rows * len(v) // total).astype(int))) for v in views]
     for view in views:
-        if total > most_rows:
-            view = view.part(np.unique(np.linspace(0, len(view) - 1, most_rows * len(view) // total).astype(int)))
         level = (sigma or solution.sigma["position"]) if "position" not in solution.declared else 1.0
         gap = np.hstack([view.whiten(p, g) for p, g in view.gaps(view_vector(view, place, solution.values, zero))])
         arms = chain.kernel("levers", (), view.fixed, (0, 1, 2))(view.rows, zero)

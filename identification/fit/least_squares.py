@@ -16,10 +16,9 @@ from threadpoolctl import threadpool_limits
 
 from errormodel.arrays import Array
 from errormodel.chain import Chain
-from errormodel.conventions import ROTATIONS
-from identification.groups import Groups, find_groups
+from identification.groups import Floors, Groups, find_groups
 from identification.problem import group_order
-from identification.sums import SAMPLE, Sums, accumulate, design_rows, total
+from identification.sums import SAMPLE, Sums, accumulate, design_rows, full_norms, sampled, total
 from identification.views import GapView, Kind, View
 
 MOST_PASSES = 30
@@ -77,32 +76,29 @@ def solve(
 
 
 def identifiable(
-    chain: Chain,
-    views: Sequence[View],
-    unknowns: Sequence[str],
-    sigma: dict[Kind, float] | None = None,
-    noise_floor: float = 0.0,
-    thorough: bool = False,
+    chain: Chain, views: Sequence[View], unknowns: Sequence[str], floors: Floors | None = None, thorough: bool = False
 ) -> Groups:
     """The groups of unknowns that the views can tell apart, by a sample of their rows or (`thorough`) by all."""
+    return find_groups(*observed(chain, views, unknowns, thorough), group_order(chain, unknowns), floors)
+
+
+def observed(
+    chain: Chain, views: Sequence[View], unknowns: Sequence[str], thorough: bool
+) -> tuple[Array, Sequence[str], Array]:
+    """A triangular factor of M over all views, its columns' names, and what their norms would be with a full lever."""
     place = {name: k for k, name in enumerate(unknowns)}
-    blocks, scale = [], np.zeros(len(unknowns))
+    factor, square = np.zeros((0, len(unknowns))), np.zeros(len(unknowns))
     for view in views:
-        level = (sigma or {}).get(view.kind, 1.0)
-        if thorough:
-            factor = np.zeros((0, len(unknowns)))
-            for start in range(0, len(view), SAMPLE):
-                rows = design_rows(view.part(slice(start, start + SAMPLE)), place)
-                factor = np.asarray(np.linalg.qr(np.vstack([factor, rows]), mode="r"))
-            blocks.append(factor / level)
-        else:
-            blocks.append(design_rows(view, place, max(SAMPLE, 4 * len(unknowns))) / level)
-        full = np.abs(view.whitener).max() / level * np.sqrt(len(blocks[-1]))
-        for column, identity in zip(view.columns, (*view.ids, *[""] * 6), strict=False):
-            if column in place:  # what the column's norm would be with a full lever: tells zero from small
-                angle = identity != "" and chain.parameters[chain.index[identity]].motion in ROTATIONS
-                scale[place[column]] += full * (chain.size if angle else 1.0)
-    return find_groups(np.vstack(blocks), unknowns, scale, group_order(chain, unknowns), noise_floor)
+        level = chain.size if view.outputs[0] >= 3 else 1.0  # angles count by what they move at the far end
+        most = max(SAMPLE, 4 * len(unknowns))
+        parts = (
+            [view.part(slice(k, k + most)) for k in range(0, len(view), most)] if thorough else [sampled(view, most)]
+        )
+        for part in parts:
+            rows = np.vstack([factor, level * design_rows(part, place, most)])
+            factor = np.asarray(np.linalg.qr(rows, mode="r")) if len(rows) > len(unknowns) else rows
+            square += np.square(level * full_norms(part, place))
+    return factor, unknowns, np.sqrt(square)
 
 
 class _Solver:
@@ -123,16 +119,15 @@ class _Solver:
         self.sigma: dict[Kind, float] = {v.kind: 1.0 for v in views}
 
     def run(self) -> Solution:
-        groups = self.groups()
-        values, sums, passes, converged = self.iterate(groups)
-        thorough = self.missed(groups, sums)
-        if thorough:
-            groups = self.groups(thorough=True)
-            values, sums, passes, converged = self.iterate(groups)
-        floor = self.noise_floor(sums)
-        if groups.rank and groups.singular_values[groups.rank - 1] < floor:  # the noise hides the weakest directions
-            groups = self.groups(floor, thorough)
-            values, sums, passes, converged = self.iterate(groups)
+        start = self.pass_(np.zeros(len(self.unknowns)), None, gram=True)
+        seen = self.observed(thorough=False)
+        groups = find_groups(*seen)
+        if self.missed(groups, start):
+            seen = self.observed(thorough=True)
+            groups = find_groups(*seen)
+        self.update_noise(start, groups)
+        groups = find_groups(*seen, self.floors(start))
+        values, sums, passes, converged = self.iterate(groups, start)
         base = groups.base
         gram, _ = total(sums, self.sigma)
         covariance = _inverse(gram[np.ix_(base, base)])
@@ -152,8 +147,8 @@ class _Solver:
             converged,
         )
 
-    def groups(self, noise_floor: float = 0.0, thorough: bool = False) -> Groups:
-        return identifiable(self.chain, self.views, self.unknowns, self.sigma, noise_floor, thorough)
+    def observed(self, thorough: bool) -> tuple[Array, Sequence[str], Array, list[int]]:
+        return *observed(self.chain, self.views, self.unknowns, thorough), group_order(self.chain, self.unknowns)
 
     def missed(self, groups: Groups, sums: dict[Kind, Sums]) -> bool:
         """Whether some row outside the sample moves a parameter by itself that the sample saw only in groups."""
@@ -170,27 +165,28 @@ class _Solver:
         )
         return bool((left > 1e-9 * np.diag(gram)[others] + 1e-300).any())
 
-    def noise_floor(self, sums: dict[Kind, Sums]) -> float:
-        """Scaled singular value below which a group's standard uncertainty exceeds a tenth of the machine."""
+    def floors(self, sums: dict[Kind, Sums]) -> Floors:
+        """What the noise hides: directions uncertain by a tenth of the machine, and motions that hardly show.
+
+        The latter are those of which a millimetre (at the end of the travel and of the longest lever) would stay below
+        the noise, because less than a thousandth of it is seen: what is not measured shows by the frame's tilt only.
+        """
         if "position" not in sums or not sums["position"].count:
-            return 0.0
+            return Floors()
         views = [v for v in self.views if v.kind == "position"]
-        weight = np.sqrt(
-            np.mean(np.concatenate([np.square(v.whitener).reshape(len(v), -1).max(axis=1) for v in views]))
-        )
-        noise = self.sigma["position"] / weight
-        return float(noise / (0.1 * self.chain.size * np.sqrt(sums["position"].count)))
+        weight = np.sqrt(sum(float(np.square(v.whitener).reshape(len(v), -1).max(axis=1).sum()) for v in views))
+        shift = self.sigma["position"] / weight  # standard uncertainty, mm, of a shift of everything
+        return Floors(direction=shift / (0.1 * self.chain.size), lever=min(1e-3, shift))
 
     def round_off(self) -> float:
         """Size of a step that moves what is measured by 1e-13 of the machine."""
         weight = sum(float(np.square(v.whitener).sum()) / self.sigma[v.kind] ** 2 for v in self.views)
         return float(1e-13 * self.chain.size * np.sqrt(weight))
 
-    def iterate(self, groups: Groups) -> tuple[Array, dict[Kind, Sums], int, bool]:
+    def iterate(self, groups: Groups, sums: dict[Kind, Sums]) -> tuple[Array, dict[Kind, Sums], int, bool]:
         base = groups.base
         pick = np.ix_(base, base)
         values, at = np.zeros(len(self.unknowns)), None
-        sums = self.pass_(values, at, gram=True)
         first = last = 0.0
         for passes in range(1, MOST_PASSES + 1):
             self.update_noise(sums, groups)

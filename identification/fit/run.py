@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
-from errormodel.arrays import Array, as_rows
+from errormodel.arrays import Array
 from errormodel.chain import Chain
 from errormodel.exceptions import InputError
 from errormodel.machine import Machine
@@ -17,7 +18,7 @@ from identification.fit.least_squares import Solution, identifiable, solve
 from identification.fit.result import Fit, Spread, TestFile, residuals_of
 from identification.problem import Problem, build, frame_columns, frame_labels
 from identification.sums import accumulate, total
-from identification.views import OrientationView, PositionView, View
+from identification.views import OrientationView, PositionView, View, anywhere
 
 BLOCK_ROWS = 600  # consecutive rows left out together, in large surveys; a tenth of the rows in small ones
 
@@ -30,7 +31,11 @@ def fit_machine(machine: Machine, survey: Survey) -> Fit:
     InputError
         The survey has no rows to fit, or fewer equations than identifiable unknowns.
     """
-    chain = Chain(machine)
+    with threadpool_limits(1, "blas"):  # blocks are small: two threads would wait for each other
+        return _fit(Chain(machine), survey)
+
+
+def _fit(chain: Chain, survey: Survey) -> Fit:
     rows = survey.fit
     if not len(rows):
         raise InputError(str(survey.source), "no file has role: fit", "Give at least one file the role fit")
@@ -64,8 +69,9 @@ def anchored(problem: Problem, rows: int, held: Array | None = None) -> tuple[Pr
     for view in problem.views:
         if isinstance(view, PositionView | OrientationView) and poses:
             label = next(la for la in poses if frame_columns(problem.chain, la)[0] == view.columns[0])
-            view = replace(view, pose=poses[label])
-        views.append(view)
+            views.append(replace(view, pose=poses[label]))
+        else:
+            views.append(view)
     out = replace(problem, views=tuple(views), frames=poses)
     return out, residuals_of(views, {}, np.zeros(0), held, rows)
 
@@ -92,6 +98,8 @@ def held_out(problem: Problem, solution: Solution, rows: int) -> tuple[Array, in
     for block in blocks:
         views = [v.part((v.index >= block[0]) & (v.index <= block[-1])) for v in problem.views]
         views = [v for v in views if len(v)]
+        if not views:  # nothing was measured there
+            continue
         own = accumulate(views, place, solution.values, zero)
         own_gram, own_slope = total(own, solution.sigma)
         less, slope = gram - own_gram[pick], -own_slope[base]
@@ -145,7 +153,7 @@ def _placed(problem: Problem, poses: dict[str, Pose]) -> Problem:
 def check_enough(survey: Survey, problem: Problem, solution: Solution) -> None:
     """InputError if there are no more equations than groups that such rows, all over the travels, can tell apart."""
     equations, rows = sum(s.count for s in solution.sums.values()), len(survey.fit)
-    whole = identifiable(problem.chain, [_anywhere(v) for v in problem.views], problem.unknowns)
+    whole = identifiable(problem.chain, [anywhere(v, 600) for v in problem.views], problem.unknowns)
     reached = {solution.groups.ids[j] for j in solution.groups.base}
     lost = [whole.name(k) for k in range(whole.rank) if whole.ids[whole.base[k]] not in reached]
     known = solution.declared == set(solution.sums)  # then just enough will do
@@ -163,15 +171,6 @@ def check_enough(survey: Survey, problem: Problem, solution: Solution) -> None:
         found += ", with nothing left to judge the residuals by"
     cure = f"Measure at least {need} rows like these, better {2 * need}, or declare fewer errors in machine.yaml"
     raise InputError(str(survey.source), found, cure)
-
-
-def _anywhere(view: View) -> View:
-    """The view as it would be with many poses all over the travels: same tools, components and other channels."""
-    rng = np.random.default_rng(0)
-    drawn = np.arange(600) % len(view)
-    more = view.part(drawn)
-    joints = [rng.uniform(*j.travel, len(drawn)) for j in view.chain.machine.joints]
-    return replace(more, rows=as_rows(*joints, *more.rows[len(joints) :]))
 
 
 def _notes(survey: Survey, solution: Solution) -> tuple[str, ...]:

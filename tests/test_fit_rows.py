@@ -1,0 +1,171 @@
+"""Fits of rows that do not hold everything: components, orientations, error motions, uncertainties, nothing at all."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.spatial.transform import Rotation
+
+from errormodel.chain import Chain
+from errormodel.conventions import MOTIONS
+from errormodel.exceptions import InputError
+from errormodel.machine import Machine
+from errormodel.schema import read_machine
+from identification.fit.run import fit_machine
+from tests.chains import Array, errors
+from tests.surveys import measured, positions, prediction_error, survey
+
+FIVE_AXIS, THREE_AXIS = "five_axis_table_quill", "horizontal_three_axis"
+EXACT = 1e-3  # um
+SIGMA = ["sigma_x", "sigma_y", "sigma_z"]
+
+
+def test_missing_components() -> None:
+    """Rows with a height only, or without it: an interferometer, a probe."""
+    machine = read_machine(FIVE_AXIS)
+    p = errors(Chain(machine), 4)
+    table = positions(measured(machine, p, 240))
+    table.loc[60:119, ["mx", "my"]] = np.nan
+    table.loc[120:179, "mz"] = np.nan
+    fit = fit_machine(machine, survey(table))
+    assert sum(s.count for s in fit.solution.sums.values()) == 60 * (3 + 1 + 2 + 3)
+    assert np.isfinite(fit.residuals[60]).tolist() == [False, False, True]
+    assert max(fit.fitted.rms_um, prediction_error(fit, p)) < EXACT
+    aligned = (
+        measured(machine, p, 240, frame=((1.0, 2.0, 3.0), (1e-3, 0.0, 2e-3))).drop(columns=["mz"]).assign(mz=np.nan)
+    )
+    assert fit_machine(machine, survey(positions(aligned))).fitted.rms_um < EXACT
+
+
+def with_mount(table: pd.DataFrame, mount: Rotation) -> pd.DataFrame:
+    turned = Rotation.from_rotvec(np.array(table[["mrx", "mry", "mrz"]])) * mount
+    return table.assign(**dict(zip(["mrx", "mry", "mrz"], turned.as_rotvec().T, strict=True)))
+
+
+@pytest.mark.parametrize("name", [FIVE_AXIS, "six_axis_arm"])
+def test_orientations(name: str) -> None:
+    """A 6-D target mounted at any angle sees angles that its position does not, and its rows say so."""
+    machine = read_machine(name)
+    p = errors(Chain(machine), 5)
+    mount = Rotation.from_rotvec([1.2, -0.9, 2.0])
+    table = with_mount(measured(machine, p, 150), mount)
+    table.loc[100:, ["mrx", "mry", "mrz"]] = np.nan
+    fit = fit_machine(machine, survey(table))
+    assert fit.fitted.rms_um < EXACT
+    assert prediction_error(fit, p) < EXACT
+    plain = fit_machine(machine, survey(positions(table)))
+    assert fit.solution.groups.rank > plain.solution.groups.rank
+    assert fit.solution.sigma["orientation"] < 1e-10  # rad
+    assert fit.problem.mount is not None
+    assert Rotation.from_matrix(fit.problem.mount.T @ mount.as_matrix()).magnitude() < 1e-3
+
+
+def motion_rows(machine: Machine, p: Array, joint: str, motions: tuple[str, ...], n: int = 25) -> pd.DataFrame:
+    """What an interferometer or a level reads of one joint, from a zero of its own."""
+    chain = Chain(machine)
+    travel = next(j.travel for j in machine.joints if j.name == joint)
+    q = np.linspace(*travel, n)
+    rows = [q if c == joint else np.zeros(n) for c in chain.channels]
+    ids = tuple(i for i in chain.machine_ids if chain.parameters[chain.index[i]].element == joint)
+    terms = chain.kernel("terms", ids)(rows, p).reshape(-1, 6, n)[: len(ids)]
+    six = np.einsum("p,pim->im", [p[chain.index[i]] for i in ids], terms)
+    zeros = {m: 1e-2 * (k + 1) for k, m in enumerate(motions)}
+    read = {m: six[MOTIONS.index(m)] + zeros[m] for m in motions}  # type: ignore[arg-type]
+    table = pd.DataFrame({**dict(zip(chain.channels, rows, strict=True)), **read, "joint": joint})
+    table[[j.name for j in machine.joints if j.name != joint]] = np.nan
+    return table.assign(run="1", file="a.csv", role="fit", row=np.arange(1, n + 1), mx=np.nan, my=np.nan, mz=np.nan)
+
+
+def test_error_motions_join_volumetric_rows() -> None:
+    machine = read_machine(THREE_AXIS)
+    p = errors(Chain(machine), 6)
+    volumetric = positions(measured(machine, p, 60)).assign(joint="")
+    rows = [motion_rows(machine, p, "X", ("dx", "eb")), motion_rows(machine, p, "Y", ("dx", "dz", "ea", "ec"))]
+    fit = fit_machine(machine, survey(volumetric, *rows))
+    assert max(fit.fitted.rms_um, prediction_error(fit, p)) < EXACT
+    named, index = fit.solution.named(), fit.chain.index
+    assert named["X.dx.1"] == pytest.approx(p[index["X.dx.1"]], rel=1e-6)  # its own, not the frame's or a group's
+    assert named["zero[Y, run 1].dz"] == pytest.approx(2e-2, abs=1e-9)
+    assert set(fit.solution.sigma) == {"position", "displacement", "angle"}
+    alone = fit_machine(machine, survey(*rows))
+    assert alone.solution.named()["Y.ec.1"] == pytest.approx(p[index["Y.ec.1"]], rel=1e-9)
+
+
+@pytest.mark.parametrize("frame", ["shared", "fixed"])
+def test_heights_alone(frame: str) -> None:
+    """What is not measured shows by the frame's tilt, a few urad: it must not be fitted with metres of error."""
+    machine = read_machine(THREE_AXIS)
+    table = positions(measured(machine, errors(Chain(machine), 1), 80, noise=3e-3, frame=((0, 0, 0), (0, 0, 0))))
+    fit = fit_machine(machine, survey(table.assign(mx=np.nan, my=np.nan), frame=frame))
+    s = fit.solution
+    assert s.converged
+    assert np.abs(s.values).max() < 0.1  # mm, rad
+    assert s.sigma["position"] == pytest.approx(3e-3, rel=0.2)
+    assert {s.groups.ids[j].split(".")[1] for j in s.groups.base} <= {"dz", "ea", "eb"}
+
+
+def test_orientations_of_rows_without_a_position() -> None:
+    machine = read_machine(FIVE_AXIS)
+    p = errors(Chain(machine), 2)
+    table = measured(machine, p, 100)
+    table.loc[60:, ["mx", "my", "mz"]] = np.nan
+    fit = fit_machine(machine, survey(table))
+    assert fit.solution.sums["orientation"].count == 300
+    assert fit.solution.sums["position"].count == 180
+    assert prediction_error(fit, p) < EXACT
+    assert np.isnan(fit.heldout_residuals[60:]).all()
+
+
+def test_a_stretch_where_nothing_was_measured() -> None:
+    machine = read_machine(THREE_AXIS)
+    p = errors(Chain(machine), 3)
+    table = positions(measured(machine, p, 120))
+    table.loc[30:70, ["mx", "my", "mz"]] = np.nan  # the beam was lost for a third of the rows
+    fit = fit_machine(machine, survey(table))
+    assert (fit.fitted.n, fit.heldout.n) == (79, 79)
+    assert prediction_error(fit, p) < EXACT
+
+
+def test_uncertainties_of_some_rows_only() -> None:
+    """Neither a guess nor a crash: which row lacks it."""
+    machine = read_machine(THREE_AXIS)
+    table = positions(measured(machine, errors(Chain(machine), 4), 80, noise=3e-3))
+    stated = table.assign(**dict.fromkeys(SIGMA, 3e-3))
+    gap = stated.copy()
+    gap.loc[10:, "sigma_z"] = np.nan
+    with pytest.raises(InputError, match="row 11"):
+        fit_machine(machine, survey(gap))
+    with pytest.raises(InputError, match="uncertaint"):
+        fit_machine(machine, survey(stated, table.assign(run="2"), frame="per-run"))
+    gap.loc[10:, "mz"] = np.nan  # what was not measured needs none
+    assert fit_machine(machine, survey(gap)).solution.converged
+    other = table.assign(role="test", file="b.csv")
+    assert fit_machine(machine, survey(stated, other, frame="per-file")).tests[0].fitted.rms_um < 10
+
+
+def test_one_row_with_another_tool_among_thousands() -> None:
+    """The rank is decided on a sample of rows; what the sample missed is found all the same."""
+    machine = read_machine(FIVE_AXIS)
+    p = errors(Chain(machine), 5)
+    table = positions(measured(machine, p, 3000, noise=1e-3, frame=((0, 0, 0), (0, 0, 0))))
+    one = fit_machine(machine, survey(table, frame="fixed")).solution.groups.rank
+    long = positions(measured(machine, p, 1, 8, tools=((0, 0, -435.185),), frame=((0, 0, 0), (0, 0, 0))))
+    two = fit_machine(machine, survey(table[:1501], long, table[1501:], frame="fixed")).solution.groups.rank
+    assert (one, two) == (32, 34)
+
+
+def test_too_few_rows_say_how_many_are_needed() -> None:
+    machine = read_machine(FIVE_AXIS)
+    table = positions(measured(machine, errors(Chain(machine), 6), 400, noise=1e-3))
+    for n in (1, 2, 5, 10):
+        with pytest.raises(InputError, match="Measure at least"):
+            fit_machine(machine, survey(table[:n]))
+    assert fit_machine(machine, survey(table[:15])).solution.dof > 0
+
+
+def test_the_callers_arithmetic_is_left_alone() -> None:
+    before = np.geterr()
+    machine = read_machine(THREE_AXIS)
+    fit_machine(machine, survey(positions(measured(machine, errors(Chain(machine), 7), 60))))
+    assert np.geterr() == before
