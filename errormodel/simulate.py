@@ -82,8 +82,8 @@ def simulate(
     Returns
     -------
     DataFrame
-        ``mx my mz`` in mm and ``mrx mry mrz`` (rotation vector, rad, without noise), in the measuring frame. They are NaN
-        in rows about one joint's error motions, which have ``dx dy dz ea eb ec`` (mm, rad, without noise).
+        ``mx my mz`` in mm and ``mrx mry mrz`` (rotation vector, rad, without noise), in the measuring frame. They are
+        NaN in rows about one joint's error motions, which have ``dx dy dz ea eb ec`` (mm, rad, without noise).
     """
     import pandas as pd
     from scipy.spatial.transform import Rotation

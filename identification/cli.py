@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import inspect
+import io
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -73,7 +74,7 @@ _quiet = False
 def say(text: str = "") -> None:
     """Print a line of the result."""
     if not _quiet:
-        click.echo(text)
+        click.echo("\n".join(map(one_line, text.split("\n"))))
 
 
 @contextmanager
@@ -299,6 +300,8 @@ def predict(folder: Path, points: Path, out: Path) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Entry point: one message and exit code 2 for wrong input, never a traceback for it."""
+    if isinstance(sys.stdout, io.TextIOWrapper):  # a code page that lacks a letter of somebody's machine
+        sys.stdout.reconfigure(errors="replace")
     try:
         app(arguments, prog_name="errormodel", standalone_mode=False)
     except InputError as error:

@@ -166,7 +166,7 @@ def test_the_predicted_error_is_actual_minus_nominal_in_the_measuring_frame(trip
     nominal = chain.kernel("nominal", outputs=(0, 1, 2))([r.to_numpy(dtype=float) for r in rows]).T
     nominal = Rotation.from_rotvec(frame["rotation"]).apply(nominal) + frame["translation"]
     np.testing.assert_allclose(predicted[["ex", "ey", "ez"]], predicted[XYZ] - nominal, atol=1e-9)
-    assert 0.01 < np.abs(predicted[["ex", "ey", "ez"]]).to_numpy().max() < 2
+    assert 0.01 < np.abs(predicted[["ex", "ey", "ez"]].to_numpy()).max() < 2
 
 
 def test_another_tool_is_less_certain_where_the_survey_could_not_tell(mill: Path, tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ ROOT = Path(__file__).resolve().parent.parent
 def process(*arguments: object, **environment: str) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "identification.cli", *map(str, arguments)]
     env = os.environ | {"PYTHONPATH": str(ROOT)} | environment
-    return subprocess.run(command, capture_output=True, text=True, env=env, check=False)
+    return subprocess.run(command, capture_output=True, text=True, errors="replace", env=env, check=False)
 
 
 @pytest.fixture(scope="module")
@@ -110,6 +110,16 @@ def test_the_library_is_listed_and_found_by_name(tmp_path: Path) -> None:
     model = replace(read_machine(MILL), name='A "new" <one>')
     write_machine(model, tmp_path / "machine.yaml")
     assert done("describe", tmp_path).out.startswith('A "new" <one>')
+
+
+def test_names_are_printed_as_text_on_any_console(tmp_path: Path) -> None:
+    """No escape sequence of a file reaches the terminal, and no code page breaks the output."""
+    model = replace(read_machine(MILL), name="Fräse \u2211 \x1b[31m\u202e")
+    write_machine(model, tmp_path / "machine.yaml")
+    result = process("describe", tmp_path, PYTHONIOENCODING="cp1252:strict")
+    assert (result.returncode, result.stderr) == (0, "")
+    assert "\x1b" not in result.stdout
+    assert done("describe", tmp_path).out.startswith("Fräse \u2211  [31m ")
 
 
 def test_a_result_that_nobody_reads_to_its_end_is_no_error() -> None:

@@ -108,11 +108,16 @@ def membership(groups: Groups) -> set[frozenset[str]]:
 
 def assert_same_groups(found: Groups, expected: Groups) -> None:
     """Ranks decided with room to spare are equal, and so is who stands with whom."""
-    spectrum = expected.singular_values
-    assume(not expected.rank or spectrum[expected.rank - 1] > 1e-5)
-    assert found.rank == expected.rank
-    assert found.no_effect == expected.no_effect
+    assert_same_rank(found, expected)
     assert membership(found) == membership(expected)
+
+
+def assert_same_rank(found: Groups, expected: Groups) -> None:
+    spectrum, rank = expected.singular_values, expected.rank
+    assume(not rank or spectrum[rank - 1] > 1e-5)
+    assume(rank == len(spectrum) or spectrum[rank] < 1e-11)
+    assert found.rank == rank
+    assert found.no_effect == expected.no_effect
 
 
 def scaled(machine: Machine, factor: float) -> Machine:
@@ -134,11 +139,13 @@ def test_order_weights_units_and_frame_change_nothing(machine: Machine, seed: in
     expected = groups_of(chain)
     rows, shuffled = poses(machine, 300), rng.permutation(300)
     assert_same_groups(identifiable(chain, [seen(chain, [r[shuffled] for r in rows])], chain.machine_ids), expected)
-    assert_same_groups(groups_of(chain, whitener=10 ** rng.uniform(-1, 1, 300)), expected)
+    # weights of two decades are other data: what is clear stays so, but another member may stand for its group
+    assert_same_rank(groups_of(chain, whitener=10 ** rng.uniform(-1, 1, 300)), expected)
     assert_same_groups(groups_of(Chain(scaled(machine, 25.4))), expected)
     turned = Pose(Rotation.from_rotvec(rng.normal(size=3)).as_matrix(), rng.normal(0, 1e4, 3))
     whitener = rng.normal(size=(300, 3, 3)) + 3 * np.eye(3)  # as of a tracker, in the axes of the measuring frame
-    assert_same_groups(groups_of(chain, pose=turned, whitener=whitener), expected)
+    assert_same_rank(groups_of(chain, pose=turned, whitener=whitener), expected)
+    assert_same_groups(groups_of(chain, pose=turned), expected)
 
 
 @settings(max_examples=12)
