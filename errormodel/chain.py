@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from threading import Lock
 from typing import TYPE_CHECKING, Literal
 
 import casadi as ca
@@ -87,6 +88,7 @@ class Chain:
         self.ids = tuple(p.id for p in parameters)
         self.index = {identity: k for k, identity in enumerate(self.ids)}
         self.values = ca.SX.sym("p", len(parameters))
+        self._lock = Lock()
 
     def _effect_terms(self, spec: EffectSpec) -> list[tuple[str, Term]]:
         """An effect's parameters as terms of the elements they move."""
@@ -238,7 +240,8 @@ class Chain:
 
         `outputs` selects rows of the expression, e.g. (0, 1, 2) for positions only.
         """
-        return self._kernel(what, ids, tuple(sorted((fixed or {}).items())), outputs)
+        with self._lock:  # CasADi's expressions are shared and not made for several threads
+            return self._kernel(what, ids, tuple(sorted((fixed or {}).items())), outputs)
 
     @lru_cache(maxsize=64)  # noqa: B019  a chain lives as long as the work on its machine
     def _kernel(

@@ -18,6 +18,7 @@ from pydantic import Field
 import errormodel
 from errormodel import errorblock
 from errormodel.conventions import FRAME, INSTRUMENT, TOOL
+from errormodel.effects import registry
 from errormodel.exceptions import InputError, nearest
 from errormodel.files import write_text_atomic
 from errormodel.machine import EffectSpec, Joint, Machine, Shape, Vector
@@ -251,8 +252,9 @@ def _effect(document: Document, keys: Keys, elements: Sequence[Joint | Shape]) -
     if "effect" not in options:
         raise document.error((*keys, "effect"), "the key 'effect' is missing", "Write effect: and its name")
     effect = options.pop("effect")
-    if not isinstance(effect, str) or effect not in EFFECTS:
-        raise document.error((*keys, "effect"), f"unknown effect {shown(effect)}", nearest(str(effect), EFFECTS))
+    if not isinstance(effect, str) or (effect not in EFFECTS and effect not in registry()):
+        known = {*EFFECTS, *registry()}
+        raise document.error((*keys, "effect"), f"unknown effect {shown(effect)}", nearest(str(effect), known))
     joints = [e.name for e in elements if isinstance(e, Joint)]
     shapes = [e.name for e in elements if isinstance(e, Shape)]
     places = {"joint": joints, "shape": shapes, "where": [*joints, *shapes, FRAME, TOOL, INSTRUMENT]}
@@ -304,7 +306,8 @@ def _laid_out(value: Any, levels: int) -> Any:
     from ruamel.yaml.scalarstring import DoubleQuotedScalarString
 
     if isinstance(value, str):  # line ends and the like would not survive in another style
-        return value if value.isprintable() else DoubleQuotedScalarString(value)
+        plain = value.isprintable() and not value.startswith(":")  # which a flow mapping would take for its own
+        return value if plain else DoubleQuotedScalarString(value)
     if hasattr(value, "tolist"):  # NumPy's, in the options of an effect
         value = value.tolist()
     if not isinstance(value, Mapping | Sequence):

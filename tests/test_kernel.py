@@ -54,7 +54,7 @@ def test_every_kernel_of_the_library_is_casadi(name: str) -> None:
     check_chain(machine, errors(Chain(machine), 1, um=1e3, urad=1e4), 50)
 
 
-@settings(max_examples=20)
+@settings(max_examples=12)
 @given(machines(), st.integers(0, 99))
 def test_every_kernel_of_any_chain_is_casadi(machine: Machine, seed: int) -> None:
     chain = Chain(machine)

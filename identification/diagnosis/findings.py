@@ -107,6 +107,9 @@ class Diagnosis:
         }
 
 
+FORM_ODDS = 3.0  # nats by which physics that has a name is the likelier story than a form that can bend to anything
+
+
 def motions_of(effect: Effect, bench: Workbench) -> list[str]:
     """Motions that an effect makes, in the order of its terms."""
     return list(dict.fromkeys(m for t in effect.terms(bench.channel, bench.chain.machine) for m in t.motion))
@@ -137,6 +140,7 @@ def probability_of(step: Step) -> float:
         if effect.effect not in step.effect.alike:  # those cannot be told apart and are listed as alternatives
             best[effect.effect] = max(best.get(effect.effect, -np.inf), evidence)
     values = np.array(list(best.values())) / temper
+    values[[k for k, name in enumerate(best) if name in registry() and registry()[name].generic]] -= FORM_ODDS
     weights = np.exp(values - values.max())
     return float(np.clip(weights[0] / weights.sum(), 0.0, 0.999))
 
@@ -182,7 +186,7 @@ def untestable(bench: Workbench, tried: Sequence[Effect], absorbed: Array) -> li
     for effect, part in zip(tried, absorbed, strict=True):
         best[effect.effect] = min(best.get(effect.effect, 1.0), float(part))
     for name, kind in registry().items():
-        if kind.generic:
+        if kind.generic or kind.family == "blunder":
             continue
         if name not in best:
             out.append(Untestable(name, "this survey has no rows or columns that it would show in", kind.separate))

@@ -17,7 +17,7 @@ from identification.sums import selectors_of
 from identification.views import GapView, PositionView, View
 from tests.benchmarks.five_axis import IDS, JOINTS, TOOL
 
-__all__ = ["IDS", "as_design", "build", "build_compact", "fit", "solve"]
+__all__ = ["IDS", "as_design", "build", "build_compact", "fit", "solve", "stream"]
 
 
 def machine() -> Machine:
@@ -49,6 +49,11 @@ def build(q: Array) -> Array:
 def as_design(result: Array, q: Array) -> Array:
     """The same as (n, 3, 52), a view."""
     return result.reshape(len(IDS), 3, len(q)).transpose(2, 1, 0)
+
+
+def stream(q: Array) -> int:
+    """M as every fit takes it: its distinct functions, block by block through one buffer; nothing is kept."""
+    return sum(functions.shape[1] for _, functions in kernel().blocks(_rows(q)))
 
 
 def build_compact(q: Array) -> Array:
@@ -115,4 +120,5 @@ def _estimates(found: least_squares.Solution) -> dict[str, object]:
 
 
 def _rows(q: Array) -> list[Array]:
-    return [*as_rows(*q.T), *(np.full(len(q), component) for component in TOOL)]
+    tools = (np.broadcast_to(component, len(q)) for component in TOOL)  # folded into the kernel: never read
+    return [*as_rows(*q.T), *tools]

@@ -100,7 +100,11 @@ def race(contenders: list[Contender], inputs: tuple[Array, ...], repeats: int, m
 
 def build(n: int, repeats: int, others: list[Contender], memory: bool) -> list[Row]:
     """M at `n` poses."""
-    own = [Contender("ours, M", ours, "build"), Contender("ours, distinct functions only", ours, "build_compact")]
+    own = [
+        Contender("ours, M streamed as fits take it", ours, "stream"),
+        Contender("ours, M without repetitions", ours, "build_compact"),
+        Contender("ours, dense M", ours, "build"),
+    ]
     return race([*own, *others], (five_axis.poses(n),), repeats, memory)
 
 
