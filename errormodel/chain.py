@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from threading import Lock
 from typing import TYPE_CHECKING, Literal
 
 import casadi as ca
@@ -88,7 +87,6 @@ class Chain:
         self.ids = tuple(p.id for p in parameters)
         self.index = {identity: k for k, identity in enumerate(self.ids)}
         self.values = ca.SX.sym("p", len(parameters))
-        self._lock = Lock()
 
     def _effect_terms(self, spec: EffectSpec) -> list[tuple[str, Term]]:
         """An effect's parameters as terms of the elements they move."""
@@ -174,7 +172,8 @@ class Chain:
         q, axis = self._channel[element.name], ca.SX(ca.DM(element.axis))
         if element.type == "prismatic":
             return q * axis + shift, turn
-        return shift, turn @ rotation_about(axis, q)
+        half = rotation_about(axis, q / 2)  # whose sine first-order errors need as well: one sine and cosine less a row
+        return shift, turn @ half @ half
 
     @cached_property
     def _actual(self) -> tuple[ca.SX, ca.SX]:
@@ -240,8 +239,7 @@ class Chain:
 
         `outputs` selects rows of the expression, e.g. (0, 1, 2) for positions only.
         """
-        with self._lock:  # CasADi's expressions are shared and not made for several threads
-            return self._kernel(what, ids, tuple(sorted((fixed or {}).items())), outputs)
+        return self._kernel(what, ids, tuple(sorted((fixed or {}).items())), outputs)
 
     @lru_cache(maxsize=64)  # noqa: B019  a chain lives as long as the work on its machine
     def _kernel(

@@ -16,7 +16,7 @@ import numpy as np
 
 from errormodel.arrays import Array, Numbers
 
-BLOCK = 2048  # rows a block: the work registers of a five-axis machine then stay in the second-level cache
+BLOCK = 4096  # rows a block: the functions of a five-axis machine then stay in the second-level cache
 
 _UNARY = {
     ca.OP_SIN: "sin", ca.OP_COS: "cos", ca.OP_TAN: "tan", ca.OP_ASIN: "arcsin", ca.OP_ACOS: "arccos",

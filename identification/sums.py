@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
@@ -14,8 +11,7 @@ from errormodel.arrays import Array, Index
 from errormodel.kernel import Kernel
 from identification.views import Kind, View, anywhere
 
-PART = 20_000  # rows worth a thread of their own
-SAMPLE = 1024  # rows that the rank is decided on, before all rows are asked whether they agree
+SAMPLE = 512  # rows that the rank is decided on, before all rows are asked whether they agree
 
 
 @dataclass
@@ -58,39 +54,20 @@ def accumulate(
     gram : bool
         False leaves ``M'WM`` out (it does not change while M is not taken anew).
     """
-    tasks = []
+    sums: dict[Kind, Sums] = {}
     for view in views:
         local = np.array([k for k, c in enumerate(view.columns) if c in unknowns], dtype=np.intp)
         places = np.array([unknowns[view.columns[k]] for k in local], dtype=np.intp)
         linear = values[places] * (np.array([exact and k < len(view.ids) for k in local]) == 0)
         p = view_vector(view, unknowns, values, held) if exact else held
         here = None if at is None else view_vector(view, unknowns, at, held)
-        bent = linear if linear.any() else None
-        tasks += [(places, _Task(part, local, bent, p, here, gram)) for part in _parts(view)]
-    sums: dict[Kind, Sums] = {}
-    for (places, task), own in zip(tasks, _run([task for _, task in tasks]), strict=True):
-        whole = sums.setdefault(task.view.kind, Sums.zero(len(unknowns)))
+        own = _Task(view, local, linear if linear.any() else None, p, here, gram).run()
+        whole = sums.setdefault(view.kind, Sums.zero(len(unknowns)))
         whole.gram[np.ix_(places, places)] += own.gram
         whole.slope[places] += own.slope
         whole.square += own.square
-        whole.count += task.view.count
+        whole.count += view.count
     return sums
-
-
-def _parts(view: View) -> list[View]:
-    """The view as it is, or, where it is long, a part for each processor."""
-    parts = min(os.cpu_count() or 1, len(view) // PART)
-    if parts < 2:
-        return [view]
-    return [view.part(slice(a, b)) for a, b in pairwise(np.linspace(0, len(view), parts + 1).astype(int))]
-
-
-def _run(tasks: Sequence[_Task]) -> list[Sums]:
-    """All tasks, side by side where there are long ones: NumPy lets go of the interpreter while it works on a block."""
-    if not any(len(t.view) >= PART for t in tasks) or len(tasks) < 2:
-        return [task.run() for task in tasks]
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        return list(pool.map(_Task.run, tasks))
 
 
 def total(sums: Mapping[Kind, Sums], sigma: Mapping[Kind, float]) -> tuple[Array, Array]:
