@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 
-from errormodel.arrays import Array, as_rows
+from errormodel.arrays import Array
 from errormodel.chain import TOOL_CHANNELS, Chain
 from errormodel.conventions import MOTIONS
 from errormodel.kernel import Kernel
@@ -107,8 +107,8 @@ def _view(q: Array, measured: Array) -> PositionView:
         ids=IDS,
         columns=IDS,
         rows=_rows(q),
-        whitener=np.ones(n),
-        index=np.arange(n),
+        whitener=np.broadcast_to(1.0, n),
+        index=np.broadcast_to(np.intp(0), n),
         fixed=dict(zip(TOOL_CHANNELS, TOOL, strict=True)),
         measured=measured,
     )
@@ -121,4 +121,4 @@ def _estimates(found: least_squares.Solution) -> dict[str, object]:
 
 def _rows(q: Array) -> list[Array]:
     tools = (np.broadcast_to(component, len(q)) for component in TOOL)  # folded into the kernel: never read
-    return [*as_rows(*q.T), *tools]
+    return [*q.T, *tools]

@@ -29,7 +29,7 @@ if __package__ in (None, ""):  # started as a file
 
 from tests.benchmarks import five_axis, ours, timing
 from tests.benchmarks.five_axis import Array
-from tests.benchmarks.rivals import RIVALS, competent_numpy
+from tests.benchmarks.rivals import RIVALS, competent_numpy, stacked_numpy
 
 Row = dict[str, Any]
 CHECKED = 20  # poses on which M is compared with 60 digits
@@ -117,7 +117,10 @@ def fit(n: int, repeats: int, memory: bool) -> list[Row]:
 
 def solvers(function: str) -> list[Contender]:
     """Ours and the competent user's."""
-    return [Contender("ours", ours, function), Contender("NumPy M, lstsq, inv", competent_numpy, function)]
+    found = [Contender("ours", ours, function), Contender("NumPy tuned, lstsq, inv", competent_numpy, function)]
+    if function == "fit":
+        found.append(Contender("NumPy stacks, lstsq, inv", stacked_numpy, function))
+    return found
 
 
 def exactness(poses: int = 400) -> list[Row]:

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 # name on the command line: (module, what it is in the table, what to install)
 RIVALS = {
-    "numpy": ("competent_numpy", "NumPy, vectorised over poses", "numpy"),
+    "numpy": ("competent_numpy", "NumPy, tuned: pose as last index", "numpy"),
+    "numpy-stacks": ("stacked_numpy", "NumPy, (n, 3, 3) stacks", "numpy"),
     "sympy": ("sympy_rival", "SymPy lambdify, all poses at once", "sympy"),
     "sympy-blocks": ("sympy_blocks", "SymPy lambdify, blocks of poses", "sympy"),
     "numba": ("numba_rival", "Numba, hand-written loop", "numba"),
