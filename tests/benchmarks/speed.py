@@ -201,7 +201,7 @@ def main() -> None:
         print("\nRelative error of the scaled parameters, against 60 digits")
         for row in report["accuracy"]:
             where = f"{row['travel']} travel, from {row['from']}, {row['rank']} parameters"
-            print(f"{row['name']:<22}{where:<55}{row['error']:>9.0e}")
+            print(f"{row['name']:<26}{where:<55}{row['error']:>9.0e}")
     if options.json:
         options.json.write_text(json.dumps(report, indent=1), encoding="utf-8")
 
