@@ -18,6 +18,7 @@ from errormodel.exceptions import InputError
 
 if TYPE_CHECKING:
     from identification.describe import Description
+    from identification.diagnosis.findings import Diagnosis
     from identification.fit.result import Fit
 
 FOLDER = click.Path(path_type=Path, file_okay=False)
@@ -228,7 +229,7 @@ def fit(machine: str, survey: Path, out: Path) -> None:
     _say_fit(result, out)
 
 
-def _save(result: Fit, out: Path) -> None:
+def _save(result: Fit, out: Path, diagnosis: Diagnosis | None = None) -> None:
     from identification import store
 
     with working("Writing tables"):
@@ -236,7 +237,7 @@ def _save(result: Fit, out: Path) -> None:
     with working("Drawing the report"):
         from identification.report import write_report
 
-        write_report(result, out / "report.html")
+        write_report(result, out / "report.html", diagnosis)
 
 
 def _say_fit(result: Fit, out: Path) -> None:
@@ -268,7 +269,7 @@ def diagnose(machine: str, survey: Path, out: Path) -> None:
     _notes(data.notes)
     with working("Looking for what was left out"):
         result = stage(model, data)
-    _save(result.final, out)
+    _save(result.final, out, result.diagnosis)
     write_text_atomic(dumps(result.diagnosis.as_json()), out / "diagnosis.json")
     for line in diagnosis_lines(result.diagnosis):
         say(line)

@@ -18,6 +18,7 @@ from errormodel.chain import Chain
 from errormodel.effects.axis_blunder import MEASURED, AxisBlunder
 from errormodel.survey import Survey
 from identification.alignment import align
+from identification.problem import frame_labels
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -38,7 +39,7 @@ class Blunder:
 
 def find_blunder(chain: Chain, survey: Survey) -> Blunder | None:
     """The most convincing blunder of a column, or None; a second one shows when the mended survey is looked at."""
-    whole = np.isfinite(survey.measured).all(axis=1)
+    whole = np.isfinite(survey.measured).all(axis=1) & _one_frame(survey)
     if whole.sum() < 8 or survey.frame == "fixed":
         return None
     rows = np.flatnonzero(whole)
@@ -51,6 +52,13 @@ def find_blunder(chain: Chain, survey: Survey) -> Blunder | None:
     if after > before / BETTER:
         return None
     return Blunder(best, 1e3 * before, 1e3 * after, replace(survey, table=best.mend(survey.table)))
+
+
+def _one_frame(survey: Survey) -> Mask:
+    """The rows to fit that share the measuring frame most of them have: two frames cannot be aligned as one."""
+    fit = survey.table["role"].to_numpy() == "fit"
+    labels, counts = np.unique(frame_labels(survey)[fit].astype(str), return_counts=True)
+    return np.asarray(fit & (frame_labels(survey).astype(str) == labels[np.argmax(counts)]))
 
 
 def _misfit(chain: Chain, table: pd.DataFrame) -> float:

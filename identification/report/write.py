@@ -6,14 +6,18 @@ from pathlib import Path
 
 from errormodel import __version__
 from errormodel.files import write_text_atomic
+from identification.diagnosis.findings import Diagnosis
 from identification.estimates import estimates
 from identification.fit.result import Fit
 from identification.report import tables, wording
 from identification.report.pictures import pictures
 
 
-def write_report(fit: Fit, path: Path) -> None:
-    """Write the report of `fit` to `path`: HTML that holds all it shows; same fit, same bytes."""
+def write_report(fit: Fit, path: Path, diagnosis: Diagnosis | None = None) -> None:
+    """Write the report of `fit` to `path`: HTML that holds all it shows; same fit, same bytes.
+
+    With a diagnosis, `fit` is that of the extended machine and its findings come first.
+    """
     import jinja2
 
     environment = jinja2.Environment(
@@ -27,6 +31,7 @@ def write_report(fit: Fit, path: Path) -> None:
     text = environment.get_template("report.html").render(
         machine=fit.chain.machine.name,
         headline=wording.headline(fit),
+        diagnosis=diagnosis,
         judgements=wording.judgements(fit),
         notes=fit.notes,
         results=tables.results(fit),
