@@ -101,7 +101,7 @@ def find_groups(
         unit = np.linalg.qr(unit, mode="r")
     singular = np.linalg.svd(unit, compute_uv=False)
     # what hardly shows is independent all the same; but it should not stand for a group, nor outlast the noise
-    strength = np.minimum(norms[order] / scale[order], 1.0)
+    strength = norms[order] / np.maximum(scale[order], norms[order])
     above = np.linalg.svd(unit * strength, compute_uv=False) > floors.direction
     rank = min(int((singular > ROUND_OFF).sum()), int(above.sum()))
     chosen = _first_independent(unit, strength, rank)

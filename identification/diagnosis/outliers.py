@@ -7,7 +7,7 @@ import numpy as np
 from errormodel.arrays import Mask
 from identification.fit.result import Fit
 
-GROSS = 8.0  # robust standard deviations: Gaussian noise never gets there, knees and local defects rarely
+GROSS = 10.0  # robust standard deviations: Gaussian noise never gets there, knees and local defects rarely
 MOST = 0.15  # of the rows: more is not a handful of accidents
 
 

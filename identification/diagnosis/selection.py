@@ -109,7 +109,7 @@ def next_step(growth: Growth, candidates: Candidates) -> Step | None:
     if own is not None:
         best = replace(best, refines=own)
     elif (
-        best.evidence - np.log(searched) < DETECT
+        best.evidence - doubt(bench, best) - np.log(searched) < DETECT
         or best.drop < LEAK * explained
         or len(growth.findings) >= MOST_FINDINGS
     ):
@@ -147,7 +147,7 @@ def second_look(growth: Growth, candidates: Candidates) -> Growth:
         old = growth.steps[number]
         if best.effect.key == old.effect.key or best.drop < 1.02 * _drop_of(bench, old.effect):
             continue
-        if best.evidence - np.log(len(ranked)) < DETECT:
+        if best.evidence - doubt(bench, best) - np.log(len(ranked)) < DETECT:
             continue
         rivals = tuple((s.effect, s.evidence) for s in steps if s is not best)
         kept = [*others, replace(best, rivals=rivals)]
@@ -203,6 +203,29 @@ def _polished(candidates: Candidates, scores: Scores, bench: Workbench, number: 
     return Step(
         effect, float(own.evidence[0] - np.log(same)), float(own.drop[0]), float(own.absorbed[0]), (), None, searched
     )
+
+
+def doubt(bench: Workbench, step: Step) -> float:
+    """Nats of a step's evidence that noise correlated from row to row would make as well."""
+    inflation = max(scatter(bench, step.effect, blocks) for blocks in (30, 12))
+    return step.drop / 2 * (1 - 1 / inflation)
+
+
+def scatter(bench: Workbench, effect: Effect, blocks: int) -> float:
+    """How much more an effect's columns scatter than in white noise, by what is left over after it; at least 1.
+
+    Sums of column times residual over blocks of consecutive rows vary by more than their share where the noise is
+    correlated for longer than a row and the column changes as slowly (cluster-robust variance, Liang & Zeger).
+    """
+    after = bench.with_columns(bench.columns(effect)[0])
+    new = after.basis[:, bench.basis.shape[1] :]
+    if not new.shape[1]:
+        return 1.0
+    number = np.digitize(bench.index, np.linspace(bench.index.min(), bench.index.max() + 1, blocks + 1)) - 1
+    products = new * after.residual[:, None]
+    sums = np.array([np.bincount(number, column, minlength=blocks) for column in products.T])
+    expected = after.square / after.freedom * new.shape[1]
+    return max(1.0, float(np.square(sums).sum()) / expected)
 
 
 def _refined(growth: Growth, step: Step) -> int | None:

@@ -1,0 +1,54 @@
+"""Surveys with nothing in them but geometry and white noise: the diagnosis stays quiet, whatever channels there are."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from errormodel.chain import Chain
+from errormodel.instruments.plain import Plain
+from errormodel.machine import Machine
+from errormodel.schema import read_machine
+from errormodel.simulate import Truth, random_points, simulate
+from errormodel.survey import Survey
+from identification.diagnosis.run import diagnose
+
+SIZES = {"mm": 0.01, "rad": 2e-5, "1": 2e-5, "rad/mm": 2e-8}
+
+
+def empty_survey(machine: Machine, rows: int, seed: int, *, channels: bool, grid: bool) -> Survey:
+    """Geometry of usual size, a tracker that stands anywhere, 5 um of noise; channels that have nothing to say."""
+    rng = np.random.default_rng(seed)
+    table = random_points(machine, rows, seed)
+    if grid:
+        for joint in machine.joints:
+            table[joint.name] = rng.choice(np.linspace(*joint.travel, 6), rows)
+    time = np.cumsum(rng.uniform(15, 50, rows))
+    table = table.assign(run="1", file="a.csv", role="fit", row=np.arange(1, rows + 1))
+    if channels:
+        waves = {f"T_{k}": rng.uniform(0.3, 4) * np.sin(time / time[-1] * rng.uniform(2, 7)) for k in range(3)}
+        table = table.assign(
+            time=time,
+            **{name: 21 + wave + rng.normal(0, 0.03, rows) for name, wave in waves.items()},
+            feed=rng.choice([1500.0, 3000.0, 6000.0], rows),
+            w_level=np.cumsum(rng.normal(0, 1, rows)),
+        )
+    chain = Chain(machine)
+    errors = {p.id: rng.normal(0, SIZES[p.unit]) for p in chain.parameters if p.id in chain.machine_ids}
+    measured = simulate(machine, table, Truth(errors, (500.0, -200.0, 100.0), (0.1, 0.2, 0.5)), 0.005, seed)
+    table = pd.concat([table, measured[["mx", "my", "mz"]]], axis=1)
+    return Survey(table, "shared", ("frame",), Plain(type="plain"), Path("a.csv"))
+
+
+@pytest.mark.parametrize("name", ["vertical_three_axis", "bridge_cmm", "horizontal_three_axis", "h_gantry_dual_drive"])
+@pytest.mark.parametrize(("channels", "grid"), [(True, False), (False, False), (True, True)])
+def test_nothing_is_found_where_nothing_is(name: str, channels: bool, grid: bool) -> None:
+    machine = read_machine(name)
+    for seed, rows in ((1, 150), (2, 400)):
+        diagnosis = diagnose(machine, empty_survey(machine, rows, seed, channels=channels, grid=grid)).diagnosis
+        assert diagnosis.verdict == "adequate", [f.statement for f in diagnosis.findings]
+        assert not diagnosis.findings
+        assert diagnosis.noise_um == pytest.approx(5.0, rel=0.12)
