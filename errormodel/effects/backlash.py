@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import ClassVar
 
-from errormodel.effects.base import Channels, Effect, EffectTerm, along
+from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect, along
 from errormodel.effects.scene import Scene
 from errormodel.machine import Machine, joint_of
 
 
-class Backlash(Effect):
+class Backlash(JointEffect):
     """``size/2 * direction`` along the axis (mm, or rad about it); positive: ahead in the direction of travel."""
 
     effect: ClassVar[str] = "backlash"
@@ -19,12 +19,6 @@ class Backlash(Effect):
     alike: ClassVar[tuple[str, ...]] = ("lost-motion", "hysteresis", "servo-lag")
     separate: ClassVar[str] = "approach the same positions from both sides at two feeds, along the whole travel"
     example: ClassVar[Mapping[str, object]] = {"joint": "X"}
-
-    joint: str
-
-    @property
-    def where(self) -> str:
-        return self.joint
 
     @property
     def drivers(self) -> tuple[str, ...]:

@@ -89,6 +89,16 @@ class Effect(BaseModel, ABC):
         return (self.effect, self.where, self.drivers)
 
 
+class JointEffect(Effect):
+    """An effect that sits at one joint: its ``joint:`` in ``machine.yaml``."""
+
+    joint: str
+
+    @property
+    def where(self) -> str:
+        return self.joint
+
+
 def axis_motion(joint: Joint) -> Motion:
     """The translation (prismatic) or rotation (rotary) motion along the joint's axis: positioning."""
     k = max(range(3), key=lambda i: abs(joint.axis[i]))

@@ -7,14 +7,14 @@ from typing import Annotated, ClassVar
 
 from pydantic import Field
 
-from errormodel.effects.base import Channels, Effect, EffectTerm, along
+from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect, along
 from errormodel.effects.ops import absolute, fmax
 from errormodel.effects.scene import Scene
 from errormodel.effects.travel import fraction
 from errormodel.machine import Machine, joint_of
 
 
-class CompensationActive(Effect):
+class CompensationActive(JointEffect):
     """The table's value at each inner one of `points` points, even over the travel; mm along the axis, or rad.
 
     At the ends it is zero: a straight line belongs to the scale. Positive: what the table adds.
@@ -29,12 +29,7 @@ class CompensationActive(Effect):
 
     cost: ClassVar[float] = 10.0  # so many straight pieces follow any smooth curve
 
-    joint: str
     points: Annotated[int, Field(ge=3)]
-
-    @property
-    def where(self) -> str:
-        return self.joint
 
     @property
     def drivers(self) -> tuple[str, ...]:

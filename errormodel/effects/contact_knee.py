@@ -8,7 +8,7 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from errormodel.conventions import MOTIONS, Motion, unit_of
-from errormodel.effects.base import Channels, Effect, EffectTerm
+from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect
 from errormodel.effects.ops import fmax
 from errormodel.effects.scene import Scene
 from errormodel.effects.travel import length, usual_size
@@ -17,7 +17,7 @@ from errormodel.machine import Machine, joint_of
 KNEES = 16  # positions along the travel
 
 
-class ContactKnee(Effect):
+class ContactKnee(JointEffect):
     """`motion` in proportion to the way beyond `at` (mm, rad per travel of the joint), none on the other side of it."""
 
     effect: ClassVar[str] = "contact-knee"
@@ -27,14 +27,9 @@ class ContactKnee(Effect):
     separate: ClassVar[str] = "a dial gauge at the contact, and positions close together around the knee, both ways"
     example: ClassVar[Mapping[str, object]] = {"joint": "X", "motion": "dz", "at": 1400.0}
 
-    joint: str
     motion: Motion
     at: float  # mm or rad
     side: Literal["above", "below"] = "above"
-
-    @property
-    def where(self) -> str:
-        return self.joint
 
     @property
     def drivers(self) -> tuple[str, ...]:

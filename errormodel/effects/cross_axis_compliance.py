@@ -9,7 +9,7 @@ from typing import ClassVar
 from pydantic import Field
 
 from errormodel.conventions import ROTATIONS, TRANSLATIONS, Motion, unit_of
-from errormodel.effects.base import Channels, Effect, EffectTerm
+from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect
 from errormodel.effects.ops import cos, sin
 from errormodel.effects.scene import Scene
 from errormodel.effects.travel import legendre, scaled
@@ -21,7 +21,7 @@ SHAPES = {  # degree, along
 }
 
 
-class CrossAxisCompliance(Effect):
+class CrossAxisCompliance(JointEffect):
     """`motion` (mm, rad) as Legendre polynomials of the `other`'s travel, -1 to 1, or as harmonics of its turn."""
 
     effect: ClassVar[str] = "cross-axis-compliance"
@@ -31,15 +31,10 @@ class CrossAxisCompliance(Effect):
     separate: ClassVar[str] = "a level or a second target on the joint while only the other joint travels"
     example: ClassVar[Mapping[str, object]] = {"joint": "X", "motion": "ec", "other": "Y"}
 
-    joint: str
     motion: Motion
     other: str
     degree: int = Field(2, ge=1, le=3)
     along: bool = False  # gives way more at one end of the joint's own travel than at the other
-
-    @property
-    def where(self) -> str:
-        return self.joint
 
     @property
     def drivers(self) -> tuple[str, ...]:

@@ -8,13 +8,13 @@ from typing import Annotated, ClassVar
 
 from pydantic import Field
 
-from errormodel.effects.base import Channels, Effect, EffectTerm, along
+from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect, along
 from errormodel.effects.scene import Scene
 from errormodel.effects.shared import joint_as, waves
 from errormodel.machine import Machine
 
 
-class Eccentricity(Effect):
+class Eccentricity(JointEffect):
     """``sin * sin(harmonic q) + cos * cos(harmonic q)`` about the axis, rad; `harmonic` a turn."""
 
     effect: ClassVar[str] = "eccentricity"
@@ -24,12 +24,7 @@ class Eccentricity(Effect):
     separate: ClassVar[str] = "a polygon and autocollimator, or a calibrated encoder on the axis, once around"
     example: ClassVar[Mapping[str, object]] = {"joint": "B", "harmonic": 2}
 
-    joint: str
     harmonic: Annotated[int, Field(ge=1)] = 1
-
-    @property
-    def where(self) -> str:
-        return self.joint
 
     @property
     def drivers(self) -> tuple[str, ...]:

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from itertools import product
 from typing import ClassVar
 
-from errormodel.effects.base import Channels, Effect, EffectTerm
+from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect
 from errormodel.effects.scene import Scene
 from errormodel.effects.shared import Rotation, across, joint_as
 from errormodel.effects.travel import crossing, scaled
@@ -16,7 +16,7 @@ from errormodel.machine import Machine
 HINTS = ("sync", "enc", "rack", "x1x2", "x1_x2", "drive", "skew", "gantry", "dual", "yaw")
 
 
-class GantryRacking(Effect):
+class GantryRacking(JointEffect):
     """Yaw of `joint` per unit of a witness of the drives; or (rad) with the joint across, -1 to 1, or its side."""
 
     effect: ClassVar[str] = "gantry-racking"
@@ -26,13 +26,8 @@ class GantryRacking(Effect):
     separate: ClassVar[str] = "log both encoders of the gantry, or measure two lines at the ends of the bridge"
     example: ClassVar[Mapping[str, object]] = {"joint": "X", "channel": "w_sync"}
 
-    joint: str
     channel: str  # w_<name>; or the joint across, or dir_<joint>, where nothing witnesses the drives
     motion: Rotation = "ec"
-
-    @property
-    def where(self) -> str:
-        return self.joint
 
     @property
     def drivers(self) -> tuple[str, ...]:

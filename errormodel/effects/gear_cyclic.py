@@ -8,13 +8,13 @@ from typing import ClassVar
 
 import numpy as np
 
-from errormodel.effects.base import Channels, Effect, EffectTerm, along
+from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect, along
 from errormodel.effects.scene import Scene
 from errormodel.effects.shared import Positive, frequencies, joint_as, resolved, waves
 from errormodel.machine import Machine
 
 
-class GearCyclic(Effect):
+class GearCyclic(JointEffect):
     """``sin * sin(per_turn q) + cos * cos(per_turn q)`` about the axis, rad; `per_turn` need not be whole."""
 
     effect: ClassVar[str] = "gear-cyclic"
@@ -24,12 +24,7 @@ class GearCyclic(Effect):
     separate: ClassVar[str] = "200 positions over three periods, at steps that are no fraction of the period"
     example: ClassVar[Mapping[str, object]] = {"joint": "B", "per_turn": 90.0}
 
-    joint: str
     per_turn: Positive
-
-    @property
-    def where(self) -> str:
-        return self.joint
 
     @property
     def drivers(self) -> tuple[str, ...]:

@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar
 from pydantic import Field
 
 from errormodel.conventions import MOTIONS, Motion, unit_of
-from errormodel.effects.base import Channels, Effect, EffectTerm
+from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect
 from errormodel.effects.scene import Scene
 from errormodel.effects.shared import waves
 from errormodel.effects.travel import legendre, scaled, usual_size
@@ -18,7 +18,7 @@ from errormodel.machine import Joint, Machine, joint_of
 Degree = Annotated[int, Field(ge=1, le=30)]
 
 
-class HigherOrderGeometry(Effect):
+class HigherOrderGeometry(JointEffect):
     """`motion` of a joint as Legendre polynomials of its travel, -1 to 1, or as harmonics of its turn (mm, rad)."""
 
     effect: ClassVar[str] = "higher-order-geometry"
@@ -35,13 +35,8 @@ class HigherOrderGeometry(Effect):
     separate: ClassVar[str] = "the error motion of this joint alone, measured directly at four times as many positions"
     example: ClassVar[Mapping[str, object]] = {"joint": "X", "motion": "dy"}
 
-    joint: str
     motion: Motion
     degrees: tuple[Degree, ...] = ()  # (): the one above the declared model
-
-    @property
-    def where(self) -> str:
-        return self.joint
 
     @property
     def drivers(self) -> tuple[str, ...]:

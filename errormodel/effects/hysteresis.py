@@ -7,13 +7,13 @@ from typing import ClassVar
 
 import numpy as np
 
-from errormodel.effects.base import Channels, Effect, EffectTerm, along
+from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect, along
 from errormodel.effects.scene import Scene
 from errormodel.effects.shared import Positive
 from errormodel.machine import Machine, joint_of
 
 
-class Hysteresis(Effect):
+class Hysteresis(JointEffect):
     """``size * (position - what follows it with a play)/width`` along the axis (mm, or rad about it).
 
     `width` (mm, rad) is how far the joint must move to turn wholly; after long moves it is ``size/2 * direction``, as
@@ -29,12 +29,7 @@ class Hysteresis(Effect):
 
     cost: ClassVar[float] = 2.0  # plain backlash is the usual form
 
-    joint: str
     width: Positive
-
-    @property
-    def where(self) -> str:
-        return self.joint
 
     @property
     def drivers(self) -> tuple[str, ...]:

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from typing import ClassVar, Literal
 
 from errormodel.conventions import TRANSLATIONS
-from errormodel.effects.base import Channels, Effect, EffectTerm, along
+from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect, along
 from errormodel.effects.kinematics import Place, Triple, apply, places
 from errormodel.effects.ops import Value
 from errormodel.effects.scene import Scene
@@ -16,7 +16,7 @@ from errormodel.machine import Machine
 Gravity = Literal["x", "-x", "y", "-y", "z", "-z"]
 
 
-class JointCompliance(Effect):
+class JointCompliance(JointEffect):
     """Twist about the joint's axis per lever of weight (rad/mm): the mean of the members behind it, then the tool's.
 
     A member's lever is that of its end, mm. With `payload` the tool's is also taken per kg of ``load``.
@@ -29,13 +29,8 @@ class JointCompliance(Effect):
     separate: ClassVar[str] = "the same poses with two payloads, the arm stretched out and folded"
     example: ClassVar[Mapping[str, object]] = {"joint": "B", "gravity": "x"}
 
-    joint: str
     gravity: Gravity = "-z"  # direction of weight in the reference's axes
     payload: bool = False
-
-    @property
-    def where(self) -> str:
-        return self.joint
 
     @property
     def drivers(self) -> tuple[str, ...]:

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from errormodel.conventions import MOTIONS, Motion, unit_of
-from errormodel.effects.base import Channels, Effect, EffectTerm
+from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect
 from errormodel.effects.ops import exp
 from errormodel.effects.scene import Scene
 from errormodel.effects.shared import Positive
@@ -21,7 +21,7 @@ STEP = 0.8  # widths: neighbours alike to 0.85
 LEAST = 4  # rows within a width, so that it is no outlier
 
 
-class LocalDefect(Effect):
+class LocalDefect(JointEffect):
     """``height * exp(-((q - at) / width)^2 / 2)`` in one motion of a joint (mm, rad)."""
 
     effect: ClassVar[str] = "local-defect"
@@ -31,14 +31,9 @@ class LocalDefect(Effect):
     separate: ClassVar[str] = "twenty positions within three widths of the place, in both directions"
     example: ClassVar[Mapping[str, object]] = {"joint": "X", "motion": "dz", "at": 600.0, "width": 120.0}
 
-    joint: str
     motion: Motion
     at: float  # mm or rad
     width: Positive
-
-    @property
-    def where(self) -> str:
-        return self.joint
 
     @property
     def drivers(self) -> tuple[str, ...]:

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import ClassVar
 
-from errormodel.effects.base import Channels, Effect, EffectTerm, along
+from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect, along
 from errormodel.effects.scene import Scene
 from errormodel.effects.travel import fraction
 from errormodel.machine import Machine, joint_of
 
 
-class LostMotion(Effect):
+class LostMotion(JointEffect):
     """``(growth * u + size) * direction / 2`` along the axis; u runs from 0 to 1 over the travel. mm, or rad about it.
 
     Positive leads ahead in the direction of travel, as with backlash.
@@ -25,12 +25,6 @@ class LostMotion(Effect):
     example: ClassVar[Mapping[str, object]] = {"joint": "X"}
 
     cost: ClassVar[float] = 2.0  # plain backlash is the usual form
-
-    joint: str
-
-    @property
-    def where(self) -> str:
-        return self.joint
 
     @property
     def drivers(self) -> tuple[str, ...]:

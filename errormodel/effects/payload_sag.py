@@ -7,14 +7,14 @@ from itertools import product
 from typing import ClassVar
 
 from errormodel.conventions import MOTIONS, TRANSLATIONS, Motion, unit_of
-from errormodel.effects.base import Channels, Effect, EffectTerm
+from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect
 from errormodel.effects.ops import cos, sin
 from errormodel.effects.scene import Scene
 from errormodel.effects.travel import legendre, sag_direction, scaled
 from errormodel.machine import Machine, joint_of
 
 
-class PayloadSag(Effect):
+class PayloadSag(JointEffect):
     """`motion` per kg of the column ``load`` (mm/kg, rad/kg): constant, and Legendre polynomials of the travel.
 
     Of a rotary joint: a constant, and the sine and cosine of its angle.
@@ -27,12 +27,7 @@ class PayloadSag(Effect):
     separate: ClassVar[str] = "the same positions with no load and with two loads"
     example: ClassVar[Mapping[str, object]] = {"joint": "Y"}
 
-    joint: str
     motion: Motion | None = None  # None: dz, or dy of a joint along z
-
-    @property
-    def where(self) -> str:
-        return self.joint
 
     @property
     def drivers(self) -> tuple[str, ...]:

@@ -8,13 +8,13 @@ from typing import ClassVar
 
 import numpy as np
 
-from errormodel.effects.base import Channels, Effect, EffectTerm, along
+from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect, along
 from errormodel.effects.scene import Scene
 from errormodel.effects.shared import Positive, frequencies, joint_as, resolved, waves
 from errormodel.machine import Machine
 
 
-class PitchCyclic(Effect):
+class PitchCyclic(JointEffect):
     """``sin * sin(2 pi q/period) + cos * cos(2 pi q/period)`` along the axis, mm; `period` in mm."""
 
     effect: ClassVar[str] = "pitch-cyclic"
@@ -24,12 +24,7 @@ class PitchCyclic(Effect):
     separate: ClassVar[str] = "200 positions over three periods, at steps that are no fraction of the period"
     example: ClassVar[Mapping[str, object]] = {"joint": "X", "period": 10.0}
 
-    joint: str
     period: Positive
-
-    @property
-    def where(self) -> str:
-        return self.joint
 
     @property
     def drivers(self) -> tuple[str, ...]:

@@ -9,13 +9,13 @@ from typing import ClassVar
 import numpy as np
 
 from errormodel.conventions import MOTIONS, Motion, unit_of
-from errormodel.effects.base import Channels, Effect, EffectTerm, axis_motion
+from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect, axis_motion
 from errormodel.effects.scene import Scene
 from errormodel.effects.shared import Positive, frequencies, joint_as, resolved, waves
 from errormodel.machine import Machine
 
 
-class RailWaviness(Effect):
+class RailWaviness(JointEffect):
     """``sin * sin(2 pi q/period) + cos * cos(2 pi q/period)`` in one motion that is not positioning; `period` in mm."""
 
     effect: ClassVar[str] = "rail-waviness"
@@ -25,13 +25,8 @@ class RailWaviness(Effect):
     separate: ClassVar[str] = "straightness and level along the travel at steps of a sixth of the period"
     example: ClassVar[Mapping[str, object]] = {"joint": "X", "motion": "dz", "period": 120.0}
 
-    joint: str
     motion: Motion
     period: Positive
-
-    @property
-    def where(self) -> str:
-        return self.joint
 
     @property
     def drivers(self) -> tuple[str, ...]:

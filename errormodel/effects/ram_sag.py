@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from pydantic import Field
 
-from errormodel.effects.base import Channels, Effect, EffectTerm
+from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect
 from errormodel.effects.scene import Scene
 from errormodel.effects.shared import across, bent, joint_as
 from errormodel.effects.travel import (
@@ -25,7 +25,7 @@ from errormodel.effects.travel import (
 from errormodel.machine import Machine
 
 
-class RamSag(Effect):
+class RamSag(JointEffect):
     """``sag * u^exponent`` along `motion` (mm; u from 0 retracted to 1), with the angle of a cantilever's end.
 
     A second parameter (rad at full travel) is angle beyond that: guides give way where the ram leaves them.
@@ -38,14 +38,9 @@ class RamSag(Effect):
     separate: ClassVar[str] = "the same positions with two tools of different weight, and with two tool lengths"
     example: ClassVar[Mapping[str, object]] = {"joint": "Z", "motion": "dy"}
 
-    joint: str
     motion: Translation | None = None  # None: dz, or dy of a ram along z
     retracted: End | None = None  # end of travel at which the ram is in; None: that further from the tool's side
     exponent: float = Field(3.0, ge=1.5, le=4.5)  # 2 end moment, 3 weight at the end, 4 own weight
-
-    @property
-    def where(self) -> str:
-        return self.joint
 
     @property
     def drivers(self) -> tuple[str, ...]:

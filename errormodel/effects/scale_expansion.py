@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import ClassVar
 
-from errormodel.effects.base import Channels, Effect, EffectTerm, along
+from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect, along
 from errormodel.effects.scene import Scene
 from errormodel.effects.shared import STEEL, Lag, joint_as, lags, thermal, warmth
 from errormodel.machine import Machine
 
 
-class ScaleExpansion(Effect):
+class ScaleExpansion(JointEffect):
     """``expansion * (position - anchor) * (temperature - 20)`` along the axis, 1/K; positive: too long when warm.
 
     `tau` is the lag (s) of scale or screw behind the sensor, `minus` another sensor in place of 20 degC, `anchor` the
@@ -25,15 +25,10 @@ class ScaleExpansion(Effect):
     separate: ClassVar[str] = "measure the axis cold and warm with an interferometer, at both ends of the travel"
     example: ClassVar[Mapping[str, object]] = {"joint": "X", "sensor": "T_bed"}
 
-    joint: str
     sensor: str
     minus: str | None = None
     tau: Lag = 0.0
     anchor: float = 0.0
-
-    @property
-    def where(self) -> str:
-        return self.joint
 
     @property
     def drivers(self) -> tuple[str, ...]:

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import ClassVar
 
-from errormodel.effects.base import Channels, Effect, EffectTerm, along
+from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect, along
 from errormodel.effects.scene import Scene
 from errormodel.machine import Machine, joint_of
 
 
-class ServoLag(Effect):
+class ServoLag(JointEffect):
     """``-lag * feed * direction`` along the axis; min for a prismatic joint (mm per mm/min). Positive: late."""
 
     effect: ClassVar[str] = "servo-lag"
@@ -19,12 +19,6 @@ class ServoLag(Effect):
     alike: ClassVar[tuple[str, ...]] = ("backlash", "clock-offset", "lost-motion")
     separate: ClassVar[str] = "approach the same positions at three feeds, with a short and a long dwell"
     example: ClassVar[Mapping[str, object]] = {"joint": "X"}
-
-    joint: str
-
-    @property
-    def where(self) -> str:
-        return self.joint
 
     @property
     def drivers(self) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from pydantic import Field
 
-from errormodel.effects.base import Channels, Effect, EffectTerm
+from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect
 from errormodel.effects.ops import fmax
 from errormodel.effects.scene import Scene
 from errormodel.effects.shared import Rotation, across, joint_as
@@ -27,7 +27,7 @@ from errormodel.effects.travel import (
 from errormodel.machine import Machine
 
 
-class TelescopingCompliance(Effect):
+class TelescopingCompliance(JointEffect):
     """Tilt of `joint` (rad fully out): ``tilt * u * (shortest / overlap)^2``, u from 0 retracted to 1.
 
     A second parameter (rad fully out) is the tilt under a moment that does not change.
@@ -40,15 +40,10 @@ class TelescopingCompliance(Effect):
     separate: ClassVar[str] = "tilt sensors on both members while the joint extends"
     example: ClassVar[Mapping[str, object]] = {"joint": "Z", "motion": "ea", "overlap": 1600.0}
 
-    joint: str
     motion: Rotation | None = None  # None: that of a sag along dz, or dy of a joint along z
     load_joint: str | None = None  # whose position makes the moment (-1 to 1 for u); None: the joint's own
     retracted: End | None = None  # end of travel with the longest overlap; None: that further from the tool's side
     overlap: float | None = Field(None, gt=0)  # mm, retracted; None: 1.5 times the travel
-
-    @property
-    def where(self) -> str:
-        return self.joint
 
     @property
     def drivers(self) -> tuple[str, ...]:

@@ -6,14 +6,14 @@ from collections.abc import Iterator, Mapping
 from itertools import combinations
 from typing import ClassVar
 
-from errormodel.effects.base import Channels, Effect, EffectTerm
+from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect
 from errormodel.effects.scene import Scene
 from errormodel.effects.shared import STEEL, Lag, across, bent, joint_as, lags, thermal, warmth
 from errormodel.effects.travel import Translation
 from errormodel.machine import Machine
 
 
-class ThermalBending(Effect):
+class ThermalBending(JointEffect):
     """``curvature * (T_sensor - T_minus) * u (L - u)/2`` across the axis, with its slope as an angle, 1/(mm K).
 
     u is the position from the lower end of the travel, L the travel. `tau` (s) is the beam's lag behind its sensors.
@@ -29,15 +29,10 @@ class ThermalBending(Effect):
     )
     example: ClassVar[Mapping[str, object]] = {"joint": "Y", "motion": "dz", "sensor": "T_top", "minus": "T_bed"}
 
-    joint: str
     motion: Translation
     sensor: str
     minus: str | None = None
     tau: Lag = 0.0
-
-    @property
-    def where(self) -> str:
-        return self.joint
 
     @property
     def drivers(self) -> tuple[str, ...]:

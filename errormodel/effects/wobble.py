@@ -8,13 +8,13 @@ from typing import Annotated, ClassVar
 
 from pydantic import Field
 
-from errormodel.effects.base import Channels, Effect, EffectTerm
+from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect
 from errormodel.effects.scene import Scene
 from errormodel.effects.shared import Rotation, across, joint_as, waves
 from errormodel.machine import Machine
 
 
-class Wobble(Effect):
+class Wobble(JointEffect):
     """Both tilts across the axis, each with ``sin(harmonic q)`` and ``cos(harmonic q)``, rad; or the `motion` alone."""
 
     effect: ClassVar[str] = "wobble"
@@ -24,13 +24,8 @@ class Wobble(Effect):
     separate: ClassVar[str] = "an electronic level or two indicators on a plate on the table, once around"
     example: ClassVar[Mapping[str, object]] = {"joint": "B", "harmonic": 2}
 
-    joint: str
     harmonic: Annotated[int, Field(ge=1)] = 1
     motion: Rotation | None = None
-
-    @property
-    def where(self) -> str:
-        return self.joint
 
     @property
     def drivers(self) -> tuple[str, ...]:

@@ -225,7 +225,7 @@ def scatter(bench: Workbench, effect: Effect, blocks: int) -> float:
     products = new * after.residual[:, None]
     sums = np.array([np.bincount(number, column, minlength=blocks) for column in products.T])
     expected = after.square / after.freedom * new.shape[1]
-    return max(1.0, float(np.square(sums).sum()) / expected)
+    return float(max(1.0, np.square(sums).sum() / expected))
 
 
 def _refined(growth: Growth, step: Step) -> int | None:
