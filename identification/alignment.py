@@ -26,6 +26,8 @@ class Pose:
 
     def invert(self, points: Array) -> Array:
         """Points (n, 3) of the measuring frame, in the reference."""
+        if self is IDENTITY:  # a fixed frame: the same numbers, and a pass over many rows less
+            return points
         return (points - self.translation) @ self.rotation
 
     def then_small(self, shift: Array, turn: Array) -> Pose:

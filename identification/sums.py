@@ -9,9 +9,9 @@ import numpy as np
 
 from errormodel.arrays import Array, Index
 from errormodel.kernel import Kernel
-from identification.views import Kind, View, anywhere
+from identification.views import GapView, Kind, View, anywhere
 
-SAMPLE = 512  # rows that the rank is decided on, before all rows are asked whether they agree
+SAMPLE = 400  # rows that the rank is decided on, before all rows are asked whether they agree
 
 
 @dataclass
@@ -37,6 +37,7 @@ def accumulate(
     exact: bool = True,
     at: Array | None = None,
     gram: bool = True,
+    taken: Array | None = None,
 ) -> dict[Kind, Sums]:
     """Sums of each kind of observation over the unknowns.
 
@@ -53,12 +54,15 @@ def accumulate(
         Where M is taken; None: at `held` zero errors, which is cheaper and, errors being small, nearly always enough.
     gram : bool
         False leaves ``M'WM`` out (it does not change while M is not taken anew).
+    taken : (unknowns,)
+        Values that the gaps of `GapView`s are already free of; afterwards they are free of `values`.
     """
     sums: dict[Kind, Sums] = {}
     for view in views:
         local = np.array([k for k, c in enumerate(view.columns) if c in unknowns], dtype=np.intp)
         places = np.array([unknowns[view.columns[k]] for k in local], dtype=np.intp)
-        linear = values[places] * (np.array([exact and k < len(view.ids) for k in local]) == 0)
+        fresh = values if taken is None or not isinstance(view, GapView) else values - taken
+        linear = fresh[places] * (np.array([exact and k < len(view.ids) for k in local]) == 0)
         p = view_vector(view, unknowns, values, held) if exact else held
         here = None if at is None else view_vector(view, unknowns, at, held)
         own = _Task(view, local, linear if linear.any() else None, p, here, gram).run()
@@ -111,7 +115,8 @@ class _Task:
         slopes = None if self.linear is None else np.array([s @ self.linear for s in selectors])
         for (part, functions), (_, gap) in zip(design, self.view.gaps(self.p), strict=True):
             block = np.asarray(functions)
-            yield part, block, gap if slopes is None else gap - slopes @ block
+            kept = gap if isinstance(self.view, GapView) else None  # whose gaps stay at the residual
+            yield part, block, gap if slopes is None else np.subtract(gap, slopes @ block, out=kept)
 
     def _alike(self, kernel: Kernel, selectors: list[Array]) -> Sums:
         """Weights alike in all directions: one Gram matrix of the distinct functions serves all components."""

@@ -119,7 +119,10 @@ class PositionView(View):
 
 @dataclass(frozen=True, kw_only=True)
 class GapView(View):
-    """Gaps that are already known: volumetric errors, or those of another view at fixed parameters (linear models)."""
+    """Gaps that are already known: those of another view at fixed parameters, for linear models.
+
+    `identification.sums.accumulate` keeps them at the residual of the values it was last given.
+    """
 
     gap: Array  # (outputs, n), actual minus nominal in the reference's axes
 

@@ -36,6 +36,7 @@ class Solution:
     chi2, dof : whitened residual sum of squares with those levels, and degrees of freedom.
     sums : sufficient statistics of each kind, the residual taken at `values`.
     passes : streams through the data; `converged`: the last step was negligible.
+    left : of a linear fit, the residual of each view whose weights are alike in all directions, (outputs, n).
     """
 
     unknowns: tuple[str, ...]
@@ -49,6 +50,7 @@ class Solution:
     sums: dict[Kind, Sums]
     passes: int
     converged: bool
+    left: tuple[Array, ...] = ()
 
     def named(self) -> dict[str, float]:
         return dict(zip(self.unknowns, self.values.tolist(), strict=True))
@@ -115,6 +117,7 @@ class _Solver:
         self.held = np.zeros(len(chain.ids)) if held is None else held
         if not exact:  # the gap does not change from pass to pass
             self.views = [GapView.of(v, self.held) if v.whitener.ndim == 1 else v for v in views]
+        self.taken = np.zeros(len(unknowns))
         self.place = {name: k for k, name in enumerate(unknowns)}
         self.sigma: dict[Kind, float] = {v.kind: 1.0 for v in views}
 
@@ -145,6 +148,7 @@ class _Solver:
             sums,
             passes,
             converged,
+            tuple(v.gap for v in self.views if isinstance(v, GapView)),
         )
 
     def observed(self, thorough: bool) -> tuple[Array, Sequence[str], Array, list[int]]:
@@ -214,9 +218,10 @@ class _Solver:
         return values, sums, MOST_PASSES, False
 
     def pass_(self, values: Array, at: Array | None, gram: bool) -> dict[Kind, Sums]:
-        return accumulate(
-            self.views, self.place, values, self.held, exact=self.exact, at=at if self.exact else None, gram=gram
-        )
+        taken, self.taken = self.taken, values
+        if self.exact:
+            return accumulate(self.views, self.place, values, self.held, at=at, gram=gram)
+        return accumulate(self.views, self.place, values, self.held, exact=False, gram=gram, taken=taken)
 
     def update_noise(self, sums: dict[Kind, Sums], groups: Groups) -> None:
         """Noise level of each kind that has none declared, from the residuals one step ahead."""

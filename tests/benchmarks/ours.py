@@ -13,7 +13,6 @@ from errormodel.conventions import MOTIONS
 from errormodel.kernel import Kernel
 from errormodel.machine import Basis, Joint, Machine, Shape
 from identification.fit import least_squares
-from identification.sums import selectors_of
 from identification.views import GapView, PositionView, View
 from tests.benchmarks.five_axis import IDS, JOINTS, TOOL
 
@@ -73,15 +72,9 @@ def fit(q: Array, measured: Array) -> dict[str, object]:
         ``covariance``, and of the residuals ``sigma`` (per component), ``rms``, ``mean`` and ``max`` (of the 3-D
         residual), mm: what ``rivals.competent_numpy.fit`` returns.
     """
-    zero = np.zeros(len(chain().ids))
-    view = GapView.of(_view(q, measured), zero)
-    found = least_squares.solve(chain(), [view], IDS, exact=False)
-    size = np.empty(len(q))
-    design = view.design(linearised=False)
-    slopes = np.array([s @ found.values for s in selectors_of(design, 3, np.arange(len(IDS)))])
-    for (part, functions), (_, gap) in zip(design.blocks(view.rows, zero), view.gaps(zero), strict=True):
-        left = gap - slopes @ functions
-        np.sqrt(np.einsum("cm,cm->m", left, left), out=size[part])
+    found = least_squares.solve(chain(), [_view(q, measured)], IDS, exact=False)
+    (left,) = found.left
+    size = np.sqrt(np.einsum("cm,cm->m", left, left))
     return {
         **_estimates(found),
         "covariance": found.covariance,
