@@ -50,9 +50,7 @@ class Description:
             "n_parameters": len(self.chain.machine_ids),
             "n_no_effect": len(self.groups.no_effect),
             "rank": self.groups.rank,
-            "groups": [
-                {"name": self.groups.name(k), "members": self.groups.members(k)} for k in range(self.groups.rank)
-            ],
+            "groups": self.groups.listed(),
             "no_effect": list(self.groups.no_effect),
             "no_effect_reasons": self.reasons,
             "condition": self.groups.condition,
@@ -62,7 +60,7 @@ class Description:
             out["split"] = list(self.split)
             out["with_frame"] = {
                 "rank": groups.rank,
-                "groups": [{"name": groups.name(k), "members": groups.members(k)} for k in range(groups.rank)],
+                "groups": groups.listed(),
                 "no_effect": list(groups.no_effect),
                 "condition": groups.condition,
             }

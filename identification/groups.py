@@ -66,6 +66,10 @@ class Groups:
             text += f" {sign} {size}{identity}" if text else f"{'-' if value < 0 else ''}{size}{identity}"
         return text
 
+    def listed(self) -> list[dict[str, object]]:
+        """All groups as the contract's JSON has them: ``{"name": ..., "members": {id: coefficient}}``."""
+        return [{"name": self.name(k), "members": self.members(k)} for k in range(self.rank)]
+
 
 @dataclass(frozen=True)
 class Floors:

@@ -64,7 +64,8 @@ def _predict_frame(fit: StoredFit, rows: list[Array], label: str | None) -> Arra
     actual = chain.kernel("actual", outputs=(0, 1, 2))(rows, p).T
     nominal = chain.kernel("nominal", outputs=(0, 1, 2))(rows).T
     measured = pose.apply(actual)
-    own = tuple(i for i in chain.ids if i in chain.machine_ids or (label is not None and i in chain.frame_ids))
+    unseen = {*chain.tool_ids, *(chain.frame_ids if label is None else ())}
+    own = tuple(i for i in chain.ids if i not in unseen)
     design = chain.kernel("design", own, outputs=(0, 1, 2))(rows).reshape(len(own), 3, -1)
     design = np.einsum("ij,pjm->pim", pose.rotation, design)
     names = [columns[chain.index[i]] for i in own]

@@ -7,6 +7,7 @@ the whitener of a view takes them to units of one standard uncertainty.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal, Self
@@ -22,7 +23,7 @@ Kind = Literal["position", "orientation", "displacement", "angle"]  # one noise 
 
 
 @dataclass(frozen=True, kw_only=True)
-class View:
+class View(ABC):
     """Rows that see the chain in the same way.
 
     Attributes
@@ -70,9 +71,9 @@ class View:
         what = "linearised" if linearised and self.what == "design" else self.what
         return self.chain.kernel(what, self.ids, self.fixed, self.outputs)
 
+    @abstractmethod
     def gaps(self, p: Array) -> Iterator[tuple[slice, Array]]:
         """Measured minus exact at the chain's parameters `p`: (len(outputs), m) a block."""
-        raise NotImplementedError
 
     def whiten(self, part: slice, vectors: Array) -> Array:
         """(..., outputs, m) in the reference's axes to units of one sigma."""

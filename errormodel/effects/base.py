@@ -62,7 +62,6 @@ class Effect(BaseModel, ABC):
     separate: ClassVar[str]  # the measurement that tells them apart
     example: ClassVar[Mapping[str, object]]  # as in machine.yaml, on the machine of the test battery
     generic: ClassVar[bool] = False  # a form, not a physics: names nothing
-    cost: ClassVar[float] = 0.0  # nats of prior odds against it: less usual physics must show more
 
     @property
     @abstractmethod
@@ -82,6 +81,11 @@ class Effect(BaseModel, ABC):
     @abstractmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
         """Every place and shape that it could have in a survey: what the diagnosis tries."""
+
+    @property
+    def cost(self) -> float:
+        """Nats of prior odds against it: less usual physics must show more."""
+        return 0.0
 
     @property
     def key(self) -> tuple[object, ...]:

@@ -27,9 +27,11 @@ class CompensationActive(JointEffect):
     separate: ClassVar[str] = "the same axis with the table on and off, at points between those of the table"
     example: ClassVar[Mapping[str, object]] = {"joint": "X", "points": 5}
 
-    cost: ClassVar[float] = 10.0  # so many straight pieces follow any smooth curve
-
     points: Annotated[int, Field(ge=3)]
+
+    @property
+    def cost(self) -> float:
+        return 10.0  # so many straight pieces follow any smooth curve
 
     @property
     def drivers(self) -> tuple[str, ...]:

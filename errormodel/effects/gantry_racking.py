@@ -34,7 +34,7 @@ class GantryRacking(JointEffect):
         return (self.channel,)
 
     @property
-    def cost(self) -> float:  # type: ignore[override]  # of other effects it is the same for all
+    def cost(self) -> float:
         """Nats of prior odds against it: without a witness of the drives it is one compliance among others."""
         return 0.0 if self.channel.startswith("w_") else 5.0
 

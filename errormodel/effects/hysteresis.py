@@ -27,9 +27,11 @@ class Hysteresis(JointEffect):
     separate: ClassVar[str] = "nested reversals: go back by 0.01, 0.1, 1 and 10 mm, and by large steps"
     example: ClassVar[Mapping[str, object]] = {"joint": "X", "width": 60.0}
 
-    cost: ClassVar[float] = 2.0  # plain backlash is the usual form
-
     width: Positive
+
+    @property
+    def cost(self) -> float:
+        return 2.0  # plain backlash is the usual form
 
     @property
     def drivers(self) -> tuple[str, ...]:

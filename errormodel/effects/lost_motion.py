@@ -24,7 +24,9 @@ class LostMotion(JointEffect):
     separate: ClassVar[str] = "approach positions at both ends of the travel from both sides"
     example: ClassVar[Mapping[str, object]] = {"joint": "X"}
 
-    cost: ClassVar[float] = 2.0  # plain backlash is the usual form
+    @property
+    def cost(self) -> float:
+        return 2.0  # plain backlash is the usual form
 
     @property
     def drivers(self) -> tuple[str, ...]:

@@ -41,7 +41,7 @@ class SpindleGrowth(Effect):
         return thermal(self.sensor, self.minus)
 
     @property
-    def cost(self) -> float:  # type: ignore[override]  # of the base: the same for all
+    def cost(self) -> float:
         """Nats of prior odds against it: a sensor that is not called the spindle's may still be near it."""
         return 0.0 if "spindle" in self.sensor.lower() else 4.0
 

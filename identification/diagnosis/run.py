@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -47,14 +46,13 @@ class Diagnosed:
     growth: Growth
 
 
-def diagnose(machine: Machine, survey: Survey, say: Callable[[str], None] = lambda _: None) -> Diagnosed:
+def diagnose(machine: Machine, survey: Survey) -> Diagnosed:
     """Find what physics a survey shows beyond the machine's model, and put it into the model."""
     chain = Chain(machine)
     blunders: list[Blunder] = []
     while len(blunders) < 3 and (blunder := find_blunder(chain, survey)) is not None:
         blunders.append(blunder)
         survey = blunder.survey
-    say("Fitting the geometry")
     baseline = fit = fit_machine(machine, survey)
     bad = np.zeros(len(fit.survey), dtype=bool)
     for _ in range(3):  # gross rows hide smaller ones
@@ -64,10 +62,8 @@ def diagnose(machine: Machine, survey: Survey, say: Callable[[str], None] = lamb
         bad |= more
         survey = _without_fit_rows(survey, bad)
         fit = fit_machine(machine, survey)
-    say("Trying the library of effects")
     bench = set_up(fit)
     candidates = Candidates.of(bench)
-    say(f"Weighing {len(candidates.effects)} candidates")
     growth = grow(bench, candidates)
     effects = [*(b.effect for b in blunders), *(s.effect for s in growth.steps)]
     final = fit_machine(_extended(machine, effects), survey) if effects else fit

@@ -20,6 +20,7 @@ from identification.diagnosis.workbench import Workbench
 
 DETECT = 7.0  # nats beyond the number of places looked at: one false alarm in a thousand
 LEAK = 0.06  # of what is already explained: less than this elsewhere may be the shape of what was found
+WORTH = 3.0  # nats below which nothing is looked at further
 FORM = 0.85  # a name may explain this much less than the best mere form: forms bend to anything
 ALIKE = 0.6  # canonical correlation beyond which a later effect is a further form of an earlier finding
 MOST_FINDINGS = 4
@@ -66,7 +67,7 @@ class Growth:
         bench = self.start
         for step in self.steps:
             if step not in group:
-                bench = bench.with_columns(bench.columns(step.effect)[0])
+                bench = bench.with_effect(step.effect)
         return bench
 
 
@@ -90,13 +91,10 @@ def next_step(growth: Growth, candidates: Candidates) -> Step | None:
     bench = growth.bench
     scores = candidates.scores(bench)
     ranked = scores.by_key()
-    if not ranked:
+    if not ranked or ranked[0][0] < WORTH:
         return None
     searched = len(ranked)
     explained = sum(s.drop for s in growth.steps)
-    for evidence, _ in ranked[:1]:
-        if evidence < 3.0:
-            return None
     steps = [_polished(candidates, scores, bench, n, searched) for _, n in ranked[:12]]
     best = choose(steps)
     own = _refined(growth, best)
@@ -108,17 +106,13 @@ def next_step(growth: Growth, candidates: Candidates) -> Step | None:
     best = replace(best, rivals=rivals)
     if own is not None:
         best = replace(best, refines=own)
-    elif (
-        best.evidence - doubt(bench, best) - np.log(searched) < DETECT
-        or best.drop < LEAK * explained
-        or len(growth.findings) >= MOST_FINDINGS
-    ):
+    elif not convincing(bench, best) or best.drop < LEAK * explained or len(growth.findings) >= MOST_FINDINGS:
         # not enough for a finding: perhaps a refinement among what follows
-        further = [s for s in steps if s.evidence > 3.0 and _refined(growth, s) is not None]
+        further = [s for s in steps if s.evidence > WORTH and _refined(growth, s) is not None]
         if not further:
             return None
         best = replace(further[0], refines=_refined(growth, further[0]))
-    gain = heldout_rms(bench) - heldout_rms(bench.with_columns(bench.columns(best.effect)[0]))
+    gain = heldout_rms(bench) - heldout_rms(bench.with_effect(best.effect))
     return best if gain > 0 else None
 
 
@@ -147,7 +141,7 @@ def second_look(growth: Growth, candidates: Candidates) -> Growth:
         old = growth.steps[number]
         if best.effect.key == old.effect.key or best.drop < 1.02 * _drop_of(bench, old.effect):
             continue
-        if best.evidence - doubt(bench, best) - np.log(len(ranked)) < DETECT:
+        if not convincing(bench, best):
             continue
         rivals = tuple((s.effect, s.evidence) for s in steps if s is not best)
         kept = [*others, replace(best, rivals=rivals)]
@@ -165,12 +159,11 @@ def _renumbered(start: Workbench, steps: Sequence[Step]) -> Growth:
 
 
 def _with(growth: Growth, step: Step) -> Growth:
-    bench = growth.bench.with_columns(growth.bench.columns(step.effect)[0])
-    return Growth(growth.start, bench, (*growth.steps, step))
+    return Growth(growth.start, growth.bench.with_effect(step.effect), (*growth.steps, step))
 
 
 def _drop_of(bench: Workbench, effect: Effect) -> float:
-    after = bench.with_columns(bench.columns(effect)[0])
+    after = bench.with_effect(effect)
     return (bench.square - after.square) / (bench.square / bench.freedom)
 
 
@@ -190,7 +183,7 @@ def _polished(candidates: Candidates, scores: Scores, bench: Workbench, number: 
         above = min((g for g in grid if g > value and g != 0), default=value + edge)
 
         def left(x: float, name: str = name, effect: Effect = effect) -> float:
-            return bench.with_columns(bench.columns(effect.model_copy(update={name: float(x)}))[0]).square
+            return bench.with_effect(effect.model_copy(update={name: float(x)})).square
 
         found = minimize_scalar(left, bounds=(below, above), method="bounded", options={"maxiter": 20})
         if found.fun < left(value):
@@ -198,11 +191,17 @@ def _polished(candidates: Candidates, scores: Scores, bench: Workbench, number: 
     alone = Candidates.of(bench, [effect])
     own = alone.scores(bench)
     if not len(own.evidence):
-        return Step(candidates.effects[number], scores.evidence[number], scores.drop[number], scores.absorbed[number])
+        evidence, drop, absorbed = (float(v[number]) for v in (scores.evidence, scores.drop, scores.absorbed))
+        return Step(candidates.effects[number], evidence, drop, absorbed, searched=searched)
     same = len(family)
     return Step(
         effect, float(own.evidence[0] - np.log(same)), float(own.drop[0]), float(own.absorbed[0]), (), None, searched
     )
+
+
+def convincing(bench: Workbench, step: Step) -> bool:
+    """Whether a step's evidence outweighs the places looked at, and what correlated noise would make of it."""
+    return bool(step.evidence - doubt(bench, step) - np.log(max(step.searched, 1)) >= DETECT)
 
 
 def doubt(bench: Workbench, step: Step) -> float:
@@ -217,11 +216,11 @@ def scatter(bench: Workbench, effect: Effect, blocks: int) -> float:
     Sums of column times residual over blocks of consecutive rows vary by more than their share where the noise is
     correlated for longer than a row and the column changes as slowly (cluster-robust variance, Liang & Zeger).
     """
-    after = bench.with_columns(bench.columns(effect)[0])
+    after = bench.with_effect(effect)
     new = after.basis[:, bench.basis.shape[1] :]
     if not new.shape[1]:
         return 1.0
-    number = np.digitize(bench.index, np.linspace(bench.index.min(), bench.index.max() + 1, blocks + 1)) - 1
+    number = bench.blocks(blocks)
     products = new * after.residual[:, None]
     sums = np.array([np.bincount(number, column, minlength=blocks) for column in products.T])
     expected = after.square / after.freedom * new.shape[1]
@@ -275,8 +274,7 @@ def heldout_rms(bench: Workbench, blocks: int = 12) -> float:
     With an orthonormal basis Q, leaving block b out turns its residual r into ``r + Q_b (I - Q_b'Q_b)^-1 Q_b' r``.
     """
     total = 0.0
-    edges = np.linspace(bench.index.min(), bench.index.max() + 1, blocks + 1)
-    number = np.digitize(bench.index, edges)
+    number = bench.blocks(blocks)
     for b in np.unique(number):
         rows = number == b
         q, r = bench.basis[rows], bench.residual[rows]

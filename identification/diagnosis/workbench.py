@@ -6,7 +6,7 @@ standard uncertainty. What M (with frames and tool) can absorb is taken out of e
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,7 +15,6 @@ from errormodel.arrays import Array, Index, Mask
 from errormodel.chain import TOOL_CHANNELS, Chain
 from errormodel.conventions import MOTIONS
 from errormodel.effects.base import Effect
-from errormodel.effects.ops import Value
 from errormodel.effects.scene import Scene
 from errormodel.features import POINT, channel, settled
 from errormodel.survey import Survey
@@ -23,7 +22,7 @@ from identification.fit.result import Fit
 from identification.sums import design_rows, view_vector
 from identification.views import PositionView
 
-MOST_VALUES = 1.5e8  # numbers held at once: rows are thinned out above
+MOST_ROWS = 4000  # of a survey: more are thinned out, so that all candidates' columns fit into memory
 
 
 @dataclass(frozen=True)
@@ -35,7 +34,7 @@ class Workbench:
     residual : (N,) whitened residual, free of what `basis` spans.
     basis : (N, r) orthonormal: the fitted geometry, and what has been accepted so far.
     levers : element -> (6, N) whitened effect of each motion of the element.
-    channels : channel -> (N,) its value at each observation.
+    table : channel -> (N,) its value at each observation.
     index : (N,) the survey's row of each observation.
     """
 
@@ -89,19 +88,14 @@ class Workbench:
         q = q[:, np.abs(np.diag(r)) > 1e-9]
         return replace(self, basis=np.hstack([self.basis, q]), residual=self.residual - q @ (q.T @ self.residual))
 
-    def only(self, keep: Mask) -> Workbench:
-        """The same with some of the observations (the basis is made orthonormal anew; what they cannot tell falls)."""
-        q, r = np.linalg.qr(self.basis[keep])
-        good = np.abs(np.diag(r)) > 1e-9
-        residual = self.residual[keep]
-        return replace(
-            self,
-            basis=q[:, good],
-            residual=residual - q[:, good] @ (q[:, good].T @ residual),
-            levers={k: v[:, keep] for k, v in self.levers.items()},
-            table=_Lazy(self.table, keep),
-            index=self.index[keep],
-        )
+    def with_effect(self, effect: Effect) -> Workbench:
+        """The workbench after an effect has been fitted."""
+        return self.with_columns(self.columns(effect)[0])
+
+    def blocks(self, count: int) -> Index:
+        """For each observation the number, from 0, of its block of consecutive rows."""
+        edges = np.linspace(self.index.min(), self.index.max() + 1, count + 1)
+        return np.digitize(self.index, edges) - 1
 
 
 class _Lazy(dict[str, Array]):
@@ -129,8 +123,8 @@ class _Channels(dict[str, Array]):
         return self[name]
 
 
-def set_up(fit: Fit, sigma: float | None = None, most_rows: int = 4000) -> Workbench:
-    """The workbench of a fit. `sigma` (mm) is the noise of plain rows; None: as the fit found it."""
+def set_up(fit: Fit) -> Workbench:
+    """The workbench of a fit, in units of its noise."""
     chain, problem, solution = fit.chain, fit.problem, fit.solution
     place = problem.place()
     base = solution.groups.base
@@ -140,10 +134,10 @@ def set_up(fit: Fit, sigma: float | None = None, most_rows: int = 4000) -> Workb
     residuals, designs, levers, index = [], [], [], []
     views = [v for v in problem.views if isinstance(v, PositionView)]
     total = sum(len(v) for v in views)
-    if total > most_rows:
-        views = [v.part(np.unique(np.linspace(0, len(v) - 1, most_rows * len(v) // total).astype(int))) for v in views]
+    if total > MOST_ROWS:
+        views = [v.part(np.unique(np.linspace(0, len(v) - 1, MOST_ROWS * len(v) // total).astype(int))) for v in views]
+    level = solution.sigma["position"]  # 1 where the survey declares its noise
     for view in views:
-        level = (sigma or solution.sigma["position"]) if "position" not in solution.declared else 1.0
         gap = np.hstack([view.whiten(p, g) for p, g in view.gaps(view_vector(view, place, solution.values, zero))])
         arms = chain.kernel("levers", (), view.fixed, (0, 1, 2))(view.rows, zero)
         arms = view.whiten(slice(None), arms.reshape(-1, 3, len(view)))
@@ -173,17 +167,3 @@ def _scene_columns(survey: Survey, table: _Channels, chain: Chain) -> dict[str, 
         columns[joint.name] = survey.table[joint.name].to_numpy(dtype=float)
         columns[f"dir_{joint.name}"] = table[f"dir_{joint.name}"]
     return columns
-
-
-def tried(effects: Sequence[Effect], bench: Workbench) -> tuple[list[Effect], list[tuple[Array, Array]]]:
-    """Columns of every effect that this survey has the channels for."""
-    kept, out = [], []
-    for effect in effects:
-        columns, size = bench.columns(effect)
-        if np.isfinite(columns).all() and np.abs(columns).max() > 0:
-            kept.append(effect)
-            out.append((columns, size))
-    return kept, out
-
-
-__all__ = ["Value", "Workbench", "set_up", "tried"]

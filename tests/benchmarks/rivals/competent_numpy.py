@@ -62,11 +62,15 @@ def solve(q: Array, errors: Array) -> dict[str, object]:
     """Least squares on independent columns, with residual statistics and covariance, as a user would."""
     M = build(q)
     base = independent_columns(M)
-    A, e = M.T[base].T, errors.T.ravel()
+    return estimates(M.T[base].T, errors.T.ravel(), base, (3, -1))
+
+
+def estimates(A: Array, e: Array, base: list[int], shape: tuple[int, int]) -> dict[str, object]:
+    """`lstsq`, covariance and residual statistics; `shape` of the residuals has one axis of length 3."""
     values = np.linalg.lstsq(A, e, rcond=None)[0]
     residuals = e - A @ values
     variance = float(residuals @ residuals) / (len(e) - len(base))
-    size = np.linalg.norm(residuals.reshape(3, -1), axis=0)
+    size = np.linalg.norm(residuals.reshape(shape), axis=shape.index(3))
     return {
         "ids": tuple(IDS[k] for k in base),
         "values": values,

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from tests.benchmarks.five_axis import IDS, JOINTS, TOOL, Array, nominal
-from tests.benchmarks.rivals.competent_numpy import independent_columns
+from tests.benchmarks.rivals.competent_numpy import estimates, independent_columns
 
 __all__ = ["IDS", "build", "fit"]
 
@@ -47,20 +47,7 @@ def fit(q: Array, measured: Array) -> dict[str, object]:
     """Least squares from commands (n, 5) and measured positions (n, 3), mm; covariance and residual statistics."""
     M = build(q)
     base = independent_columns(M[:999])  # the first poses, all three rows of each
-    A, e = M[:, base], (measured - nominal(q)).ravel()
-    values = np.linalg.lstsq(A, e, rcond=None)[0]
-    residuals = e - A @ values
-    variance = float(residuals @ residuals) / (len(e) - len(base))
-    size = np.linalg.norm(residuals.reshape(-1, 3), axis=1)
-    return {
-        "ids": tuple(IDS[k] for k in base),
-        "values": values,
-        "covariance": variance * np.linalg.inv(A.T @ A),
-        "sigma": variance**0.5,
-        "rms": float(np.sqrt((size**2).mean())),
-        "mean": float(size.mean()),
-        "max": float(size.max()),
-    }
+    return estimates(M[:, base], (measured - nominal(q)).ravel(), base, (-1, 3))
 
 
 def _rotations(axis: Array, angle: Array) -> Array:
