@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ import pandas as pd
 import pytest
 
 from errormodel.chain import Chain
+from errormodel.exceptions import InputError
 from errormodel.instruments.plain import Plain
 from errormodel.machine import Machine
 from errormodel.schema import read_machine
@@ -41,6 +43,14 @@ def empty_survey(machine: Machine, rows: int, seed: int, *, channels: bool, grid
     measured = simulate(machine, table, Truth(errors, (500.0, -200.0, 100.0), (0.1, 0.2, 0.5)), 0.005, seed)
     table = pd.concat([table, measured[["mx", "my", "mz"]]], axis=1)
     return Survey(table, "shared", ("frame",), Plain(type="plain"), Path("a.csv"))
+
+
+def test_rows_about_one_joint_alone_are_refused() -> None:
+    machine = read_machine("vertical_three_axis")
+    survey = empty_survey(machine, 20, 1, channels=False, grid=False)
+    table = survey.table.assign(joint="X", dx=0.0, mx=np.nan, my=np.nan, mz=np.nan)
+    with pytest.raises(InputError, match="no row to fit has a measured position"):
+        diagnose(machine, replace(survey, table=table))
 
 
 @pytest.mark.parametrize("name", ["vertical_three_axis", "bridge_cmm", "horizontal_three_axis", "h_gantry_dual_drive"])

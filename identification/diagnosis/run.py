@@ -9,6 +9,7 @@ import numpy as np
 from errormodel.arrays import Array, Mask
 from errormodel.chain import Chain
 from errormodel.effects.base import Effect
+from errormodel.exceptions import InputError
 from errormodel.machine import EffectSpec, Machine
 from errormodel.survey import Survey
 from identification.diagnosis.candidates import Candidates
@@ -47,7 +48,16 @@ class Diagnosed:
 
 
 def diagnose(machine: Machine, survey: Survey) -> Diagnosed:
-    """Find what physics a survey shows beyond the machine's model, and put it into the model."""
+    """Find what physics a survey shows beyond the machine's model, and put it into the model.
+
+    Raises
+    ------
+    InputError
+        The survey has nothing to fit, or no row with a measured position.
+    """
+    if not np.isfinite(survey.fit.measured).any():
+        found = "no row to fit has a measured position, which the diagnosis works on"
+        raise InputError(str(survey.source), found, "Add rows with mx my mz, or use `errormodel fit` for error motions")
     chain = Chain(machine)
     blunders: list[Blunder] = []
     while len(blunders) < 3 and (blunder := find_blunder(chain, survey)) is not None:
