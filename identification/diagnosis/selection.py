@@ -14,6 +14,7 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.effects.base import Effect
+from identification.diagnosis import coloured
 from identification.diagnosis.candidates import Candidates, Scores
 from identification.diagnosis.refinements import forms
 from identification.diagnosis.workbench import Workbench
@@ -206,25 +207,8 @@ def convincing(bench: Workbench, step: Step) -> bool:
 
 def doubt(bench: Workbench, step: Step) -> float:
     """Nats of a step's evidence that noise correlated from row to row would make as well."""
-    inflation = max(scatter(bench, step.effect, blocks) for blocks in (30, 12))
-    return step.drop / 2 * (1 - 1 / inflation)
-
-
-def scatter(bench: Workbench, effect: Effect, blocks: int) -> float:
-    """How much more an effect's columns scatter than in white noise, by what is left over after it; at least 1.
-
-    Sums of column times residual over blocks of consecutive rows vary by more than their share where the noise is
-    correlated for longer than a row and the column changes as slowly (cluster-robust variance, Liang & Zeger).
-    """
-    after = bench.with_effect(effect)
-    new = after.basis[:, bench.basis.shape[1] :]
-    if not new.shape[1]:
-        return 1.0
-    number = bench.blocks(blocks)
-    products = new * after.residual[:, None]
-    sums = np.array([np.bincount(number, column, minlength=blocks) for column in products.T])
-    expected = after.square / after.freedom * new.shape[1]
-    return float(max(1.0, np.square(sums).sum() / expected))
+    white = float(Candidates.of(bench, [step.effect]).scores(bench).evidence[0])
+    return max(0.0, white - coloured.evidence(bench, step.effect))
 
 
 def _refined(growth: Growth, step: Step) -> int | None:

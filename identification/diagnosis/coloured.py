@@ -1,0 +1,84 @@
+"""Noise that is correlated from row to row: white plus first-order, by its best parameters with and without an effect.
+
+Air that moves and an instrument that drifts leave residuals which go along with anything that changes slowly. Evidence
+for an effect is therefore what remains when the noise may be of that kind: the likelihood of the geometry with the
+effect, at the noise that suits it best, over that of the geometry alone, at the noise that suits *it* best. Neither
+side's noise is estimated from what the other would explain.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from errormodel.arrays import Array
+from errormodel.effects.base import Effect
+from identification.diagnosis.candidates import Candidates
+from identification.diagnosis.workbench import Workbench
+
+LENGTHS = (2.0, 6.0, 20.0, 60.0, 200.0)  # rows over which the correlation falls to 1/e
+PARTS = (0.1, 0.4, 1.5, 6.0)  # variance of the correlated part, in variances of the white one
+
+
+@dataclass(frozen=True)
+class Noise:
+    """White noise of variance 1 and first-order noise of variance `part`, correlated over `length` rows.
+
+    Their sum is an ARMA(1,1) process, whose innovations are a filter of two coefficients.
+    """
+
+    length: float
+    part: float
+
+    def whitened(self, columns: Array, starts: Array) -> Array:
+        """Innovations of series (k, N) that begin at `starts`, to one common variance; a series' rows are in order."""
+        from scipy.signal import lfilter
+
+        phi = float(np.exp(-1 / self.length))
+        ratio = phi / (1 + phi**2 + self.part * (1 - phi**2))  # theta / (1 + theta^2), from the first autocovariance
+        theta = (1 - np.sqrt(1 - 4 * ratio**2)) / (2 * ratio)
+        first = np.sqrt(phi / theta / (1 + self.part))  # the first row has the process' whole variance
+        out = np.empty_like(columns)
+        for a, b in zip(starts, [*starts[1:], columns.shape[1]], strict=True):
+            out[:, a:b] = lfilter([1.0, -phi], [1.0, -theta], columns[:, a:b], axis=1)
+            out[:, a] *= first
+        return out
+
+
+def noises() -> Iterator[Noise]:
+    return (Noise(length, part) for length, part in product(LENGTHS, PARTS))
+
+
+def evidence(bench: Workbench, effect: Effect) -> float:
+    """Nats for an effect beside what the bench has accepted, whatever noise of this kind there is."""
+    columns, size = bench.columns(effect)
+    best, best_with = -np.inf, -np.inf
+    for likelihood, filtered, noise in _benches(bench):
+        own = columns if noise is None else noise.whitened(columns, _starts(bench))
+        scores = Candidates([effect], [(np.array([0]), own[None], size[None])], [effect.key]).scores(filtered)
+        best = max(best, likelihood)
+        best_with = max(best_with, likelihood + float(scores.evidence[0]))
+    return best_with - best
+
+
+def _starts(bench: Workbench) -> Array:
+    """Where the series of one component of one view begin."""
+    return np.concatenate([[0], np.flatnonzero(np.diff(bench.index) <= 0) + 1])
+
+
+def _benches(bench: Workbench) -> Iterator[tuple[float, Workbench, Noise | None]]:
+    """Restricted log likelihood of what the bench has accepted, and the bench whitened, for each noise."""
+    yield _likelihood(bench, 0.0), bench, None
+    for noise in noises():
+        both = noise.whitened(np.vstack([bench.basis.T, bench.residual]), _starts(bench))
+        basis, triangle = np.linalg.qr(both[:-1].T)
+        residual = both[-1] - basis @ (basis.T @ both[-1])
+        filtered = replace(bench, basis=basis, residual=residual)
+        yield _likelihood(filtered, float(np.log(np.abs(np.diag(triangle))).sum())), filtered, noise
+
+
+def _likelihood(bench: Workbench, determinant: float) -> float:
+    return -bench.freedom / 2 * float(np.log(bench.square)) - determinant
