@@ -21,6 +21,7 @@ CHEQUERS = np.arange(0.5, 3.01, 0.5)
 def lattice(scene: Scene) -> Iterator[Fields]:
     """Fields of `errormodel.effects.unnamed.Unnamed`."""
     yield from _single(scene)
+    yield from _runs(scene)
     yield from _waves(scene)
     yield from _products(scene)
     yield from _chequers(scene)
@@ -36,6 +37,17 @@ def _single(scene: Scene) -> Iterator[Fields]:
     for name in _reversing(scene):
         for element, motion in places(scene, name):
             yield {"element": element, "motion": motion, "driver": f"dir_{name}"}
+
+
+def _runs(scene: Scene) -> Iterator[Fields]:
+    """One run that differs: by a constant at every place, at a joint also in proportion to its position."""
+    for name in scene.runs:
+        for element, motion in places(scene, name):
+            yield {"element": element, "motion": motion, "driver": name}
+    for name, joint in product(scene.runs, _joints(scene)):
+        for element, motion in places(scene, joint):
+            if element == joint:
+                yield {"element": element, "motion": motion, "driver": name, **_second(scene, joint)}
 
 
 def _waves(scene: Scene) -> Iterator[Fields]:

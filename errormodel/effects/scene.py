@@ -48,6 +48,11 @@ class Scene:
     def witnesses(self) -> tuple[str, ...]:
         return tuple(n for n in self.columns if n.startswith("w_") and self.varies(n))
 
+    @cached_property
+    def runs(self) -> tuple[str, ...]:
+        """Channels that tell one run of several from the rest."""
+        return tuple(n for n in self.columns if n.startswith("run(") and self.varies(n))
+
     @property
     def duration(self) -> float:
         """Of the recording, s; 0 without time."""

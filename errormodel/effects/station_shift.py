@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
+from pydantic import model_validator
 
 from errormodel.conventions import FRAME, MOTIONS, TRANSLATIONS, unit_of
 from errormodel.effects.base import Channels, Effect, EffectTerm
@@ -18,7 +19,7 @@ BREAKS = 10  # the longest times without a row: between runs
 
 
 class StationShift(Effect):
-    """Six motions of the measuring frame (mm, rad) from the time `at` on, within a second."""
+    """Six motions of the measuring frame (mm, rad) from the time `at` on, within a second; or in one `run`."""
 
     effect: ClassVar[str] = "station-shift"
     family: ClassVar[str] = "instrument"
@@ -27,7 +28,14 @@ class StationShift(Effect):
     separate: ClassVar[str] = "fixed targets on the floor, measured before and after"
     example: ClassVar[Mapping[str, object]] = {"at": 1800.0}
 
-    at: float  # s
+    at: float | None = None  # s
+    run: str | None = None
+
+    @model_validator(mode="after")
+    def _one_of_them(self) -> Self:
+        if (self.at is None) == (self.run is None):
+            raise ValueError("a station shift has either a time, at: 1800, or a run, run: 2")
+        return self
 
     @property
     def where(self) -> str:
@@ -35,15 +43,16 @@ class StationShift(Effect):
 
     @property
     def drivers(self) -> tuple[str, ...]:
-        return ("time",)
+        return ("time",) if self.run is None else (f"run({self.run})",)
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
-        after = fmin(fmax(channel("time") - self.at + 0.5, 0), 1)
+        after = fmin(fmax(channel("time") - self.at + 0.5, 0), 1) if self.run is None else channel(f"run({self.run})")
         sizes = {m: 0.02 if m in TRANSLATIONS else 2e-5 for m in MOTIONS}
         return [EffectTerm(FRAME, "", unit_of(m), {m: after}, size) for m, size in sizes.items()]
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
+        yield from (cls(run=name[4:-1]) for name in scene.runs)
         if not scene.duration:
             return
         time = np.unique(scene.columns["time"])

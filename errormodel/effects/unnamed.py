@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from itertools import product
 from typing import ClassVar, Literal
 
-from errormodel.conventions import Motion, unit_of
+from errormodel.conventions import ROTATIONS, Motion, unit_of
 from errormodel.effects.base import Channels, Effect, EffectTerm
 from errormodel.effects.lattice import lattice
 from errormodel.effects.ops import Value
@@ -56,8 +56,13 @@ class Unnamed(Effect):
 
     @property
     def key(self) -> tuple[object, ...]:
-        """Waves apart from polynomials: a period is a shape of the ones only."""
-        return (*super().key, self.period is None, self.by_period is None)
+        """Each motion is a place; waves apart from polynomials: a period is a shape of the ones only."""
+        return (*super().key, self.motion, self.period is None, self.by_period is None)
+
+    @property
+    def cost(self) -> float:
+        """A rotation with a lever that never changes is a translation: then that is the simpler story."""
+        return 0.5 * (self.motion in ROTATIONS)
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         shapes = _shapes(channel(self.driver), self.form, self.center, self.half_range, self.period)

@@ -131,7 +131,7 @@ def _finding(group: list[Step], growth: Growth, final: Fit, before: Fit) -> Find
         where=main.effect.where,
         motion=motions_of(main.effect, bench),
         driver=list(main.effect.drivers),
-        runs=None,
+        runs=[d[4:-1] for d in main.effect.drivers if d.startswith("run(")] or None,
         time=[float(at)] if at is not None else None,
         period=getattr(main.effect, "period", None),
         statement=statement_of(main.effect, amounts, size, main.absorbed, probability),

@@ -21,7 +21,8 @@ from identification.diagnosis.workbench import Workbench
 
 DETECT = 7.0  # nats beyond the number of places looked at: one false alarm in a thousand
 LEAK = 0.06  # of what is already explained: less than this elsewhere may be the shape of what was found
-WORTH = 3.0  # nats below which nothing is looked at further
+WORTH = 7.0  # nats below which nothing is looked at further
+CLEARLY = 6.0  # nats
 FORM = 0.85  # a name may explain this much less than the best mere form: forms bend to anything
 ALIKE = 0.6  # canonical correlation beyond which a later effect is a further form of an earlier finding
 MOST_FINDINGS = 4
@@ -37,6 +38,7 @@ class Step:
     evidence : nats against nothing, given what was accepted before; `drop`: of the residual sum of squares, in noise
         variances; `absorbed`: the part of it that the geometry hides.
     rivals : other explanations at that step with their evidence, best first.
+    count : its parameters.
     refines : number of the step that this one refines, or None: a finding of its own.
     """
 
@@ -44,6 +46,7 @@ class Step:
     evidence: float
     drop: float
     absorbed: float
+    count: int = 1
     rivals: tuple[tuple[Effect, float], ...] = ()
     refines: int | None = None
     searched: int = 0
@@ -118,14 +121,16 @@ def next_step(growth: Growth, candidates: Candidates) -> Step | None:
 
 
 def choose(steps: Sequence[Step]) -> Step:
-    """The named explanation with most evidence, unless a mere form elsewhere explains clearly more."""
+    """The named explanation with most evidence, unless a mere form explains clearly more, or as much more simply."""
     ranked = sorted(steps, key=lambda s: -s.evidence)
     names = [s for s in ranked if not s.effect.generic]
     forms = [s for s in ranked if s.effect.generic]
     if not names:
         return forms[0]
-    if forms and forms[0].evidence > names[0].evidence + 6 and names[0].drop < FORM * forms[0].drop:
-        return forms[0]
+    if forms and forms[0].evidence > names[0].evidence + CLEARLY:
+        idle = names[0].count - forms[0].count  # parameters that the name has and the form does without
+        if names[0].drop < FORM * forms[0].drop or (idle > 1 and names[0].drop - forms[0].drop < 2 * idle):
+            return forms[0]
     return names[0]
 
 
@@ -193,11 +198,11 @@ def _polished(candidates: Candidates, scores: Scores, bench: Workbench, number: 
     own = alone.scores(bench)
     if not len(own.evidence):
         evidence, drop, absorbed = (float(v[number]) for v in (scores.evidence, scores.drop, scores.absorbed))
-        return Step(candidates.effects[number], evidence, drop, absorbed, searched=searched)
+        effect = candidates.effects[number]
+        return Step(effect, evidence, drop, absorbed, len(bench.columns(effect)[1]), searched=searched)
     same = len(family)
-    return Step(
-        effect, float(own.evidence[0] - np.log(same)), float(own.drop[0]), float(own.absorbed[0]), (), None, searched
-    )
+    evidence, drop, absorbed = (float(v[0]) for v in (own.evidence, own.drop, own.absorbed))
+    return Step(effect, evidence - np.log(same), drop, absorbed, len(bench.columns(effect)[1]), searched=searched)
 
 
 def convincing(bench: Workbench, step: Step) -> bool:

@@ -23,6 +23,8 @@ from identification.sums import design_rows, view_vector
 from identification.views import PositionView
 
 MOST_ROWS = 4000  # of a survey: more are thinned out, so that all candidates' columns fit into memory
+MOST_RUNS = 12  # labels; more are no runs of one survey
+LEAST_RUN = 8  # rows of a run that may differ
 
 
 @dataclass(frozen=True)
@@ -163,6 +165,10 @@ def _scene_columns(survey: Survey, table: _Channels, chain: Chain) -> dict[str, 
     plain = ("time", "feed", "load", *TOOL_CHANNELS)
     names = [c for c in survey.table.columns if str(c).startswith(("T_", "w_")) or c in plain]
     columns = {str(n): survey.table[n].to_numpy(dtype=float) for n in names}
+    labels, counts = np.unique(survey.table["run"].astype(str), return_counts=True)
+    if 2 <= len(labels) <= MOST_RUNS:  # of two, one is enough
+        several = [label for label, n in zip(labels, counts, strict=True) if n >= LEAST_RUN][len(labels) == 2 :]
+        columns |= {f"run({label})": table[f"run({label})"] for label in several}
     for joint in chain.machine.joints:
         columns[joint.name] = survey.table[joint.name].to_numpy(dtype=float)
         columns[f"dir_{joint.name}"] = table[f"dir_{joint.name}"]
