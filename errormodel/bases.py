@@ -24,6 +24,7 @@ class Term:
     label: str  # "" for a constant, "1", "sin2", "s3" ...
     unit: str
     column: ca.SX  # (6, 1): dx dy dz ea eb ec
+    prior: float | None = None  # standard deviation about zero that is known beforehand, in the unit
 
 
 def constant_terms(motions: tuple[Motion, ...]) -> list[Term]:

@@ -43,6 +43,7 @@ class Parameter:
     term: str
     unit: str
     symbol: str  # ISO 230-1 name where there is one, else ""
+    prior: float | None = None  # standard deviation about zero, where it is known beforehand
 
     @property
     def source(self) -> str:
@@ -81,7 +82,7 @@ class Chain:
                 while any(p.id == identity for p in parameters):  # the same effect twice at one place
                     identity += "'"
                 symbol = conventions.iso_symbol(name, term.motion) if joint else ""
-                parameters.append(Parameter(identity, name, term.motion, term.label, term.unit, symbol))
+                parameters.append(Parameter(identity, name, term.motion, term.label, term.unit, symbol, term.prior))
                 self._columns.append((place, term))
         self.parameters = tuple(parameters)
         self.ids = tuple(p.id for p in parameters)
@@ -103,7 +104,8 @@ class Chain:
             for motion, value in term.motion.items():
                 column[MOTIONS.index(motion)] = value
             label = f"{spec.effect}-{term.label}" if term.label else spec.effect
-            out.append((term.element, Term(next(iter(term.motion)), label, term.unit, column)))
+            prior = term.size if term.tied else None
+            out.append((term.element, Term(next(iter(term.motion)), label, term.unit, column, prior)))
         return out
 
     def _symbol(self, name: str) -> ca.SX:

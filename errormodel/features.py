@@ -2,7 +2,8 @@
 
 ``X`` a joint; ``time`` ``feed`` ``load`` ``T_bed`` ``w_sync`` columns as they are; ``dir_X`` side of arrival, +-1;
 ``lag(T_bed,600)`` the column behind a first-order lag of 600 s; ``play(X,0.01)`` what follows X with a play of 0.01
-(mm or rad) in the order of the rows; ``run(3)`` 1 in the rows of run 3 and 0 elsewhere; ``point_x`` is not a column but the chain's nominal position.
+(mm or rad) in the order of the rows; ``run(3)`` 1 in the rows of run 3 and 0 elsewhere;
+``point_x`` is not a column but the chain's nominal position.
 """
 
 from __future__ import annotations

@@ -87,6 +87,7 @@ def _variance(fit: StoredFit, names: list[str], design: Array) -> Array:
                 groups[row, place[member]] = coefficient
     scale = _plausible(fit)
     units = {p.id: p.unit for p in fit.chain.parameters}
+    priors = {p.id: p.prior for p in fit.chain.parameters if p.prior is not None}
     for name in names:
         if name in fit.base or name not in units or name in fit.chain.frame_ids:
             continue
@@ -95,7 +96,7 @@ def _variance(fit: StoredFit, names: list[str], design: Array) -> Array:
         some = np.flatnonzero(mix)
         left = column - np.tensordot(mix[some], base[some], axes=1)
         left[np.abs(left) < 1e-6 * np.abs(column).max(initial=1e-300)] = 0.0  # the group acts here as it did there
-        variance += np.square(left * scale.get(units[name], 0.0))
+        variance += np.square(left * priors.get(name, scale.get(units[name], 0.0)))
     return variance
 
 

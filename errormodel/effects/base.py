@@ -38,6 +38,7 @@ class EffectTerm:
     unit : of the parameter.
     motion : what the element does per unit of the parameter, mm and rad.
     size : how large the parameter can physically be (one standard deviation), in its unit.
+    tied : whether the fit holds it near zero with that standard deviation: one of many that together bend to anything.
     """
 
     element: str
@@ -45,6 +46,7 @@ class EffectTerm:
     unit: str
     motion: Mapping[Motion, Value]
     size: float
+    tied: bool = False
 
 
 class Effect(BaseModel, ABC):

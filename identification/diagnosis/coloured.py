@@ -49,6 +49,7 @@ class Noise:
 
 
 def noises() -> Iterator[Noise]:
+    """The grid over which the noise is fitted."""
     return (Noise(length, part) for length, part in product(LENGTHS, PARTS))
 
 

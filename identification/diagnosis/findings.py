@@ -177,19 +177,3 @@ def moved_by(design: Array, names: Sequence[str], columns: Array, values: Array)
     scaled = np.abs(bias) * np.linalg.norm(design, axis=0)
     order = np.argsort(-scaled)[:6]
     return {names[k]: float(-bias[k]) for k in order if scaled[k] > 0.05 * scaled.max()}
-
-
-def untestable(bench: Workbench, tried: Sequence[Effect], absorbed: Array) -> list[Untestable]:
-    """Effects of the library that this survey has no channel for, or that the geometry hides entirely."""
-    out = []
-    best: dict[str, float] = {}
-    for effect, part in zip(tried, absorbed, strict=True):
-        best[effect.effect] = min(best.get(effect.effect, 1.0), float(part))
-    for name, kind in registry().items():
-        if kind.generic or kind.family == "blunder":
-            continue
-        if name not in best:
-            out.append(Untestable(name, "this survey has no rows or columns that it would show in", kind.separate))
-        elif best[name] > 0.99:
-            out.append(Untestable(name, f"the geometry absorbs {100 * best[name]:.0f} % of it", kind.separate))
-    return out

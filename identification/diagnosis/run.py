@@ -24,11 +24,11 @@ from identification.diagnosis.findings import (
     p_value_of,
     probability_of,
     statement_of,
-    untestable,
 )
 from identification.diagnosis.outliers import gross_rows
 from identification.diagnosis.sanity import Blunder, find_blunder, without
 from identification.diagnosis.selection import Growth, Step, grow, heldout_rms
+from identification.diagnosis.unseen import unseen
 from identification.diagnosis.workbench import set_up
 from identification.fit.result import Fit
 from identification.fit.run import fit_machine
@@ -88,7 +88,7 @@ def diagnose(machine: Machine, survey: Survey) -> Diagnosed:
         _summary(baseline),
         _summary(final),
         tuple(findings),
-        tuple(untestable(bench, candidates.effects, absorbed)),
+        tuple(unseen(bench.scene, candidates.effects, absorbed)),
         None,
         final.notes,
     )

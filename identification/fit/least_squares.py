@@ -36,6 +36,7 @@ class Solution:
     chi2, dof : whitened residual sum of squares with those levels, and degrees of freedom.
     sums : sufficient statistics of each kind, the residual taken at `values`.
     passes : streams through the data; `converged`: the last step was negligible.
+    precision : (u,) of what is known beforehand, about zero.
     left : of a linear fit, the residual of each view whose weights are alike in all directions, (outputs, n).
     """
 
@@ -50,6 +51,7 @@ class Solution:
     sums: dict[Kind, Sums]
     passes: int
     converged: bool
+    precision: Array
     left: tuple[Array, ...] = ()
 
     def named(self) -> dict[str, float]:
@@ -120,6 +122,7 @@ class _Solver:
         self.taken = np.zeros(len(unknowns))
         self.place = {name: k for k, name in enumerate(unknowns)}
         self.sigma: dict[Kind, float] = {v.kind: 1.0 for v in views}
+        self.precision = _known_beforehand(chain, unknowns)
 
     def run(self) -> Solution:
         start = self.pass_(np.zeros(len(self.unknowns)), None, gram=True)
@@ -132,10 +135,10 @@ class _Solver:
         groups = find_groups(*seen, self.floors(start))
         values, sums, passes, converged = self.iterate(groups, start)
         base = groups.base
-        gram, _ = total(sums, self.sigma)
+        gram, _ = self.total(sums)
         covariance = _inverse(gram[np.ix_(base, base)])
         chi2 = sum(s.square / self.sigma[k] ** 2 for k, s in sums.items())
-        dof = sum(s.count for s in sums.values()) - groups.rank
+        free = groups.rank - round(float(np.diag(covariance) @ self.precision[base]))  # what a prior holds is not free
         return Solution(
             self.unknowns,
             values,
@@ -144,19 +147,23 @@ class _Solver:
             dict(self.sigma),
             self.declared,
             chi2,
-            dof,
+            sum(s.count for s in sums.values()) - free,
             sums,
             passes,
             converged,
+            self.precision,
             tuple(v.gap for v in self.views if isinstance(v, GapView)),
         )
 
     def observed(self, thorough: bool) -> tuple[Array, Sequence[str], Array, list[int]]:
-        return *observed(self.chain, self.views, self.unknowns, thorough), group_order(self.chain, self.unknowns)
+        factor, unknowns, norms = observed(self.chain, self.views, self.unknowns, thorough)
+        held = np.diag(np.sqrt(self.precision))[self.precision > 0]
+        norms = np.sqrt(np.square(norms) + self.precision)
+        return np.vstack([factor, held]), unknowns, norms, group_order(self.chain, self.unknowns)
 
     def missed(self, groups: Groups, sums: dict[Kind, Sums]) -> bool:
         """Whether some row outside the sample moves a parameter by itself that the sample saw only in groups."""
-        gram, _ = total(sums, self.sigma)
+        gram, _ = self.total(sums)
         others = np.setdiff1d(np.arange(len(self.unknowns)), groups.base)
         if not len(others) or all(len(v) <= SAMPLE for v in self.views):
             return False
@@ -194,7 +201,7 @@ class _Solver:
         first = last = 0.0
         for passes in range(1, MOST_PASSES + 1):
             self.update_noise(sums, groups)
-            gram, slope = total(sums, self.sigma)
+            gram, slope = self.total(sums)
             step = _scaled_solve(gram[pick], slope[base])
             if passes == 1:  # all steps are measured alike: noise levels fall with the residual as long as it falls
                 measure, round_off = gram[pick], self.round_off()
@@ -223,13 +230,18 @@ class _Solver:
             return accumulate(self.views, self.place, values, self.held, at=at, gram=gram)
         return accumulate(self.views, self.place, values, self.held, exact=False, gram=gram, taken=taken)
 
+    def total(self, sums: dict[Kind, Sums]) -> tuple[Array, Array]:
+        """Of the data at the values of the last pass, and of what is known beforehand."""
+        gram, slope = total(sums, self.sigma)
+        return gram + np.diag(self.precision), slope - self.precision * self.taken
+
     def update_noise(self, sums: dict[Kind, Sums], groups: Groups) -> None:
         """Noise level of each kind that has none declared, from the residuals one step ahead."""
         open_kinds = [k for k in sums if k not in self.declared]
         base = groups.base
         pick = np.ix_(base, base)
         for _ in range(50 if open_kinds and len(sums) > 1 else 1):
-            gram, slope = total(sums, self.sigma)
+            gram, slope = self.total(sums)
             step = _scaled_solve(gram[pick], slope[base])
             inverse = _inverse(gram[pick])
             before = dict(self.sigma)
@@ -242,6 +254,12 @@ class _Solver:
                 self.sigma[kind] = float(np.sqrt(max(square, floor) / max(free, 1e-3)))
             if all(abs(self.sigma[k] / before[k] - 1) < 1e-6 for k in open_kinds):
                 break
+
+
+def _known_beforehand(chain: Chain, unknowns: Sequence[str]) -> Array:
+    """Precision (unknowns,) about zero of what a prior holds: 1/variance, 0 where there is none."""
+    priors = [chain.parameters[chain.index[u]].prior if u in chain.index else None for u in unknowns]
+    return np.array([0.0 if p is None else p**-2 for p in priors])
 
 
 def _scaled_solve(gram: Array, slope: Array) -> Array:

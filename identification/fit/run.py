@@ -92,7 +92,7 @@ def held_out(problem: Problem, solution: Solution, rows: int) -> tuple[Array, in
     blocks = np.array_split(np.arange(rows), min(max(10, round(rows / BLOCK_ROWS)), rows))
     zero, place, base = np.zeros(len(problem.chain.ids)), problem.place(), solution.groups.base
     pick = np.ix_(base, base)
-    gram = total(solution.sums, solution.sigma)[0][pick]
+    gram = total(solution.sums, solution.sigma)[0][pick] + np.diag(solution.precision[base])
     scale = 1 / np.sqrt(np.diag(gram))
     out = np.full((rows, 3), np.nan)
     for block in blocks:

@@ -1,0 +1,107 @@
+"""What a survey could not have shown, why, and what would: said, not guessed.
+
+An effect is looked for at every place that a full survey of the same machine (all joints moving, from both sides, with
+two tools, temperatures, times, feeds and loads) would let it be looked for at. Where this survey lacks a channel, or
+where the geometry takes up all that the effect does, it is untestable; what the machine cannot have is not mentioned.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from errormodel.arrays import Array
+from errormodel.chain import TOOL_CHANNELS
+from errormodel.effects import registry
+from errormodel.effects.base import Effect
+from errormodel.effects.scene import Scene
+from errormodel.machine import Machine, joint_of
+from identification.diagnosis.candidates import ABSORBED
+from identification.diagnosis.findings import Untestable
+
+ROWS = 400  # of the full survey
+
+
+def unseen(scene: Scene, tried: Sequence[Effect], absorbed: Array) -> list[Untestable]:
+    """Effects, with their places, that a survey cannot show.
+
+    Parameters
+    ----------
+    tried : what the survey lets be looked for; `absorbed` (tried,): the part of each that the geometry takes up.
+    """
+    least: dict[tuple[str, str], float] = {}
+    for effect, part in zip(tried, absorbed.tolist(), strict=True):
+        place = (effect.effect, effect.where)
+        least[place] = min(part, least.get(place, 1.0))
+    out = []
+    for name, kind in sorted(registry().items()):
+        if kind.generic or kind.family == "blunder":
+            continue
+        possible: dict[str, list[Effect]] = {}
+        for effect in kind.proposals(full_scene(scene)):
+            possible.setdefault(effect.where, []).append(effect)
+        reasons: dict[str, list[str]] = {}
+        for where, effects in possible.items():
+            part = least.get((name, where))
+            if part is None:
+                reasons.setdefault(_missing(effects, scene), []).append(where)
+            elif part > ABSORBED:
+                reasons.setdefault(f"the geometry absorbs {100 * part:.0f} % of it", []).append(where)
+        for reason, places in reasons.items():
+            at = "" if len(places) == len(possible) else f"at {', '.join(places)}: "
+            out.append(Untestable(name, at + reason, kind.separate))
+    return out
+
+
+def full_scene(scene: Scene) -> Scene:
+    """The machine as a full survey would have it, with this survey's sensors where it has any."""
+    rng = np.random.default_rng(0)
+    time = 60.0 * np.arange(ROWS)
+    columns: dict[str, Array] = {"time": time}
+    for joint in scene.machine.joints:
+        columns[joint.name] = rng.uniform(*joint.travel, ROWS)
+        columns[f"dir_{joint.name}"] = rng.choice([-1.0, 1.0], ROWS)
+    for k, sensor in enumerate(scene.sensors or ("T_one", "T_two")):
+        columns[sensor] = 20 + np.sin(time / time[-1] * (k + 2))
+    for name in ("feed", "load"):
+        columns[name] = rng.choice([0.0, 1000.0, 2000.0], ROWS)
+    tools = np.array([scene.machine.tool, tuple(1.5 * v + 20 for v in scene.machine.tool)])
+    columns |= dict(zip(TOOL_CHANNELS, tools[np.arange(ROWS) % 2].T, strict=True))
+    return Scene(scene.machine, columns)
+
+
+def _missing(effects: Sequence[Effect], scene: Scene) -> str:
+    """What a survey lacks for the one of some effects that asks for least."""
+    lacks = [list(dict.fromkeys(_lacking(channels_of(effect, scene.machine), scene))) for effect in effects]
+    fewest = min(lacks, key=len)
+    return " and ".join(fewest) or "its positions are too few or too far apart"
+
+
+def channels_of(effect: Effect, machine: Machine) -> list[str]:
+    """Channels that an effect is made of."""
+    asked: dict[str, None] = {}
+
+    def channel(name: str) -> Array:
+        asked[name] = None
+        return np.ones(1)
+
+    effect.terms(channel, machine)
+    return list(asked)
+
+
+def _lacking(names: Sequence[str], scene: Scene) -> Iterator[str]:
+    joints = {j.name for j in scene.machine.joints}
+    for name in names:
+        root = re.sub(r"^(?:lag|play)\(([^,]+),.*\)$", r"\1", name)
+        if root.startswith("dir_") and not scene.both_ways(joint_of(scene.machine, root[4:])):
+            yield f"{root[4:]} always arrived from the same side"
+        elif root in joints and not scene.varies(root):
+            yield f"{root} did not move"
+        elif root.startswith("T_") and not scene.sensors:
+            yield "no temperature was recorded"
+        elif root in ("time", "feed", "load") and not scene.varies(root):
+            yield f"no {root} was recorded that changes"
+        elif root in TOOL_CHANNELS and not any(scene.varies(c) for c in TOOL_CHANNELS):
+            yield "only one tool was used"
