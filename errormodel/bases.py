@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from errormodel.conventions import MOTIONS, TRANSLATIONS, Motion, unit_of
+from errormodel.effects.ops import cubic
 from errormodel.machine import Basis, Joint
 
 
@@ -80,14 +81,8 @@ def _spline(joint: Joint, basis: Basis, q: ca.SX) -> Iterator[tuple[str, ca.SX]]
     home = min(max(0.0, low), high)
     clamped = ca.fmin(ca.fmax(q, low), high)
     for k in range(basis.n + 2):  # centred on knot k; k = -1 is the one left out
-        value, at_home = (_cubic((x - low) / (high - low) * basis.n - k) for x in (clamped, ca.SX(home)))
+        value, at_home = (cubic((x - low) / (high - low) * basis.n - k) for x in (clamped, ca.SX(home)))
         yield f"s{k + 1}", value - at_home
-
-
-def _cubic(u: ca.SX) -> ca.SX:
-    """The cardinal cubic B-spline on [-2, 2]."""
-    far, near = ca.fmax(2 - ca.fabs(u), 0), ca.fmax(1 - ca.fabs(u), 0)
-    return far**3 / 6 - near**3 * (4 / 6)
 
 
 _FUNCTIONS: dict[str, Callable[[Joint, Basis, ca.SX], Iterator[tuple[str, ca.SX]]]] = {

@@ -18,7 +18,7 @@ from errormodel.exceptions import InputError
 
 if TYPE_CHECKING:
     from identification.describe import Description
-    from identification.diagnosis.findings import Diagnosis
+    from identification.diagnosis.run import Diagnosed
     from identification.fit.result import Fit
 
 FOLDER = click.Path(path_type=Path, file_okay=False)
@@ -26,6 +26,7 @@ FILE = click.Path(path_type=Path, dir_okay=False)
 ANY = click.Path(path_type=Path)
 DRAWINGS = (".svg", ".png", ".pdf")
 MOST_POSES = 10_000_000  # simulated in one go
+MOST_PLANNED = 2000
 
 
 class Group(click.Group):
@@ -154,6 +155,56 @@ def _say_description(description: Description) -> None:
 
 @command
 @click.argument("machine")
+@click.option("--points", type=click.IntRange(1, MOST_PLANNED), required=True, help="Rows to plan, repeats included.")
+@click.option("--setup", type=FILE, help="YAML: what may be reached and seen, tools, instrument.")
+@click.option("--noise", type=float, help="Standard uncertainty of a coordinate in mm. [default: 0.001]")
+@click.option(
+    "--criterion",
+    type=click.Choice(["worst", "determinant"]),
+    default="worst",
+    show_default=True,
+    help="Largest predicted uncertainty in the volume, or determinant of the information (D-optimal).",
+)
+@click.option("--out", type=FILE, help="CSV of the rows to measure, in order.")
+@click.option("--json", "json_file", type=FILE, help="Write the plan's figures and verdicts as JSON.")
+def plan(
+    machine: str,
+    points: int,
+    setup: Path | None,
+    noise: float | None,
+    criterion: str,
+    out: Path | None,
+    json_file: Path | None,
+    seed: int,
+) -> None:
+    """Plan poses by optimal design: how sure they make the model, and which physics they would show.
+
+    SETUP may hold travels {joint: [low, high]}, tools [[x, y, z], ...], boxes to avoid, sight {station, facing,
+    incidence}, instrument, frame, pace and sensors; mm, degrees and seconds.
+    """
+    from errormodel.files import write_csv, write_text_atomic
+    from errormodel.schema import read_machine
+    from identification.plan import run as stage
+    from identification.plan.lines import plan_lines
+    from identification.plan.setup import Setup, noise_of, read_setup
+    from identification.store import dumps
+
+    model = read_machine(machine)
+    circumstances = Setup(errormodel=1) if setup is None else read_setup(setup, model)
+    sigma = noise_of(circumstances, noise)
+    result = stage.plan(model, circumstances, points, sigma, seed, worst=criterion == "worst", tell=working)
+    if out is not None:
+        write_csv(stage.as_file(result, circumstances), out)
+    if json_file is not None:
+        write_text_atomic(dumps(result.as_json()), json_file)
+    for line in plan_lines(result):
+        say(line)
+    if out is not None:
+        say(f"\n{len(result.table)} rows written to {out}")
+
+
+@command
+@click.argument("machine")
 @click.argument("points")
 @click.option("--parameters", type=FILE, help="YAML: parameters {id: value in mm, rad}, frame {translation, rotation}.")
 @click.option(
@@ -229,7 +280,7 @@ def fit(machine: str, survey: Path, out: Path) -> None:
     _say_fit(result, out)
 
 
-def _save(result: Fit, out: Path, diagnosis: Diagnosis | None = None) -> None:
+def _save(result: Fit, out: Path, diagnosed: Diagnosed | None = None) -> None:
     from identification import store
 
     with working("Writing tables"):
@@ -237,7 +288,7 @@ def _save(result: Fit, out: Path, diagnosis: Diagnosis | None = None) -> None:
     with working("Drawing the report"):
         from identification.report import write_report
 
-        write_report(result, out / "report.html", diagnosis)
+        write_report(result, out / "report.html", diagnosed)
 
 
 def _say_fit(result: Fit, out: Path) -> None:
@@ -269,7 +320,7 @@ def diagnose(machine: str, survey: Path, out: Path) -> None:
     _notes(data.notes)
     with working("Looking for what was left out"):
         result = stage(model, data)
-    _save(result.final, out, result.diagnosis)
+    _save(result.final, out, result)
     write_text_atomic(dumps(result.diagnosis.as_json()), out / "diagnosis.json")
     for line in diagnosis_lines(result.diagnosis):
         say(line)

@@ -38,7 +38,6 @@ class EffectTerm:
     unit : of the parameter.
     motion : what the element does per unit of the parameter, mm and rad.
     size : how large the parameter can physically be (one standard deviation), in its unit.
-    tied : whether the fit holds it near zero with that standard deviation: one of many that together bend to anything.
     """
 
     element: str
@@ -46,7 +45,6 @@ class EffectTerm:
     unit: str
     motion: Mapping[Motion, Value]
     size: float
-    tied: bool = False
 
 
 class Effect(BaseModel, ABC):
@@ -88,6 +86,11 @@ class Effect(BaseModel, ABC):
     def cost(self) -> float:
         """Nats of prior odds against it: less usual physics must show more."""
         return 0.0
+
+    @property
+    def tied(self) -> bool:
+        """Whether its parameters are many that a prior ties to zero, all with the same standard deviation."""
+        return False
 
     @property
     def key(self) -> tuple[object, ...]:

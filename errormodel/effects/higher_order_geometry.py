@@ -2,24 +2,35 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from itertools import product
 from typing import Annotated, ClassVar
 
+import numpy as np
 from pydantic import Field
 
 from errormodel.conventions import MOTIONS, Motion, unit_of
-from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect
+from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect, axis_motion
+from errormodel.effects.ops import Value, atan2, cos, cubic, fmax, fmin, sin
 from errormodel.effects.scene import Scene
-from errormodel.effects.shared import waves
-from errormodel.effects.travel import legendre, scaled, usual_size
+from errormodel.effects.shared import Positive, resolved, waves
+from errormodel.effects.travel import fraction, legendre, length, scaled, usual_size
 from errormodel.machine import Joint, Machine, joint_of
 
 Degree = Annotated[int, Field(ge=1, le=30)]
+FINE = tuple(math.radians(d) for d in (10.0, 6.0, 4.0, 3.0, 2.0))  # apart, of a joint that turns
+PIECES = (16, 32, 64, 128)  # of a travel
+ROWS_A_KNOT = 1.5
 
 
 class HigherOrderGeometry(JointEffect):
-    """`motion` of a joint as Legendre polynomials of its travel, -1 to 1, or as harmonics of its turn (mm, rad)."""
+    """`motion` of a joint as Legendre polynomials of its travel, -1 to 1, or as harmonics of its turn (mm, rad).
+
+    With `every` (mm, rad) as a curve instead: cubic splines at that distance, each tied to zero with the standard
+    deviation `size` (mm, rad), so that beyond what was measured the curve returns to zero and its uncertainty to
+    `size`. The curve of a joint that turns all the way is the same after a turn.
+    """
 
     effect: ClassVar[str] = "higher-order-geometry"
     family: ClassVar[str] = "geometric"
@@ -37,6 +48,8 @@ class HigherOrderGeometry(JointEffect):
 
     motion: Motion
     degrees: tuple[Degree, ...] = ()  # (): the one above the declared model
+    every: Positive | None = None
+    size: Positive | None = None  # None: 20 um, 30 urad
 
     @property
     def drivers(self) -> tuple[str, ...]:
@@ -44,14 +57,21 @@ class HigherOrderGeometry(JointEffect):
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         joint, q = joint_of(machine, self.joint), channel(self.joint)
+        unit, size = unit_of(self.motion), self.size or usual_size(self.motion)
+        if self.every:
+            splines = curve(joint, q, self.every)
+            return [EffectTerm(self.joint, str(k), unit, {self.motion: s}, size) for k, s in enumerate(splines)]
         shapes = {}
         for n in self.degrees or (declared(joint, self.motion) + 1,):
             if joint.type == "prismatic":
                 shapes[str(n)] = legendre(n, scaled(joint, q))
             else:
                 shapes |= {f"{name}{n}": wave for name, wave in waves(q, n).items()}
-        unit, size = unit_of(self.motion), usual_size(self.motion)
         return [EffectTerm(self.joint, label, unit, {self.motion: value}, size) for label, value in shapes.items()]
+
+    @property
+    def tied(self) -> bool:
+        return self.every is not None
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
@@ -60,6 +80,27 @@ class HigherOrderGeometry(JointEffect):
             sets = [(n,), (n + 1,), (n, n + 1)] + ([(n, n + 1, n + 2)] if joint.type == "prismatic" else [])
             for degrees in sets:
                 yield cls(joint=joint.name, motion=motion, degrees=degrees)
+        for joint in scene.moving:
+            rows, span = len(scene.columns[joint.name]), float(np.ptp(scene.span(joint)))
+            for every in FINE if joint.type == "rotary" else (length(joint) / n for n in PIECES):
+                if resolved(scene, joint, every) <= 2 * every and span / every < rows / ROWS_A_KNOT:
+                    yield cls(joint=joint.name, motion=axis_motion(joint), every=every)
+
+
+def curve(joint: Joint, q: Value, every: float) -> Iterator[Value]:
+    """Cubic splines over a joint's travel or its turn, about `every` (mm, rad) apart."""
+    if joint.type == "rotary" and length(joint) > 1.99 * math.pi:
+        n = max(round(2 * math.pi / every), 5)
+        u = atan2(sin(q), cos(q)) * (n / (2 * math.pi))  # -n/2 to n/2, where the ends are one place
+        for k in range(n):
+            at = k - n / 2
+            near = cubic(u - at)
+            yield near + cubic(u - at - n) if k < 2 else near + cubic(u - at + n) if k == n - 1 else near
+        return
+    n = max(round(length(joint) / every), 2)
+    u = fmin(fmax(fraction(joint, q), 0), 1) * n
+    for k in range(-1, n + 2):
+        yield cubic(u - k)
 
 
 def declared(joint: Joint, motion: Motion) -> int:

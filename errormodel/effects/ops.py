@@ -22,3 +22,10 @@ def _both(name: str, numeric: str | None = None) -> Any:
 
 sin, cos, exp, tanh, sqrt = (_both(n) for n in ("sin", "cos", "exp", "tanh", "sqrt"))
 fmax, fmin, absolute = _both("fmax", "maximum"), _both("fmin", "minimum"), _both("fabs", "abs")
+atan2 = _both("atan2", "arctan2")
+
+
+def cubic(u: Value) -> Value:
+    """The cardinal cubic B-spline, on [-2, 2]; those at whole distances sum to one."""
+    far, near = fmax(2 - absolute(u), 0), fmax(1 - absolute(u), 0)
+    return far**3 / 6 - near**3 * (4 / 6)

@@ -7,13 +7,14 @@ integrated over its grid, which pays for looking elsewhere. Nats throughout.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from errormodel.arrays import Array, Index, Mask
 from errormodel.effects import registry
 from errormodel.effects.base import Effect
+from identification.diagnosis.tied import Tied
 from identification.diagnosis.workbench import Workbench
 
 ABSORBED = 0.99  # of a column's length squared: beyond it an effect cannot be told from the geometry
@@ -38,12 +39,12 @@ class Candidates:
         """All proposals of the library (or the given ones) whose channels the survey has."""
         if effects is None:
             effects = [e for kind in registry().values() for e in kind.proposals(bench.scene)]
-        by_count: dict[int, list[tuple[int, Array, Array]]] = {}
+        by_count: dict[tuple[bool, int], list[tuple[int, Array, Array]]] = {}
         kept: list[Effect] = []
         for effect in effects:
             columns, size = bench.columns(effect)
             if np.isfinite(columns).all() and columns.any():
-                by_count.setdefault(len(columns), []).append((len(kept), columns, size))
+                by_count.setdefault((effect.tied, len(columns)), []).append((len(kept), columns, size))
                 kept.append(effect)
         blocks = [
             (np.array([n for n, _, _ in rows]), np.array([c for _, c, _ in rows]), np.array([s for _, _, s in rows]))
@@ -63,6 +64,13 @@ class Candidates:
         drop = np.zeros(len(self.effects))
         absorbed = np.ones(len(self.effects))
         for numbers, columns, sizes in self.blocks:
+            if self.effects[numbers[0]].tied:  # a block of its own
+                for k, n in enumerate(numbers):
+                    seen = columns.shape[2]
+                    own = Tied.of(columns[k], bench.basis[:seen], bench.residual[:seen], bench.freedom)
+                    own = replace(own, square=bench.square)
+                    evidence[n], drop[n], absorbed[n] = own.best()[1], own.drop, own.absorbed
+                continue
             for start in range(0, len(numbers), 500):
                 part = slice(start, start + 500)
                 generic = np.array([self.effects[n].generic for n in numbers[part]])
@@ -105,14 +113,15 @@ def _block_scores(bench: Workbench, columns: Array, sizes: Array, generic: Mask)
     (one nat is paid for the choice).
     """
     m, k, n = columns.shape
+    basis, residual = bench.basis[:n], bench.residual[:n]  # behind them there may be ties
     flat = columns.reshape(m * k, n)
     whole = np.einsum("ij,ij->i", flat, flat).reshape(m, k)
     # what is left of a column, and its product with the residual, without forming it: R is a projector
-    inner = (flat @ bench.basis).reshape(m, k, -1)
+    inner = (flat @ basis).reshape(m, k, -1)
     gram = np.einsum("aip,ajp->aij", columns, columns, optimize=True) - np.einsum(
         "air,ajr->aij", inner, inner, optimize=True
     )
-    slope = (flat @ bench.residual).reshape(m, k)
+    slope = (flat @ residual).reshape(m, k)
     norm = np.sqrt(np.maximum(whole, 1e-300))
     unit = gram / norm[:, :, None] / norm[:, None, :]
     values, vectors = np.linalg.eigh(unit)

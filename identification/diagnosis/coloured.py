@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from itertools import product
+from itertools import pairwise, product
 
 import numpy as np
 
@@ -34,15 +34,15 @@ class Noise:
     part: float
 
     def whitened(self, columns: Array, starts: Array) -> Array:
-        """Innovations of series (k, N) that begin at `starts`, to one common variance; a series' rows are in order."""
+        """Innovations of series (k, N + ties), to one common variance; `starts` are theirs, and the last one's end."""
         from scipy.signal import lfilter
 
         phi = float(np.exp(-1 / self.length))
         ratio = phi / (1 + phi**2 + self.part * (1 - phi**2))  # theta / (1 + theta^2), from the first autocovariance
         theta = (1 - np.sqrt(1 - 4 * ratio**2)) / (2 * ratio)
         first = np.sqrt(phi / theta / (1 + self.part))  # the first row has the process' whole variance
-        out = np.empty_like(columns)
-        for a, b in zip(starts, [*starts[1:], columns.shape[1]], strict=True):
+        out = columns.copy()
+        for a, b in pairwise(starts):
             out[:, a:b] = lfilter([1.0, -phi], [1.0, -theta], columns[:, a:b], axis=1)
             out[:, a] *= first
         return out
@@ -66,8 +66,8 @@ def evidence(bench: Workbench, effect: Effect) -> float:
 
 
 def _starts(bench: Workbench) -> Array:
-    """Where the series of one component of one view begin."""
-    return np.concatenate([[0], np.flatnonzero(np.diff(bench.index) <= 0) + 1])
+    """Where the series of one component of one view begin, and where the last one ends."""
+    return np.concatenate([[0], np.flatnonzero(np.diff(bench.index) <= 0) + 1, [len(bench.index)]])
 
 
 def _benches(bench: Workbench) -> Iterator[tuple[float, Workbench, Noise | None]]:

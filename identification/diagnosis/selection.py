@@ -17,6 +17,7 @@ from errormodel.effects.base import Effect
 from identification.diagnosis import coloured
 from identification.diagnosis.candidates import Candidates, Scores
 from identification.diagnosis.refinements import forms
+from identification.diagnosis.tied import Tied
 from identification.diagnosis.workbench import Workbench
 
 DETECT = 7.0  # nats beyond the number of places looked at: one false alarm in a thousand
@@ -25,7 +26,8 @@ WORTH = 7.0  # nats below which nothing is looked at further
 CLEARLY = 6.0  # nats
 FORM = 0.85  # a name may explain this much less than the best mere form: forms bend to anything
 ALIKE = 0.6  # canonical correlation beyond which a later effect is a further form of an earlier finding
-MOST_FINDINGS = 4
+MOST_FINDINGS = 12
+MOST_STEPS = 24
 SHAPES = ("period", "by_period", "per_turn", "tau", "at", "width", "exponent", "overlap")
 
 
@@ -78,7 +80,7 @@ class Growth:
 def grow(bench: Workbench, candidates: Candidates) -> Growth:
     """Accept explanations one by one while evidence and held-out error both ask for them."""
     growth = Growth(bench, bench)
-    while len(growth.steps) < 4 * MOST_FINDINGS:
+    while len(growth.steps) < MOST_STEPS:
         step = next_step(growth, candidates)
         if step is None:
             break
@@ -98,7 +100,7 @@ def next_step(growth: Growth, candidates: Candidates) -> Step | None:
     if not ranked or ranked[0][0] < WORTH:
         return None
     searched = len(ranked)
-    explained = sum(s.drop for s in growth.steps)
+    explained = sum(s.drop for s in growth.steps if not s.effect.tied)  # a curve has no shape of its own to miss
     steps = [_polished(candidates, scores, bench, n, searched) for _, n in ranked[:12]]
     best = choose(steps)
     own = _refined(growth, best)
@@ -145,7 +147,7 @@ def second_look(growth: Growth, candidates: Candidates) -> Growth:
         steps = [_polished(candidates, scores, bench, n, len(ranked)) for _, n in ranked[:8]]
         best = choose(steps)
         old = growth.steps[number]
-        if best.effect.key == old.effect.key or best.drop < 1.02 * _drop_of(bench, old.effect):
+        if best.effect == old.effect or best.drop < 1.02 * _drop_of(bench, old.effect):
             continue
         if not convincing(bench, best):
             continue
@@ -178,6 +180,9 @@ def _polished(candidates: Candidates, scores: Scores, bench: Workbench, number: 
     from scipy.optimize import minimize_scalar
 
     effect = candidates.effects[number]
+    if effect.tied:
+        ratio, _, noise = Tied.of(bench.columns(effect)[0], bench.basis, bench.residual, bench.freedom).best()
+        effect = effect.model_copy(update={"size": float(f"{np.sqrt(ratio * noise):.3g}")})
     family = [e for e, k in zip(candidates.effects, candidates.keys, strict=True) if k == effect.key]
     for name in SHAPES:
         value = getattr(effect, name, None) if name in type(effect).model_fields else None
@@ -228,6 +233,8 @@ def _refined(growth: Growth, step: Step) -> int | None:
         if earlier.refines is not None:
             continue
         one, other = earlier.effect, step.effect
+        if one.tied and not other.generic and other.family != one.family:
+            continue  # a curve of the joint's own position leaves nothing of that kind: this is something else
         if one.where == other.where and (one.effect == other.effect or roots(one) & roots(other)):
             return k
         if likeness(bench, bench.columns(one)[0], mine) > ALIKE:
@@ -265,9 +272,9 @@ def heldout_rms(bench: Workbench, blocks: int = 12) -> float:
     total = 0.0
     number = bench.blocks(blocks)
     for b in np.unique(number):
-        rows = number == b
+        rows = np.flatnonzero(number == b)
         q, r = bench.basis[rows], bench.residual[rows]
         inner = np.eye(q.shape[1]) - q.T @ q
         left = r + q @ np.linalg.lstsq(inner, q.T @ r, rcond=1e-10)[0]
         total += float(left @ left)
-    return float(np.sqrt(total / bench.size))
+    return float(np.sqrt(total / len(number)))

@@ -58,8 +58,9 @@ def unseen(scene: Scene, tried: Sequence[Effect], absorbed: Array) -> list[Untes
 def full_scene(scene: Scene) -> Scene:
     """The machine as a full survey would have it, with this survey's sensors where it has any."""
     rng = np.random.default_rng(0)
-    time = 60.0 * np.arange(ROWS)
-    columns: dict[str, Array] = {"time": time}
+    time: Array = 60.0 * np.arange(ROWS, dtype=np.float64)
+    columns: dict[str, Array] = {}
+    columns["time"] = time
     for joint in scene.machine.joints:
         columns[joint.name] = rng.uniform(*joint.travel, ROWS)
         columns[f"dir_{joint.name}"] = rng.choice([-1.0, 1.0], ROWS)

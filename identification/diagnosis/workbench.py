@@ -18,11 +18,12 @@ from errormodel.effects.base import Effect
 from errormodel.effects.scene import Scene
 from errormodel.features import POINT, channel, settled
 from errormodel.survey import Survey
+from identification.diagnosis.tied import Tied
 from identification.fit.result import Fit
 from identification.sums import design_rows, view_vector
 from identification.views import PositionView
 
-MOST_ROWS = 4000  # of a survey: more are thinned out, so that all candidates' columns fit into memory
+MOST_ROWS = 2500  # of a survey: more are thinned out, so that all candidates' columns fit into memory
 MOST_RUNS = 12  # labels; more are no runs of one survey
 LEAST_RUN = 8  # rows of a run that may differ
 
@@ -33,8 +34,9 @@ class Workbench:
 
     Attributes
     ----------
-    residual : (N,) whitened residual, free of what `basis` spans.
-    basis : (N, r) orthonormal: the fitted geometry, and what has been accepted so far.
+    residual : (N + ties,) whitened residual, free of what `basis` spans; behind the observations one equation for
+        each parameter that is tied to zero.
+    basis : (N + ties, r) orthonormal: the fitted geometry, and what has been accepted so far.
     levers : element -> (6, N) whitened effect of each motion of the element.
     table : channel -> (N,) its value at each observation.
     index : (N,) the survey's row of each observation.
@@ -50,7 +52,8 @@ class Workbench:
 
     @property
     def size(self) -> int:
-        return len(self.index)
+        """Observations and ties."""
+        return len(self.residual)
 
     @property
     def freedom(self) -> int:
@@ -66,21 +69,21 @@ class Workbench:
         return self.table[name]
 
     def columns(self, effect: Effect) -> tuple[Array, Array]:
-        """Whitened columns (k, N) of an effect's parameters as they act on the data, and their sizes (k,)."""
+        """Whitened columns (k, N + ties) of an effect's parameters as they act on the data, and their sizes (k,)."""
         terms = effect.terms(self.channel, self.chain.machine)
-        out = np.zeros((len(terms), self.size))
+        out, seen = np.zeros((len(terms), self.size)), len(self.index)
         for k, term in enumerate(terms):
             lever = self.levers[term.element]
             for motion, value in term.motion.items():
-                out[k] += lever[MOTIONS.index(motion)] * value
+                out[k, :seen] += lever[MOTIONS.index(motion)] * value
         return out, np.array([t.size for t in terms])
 
     def project(self, columns: Array) -> Array:
-        """Columns (k, N) without what the basis spans."""
+        """Columns (k, N + ties) without what the basis spans."""
         return columns - (columns @ self.basis) @ self.basis.T
 
     def with_columns(self, columns: Array) -> Workbench:
-        """The workbench after further columns (k, N) have been fitted."""
+        """The workbench after further columns (k, N + ties) have been fitted."""
         left = self.project(self.project(columns))
         norms = np.linalg.norm(left, axis=1)
         keep = norms > 1e-6 * np.linalg.norm(columns, axis=1)
@@ -92,7 +95,13 @@ class Workbench:
 
     def with_effect(self, effect: Effect) -> Workbench:
         """The workbench after an effect has been fitted."""
-        return self.with_columns(self.columns(effect)[0])
+        columns, size = self.columns(effect)
+        if not effect.tied:
+            return self.with_columns(columns)
+        noise = Tied.of(columns, self.basis, self.residual, self.freedom).noise(float(size[0]))
+        more = np.zeros((len(columns), self.basis.shape[1])), np.zeros(len(columns))
+        wider = replace(self, basis=np.vstack([self.basis, more[0]]), residual=np.append(self.residual, more[1]))
+        return wider.with_columns(np.hstack([columns, np.diag(np.sqrt(noise) / size)]))
 
     def blocks(self, count: int) -> Index:
         """For each observation the number, from 0, of its block of consecutive rows."""

@@ -49,13 +49,13 @@ def pictures(fit: Fit) -> dict[str, list[Picture]]:
 
 def _errors(fit: Fit) -> list[Picture]:
     return [
-        _picture(
+        picture(
             draw_error_distribution(fit),
             "How many rows have an error of which size: the further the fitted curve lies to the left of the nominal "
             "one, the more of the error the model removes; held-out and test curves show rows it has not seen.",
             "Histogram and cumulative distribution of the size of the error, before and after the fit",
         ),
-        _picture(
+        picture(
             draw_volumetric_error(fit),
             "Where in the working volume the errors are and where they point, before and after the fit, both enlarged "
             "alike, in the axes of the machine's reference.",
@@ -65,7 +65,7 @@ def _errors(fit: Fit) -> list[Picture]:
 
 
 def _motions(fit: Fit, joint: Joint) -> Picture:
-    return _picture(
+    return picture(
         draw_error_motions(fit, joint),
         f"Joint {joint.name}: its identified error motions over the travel, with bands of ± 2 standard uncertainties.",
         f"Curves of the translations and rotations of joint {joint.name} over its travel",
@@ -74,13 +74,13 @@ def _motions(fit: Fit, joint: Joint) -> Picture:
 
 def _residuals(fit: Fit) -> list[Picture]:
     return [
-        _picture(
+        picture(
             draw_residuals_by_position(fit),
             "What is left over against the position of each joint: a dark line that wanders shows an error of that "
             "joint that the model does not have.",
             "Residuals x, y, z against each joint's position, with median and spread",
         ),
-        _picture(
+        picture(
             draw_residuals_by_order(fit),
             "What is left over in the order of measuring: a drift here is warming up, or a frame that moved.",
             "Residuals x, y, z in the order of measuring, with median and spread",
@@ -90,7 +90,7 @@ def _residuals(fit: Fit) -> list[Picture]:
 
 def _parameters(fit: Fit) -> list[Picture]:
     return [
-        _picture(
+        picture(
             draw_parameters(fit),
             "The machine's parameters with ± 2 standard uncertainties, the most significant first; a hollow dot is "
             "not significant: its bar holds zero. A name ending in … stands for a group.",
@@ -101,13 +101,13 @@ def _parameters(fit: Fit) -> list[Picture]:
 
 def _rank(fit: Fit) -> list[Picture]:
     return [
-        _picture(
+        picture(
             draw_singular_values(fit),
             "How clearly the poses tell the parameters apart: every dot above the line is one identified "
             "combination, the lower the less certain.",
             f"Singular values in falling order; {fit.solution.groups.rank} lie above the threshold",
         ),
-        _picture(
+        picture(
             draw_correlation(fit),
             "Which groups the survey can hardly tell apart: dark squares off the diagonal are pairs of which only "
             "a sum (blue) or a difference (red) is known well.",
@@ -116,7 +116,8 @@ def _rank(fit: Fit) -> list[Picture]:
     ]
 
 
-def _picture(figure: Figure, caption: str, alt: str) -> Picture:
+def picture(figure: Figure, caption: str, alt: str) -> Picture:
+    """A figure as it is embedded."""
     data, kind = style.render(figure, "svg"), "svg+xml"
     if len(data) > LARGEST_SVG:
         pixels = style.render(figure, "png", PNG_DPI)

@@ -6,14 +6,15 @@ from pathlib import Path
 
 from errormodel import __version__
 from errormodel.files import write_text_atomic
-from identification.diagnosis.findings import Diagnosis
+from identification.diagnosis.run import Diagnosed
 from identification.estimates import estimates
 from identification.fit.result import Fit
 from identification.report import tables, wording
+from identification.report.diagnosis import diagnosis_part
 from identification.report.pictures import pictures
 
 
-def write_report(fit: Fit, path: Path, diagnosis: Diagnosis | None = None) -> None:
+def write_report(fit: Fit, path: Path, diagnosed: Diagnosed | None = None) -> None:
     """Write the report of `fit` to `path`: HTML that holds all it shows; same fit, same bytes.
 
     With a diagnosis, `fit` is that of the extended machine and its findings come first.
@@ -31,7 +32,7 @@ def write_report(fit: Fit, path: Path, diagnosis: Diagnosis | None = None) -> No
     text = environment.get_template("report.html").render(
         machine=fit.chain.machine.name,
         headline=wording.headline(fit),
-        diagnosis=diagnosis,
+        diagnosis=diagnosis_part(diagnosed) if diagnosed else None,
         judgements=wording.judgements(fit),
         notes=fit.notes,
         results=tables.results(fit),

@@ -1,0 +1,76 @@
+"""Many parameters tied to zero together, with one standard deviation for all: how large it is, and what that is worth.
+
+Restricted maximum likelihood with the noise and the geometry integrated out; in the eigenbasis of what the geometry
+leaves of the columns, a scale costs a sum (D. A. Harville, J. Am. Stat. Assoc. 72, 1977).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from errormodel.arrays import Array
+
+SCALES = np.logspace(-3, 6, 91)  # of a parameter's effect over all rows, in noise variances
+
+
+@dataclass(frozen=True)
+class Tied:
+    """Tied columns beside a fitted basis.
+
+    Attributes
+    ----------
+    values : (k,) eigenvalues of their projected Gram matrix; `slopes` (k,): the residual along those directions.
+    whole : what the geometry left and took of them, summed; `square`, `freedom`: of the residual.
+    """
+
+    values: Array
+    slopes: Array
+    whole: float
+    square: float
+    freedom: int
+
+    @classmethod
+    def of(cls, columns: Array, basis: Array, residual: Array, freedom: int) -> Tied:
+        """From columns (k, N), an orthonormal basis (N, r) and the residual (N,) that it leaves."""
+        inner = columns @ basis
+        gram = columns @ columns.T
+        values, vectors = np.linalg.eigh(gram - inner @ inner.T)
+        seen = values > 1e-9 * values[-1]
+        slopes = vectors[:, seen].T @ (columns @ residual)
+        return cls(values[seen], slopes, float(np.trace(gram)), float(residual @ residual), freedom)
+
+    @property
+    def absorbed(self) -> float:
+        return float(np.clip(1 - self.values.sum() / self.whole, 0.0, 1.0)) if self.whole else 1.0
+
+    def left(self, ratio: Array | float) -> Array:
+        """Residual sum of squares (with the ties') for variances of `ratio` noise variances."""
+        r = np.asarray(ratio)[..., None]
+        out: Array = self.square - np.sum(self.slopes**2 * r / (1 + r * self.values), axis=-1)
+        return out
+
+    def best(self) -> tuple[float, float, float]:
+        """The likeliest ratio of a parameter's variance to the noise's, its evidence (nats), and the noise variance."""
+        if not len(self.values):
+            return 0.0, -np.inf, self.square / self.freedom
+        ratios = SCALES / self.values.mean()
+        left = self.left(ratios)
+        evidence = -self.freedom / 2 * np.log(left / self.square)
+        evidence = evidence - 0.5 * np.log1p(ratios[:, None] * self.values).sum(axis=1)
+        k = int(np.argmax(evidence))
+        return float(ratios[k]), float(evidence[k]) - 1.0, float(left[k]) / self.freedom  # a nat for the choice
+
+    @property
+    def drop(self) -> float:
+        """Of the residual sum of squares at the likeliest scale, in noise variances before."""
+        ratio = self.best()[0]
+        return float(self.square - self.left(ratio)) * self.freedom / self.square
+
+    def noise(self, size: float) -> float:
+        """Noise variance where the parameters' standard deviation is known."""
+        variance = self.square / self.freedom
+        for _ in range(8):
+            variance = float(self.left(size**2 / variance)) / self.freedom
+        return variance

@@ -1,0 +1,214 @@
+"""The motions that a finding adds, along its driver over the recorded range, with their uncertainty."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from errormodel.arrays import Array, Index
+from errormodel.conventions import MOTIONS, Motion
+from errormodel.effects import make
+from errormodel.effects.base import Effect
+from identification.diagnosis.selection import Growth
+from identification.fit.result import Fit
+from identification.plots import style
+from identification.plots.evidence import CALL, MINUS, Evidence, axis_of, in_micro, is_warm, root
+
+POINTS = 361
+PERIODS = 3  # of a wave that has many
+FEW = 8  # values of a channel: they are drawn as marks
+SMALL = 0.05  # of what the largest motion does at the tip: a motion below it is not drawn
+MOST_PANELS = 6
+TALL = 1.75  # of a panel, inches
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One motion along the abscissa: values and twice the standard uncertainty, (n,), um or urad."""
+
+    x: Array
+    value: Array
+    band: Array
+    label: str
+    colour: str
+    line: str
+
+
+def draw_effect_curve(evidence: Evidence, growth: Growth, fit: Fit) -> Figure:
+    """The finding's motions (um, urad), each in a panel, with bands of twice their standard uncertainty.
+
+    `fit` is that of the extended machine. What the finding depends on beside the abscissa is a family of curves, or
+    two branches by the side of arrival; all else stands at its median. Along time a motion counts from the first row,
+    a wave from its mean.
+    """
+    panels = curves(evidence, growth, fit)
+    lines = -(-len(panels) // 2)
+    top = 0.3 if evidence.split else 0.08
+    height = lines * (TALL + 0.62) + top
+    figure = Figure(figsize=(style.WIDTH, height), facecolor="white")
+    for k, ((element, motion), family) in enumerate(panels.items()):
+        wide = 3.08 if len(panels) > 1 else 7.1
+        bottom = height - top - TALL - (k // 2) * (TALL + 0.62)
+        axes = style.panel(figure, 0.7 + 4.0 * (k % 2), bottom, wide, TALL)
+        style.dress(axes, "", f"{motion} of {style.plain(element, 12)} / {in_micro(motion)[1]}")
+        _draw(axes, evidence, family)
+    axes = figure.axes[0]
+    if evidence.split:
+        figure.legend(
+            *axes.get_legend_handles_labels(), loc="upper left", bbox_to_anchor=(0.07, 1.0), ncols=3, frameon=False,
+            fontsize=style.SMALL, labelcolor=style.INK, handlelength=2.4, columnspacing=1.6,
+        )  # fmt: skip
+    return figure
+
+
+def _draw(axes: Axes, evidence: Evidence, family: Sequence[Curve]) -> None:
+    axes.axhline(0, color=style.MUTED, lw=0.7)
+    for curve in family:
+        axes.fill_between(
+            curve.x, curve.value - curve.band, curve.value + curve.band, color=curve.colour, alpha=0.18, lw=0
+        )
+        mark = "o" if len(curve.x) <= FEW else ""
+        axes.plot(curve.x, curve.value, color=curve.colour, ls=curve.line, lw=1.6, marker=mark, ms=4, label=curve.label)
+    label = axis_of(evidence.bench, evidence.abscissa.name).label  # not folded
+    axes.set_xlabel(label, size=style.BODY, color=style.INK)
+    axes.margins(x=0.02 if len(family[0].x) <= FEW else 0)
+
+
+def curves(evidence: Evidence, growth: Growth, fit: Fit) -> dict[tuple[str, Motion], list[Curve]]:
+    """The family of curves of each motion of a finding that matters, the one that shows most first."""
+    effects = list(_effects(evidence, growth, fit))
+    place = {fit.solution.unknowns[j]: k for k, j in enumerate(fit.solution.groups.base)}
+    known = [i for _, ids in effects for i in ids if i in place]  # others act as a group does that is in the fit
+    some = [place[i] for i in known]
+    values = fit.solution.values[fit.solution.groups.base[some]]
+    covariance = fit.solution.covariance[np.ix_(some, some)] * fit.inflation**2
+    out: dict[tuple[str, Motion], list[Curve]] = {}
+    size: dict[tuple[str, Motion], float] = {}
+    for x, channels, level in _grids(evidence):
+        rates: dict[tuple[str, Motion], Array] = {}
+        for effect, ids in effects:
+            for identity, term in zip(ids, effect.terms(channels, fit.chain.machine), strict=True):
+                for motion, rate in term.motion.items():
+                    whole = rates.setdefault((term.element, motion), np.zeros((len(known), len(x))))
+                    if identity in place:
+                        whole[known.index(identity)] += rate
+        for key, whole in rates.items():
+            since = whole - _zero(evidence, whole)
+            value = values @ since
+            std = np.sqrt(np.maximum(np.einsum("am,ab,bm->m", since, covariance, since), 0.0))
+            factor = in_micro(key[1])[0]
+            label = evidence.split.labels[level] if evidence.split else ""
+            curve = Curve(x, factor * value, 2 * factor * std, label, *evidence.looks[level])
+            out.setdefault(key, []).append(curve)
+            arm = float(np.linalg.norm(evidence.bench.levers[key[0]][MOTIONS.index(key[1])]))
+            size[key] = max(size.get(key, 0.0), float(np.abs(value).max()) * arm)
+    keys = sorted(out, key=lambda key: -size[key])
+    keys = [k for k in keys if size[k] > SMALL * size[keys[0]]] or keys[:1]
+    return {k: out[k] for k in keys[:MOST_PANELS]}
+
+
+def _zero(evidence: Evidence, rates: Array) -> Array:
+    """What a motion is counted from, (parameters, 1): the first row in time, the mean of a wave, else nothing."""
+    if evidence.abscissa.name == "time":
+        return rates[:, :1]
+    return rates.mean(axis=1, keepdims=True) if evidence.waves else np.zeros((len(rates), 1))
+
+
+def _effects(evidence: Evidence, growth: Growth, fit: Fit) -> Iterator[tuple[Effect, list[str]]]:
+    """The finding's effects as they are in the fit, with the ids of their parameters.
+
+    The growth's steps are the machine's last effects. Effects of the same kind at one place have the same labels: the
+    chain holds their parameters in the order of the machine.
+    """
+    chain = fit.chain
+    left = list(chain.parameters)
+    specs = chain.machine.effects
+    owners = [False] * (len(specs) - len(growth.steps)) + [s in evidence.group for s in growth.steps]
+    for spec, own in zip(specs, owners, strict=True):
+        effect, ids = make(spec), []
+        for term in effect.terms(evidence.bench.channel, chain.machine):
+            label = f"{spec.effect}-{term.label}" if term.label else spec.effect
+            sought = (term.element, next(iter(term.motion)), label)
+            found = next(p for p in left if (p.element, p.motion, p.term) == sought)
+            left.remove(found)
+            ids.append(found.id)
+        if own:
+            yield effect, ids
+
+
+def _grids(evidence: Evidence) -> Iterator[tuple[Array, Channels, int]]:
+    """For each curve the abscissa as shown, the channels along it, and its level."""
+    name, split = evidence.abscissa.name, evidence.split
+    for level in range(len(split.levels) if split else 1):
+        given: dict[str, Array] = {}
+        if split is not None:
+            given[split.name] = np.full(1, split.levels[level])
+        if name == "time":
+            order = np.argsort(evidence.channel("time"), kind="stable")
+            rows = evidence.first[order[np.unique(np.linspace(0, len(order) - 1, POINTS).astype(int))]]
+            x = evidence.bench.channel("time")[rows]
+            yield evidence.abscissa.factor * x, Channels(evidence, given, rows), level
+        else:
+            x = _range(evidence)
+            yield evidence.abscissa.factor * x, Channels(evidence, given | {name: x}), level
+
+
+def _range(evidence: Evidence) -> Array:
+    """The recorded range of the abscissa, or its few values; of a wave with many periods, three in its middle."""
+    values = evidence.channel(evidence.abscissa.name)
+    if len(levels := np.unique(values)) <= FEW:
+        return levels
+    low, high = float(values.min()), float(values.max())
+    if evidence.abscissa.period:
+        low = (low + high - PERIODS * evidence.abscissa.period) / 2
+        high = low + PERIODS * evidence.abscissa.period
+    return np.linspace(low, high, POINTS)
+
+
+class Channels:
+    """Channels along a curve: as given, as recorded (time and warmth, where `rows` are), else at their median.
+
+    Away from a recording, temperatures have stood still for long: what lags behind has caught up. Joints have
+    arrived from the side that is given, or from both in equal parts.
+    """
+
+    def __init__(self, evidence: Evidence, given: Mapping[str, Array], rows: Index | None = None) -> None:
+        self._evidence, self._rows = evidence, rows
+        self._given = dict(given)
+        for name in given:
+            if MINUS in name:
+                one, other = name.split(MINUS)
+                level = self._median(other)
+                self._given |= {root(one): given[name] + level, root(other): level}
+            else:
+                self._given.setdefault(root(name), given[name])
+
+    def __call__(self, name: str) -> Array:
+        if self._rows is not None and is_warm(name):
+            return self._evidence.bench.channel(name)[self._rows]
+        call = CALL.fullmatch(name)
+        if call and call[1] == "play":
+            return self._behind(self(call[2]), float(call[3]) / 2)
+        if name.startswith("dir_"):
+            return self._side()
+        found = self._given.get(root(name))
+        return self._median(name) if found is None else found
+
+    def _side(self) -> Array:
+        """Side of arrival: that of the branch, of all joints alike."""
+        split = self._evidence.split
+        return self._given[split.name] if split is not None and split.name.startswith("dir_") else np.zeros(1)
+
+    def _behind(self, position: Array, half: float) -> Array:
+        """What follows a joint with a play, there and back over the range of the curve."""
+        side = float(self._side()[0])
+        there = np.maximum(position - half, position.min() + half if len(position) > 1 else -np.inf)
+        back = np.minimum(position + half, position.max() - half if len(position) > 1 else np.inf)
+        return there if side > 0 else back if side < 0 else (there + back) / 2
+
+    def _median(self, name: str) -> Array:
+        return np.array([np.median(self._evidence.channel(name))])

@@ -1,0 +1,146 @@
+"""The map of where: which motion of which element, going with which channel, would explain what is left over."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import log
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from errormodel.arrays import Array
+from errormodel.conventions import MOTIONS, Motion, iso_symbol
+from identification.diagnosis.candidates import Scores
+from identification.diagnosis.selection import Growth, Step
+from identification.plots import style
+from identification.plots.evidence import motions, root
+
+MOST_ROWS = 42
+HIGH, MOST_WIDE = 0.21, 0.5  # of a cell, inches
+ADDS = 0.03  # share by which a channel must add to what the others of its proposal explain without it
+TOLD = 0.095  # share from which a cell holds its figure; rows and columns with nothing above it are left out
+FRAME = "#B84300"  # of findings
+Cell = tuple[str, Motion]
+
+
+@dataclass(frozen=True)
+class WhereMap:
+    """Shares (rows, columns) of the excess, NaN where nothing beats noise; `marks` cells of findings, by number."""
+
+    rows: list[Cell]
+    columns: list[str]
+    share: Array
+    marks: dict[tuple[int, int], list[int]]
+
+
+def where_map(growth: Growth, scores: Scores, numbered: Sequence[tuple[int, Sequence[Step]]]) -> WhereMap:
+    """The best proposal of each cell before anything is accepted, as a share of the excess over noise.
+
+    `scores` are those of the growth's start, `numbered` its findings by their number in the report. A proposal with
+    several motions or channels counts in all their cells, where its evidence outweighs the number of places looked at;
+    a channel that adds nothing to the proposal's others does not count.
+    """
+    start, end = growth.start, growth.bench
+    excess = start.square - start.freedom * end.square / end.freedom
+    unit = start.square / start.freedom
+    shares: dict[Cell, dict[frozenset[str], float]] = {}
+    ranked = scores.by_key()
+    for evidence, number in ranked:
+        if evidence < log(len(ranked)):
+            break
+        effect = scores.candidates.effects[number]
+        share = float(np.clip(scores.drop[number] * unit / max(excess, 1e-300), 0.0, 1.0))
+        drivers = frozenset(map(root, effect.drivers))
+        for cell in motions(start, [effect]):
+            here = shares.setdefault(cell, {})
+            here[drivers] = max(here.get(drivers, 0.0), share)
+    best: dict[tuple[Cell, str], float] = {}
+    for cell, here in shares.items():
+        for drivers, share in here.items():
+            for driver in drivers:
+                if share > here.get(drivers - {driver}, 0.0) + ADDS:
+                    best[cell, driver] = max(best.get((cell, driver), 0.0), share)
+    marked: dict[tuple[Cell, str], list[int]] = {}
+    for number, group in numbered:
+        for cell in motions(start, [group[0].effect]):
+            for driver in dict.fromkeys(map(root, group[0].effect.drivers)):
+                marked.setdefault((cell, driver), []).append(number)
+    return _laid_out(growth, best, marked)
+
+
+def _laid_out(
+    growth: Growth, best: Mapping[tuple[Cell, str], float], marked: Mapping[tuple[Cell, str], list[int]]
+) -> WhereMap:
+    """Rows in the order of the chain, the strongest of very many; columns: joints, sides of arrival, all else."""
+    strongest: dict[Cell, float] = {}
+    for (cell, _), share in best.items():
+        strongest[cell] = max(strongest.get(cell, 0.0), share)
+    strongest |= {cell: 2.0 for cell, _ in marked}  # never left out
+    kept = [c for c in sorted(strongest, key=lambda cell: -strongest[cell]) if strongest[c] >= TOLD][:MOST_ROWS]
+    names = growth.start.chain.element_names
+    rows = sorted(kept, key=lambda cell: (names.index(cell[0]), MOTIONS.index(cell[1])))
+    joints = [j.name for j in growth.start.chain.machine.joints]
+    order = [*joints, *(f"dir_{j}" for j in joints)]
+    told = [key for key, share in best.items() if share >= TOLD and key[0] in kept]
+    used = {driver for _, driver in (*told, *marked)}
+    columns = sorted(used, key=lambda c: (order.index(c) if c in order else len(order), c))
+    shares = np.array([[best.get((cell, column), np.nan) for column in columns] for cell in rows])
+    marks = {(rows.index(cell), columns.index(driver)): numbers for (cell, driver), numbers in marked.items()}
+    return WhereMap(rows, columns, shares.reshape(len(rows), len(columns)), marks)
+
+
+def draw_where_map(growth: Growth, scores: Scores, numbered: Sequence[tuple[int, Sequence[Step]]]) -> Figure:
+    """Heat map of :func:`where_map`: the darker, the more one effect there would explain; findings are framed."""
+    found = where_map(growth, scores, numbered)
+    n, m = found.share.shape
+    left, wide = 1.55, min(MOST_WIDE, 4.7 / m)
+    tall = n * HIGH
+    names = [_column(c) for c in found.columns]
+    slanted = max(map(len, names)) > 3
+    top = 0.95 if slanted else 0.35
+    height = max(tall, 1.0) + top + 0.1
+    figure = Figure(figsize=(style.WIDTH, height), facecolor="white")
+    axes = style.panel(figure, left, height - top - tall, m * wide, tall)
+    style.dress(axes)
+    image = axes.imshow(found.share, cmap="Blues", vmin=0, vmax=1, aspect="auto", interpolation="nearest")
+    axes.set_xticks(np.arange(m + 1) - 0.5, minor=True)
+    axes.set_yticks(np.arange(n + 1) - 0.5, minor=True)
+    axes.grid(which="major", visible=False)
+    axes.grid(which="minor", color=style.FAINT, lw=0.6)
+    axes.tick_params(which="minor", length=0)
+    axes.tick_params(which="major", length=0, labeltop=True, labelbottom=False)
+    axes.set_yticks(range(n), [_row(growth, cell) for cell in found.rows], size=style.SMALL)
+    turned: dict[str, Any] = {"rotation": 40, "ha": "left", "rotation_mode": "anchor"} if slanted else {}
+    axes.set_xticks(range(m), names, size=style.SMALL, **turned)
+    axes.spines[:].set_visible(False)
+    for (i, j), share in np.ndenumerate(found.share):
+        if share >= TOLD and wide > 0.24:
+            colour = "white" if share > 0.55 else style.INK
+            axes.text(j, i, f"{100 * share:.0f}", size=7, color=colour, ha="center", va="center_baseline")
+    by_row: dict[int, list[int]] = {}
+    for (i, j), numbers in found.marks.items():
+        axes.add_patch(Rectangle((j - 0.5, i - 0.5), 1, 1, fill=False, ec=FRAME, lw=2, clip_on=False, zorder=4))
+        by_row[i] = sorted({*by_row.get(i, ()), *numbers})
+    for i, numbers in by_row.items():
+        word = "finding " + ", ".join(map(str, numbers))
+        axes.text(m - 0.4, i, word, size=style.SMALL, weight="bold", color=FRAME, va="center")
+    bar = figure.colorbar(image, cax=style.panel(figure, left + m * wide + 0.75, height - top - 1.0, 0.13, 1.0))
+    bar.set_label("share of the\nexcess explained", size=style.SMALL, color=style.INK)
+    bar.set_ticks([0, 0.5, 1], labels=["0", "50 %", "100 %"])
+    bar.ax.tick_params(labelsize=style.SMALL, colors=style.MUTED, labelcolor=style.INK, length=2)
+    bar.outline.set_visible(False)
+    return figure
+
+
+def _row(growth: Growth, cell: Cell) -> str:
+    element, motion = cell
+    joint = any(j.name == element for j in growth.start.chain.machine.joints)
+    iso = f"  {iso_symbol(element, motion)}" if joint else ""
+    return style.plain(f"{element}.{motion}{iso}", 24)
+
+
+def _column(name: str) -> str:
+    return style.plain(f"{name[4:]}, side" if name.startswith("dir_") else name, 18)

@@ -1,0 +1,264 @@
+"""What a report says of a diagnosis: the verdict in words, each finding with its figures and tables."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import log10
+
+import numpy as np
+
+from errormodel.conventions import unit_of
+from identification.diagnosis.candidates import Candidates
+from identification.diagnosis.findings import Alternative, Finding, Untestable
+from identification.diagnosis.run import Diagnosed
+from identification.diagnosis.selection import Step
+from identification.estimates import printed
+from identification.plots.effect_curve import PERIODS, draw_effect_curve
+from identification.plots.evidence import Evidence, evidence_of
+from identification.plots.residuals_along_driver import MOST, draw_residuals_along_driver
+from identification.plots.where_map import draw_where_map
+from identification.report.pictures import Picture, picture
+from identification.report.tables import number
+from identification.report.wording import decimals, short, three
+
+VERDICTS = {
+    "adequate": "Nothing was found: the model and the noise explain what was measured.",
+    "explained": "{found}: what is left looks like noise.",
+    "partly-explained": "{found}; something is left over that no finding explains.",
+    "unexplained": "More than noise is left over, and no finding explains it.",
+}
+MOST_PARAMETERS = 8  # of a finding's table
+SURE, LIKELY = 0.95, 0.7  # probability of a name
+
+
+@dataclass(frozen=True)
+class FindingPart:
+    """A finding as the page shows it: cells of its tables, in words and with units."""
+
+    number: int
+    finding: Finding
+    facts: list[tuple[str, str]]
+    parameters: list[list[str]]
+    alternatives: list[list[str]]
+    moved: list[list[str]]
+    pictures: list[Picture]
+
+    @property
+    def title(self) -> str:
+        word = "An effect without a name" if self.finding.effect == "unnamed" else self.finding.effect.capitalize()
+        return f"{self.number}. {word} at {self.finding.where}"
+
+    @property
+    def statement(self) -> str:
+        """The finding's sentence with the signs that a page has and a terminal may lack."""
+        text = self.finding.statement.replace(" +- ", " ± ")
+        return re.sub(r"(?<![\w.-])-(?=\d)", "−", re.sub(r"\bu(?=m\b|rad\b)", "µ", text))
+
+    @property
+    def summary(self) -> list[str]:
+        """Cells of the table of findings."""
+        held = self.finding.heldout_rms_um
+        drivers = ", ".join(_channel(d) for d in self.finding.driver)
+        return [drivers or "–", _probability(self.finding), three(held.before), three(held.after)]
+
+
+@dataclass(frozen=True)
+class DiagnosisPart:
+    """All that the page says of a diagnosis."""
+
+    headline: str
+    heldout: str
+    notes: tuple[str, ...]
+    findings: list[FindingPart]
+    where: list[Picture]
+    untestable: Sequence[Untestable]
+
+
+def diagnosis_part(diagnosed: Diagnosed) -> DiagnosisPart:
+    """The words, tables and figures of a diagnosis; one that found nothing has no figures."""
+    diagnosis = diagnosed.diagnosis
+    groups = numbered(diagnosed)
+    findings = [_part(diagnosed, n, f, groups.get(n)) for n, f in enumerate(diagnosis.findings, start=1)]
+    counts = {"effect{} found, and in the model": len(groups)}
+    counts["fault{} of the recording found and put right"] = len(findings) - len(groups)
+    found = ", ".join(f"{_count(n)} {text.format('s' * (n > 1))}" for text, n in counts.items() if n)
+    doubtful = [str(n) for n in groups if diagnosis.findings[n - 1].probability < LIKELY]
+    named = (f"the name of finding {' and '.join(doubtful)} is not sure, see its other explanations",)
+    left = (f"left over: {diagnosis.unexplained}",) if diagnosis.unexplained else ()
+    return DiagnosisPart(
+        VERDICTS[diagnosis.verdict].format(found=found[:1].upper() + found[1:]),
+        _heldout(diagnosed),
+        (*(n for n in diagnosis.notes if n not in diagnosed.final.notes), *(named if doubtful else ()), *left),
+        findings,
+        [_where(diagnosed, groups)] if groups else [],
+        diagnosis.untestable,
+    )
+
+
+def numbered(diagnosed: Diagnosed) -> dict[int, Sequence[Step]]:
+    """The growth's steps behind each finding, by its number on the page; blunders and outliers have none."""
+    left = list(diagnosed.growth.findings)
+    out: dict[int, Sequence[Step]] = {}
+    for number_, finding in enumerate(diagnosed.diagnosis.findings, start=1):
+        place = (finding.where, tuple(finding.driver))
+        here = [g for g in left if (g[0].effect.where, g[0].effect.drivers) == place]
+        here.sort(key=lambda g: g[0].effect.effect != finding.effect)
+        if here:
+            out[number_] = here[0]
+            left.remove(here[0])
+    return out
+
+
+def _count(count: int) -> str:
+    words = ("no", "one", "two", "three", "four", "five", "six")
+    return words[count] if count < len(words) else str(count)
+
+
+def _heldout(diagnosed: Diagnosed) -> str:
+    diagnosis = diagnosed.diagnosis
+    seen = np.isfinite(diagnosed.final.residuals)
+    rows = max(int(seen.any(axis=1).sum()), 1)
+    noise = diagnosis.noise_um * float(np.sqrt(seen.sum() / rows))
+    before, after = (s["heldout_rms_um"] for s in (diagnosis.baseline, diagnosis.final))
+    what = (
+        "the declared noise" if "position" in diagnosed.final.solution.declared else "noise, as the residuals show it,"
+    )
+    text = f"{short(_value(after))} µm rms, of which {what} makes {short(noise)} µm"
+    if diagnosis.findings and before != after:  # a mended table is what the first fit has seen already
+        text = f"{short(_value(before))} µm rms without the findings, {text.replace(' µm rms', ' µm rms with them', 1)}"
+    return f"Rows that were left out of the fit are predicted to {text}."
+
+
+def _value(value: float | None) -> float:
+    return float("nan") if value is None else value
+
+
+def _part(diagnosed: Diagnosed, count: int, finding: Finding, group: Sequence[Step] | None) -> FindingPart:
+    evidence = evidence_of(diagnosed.growth, group) if group else None
+    facts = [("Name", sure(finding))] if group else []
+    if finding.motion:
+        facts.append(("Motion", ", ".join(finding.motion)))
+    if finding.period:
+        facts.append(("Period", _period(diagnosed, finding)))
+    if group:
+        facts.append(("Hidden by the geometry", f"{100 * finding.absorbed:.0f} % of it"))
+    if len(group or ()) > 1:
+        facts.append(("Form", f"refined by {_count(len(group or ()) - 1)} further terms of the same cause"))
+    facts.append(("Next measurement", finding.next_measurement))
+    return FindingPart(
+        count,
+        finding,
+        facts,
+        _amounts(finding) if group else [],
+        [[f"{a.effect} at {a.where}", *odds(a)] for a in finding.alternatives],
+        [_amount(n, v, None, _unit(diagnosed, n)) for n, v in finding.moved.items()],
+        _pictures(diagnosed, count, evidence) if evidence else [],
+    )
+
+
+def _channel(name: str) -> str:
+    return f"side from which {name[4:]} arrives" if name.startswith("dir_") else name
+
+
+def _probability(finding: Finding) -> str:
+    return f"{finding.probability:.2f}" if finding.probability < 0.995 else "over 0.99"
+
+
+def sure(finding: Finding) -> str:
+    """How far to trust the name."""
+    if finding.effect == "unnamed":
+        return "none: no effect of the library fits; it is modelled as a smooth motion"
+    p = finding.probability
+    word = "sure" if p >= SURE else "likely" if p >= LIKELY else "one of several that fit about as well, see below"
+    return f"{finding.effect}: {word} (probability {_probability(finding)})"
+
+
+def odds(other: Alternative) -> list[str]:
+    """Odds of another explanation in words, and whether this data tells it apart."""
+    power = other.log10_bayes_factor
+    times = 10 ** min(abs(power), 3.0)
+    if abs(power) < log10(1.5):
+        text = "as likely by this data"
+    elif abs(power) >= 3:
+        text = "by far less likely (over 1000 times)" if power < 0 else "by far likelier by this data alone"
+    else:
+        text = f"{times:.2g} times {'less likely' if power < 0 else 'likelier by this data alone'}"
+    return [text, "told apart" if other.separable else "not told apart by this data"]
+
+
+def _amounts(finding: Finding) -> list[list[str]]:
+    rows = [_amount(a.name, a.value, a.std, a.unit) for a in finding.parameters[:MOST_PARAMETERS]]
+    more = len(finding.parameters) - len(rows)
+    return [*rows, [f"and {more} more in parameters.csv", "", ""]] if more else rows
+
+
+def _amount(name: str, value: float, std: float | None, unit: str) -> list[str]:
+    factor, word = printed(unit)
+    places = decimals(factor * std) if std else max(0, 2 - int(np.floor(log10(abs(factor * value) or 1.0))))
+    spread = f" ± {number(factor * std, places)}" if std else ""
+    return [name, number(factor * value, min(places, 6)) + spread, word]
+
+
+def _unit(diagnosed: Diagnosed, name: str) -> str:
+    units = {p.id: p.unit for p in diagnosed.growth.start.chain.parameters}
+    motion = name.rsplit(".", 1)[-1]
+    return units.get(name) or (unit_of(motion) if motion in ("dx", "dy", "dz", "ea", "eb", "ec") else "1")
+
+
+def _period(diagnosed: Diagnosed, finding: Finding) -> str:
+    period = finding.period or 0.0
+    turning = any(j.name in finding.driver and j.type == "rotary" for j in diagnosed.final.chain.machine.joints)
+    return f"{np.degrees(period):.4g}°" if turning else f"{period:.4g} mm"
+
+
+def _where(diagnosed: Diagnosed, groups: dict[int, Sequence[Step]]) -> Picture:
+    start = diagnosed.growth.start
+    scores = Candidates.of(start).scores(start)
+    return picture(
+        draw_where_map(diagnosed.growth, scores, list(groups.items())),
+        "Where: each cell is a motion of an element (row) that goes with a channel (column; side: from which side the "
+        "joint arrived). Figures and colour are the share, in per cent, of the error beyond noise that the best single "
+        "effect there would explain before anything is accepted; empty cells explain nothing, rows and columns below "
+        "10 % are left out. Look-alikes are dark at the same time; framed is what was accepted.",
+        "Heat map of how much of the error beyond noise each motion of each element explains with each channel; "
+        "the findings are framed",
+    )
+
+
+def _pictures(diagnosed: Diagnosed, count: int, evidence: Evidence) -> list[Picture]:
+    final, driver = diagnosed.final, evidence.abscissa.label.split(" / ")[0]
+    name = f"finding {count}, {evidence.effect.effect} at {evidence.effect.where}"
+    split = f", by {_by(evidence)}" if evidence.split else ""
+    periods = " The motion counts from its mean." if evidence.waves else ""
+    if evidence.abscissa.period:
+        span = np.ptp(evidence.channel(evidence.abscissa.name)) / evidence.abscissa.period
+        periods += f" {_count(PERIODS).capitalize()} of the {span:.0f} periods in the recorded range are drawn."
+    rest = (
+        " Temperatures are as recorded, and the motion counts from the first row."
+        if evidence.abscissa.name == "time"
+        else ""
+    )
+    return [
+        picture(
+            draw_residuals_along_driver(evidence, final.sigma_mm),
+            f"Residuals in the direction in which {evidence.symbol} moves the tip, against {driver}{split}: on the "
+            "left of a fit of everything but this finding (the geometry has taken what it can of it), on the right "
+            f"with it. Dots are rows, at most {MOST}; marks are means of bins with their standard error; grey is ± 2 "
+            "standard deviations of the noise.",
+            f"Residuals against {driver} without and with {name}",
+        ),
+        picture(
+            draw_effect_curve(evidence, diagnosed.growth, final),
+            f"What the finding adds to the machine's motions over the recorded range of {driver.split(' within')[0]}"
+            f"{split}, with bands of ± 2 standard uncertainties. All else stands at its median.{rest}{periods}",
+            f"Curves of the motions of {name}, against {driver}, with their uncertainty",
+        ),
+    ]
+
+
+def _by(evidence: Evidence) -> str:
+    assert evidence.split is not None
+    name = evidence.split.name
+    return f"the side from which {name[4:]} arrived" if name.startswith("dir_") else f"levels of {name}"
