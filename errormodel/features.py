@@ -59,9 +59,12 @@ def channel(table: pd.DataFrame, name: str) -> Array:
 
 
 def columns(table: pd.DataFrame, names: Sequence[str]) -> list[Array]:
-    """Several channels over all rows, each (n,), with temperatures freed of their sensors' noise (`settled`)."""
-    table = settled(table, {m for name in names for m in re.findall(r"T_\w+", name)})
-    return [channel(table, name) for name in names]
+    """Several channels over all rows, each (n,), with temperatures freed of their sensors' noise (`settled`).
+
+    What stands behind a lag is taken as recorded: the lag itself takes the noise out.
+    """
+    smooth = settled(table, {name for name in names if name.startswith("T_")})
+    return [channel(smooth if name.startswith("T_") else table, name) for name in names]
 
 
 def settled(table: pd.DataFrame, names: Iterable[str]) -> pd.DataFrame:

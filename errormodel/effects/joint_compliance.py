@@ -11,13 +11,13 @@ from errormodel.effects.kinematics import Place, Triple, apply, places
 from errormodel.effects.ops import Value
 from errormodel.effects.scene import Scene
 from errormodel.effects.shared import joint_as
-from errormodel.machine import Machine
+from errormodel.machine import Machine, Shape
 
 Gravity = Literal["x", "-x", "y", "-y", "z", "-z"]
 
 
 class JointCompliance(JointEffect):
-    """Twist about the joint's axis per lever of weight (rad/mm): the mean of the members behind it, then the tool's.
+    """Twist about the joint's axis per lever of weight (rad/mm): of the tool, and of each member behind the joint.
 
     A member's lever is that of its end, mm. With `payload` the tool's is also taken per kg of ``load``.
     """
@@ -40,12 +40,12 @@ class JointCompliance(JointEffect):
         joint = joint_as(machine, self.joint, "rotary", self.effect)
         number, frames = machine.elements.index(joint), places(machine, channel)
         axis = apply(frames[number].turn, joint.axis)
-        levers = [self._lever(axis, frames[number], f) for f in frames[number + 1 :]]
-        mean, tip = sum(levers) / len(levers), levers[-1]
-        out = [
-            EffectTerm(self.joint, "", "rad/mm", along(joint, mean), 1e-6),
-            EffectTerm(self.joint, "tool", "rad/mm", along(joint, tip), 5e-7),
-        ]
+        tip = self._lever(axis, frames[number], frames[-1])
+        out = [EffectTerm(self.joint, "tool", "rad/mm", along(joint, tip), 1e-6)]
+        for k, member in enumerate(machine.elements[number + 1 : -1], start=number + 2):
+            if isinstance(member, Shape) and any(member.offset):
+                lever = self._lever(axis, frames[number], frames[k])
+                out.append(EffectTerm(self.joint, member.name, "rad/mm", along(joint, lever), 1e-6))
         if self.payload:
             out.append(EffectTerm(self.joint, "payload", "rad/(kg mm)", along(joint, tip * channel("load")), 3e-8))
         return out

@@ -119,8 +119,8 @@ def _finding(group: list[Step], growth: Growth, final: Fit, before: Fit) -> Find
     """A finding from its steps: the effect, and the refinements of its form."""
     main = group[0]
     bench = growth.without(group)  # geometry and the other findings fitted, this one not
-    columns = np.vstack([bench.columns(s.effect)[0] for s in group])
-    values, *_ = np.linalg.lstsq(bench.project(columns).T, bench.residual, rcond=None)
+    columns, values = bench.estimates([s.effect for s in group])
+    columns = columns[:, : len(bench.index)]
     noise = 1e3 * before.sigma_mm
     size = noise * float(np.sqrt(3 * np.mean((columns.T @ values) ** 2)))
     amounts = _amounts(main.effect, final)
@@ -140,7 +140,7 @@ def _finding(group: list[Step], growth: Growth, final: Fit, before: Fit) -> Find
         p_value=p_value_of(main, max(len(amounts), 1)),
         heldout_rms_um=HeldOut(*(float(np.sqrt(3)) * noise * heldout_rms(b) for b in (bench, growth.bench))),
         absorbed=main.absorbed,
-        moved=_moved(before, columns, np.asarray(values)),
+        moved=_moved(before, columns, values),
         alternatives=alternatives_of(main),
         next_measurement=main.effect.separate,
     )

@@ -237,7 +237,7 @@ def _refined(growth: Growth, step: Step) -> int | None:
             continue  # a curve of the joint's own position leaves nothing of that kind: this is something else
         if one.where == other.where and (one.effect == other.effect or roots(one) & roots(other)):
             return k
-        if likeness(bench, bench.columns(one)[0], mine) > ALIKE:
+        if not (one.tied or other.tied) and likeness(bench, bench.columns(one)[0], mine) > ALIKE:
             return k
     return None
 

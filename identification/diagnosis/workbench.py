@@ -6,7 +6,7 @@ standard uncertainty. What M (with frames and tool) can absorb is taken out of e
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,7 +16,7 @@ from errormodel.chain import TOOL_CHANNELS, Chain
 from errormodel.conventions import MOTIONS
 from errormodel.effects.base import Effect
 from errormodel.effects.scene import Scene
-from errormodel.features import POINT, channel, settled
+from errormodel.features import POINT, columns
 from errormodel.survey import Survey
 from identification.diagnosis.tied import Tied
 from identification.fit.result import Fit
@@ -98,10 +98,25 @@ class Workbench:
         columns, size = self.columns(effect)
         if not effect.tied:
             return self.with_columns(columns)
-        noise = Tied.of(columns, self.basis, self.residual, self.freedom).noise(float(size[0]))
         more = np.zeros((len(columns), self.basis.shape[1])), np.zeros(len(columns))
         wider = replace(self, basis=np.vstack([self.basis, more[0]]), residual=np.append(self.residual, more[1]))
-        return wider.with_columns(np.hstack([columns, np.diag(np.sqrt(noise) / size)]))
+        return wider.with_columns(np.hstack([columns, np.diag(self._hold(effect, columns, size))]))
+
+    def _hold(self, effect: Effect, columns: Array, size: Array) -> Array:
+        """Weight of each parameter's equation ``0 = parameter``, (k,), in units of the noise that the effect leaves."""
+        if not effect.tied:
+            return np.zeros(len(size))
+        noise = Tied.of(columns, self.basis, self.residual, self.freedom).noise(float(size[0]))
+        return np.asarray(np.sqrt(noise) / size)
+
+    def estimates(self, effects: Sequence[Effect]) -> tuple[Array, Array]:
+        """Columns (k, N + ties) of some effects together, and their parameters (k,) as the data have them."""
+        parts = [(e, *self.columns(e)) for e in effects]
+        columns = np.vstack([c for _, c, _ in parts])
+        hold = np.concatenate([self._hold(*part) for part in parts])
+        left = np.hstack([self.project(columns), np.diag(hold)[:, hold > 0]])
+        aim = np.append(self.residual, np.zeros(left.shape[1] - self.size))
+        return columns, np.asarray(np.linalg.lstsq(left.T, aim, rcond=None)[0])
 
     def blocks(self, count: int) -> Index:
         """For each observation the number, from 0, of its block of consecutive rows."""
@@ -126,11 +141,10 @@ class _Channels(dict[str, Array]):
 
     def __init__(self, survey: Survey, points: Array) -> None:
         super().__init__(zip(POINT, points, strict=True))
-        table = survey.table
-        self._table = settled(table, [str(c) for c in table.columns if str(c).startswith("T_")])
+        self._table = survey.table
 
     def __missing__(self, name: str) -> Array:
-        self[name] = channel(self._table, name)
+        (self[name],) = columns(self._table, [name])
         return self[name]
 
 

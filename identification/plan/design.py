@@ -1,0 +1,177 @@
+"""Designs of experiments whose observations are vectors: information, predicted variance, and exchange of poses.
+
+A candidate pose i gives the block ``X_i`` (3, r) of whitened rows, in a basis in which all candidates together have the
+information I. A design is a multiset of candidates; ``C = (sum X_i' X_i)^-1``. Sources: V. V. Fedorov, *Theory of
+Optimal Experiments*, 1972; R. D. Cook & C. J. Nachtsheim, Technometrics 22 (1980) 315, for the exchange pose by pose.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from errormodel.arrays import Array, Index
+
+RIDGE = 1e-9  # information that is always there, as a share of that of one candidate: keeps every design invertible
+POWER = 12.0  # of the mean of variances that stands for the largest one and, unlike it, is smooth
+GAIN = 1e-4  # of the criterion: a smaller improvement is not worth an exchange
+MOST_ROUNDS = 12
+
+
+@dataclass(frozen=True)
+class Space:
+    """What can be measured, and where predictions are wanted.
+
+    Attributes
+    ----------
+    X : (n, 3, r) whitened rows of each candidate pose.
+    V : (m, 3, r) rows, mm, of each pose of the volume.
+    """
+
+    X: Array
+    V: Array
+
+    @property
+    def rank(self) -> int:
+        return int(self.X.shape[2])
+
+    def covariance(self, chosen: Index) -> Array:
+        """C (r, r) of a design."""
+        rows = self.X[chosen].reshape(-1, self.rank)
+        return np.asarray(np.linalg.inv(rows.T @ rows + RIDGE * np.eye(self.rank)))
+
+    def variances(self, covariance: Array) -> Array:
+        """(m,) predicted variance of the position (sum over its three components), mm^2."""
+        return np.asarray(np.einsum("mia,ab,mib->m", self.V, covariance, self.V, optimize=True))
+
+    def log_det(self, chosen: Index) -> float:
+        """Logarithm of the determinant of a design's information."""
+        return -float(np.linalg.slogdet(self.covariance(chosen))[1])
+
+    def worst(self, chosen: Index) -> float:
+        """Smooth stand-in for the largest predicted variance in the volume: its `POWER`-mean."""
+        return power_mean(self.variances(self.covariance(chosen)))
+
+
+def power_mean(variances: Array) -> float:
+    """The `POWER`-mean: near the largest."""
+    top = float(variances.max())
+    return float(top * np.mean((variances / top) ** POWER) ** (1 / POWER))
+
+
+def exchange(space: Space, chosen: Index, worst: bool, rounds: int = MOST_ROUNDS) -> Index:
+    """Exchange poses one by one against better candidates, until none is better; the criterion never gets worse.
+
+    `worst`: by the largest predicted variance in the volume, else by the determinant (D).
+    """
+    design = (Fair if worst else Design)(space, chosen)
+    for _ in range(rounds):
+        before = design.value
+        for k in range(len(chosen)):
+            design = design.improved(k)
+        if before - design.value < GAIN:
+            break
+    return design.chosen
+
+
+class Design:
+    """A design with what exchanges of one of its poses need. `value` is a logarithm, to be made small: of det C."""
+
+    def __init__(self, space: Space, chosen: Index) -> None:
+        self.space, self.chosen = space, chosen
+        self.C = space.covariance(chosen)
+        self.P = _times(space.X, self.C)  # (n, 3, r)
+        self.S = _outer(self.P, space.X)  # (n, 3, 3): X_j C X_j'
+        self.value = float(np.linalg.slogdet(self.C)[1])
+
+    def improved(self, k: int) -> Self:
+        """The design with pose k exchanged against the best candidate, or itself if that is not better."""
+        i = self.chosen[k]
+        gain = self.gains(i)
+        j = int(np.argmax(gain))
+        if gain[j] - gain[i] <= 1e-6 * abs(gain[i]):
+            return self
+        chosen = self.chosen.copy()
+        chosen[k] = j
+        if not self.better(chosen):
+            return self
+        new = type(self)(self.space, chosen)
+        return new if new.value < self.value else self
+
+    def better(self, chosen: Index) -> bool:
+        """Whether another design may be better: asked before all is computed for it."""
+        return True
+
+    def least(self) -> Index:
+        """Places in the design, those first that its determinant loses least by."""
+        left = np.linalg.slogdet(np.eye(3) * (1 + 1e-12) - self.S[self.chosen])[1]
+        return np.argsort(-left, kind="stable")
+
+    def gains(self, i: int) -> Array:
+        """(n,) what each candidate would add to the design without candidate i."""
+        return np.asarray(np.log(_adjoint(np.eye(3) + self.without(i)[1])[1]))
+
+    def without(self, i: int) -> tuple[Array, Array]:
+        """``X_j C X_i' G`` and ``X_j C_i X_j'``, (n, 3, 3) each, with ``C_i`` that of the design without i."""
+        A = _times(self.P, self.space.X[i].T)
+        AG = _times(A, np.linalg.inv(np.eye(3) * (1 + 1e-12) - self.S[i]))
+        return AG, self.S + _outer(AG, A)
+
+
+def _times(stack: Array, matrix: Array) -> Array:
+    """``stack @ matrix`` of a stack (n, 3, m), as one product."""
+    return np.asarray((stack.reshape(-1, len(matrix)) @ matrix).reshape(*stack.shape[:2], -1))
+
+
+def _outer(one: Array, two: Array) -> Array:
+    """``one two'`` of stacks (n, 3, m): many small products at once."""
+    return np.asarray(np.einsum("nam,nbm->nab", one, two))
+
+
+def _adjoint(a: Array) -> tuple[Array, Array]:
+    """Adjoint (n, 3, 3) and determinant (n,) of symmetric matrices, written out: many small ones at once."""
+    out = np.empty_like(a)
+    for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)):
+        (b, c), (d, e) = ((i + 1) % 3, (i + 2) % 3), ((j + 1) % 3, (j + 2) % 3)
+        out[:, i, j] = out[:, j, i] = a[:, b, d] * a[:, c, e] - a[:, b, e] * a[:, c, d]
+    return out, np.einsum("ni,ni->n", a[:, 0], out[:, 0])
+
+
+class Fair(Design):
+    """By the largest predicted variance in the volume: exchanges go down the slope of its smooth stand-in."""
+
+    def __init__(self, space: Space, chosen: Index) -> None:
+        super().__init__(space, chosen)
+        variances = space.variances(self.C)
+        self.value = float(np.log(power_mean(variances)))
+        weight = (variances / variances.max()) ** (POWER - 1)
+        rows = (space.V * np.sqrt(weight / weight.sum())[:, None, None]).reshape(-1, space.rank)
+        self.PK = _times(self.P, rows.T @ rows)
+        self.Q = _outer(self.PK, self.P)  # X_j C K C X_j', K the slope
+
+    def better(self, chosen: Index) -> bool:
+        return float(np.log(self.space.worst(chosen))) < self.value - 0.1 * GAIN
+
+    def gains(self, i: int) -> Array:
+        """(n,) by how much each candidate would lower ``tr C K`` of the design without candidate i."""
+        A, S = self.without(i)
+        T = _outer(_times(self.PK, self.P[i].T), A)
+        W = self.Q + T + T.transpose(0, 2, 1) + _outer(_times(A, self.Q[i]), A)
+        adjoint, determinant = _adjoint(np.eye(3) + S)
+        return np.asarray(np.einsum("nab,nab->n", adjoint, W) / determinant)
+
+
+def rounded(weights: Array, count: int) -> Index:
+    """Weights (sum 1) as a multiset of `count` candidates: by efficient apportionment (Pukelsheim & Rieder 1992)."""
+    support = np.flatnonzero(weights > 1e-6 * weights.max())
+    if len(support) > count:
+        support = support[np.argsort(-weights[support], kind="stable")[:count]]
+    w = weights[support] / weights[support].sum()
+    times = np.ceil(np.maximum((count - len(support) / 2) * w, 1e-9)).astype(int)
+    while times.sum() > count:
+        times[np.argmax((times - 1) / w)] -= 1
+    while times.sum() < count:
+        times[np.argmin(times / w)] += 1
+    return np.repeat(support, times)
