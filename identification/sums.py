@@ -11,6 +11,7 @@ from errormodel.arrays import Array, Index
 from errormodel.kernel import Kernel
 from identification.views import GapView, Kind, View, anywhere
 
+Selector = tuple[Index, Array]
 SAMPLE = 400  # rows that the rank is decided on, before all rows are asked whether they agree
 
 
@@ -108,17 +109,20 @@ class _Task:
     def run(self) -> Sums:
         kernel = self.view.design(linearised=self.at is not None)
         selectors = selectors_of(kernel, len(self.view.outputs), self.columns)
-        return self._alike(kernel, selectors) if self.view.whitener.ndim == 1 else self._directed(kernel, selectors)
+        components, columns = len(selectors), len(self.columns)
+        alike = self.view.whitener.ndim == 1 and kernel.n_functions**2 < 2 * components * columns**2
+        return self._alike(kernel, selectors) if alike else self._directed(kernel, selectors)
 
-    def _blocks(self, kernel: Kernel, selectors: list[Array]) -> Iterator[tuple[slice, Array, Array]]:
+    def _blocks(self, kernel: Kernel, selectors: list[Selector]) -> Iterator[tuple[slice, Array, Array]]:
         design = kernel.blocks(self.view.rows, self.p if self.at is None else self.at)
-        slopes = None if self.linear is None else np.array([s @ self.linear for s in selectors])
+        n = kernel.n_functions
+        slopes = None if self.linear is None else np.array([np.bincount(k, s * self.linear, n) for k, s in selectors])
         for (part, functions), (_, gap) in zip(design, self.view.gaps(self.p), strict=True):
             block = np.asarray(functions)
             kept = gap if isinstance(self.view, GapView) else None  # whose gaps stay at the residual
             yield part, block, gap if slopes is None else np.subtract(gap, slopes @ block, out=kept)
 
-    def _alike(self, kernel: Kernel, selectors: list[Array]) -> Sums:
+    def _alike(self, kernel: Kernel, selectors: list[Selector]) -> Sums:
         """Weights alike in all directions: one Gram matrix of the distinct functions serves all components."""
         n, c = kernel.n_functions, len(selectors)
         gram, slope, square = np.zeros((n, n)), np.zeros((n, c)), np.zeros(c)
@@ -131,20 +135,19 @@ class _Task:
             slope += white @ left.T
             square += np.einsum("cm,cm->c", left, left)
         weight = float(whitener[0]) ** 2 if same else 1.0
-        sums = Sums.zero(selectors[0].shape[1])
+        sums = Sums.zero(len(self.columns))
         sums.square = weight * float(square.sum())
-        for k, selector in enumerate(selectors):
+        for k, (place, factor) in enumerate(selectors):
             if self.gram:
-                sums.gram += weight * (selector.T @ gram @ selector)
-            sums.slope += weight * (selector.T @ slope[:, k])
+                sums.gram += weight * np.outer(factor, factor) * gram[np.ix_(place, place)]
+            sums.slope += weight * factor * slope[place, k]
         return sums
 
-    def _directed(self, kernel: Kernel, selectors: list[Array]) -> Sums:
-        """A covariance for each row: M is whitened as it is."""
-        sums = Sums.zero(selectors[0].shape[1])
+    def _directed(self, kernel: Kernel, selectors: list[Selector]) -> Sums:
+        """A covariance for each row, or hardly a function that two columns share: M is whitened as it is."""
+        sums = Sums.zero(len(self.columns))
         for part, functions, gap in self._blocks(kernel, selectors):
-            design = np.array([s.T @ functions for s in selectors]).transpose(1, 0, 2)  # (p, c, m)
-            white = self.view.whiten(part, design).reshape(len(design), -1)
+            white = self.view.whiten(part, _expanded(functions, selectors)).reshape(len(self.columns), -1)
             flat = self.view.whiten(part, gap).ravel()
             if self.gram:
                 sums.gram += white @ white.T
@@ -153,16 +156,17 @@ class _Task:
         return sums
 
 
-def selectors_of(kernel: Kernel, components: int, columns: Index) -> list[Array]:
-    """For each component c the (functions, columns) matrix S with ``M_c = functions' S``."""
-    out = []
-    for c in range(components):
-        k = columns * components + c
-        live = kernel.coefficient[k] != 0
-        selector = np.zeros((kernel.n_functions, len(columns)))
-        selector[kernel.index[k[live]], np.flatnonzero(live)] = kernel.coefficient[k[live]]
-        out.append(selector)
-    return out
+def selectors_of(kernel: Kernel, components: int, columns: Index) -> list[Selector]:
+    """For each component c the function that each column of ``M_c`` is, and by what factor."""
+    places = [columns * components + c for c in range(components)]
+    return [
+        (np.asarray(kernel.index[k], dtype=np.intp), np.asarray(kernel.coefficient[k], dtype=float)) for k in places
+    ]
+
+
+def _expanded(functions: Array, selectors: list[Selector]) -> Array:
+    """Columns of M (columns, components, m) from the distinct functions (functions, m)."""
+    return np.array([factor[:, None] * functions[place] for place, factor in selectors]).transpose(1, 0, 2)
 
 
 def sampled(view: View, most: int) -> View:
@@ -193,7 +197,7 @@ def design_rows(view: View, unknowns: Mapping[str, int], most: int = SAMPLE) -> 
     places = [unknowns[view.columns[k]] for k in local]
     selectors = selectors_of(kernel, len(view.outputs), local)
     functions = kernel.functions(view.rows, np.zeros(len(view.chain.ids)))
-    design = np.array([s.T @ functions for s in selectors]).transpose(1, 0, 2)
+    design = _expanded(functions, selectors)
     out = np.zeros((len(view) * len(selectors), len(unknowns)))
     out[:, places] = view.whiten(slice(None), design).reshape(len(local), len(out)).T
     return out
