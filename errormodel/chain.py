@@ -63,27 +63,33 @@ class Chain:
     parameters : tuple of Parameter
         The measuring frame's six, then the machine's in chain order, an effect's after the element it moves, then the
         tool's six.
+    effect_ids : tuple of tuples of str
+        Ids of the parameters of each of the machine's effects, in their order.
     """
 
     def __init__(self, machine: Machine) -> None:
         self.machine = machine
         own = (*(j.name for j in machine.joints), *TOOL_CHANNELS)
         self._channel = {name: ca.SX.sym(name) for name in own}
-        extra = [term for spec in machine.effects for term in self._effect_terms(spec)]
+        extra = [(n, *term) for n, spec in enumerate(machine.effects) for term in self._effect_terms(spec)]
         self.channels: tuple[str, ...] = tuple(self._channel)
         self.rows = ca.vertcat(*self._channel.values())
         parameters: list[Parameter] = []
+        of_effects: list[list[str]] = [[] for _ in machine.effects]
         self._columns: list[tuple[int, Term]] = []  # (place of the element among all, term)
         for place, (name, terms) in enumerate(self._element_terms()):
             joint = 0 < place <= len(machine.elements) and isinstance(machine.elements[place - 1], Joint)
             self._tool_start = len(parameters)  # of the last element, the tool, in the end
-            for term in (*terms, *(t for element, t in extra if element == name)):
+            for number, term in (*((None, t) for t in terms), *((n, t) for n, element, t in extra if element == name)):
                 identity = f"{name}.{term.motion}" + (f".{term.label}" if term.label else "")
                 while any(p.id == identity for p in parameters):  # the same effect twice at one place
                     identity += "'"
                 symbol = conventions.iso_symbol(name, term.motion) if joint else ""
                 parameters.append(Parameter(identity, name, term.motion, term.label, term.unit, symbol, term.prior))
                 self._columns.append((place, term))
+                if number is not None:
+                    of_effects[number].append(identity)
+        self.effect_ids = tuple(map(tuple, of_effects))
         self.parameters = tuple(parameters)
         self.ids = tuple(p.id for p in parameters)
         self.index = {identity: k for k, identity in enumerate(self.ids)}

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from errormodel.machine import Joint, Machine
 
 Array = NDArray[np.float64]
+MOVED = 0.003  # of the travel
 
 
 @dataclass(frozen=True)
@@ -28,8 +29,12 @@ class Scene:
 
     @cached_property
     def moving(self) -> tuple[Joint, ...]:
-        """Joints that took more than one position."""
-        return tuple(j for j in self.machine.joints if self.varies(j.name))
+        """Joints that moved: one that only sought a switch or a probe is what was measured, and drives nothing."""
+        return tuple(
+            j
+            for j in self.machine.joints
+            if self.varies(j.name) and np.ptp(self.span(j)) > MOVED * (j.travel[1] - j.travel[0])
+        )
 
     @property
     def prismatic(self) -> tuple[Joint, ...]:

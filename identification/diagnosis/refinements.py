@@ -17,7 +17,7 @@ FORMS = ("linear", "square", "cubic")
 def forms(bench: Workbench, effect: Effect) -> Iterator[Effect]:
     """Generic terms at the effect's place by its drivers (lagged too, where it is warmth), along its joint's travel."""
     machine = bench.chain.machine
-    joint = next((j for j in machine.joints if j.name == effect.where), None)
+    joint = next((j for j in bench.scene.moving if j.name == effect.where), None)
     moves = {(t.element, m) for t in effect.terms(bench.channel, machine) for m in t.motion}
     for element, motion in sorted(moves):
         for driver in _drivers(bench, effect):

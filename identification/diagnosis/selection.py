@@ -16,6 +16,7 @@ from errormodel.arrays import Array
 from errormodel.effects.base import Effect
 from identification.diagnosis import coloured
 from identification.diagnosis.candidates import Candidates, Scores
+from identification.diagnosis.pairs import best_pair
 from identification.diagnosis.refinements import forms
 from identification.diagnosis.tied import Tied
 from identification.diagnosis.workbench import Workbench
@@ -28,6 +29,7 @@ FORM = 0.85  # a name may explain this much less than the best mere form: forms 
 ALIKE = 0.6  # canonical correlation beyond which a later effect is a further form of an earlier finding
 MOST_FINDINGS = 12
 MOST_STEPS = 24
+SWEEPS = 4  # over all time constants
 SHAPES = ("period", "by_period", "per_turn", "tau", "at", "width", "exponent", "overlap")
 
 
@@ -81,10 +83,11 @@ def grow(bench: Workbench, candidates: Candidates) -> Growth:
     """Accept explanations one by one while evidence and held-out error both ask for them."""
     growth = Growth(bench, bench)
     while len(growth.steps) < MOST_STEPS:
-        step = next_step(growth, candidates)
-        if step is None:
+        further = grown(growth, candidates)
+        if further is None:
             break
-        growth = _with(growth, step)
+        growth, step = further, further.steps[-1]
+        growth = paired(growth, candidates)
         if step.refines is None:
             candidates = candidates.joined(Candidates.of(bench, list(forms(bench, step.effect))))
             if len(growth.findings) > 1:
@@ -92,8 +95,8 @@ def grow(bench: Workbench, candidates: Candidates) -> Growth:
     return growth
 
 
-def next_step(growth: Growth, candidates: Candidates) -> Step | None:
-    """The best further effect, or None where nothing more is to be found."""
+def grown(growth: Growth, candidates: Candidates) -> Growth | None:
+    """With the best further effect, or None where nothing more is to be found."""
     bench = growth.bench
     scores = candidates.scores(bench)
     ranked = scores.by_key()
@@ -118,8 +121,14 @@ def next_step(growth: Growth, candidates: Candidates) -> Step | None:
         if not further:
             return None
         best = replace(further[0], refines=_refined(growth, further[0]))
-    gain = heldout_rms(bench) - heldout_rms(bench.with_effect(best.effect))
-    return best if gain > 0 else None
+    tries = [best]
+    if best.refines is not None:  # of what else the finding may be made of, the best together with what it is now
+        likely = [s for s in steps if s is not best and s.evidence > max(WORTH, 0.3 * best.evidence)]
+        tries += [replace(s, refines=best.refines) for s in likely if _refined(growth, s) == best.refines][:4]
+    error, _, best_growth = min(
+        ((heldout_rms(g.bench), k, g) for k, g in enumerate(settled(_with(growth, s)) for s in tries)),
+    )
+    return best_growth if error < heldout_rms(bench) else None
 
 
 def choose(steps: Sequence[Step]) -> Step:
@@ -134,6 +143,63 @@ def choose(steps: Sequence[Step]) -> Step:
         if names[0].drop < FORM * forms[0].drop or (idle > 1 and names[0].drop - forms[0].drop < 2 * idle):
             return forms[0]
     return names[0]
+
+
+def settled(growth: Growth) -> Growth:
+    """All time constants once more, each with the other effects in place: two that lag share what each had alone."""
+    from scipy.optimize import minimize_scalar
+
+    for _ in range(SWEEPS if len(growth.steps) > 1 else 0):
+        before = growth.bench.square
+        for k, step in enumerate(growth.steps):
+            tau, quickest = getattr(step.effect, "tau", None), growth.start.scene.duration / 1000
+            if tau is None or not quickest:
+                continue
+            rest = growth.without([step])
+
+            def left(x: float, effect: Effect = step.effect, rest: Workbench = rest) -> float:
+                return rest.with_effect(_with_tau(effect, x)).square
+
+            middle = float(np.log(tau or 6 * quickest))  # none at all: from hardly any to the shortest that was tried
+            reach = 1.0 if tau else 1.8
+            bounds = (middle - reach, middle + reach)
+            found = minimize_scalar(left, bounds=bounds, method="bounded", options={"maxiter": 12})
+            if found.fun < rest.with_effect(step.effect).square - 1e-9:
+                steps = list(growth.steps)
+                steps[k] = replace(step, effect=_with_tau(step.effect, float(found.x)))
+                growth = _renumbered(growth.start, steps)
+        if growth.bench.square > 0.995 * before:
+            break
+    return growth
+
+
+def paired(growth: Growth, candidates: Candidates) -> Growth:
+    """The latest finding as that of two causes, where they explain it better than what it is made of now."""
+    *others, group = growth.findings
+    if any(s.effect.generic for s in group[:1]) or len(group) > 2:
+        return growth
+    bench = growth.without(group)
+    found = best_pair(bench, group[0].effect, candidates.effects)
+    if found is None or found[2] < WORTH:
+        return growth
+    one, other, evidence = found
+    pair = [replace(group[0], effect=one), Step(other, evidence, 0.0, group[0].absorbed)]
+    trial = settled(_of_groups(growth.start, [*others, pair]))
+    return trial if heldout_rms(trial.bench) < heldout_rms(growth.bench) else growth
+
+
+def _of_groups(start: Workbench, groups: Sequence[Sequence[Step]]) -> Growth:
+    """A growth of findings, each with its refinements."""
+    growth = Growth(start, start)
+    for main, *more in groups:
+        number = len(growth.steps)
+        for step in (replace(main, refines=None), *(replace(s, refines=number) for s in more)):
+            growth = _with(growth, step)
+    return growth
+
+
+def _with_tau(effect: Effect, logarithm: float) -> Effect:
+    return effect.model_copy(update={"tau": float(f"{np.exp(logarithm):.6g}")})
 
 
 def second_look(growth: Growth, candidates: Candidates) -> Growth:
@@ -152,17 +218,17 @@ def second_look(growth: Growth, candidates: Candidates) -> Growth:
         if not convincing(bench, best):
             continue
         rivals = tuple((s.effect, s.evidence) for s in steps if s is not best)
-        kept = [*others, replace(best, rivals=rivals)]
-        return _renumbered(growth.start, kept)
+        # refinements whose finding has gone, or whose number has changed, stand or fall with the next search
+        kept = [s for s in others if s.refines is None]
+        return _renumbered(growth.start, [*kept, replace(best, rivals=rivals)])
     return growth
 
 
 def _renumbered(start: Workbench, steps: Sequence[Step]) -> Growth:
-    """The same steps from the start; refinements whose finding has gone stand or fall with the next search."""
+    """The same steps from the start."""
     growth = Growth(start, start)
     for step in steps:
-        if step.refines is None:
-            growth = _with(growth, step)
+        growth = _with(growth, step)
     return growth
 
 
