@@ -9,7 +9,7 @@ Where no uncertainty is declared, each kind of observation gets its own noise le
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -22,6 +22,7 @@ from identification.sums import SAMPLE, Sums, accumulate, design_rows, full_norm
 from identification.views import GapView, Kind, View
 
 MOST_PASSES = 30
+MOST_RETREATS = 6
 
 
 @dataclass(frozen=True)
@@ -132,12 +133,23 @@ class _Solver:
             seen = self.observed(thorough=True)
             groups = find_groups(*seen)
         self.update_noise(start, groups)
-        groups = find_groups(*seen, self.floors(start))
-        values, sums, passes, converged = self.iterate(groups, start)
+        floors = self.floors(start)
+        for _ in range(MOST_RETREATS):
+            groups = find_groups(*seen, floors)
+            try:
+                values, sums, passes, converged = self.iterate(groups, start)
+                if converged and self.misfit(sums) <= (1 + 1e-9) * self.misfit(start):
+                    break
+            except np.linalg.LinAlgError:  # a matrix taken so far off that it has lost its rank
+                if floors.direction > 1.0:
+                    raise
+            # a direction that hardly shows was stepped along so far that the kinematics bent: it is left out
+            floors = replace(floors, direction=10 * floors.direction)
+            self.taken = np.zeros(len(self.unknowns))
+            self.update_noise(start, groups)
         base = groups.base
         gram, _ = self.total(sums)
         covariance = _inverse(gram[np.ix_(base, base)])
-        chi2 = sum(s.square / self.sigma[k] ** 2 for k, s in sums.items())
         free = groups.rank - round(float(np.diag(covariance) @ self.precision[base]))  # what a prior holds is not free
         return Solution(
             self.unknowns,
@@ -146,7 +158,7 @@ class _Solver:
             covariance,
             dict(self.sigma),
             self.declared,
-            chi2,
+            self.misfit(sums),
             sum(s.count for s in sums.values()) - free,
             sums,
             passes,
@@ -154,6 +166,10 @@ class _Solver:
             self.precision,
             tuple(v.gap for v in self.views if isinstance(v, GapView)),
         )
+
+    def misfit(self, sums: dict[Kind, Sums]) -> float:
+        """Whitened residual sum of squares at the present noise levels."""
+        return float(sum(s.square / self.sigma[k] ** 2 for k, s in sums.items()))
 
     def observed(self, thorough: bool) -> tuple[Array, Sequence[str], Array, list[int]]:
         factor, unknowns, norms = observed(self.chain, self.views, self.unknowns, thorough)
@@ -202,6 +218,8 @@ class _Solver:
         for passes in range(1, MOST_PASSES + 1):
             self.update_noise(sums, groups)
             gram, slope = self.total(sums)
+            if not np.isfinite(slope).all():
+                return values, sums, passes, False
             step = _scaled_solve(gram[pick], slope[base])
             if passes == 1:  # all steps are measured alike: noise levels fall with the residual as long as it falls
                 measure, round_off = gram[pick], self.round_off()
