@@ -16,7 +16,7 @@ from errormodel.effects.travel import legendre, scaled
 from errormodel.machine import Machine, joint_of
 
 SHAPES = {  # degree, along
-    "prismatic": ((1, False), (2, False), (3, False), (1, True), (2, True)),
+    "prismatic": ((1, False), (2, False), (3, False), (5, False), (1, True), (2, True)),
     "rotary": ((1, False), (2, False), (1, True)),
 }
 
@@ -33,7 +33,7 @@ class CrossAxisCompliance(JointEffect):
 
     motion: Motion
     other: str
-    degree: int = Field(2, ge=1, le=3)
+    degree: int = Field(2, ge=1, le=5)
     along: bool = False  # gives way more at one end of the joint's own travel than at the other
 
     @property

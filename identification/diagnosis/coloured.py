@@ -8,7 +8,7 @@ side's noise is estimated from what the other would explain.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise, product
 
@@ -53,16 +53,19 @@ def noises() -> Iterator[Noise]:
     return (Noise(length, part) for length, part in product(LENGTHS, PARTS))
 
 
-def evidence(bench: Workbench, effect: Effect) -> float:
-    """Nats for an effect beside what the bench has accepted, whatever noise of this kind there is."""
-    columns, size = bench.columns(effect)
-    best, best_with = -np.inf, -np.inf
+def evidence(bench: Workbench, effects: Sequence[Effect]) -> tuple[float, float]:
+    """Nats for some effects together beside what the bench has accepted: in white noise, and in any of this kind."""
+    parts = [bench.columns(e) for e in effects]
+    columns, size = np.vstack([c for c, _ in parts]), np.concatenate([s for _, s in parts])
+    main = effects[0]
+    white, best, best_with = -np.inf, -np.inf, -np.inf
     for likelihood, filtered, noise in _benches(bench):
         own = columns if noise is None else noise.whitened(columns, _starts(bench))
-        scores = Candidates([effect], [(np.array([0]), own[None], size[None])], [effect.key]).scores(filtered)
-        best = max(best, likelihood)
-        best_with = max(best_with, likelihood + float(scores.evidence[0]))
-    return best_with - best
+        scores = Candidates([main], [(np.array([0]), own[None], size[None])], [main.key]).scores(filtered)
+        gain = float(scores.evidence[0])
+        white = gain if noise is None else white
+        best, best_with = max(best, likelihood), max(best_with, likelihood + gain)
+    return white, best_with - best
 
 
 def _starts(bench: Workbench) -> Array:

@@ -43,6 +43,7 @@ class Step:
         variances; `absorbed`: the part of it that the geometry hides.
     rivals : other explanations at that step with their evidence, best first.
     count : its parameters.
+    partner : a second cause of the same motion that was accepted with it.
     refines : number of the step that this one refines, or None: a finding of its own.
     """
 
@@ -52,6 +53,7 @@ class Step:
     absorbed: float
     count: int = 1
     rivals: tuple[tuple[Effect, float], ...] = ()
+    partner: tuple[Effect, ...] = ()
     refines: int | None = None
     searched: int = 0
 
@@ -86,7 +88,7 @@ def grow(bench: Workbench, candidates: Candidates) -> Growth:
         further = grown(growth, candidates)
         if further is None:
             break
-        growth, step = further, further.steps[-1]
+        growth, step = further, further.steps[len(growth.steps)]
         growth = paired(growth, candidates)
         if step.refines is None:
             candidates = candidates.joined(Candidates.of(bench, list(forms(bench, step.effect))))
@@ -106,6 +108,8 @@ def grown(growth: Growth, candidates: Candidates) -> Growth | None:
     explained = sum(s.drop for s in growth.steps if not s.effect.tied)  # a curve has no shape of its own to miss
     steps = [_polished(candidates, scores, bench, n, searched) for _, n in ranked[:12]]
     best = choose(steps)
+    if best.effect.generic and "temperature" in roots(best.effect):
+        best = _by_two_causes(bench, candidates, steps, best) or best
     own = _refined(growth, best)
     if own is None:  # what was found before explains it as well, in another form: that is the simpler story
         others = [s for s in steps if s.evidence > 0.7 * best.evidence and _refined(growth, s) is not None]
@@ -126,9 +130,23 @@ def grown(growth: Growth, candidates: Candidates) -> Growth | None:
         likely = [s for s in steps if s is not best and s.evidence > max(WORTH, 0.3 * best.evidence)]
         tries += [replace(s, refines=best.refines) for s in likely if _refined(growth, s) == best.refines][:4]
     error, _, best_growth = min(
-        ((heldout_rms(g.bench), k, g) for k, g in enumerate(settled(_with(growth, s)) for s in tries)),
+        (heldout_rms(g.bench), k, g) for k, g in enumerate(settled(_with(growth, s)) for s in tries)
     )
     return best_growth if error < heldout_rms(bench) else None
+
+
+def _by_two_causes(bench: Workbench, candidates: Candidates, steps: Sequence[Step], form: Step) -> Step | None:
+    """The first thermal effect that explains as much as a mere form does, once it has two sensors or lags."""
+    for step in sorted((s for s in steps if not s.effect.generic), key=lambda s: -s.evidence):
+        found = best_pair(bench, step.effect, candidates.effects)
+        if found is None or found[2] < WORTH:
+            continue
+        one, other, more = found
+        both = bench.with_effect(one).with_effect(other)
+        drop = (bench.square - both.square) * bench.freedom / bench.square
+        if drop > FORM * form.drop:
+            return replace(step, effect=one, partner=(other,), evidence=step.evidence + more, drop=drop)
+    return None
 
 
 def choose(steps: Sequence[Step]) -> Step:
@@ -233,7 +251,12 @@ def _renumbered(start: Workbench, steps: Sequence[Step]) -> Growth:
 
 
 def _with(growth: Growth, step: Step) -> Growth:
-    return Growth(growth.start, growth.bench.with_effect(step.effect), (*growth.steps, step))
+    alone = replace(step, partner=())
+    out = Growth(growth.start, growth.bench.with_effect(step.effect), (*growth.steps, alone))
+    number = len(growth.steps) if step.refines is None else step.refines
+    for effect in step.partner:
+        out = _with(out, Step(effect, 0.0, 0.0, step.absorbed, refines=number))
+    return out
 
 
 def _drop_of(bench: Workbench, effect: Effect) -> float:
@@ -283,8 +306,8 @@ def convincing(bench: Workbench, step: Step) -> bool:
 
 def doubt(bench: Workbench, step: Step) -> float:
     """Nats of a step's evidence that noise correlated from row to row would make as well."""
-    white = float(Candidates.of(bench, [step.effect]).scores(bench).evidence[0])
-    return max(0.0, white - coloured.evidence(bench, step.effect))
+    white, any_noise = coloured.evidence(bench, [step.effect, *step.partner])
+    return max(0.0, white - any_noise)
 
 
 def _refined(growth: Growth, step: Step) -> int | None:

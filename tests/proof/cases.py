@@ -1,0 +1,203 @@
+"""Cases made from their specifications: the files a user would have, and the truth to be sealed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tests.proof import files, lookalike
+from tests.proof.catalogue import BUILDERS
+from tests.proof.hidden import Hidden, Situation, reach
+from tests.proof.kinematics import Array, Chain, rotations
+from tests.proof.machines import BUILDERS as MACHINES
+from tests.proof.machines import NOISE, draw_geometry, with_model
+from tests.proof.noise import draw_noise
+from tests.proof.plans import PLANS, later, walk
+from tests.proof.projection import Bench, heldout_errors
+from tests.proof.seal import sealed, write_atomic
+from tests.proof.specs import SEED, Spec
+from tests.proof.world import draw_world
+
+Rng = np.random.Generator
+HELD_OUT = 150
+UNSEEN_AT_LEAST = 0.99  # of an effect that the geometry absorbs
+
+
+@dataclass(frozen=True)
+class Case:
+    """A case ready to be written."""
+
+    spec: Spec
+    here: Bench
+    there: Bench
+    effects: list[tuple[Hidden, float]]
+    measured: Array  # (n, 3)
+    noise: Array  # (n, 3)
+    wild: Array  # rows of outliers
+    truth: dict[str, Any]
+
+
+def make(spec: Spec) -> Case:
+    """Draw a case; the same specification gives the same case."""
+    rng = np.random.default_rng([SEED, spec.seed])
+    machine = with_model(MACHINES[spec.topology](rng), spec.order, spec.first)
+    here, there = _benches(spec, machine, rng)
+    own = np.random.default_rng([SEED, spec.seed, 7, *(ord(c) for c in "".join(spec.effects))])
+    effects = []
+    for name in spec.effects:
+        hidden = BUILDERS[name](machine, own)
+        if hidden is None:
+            raise ValueError(f"{spec.name}: {spec.topology} cannot have {name}")
+        effects.append((hidden, _amplitude(spec, here, hidden, own)))
+    points = here.seen(here.points(effects))
+    noise = here.noise.draw(points, here.sit.path.time, own)
+    wild = np.sort(own.choice(len(points), 9, replace=False)) if spec.blunder == "outliers" else np.zeros(0, int)
+    noise[wild] += own.choice([-1, 1], (len(wild), 3)) * own.uniform(25, 120, (len(wild), 3)) * here.noise.sigma
+    case = Case(spec, here, there, effects, points + noise, noise, wild, {})
+    return replace(case, truth=_truth(case))
+
+
+def _benches(spec: Spec, machine: Chain, rng: Rng) -> tuple[Bench, Bench]:
+    plan, sigma = PLANS[spec.plan], NOISE[spec.topology]
+    rows = int(rng.integers(plan.rows[0], plan.rows[1] + 1))
+    path = walk(machine, plan, rng, rows)
+    duration = float(path.time[-1])
+    world = draw_world(rng, duration)
+    if spec.plan == "still":
+        world = replace(world, sensors={n: 20.3 + rng.normal(0, 0.02, len(v)) for n, v in world.sensors.items()})
+    sizes = [float(np.linalg.norm(e.offset)) for e in machine.elements] + [e.length for e in machine.prismatic]
+    away = 1.5 * sum(sorted(sizes)[-3:])
+    turn = rotations(np.array([[*rng.normal(0, 0.02, 2), rng.uniform(-3, 3)]]))[0]
+    middle = rotations(np.array([[0.0, 0.0, rng.uniform(-3, 3)]]))[0] @ np.array([away, 0.0, -0.2 * away])
+    values = draw_geometry(machine, sigma, rng)
+    noise = draw_noise(spec.noise, sigma, away, rng)
+    benches = []
+    for one in (path, later(machine, plan, rng, HELD_OUT, duration)):
+        sit = Situation(machine, one, world, -turn.T @ middle)
+        benches.append(Bench(sit, values, turn, middle, noise))
+    return benches[0], benches[1]
+
+
+def _amplitude(spec: Spec, bench: Bench, hidden: Hidden, rng: Rng) -> float:
+    """Amplitude of the projected signal to noise that the specification asks for, within what is physical."""
+    unit = 0.01
+    shift = bench.shift_of(hidden, unit)
+    rms = float(np.sqrt(np.mean(np.sum(shift**2, axis=1))))
+    sign = float(rng.choice([-1, 1])) if hidden.effect not in ("ram-sag", "beam-sag", "payload-sag") else 1.0
+    if spec.kind == "unseen":
+        return sign * unit * 6 * bench.noise.sigma / rms
+    size = float(np.linalg.norm(bench.off(bench.whitened(shift))))
+    low, high = spec.delta
+    wanted = float(np.exp(rng.uniform(np.log(low), np.log(high))))
+    return sign * min(unit * wanted / size, unit * hidden.physical * (0.02 + 8e-5 * reach(bench.sit.chain)) / rms)
+
+
+def _truth(case: Case) -> dict[str, Any]:
+    spec, here = case.spec, case.here
+    clean = np.delete(np.arange(len(case.noise)), case.wild)
+    if len(case.wild):
+        base = oracle = None
+    else:
+        base, oracle = heldout_errors(here, case.there, case.effects, case.noise)
+    return {
+        "case": spec.name,
+        "kind": spec.kind,
+        "topology": spec.topology,
+        "plan": spec.plan,
+        "noise": spec.noise,
+        "order": spec.order,
+        "sigma_mm": float(np.std(case.noise[clean])),
+        "n": len(case.noise),
+        "effects": [_entry(case, h, a) for h, a in case.effects] + _blunder(case),
+        "blunder": spec.blunder or None,
+        "tolerate": ["outliers"] if spec.noise == "heavy" else [],
+        "base_heldout_um": base,
+        "oracle_heldout_um": oracle,
+        "heldout": np.round(case.there.seen(case.there.points(case.effects)), 6).tolist(),
+    }
+
+
+def _entry(case: Case, hidden: Hidden, amplitude: float) -> dict[str, Any]:
+    here = case.here
+    shift = here.shift_of(hidden, amplitude)
+    white = here.whitened(shift)
+    left = here.off(white)
+    delta = float(np.linalg.norm(left))
+    absorbed = 1 - float(left @ left) / float(white @ white)
+    others = [here.off(here.whitened(here.shift_of(h, a))) for h, a in case.effects if h is not hidden]
+    joint = delta
+    if others:
+        mix = np.column_stack(others)
+        joint = float(np.linalg.norm(left - mix @ np.linalg.lstsq(mix, left, rcond=None)[0]))
+    alike = lookalike.Alike(here, hidden, left)
+    names = alike.names()
+    return {
+        "effect": hidden.effect,
+        "accept": [*hidden.accept, *names],
+        "where": list(dict.fromkeys([*alike.places(), *(at for where in names.values() for at in where)])),
+        "amplitude": amplitude,
+        "value": None if hidden.factor is None else amplitude * hidden.factor,
+        "delta": delta,
+        "delta_joint": joint,
+        "absorbed": absorbed,
+        "rms_um": 1e3 * float(np.sqrt(np.mean(np.sum(shift**2, axis=1)))),
+        "period": hidden.period,
+    }
+
+
+def _blunder(case: Case) -> list[dict[str, Any]]:
+    spec, joints = case.spec, case.here.sit.chain.joints
+    if spec.blunder == "outliers":
+        return [{"effect": "outliers", "accept": ["outliers"], "where": ["instrument", "frame", "tool"], "delta": 99.0}]
+    if spec.blunder in ("sign", "swap", "unit"):
+        where = [j.name for j in joints] if spec.blunder == "swap" else [_spoilt(spec, joints)]
+        return [{"effect": "axis-blunder", "accept": ["axis-blunder"], "where": where, "delta": 999.0}]
+    return []
+
+
+def _spoilt(spec: Spec, joints: tuple[Any, ...]) -> str:
+    """The joint whose column has the wrong sign or unit."""
+    if spec.blunder == "unit":
+        return next((str(j.name) for j in joints if j.kind == "prismatic"), str(joints[0].name))
+    return str(joints[spec.seed % len(joints)].name)
+
+
+def _spoil(spec: Spec, chain: Chain, table: files.Columns) -> files.Columns:
+    """The table with its blunder."""
+    table = dict(table)
+    name = _spoilt(spec, chain.joints)
+    if spec.blunder == "sign":
+        table[name] = -np.asarray(table[name], dtype=float)
+    elif spec.blunder == "unit":
+        table[name] = np.round(np.asarray(table[name], dtype=float) / 25.4, 6)
+    elif spec.blunder == "swap":
+        one, two = ((*chain.prismatic, *chain.joints))[:2]
+        table[one.name], table[two.name] = table[two.name], table[one.name]
+    return table
+
+
+def write(case: Case, folder: Path, vault: Path) -> str:
+    """Write a case's files into its folder and its truth into the vault; returns the seal."""
+    spec, here, there = case.spec, case.here, case.there
+    bare, chain = PLANS[spec.plan].bare, here.sit.chain
+    dead = {"T_base": -999.0, "T_coolant": 20.37} if spec.blunder == "dead" else {}
+    tables = []
+    for bench in (here, there):
+        witness: dict[str, Array] = {}
+        for hidden, amplitude in case.effects:
+            if hidden.witness is not None:
+                witness |= hidden.witness(bench.sit, amplitude)
+        tables.append(files.columns(bench.sit, bare, witness, dead))
+    survey, heldout = (_spoil(spec, chain, t) for t in tables)  # one program writes both
+    at = list(survey).index("tool_z") + 1
+    measured = {f"m{a}": np.round(case.measured[:, k], 5) for k, a in enumerate("xyz")}
+    survey = dict([*list(survey.items())[:at], *measured.items(), *list(survey.items())[at:]])
+    write_atomic(folder / "machine.yaml", files.machine_yaml(chain, f"case {spec.name}"))
+    files.write_csv(folder / "survey.csv", survey)
+    files.write_csv(folder / "heldout.csv", heldout)
+    if here.noise.declared and here.noise.kind == "tracker":
+        write_atomic(folder / "survey.yaml", files.survey_yaml(here.noise))
+    return sealed(vault / f"{spec.name}.json", case.truth)
