@@ -318,8 +318,8 @@ def diagnose(machine: str, survey: Path, out: Path) -> None:
     with working("Reading"):
         data = read_survey(survey, model)
     _notes(data.notes)
-    with working("Looking for what was left out"):
-        result = stage(model, data)
+    result = stage(model, data, working)
+    _notes(tuple(n for n in result.diagnosis.notes if n not in data.notes))
     _save(result.final, out, result)
     write_text_atomic(dumps(result.diagnosis.as_json()), out / "diagnosis.json")
     for line in diagnosis_lines(result.diagnosis):

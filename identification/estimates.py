@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import floor, log10
 from typing import Literal
 
 from errormodel.chain import Parameter
@@ -15,6 +16,9 @@ PRINTED: dict[str, tuple[float, str]] = {
     "rad": (1e6, "µrad"),
     "1": (1e6, "µm/m"),
     "rad/mm": (1e9, "µrad/m"),
+    "1/K": (1e6, "µm/m/K"),
+    "1/(mm K)": (1e9, "µrad/m/K"),
+    "s": (1e3, "ms"),
 }
 ARCSEC = 0.20626480624709636  # of a microradian
 
@@ -26,6 +30,11 @@ def printed(unit: str) -> tuple[float, str]:
         return PRINTED.get(unit, (1.0, unit))
     factor, name = PRINTED[head] if head in ("mm", "rad") else (1e6, "1e-6") if head == "1" else (1.0, head)
     return factor, f"{name}/{rest}"
+
+
+def decimals(std: float) -> int:
+    """Decimals that show two digits of a standard uncertainty, four at most."""
+    return min(max(0, 1 - floor(log10(std))), 4) if 0 < std < float("inf") else 3
 
 
 Kind = Literal["member", "joint", "effect", "frame", "zero"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
@@ -82,16 +82,26 @@ def fit_lines(fit: Fit) -> Iterator[str]:
 
 def diagnosis_lines(diagnosis: Diagnosis) -> Iterator[str]:
     """The verdict, the findings as sentences, and what the data could not show."""
-    before, after = diagnosis.baseline, diagnosis.final
+    before, after = (_held_out(s) for s in (diagnosis.baseline, diagnosis.final))
     yield f"verdict: {diagnosis.verdict}; noise of one coordinate {diagnosis.noise_um:.2f} um"
-    yield f"held out: {before['heldout_rms_um']:.2f} um rms before, {after['heldout_rms_um']:.2f} um after"
-    if not diagnosis.findings:
+    yield f"held out: {before} um rms before, {after} um after"
+    if diagnosis.unexplained:
+        yield f"left over: {diagnosis.unexplained}"
+    elif not diagnosis.findings:
         yield "\nNothing was found beyond the model and the noise."
     for number, finding in enumerate(diagnosis.findings, start=1):
         yield f"\n{number}. {finding.statement}"
         for other in finding.alternatives[:3]:
             told = "told apart" if other.separable else "not told apart by this data"
-            yield f"   instead: {other.effect} at {other.where}, odds 10^{other.log10_bayes_factor:.1f} ({told})"
+            what = f"{other.effect} at {other.where} ({' '.join(other.motion)} by {' and '.join(other.driver)})"
+            yield f"   instead: {what}, odds 10^{other.log10_bayes_factor:.1f}: {told}"
         yield f"   next: {finding.next_measurement}"
     if diagnosis.untestable:
-        yield "\ncannot be seen in this survey: " + ", ".join(u.effect for u in diagnosis.untestable)
+        yield "\ncannot be seen in this survey"
+        for item in diagnosis.untestable:
+            yield f"  {item.effect}: {item.reason}"
+
+
+def _held_out(summary: Mapping[str, float | None]) -> str:
+    value = summary["heldout_rms_um"]
+    return "-" if value is None else f"{value:.2f}"

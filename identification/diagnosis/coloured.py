@@ -9,8 +9,7 @@ side's noise is estimated from what the other would explain.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from itertools import pairwise, product
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,39 +17,9 @@ from errormodel.arrays import Array
 from errormodel.effects.base import Effect
 from identification.diagnosis.candidates import Candidates
 from identification.diagnosis.workbench import Workbench
+from identification.fit.noise import Noise, noises
 
-LENGTHS = (2.0, 6.0, 20.0, 60.0, 200.0)  # rows over which the correlation falls to 1/e
-PARTS = (0.1, 0.4, 1.5, 6.0)  # variance of the correlated part, in variances of the white one
-
-
-@dataclass(frozen=True)
-class Noise:
-    """White noise of variance 1 and first-order noise of variance `part`, correlated over `length` rows.
-
-    Their sum is an ARMA(1,1) process, whose innovations are a filter of two coefficients.
-    """
-
-    length: float
-    part: float
-
-    def whitened(self, columns: Array, starts: Array) -> Array:
-        """Innovations of series (k, N + ties), to one common variance; `starts` are theirs, and the last one's end."""
-        from scipy.signal import lfilter
-
-        phi = float(np.exp(-1 / self.length))
-        ratio = phi / (1 + phi**2 + self.part * (1 - phi**2))  # theta / (1 + theta^2), from the first autocovariance
-        theta = (1 - np.sqrt(1 - 4 * ratio**2)) / (2 * ratio)
-        first = np.sqrt(phi / theta / (1 + self.part))  # the first row has the process' whole variance
-        out = columns.copy()
-        for a, b in pairwise(starts):
-            out[:, a:b] = lfilter([1.0, -phi], [1.0, -theta], columns[:, a:b], axis=1)
-            out[:, a] *= first
-        return out
-
-
-def noises() -> Iterator[Noise]:
-    """The grid over which the noise is fitted."""
-    return (Noise(length, part) for length, part in product(LENGTHS, PARTS))
+LONGEST, LARGEST = 60.0, 2.0  # rows and white variances: beyond them it is no noise any more, but a drift with a cause
 
 
 def evidence(bench: Workbench, effects: Sequence[Effect]) -> tuple[float, float]:
@@ -60,7 +29,7 @@ def evidence(bench: Workbench, effects: Sequence[Effect]) -> tuple[float, float]
     main = effects[0]
     white, best, best_with = -np.inf, -np.inf, -np.inf
     for likelihood, filtered, noise in _benches(bench):
-        own = columns if noise is None else noise.whitened(columns, _starts(bench))
+        own = columns if noise is None else noise.whitened(columns, _edges(bench))
         scores = Candidates([main], [(np.array([0]), own[None], size[None])], [main.key]).scores(filtered)
         gain = float(scores.evidence[0])
         white = gain if noise is None else white
@@ -68,7 +37,7 @@ def evidence(bench: Workbench, effects: Sequence[Effect]) -> tuple[float, float]
     return white, best_with - best
 
 
-def _starts(bench: Workbench) -> Array:
+def _edges(bench: Workbench) -> Array:
     """Where the series of one component of one view begin, and where the last one ends."""
     return np.concatenate([[0], np.flatnonzero(np.diff(bench.index) <= 0) + 1, [len(bench.index)]])
 
@@ -77,7 +46,9 @@ def _benches(bench: Workbench) -> Iterator[tuple[float, Workbench, Noise | None]
     """Restricted log likelihood of what the bench has accepted, and the bench whitened, for each noise."""
     yield _likelihood(bench, 0.0), bench, None
     for noise in noises():
-        both = noise.whitened(np.vstack([bench.basis.T, bench.residual]), _starts(bench))
+        if noise.length > LONGEST or noise.part > LARGEST:
+            continue
+        both = noise.whitened(np.vstack([bench.basis.T, bench.residual]), _edges(bench))
         basis, triangle = np.linalg.qr(both[:-1].T)
         residual = both[-1] - basis @ (basis.T @ both[-1])
         filtered = replace(bench, basis=basis, residual=residual)

@@ -1,4 +1,4 @@
-"""What a diagnosis says: findings with the sentence an engineer can act on, and what the data could not show."""
+"""What a diagnosis says (contract, section 4), and how sure it is of a name."""
 
 from __future__ import annotations
 
@@ -12,18 +12,8 @@ from errormodel.arrays import Array
 from errormodel.effects import registry
 from errormodel.effects.base import Effect
 from identification.diagnosis.selection import Step
+from identification.diagnosis.sizes import Amount
 from identification.diagnosis.workbench import Workbench
-from identification.estimates import printed
-
-
-@dataclass(frozen=True)
-class Amount:
-    """A parameter of a finding."""
-
-    name: str
-    value: float
-    std: float
-    unit: str
 
 
 @dataclass(frozen=True)
@@ -34,6 +24,8 @@ class Alternative:
     where: str
     log10_bayes_factor: float
     separable: bool
+    motion: list[str] = field(default_factory=list)
+    driver: list[str] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -46,7 +38,11 @@ class HeldOut:
 
 @dataclass(frozen=True)
 class Finding:
-    """One entry of ``findings`` (contract, section 4)."""
+    """One entry of ``findings``.
+
+    Beyond the contract: `size_um`, the root mean square of what it does at the tip over the survey's rows, and `rows`
+    (of outliers: data rows, from 1). `period` in mm, of a rotary joint in degrees.
+    """
 
     effect: str
     where: str
@@ -64,7 +60,8 @@ class Finding:
     absorbed: float = 0.0
     moved: dict[str, float] = field(default_factory=dict)
     alternatives: list[Alternative] = field(default_factory=list)
-    rows: list[int] | None = None  # of outliers: data rows, from 1
+    size_um: float = 0.0
+    rows: list[int] | None = None
 
     def as_json(self) -> dict[str, Any]:
         out = asdict(self)
@@ -107,6 +104,7 @@ class Diagnosis:
         }
 
 
+SEPARABLE = 2.0  # decimal logarithm of the Bayes factor beyond which the data tell two explanations apart
 FORM_ODDS = 3.0  # nats by which physics that has a name is the likelier story than a form that can bend to anything
 
 
@@ -115,7 +113,7 @@ def motions_of(effect: Effect, bench: Workbench) -> list[str]:
     return list(dict.fromkeys(m for t in effect.terms(bench.channel, bench.chain.machine) for m in t.motion))
 
 
-def alternatives_of(step: Step, most: int = 5) -> list[Alternative]:
+def alternatives_of(step: Step, bench: Workbench, most: int = 5) -> list[Alternative]:
     """The best other explanations: one for each effect and place."""
     seen = {(step.effect.effect, step.effect.where)}
     out = []
@@ -124,9 +122,25 @@ def alternatives_of(step: Step, most: int = 5) -> list[Alternative]:
         if key in seen:
             continue
         seen.add(key)
-        factor = (evidence - step.evidence) / np.log(10)
-        out.append(Alternative(effect.effect, effect.where, float(factor), bool(abs(factor) > 2)))
+        factor = log10_factor(step, evidence)
+        more = motions_of(effect, bench), list(effect.drivers)
+        out.append(Alternative(*key, factor, abs(factor) > SEPARABLE, *more))
     return out[:most]
+
+
+def look_alikes(step: Step) -> list[Effect]:
+    """Physics of other names that the data do not separate from a step, the likeliest first, each name once."""
+    best: dict[str, Effect] = {}
+    for effect, evidence in step.rivals:
+        other = effect.effect != step.effect.effect and not effect.generic
+        if other and abs(log10_factor(step, evidence)) <= SEPARABLE:
+            best.setdefault(effect.effect, effect)
+    return list(best.values())
+
+
+def log10_factor(step: Step, evidence: float) -> float:
+    """Decimal logarithm of the Bayes factor of a rival against a step."""
+    return float((evidence - step.evidence) / np.log(10))
 
 
 def probability_of(step: Step) -> float:
@@ -145,30 +159,11 @@ def probability_of(step: Step) -> float:
     return float(np.clip(weights[0] / weights.sum(), 0.0, 0.999))
 
 
-def p_value_of(step: Step, count: int) -> float:
+def p_value_of(step: Step) -> float:
     """Chance of such a drop of the residual sum of squares by noise alone, anywhere among what was searched."""
     from scipy.stats import chi2
 
-    return float(min(1.0, max(step.searched, 1) * chi2.sf(step.drop, count)))
-
-
-def statement_of(effect: Effect, amounts: Sequence[Amount], size_um: float, absorbed: float, probability: float) -> str:
-    """One sentence an engineer can act on."""
-    values = ", ".join(f"{a.name} {_printed(a)}" for a in amounts[:3])
-    drivers = " and ".join(dict.fromkeys(effect.drivers)) or "position"
-    name = f"{effect.effect} of {effect.where}" if not effect.generic else f"an effect without a name at {effect.where}"
-    length = getattr(effect, "period", None)
-    period = f", period {length:.4g}" if length else ""
-    hidden = f"; the geometry had hidden {100 * absorbed:.0f} % of it" if absorbed > 0.05 else ""
-    return (
-        f"{name[0].upper()}{name[1:]}, driven by {drivers}{period}: {size_um:.1f} um rms at the tip ({values}){hidden}."
-        f" Probability {probability:.2f}."
-    )
-
-
-def _printed(amount: Amount) -> str:
-    factor, unit = printed(amount.unit)
-    return f"{factor * amount.value:.4g} +- {factor * amount.std:.2g} {unit.replace('µ', 'u')}"
+    return float(min(1.0, max(step.searched, 1) * chi2.sf(step.drop, step.count)))
 
 
 def moved_by(design: Array, names: Sequence[str], columns: Array, values: Array) -> dict[str, float]:

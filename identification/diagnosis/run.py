@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,43 +14,56 @@ from errormodel.effects.base import Effect
 from errormodel.exceptions import InputError
 from errormodel.machine import EffectSpec, Machine
 from errormodel.survey import Survey
-from identification.diagnosis.candidates import Candidates
+from identification.diagnosis.candidates import Candidates, Scores
 from identification.diagnosis.findings import (
-    Amount,
     Diagnosis,
     Finding,
     HeldOut,
     alternatives_of,
+    look_alikes,
     motions_of,
     moved_by,
     p_value_of,
     probability_of,
-    statement_of,
 )
 from identification.diagnosis.outliers import gross_rows
 from identification.diagnosis.sanity import Blunder, find_blunder, without
 from identification.diagnosis.selection import Growth, Step, grow, heldout_rms
+from identification.diagnosis.sensors import dead_sensors
+from identification.diagnosis.sizes import Amount, whole_of
+from identification.diagnosis.statements import length, next_measurement, period_of, statement_of, subject
 from identification.diagnosis.unseen import unseen
-from identification.diagnosis.workbench import set_up
+from identification.diagnosis.verdict import judge
+from identification.diagnosis.workbench import Workbench, set_up
 from identification.fit.result import Fit
 from identification.fit.run import fit_machine
-from identification.store import parameters
 from identification.sums import design_rows
 from identification.views import PositionView
+
+Tell = Callable[[str], AbstractContextManager[None]]
+MOST_BLUNDERS = 3
 
 
 @dataclass(frozen=True)
 class Diagnosed:
-    """The diagnosis, the fit before it and the fit of the extended machine."""
+    """The diagnosis, the fits before it and of the extended machine, and how it was found.
+
+    `scores` are those of all candidates before anything was accepted.
+    """
 
     diagnosis: Diagnosis
     baseline: Fit
     final: Fit
     growth: Growth
+    scores: Scores
 
 
-def diagnose(machine: Machine, survey: Survey) -> Diagnosed:
+def diagnose(machine: Machine, survey: Survey, tell: Tell = lambda text: nullcontext()) -> Diagnosed:
     """Find what physics a survey shows beyond the machine's model, and put it into the model.
+
+    Parameters
+    ----------
+    tell : surrounds each long part, with its name.
 
     Raises
     ------
@@ -58,12 +73,64 @@ def diagnose(machine: Machine, survey: Survey) -> Diagnosed:
     if not np.isfinite(survey.fit.measured).any():
         found = "no row to fit has a measured position, which the diagnosis works on"
         raise InputError(str(survey.source), found, "Add rows with mx my mz, or use `errormodel fit` for error motions")
-    chain = Chain(machine)
-    blunders: list[Blunder] = []
-    while len(blunders) < 3 and (blunder := find_blunder(chain, survey)) is not None:
-        blunders.append(blunder)
+    with tell("Looking for mistakes in the columns"):
+        blunders = _blunders(machine, survey)
+    with tell("Fitting the machine"):
+        before = [_try(machine, s) for s in (survey, *(b.survey for b in blunders))[: len(blunders)]]
+        survey = blunders[-1].survey if blunders else survey
+        mended = fit_machine(machine, survey)
+        survey, fit, bad = _without_outliers(machine, survey, mended)
+    with tell("Trying all effects at all places"):
+        bench = set_up(fit)
+        candidates = Candidates.of(bench)
+        scores = candidates.scores(bench)
+    with tell("Looking for what was left out"):
+        growth = grow(bench, candidates)
+    effects = [*(b.effect for b in blunders), *(s.effect for s in growth.steps)]
+    with tell("Fitting the extended machine"):
+        final = fit_machine(_extended(machine, effects), survey) if effects else fit
+    fits = [*before, mended]
+    findings = [_blunder_finding(b, *fits[k : k + 2]) for k, b in enumerate(blunders)]
+    first = len(machine.effects) + len(blunders)  # of the effects that were found, among those of the final machine
+    causes = [_finding(group, growth, final, fit, first) for group in growth.findings]
+    findings += sorted(causes, key=lambda f: -f.heldout_rms_um.before)
+    if bad.any():
+        findings.append(_outlier_finding(bad, mended, fit))
+    verdict = judge(final, bool(findings))
+    dead = (f"{name} drives nothing: {reason}" for name, reason in dead_sensors(survey).items())
+    baseline = next((b for b in fits if b is not None), mended)
+    diagnosis = Diagnosis(
+        verdict.word,
+        1e3 * final.sigma_mm,
+        _summary(baseline),
+        _summary(final),
+        tuple(findings),
+        tuple(unseen(bench.scene, candidates.effects, scores.absorbed)),
+        verdict.unexplained,
+        (*final.notes, *dead, *verdict.notes),
+    )
+    return Diagnosed(diagnosis, baseline, final, growth, scores)
+
+
+def _blunders(machine: Machine, survey: Survey) -> list[Blunder]:
+    """Mistakes of columns, each found with those before it put right."""
+    chain, out = Chain(machine), list[Blunder]()
+    while len(out) < MOST_BLUNDERS and (blunder := find_blunder(chain, survey)) is not None:
+        out.append(blunder)
         survey = blunder.survey
-    baseline = fit = fit_machine(machine, survey)
+    return out
+
+
+def _try(machine: Machine, survey: Survey) -> Fit | None:
+    """The fit to a survey with a mistake in it, which need not be possible."""
+    try:
+        return fit_machine(machine, survey)
+    except (InputError, np.linalg.LinAlgError):
+        return None
+
+
+def _without_outliers(machine: Machine, survey: Survey, fit: Fit) -> tuple[Survey, Fit, Mask]:
+    """The survey without what was measured in gross rows, its fit, and those rows (mask over the rows to fit)."""
     bad = np.zeros(len(fit.survey), dtype=bool)
     for _ in range(3):  # gross rows hide smaller ones
         more = gross_rows(fit) & ~bad
@@ -72,27 +139,7 @@ def diagnose(machine: Machine, survey: Survey) -> Diagnosed:
         bad |= more
         survey = _without_fit_rows(survey, bad)
         fit = fit_machine(machine, survey)
-    bench = set_up(fit)
-    candidates = Candidates.of(bench)
-    growth = grow(bench, candidates)
-    effects = [*(b.effect for b in blunders), *(s.effect for s in growth.steps)]
-    final = fit_machine(_extended(machine, effects), survey) if effects else fit
-    findings = [_blunder_finding(b) for b in blunders]
-    findings += [_finding(group, growth, final, fit) for group in growth.findings]
-    if bad.any():
-        findings.append(_outlier_finding(bad, baseline, fit))
-    absorbed = candidates.scores(bench).absorbed
-    diagnosis = Diagnosis(
-        "explained" if findings else "adequate",
-        1e3 * final.sigma_mm,
-        _summary(baseline),
-        _summary(final),
-        tuple(findings),
-        tuple(unseen(bench.scene, candidates.effects, absorbed)),
-        None,
-        final.notes,
-    )
-    return Diagnosed(diagnosis, baseline, final, growth)
+    return survey, fit, bad
 
 
 def _without_fit_rows(survey: Survey, bad: Mask) -> Survey:
@@ -115,58 +162,57 @@ def _summary(fit: Fit) -> dict[str, float | None]:
     }
 
 
-def _finding(group: list[Step], growth: Growth, final: Fit, before: Fit) -> Finding:
+def _finding(group: Sequence[Step], growth: Growth, final: Fit, before: Fit, first: int) -> Finding:
     """A finding from its steps: the effect, and the refinements of its form."""
-    main = group[0]
+    main, machine = group[0].effect, final.chain.machine
     bench = growth.without(group)  # geometry and the other findings fitted, this one not
     columns, values = bench.estimates([s.effect for s in group])
-    columns = columns[:, : len(bench.index)]
     noise = 1e3 * before.sigma_mm
-    size = noise * float(np.sqrt(3 * np.mean((columns.T @ values) ** 2)))
-    amounts = _amounts(main.effect, final)
-    probability = probability_of(main)
-    at = getattr(main.effect, "at", None) if "time" in main.effect.drivers else None
+    numbers = [first + k for k, step in enumerate(growth.steps) if any(step is s for s in group)]
+    whole = whole_of(final, [s.effect for s in group], numbers)
+    probability = probability_of(group[0])
+    alike = look_alikes(group[0])
+    at = getattr(main, "at", None) if "time" in main.drivers else None
     return Finding(
-        effect=main.effect.effect,
-        where=main.effect.where,
-        motion=motions_of(main.effect, bench),
-        driver=list(main.effect.drivers),
-        runs=[d[4:-1] for d in main.effect.drivers if d.startswith("run(")] or None,
+        effect=main.effect,
+        where=main.where,
+        motion=motions_of(main, bench),
+        driver=list(main.drivers),
+        runs=[d[4:-1] for d in main.drivers if d.startswith("run(")] or None,
         time=[float(at)] if at is not None else None,
-        period=getattr(main.effect, "period", None),
-        statement=statement_of(main.effect, amounts, size, main.absorbed, probability),
-        parameters=amounts,
+        period=period_of(main, machine),
+        statement=statement_of(whole, machine, group[0].absorbed, probability, [subject(e) for e in alike]),
+        parameters=whole.amounts,
         probability=probability,
-        p_value=p_value_of(main, max(len(amounts), 1)),
+        p_value=p_value_of(group[0]),
         heldout_rms_um=HeldOut(*(float(np.sqrt(3)) * noise * heldout_rms(b) for b in (bench, growth.bench))),
-        absorbed=main.absorbed,
-        moved=_moved(before, columns, values),
-        alternatives=alternatives_of(main),
-        next_measurement=main.effect.separate,
+        absorbed=group[0].absorbed,
+        moved=_moved(before, growth.start, columns[:, : len(bench.index)], values),
+        alternatives=alternatives_of(group[0], bench),
+        next_measurement=next_measurement(main, alike[0] if alike else None),
+        size_um=whole.size_um,
     )
 
 
-def _moved(before: Fit, columns: Array, values: Array) -> dict[str, float]:
-    """How far the missing effect had pushed the geometry's parameters; empty where rows were thinned out."""
-    base = before.solution.groups.base
-    views = [v for v in before.problem.views if isinstance(v, PositionView)]
-    design = np.vstack([design_rows(v, before.problem.place(), most=len(v))[:, base] for v in views])
-    if len(design) != columns.shape[1]:
-        return {}
-    level = 1.0 if "position" in before.solution.declared else before.sigma_mm
-    return moved_by(design / level, [before.solution.unknowns[j] for j in base], columns, values)
+def _moved(before: Fit, bench: Workbench, columns: Array, values: Array) -> dict[str, float]:
+    """How far the missing effect had pushed the geometry's parameters, by the bench's own rows."""
+    base, place = before.solution.groups.base, before.problem.place()
+    designs = []
+    for view in before.problem.views:
+        if isinstance(view, PositionView) and (own := np.isin(view.index, bench.index)).any():
+            part = view.part(own)
+            rows = design_rows(part, place, most=len(part))[:, base]
+            live = np.abs(part.whitener).sum(axis=2) > 0 if part.whitener.ndim == 3 else np.ones((len(part), 3), bool)
+            designs.append(rows[live.T.ravel()])  # components that were measured, component by component
+    design = np.vstack(designs) / before.solution.sigma["position"]
+    return moved_by(design, [before.solution.unknowns[j] for j in base], columns, values)
 
 
-def _amounts(effect: Effect, final: Fit) -> list[Amount]:
-    """The effect's parameters as the final fit has them."""
-    own = (p for p in parameters(final) if p["id"].startswith(f"{effect.where}.") and f".{effect.effect}" in p["id"])
-    return [Amount(p["id"], p["value"], p["std"], p["unit"]) for p in own]
-
-
-def _blunder_finding(blunder: Blunder) -> Finding:
+def _blunder_finding(blunder: Blunder, before: Fit | None, after: Fit | None) -> Finding:
+    errors = [fit.heldout.rms_um if fit else float("nan") for fit in (before, after)]
     text = (
-        f"{blunder.effect.text}: the nominal machine misses by {blunder.before_um:.0f} um, "
-        f"with it put right by {blunder.after_um:.0f} um."
+        f"{blunder.effect.text}: the nominal machine misses by {length(blunder.before_um)}, "
+        f"with it put right by {length(blunder.after_um)}."
     )
     return Finding(
         effect="axis-blunder",
@@ -175,8 +221,9 @@ def _blunder_finding(blunder: Blunder) -> Finding:
         statement=text[0].upper() + text[1:],
         probability=0.999,
         p_value=0.0,
-        heldout_rms_um=HeldOut(blunder.before_um, blunder.after_um),
+        heldout_rms_um=HeldOut(*errors),
         next_measurement=blunder.effect.separate,
+        size_um=before.nominal.rms_um if before else blunder.before_um,
     )
 
 
@@ -191,10 +238,11 @@ def _outlier_finding(bad: Mask, baseline: Fit, fit: Fit) -> Finding:
             f"{len(rows)} rows of {len(bad)} lie far outside anything the others show (up to {largest:.0f} um) and "
             f"were left out: rows {listed}."
         ),
-        parameters=[Amount("rows", float(len(rows)), 0.0, "1")],
+        parameters=[Amount("rows", float(len(rows)), 0.0, "")],
         probability=0.99,
         p_value=0.0,
         heldout_rms_um=HeldOut(baseline.heldout.rms_um, fit.heldout.rms_um),
         next_measurement="measure these rows again",
+        size_um=1e3 * float(np.sqrt(np.mean(np.nansum(baseline.residuals[bad] ** 2, axis=1)))),
         rows=rows,
     )

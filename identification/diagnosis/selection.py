@@ -29,6 +29,8 @@ FORM = 0.85  # a name may explain this much less than the best mere form: forms 
 ALIKE = 0.6  # canonical correlation beyond which a later effect is a further form of an earlier finding
 MOST_FINDINGS = 12
 MOST_STEPS = 24
+MOST_TOGETHER = 3
+SHAPES_TRIED = 3.0  # nats for the shapes of one effect
 SWEEPS = 4  # over all time constants
 SHAPES = ("period", "by_period", "per_turn", "tau", "at", "width", "exponent", "overlap")
 
@@ -85,20 +87,46 @@ def grow(bench: Workbench, candidates: Candidates) -> Growth:
     """Accept explanations one by one while evidence and held-out error both ask for them."""
     growth = Growth(bench, bench)
     while len(growth.steps) < MOST_STEPS:
-        further = grown(growth, candidates)
+        further = grown(growth, candidates) or together(growth, candidates)
         if further is None:
             break
-        growth, step = further, further.steps[len(growth.steps)]
-        growth = paired(growth, candidates)
-        if step.refines is None:
+        new = [s for s in further.steps[len(growth.steps) :] if s.refines is None]
+        growth = paired(further, candidates)
+        for step in new:
             candidates = candidates.joined(Candidates.of(bench, list(forms(bench, step.effect))))
-            if len(growth.findings) > 1:
-                growth = second_look(growth, candidates)
+        if new and len(growth.findings) > 1:
+            growth = second_look(growth, candidates)
     return growth
 
 
-def grown(growth: Growth, candidates: Candidates) -> Growth | None:
-    """With the best further effect, or None where nothing more is to be found."""
+def together(growth: Growth, candidates: Candidates) -> Growth | None:
+    """With two or three further effects at once, each convincing only beside the others, or None.
+
+    What one leaves over while the others are not yet modelled looks like noise that goes along with it.
+    """
+    trial = growth
+    for _ in range(MOST_TOGETHER):
+        further = grown(trial, candidates, judged=False)
+        if further is None or further.steps[len(trial.steps)].refines is not None:
+            return None
+        trial = paired(further, candidates)
+        new = trial.findings[len(growth.findings) :]
+        if len(new) > 1 and all(_beside(trial.without(g), g) for g in new):
+            return trial
+    return None
+
+
+def _beside(bench: Workbench, group: Sequence[Step]) -> bool:
+    """Whether a finding is convincing beside what the bench has, whatever the noise."""
+    _, evidence = coloured.evidence(bench, [s.effect for s in group if s.effect.tied == group[0].effect.tied])
+    return bool(evidence - np.log(max(group[0].searched, 1)) - SHAPES_TRIED >= DETECT)
+
+
+def grown(growth: Growth, candidates: Candidates, *, judged: bool = True) -> Growth | None:
+    """With the best further effect, or None where nothing more is to be found.
+
+    Not `judged`: an effect that outweighs the search in white noise will do.
+    """
     bench = growth.bench
     scores = candidates.scores(bench)
     ranked = scores.by_key()
@@ -119,7 +147,11 @@ def grown(growth: Growth, candidates: Candidates) -> Growth | None:
     best = replace(best, rivals=rivals)
     if own is not None:
         best = replace(best, refines=own)
-    elif not convincing(bench, best) or best.drop < LEAK * explained or len(growth.findings) >= MOST_FINDINGS:
+    elif (
+        not convincing(bench, best, judged=judged)
+        or best.drop < LEAK * explained
+        or len(growth.findings) >= MOST_FINDINGS
+    ):
         # not enough for a finding: perhaps a refinement among what follows
         further = [s for s in steps if s.evidence > WORTH and _refined(growth, s) is not None]
         if not further:
@@ -299,9 +331,10 @@ def _polished(candidates: Candidates, scores: Scores, bench: Workbench, number: 
     return Step(effect, evidence - np.log(same), drop, absorbed, len(bench.columns(effect)[1]), searched=searched)
 
 
-def convincing(bench: Workbench, step: Step) -> bool:
-    """Whether a step's evidence outweighs the places looked at, and what correlated noise would make of it."""
-    return bool(step.evidence - doubt(bench, step) - np.log(max(step.searched, 1)) >= DETECT)
+def convincing(bench: Workbench, step: Step, *, judged: bool = True) -> bool:
+    """Whether evidence outweighs the places looked at and, `judged`, what correlated noise would make of it."""
+    surplus = step.evidence - np.log(max(step.searched, 1)) - DETECT
+    return bool(surplus >= 0 and (not judged or surplus >= doubt(bench, step)))
 
 
 def doubt(bench: Workbench, step: Step) -> float:

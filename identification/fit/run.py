@@ -15,6 +15,7 @@ from errormodel.machine import Machine
 from errormodel.survey import Survey
 from identification.alignment import IDENTITY, Pose
 from identification.fit.least_squares import Solution, identifiable, solve
+from identification.fit.noise import Noise, correlated
 from identification.fit.result import Fit, Spread, TestFile, residuals_of
 from identification.problem import Problem, build, frame_columns, frame_labels
 from identification.sums import accumulate, total
@@ -41,6 +42,7 @@ def _fit(chain: Chain, survey: Survey) -> Fit:
         raise InputError(str(survey.source), "no file has role: fit", "Give at least one file the role fit")
     problem, nominal_residuals = anchored(build(chain, rows), len(rows))
     solution = solve(chain, problem.views, problem.unknowns, declared=problem.declared)
+    solution, noise = correlated(problem, solution)
     if sum(s.count for s in solution.sums.values()) <= len(problem.unknowns):
         check_enough(survey, problem, solution)
     place, zero = problem.place(), np.zeros(len(chain.ids))
@@ -48,7 +50,7 @@ def _fit(chain: Chain, survey: Survey) -> Fit:
     heldout, folds = held_out(problem, solution, len(rows))
     fit = Fit(
         chain, rows, problem, solution, Spread.of(nominal_residuals), Spread.of(residuals), Spread.of(heldout), folds,
-        residuals, nominal_residuals, heldout, notes=_notes(survey, solution),
+        residuals, nominal_residuals, heldout, notes=_notes(survey, solution, noise),
     )  # fmt: skip
     return replace(fit, tests=tuple(look_at(fit, test) for test in survey.test))
 
@@ -173,8 +175,14 @@ def check_enough(survey: Survey, problem: Problem, solution: Solution) -> None:
     raise InputError(str(survey.source), found, cure)
 
 
-def _notes(survey: Survey, solution: Solution) -> tuple[str, ...]:
+def _notes(survey: Survey, solution: Solution, noise: Noise | None) -> tuple[str, ...]:
     notes = list(survey.notes)
+    if noise is not None:
+        part = 100 * noise.part / (1 + noise.part)
+        notes.append(
+            f"the residuals are correlated over about {noise.length:.0f} rows ({part:.0f} % of their variance): "
+            "standard uncertainties take it into account"
+        )
     if not solution.converged:
         notes.append(
             "the iteration has not settled: errors are too large for this model, or rows contradict each other"

@@ -10,18 +10,17 @@ from math import log10
 import numpy as np
 
 from errormodel.conventions import unit_of
-from identification.diagnosis.candidates import Candidates
 from identification.diagnosis.findings import Alternative, Finding, Untestable
 from identification.diagnosis.run import Diagnosed
 from identification.diagnosis.selection import Step
-from identification.estimates import printed
+from identification.estimates import decimals, printed
 from identification.plots.effect_curve import PERIODS, draw_effect_curve
 from identification.plots.evidence import Evidence, evidence_of
 from identification.plots.residuals_along_driver import MOST, draw_residuals_along_driver
 from identification.plots.where_map import draw_where_map
 from identification.report.pictures import Picture, picture
 from identification.report.tables import number
-from identification.report.wording import decimals, short, three
+from identification.report.wording import short, three
 
 VERDICTS = {
     "adequate": "Nothing was found: the model and the noise explain what was measured.",
@@ -141,7 +140,10 @@ def _part(diagnosed: Diagnosed, count: int, finding: Finding, group: Sequence[St
     if finding.motion:
         facts.append(("Motion", ", ".join(finding.motion)))
     if finding.period:
-        facts.append(("Period", _period(diagnosed, finding)))
+        turning = any(j.name in finding.driver and j.type == "rotary" for j in diagnosed.final.chain.machine.joints)
+        facts.append(("Period", f"{finding.period:.4g}{'°' if turning else ' mm'}"))
+    if finding.size_um:
+        facts.append(("Size at the tip", f"{three(finding.size_um)} µm rms over the survey's rows"))
     if group:
         facts.append(("Hidden by the geometry", f"{100 * finding.absorbed:.0f} % of it"))
     if len(group or ()) > 1:
@@ -152,10 +154,16 @@ def _part(diagnosed: Diagnosed, count: int, finding: Finding, group: Sequence[St
         finding,
         facts,
         _amounts(finding) if group else [],
-        [[f"{a.effect} at {a.where}", *odds(a)] for a in finding.alternatives],
+        [[_other(a), *odds(a)] for a in finding.alternatives],
         [_amount(n, v, None, _unit(diagnosed, n)) for n, v in finding.moved.items()],
         _pictures(diagnosed, count, evidence) if evidence else [],
     )
+
+
+def _other(other: Alternative) -> str:
+    """Another explanation by name and place; of a mere form, what would move with what."""
+    text = f"{other.effect} at {other.where}"
+    return f"{text}: {', '.join(other.motion)} by {', '.join(map(_channel, other.driver))}" if other.motion else text
 
 
 def _channel(name: str) -> str:
@@ -207,17 +215,9 @@ def _unit(diagnosed: Diagnosed, name: str) -> str:
     return units.get(name) or (unit_of(motion) if motion in ("dx", "dy", "dz", "ea", "eb", "ec") else "1")
 
 
-def _period(diagnosed: Diagnosed, finding: Finding) -> str:
-    period = finding.period or 0.0
-    turning = any(j.name in finding.driver and j.type == "rotary" for j in diagnosed.final.chain.machine.joints)
-    return f"{np.degrees(period):.4g}°" if turning else f"{period:.4g} mm"
-
-
 def _where(diagnosed: Diagnosed, groups: dict[int, Sequence[Step]]) -> Picture:
-    start = diagnosed.growth.start
-    scores = Candidates.of(start).scores(start)
     return picture(
-        draw_where_map(diagnosed.growth, scores, list(groups.items())),
+        draw_where_map(diagnosed.growth, diagnosed.scores, list(groups.items())),
         "Where: each cell is a motion of an element (row) that goes with a channel (column; side: from which side the "
         "joint arrived). Figures and colour are the share, in per cent, of the error beyond noise that the best single "
         "effect there would explain before anything is accepted; empty cells explain nothing, rows and columns below "

@@ -9,10 +9,10 @@ from typing import NamedTuple
 import numpy as np
 
 from identification.describe import no_effect_reasons
-from identification.estimates import ARCSEC, Estimate, Kind
+from identification.estimates import ARCSEC, Estimate, Kind, decimals
 from identification.fit.result import Fit, Spread
 from identification.fit.run import moved
-from identification.report.wording import decimals, file_name, three
+from identification.report.wording import file_name, three
 
 HEADINGS: dict[Kind, str] = {
     "member": "Structural members (constants)",

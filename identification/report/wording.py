@@ -39,11 +39,6 @@ def file_name(path: Path | str) -> str:
     return Path(path).name if Path(path).is_absolute() else str(path)
 
 
-def decimals(std: float) -> int:
-    """Decimals that show two digits of a standard uncertainty, four at most."""
-    return min(max(0, 1 - floor(log10(std))), 4) if 0 < std < float("inf") else 3
-
-
 def headline(fit: Fit) -> str:
     """The verdict in one line."""
     if not fit.fitted.n:

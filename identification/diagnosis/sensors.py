@@ -1,0 +1,88 @@
+"""Temperatures that are none: a sensor that is dead, stuck, torn off or loose drives nothing, however well it fits."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from errormodel.arrays import Array
+
+if TYPE_CHECKING:
+    from errormodel.survey import Survey
+
+COLDEST, WARMEST = -60.0, 150.0  # degC, of machines and of the rooms they stand in
+HOTTEST = 400.0  # degC, of what melts filament or is heated on purpose
+HEATED = re.compile(r"hot|nozzle|extru|heater", re.IGNORECASE)
+STUCK = 0.5  # of the recording at one value to the last digit
+STEPS = 20.0  # of a sensor's own resolution: by so much the others move meanwhile
+COARSE = 0.1  # K, resolution of a sensor that never changes
+BEFORE, SUDDEN = 10, 3.0  # rows before it got stuck, in which it moved by as many steps of its resolution
+SPIKE = 10.0  # K, up and at once back
+SOON = 300.0  # s: nothing that weighs something warms by that and cools again
+
+
+def dead_sensors(survey: Survey) -> dict[str, str]:
+    """Temperature columns of the rows to fit that must not drive anything, each with the reason.
+
+    A sensor that follows something quick (a nozzle, a motor) is not dead: it moves on, or stays where it went.
+    """
+    table = survey.fit.table
+    names = [str(c) for c in table.columns if str(c).startswith("T_")]
+    values = {name: table[name].to_numpy(dtype=np.float64) for name in names}
+    time = table["time"].to_numpy(dtype=np.float64) if "time" in table else None
+    reasons = {}
+    for name in names:
+        others = [v for n, v in values.items() if n != name]
+        if reason := _fault(name, values[name], others, time):
+            reasons[name] = reason
+    return reasons
+
+
+def _fault(name: str, values: Array, others: list[Array], time: Array | None) -> str:
+    """What is wrong with a sensor, or nothing."""
+    n = len(values)
+    gaps = int(np.isnan(values).sum())
+    if gaps:
+        return f"no value in {_rows(gaps, n)}"
+    absurd = (values < COLDEST) | (values > (HOTTEST if HEATED.search(name) else WARMEST))
+    if absurd.any():
+        return f"{values[absurd][0]:.4g} degC in {_rows(int(absurd.sum()), n)}"
+    start, end = _longest(values)
+    if end - start > max(STUCK * n, 2):
+        steps = np.abs(np.diff(values))
+        resolution = float(steps.min(where=steps > 0, initial=np.inf)) if steps.any() else COARSE
+        moved = max((float(np.ptp(v[start:end])) for v in others if np.isfinite(v).all()), default=0.0)
+        # a thermostat arrives slowly, and what has not been switched on yet waits for it
+        sudden = abs(values[start] - values[max(start - BEFORE, 0)]) > SUDDEN * resolution or end - start == n
+        if moved > STEPS * resolution and sudden:
+            return f"stuck at {values[start]:.4g} degC in {_rows(end - start, n)} while others move by {moved:.1f} K"
+    spikes = _spikes(values, time)
+    if spikes:
+        return f"jumps by more than {SPIKE:.0f} K and back in {_rows(spikes, n)}"
+    return ""
+
+
+def _rows(count: int, n: int) -> str:
+    return "all rows" if count == n else f"{count} of {n} rows"
+
+
+def _longest(values: Array) -> tuple[int, int]:
+    """First and last (exclusive) row of the longest stretch of one value."""
+    edges = np.concatenate([[0], np.flatnonzero(np.diff(values)) + 1, [len(values)]])
+    longest = int(np.argmax(np.diff(edges))) if len(values) else 0
+    return int(edges[longest]), int(edges[longest + 1]) if len(values) else 0
+
+
+def _spikes(values: Array, time: Array | None) -> int:
+    """Rows that lie far above or below the rows before and after them, these being alike."""
+    if len(values) < 3:
+        return 0
+    before, here, after = values[:-2], values[1:-1], values[2:]
+    off = np.where((here - before) * (here - after) > 0, np.minimum(np.abs(here - before), np.abs(here - after)), 0.0)
+    out = (off > SPIKE) & (np.abs(after - before) < off / 2)
+    if time is not None:
+        span = time[2:] - time[:-2]
+        out &= (span >= 0) & (span < SOON)
+    return int(out.sum())

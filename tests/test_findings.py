@@ -1,0 +1,390 @@
+"""What a diagnosis says: sizes, sentences, verdicts, dead sensors, and that it says nothing where there is nothing."""
+
+from __future__ import annotations
+
+import math
+import re
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from errormodel.chain import Chain
+from errormodel.conventions import unit_of
+from errormodel.effects import make
+from errormodel.effects.base import Effect
+from errormodel.instruments.plain import Plain
+from errormodel.machine import EffectSpec, Machine
+from errormodel.schema import read_machine
+from errormodel.simulate import Truth, random_points, simulate
+from errormodel.survey import Survey
+from identification.diagnosis.findings import alternatives_of, look_alikes
+from identification.diagnosis.repeats import repeats_of
+from identification.diagnosis.run import _moved, diagnose
+from identification.diagnosis.selection import Step
+from identification.diagnosis.sensors import dead_sensors
+from identification.diagnosis.sizes import Whole, whole_of
+from identification.diagnosis.statements import causes, next_measurement, period_of, statement_of
+from identification.diagnosis.verdict import judge
+from identification.diagnosis.workbench import set_up
+from identification.fit.run import fit_machine
+from tests import test_effects as battery
+
+NOISE = 0.003
+
+
+def made(word: str, **options: object) -> Effect:
+    return make(EffectSpec(word, options))
+
+
+def known(machine: Machine, *effects: Effect) -> Machine:
+    return replace(machine, effects=tuple(EffectSpec(e.effect, e.model_dump(exclude_defaults=True)) for e in effects))
+
+
+def survey_of(machine: Machine, table: pd.DataFrame, values: dict[str, float], noise: float = NOISE) -> Survey:
+    """A recording of known errors, with no uncertainty declared."""
+    n = len(table)
+    table = table.assign(run="1", file="a.csv", role="fit", row=np.arange(1, n + 1))
+    measured = simulate(machine, table, Truth(values), noise, 5)[["mx", "my", "mz"]]
+    return Survey(pd.concat([table, measured], axis=1), "shared", ("frame",), Plain(type="plain"), Path("a.csv"))
+
+
+def whole(machine: Machine, effects: list[Effect], values: list[float], table: pd.DataFrame | None = None) -> Whole:
+    """Effects of the given sizes, recorded and fitted, as one finding."""
+    extended = known(machine, *effects)
+    chain = Chain(extended)
+    ids = [i for own in chain.effect_ids for i in own]
+    if table is None:
+        table = battery.table(machine.name).drop(columns=["run", "file", "role", "row"])
+    truth = dict(zip(ids, values, strict=True))
+    return whole_of(fit_machine(extended, survey_of(extended, table, truth)), effects, range(len(effects)))
+
+
+def said(found: Whole, machine: Machine, probability: float = 0.98) -> str:
+    return statement_of(found, machine, 0.4, probability, ["lost-motion of X"])
+
+
+def test_each_effect_knows_its_parameters() -> None:
+    """Whatever element they sit at, and however many effects of one word there are."""
+    effects = [
+        made("scale-expansion", joint="Y", sensor="T_drive"),
+        made("clock-offset"),
+        made("scale-expansion", joint="Y", sensor="T_bed"),
+        made("pitch-cyclic", joint="X", period=10.0),
+    ]
+    assert Chain(known(battery.GANTRY, *effects)).effect_ids == (
+        ("Y.dy.scale-expansion",),
+        ("frame.dx.clock-offset",),
+        ("Y.dy.scale-expansion'",),
+        ("X.dx.pitch-cyclic-sin", "X.dx.pitch-cyclic-cos"),
+    )
+    assert Chain(battery.GANTRY).effect_ids == ()
+
+
+def test_parameters_at_another_element_are_found() -> None:
+    found = whole(battery.GANTRY, [made("clock-offset")], [2e-3])
+    (amount,) = found.amounts
+    assert amount.name == "frame.dx.clock-offset"
+    assert amount.unit == "s"
+    assert abs(amount.value - 2e-3) < 4 * amount.std
+    text = said(found, battery.GANTRY)
+    assert text.startswith("Clock-offset of the instrument, driven by feed: 1.99")
+    assert " ms, within what is usual (up to 2 ms)" in text
+
+
+def test_size_is_that_at_the_tip() -> None:
+    found = whole(battery.GANTRY, [made("backlash", joint="X")], [0.03])
+    assert found.size_um == pytest.approx(15, abs=1)  # half of it on either side
+    value, std = found.range(("X", "dx"))
+    assert abs(value - 0.03) < 4 * std < 0.004
+    text = said(found, battery.GANTRY)
+    assert "driven by the side from which X arrives" in text
+    assert "moves dx of X (EXX) by 3" in text
+    assert "the geometry had hidden 40 % of it" in text
+    assert text.endswith("Probability 0.98.")
+
+
+def test_a_doubtful_name_is_called_doubtful() -> None:
+    found = whole(battery.GANTRY, [made("backlash", joint="X")], [0.03])
+    text = said(found, battery.GANTRY, 0.5)
+    assert text.endswith("Probability 0.50: the name is uncertain, it may as well be lost-motion of X.")
+
+
+def test_two_lags_of_one_sensor_are_one_expansion() -> None:
+    effects = [made("scale-expansion", joint="Y", sensor="T_drive", tau=tau) for tau in (0.0, 600.0)]
+    found = whole(battery.GANTRY, effects, [30e-6, -20e-6])
+    assert [a.name for a in found.amounts] == ["Y.dy.scale-expansion", "Y.dy.scale-expansion'"]
+    text = said(found, battery.GANTRY)
+    assert "driven by T_drive, at once and behind a lag of 10 min: " in text
+    value = float(text.split(": ")[1].split(" +- ")[0])
+    assert value == pytest.approx(10, abs=1)
+    assert "um/m/K at steady state, well within what is usual (up to 24 um/m/K)" in text
+    assert "'" not in text
+
+
+def test_two_sensors_are_told_apart() -> None:
+    effects = [made("scale-expansion", joint="Y", sensor=s) for s in ("T_drive", "T_bed")]
+    text = said(whole(battery.GANTRY, effects, [80e-6, 10e-6]), battery.GANTRY)
+    assert "driven by T_drive and T_bed: " in text
+    assert "um/m/K of T_drive and " in text
+    assert "um/m/K of T_bed, far larger than what is usual" in text
+
+
+def test_a_refined_form_has_no_coefficient_of_its_own() -> None:
+    more = made("unnamed", element="Y", motion="dy", driver="T_drive", form="square", center=23.0, half_range=3.0)
+    effects = [made("scale-expansion", joint="Y", sensor="T_drive"), more]
+    text = said(whole(battery.GANTRY, effects, [10e-6, 0.01, 0.01]), battery.GANTRY)
+    assert "um/m/K" not in text
+    assert "peak to peak over the rows, with 1 further term that refines its form;" in text
+
+
+def test_a_bow_is_told_by_its_middle() -> None:
+    effect = made("thermal-bending", joint="Y", motion="dz", sensor="T_top", minus="T_bed")
+    size = 3e-8  # 1/(mm K): 1500 mm bow by 8.4 um/K
+    text = said(whole(battery.GANTRY, [effect], [size, 0.0]), battery.GANTRY)
+    assert "driven by T_top less T_bed: 8." in text
+    assert "um/K at mid-travel, well within what is usual" in text
+
+
+def test_rotary_periods_are_degrees() -> None:
+    effect = made("wobble", joint="B", harmonic=2)
+    found = whole(battery.FIVE_AXIS, [effect], [1e-5, 0.0, 0.0, 1e-5])
+    assert period_of(effect, battery.FIVE_AXIS) == pytest.approx(180)
+    text = said(found, battery.FIVE_AXIS)
+    assert "Wobble of B, driven by B, with a period of 180 deg (2 a turn): moves e" in text
+    assert "urad peak to peak" in text
+    assert period_of(made("pitch-cyclic", joint="X", period=10.0), battery.FIVE_AXIS) == 10.0
+    assert period_of(made("backlash", joint="X"), battery.FIVE_AXIS) is None
+
+
+def test_a_curve_of_many_splines_is_summed_up() -> None:
+    effect = made("higher-order-geometry", joint="B", motion="eb", every=math.radians(10), size=3e-5)
+    chain = Chain(known(battery.FIVE_AXIS, effect))
+    (ids,) = chain.effect_ids
+    q = np.arange(len(ids)) * 2 * math.pi / len(ids) - math.pi
+    found = whole(battery.FIVE_AXIS, [effect], list(5e-5 * np.sin(5 * q)))
+    rms, peak = found.amounts
+    assert (rms.unit, peak.unit) == (unit_of("eb"), "rad")
+    smoothed = 5e-5 * (2 / 3 + 1 / 3 * math.cos(10 * math.pi / len(ids)))  # what cubic splines make of such values
+    assert abs(rms.value - smoothed / math.sqrt(2)) < 0.05 * rms.value
+    assert 0 < rms.std < 0.1 * rms.value
+    assert peak.value == pytest.approx(2 * smoothed, rel=0.15)
+    text = said(found, battery.FIVE_AXIS)
+    assert "as a curve of splines 10 deg apart: 3" in text
+    assert " urad rms; moves eb of B (EBB) by " in text
+
+
+def test_causes_in_words() -> None:
+    assert causes([made("warm-up", joint="X", tau=1800.0)]) == "time, settling with time constant of 30 min"
+    assert causes([made("station-shift", run="3")]) == "run 3"
+    lagged = made("structure-drift", element="T1", motion="dx", sensor="T_bed", tau=7200.0)
+    assert causes([lagged]) == "T_bed behind a lag of 2 h"
+
+
+def test_what_cannot_be_told_apart_is_named() -> None:
+    backlash, lost = made("backlash", joint="X"), made("lost-motion", joint="X")
+    far = made("hysteresis", joint="X", width=20.0)
+    step = Step(backlash, 50.0, 60.0, 0.3, rivals=((lost, 48.0), (far, 20.0)))
+    table = battery.table("gantry").drop(columns=["run", "file", "role", "row"])
+    bench = set_up(fit_machine(battery.GANTRY, survey_of(battery.GANTRY, table, {})))
+    first, second = alternatives_of(step, bench)
+    assert (first.effect, first.separable, first.driver, first.motion) == ("lost-motion", False, ["dir_X"], ["dx"])
+    assert (second.effect, second.separable) == ("hysteresis", True)
+    assert look_alikes(step) == [lost]
+    text = next_measurement(backlash, lost)
+    assert text.startswith("this data cannot tell backlash of X from lost-motion of X: ")
+    assert text.endswith(backlash.separate)
+    assert next_measurement(backlash, None) == backlash.separate
+
+
+def test_moved_where_rows_are_thinned() -> None:
+    """What backlash hides in is found again, also from a part of the rows and with components missing."""
+    effect = made("backlash", joint="X")
+    extended = known(battery.GANTRY, effect)
+    table = random_points(battery.GANTRY, 4000, 2)
+    survey = survey_of(extended, table, {"X.dx.backlash": 0.05})
+    survey.table.loc[::7, "my"] = np.nan
+    before = fit_machine(battery.GANTRY, survey)
+    bench = set_up(before)
+    assert len(np.unique(bench.index)) < 3000
+    columns, values = bench.estimates([effect])
+    moved = _moved(before, bench, columns[:, : len(bench.index)], values)
+    assert moved
+    after = fit_machine(extended, survey).solution.named()
+    for name, step in moved.items():
+        assert after[name] - before.solution.named()[name] == pytest.approx(step, rel=0.2, abs=1e-6)
+
+
+def test_a_blunder_is_told_by_held_out_errors() -> None:
+    machine = read_machine("vertical_three_axis")
+    survey = survey_of(machine, random_points(machine, 120, 3), {})
+    survey.table["Y"] *= -1
+    stages = []
+
+    def tell(text: str) -> AbstractContextManager[None]:
+        stages.append(text)
+        return nullcontext()
+
+    result = diagnose(machine, survey, tell)
+    assert len(stages) == 5
+    (finding,) = result.diagnosis.findings
+    assert finding.effect == "axis-blunder"
+    assert finding.heldout_rms_um.after == pytest.approx(NOISE * 1e3 * math.sqrt(3), rel=0.4)
+    assert finding.heldout_rms_um.before == result.diagnosis.baseline["heldout_rms_um"]
+    assert re.search(r": the nominal machine misses by \d+\.\d mm, with it put right by \d\.\d um", finding.statement)
+    assert finding.heldout_rms_um.before > 100 * finding.heldout_rms_um.after
+    assert result.diagnosis.verdict == "explained"
+    assert result.scores.evidence.shape == result.scores.absorbed.shape
+
+
+@cache
+def walked() -> pd.DataFrame:
+    """Poses of which thirty are visited again, at other times."""
+    machine = read_machine("vertical_three_axis")
+    table = random_points(machine, 120, 8)
+    return pd.concat([table, table.iloc[::4]], ignore_index=True)
+
+
+def waves(bumps: float) -> tuple[Machine, Survey]:
+    """A recording that a machine's own model explains, or not: a narrow dent that nothing is made for."""
+    machine = read_machine("vertical_three_axis")
+    effects = [made("pitch-cyclic", joint=j, period=p) for j, p in (("X", 9.1), ("Y", 7.3), ("Z", 8.7))]
+    extended = known(machine, *effects)
+    ids = [i for own in Chain(extended).effect_ids for i in own]
+    return machine, survey_of(extended, walked(), dict.fromkeys(ids, bumps))
+
+
+def test_repeats_show_what_a_model_lacks() -> None:
+    clean, rough = (repeats_of(fit_machine(*waves(bumps))) for bumps in (0.0, 0.006))
+    assert clean is not None
+    assert rough is not None
+    assert (clean.poses, clean.count) == (30, 30)
+    assert clean.sigma_um == pytest.approx(1e3 * NOISE, rel=0.25)
+    assert clean.ratio == pytest.approx(1, abs=0.4)
+    assert not clean.misfit
+    assert rough.sigma_um == pytest.approx(1e3 * NOISE, rel=0.25)
+    assert rough.misfit
+    assert rough.ratio > 2
+
+
+def test_readings_in_a_row_are_one_visit() -> None:
+    machine = read_machine("vertical_three_axis")
+    table = random_points(machine, 60, 8).iloc[np.repeat(np.arange(60), 3)].reset_index(drop=True)
+    assert repeats_of(fit_machine(machine, survey_of(machine, table, {}))) is None
+
+
+@pytest.mark.parametrize(("found", "word"), [(False, "unexplained"), (True, "partly-explained")])
+def test_verdict_by_repeats(found: bool, word: str) -> None:
+    verdict = judge(fit_machine(*waves(0.006)), found)
+    assert verdict.word == word
+    assert verdict.unexplained is not None
+    assert "um rms where repeated poses let expect" in verdict.unexplained
+    assert "30 poses were visited again (30 rows)" in verdict.notes[0]
+    quiet = judge(fit_machine(*waves(0.0)), found)
+    assert (quiet.word, quiet.unexplained) == ("explained" if found else "adequate", None)
+
+
+def test_repeats_stay_quiet_on_good_data() -> None:
+    """With heavy tails too: one misfit in a hundred would be one in a hundred false verdicts."""
+    machine = read_machine("vertical_three_axis")
+    rng = np.random.default_rng(0)
+    survey = survey_of(machine, walked(), {}, 0.0)
+    clean = survey.table[["mx", "my", "mz"]].to_numpy()
+    for k in range(40):
+        noise = rng.standard_t(4, clean.shape) if k % 2 else rng.normal(size=clean.shape)
+        table = survey.table.assign(**dict(zip(("mx", "my", "mz"), (clean + NOISE * noise).T, strict=True)))
+        assert judge(fit_machine(machine, replace(survey, table=table)), False).word == "adequate"
+
+
+def test_verdict_by_declared_uncertainty() -> None:
+    machine = read_machine("vertical_three_axis")
+    points = random_points(machine, 150, 4)
+    for declared, word in ((NOISE, "adequate"), (NOISE / 1.5, "unexplained")):
+        sigma = {f"sigma_{a}": declared for a in "xyz"}
+        verdict = judge(fit_machine(machine, survey_of(machine, points.assign(**sigma), {})), False)
+        assert verdict.word == word
+        assert (verdict.unexplained is None) == (word == "adequate")
+    assert verdict.unexplained is not None
+    assert "the declared uncertainty lets expect" in verdict.unexplained
+    assert verdict.unexplained.endswith("spread evenly over positions and time")
+
+
+def test_repeats_overrule_a_declared_uncertainty() -> None:
+    machine = read_machine("vertical_three_axis")
+    sigma = {f"sigma_{a}": NOISE / 1.5 for a in "xyz"}
+    verdict = judge(fit_machine(machine, survey_of(machine, walked().assign(**sigma), {})), False)
+    assert verdict.word == "adequate"
+    assert "the declared uncertainty is too small by a factor of 1." in verdict.notes[1]
+
+
+def test_where_most_is_left_over() -> None:
+    machine = read_machine("vertical_three_axis")
+    table = walked().assign(**{f"sigma_{a}": NOISE for a in "xyz"})
+    survey = survey_of(machine, table, {})
+    x = table["X"].to_numpy()
+    wild = x > np.quantile(x, 7 / 8)
+    survey.table.loc[wild, "mz"] += np.random.default_rng(1).normal(0, 0.02, wild.sum())
+    survey.table.loc[:, [f"sigma_{a}" for a in "xyz"]] = NOISE
+    found = judge(
+        fit_machine(machine, replace(survey, table=survey.table[~survey.table.index.isin(range(120, 150))])), False
+    )
+    assert found.word == "unexplained"
+    assert found.unexplained is not None
+    assert "it is largest where X is from" in found.unexplained
+
+
+def thermal(**sensors: object) -> Survey:
+    n = 200
+    table = pd.DataFrame({"role": "fit", "time": 10.0 * np.arange(n), **sensors})
+    return Survey(table, "shared", ("frame",), Plain(type="plain"), Path("a.csv"))
+
+
+def test_dead_sensors() -> None:
+    t = np.arange(200)
+    warming = 20 + 5 * (1 - np.exp(-t / 60))
+    stuck = np.where(t < 60, 20 + 0.1 * t, 26.0)
+    loose = warming + np.where(t % 50 == 20, 60.0, 0.0)
+    gap = np.where(t == 3, np.nan, warming)
+    said = dead_sensors(
+        thermal(
+            T_bed=warming,
+            T_chamber=-180.0,
+            T_frame=stuck,
+            T_loose=loose,
+            T_gap=gap,
+            T_hotend=8 * warming,
+            T_oven=8 * warming,
+        )
+    )
+    assert said == {
+        "T_chamber": "-180 degC in all rows",
+        "T_frame": "stuck at 26 degC in 140 of 200 rows while others move by 61.5 K",
+        "T_loose": "jumps by more than 10 K and back in 4 of 200 rows",
+        "T_gap": "no value in 1 of 200 rows",
+        "T_oven": "160 degC in all rows",
+    }
+
+
+def test_quick_sensors_are_alive() -> None:
+    """A nozzle that heats in a minute, a motor that cycles, a thermostat that holds, a room that is kept."""
+    t = np.arange(200)
+    nozzle = 24 + 76 * (1 - np.exp(-t / 4))
+    motor = 30 + 8 * np.sign(np.sin(t / 9))
+    thermostat = np.round(24 + 81 * (1 - np.exp(-t / 10)), 1)
+    assert (
+        dead_sensors(thermal(T_nozzle=nozzle, T_motor=motor, T_bed=thermostat, T_room=20.0 + 0 * t + 0.01 * (t % 2)))
+        == {}
+    )
+
+
+def test_the_printer_has_a_dead_sensor(real_data: Path) -> None:
+    from errormodel.survey import read_survey
+
+    machine = read_machine(real_data / "printer-frame" / "machine.yaml")
+    files = {n: read_survey(real_data / "printer-frame" / f"{n}.csv", machine) for n in ("homing_a", "homing_b")}
+    assert dead_sensors(files["homing_a"]) == {"T_chamber": "-180 degC in all rows"}
+    assert dead_sensors(files["homing_b"]) == {}
