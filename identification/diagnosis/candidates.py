@@ -63,6 +63,7 @@ class Candidates:
         evidence = np.full(len(self.effects), -np.inf)
         drop = np.zeros(len(self.effects))
         absorbed = np.ones(len(self.effects))
+        reach = np.full(len(self.effects), np.inf)
         for numbers, columns, sizes in self.blocks:
             if self.effects[numbers[0]].tied:  # a block of its own
                 for k, n in enumerate(numbers):
@@ -74,22 +75,26 @@ class Candidates:
             for start in range(0, len(numbers), 500):
                 part = slice(start, start + 500)
                 generic = np.array([self.effects[n].generic for n in numbers[part]])
-                e, t, a = _block_scores(bench, columns[part], sizes[part], generic)
-                evidence[numbers[part]], drop[numbers[part]], absorbed[numbers[part]] = e, t, a
-        return Scores(self, evidence - np.array([e.cost for e in self.effects]), drop, absorbed)
+                here = numbers[part]
+                evidence[here], drop[here], absorbed[here], reach[here] = _block_scores(
+                    bench, columns[part], sizes[part], generic
+                )
+        return Scores(self, evidence - np.array([e.cost for e in self.effects]), drop, absorbed, reach)
 
 
 @dataclass(frozen=True)
 class Scores:
     """Of each proposal: evidence, drop of the residual sum of squares, and the part of it that the geometry absorbs.
 
-    Evidence in nats against nothing; the drop in noise variances.
+    Evidence in nats against nothing; the drop in noise variances, as `reach`: what it would be at thrice the size that
+    is usual for the effect.
     """
 
     candidates: Candidates
     evidence: Array
     drop: Array
     absorbed: Array
+    reach: Array
 
     def by_key(self) -> list[tuple[float, int]]:
         """(evidence of the key with its shapes integrated out, its best proposal), best first."""
@@ -106,8 +111,8 @@ class Scores:
         return sorted(out, reverse=True)
 
 
-def _block_scores(bench: Workbench, columns: Array, sizes: Array, generic: Mask) -> tuple[Array, Array, Array]:
-    """Evidence, drop and absorbed part of proposals (m) with columns (m, k, N).
+def _block_scores(bench: Workbench, columns: Array, sizes: Array, generic: Mask) -> tuple[Array, Array, Array, Array]:
+    """Evidence, drop, absorbed part and reach of proposals (m) with columns (m, k, N).
 
     A physical effect is weighed with its physical size; a mere form has none and gets the scale that suits it best
     (one nat is paid for the choice).
@@ -130,6 +135,7 @@ def _block_scores(bench: Workbench, columns: Array, sizes: Array, generic: Mask)
     variance = bench.square / bench.freedom
     # directions of the scaled columns have prior sizes of their own: those of the columns, taken along them
     prior = np.einsum("aij,ai->aj", np.square(vectors), np.square(sizes * norm))
+    reach = 9 * np.sum(np.maximum(values, 0.0) / variance * prior, axis=1)
     gain = np.where(seen, values / variance * prior, 0.0)
     count = np.maximum(seen.sum(axis=1), 1)
     safe = np.where(seen, values, 1.0)
@@ -143,4 +149,4 @@ def _block_scores(bench: Workbench, columns: Array, sizes: Array, generic: Mask)
         - 0.5 * np.log1p(gain).sum(axis=1)
     )
     absorbed = 1 - np.where(seen.any(axis=1), values.mean(axis=1), values.max(axis=1))
-    return np.where(seen.any(axis=1), evidence, -np.inf), drop.sum(axis=1), np.clip(absorbed, 0.0, 1.0)
+    return np.where(seen.any(axis=1), evidence, -np.inf), drop.sum(axis=1), np.clip(absorbed, 0.0, 1.0), reach

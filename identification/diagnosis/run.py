@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,7 +28,7 @@ from identification.diagnosis.findings import (
 )
 from identification.diagnosis.outliers import gross_rows
 from identification.diagnosis.sanity import Blunder, find_blunder, without
-from identification.diagnosis.selection import Growth, Step, grow, heldout_rms
+from identification.diagnosis.selection import Growth, Step, Tell, grow, heldout_rms
 from identification.diagnosis.sensors import dead_sensors
 from identification.diagnosis.sizes import Amount, whole_of
 from identification.diagnosis.statements import length, next_measurement, period_of, statement_of, subject
@@ -40,7 +40,6 @@ from identification.fit.run import fit_machine
 from identification.sums import design_rows
 from identification.views import PositionView
 
-Tell = Callable[[str], AbstractContextManager[None]]
 MOST_BLUNDERS = 3
 
 
@@ -84,8 +83,7 @@ def diagnose(machine: Machine, survey: Survey, tell: Tell = lambda text: nullcon
         bench = set_up(fit)
         candidates = Candidates.of(bench)
         scores = candidates.scores(bench)
-    with tell("Looking for what was left out"):
-        growth = grow(bench, candidates)
+    growth = grow(bench, candidates, tell)
     effects = [*(b.effect for b in blunders), *(s.effect for s in growth.steps)]
     with tell("Fitting the extended machine"):
         final = fit_machine(_extended(machine, effects), survey) if effects else fit
@@ -105,7 +103,7 @@ def diagnose(machine: Machine, survey: Survey, tell: Tell = lambda text: nullcon
         _summary(baseline),
         _summary(final),
         tuple(findings),
-        tuple(unseen(bench.scene, candidates.effects, scores.absorbed)),
+        tuple(unseen(bench.scene, candidates.effects, scores)),
         verdict.unexplained,
         (*final.notes, *dead, *verdict.notes),
     )

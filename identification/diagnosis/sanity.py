@@ -23,6 +23,7 @@ from identification.problem import frame_labels
 if TYPE_CHECKING:
     import pandas as pd
 
+ALIKE = 1.05  # times: two changes that fit as well
 BETTER = 4.0  # times: a mended table must fit the nominal machine this much better
 SMALL = 2e-4  # of the machine's size: a nominal error below it is no blunder (0.6 mm in 3 m)
 
@@ -48,7 +49,9 @@ def find_blunder(chain: Chain, survey: Survey) -> Blunder | None:
     if before < SMALL * chain.size:
         return None
     tries = [(_misfit(chain, change.mend(sample)), k, change) for k, change in enumerate(_changes(chain))]
-    after, _, best = min(tries)
+    least = min(tries)[0]
+    # a mirrored joint and a mirrored column are one reflection: the joints, which come first, are the likelier story
+    after, _, best = min((t for t in tries if t[0] < ALIKE * least), key=lambda t: t[1])
     if after > before / BETTER:
         return None
     return Blunder(best, 1e3 * before, 1e3 * after, replace(survey, table=best.mend(survey.table)))

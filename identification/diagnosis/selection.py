@@ -7,7 +7,8 @@ modelled at the same place and driver as a refinement of the same finding; it is
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -21,6 +22,7 @@ from identification.diagnosis.refinements import forms
 from identification.diagnosis.tied import Tied
 from identification.diagnosis.workbench import Workbench
 
+Tell = Callable[[str], AbstractContextManager[None]]
 DETECT = 7.0  # nats beyond the number of places looked at: one false alarm in a thousand
 LEAK = 0.06  # of what is already explained: less than this elsewhere may be the shape of what was found
 WORTH = 7.0  # nats below which nothing is looked at further
@@ -83,11 +85,13 @@ class Growth:
         return bench
 
 
-def grow(bench: Workbench, candidates: Candidates) -> Growth:
+def grow(bench: Workbench, candidates: Candidates, tell: Tell = lambda text: nullcontext()) -> Growth:
     """Accept explanations one by one while evidence and held-out error both ask for them."""
     growth = Growth(bench, bench)
     while len(growth.steps) < MOST_STEPS:
-        further = grown(growth, candidates) or together(growth, candidates)
+        last = growth.steps[-1].effect if growth.steps else None
+        with tell(f"Looking further than {last.effect} of {last.where}" if last else "Looking for what was left out"):
+            further = grown(growth, candidates) or together(growth, candidates)
         if further is None:
             break
         new = [s for s in further.steps[len(growth.steps) :] if s.refines is None]
@@ -357,11 +361,17 @@ def _refined(growth: Growth, step: Step) -> int | None:
         one, other = earlier.effect, step.effect
         if one.tied and not other.generic and other.family != one.family:
             continue  # a curve of the joint's own position leaves nothing of that kind: this is something else
-        if one.where == other.where and (one.effect == other.effect or roots(one) & roots(other)):
+        same = roots(one) & roots(other) and moves(bench, one) & moves(bench, other)
+        if one.where == other.where and (one.effect == other.effect or same):
             return k
         if not (one.tied or other.tied) and likeness(bench, bench.columns(one)[0], mine) > ALIKE:
             return k
     return None
+
+
+def moves(bench: Workbench, effect: Effect) -> frozenset[tuple[str, str]]:
+    """Elements and motions that an effect moves."""
+    return frozenset((t.element, m) for t in effect.terms(bench.channel, bench.chain.machine) for m in t.motion)
 
 
 def likeness(bench: Workbench, one: Array, other: Array) -> float:

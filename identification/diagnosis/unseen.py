@@ -18,23 +18,26 @@ from errormodel.effects import registry
 from errormodel.effects.base import Effect
 from errormodel.effects.scene import Scene
 from errormodel.machine import Machine, joint_of
-from identification.diagnosis.candidates import ABSORBED
+from identification.diagnosis.candidates import ABSORBED, Scores
 from identification.diagnosis.findings import Untestable
 
+HARDLY = 26.0  # noise variances: less is not convincing among some hundred places
+MOSTLY = 0.9  # of its length squared
 ROWS = 400  # of the full survey
 
 
-def unseen(scene: Scene, tried: Sequence[Effect], absorbed: Array) -> list[Untestable]:
+def unseen(scene: Scene, tried: Sequence[Effect], scores: Scores) -> list[Untestable]:
     """Effects, with their places, that a survey cannot show.
 
     Parameters
     ----------
-    tried : what the survey lets be looked for; `absorbed` (tried,): the part of each that the geometry takes up.
+    tried : what the survey lets be looked for, with its `scores` beside the geometry.
     """
-    least: dict[tuple[str, str], float] = {}
-    for effect, part in zip(tried, absorbed.tolist(), strict=True):
+    least: dict[tuple[str, str], tuple[float, float]] = {}
+    for effect, part, reach in zip(tried, scores.absorbed.tolist(), scores.reach.tolist(), strict=True):
         place = (effect.effect, effect.where)
-        least[place] = min(part, least.get(place, 1.0))
+        before = least.get(place, (1.0, 0.0))
+        least[place] = min(part, before[0]), max(reach, before[1])
     out = []
     for name, kind in sorted(registry().items()):
         if kind.generic or kind.family == "blunder":
@@ -44,9 +47,12 @@ def unseen(scene: Scene, tried: Sequence[Effect], absorbed: Array) -> list[Untes
             possible.setdefault(effect.where, []).append(effect)
         reasons: dict[str, list[str]] = {}
         for where, effects in possible.items():
-            part = least.get((name, where))
+            part, reach = least.get((name, where), (None, np.inf))
             if part is None:
                 reasons.setdefault(_missing(effects, scene), []).append(where)
+            elif reach < HARDLY and part > MOSTLY:
+                reason = "what the geometry leaves of it stays within the noise, even at three times its usual size"
+                reasons.setdefault(reason, []).append(where)
             elif part > ABSORBED:
                 reasons.setdefault(f"the geometry absorbs {100 * part:.0f} % of it", []).append(where)
         for reason, places in reasons.items():

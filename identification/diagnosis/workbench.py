@@ -18,6 +18,7 @@ from errormodel.effects.base import Effect
 from errormodel.effects.scene import Scene
 from errormodel.features import POINT, columns
 from errormodel.survey import Survey
+from identification.diagnosis.sensors import dead_sensors
 from identification.diagnosis.tied import Tied
 from identification.fit.result import Fit
 from identification.sums import design_rows, view_vector
@@ -178,7 +179,8 @@ def set_up(fit: Fit) -> Workbench:
     q, _ = np.linalg.qr(design[live][:, seen] / norms[seen])
     residual = np.concatenate(residuals)[live]
     names = chain.element_names
-    arms_of = {n: stacked[6 * k : 6 * k + 6][:, live] for k, n in reversed(list(enumerate(names)))}
+    # a member called "frame" goes before the measuring frame, as in the chain
+    arms_of = {n: stacked[6 * k : 6 * k + 6][:, live] for k, n in enumerate(names)}
     scene = Scene(chain.machine, _scene_columns(fit.survey, table, chain))
     return Workbench(chain, residual - q @ (q.T @ residual), q, arms_of, _Lazy(table, rows[live]), rows[live], scene)
 
@@ -186,7 +188,8 @@ def set_up(fit: Fit) -> Workbench:
 def _scene_columns(survey: Survey, table: _Channels, chain: Chain) -> dict[str, Array]:
     """What the survey's rows hold, with the side of arrival of every joint that the data knows it of."""
     plain = ("time", "feed", "load", *TOOL_CHANNELS)
-    names = [c for c in survey.table.columns if str(c).startswith(("T_", "w_")) or c in plain]
+    dead = dead_sensors(survey)
+    names = [c for c in survey.table.columns if (str(c).startswith(("T_", "w_")) and c not in dead) or c in plain]
     columns = {str(n): survey.table[n].to_numpy(dtype=float) for n in names}
     labels, counts = np.unique(survey.table["run"].astype(str), return_counts=True)
     if 2 <= len(labels) <= MOST_RUNS:  # of two, one is enough
