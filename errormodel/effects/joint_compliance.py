@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from math import hypot
 from typing import ClassVar, Literal
 
 from errormodel.conventions import TRANSLATIONS
@@ -19,7 +20,8 @@ Gravity = Literal["x", "-x", "y", "-y", "z", "-z"]
 class JointCompliance(JointEffect):
     """Twist about the joint's axis per lever of weight (rad/mm): of the tool, and of each member behind the joint.
 
-    A member's lever is that of its end, mm. With `payload` the tool's is also taken per kg of ``load``.
+    A member's lever is that of its end, mm. Gears harden under torque, as the cube of the mean lever over the reach
+    squared. With `payload` the tool's is also taken per kg of ``load``.
     """
 
     effect: ClassVar[str] = "joint-compliance"
@@ -41,11 +43,16 @@ class JointCompliance(JointEffect):
         number, frames = machine.elements.index(joint), places(machine, channel)
         axis = apply(frames[number].turn, joint.axis)
         tip = self._lever(axis, frames[number], frames[-1])
-        out = [EffectTerm(self.joint, "tool", "rad/mm", along(joint, tip), 1e-6)]
+        out, levers = [EffectTerm(self.joint, "tool", "rad/mm", along(joint, tip), 1e-6)], [tip]
         for k, member in enumerate(machine.elements[number + 1 : -1], start=number + 2):
             if isinstance(member, Shape) and any(member.offset):
                 lever = self._lever(axis, frames[number], frames[k])
                 out.append(EffectTerm(self.joint, member.name, "rad/mm", along(joint, lever), 1e-6))
+                levers.append(lever)
+        behind = [e for e in machine.elements[number + 1 :] if isinstance(e, Shape)]
+        reach = sum(hypot(*e.offset) for e in behind) + hypot(*machine.tool) or 1.0
+        mean = sum(levers) / len(levers)
+        out.append(EffectTerm(self.joint, "hardening", "rad/mm", along(joint, mean * (mean / reach) ** 2), 1e-6))
         if self.payload:
             out.append(EffectTerm(self.joint, "payload", "rad/(kg mm)", along(joint, tip * channel("load")), 3e-8))
         return out

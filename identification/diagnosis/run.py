@@ -26,6 +26,7 @@ from identification.diagnosis.findings import (
     p_value_of,
     probability_of,
 )
+from identification.diagnosis.form import with_form
 from identification.diagnosis.outliers import gross_rows
 from identification.diagnosis.sanity import Blunder, find_blunder, without
 from identification.diagnosis.selection import Growth, Step, Tell, grow, heldout_rms
@@ -86,10 +87,10 @@ def diagnose(machine: Machine, survey: Survey, tell: Tell = lambda text: nullcon
     growth = grow(bench, candidates, tell)
     effects = [*(b.effect for b in blunders), *(s.effect for s in growth.steps)]
     with tell("Fitting the extended machine"):
-        final = fit_machine(_extended(machine, effects), survey) if effects else fit
+        first = len(machine.effects) + len(blunders)  # of the effects that were found, among those of the final machine
+        final = with_form(fit_machine(_extended(machine, effects), survey), growth, first) if effects else fit
     fits = [*before, mended]
     findings = [_blunder_finding(b, *fits[k : k + 2]) for k, b in enumerate(blunders)]
-    first = len(machine.effects) + len(blunders)  # of the effects that were found, among those of the final machine
     causes = [_finding(group, growth, final, fit, first) for group in growth.findings]
     findings += sorted(causes, key=lambda f: -f.heldout_rms_um.before)
     if bad.any():

@@ -23,6 +23,7 @@ from identification.diagnosis.findings import Untestable
 
 HARDLY = 26.0  # noise variances: less is not convincing among some hundred places
 MOSTLY = 0.9  # of its length squared
+Variant = tuple[str, str, bool]
 ROWS = 400  # of the full survey
 
 
@@ -33,21 +34,23 @@ def unseen(scene: Scene, tried: Sequence[Effect], scores: Scores) -> list[Untest
     ----------
     tried : what the survey lets be looked for, with its `scores` beside the geometry.
     """
-    least: dict[tuple[str, str], tuple[float, float]] = {}
+    least: dict[Variant, tuple[float, float]] = {}
     for effect, part, reach in zip(tried, scores.absorbed.tolist(), scores.reach.tolist(), strict=True):
-        place = (effect.effect, effect.where)
+        place = variant_of(effect)
         before = least.get(place, (1.0, 0.0))
         least[place] = min(part, before[0]), max(reach, before[1])
     out = []
     for name, kind in sorted(registry().items()):
         if kind.generic or kind.family == "blunder":
             continue
-        possible: dict[str, list[Effect]] = {}
+        possible: dict[Variant, list[Effect]] = {}
         for effect in kind.proposals(full_scene(scene)):
-            possible.setdefault(effect.where, []).append(effect)
+            possible.setdefault(variant_of(effect), []).append(effect)
         reasons: dict[str, list[str]] = {}
-        for where, effects in possible.items():
-            part, reach = least.get((name, where), (None, np.inf))
+        both = len({changes for _, _, changes in possible}) > 1
+        for variant, effects in possible.items():
+            where = variant[1] if not both else f"{variant[1]} {'as it changes' if variant[2] else 'if constant'}"
+            part, reach = least.get(variant, (None, np.inf))
             if part is None:
                 reasons.setdefault(_missing(effects, scene), []).append(where)
             elif reach < HARDLY and part > MOSTLY:
@@ -59,6 +62,11 @@ def unseen(scene: Scene, tried: Sequence[Effect], scores: Scores) -> list[Untest
             at = "" if len(places) == len(possible) else f"at {', '.join(places)}: "
             out.append(Untestable(name, at + reason, kind.separate))
     return out
+
+
+def variant_of(effect: Effect) -> Variant:
+    """An effect's word, its place, and whether it changes with warmth or time."""
+    return effect.effect, effect.where, any("T_" in d or d == "time" for d in effect.drivers)
 
 
 def full_scene(scene: Scene) -> Scene:

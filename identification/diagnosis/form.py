@@ -1,0 +1,42 @@
+"""How well the form of an effect is known: no textbook's is exact, and a time constant or a period has its own error.
+
+The fit knows the size of an effect given its form. To its variance comes that of the form: each shape parameter that
+was searched costs as much as a size does, and what no shape of the library bends to is some hundredths of the effect.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from identification.diagnosis.selection import SHAPES, Growth, Step
+from identification.fit.result import Fit
+
+INEXACT = {"thermal": 0.06, "gravity": 0.06, "periodic": 0.03, "geometric": 0.06, "none of these": 0.10}
+"""By family, of an effect's size; what has no form (a play, a step) has none to miss. From recordings whose truth is
+known: what a fit by the best form leaves of an effect that is not of the library's form."""
+
+
+def with_form(final: Fit, growth: Growth, first: int) -> Fit:
+    """The fit with the doubt of its effects' forms in the covariance; its effects from `first` on are the growth's."""
+    solution = final.solution
+    place = {solution.unknowns[j]: k for k, j in enumerate(solution.groups.base)}
+    more = np.zeros(len(place))
+    for group in growth.findings:
+        for step in group:
+            relative = _relative(step) / (1 if len(group) == 1 else 2)
+            for name in final.chain.effect_ids[first + growth.steps.index(step)]:
+                if name in place:
+                    value = solution.values[solution.unknowns.index(name)]
+                    more[place[name]] = (relative * value) ** 2
+    return replace(final, solution=replace(solution, covariance=solution.covariance + np.diag(more)))
+
+
+def _relative(step: Step) -> float:
+    """Standard uncertainty of the form, of the effect's size."""
+    effect = step.effect
+    if effect.tied:  # bends to any form
+        return 0.0
+    shapes = sum(bool(getattr(effect, name, None)) for name in SHAPES if name in type(effect).model_fields)
+    return float(np.hypot(INEXACT.get(effect.family, 0.0), np.sqrt(shapes / max(step.drop, 10.0 * (shapes + 1)))))
