@@ -21,6 +21,7 @@ from identification.problem import group_order
 from identification.sums import SAMPLE, Sums, accumulate, design_rows, full_norms, sampled, total
 from identification.views import GapView, Kind, View
 
+FINEST = 1e-4  # of the coarsest kind of observation, by what it moves at the far end
 MOST_PASSES = 30
 MOST_RETREATS = 6
 
@@ -270,6 +271,10 @@ class _Solver:
                 free = own.count - used
                 floor = 1e-30 * max(own.square, 1e-30)
                 self.sigma[kind] = float(np.sqrt(max(square, floor) / max(free, 1e-3)))
+            # angles without noise beside noisy positions would weigh so much that nothing else is left to solve
+            reach = {kind: self.chain.size if kind in ("orientation", "angle") else 1.0 for kind in open_kinds}
+            least = FINEST * max((reach[kind] * self.sigma[kind] for kind in open_kinds), default=0.0)
+            self.sigma |= {kind: max(self.sigma[kind], least / reach[kind]) for kind in open_kinds}
             if all(abs(self.sigma[k] / before[k] - 1) < 1e-6 for k in open_kinds):
                 break
 

@@ -21,8 +21,10 @@ from identification.views import PositionView
 
 LENGTHS = (2.0, 6.0, 20.0, 60.0, 200.0)  # rows over which the correlation falls to 1/e
 PARTS = (0.1, 0.4, 1.5, 6.0)  # variance of the correlated part, in variances of the white one
+FEWEST = 30  # rows
+ROUND_OFF = 1e-10  # of the machine: residuals below are no noise
 CLEAR = 8.0  # nats by which correlated noise must be likelier than white
-MOST = 20_000_000  # numbers of M held at a time: longer surveys are judged by as many rows from their middle
+MOST = 4000  # rows: longer surveys are judged by as many from their middle
 
 
 @dataclass(frozen=True)
@@ -40,18 +42,26 @@ class Noise:
         """Of the correlated part, from row to row."""
         return float(np.exp(-1 / self.length))
 
+    @property
+    def moving(self) -> float:
+        """Coefficient of the moving average, from the first autocovariance."""
+        phi = self.kept
+        ratio = phi / (1 + phi**2 + self.part * (1 - phi**2))
+        return float((1 - np.sqrt(1 - 4 * ratio**2)) / (2 * ratio))
+
+    @property
+    def news(self) -> float:
+        """Variance of an innovation, of the whole variance."""
+        return self.kept / self.moving / (1 + self.part)
+
     def whitened(self, columns: Array, edges: Array) -> Array:
         """Innovations of series (k, N) between `edges`, to one common variance; what lies behind the last stays."""
         from scipy.signal import lfilter
 
-        phi = self.kept
-        ratio = phi / (1 + phi**2 + self.part * (1 - phi**2))  # theta / (1 + theta^2), from the first autocovariance
-        theta = (1 - np.sqrt(1 - 4 * ratio**2)) / (2 * ratio)
-        first = np.sqrt(phi / theta / (1 + self.part))  # the first row has the process' whole variance
         out = columns.copy()
         for a, b in pairwise(edges):
-            out[:, a:b] = lfilter([1.0, -phi], [1.0, -theta], columns[:, a:b], axis=1)
-            out[:, a] *= first
+            out[:, a:b] = lfilter([1.0, -self.kept], [1.0, -self.moving], columns[:, a:b], axis=1)
+            out[:, a] *= np.sqrt(self.news)  # the first row has the process' whole variance
         return out
 
     def spread(self, columns: Array, edges: Array) -> Array:
@@ -71,13 +81,31 @@ def noises() -> Iterator[Noise]:
     return (Noise(length, part) for length, part in product(LENGTHS, PARTS))
 
 
-def likeliest(residual: Array, edges: Array) -> Noise | None:
-    """The noise that a residual (N,) shows, or None where it is white."""
-    values: list[tuple[float, Noise | None]] = [(len(residual) / 2 * float(np.log(residual @ residual)), None)]
-    for noise in noises():
-        white = noise.whitened(residual[None], edges)[0]
-        values.append((CLEAR + len(residual) / 2 * float(np.log(white @ white)), noise))
-    return min(values, key=lambda v: v[0])[1]
+def likeliest(residual: Array, design: Array, edges: Array) -> tuple[Noise | None, float]:
+    """The noise that the residual (N,) of a fit of columns (p, N) shows, None where it is white; and its variance.
+
+    By restricted likelihood: what varies slowly has gone into the parameters, and is missing from the residual.
+    """
+    free = len(residual) - len(design)
+    best, least, variance = None, np.inf, float(residual @ residual) / free
+    for noise in (None, *noises()):
+        both = np.vstack([design, residual])
+        both = both if noise is None else noise.whitened(both, edges)
+        triangle = np.abs(np.diag(np.linalg.qr(both.T, mode="r")))
+        minus = free * float(np.log(triangle[-1])) + float(np.log(triangle[:-1]).sum()) + CLEAR * (noise is not None)
+        if minus < least:
+            news = 1.0 if noise is None else noise.news
+            best, least, variance = noise, minus, float(triangle[-1]) ** 2 / free / news
+    return best, variance
+
+
+def _uneven(residual: Array) -> bool:
+    """Whether means of neighbouring rows scatter more than independent rows' would: else nothing need be fitted."""
+    for size in (4, 16, 64):
+        means = residual[: len(residual) // size * size].reshape(-1, size).mean(axis=1)
+        if len(means) > 3 and size * np.var(means) > np.var(residual) * (1 + 2.5 * np.sqrt(2 / len(means))):
+            return True
+    return False
 
 
 def correlated(problem: Problem, solution: Solution) -> tuple[Solution, Noise | None]:
@@ -85,24 +113,28 @@ def correlated(problem: Problem, solution: Solution) -> tuple[Solution, Noise | 
     views = [v for v in problem.views if isinstance(v, PositionView)]
     base, place = solution.groups.base, problem.place()
     rows = sum(len(v) for v in views)
-    if rows < 30 or not len(base):
+    if rows < FEWEST or not len(base) or solution.sigma["position"] < ROUND_OFF * problem.chain.size:
         return solution, None
-    share = min(1.0, MOST / (3 * rows * len(problem.unknowns)))
+    share = min(1.0, MOST / rows)
     level, zero = solution.sigma["position"], np.zeros(len(problem.chain.ids))
-    designs, residuals, edges = [], [], [0]
+    parts, residuals, edges = [], [], [0]
     for whole in views:
         middle, half = len(whole) / 2, share * len(whole) / 2
         view = whole.part(slice(int(middle - half), max(int(middle + half), 1)))
         vector = view_vector(view, place, solution.values, zero)
         gap = np.hstack([view.whiten(part, g) for part, g in view.gaps(vector)])
         residuals.append(gap.ravel() / level)
-        designs.append(design_rows(view, place, most=len(view))[:, base] / level)
+        parts.append(view)
         edges += [edges[-1] + k * len(view) for k in (1, 2, 3)]
     residual = np.concatenate(residuals)
-    noise = likeliest(residual, np.array(edges))
+    if not _uneven(residual):
+        return solution, None
+    design = np.vstack([design_rows(v, place, most=len(v))[:, base] / level for v in parts]).T
+    norms = np.linalg.norm(design, axis=1)
+    free = (norms > 0) & (solution.precision[base] == 0)
+    noise, variance = likeliest(residual, design[free] / norms[free, None], np.array(edges))
     if noise is None:
         return solution, None
-    design = np.vstack(designs).T
-    extra = (design @ noise.spread(design, np.array(edges)).T - design @ design.T) / share
+    extra = (variance * design @ noise.spread(design, np.array(edges)).T - design @ design.T) / share
     covariance = solution.covariance + solution.covariance @ extra @ solution.covariance
     return replace(solution, covariance=(covariance + covariance.T) / 2), noise
