@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 import pytest
 
+from errormodel.machine import Machine
+from errormodel.schema import read_machine
+from errormodel.survey import Survey, read_survey
+from identification.diagnosis.run import diagnose
 from tests.commands import done
 
 FIT_KEYS = {"parameters", "frame", "nominal", "fitted", "test", "sigma_um", "dof", "reduced_chi2"}
@@ -112,4 +117,33 @@ def test_a_switch_measures_one_component(real_data: Path, tmp_path: Path, frame:
     predicted = pd.read_csv(tmp_path / "p.csv")
     assert len(predicted) == 1083
     assert predicted["mz"].mean() == pytest.approx(0.0, abs=1e-9)  # the switch, in the mean
-    assert predicted["uz"].to_numpy() == pytest.approx(1e-3 * fit["sigma_um"] / 1083**0.5, rel=1e-6)
+    # the height wanders while the machine heats: a thousand rows say hardly more than a dozen independent ones
+    assert any("correlated over" in note for note in fit["notes"])
+    independent = 1e-3 * fit["sigma_um"] / 1083**0.5
+    assert (predicted["uz"] > 5 * independent).all()
+    assert (predicted["uz"] < 1e-3 * fit["sigma_um"]).all()
+
+
+# ---- diagnosis, on thinned rows: the whole series takes minutes
+
+CURVES = {"J1": "ec", "J2": "eb", "J3": "eb", "J4": "eb", "J5": "ec"}
+
+
+def thinned(real_data: Path, every: int) -> tuple[Machine, Survey]:
+    """The arm, and each so-many-th pose of series C."""
+    data = real_data / "ur10"
+    if not data.is_dir():
+        pytest.skip(f"recordings not found at {data}; set ERRORMODEL_DATA")
+    machine = read_machine(data)
+    survey = read_survey(data / "series_c.csv", machine)
+    return machine, replace(survey, table=survey.table.iloc[::every].reset_index(drop=True))
+
+
+def test_what_is_left_over_is_a_curve_of_each_joints_own_angle(real_data: Path) -> None:
+    found = diagnose(*thinned(real_data, 10))
+    curves = {f.where: f for f in found.diagnosis.findings if f.effect == "higher-order-geometry"}
+    assert {joint: (f.motion[0], f.driver) for joint, f in curves.items()} == {
+        joint: (motion, [joint]) for joint, motion in CURVES.items()
+    }
+    assert found.baseline.heldout.rms_um > 440
+    assert found.final.heldout.rms_um < 180  # of 278 poses; of all 2773, below 100

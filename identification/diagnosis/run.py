@@ -27,9 +27,10 @@ from identification.diagnosis.findings import (
     probability_of,
 )
 from identification.diagnosis.form import with_form
+from identification.diagnosis.judging import heldout_rms
 from identification.diagnosis.outliers import gross_rows
 from identification.diagnosis.sanity import Blunder, find_blunder, without
-from identification.diagnosis.selection import Growth, Step, Tell, grow, heldout_rms
+from identification.diagnosis.selection import Growth, Step, Tell, grow
 from identification.diagnosis.sensors import dead_sensors
 from identification.diagnosis.sizes import Amount, whole_of
 from identification.diagnosis.statements import length, next_measurement, period_of, statement_of, subject
@@ -228,7 +229,7 @@ def _blunder_finding(blunder: Blunder, before: Fit | None, after: Fit | None) ->
 
 def _outlier_finding(bad: Mask, baseline: Fit, fit: Fit) -> Finding:
     rows = [int(r) for r in baseline.survey.table["row"].to_numpy()[bad]]
-    largest = 1e3 * float(np.nanmax(np.linalg.norm(baseline.residuals[bad], axis=1)))
+    largest = 1e3 * float(np.sqrt(np.nansum(np.square(baseline.residuals[bad]), axis=1).max()))
     listed = ", ".join(map(str, rows[:12])) + (" ..." if len(rows) > 12 else "")
     return Finding(
         effect="outliers",

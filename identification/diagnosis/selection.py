@@ -6,17 +6,16 @@ modelled at the same place and driver as a refinement of the same finding; it is
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from errormodel.arrays import Array
 from errormodel.effects.base import Effect
 from identification.diagnosis import coloured
 from identification.diagnosis.candidates import Candidates, Scores
+from identification.diagnosis.judging import heldout_rms, likeness, moves, roots
 from identification.diagnosis.pairs import best_pair
 from identification.diagnosis.refinements import forms
 from identification.diagnosis.tied import Tied
@@ -140,7 +139,8 @@ def grown(growth: Growth, candidates: Candidates, *, judged: bool = True) -> Gro
     explained = sum(s.drop for s in growth.steps if not s.effect.tied)  # a curve has no shape of its own to miss
     steps = [_polished(candidates, scores, bench, n, searched) for _, n in ranked[:12]]
     best = choose(steps)
-    if best.effect.generic and "temperature" in roots(best.effect):
+    doubtful = best.effect.generic or not convincing(bench, best)
+    if doubtful and "temperature" in roots(best.effect):
         best = _by_two_causes(bench, candidates, steps, best) or best
     own = _refined(growth, best)
     if own is None:  # what was found before explains it as well, in another form: that is the simpler story
@@ -172,7 +172,8 @@ def grown(growth: Growth, candidates: Candidates, *, judged: bool = True) -> Gro
 
 
 def _by_two_causes(bench: Workbench, candidates: Candidates, steps: Sequence[Step], form: Step) -> Step | None:
-    """The first thermal effect that explains as much as a mere form does, once it has two sensors or lags."""
+    """The thermal effect that, once it has two sensors or lags, explains most, if as much as a mere form does."""
+    able: list[Step] = []
     for step in sorted((s for s in steps if not s.effect.generic), key=lambda s: -s.evidence):
         found = best_pair(bench, step.effect, candidates.effects)
         if found is None or found[2] < WORTH:
@@ -181,8 +182,8 @@ def _by_two_causes(bench: Workbench, candidates: Candidates, steps: Sequence[Ste
         both = bench.with_effect(one).with_effect(other)
         drop = (bench.square - both.square) * bench.freedom / bench.square
         if drop > FORM * form.drop:
-            return replace(step, effect=one, partner=(other,), evidence=step.evidence + more, drop=drop)
-    return None
+            able.append(replace(step, effect=one, partner=(other,), evidence=step.evidence + more, drop=drop))
+    return max(able, key=lambda s: s.drop, default=None)
 
 
 def choose(steps: Sequence[Step]) -> Step:
@@ -367,46 +368,3 @@ def _refined(growth: Growth, step: Step) -> int | None:
         if not (one.tied or other.tied) and likeness(bench, bench.columns(one)[0], mine) > ALIKE:
             return k
     return None
-
-
-def moves(bench: Workbench, effect: Effect) -> frozenset[tuple[str, str]]:
-    """Elements and motions that an effect moves."""
-    return frozenset((t.element, m) for t in effect.terms(bench.channel, bench.chain.machine) for m in t.motion)
-
-
-def likeness(bench: Workbench, one: Array, other: Array) -> float:
-    """Largest canonical correlation of two effects' columns (k, N), the geometry taken out of both."""
-    bases = []
-    for columns in (one, other):
-        left = bench.project(columns)
-        norms = np.linalg.norm(left, axis=1)
-        keep = norms > 1e-2 * np.linalg.norm(columns, axis=1)
-        if not keep.any():
-            return 0.0
-        bases.append(np.linalg.qr((left[keep] / norms[keep, None]).T)[0])
-    return float(np.linalg.svd(bases[0].T @ bases[1], compute_uv=False)[0])
-
-
-def roots(effect: Effect) -> frozenset[str]:
-    """Channels at the bottom of an effect's drivers: of ``lag(T_bed,600)``, ``T_bed``.
-
-    Warmth, by whatever sensor or clock, is one cause.
-    """
-    names = {re.sub(r"^(?:lag|play)\(([^,]+),.*\)$", r"\1", d) for d in effect.drivers}
-    return frozenset("temperature" if n.startswith("T_") or n == "time" else n for n in names)
-
-
-def heldout_rms(bench: Workbench, blocks: int = 12) -> float:
-    """Root mean square of blocks of consecutive rows, each predicted without it, in units of the noise.
-
-    With an orthonormal basis Q, leaving block b out turns its residual r into ``r + Q_b (I - Q_b'Q_b)^-1 Q_b' r``.
-    """
-    total = 0.0
-    number = bench.blocks(blocks)
-    for b in np.unique(number):
-        rows = np.flatnonzero(number == b)
-        q, r = bench.basis[rows], bench.residual[rows]
-        inner = np.eye(q.shape[1]) - q.T @ q
-        left = r + q @ np.linalg.lstsq(inner, q.T @ r, rcond=1e-10)[0]
-        total += float(left @ left)
-    return float(np.sqrt(total / len(number)))

@@ -174,10 +174,14 @@ def set_up(fit: Fit) -> Workbench:
     design, stacked = np.vstack(designs), np.hstack(levers)
     rows = np.concatenate(index)
     live = np.abs(design).max(axis=1) + np.abs(stacked).max(axis=0) > 0  # components that were measured
-    norms = np.linalg.norm(design[live], axis=0)
+    # what the machine's own effects tie to zero is tied here too
+    hold = np.sqrt(solution.precision[base])
+    ties = np.diag(hold)[hold > 0]
+    design = np.vstack([design[live], ties])
+    norms = np.linalg.norm(design, axis=0)
     seen = norms > 1e-12 * norms.max(initial=0.0)  # a mount's orientation moves no position
-    q, _ = np.linalg.qr(design[live][:, seen] / norms[seen])
-    residual = np.concatenate(residuals)[live]
+    q, _ = np.linalg.qr(design[:, seen] / norms[seen])
+    residual = np.append(np.concatenate(residuals)[live], -ties @ solution.values[base])
     names = chain.element_names
     # a member called "frame" goes before the measuring frame, as in the chain
     arms_of = {n: stacked[6 * k : 6 * k + 6][:, live] for k, n in enumerate(names)}

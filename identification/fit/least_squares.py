@@ -137,13 +137,9 @@ class _Solver:
         floors = self.floors(start)
         for _ in range(MOST_RETREATS):
             groups = find_groups(*seen, floors)
-            try:
-                values, sums, passes, converged = self.iterate(groups, start)
-                if converged and self.misfit(sums) <= (1 + 1e-9) * self.misfit(start):
-                    break
-            except np.linalg.LinAlgError:  # a matrix taken so far off that it has lost its rank
-                if floors.direction > 1.0:
-                    raise
+            values, sums, passes, converged = self.iterate(groups, start)
+            if converged and self.misfit(sums) <= (1 + 1e-9) * self.misfit(start):
+                break
             # a direction that hardly shows was stepped along so far that the kinematics bent: it is left out
             floors = replace(floors, direction=10 * floors.direction)
             self.taken = np.zeros(len(self.unknowns))
@@ -291,7 +287,11 @@ def _scaled_solve(gram: Array, slope: Array) -> Array:
     if not len(slope):
         return np.zeros(0)
     d = 1 / np.sqrt(np.diag(gram))
-    return np.asarray(d * cho_solve(cho_factor(gram * np.outer(d, d)), d * slope))
+    unit = gram * np.outer(d, d)
+    try:
+        return np.asarray(d * cho_solve(cho_factor(unit), d * slope))
+    except np.linalg.LinAlgError:  # dependent to round-off: the shortest step
+        return np.asarray(d * (np.linalg.pinv(unit, rcond=1e-12, hermitian=True) @ (d * slope)))
 
 
 def _inverse(gram: Array) -> Array:
@@ -300,4 +300,8 @@ def _inverse(gram: Array) -> Array:
     if not len(gram):
         return np.zeros((0, 0))
     d = 1 / np.sqrt(np.diag(gram))
-    return np.asarray(np.outer(d, d) * cho_solve(cho_factor(gram * np.outer(d, d)), np.eye(len(gram))))
+    unit = gram * np.outer(d, d)
+    try:
+        return np.asarray(np.outer(d, d) * cho_solve(cho_factor(unit), np.eye(len(gram))))
+    except np.linalg.LinAlgError:
+        return np.asarray(np.outer(d, d) * np.linalg.pinv(unit, rcond=1e-12, hermitian=True))

@@ -87,7 +87,8 @@ def likeliest(residual: Array, design: Array, edges: Array) -> tuple[Noise | Non
     By restricted likelihood: what varies slowly has gone into the parameters, and is missing from the residual.
     """
     free = len(residual) - len(design)
-    best, least, variance = None, np.inf, float(residual @ residual) / free
+    square = float(residual @ residual)
+    best, least, variance = None, np.inf, square / free
     for noise in (None, *noises()):
         both = np.vstack([design, residual])
         both = both if noise is None else noise.whitened(both, edges)
@@ -95,7 +96,8 @@ def likeliest(residual: Array, design: Array, edges: Array) -> tuple[Noise | Non
         minus = free * float(np.log(triangle[-1])) + float(np.log(triangle[:-1]).sum()) + CLEAR * (noise is not None)
         if minus < least:
             news = 1.0 if noise is None else noise.news
-            best, least, variance = noise, minus, float(triangle[-1]) ** 2 / free / news
+            # beyond the grid the innovations say too little: never less than the residual itself
+            best, least, variance = noise, minus, max(float(triangle[-1]) ** 2 / news, square) / free
     return best, variance
 
 
@@ -123,13 +125,14 @@ def correlated(problem: Problem, solution: Solution) -> tuple[Solution, Noise | 
         view = whole.part(slice(int(middle - half), max(int(middle + half), 1)))
         vector = view_vector(view, place, solution.values, zero)
         gap = np.hstack([view.whiten(part, g) for part, g in view.gaps(vector)])
-        residuals.append(gap.ravel() / level)
-        parts.append(view)
-        edges += [edges[-1] + k * len(view) for k in (1, 2, 3)]
+        seen = np.abs(gap).max(axis=1, initial=0.0) > 0  # components that were measured
+        residuals.append(gap[seen].ravel() / level)
+        parts.append((view, np.repeat(seen, len(view))))
+        edges += [edges[-1] + k * len(view) for k in range(1, seen.sum() + 1)]
     residual = np.concatenate(residuals)
     if not _uneven(residual):
         return solution, None
-    design = np.vstack([design_rows(v, place, most=len(v))[:, base] / level for v in parts]).T
+    design = np.vstack([design_rows(v, place, most=len(v))[live][:, base] / level for v, live in parts]).T
     norms = np.linalg.norm(design, axis=1)
     free = (norms > 0) & (solution.precision[base] == 0)
     noise, variance = likeliest(residual, design[free] / norms[free, None], np.array(edges))

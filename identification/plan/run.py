@@ -18,7 +18,7 @@ from errormodel.instruments.base import Instrument
 from errormodel.machine import Machine
 from errormodel.simulate import Truth, outward, simulate
 from errormodel.survey_columns import MEASURED
-from identification.diagnosis.selection import likeness
+from identification.diagnosis.judging import likeness
 from identification.diagnosis.workbench import set_up
 from identification.fit.result import Fit
 from identification.fit.run import fit_machine

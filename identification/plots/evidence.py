@@ -111,7 +111,9 @@ def evidence_of(growth: Growth, group: Sequence[Step]) -> Evidence:
     """The evidence for one of a growth's findings."""
     bench = growth.without(group)
     rows = _Rows(bench)
-    whole, explained = rows.vectors(np.array([bench.residual, bench.residual - growth.bench.residual]))
+    seen = len(bench.index)  # behind the observations there may be ties
+    before, after = bench.residual[:seen], growth.bench.residual[:seen]
+    whole, explained = rows.vectors(np.array([before, before - after]))
     shown: dict[tuple[str, Motion], tuple[float, Array]] = {}
     for element, motion in motions(bench, [group[0].effect]):
         (lever,) = rows.vectors(bench.levers[element][MOTIONS.index(motion)][None])

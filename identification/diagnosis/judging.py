@@ -1,0 +1,55 @@
+"""What judges effects beside each other: how alike they act, what drives them, and left-out rows."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+
+from errormodel.arrays import Array
+from errormodel.effects.base import Effect
+from identification.diagnosis.workbench import Workbench
+
+
+def moves(bench: Workbench, effect: Effect) -> frozenset[tuple[str, str]]:
+    """Elements and motions that an effect moves."""
+    return frozenset((t.element, m) for t in effect.terms(bench.channel, bench.chain.machine) for m in t.motion)
+
+
+def likeness(bench: Workbench, one: Array, other: Array) -> float:
+    """Largest canonical correlation of two effects' columns (k, N), the geometry taken out of both."""
+    bases = []
+    for columns in (one, other):
+        left = bench.project(columns)
+        norms = np.linalg.norm(left, axis=1)
+        keep = norms > 1e-2 * np.linalg.norm(columns, axis=1)
+        if not keep.any():
+            return 0.0
+        bases.append(np.linalg.qr((left[keep] / norms[keep, None]).T)[0])
+    return float(np.linalg.svd(bases[0].T @ bases[1], compute_uv=False)[0])
+
+
+def roots(effect: Effect) -> frozenset[str]:
+    """Channels at the bottom of an effect's drivers: of ``lag(T_bed,600)``, ``T_bed``.
+
+    Warmth, by whatever sensor or clock, is one cause.
+    """
+    names = {re.sub(r"^(?:lag|play)\(([^,]+),.*\)$", r"\1", d) for d in effect.drivers}
+    return frozenset("temperature" if n.startswith("T_") or n == "time" else n for n in names)
+
+
+def heldout_rms(bench: Workbench, blocks: int = 12) -> float:
+    """Root mean square of blocks of consecutive rows, each predicted without it, in units of the noise.
+
+    With an orthonormal basis Q, leaving block b out turns its residual r into ``r + Q_b (I - Q_b'Q_b)^-1 Q_b' r``.
+    """
+    total = 0.0
+    number = bench.blocks(blocks)
+    for b in np.unique(number):
+        rows = np.flatnonzero(number == b)
+        q, r = bench.basis[rows], bench.residual[rows]
+        # what only this block determines has no part in its residual: a trace of the identity keeps that solvable
+        inner = (1 + 1e-9) * np.eye(q.shape[1]) - q.T @ q
+        left = r + q @ np.linalg.solve(inner, q.T @ r)
+        total += float(left @ left)
+    return float(np.sqrt(total / len(number)))

@@ -1,0 +1,58 @@
+"""The README keeps its word: its first command, and its table of effects."""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+from errormodel.effects import registry
+from tests.commands import done
+
+ROOT = Path(__file__).resolve().parent.parent
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+SHELL = [block.splitlines() for block in re.findall(r"^```sh\n(.*?)^```", README, re.MULTILINE | re.DOTALL)]
+
+
+def test_two_commands_of_one_line_come_first() -> None:
+    """One sets up and runs the main job, one runs the tests."""
+    assert [len(block) for block in SHELL[:2]] == [1, 1]
+    assert SHELL[1][0].endswith("-m pytest")
+
+
+def test_the_first_command_finds_what_the_demonstration_hides(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ROOT)
+    words = shlex.split(SHELL[0][0].split("&&")[-1])
+    assert words[0] == ".venv/bin/errormodel"
+    assert words[-2] == "--out"
+    printed = done(*words[1:-1], tmp_path / "demo").out
+    (finding,) = json.loads((tmp_path / "demo/diagnosis.json").read_text())["findings"]
+    assert finding["statement"] in printed
+    (truth,) = json.loads((ROOT / words[2] / "truth.json").read_text())["effects"]
+    assert finding["effect"] in truth["accept"]
+    assert finding["where"] in truth["where"]
+    held = finding["heldout_rms_um"]
+    assert held["after"] < 0.7 * held["before"]
+    for name in ("fit.json", "parameters.csv", "residuals.csv", "machine.yaml", "report.html"):
+        assert (tmp_path / "demo" / name).stat().st_size > 0, name
+        assert f"`{name}`" in README, name
+
+
+def test_every_effect_stands_in_the_table_of_its_family() -> None:
+    table = {
+        family.strip(): set(re.findall(r"`([\w-]+)`", effects))
+        for family, effects in re.findall(r"^\| ([\w ]+) \| ((?:`[\w-]+`(?:, )?)+) \|$", README, re.MULTILINE)
+    }
+    families = {kind.family for kind in registry().values()}
+    assert {f: table.get(f) for f in families} == {
+        f: {name for name, kind in registry().items() if kind.family == f} for f in families
+    }
+
+
+def test_every_command_is_in_the_readme() -> None:
+    from identification.cli import app
+
+    assert {name for name in app.commands if f"| `errormodel {name}" not in README} == set()
