@@ -96,6 +96,11 @@ class Scores:
     absorbed: Array
     reach: Array
 
+    def beside(self, before: Workbench, after: Workbench) -> Scores:
+        """With the reach that the noise leaves which remains after more has been explained."""
+        noise = (before.square / before.freedom) / (after.square / after.freedom)
+        return replace(self, reach=self.reach * noise)
+
     def by_key(self) -> list[tuple[float, int]]:
         """(evidence of the key with its shapes integrated out, its best proposal), best first."""
         groups: dict[tuple[object, ...], list[int]] = {}

@@ -105,7 +105,7 @@ def diagnose(machine: Machine, survey: Survey, tell: Tell = lambda text: nullcon
         _summary(baseline),
         _summary(final),
         tuple(findings),
-        tuple(unseen(bench.scene, candidates.effects, scores)),
+        tuple(unseen(bench.scene, candidates.effects, scores.beside(bench, growth.bench))),
         verdict.unexplained,
         (*final.notes, *dead, *verdict.notes),
     )
