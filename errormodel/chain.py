@@ -150,6 +150,11 @@ class Chain:
         return tuple(self.ids[self._tool_start : self._tool_start + 6])
 
     @property
+    def of_effects(self) -> frozenset[str]:
+        """Parameters of the machine's effects, rather than of its rigid error motions."""
+        return frozenset(i for ids in self.effect_ids for i in ids)
+
+    @property
     def machine_ids(self) -> tuple[str, ...]:
         """The machine's own parameters: all but those of the measuring frame and the tool."""
         others = {*self.frame_ids, *self.tool_ids}

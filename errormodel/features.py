@@ -20,7 +20,7 @@ from errormodel.exceptions import InputError, nearest
 if TYPE_CHECKING:
     import pandas as pd
 
-_CALL = re.compile(r"(lag|play)\(([^,()]+),([^,()]+)\)")
+CALL = re.compile(r"(lag|play)\(([^,()]+),([^,()]+)\)")
 SETTLE = 240.0  # s: the quickest members take some ten minutes to follow the air or a motor
 _GAPLESS = ("T_", "w_", "time", "feed", "load")  # positions may be missing in rows about another joint
 POINT = ("point_x", "point_y", "point_z")
@@ -34,7 +34,7 @@ def channel(table: pd.DataFrame, name: str) -> Array:
     InputError
         The survey has no such column, or it has gaps.
     """
-    call = _CALL.fullmatch(name)
+    call = CALL.fullmatch(name)
     if call:
         return _DERIVED[call[1]](table, call[2], float(call[3]))
     if name.startswith("dir_"):
@@ -56,6 +56,12 @@ def channel(table: pd.DataFrame, name: str) -> Array:
             "Fill the gap, or take the effect out of machine.yaml",
         )
     return values
+
+
+def root(name: str) -> str:
+    """The channel at the bottom: of ``lag(T_bed,600)``, ``T_bed``."""
+    call = CALL.fullmatch(name)
+    return call[2] if call else name
 
 
 def columns(table: pd.DataFrame, names: Sequence[str]) -> list[Array]:

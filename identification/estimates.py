@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from math import floor, log10
 from typing import Literal
 
-from errormodel.chain import Parameter
-from errormodel.machine import Joint, Machine
+from errormodel.machine import Joint
 from identification.fit.result import Fit
 from identification.store import parameters
 
@@ -69,15 +68,11 @@ class Estimate:
         return abs(self.value) / self.std if self.std else float("inf")
 
 
-def of_effect(parameter: Parameter, machine: Machine) -> bool:
-    """Whether a parameter belongs to an effect of the machine rather than to its rigid error motions."""
-    return any(parameter.term.startswith(spec.effect) for spec in machine.effects)
-
-
 def estimates(fit: Fit) -> list[Estimate]:
     """All groups of a fit."""
     joints = {e.name for e in fit.chain.machine.elements if isinstance(e, Joint)}
     members = {e.name for e in fit.chain.machine.elements} - joints
+    of_effects = fit.chain.of_effects
     out = []
     for number, p in enumerate(parameters(fit), start=1):
         factor, unit = printed(p["unit"])
@@ -85,7 +80,7 @@ def estimates(fit: Fit) -> list[Estimate]:
         if p["id"] in fit.chain.index:
             known = fit.chain.parameters[fit.chain.index[p["id"]]]
             kind = "joint" if known.element in joints else "member" if known.element in members else "frame"
-            kind = "effect" if of_effect(known, fit.chain.machine) else kind
+            kind = "effect" if p["id"] in of_effects else kind
         more = " …" if len(p["members"]) > 1 else ""
         symbol = p["symbol"] + more if p["symbol"] else ""
         values = (factor * p["value"], factor * p["std"])

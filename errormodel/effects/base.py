@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict
 
 from errormodel.conventions import Motion
@@ -81,6 +82,17 @@ class Effect(BaseModel, ABC):
     @abstractmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
         """Every place and shape that it could have in a survey: what the diagnosis tries."""
+
+    def channels(self, machine: Machine) -> list[str]:
+        """Channels that it is made of, in the order in which it asks for them."""
+        asked: dict[str, None] = {}
+
+        def channel(name: str) -> Value:
+            asked[name] = None
+            return np.ones(1)
+
+        self.terms(channel, machine)
+        return list(asked)
 
     @property
     def cost(self) -> float:

@@ -14,7 +14,6 @@ import numpy as np
 from errormodel.arrays import Array, Index, Mask
 from errormodel.effects import registry
 from errormodel.effects.base import Effect
-from identification.diagnosis.tied import Tied
 from identification.diagnosis.workbench import Workbench
 
 ABSORBED = 0.99  # of a column's length squared: beyond it an effect cannot be told from the geometry
@@ -67,10 +66,10 @@ class Candidates:
         for numbers, columns, sizes in self.blocks:
             if self.effects[numbers[0]].tied:  # a block of its own
                 for k, n in enumerate(numbers):
-                    seen = columns.shape[2]
-                    own = Tied.of(columns[k], bench.basis[:seen], bench.residual[:seen], bench.freedom)
-                    own = replace(own, square=bench.square)
-                    evidence[n], drop[n], absorbed[n] = own.best()[1], own.drop, own.absorbed
+                    own = bench.tied(columns[k])
+                    _, evidence[n], noise = own.best()
+                    drop[n] = bench.freedom * (1 - noise * bench.freedom / bench.square)
+                    absorbed[n] = own.absorbed
                 continue
             for start in range(0, len(numbers), 500):
                 part = slice(start, start + 500)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import re
-
 import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.effects.base import Effect
+from errormodel.features import root
 from identification.diagnosis.workbench import Workbench
 
 
@@ -34,7 +33,7 @@ def roots(effect: Effect) -> frozenset[str]:
 
     Warmth, by whatever sensor or clock, is one cause.
     """
-    names = {re.sub(r"^(?:lag|play)\(([^,]+),.*\)$", r"\1", d) for d in effect.drivers}
+    names = map(root, effect.drivers)
     return frozenset("temperature" if n.startswith("T_") or n == "time" else n for n in names)
 
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 
 import numpy as np
 
 from errormodel.effects.base import Effect
 from errormodel.effects.unnamed import Unnamed
+from errormodel.features import root
 from identification.diagnosis.workbench import Workbench
 
 FORMS = ("linear", "square", "cubic")
@@ -35,7 +35,7 @@ def forms(bench: Workbench, effect: Effect) -> Iterator[Effect]:
 
 
 def _drivers(bench: Workbench, effect: Effect) -> list[str]:
-    names = list(dict.fromkeys(re.sub(r"^(?:lag|play)\(([^,]+),.*\)$", r"\1", d) for d in effect.drivers))
+    names = list(dict.fromkeys(map(root, effect.drivers)))
     if any(n.startswith("T_") or n == "time" for n in names):
         warm = [n for n in names if n.startswith("T_")] or list(bench.scene.sensors)
         span = bench.scene.duration

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import nullcontext
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -30,7 +29,7 @@ from identification.diagnosis.form import with_form
 from identification.diagnosis.judging import heldout_rms
 from identification.diagnosis.outliers import gross_rows
 from identification.diagnosis.sanity import Blunder, find_blunder, without
-from identification.diagnosis.selection import Growth, Step, Tell, grow
+from identification.diagnosis.selection import Growth, Step, grow
 from identification.diagnosis.sensors import dead_sensors
 from identification.diagnosis.sizes import Amount, whole_of
 from identification.diagnosis.statements import length, next_measurement, period_of, statement_of, subject
@@ -39,6 +38,7 @@ from identification.diagnosis.verdict import judge
 from identification.diagnosis.workbench import Workbench, set_up
 from identification.fit.result import Fit
 from identification.fit.run import fit_machine
+from identification.progress import Tell, silent
 from identification.sums import design_rows
 from identification.views import PositionView
 
@@ -59,7 +59,7 @@ class Diagnosed:
     scores: Scores
 
 
-def diagnose(machine: Machine, survey: Survey, tell: Tell = lambda text: nullcontext()) -> Diagnosed:
+def diagnose(machine: Machine, survey: Survey, tell: Tell = silent) -> Diagnosed:
     """Find what physics a survey shows beyond the machine's model, and put it into the model.
 
     Parameters

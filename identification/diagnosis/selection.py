@@ -6,8 +6,7 @@ modelled at the same place and driver as a refinement of the same finding; it is
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -18,10 +17,9 @@ from identification.diagnosis.candidates import Candidates, Scores
 from identification.diagnosis.judging import heldout_rms, likeness, moves, roots
 from identification.diagnosis.pairs import best_pair
 from identification.diagnosis.refinements import forms
-from identification.diagnosis.tied import Tied
 from identification.diagnosis.workbench import Workbench
+from identification.progress import Tell, silent
 
-Tell = Callable[[str], AbstractContextManager[None]]
 DETECT = 7.0  # nats beyond the number of places looked at: one false alarm in a thousand
 LEAK = 0.06  # of what is already explained: less than this elsewhere may be the shape of what was found
 WORTH = 7.0  # nats below which nothing is looked at further
@@ -84,7 +82,7 @@ class Growth:
         return bench
 
 
-def grow(bench: Workbench, candidates: Candidates, tell: Tell = lambda text: nullcontext()) -> Growth:
+def grow(bench: Workbench, candidates: Candidates, tell: Tell = silent) -> Growth:
     """Accept explanations one by one while evidence and held-out error both ask for them."""
     growth = Growth(bench, bench)
     while len(growth.steps) < MOST_STEPS:
@@ -139,8 +137,7 @@ def grown(growth: Growth, candidates: Candidates, *, judged: bool = True) -> Gro
     explained = sum(s.drop for s in growth.steps if not s.effect.tied)  # a curve has no shape of its own to miss
     steps = [_polished(candidates, scores, bench, n, searched) for _, n in ranked[:12]]
     best = choose(steps)
-    doubtful = best.effect.generic or not convincing(bench, best)
-    if doubtful and "temperature" in roots(best.effect):
+    if "temperature" in roots(best.effect) and (best.effect.generic or not convincing(bench, best)):
         best = _by_two_causes(bench, candidates, steps, best) or best
     own = _refined(growth, best)
     if own is None:  # what was found before explains it as well, in another form: that is the simpler story
@@ -166,7 +163,7 @@ def grown(growth: Growth, candidates: Candidates, *, judged: bool = True) -> Gro
         likely = [s for s in steps if s is not best and s.evidence > max(WORTH, 0.3 * best.evidence)]
         tries += [replace(s, refines=best.refines) for s in likely if _refined(growth, s) == best.refines][:4]
     error, _, best_growth = min(
-        (heldout_rms(g.bench), k, g) for k, g in enumerate(settled(_with(growth, s)) for s in tries)
+        (heldout_rms(g.bench), k, g) for k, g in enumerate(lags_settled(_with(growth, s)) for s in tries)
     )
     return best_growth if error < heldout_rms(bench) else None
 
@@ -180,7 +177,7 @@ def _by_two_causes(bench: Workbench, candidates: Candidates, steps: Sequence[Ste
             continue
         one, other, more = found
         both = bench.with_effect(one).with_effect(other)
-        drop = (bench.square - both.square) * bench.freedom / bench.square
+        drop = bench.drop(both)
         if drop > FORM * form.drop:
             able.append(replace(step, effect=one, partner=(other,), evidence=step.evidence + more, drop=drop))
     return max(able, key=lambda s: s.drop, default=None)
@@ -200,7 +197,7 @@ def choose(steps: Sequence[Step]) -> Step:
     return names[0]
 
 
-def settled(growth: Growth) -> Growth:
+def lags_settled(growth: Growth) -> Growth:
     """All time constants once more, each with the other effects in place: two that lag share what each had alone."""
     from scipy.optimize import minimize_scalar
 
@@ -222,7 +219,7 @@ def settled(growth: Growth) -> Growth:
             if found.fun < rest.with_effect(step.effect).square - 1e-9:
                 steps = list(growth.steps)
                 steps[k] = replace(step, effect=_with_tau(step.effect, float(found.x)))
-                growth = _renumbered(growth.start, steps)
+                growth = _replayed(growth.start, steps)
         if growth.bench.square > 0.995 * before:
             break
     return growth
@@ -239,7 +236,7 @@ def paired(growth: Growth, candidates: Candidates) -> Growth:
         return growth
     one, other, evidence = found
     pair = [replace(group[0], effect=one), Step(other, evidence, 0.0, group[0].absorbed)]
-    trial = settled(_of_groups(growth.start, [*others, pair]))
+    trial = lags_settled(_of_groups(growth.start, [*others, pair]))
     return trial if heldout_rms(trial.bench) < heldout_rms(growth.bench) else growth
 
 
@@ -268,18 +265,18 @@ def second_look(growth: Growth, candidates: Candidates) -> Growth:
         steps = [_polished(candidates, scores, bench, n, len(ranked)) for _, n in ranked[:8]]
         best = choose(steps)
         old = growth.steps[number]
-        if best.effect == old.effect or best.drop < 1.02 * _drop_of(bench, old.effect):
+        if best.effect == old.effect or best.drop < 1.02 * bench.drop(bench.with_effect(old.effect)):
             continue
         if not convincing(bench, best):
             continue
         rivals = tuple((s.effect, s.evidence) for s in steps if s is not best)
         # refinements whose finding has gone, or whose number has changed, stand or fall with the next search
         kept = [s for s in others if s.refines is None]
-        return _renumbered(growth.start, [*kept, replace(best, rivals=rivals)])
+        return _replayed(growth.start, [*kept, replace(best, rivals=rivals)])
     return growth
 
 
-def _renumbered(start: Workbench, steps: Sequence[Step]) -> Growth:
+def _replayed(start: Workbench, steps: Sequence[Step]) -> Growth:
     """The same steps from the start."""
     growth = Growth(start, start)
     for step in steps:
@@ -296,18 +293,13 @@ def _with(growth: Growth, step: Step) -> Growth:
     return out
 
 
-def _drop_of(bench: Workbench, effect: Effect) -> float:
-    after = bench.with_effect(effect)
-    return (bench.square - after.square) / (bench.square / bench.freedom)
-
-
 def _polished(candidates: Candidates, scores: Scores, bench: Workbench, number: int, searched: int) -> Step:
     """The proposal with its shape parameters moved off the grid to where they fit best."""
     from scipy.optimize import minimize_scalar
 
     effect = candidates.effects[number]
     if effect.tied:
-        ratio, _, noise = Tied.of(bench.columns(effect)[0], bench.basis, bench.residual, bench.freedom).best()
+        ratio, _, noise = bench.tied(bench.columns(effect)[0]).best()
         effect = effect.model_copy(update={"size": float(f"{np.sqrt(ratio * noise):.3g}")})
     family = [e for e, k in zip(candidates.effects, candidates.keys, strict=True) if k == effect.key]
     for name in SHAPES:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterator, Sequence
 
 from errormodel.conventions import FRAME, INSTRUMENT, TOOL, Motion, iso_symbol, unit_of
 from errormodel.effects import registry
 from errormodel.effects.base import Effect
+from errormodel.features import CALL
 from errormodel.machine import Joint, Machine
 from identification.diagnosis.sizes import Whole
 from identification.estimates import decimals, printed
@@ -19,7 +19,6 @@ SECOND = 0.5  # of what the largest motion does at the tip: a second one is told
 USUAL, LARGE = 2.0, 4.0  # physical sizes: up to there an effect is usual, up to there large
 MOST_TURNS = 3  # a turn: fewer are told as a period only
 PLACES = {FRAME: "the measuring frame", TOOL: "the tool", INSTRUMENT: "the instrument"}
-CALL = re.compile(r"(?:lag|play)\(([^,()]+),([^,()]+)\)")
 CAUSE = ("sensor", "minus", "tau", "start", "anchor")  # fields that say what warms, not what grows
 
 
@@ -75,8 +74,8 @@ def _behind(text: str, taus: Sequence[float]) -> str:
 def channel(name: str) -> str:
     """A channel in words."""
     if call := CALL.fullmatch(name):
-        behind = f" behind a lag of {duration(float(call[2]))}" if name.startswith("lag") else ", with play"
-        return call[1] + behind
+        behind = f" behind a lag of {duration(float(call[3]))}" if name.startswith("lag") else ", with play"
+        return call[2] + behind
     if name.startswith("dir_"):
         return f"the side from which {name[4:]} arrives"
     return f"run {name[4:-1]}" if name.startswith("run(") else name

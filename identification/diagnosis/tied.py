@@ -33,13 +33,15 @@ class Tied:
 
     @classmethod
     def of(cls, columns: Array, basis: Array, residual: Array, freedom: int) -> Tied:
-        """From columns (k, N), an orthonormal basis (N, r) and the residual (N,) that it leaves."""
+        """From columns (k, N), an orthonormal basis (N + ties, r) and the residual (N + ties,) that it leaves."""
+        seen = columns.shape[1]
+        square, basis, residual = float(residual @ residual), basis[:seen], residual[:seen]
         inner = columns @ basis
         gram = columns @ columns.T
         values, vectors = np.linalg.eigh(gram - inner @ inner.T)
-        seen = values > 1e-9 * values[-1]
-        slopes = vectors[:, seen].T @ (columns @ residual)
-        return cls(values[seen], slopes, float(np.trace(gram)), float(residual @ residual), freedom)
+        left = values > 1e-9 * values[-1]
+        slopes = vectors[:, left].T @ (columns @ residual)
+        return cls(values[left], slopes, float(np.trace(gram)), square, freedom)
 
     @property
     def absorbed(self) -> float:
@@ -61,12 +63,6 @@ class Tied:
         evidence = evidence - 0.5 * np.log1p(ratios[:, None] * self.values).sum(axis=1)
         k = int(np.argmax(evidence))
         return float(ratios[k]), float(evidence[k]) - 1.0, float(left[k]) / self.freedom  # a nat for the choice
-
-    @property
-    def drop(self) -> float:
-        """Of the residual sum of squares at the likeliest scale, in noise variances before."""
-        ratio = self.best()[0]
-        return float(self.square - self.left(ratio)) * self.freedom / self.square
 
     def noise(self, size: float) -> float:
         """Noise variance where the parameters' standard deviation is known."""

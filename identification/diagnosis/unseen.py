@@ -7,7 +7,6 @@ where the geometry takes up all that the effect does, it is untestable; what the
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -17,7 +16,8 @@ from errormodel.chain import TOOL_CHANNELS
 from errormodel.effects import registry
 from errormodel.effects.base import Effect
 from errormodel.effects.scene import Scene
-from errormodel.machine import Machine, joint_of
+from errormodel.features import root
+from errormodel.machine import joint_of
 from identification.diagnosis.candidates import ABSORBED, Scores
 from identification.diagnosis.findings import Untestable
 
@@ -89,34 +89,21 @@ def full_scene(scene: Scene) -> Scene:
 
 def _missing(effects: Sequence[Effect], scene: Scene) -> str:
     """What a survey lacks for the one of some effects that asks for least."""
-    lacks = [list(dict.fromkeys(_lacking(channels_of(effect, scene.machine), scene))) for effect in effects]
+    lacks = [list(dict.fromkeys(_lacking(effect.channels(scene.machine), scene))) for effect in effects]
     fewest = min(lacks, key=len)
     return " and ".join(fewest) or "its positions are too few or too far apart"
 
 
-def channels_of(effect: Effect, machine: Machine) -> list[str]:
-    """Channels that an effect is made of."""
-    asked: dict[str, None] = {}
-
-    def channel(name: str) -> Array:
-        asked[name] = None
-        return np.ones(1)
-
-    effect.terms(channel, machine)
-    return list(asked)
-
-
 def _lacking(names: Sequence[str], scene: Scene) -> Iterator[str]:
     joints = {j.name for j in scene.machine.joints}
-    for name in names:
-        root = re.sub(r"^(?:lag|play)\(([^,]+),.*\)$", r"\1", name)
-        if root.startswith("dir_") and not scene.both_ways(joint_of(scene.machine, root[4:])):
-            yield f"{root[4:]} always arrived from the same side"
-        elif root in joints and not scene.varies(root):
-            yield f"{root} did not move"
-        elif root.startswith("T_") and not scene.sensors:
+    for channel in map(root, names):
+        if channel.startswith("dir_") and not scene.both_ways(joint_of(scene.machine, channel[4:])):
+            yield f"{channel[4:]} always arrived from the same side"
+        elif channel in joints and not scene.varies(channel):
+            yield f"{channel} did not move"
+        elif channel.startswith("T_") and not scene.sensors:
             yield "no temperature was recorded"
-        elif root in ("time", "feed", "load") and not scene.varies(root):
-            yield f"no {root} was recorded that changes"
-        elif root in TOOL_CHANNELS and not any(scene.varies(c) for c in TOOL_CHANNELS):
+        elif channel in ("time", "feed", "load") and not scene.varies(channel):
+            yield f"no {channel} was recorded that changes"
+        elif channel in TOOL_CHANNELS and not any(scene.varies(c) for c in TOOL_CHANNELS):
             yield "only one tool was used"

@@ -103,11 +103,19 @@ class Workbench:
         wider = replace(self, basis=np.vstack([self.basis, more[0]]), residual=np.append(self.residual, more[1]))
         return wider.with_columns(np.hstack([columns, np.diag(self._hold(effect, columns, size))]))
 
+    def tied(self, columns: Array) -> Tied:
+        """Columns (k, N) or (k, N + ties) as those of tied parameters."""
+        return Tied.of(columns, self.basis, self.residual, self.freedom)
+
+    def drop(self, after: Workbench) -> float:
+        """Of the residual sum of squares once more has been fitted, in present noise variances."""
+        return (self.square - after.square) * self.freedom / self.square
+
     def _hold(self, effect: Effect, columns: Array, size: Array) -> Array:
         """Weight of each parameter's equation ``0 = parameter``, (k,), in units of the noise that the effect leaves."""
         if not effect.tied:
             return np.zeros(len(size))
-        noise = Tied.of(columns, self.basis, self.residual, self.freedom).noise(float(size[0]))
+        noise = self.tied(columns).noise(float(size[0]))
         return np.asarray(np.sqrt(noise) / size)
 
     def estimates(self, effects: Sequence[Effect]) -> tuple[Array, Array]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -31,6 +29,7 @@ from identification.plan.separate import Pair, told_apart
 from identification.plan.setup import Setup
 from identification.plan.stage import Stage, prepare
 from identification.plan.weights import optimal_weights
+from identification.progress import Tell, silent
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -140,7 +139,7 @@ def plan(
     seed: int = 0,
     *,
     worst: bool = True,
-    tell: Callable[[str], AbstractContextManager[None]] = lambda text: nullcontext(),
+    tell: Tell = silent,
 ) -> Plan:
     """Plan `count` rows.
 
@@ -166,7 +165,7 @@ def _plan(
     noise: Instrument | float,
     seed: int,
     worst: bool,
-    tell: Callable[[str], AbstractContextManager[None]],
+    tell: Tell,
 ) -> Plan:
     with tell("Choosing poses"):
         stage = prepare(machine, setup, noise, seed)

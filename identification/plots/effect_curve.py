@@ -13,10 +13,11 @@ from errormodel.arrays import Array, Index
 from errormodel.conventions import MOTIONS, Motion
 from errormodel.effects import make
 from errormodel.effects.base import Effect
+from errormodel.features import CALL, root
 from identification.diagnosis.selection import Growth
 from identification.fit.result import Fit
 from identification.plots import style
-from identification.plots.evidence import CALL, MINUS, Evidence, axis_of, in_micro, is_warm, root
+from identification.plots.evidence import MINUS, Evidence, axis_of, in_micro, is_warm
 
 POINTS = 361
 PERIODS = 3  # of a wave that has many

@@ -9,7 +9,6 @@ from matplotlib.figure import Figure
 from errormodel.arrays import Array
 from errormodel.conventions import MOTIONS, iso_symbol
 from errormodel.machine import Joint
-from identification.estimates import of_effect
 from identification.fit.result import Fit
 from identification.plots import style
 from identification.views import MotionView
@@ -68,7 +67,7 @@ def _base(fit: Fit) -> list[str]:
     """Identified parameters of rigid error motions; effects depend on more than the joint's position."""
     names = {fit.solution.unknowns[j] for j in fit.solution.groups.base}
     own = (p for p in fit.chain.parameters if p.id in fit.chain.machine_ids and p.id in names)
-    return [p.id for p in own if not of_effect(p, fit.chain.machine)]
+    return [p.id for p in own if p.id not in fit.chain.of_effects]
 
 
 def _curves(fit: Fit, joint: Joint, q: Array) -> tuple[Array, Array]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -11,12 +10,11 @@ import numpy as np
 from errormodel.arrays import Array, Index
 from errormodel.conventions import MOTIONS, TRANSLATIONS, Motion, iso_symbol
 from errormodel.effects.base import Effect
-from errormodel.features import POINT
+from errormodel.features import CALL, POINT, root
 from identification.diagnosis.selection import Growth, Step
 from identification.diagnosis.workbench import Workbench
 from identification.plots import style
 
-CALL = re.compile(r"(lag|play)\(([^,()]+),([^,()]+)\)")
 MANY = 15  # periods in the recorded range, beyond which a wave is folded onto one
 LOOKS = ((style.FITTED, "-"), ("#009E73", "--"), ("#D55E00", "-."))  # of levels, from low to high
 SIDES = ("arrived from below", "arrived from above")
@@ -159,14 +157,7 @@ class _Rows:
 
 def channels_of(bench: Workbench, effects: Sequence[Effect]) -> list[str]:
     """Channels that effects ask for and that vary; what follows a joint with a play depends on the side of arrival."""
-    asked: dict[str, None] = {}
-
-    def channel(name: str) -> Array:
-        asked[name] = None
-        return bench.channel(name)
-
-    for effect in effects:
-        effect.terms(channel, bench.chain.machine)
+    asked = dict.fromkeys(name for e in effects for name in e.channels(bench.chain.machine))
     for name in list(asked):
         if call := CALL.fullmatch(name):
             asked[f"dir_{call[2]}" if call[1] == "play" else name] = None
@@ -176,12 +167,6 @@ def channels_of(bench: Workbench, effects: Sequence[Effect]) -> list[str]:
 def is_warm(name: str) -> bool:
     """Whether a channel is time, or a temperature, as read or behind a lag."""
     return name == "time" or root(name).startswith("T_")
-
-
-def root(name: str) -> str:
-    """The channel at the bottom: of ``lag(T_bed,600)``, ``T_bed``."""
-    call = CALL.fullmatch(name)
-    return call[2] if call else name
 
 
 def _axes(bench: Workbench, group: Sequence[Step], first: Index, part: Array) -> tuple[Abscissa, Split | None]:

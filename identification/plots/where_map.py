@@ -13,10 +13,11 @@ from matplotlib.patches import Rectangle
 
 from errormodel.arrays import Array
 from errormodel.conventions import MOTIONS, Motion, iso_symbol
+from errormodel.features import root
 from identification.diagnosis.candidates import Scores
 from identification.diagnosis.selection import Growth, Step
 from identification.plots import style
-from identification.plots.evidence import motions, root
+from identification.plots.evidence import motions
 
 MOST_ROWS = 42
 HIGH, MOST_WIDE = 0.21, 0.5  # of a cell, inches

@@ -1,0 +1,14 @@
+"""How long work says what it is at: a caller gives what surrounds each part, a terminal's status or nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+
+Tell = Callable[[str], AbstractContextManager[None]]
+"""Called with the name of a part; entered while it runs."""
+
+
+def silent(text: str) -> AbstractContextManager[None]:
+    """Say nothing."""
+    return nullcontext()
