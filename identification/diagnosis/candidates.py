@@ -16,6 +16,7 @@ from errormodel.effects import registry
 from errormodel.effects.base import Effect
 from identification.diagnosis.workbench import Workbench
 
+BLOCK = 250  # proposals scored in one go
 ABSORBED = 0.99  # of a column's length squared: beyond it an effect cannot be told from the geometry
 
 
@@ -38,17 +39,14 @@ class Candidates:
         """All proposals of the library (or the given ones) whose channels the survey has."""
         if effects is None:
             effects = [e for kind in registry().values() for e in kind.proposals(bench.scene)]
-        by_count: dict[tuple[bool, int], list[tuple[int, Array, Array]]] = {}
+        stacks: dict[tuple[bool, int], _Stack] = {}
         kept: list[Effect] = []
         for effect in effects:
             columns, size = bench.columns(effect)
             if np.isfinite(columns).all() and columns.any():
-                by_count.setdefault((effect.tied, len(columns)), []).append((len(kept), columns, size))
+                stacks.setdefault((effect.tied, len(columns)), _Stack()).add(len(kept), columns, size)
                 kept.append(effect)
-        blocks = [
-            (np.array([n for n, _, _ in rows]), np.array([c for _, c, _ in rows]), np.array([s for _, _, s in rows]))
-            for _, rows in sorted(by_count.items())
-        ]
+        blocks = [block for _, stack in sorted(stacks.items()) for block in stack.blocks()]
         return cls(kept, blocks, [e.key for e in kept])
 
     def joined(self, other: Candidates) -> Candidates:
@@ -71,14 +69,35 @@ class Candidates:
                     drop[n] = bench.freedom * (1 - noise * bench.freedom / bench.square)
                     absorbed[n] = own.absorbed
                 continue
-            for start in range(0, len(numbers), 500):
-                part = slice(start, start + 500)
-                generic = np.array([self.effects[n].generic for n in numbers[part]])
-                here = numbers[part]
-                evidence[here], drop[here], absorbed[here], reach[here] = _block_scores(
-                    bench, columns[part], sizes[part], generic
-                )
+            generic = np.array([self.effects[n].generic for n in numbers])
+            evidence[numbers], drop[numbers], absorbed[numbers], reach[numbers] = _block_scores(
+                bench, columns, sizes, generic
+            )
         return Scores(self, evidence - np.array([e.cost for e in self.effects]), drop, absorbed, reach)
+
+
+class _Stack:
+    """Proposals of the same number of parameters, gathered in blocks that fit into a cache's neighbourhood."""
+
+    def __init__(self) -> None:
+        self._full: list[tuple[Index, Array, Array]] = []
+        self._numbers: list[int] = []
+        self._columns, self._sizes = np.empty((0, 0, 0)), np.empty((0, 0))
+
+    def add(self, number: int, columns: Array, size: Array) -> None:
+        if len(self._numbers) == len(self._columns):
+            self._full += self._last()
+            self._numbers = []
+            self._columns, self._sizes = np.empty((BLOCK, *columns.shape)), np.empty((BLOCK, len(size)))
+        self._columns[len(self._numbers)], self._sizes[len(self._numbers)] = columns, size
+        self._numbers.append(number)
+
+    def blocks(self) -> list[tuple[Index, Array, Array]]:
+        return self._full + self._last()
+
+    def _last(self) -> list[tuple[Index, Array, Array]]:
+        m = len(self._numbers)
+        return [(np.array(self._numbers), self._columns[:m], self._sizes[:m])] if m else []
 
 
 @dataclass(frozen=True)

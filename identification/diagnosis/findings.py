@@ -161,9 +161,9 @@ def probability_of(step: Step) -> float:
 
 def p_value_of(step: Step) -> float:
     """Chance of such a drop of the residual sum of squares by noise alone, anywhere among what was searched."""
-    from scipy.stats import chi2
+    from scipy.special import chdtrc
 
-    return float(min(1.0, max(step.searched, 1) * chi2.sf(step.drop, step.count)))
+    return float(min(1.0, max(step.searched, 1) * chdtrc(step.count, step.drop)))
 
 
 def moved_by(design: Array, names: Sequence[str], columns: Array, values: Array) -> dict[str, float]:

@@ -76,14 +76,15 @@ def repeats_of(fit: Fit) -> Repeats | None:
     dof_all = int(seen.sum()) * s.dof / max(sum(x.count for x in s.sums.values()), 1)
     if dof <= 0 or dof_all <= dof or pure <= 0:
         return None
-    from scipy.stats import f, kurtosis
+    from scipy.special import fdtrc
 
     ratio = (square / dof_all) / (pure / dof)
     # sums of squares of noise with heavy tails scatter more than Gaussian ones, as if there were fewer rows
-    tails = max(float(kurtosis(white[seen])), 0.0) / 2
+    spread = white[seen] - white[seen].mean()
+    tails = max(float(np.mean(spread**4) / np.mean(spread**2) ** 2) - 3.0, 0.0) / 2
     rest, m = dof_all - dof, int(np.isfinite(within).sum())
     freedom = rest / (1 + tails * rest / int(seen.sum())), dof / (1 + tails * dof / m)
-    p_value = float(f.sf((square - pure) / rest / (pure / dof), *freedom))
+    p_value = float(fdtrc(*freedom, (square - pure) / rest / (pure / dof)))
     misfit = ratio > MISFIT_RATIO and p_value < MISFIT_P
     return Repeats(poses, count, float(np.sqrt(np.nansum(scatter**2) / dof)), float(ratio), p_value, misfit)
 

@@ -79,12 +79,12 @@ def largest(fit: Fit) -> str:
 
 
 def _exceeds_declared(fit: Fit) -> bool:
-    from scipy.stats import chi2
+    from scipy.special import chdtrc
 
     s = fit.solution
     if "position" not in s.declared or s.dof <= 0:
         return False
-    return bool(chi2.sf(s.chi2, s.dof) < MISFIT_P and s.chi2 / s.dof > MISFIT_RATIO)
+    return bool(chdtrc(s.dof, s.chi2) < MISFIT_P and s.chi2 / s.dof > MISFIT_RATIO)
 
 
 def _length(fit: Fit) -> float:

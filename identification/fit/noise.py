@@ -56,24 +56,30 @@ class Noise:
 
     def whitened(self, columns: Array, edges: Array) -> Array:
         """Innovations of series (k, N) between `edges`, to one common variance; what lies behind the last stays."""
-        from scipy.signal import lfilter
-
         out = columns.copy()
         for a, b in pairwise(edges):
-            out[:, a:b] = lfilter([1.0, -self.kept], [1.0, -self.moving], columns[:, a:b], axis=1)
+            change = columns[:, a:b].copy()
+            change[:, 1:] -= self.kept * columns[:, a : b - 1]
+            out[:, a:b] = _recursion(change, self.moving)
             out[:, a] *= np.sqrt(self.news)  # the first row has the process' whole variance
         return out
 
     def spread(self, columns: Array, edges: Array) -> Array:
         """Covariance matrix of the noise, of unit variance, times series (k, N)."""
-        from scipy.signal import lfilter
-
         out = columns / (1 + self.part)
         for a, b in pairwise(edges):
-            before = lfilter([1.0], [1.0, -self.kept], columns[:, a:b], axis=1)
-            after = lfilter([1.0], [1.0, -self.kept], columns[:, a:b][:, ::-1], axis=1)[:, ::-1]
+            before = _recursion(columns[:, a:b], self.kept)
+            after = _recursion(columns[:, a:b][:, ::-1], self.kept)[:, ::-1]
             out[:, a:b] += self.part / (1 + self.part) * (before + after - columns[:, a:b])
         return out
+
+
+def _recursion(series: Array, kept: float) -> Array:
+    """``y[k] = kept y[k-1] + x[k]`` along series (k, n), as a bidiagonal system."""
+    from scipy.linalg import solve_banded
+
+    bands = np.vstack([np.ones(series.shape[1]), np.full(series.shape[1], -kept)])
+    return np.asarray(solve_banded((1, 0), bands, series.T, check_finite=False)).T
 
 
 def noises() -> Iterator[Noise]:

@@ -89,9 +89,9 @@ class Fit:
         s = self.solution
         if not s.declared or s.dof <= 0:
             return 1.0
-        from scipy.stats import chi2
+        from scipy.special import chdtrc
 
-        return float(np.sqrt(s.chi2 / s.dof)) if chi2.sf(s.chi2, s.dof) < 0.01 else 1.0
+        return float(np.sqrt(s.chi2 / s.dof)) if chdtrc(s.dof, s.chi2) < 0.01 else 1.0
 
 
 def position_sigma(views: Sequence[View], solution: Solution) -> float:
