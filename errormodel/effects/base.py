@@ -63,6 +63,7 @@ class Effect(BaseModel, ABC):
     separate: ClassVar[str]  # the measurement that tells them apart
     example: ClassVar[Mapping[str, object]]  # as in machine.yaml, on the machine of the test battery
     generic: ClassVar[bool] = False  # a form, not a physics: names nothing
+    pliant: ClassVar[bool] = False  # physics of no form of its own: follows any smooth curve
 
     @property
     @abstractmethod

@@ -26,6 +26,7 @@ class CompensationActive(JointEffect):
     alike: ClassVar[tuple[str, ...]] = ("higher-order-geometry", "pitch-cyclic", "local-defect")
     separate: ClassVar[str] = "the same axis with the table on and off, at points between those of the table"
     example: ClassVar[Mapping[str, object]] = {"joint": "X", "points": 5}
+    pliant: ClassVar[bool] = True
 
     points: Annotated[int, Field(ge=3)]
 

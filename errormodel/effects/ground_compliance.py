@@ -10,12 +10,14 @@ from errormodel.conventions import FRAME, ROTATIONS
 from errormodel.effects.base import Channels, Effect, EffectTerm
 from errormodel.effects.scene import Scene
 from errormodel.effects.shared import Rotation, across, joint_as
-from errormodel.effects.travel import scaled
+from errormodel.effects.travel import legendre, scaled
 from errormodel.machine import Machine
+
+SIZES = {1: 3e-5, 2: 1e-5, 3: 1e-5}  # rad, by degree: feet and floor are stiffer the more they carry
 
 
 class GroundCompliance(Effect):
-    """Tilt of `element` (rad at the end of the heavy axis's travel), in proportion to its travel from -1 to 1."""
+    """Tilt of `element` (rad), Legendre polynomials 1 to 3 of the heavy axis's travel from -1 to 1."""
 
     effect: ClassVar[str] = "ground-compliance"
     family: ClassVar[str] = "gravity"
@@ -39,7 +41,8 @@ class GroundCompliance(Effect):
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         heavy = joint_as(machine, self.joint, "prismatic", self.effect)
         motion = self.motion or across(heavy, "e")[0]
-        return [EffectTerm(self.element, "", "rad", {motion: scaled(heavy, channel(self.joint))}, 3e-5)]
+        u = scaled(heavy, channel(self.joint))
+        return [EffectTerm(self.element, str(n), "rad", {motion: legendre(n, u)}, size) for n, size in SIZES.items()]
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:

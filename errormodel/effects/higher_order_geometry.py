@@ -20,6 +20,7 @@ from errormodel.machine import Joint, Machine, joint_of
 
 Degree = Annotated[int, Field(ge=1, le=30)]
 FINE = tuple(math.radians(d) for d in (10.0, 6.0, 4.0, 3.0, 2.0))  # apart, of a joint that turns
+BROAD = math.radians(30.0)
 PIECES = (16, 32, 64, 128)  # of a travel
 ROWS_A_KNOT = 1.5
 
@@ -45,6 +46,7 @@ class HigherOrderGeometry(JointEffect):
     )
     separate: ClassVar[str] = "the error motion of this joint alone, measured directly at four times as many positions"
     example: ClassVar[Mapping[str, object]] = {"joint": "X", "motion": "dy"}
+    pliant: ClassVar[bool] = True
 
     motion: Motion
     degrees: tuple[Degree, ...] = ()  # (): the one above the declared model
@@ -85,6 +87,8 @@ class HigherOrderGeometry(JointEffect):
             for every in FINE if joint.type == "rotary" else (length(joint) / n for n in PIECES):
                 if resolved(scene, joint, every) <= 2 * every and span / every < rows / ROWS_A_KNOT:
                     yield cls(joint=joint.name, motion=axis_motion(joint), every=every)
+            for motion in MOTIONS:
+                yield cls(joint=joint.name, motion=motion, every=BROAD if joint.type == "rotary" else length(joint) / 8)
 
 
 def curve(joint: Joint, q: Value, every: float) -> Iterator[Value]:

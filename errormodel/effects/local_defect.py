@@ -16,7 +16,7 @@ from errormodel.effects.shared import Positive
 from errormodel.effects.travel import length, usual_size
 from errormodel.machine import Machine, joint_of
 
-WIDTHS = (1 / 40, 1 / 16, 1 / 6.5)  # of the travel
+WIDTHS = (1 / 40, 1 / 25, 1 / 16)  # of the travel: what is broader is a bent guide
 STEP = 0.8  # widths: neighbours alike to 0.85
 LEAST = 4  # rows within a width, so that it is no outlier
 

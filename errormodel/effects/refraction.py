@@ -9,7 +9,7 @@ from typing import ClassVar
 from errormodel.conventions import FRAME, TRANSLATIONS
 from errormodel.effects.base import Channels, Effect, EffectTerm
 from errormodel.effects.scene import Scene
-from errormodel.effects.shared import thermal, warmth
+from errormodel.effects.shared import Lag, lags, thermal, warmth
 from errormodel.effects.travel import Translation
 from errormodel.features import POINT
 from errormodel.machine import Machine, Vector
@@ -29,6 +29,7 @@ class Refraction(Effect):
     station: Vector = (0.0, 0.0, 0.0)  # mm, in the reference's axes
     sensor: str | None = None
     minus: str | None = None
+    tau: Lag = 0.0
 
     @property
     def where(self) -> str:
@@ -43,12 +44,14 @@ class Refraction(Effect):
         level = [k for k in range(3) if TRANSLATIONS[k] != self.motion]
         bend = sum((channel(POINT[k]) - self.station[k]) ** 2 for k in level) / 2
         if self.sensor:
-            bend = bend * warmth(channel, self.sensor, self.minus)
+            bend = bend * warmth(channel, self.sensor, self.minus, self.tau)
         unit = "1/(mm K)" if self.sensor else "1/mm"
         return [EffectTerm(FRAME, "", unit, {self.motion: bend}, 1e-9)]
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
         pairs = [(None, None), *((s, None) for s in scene.sensors), *combinations(scene.sensors, 2)]
-        for motion, (sensor, minus) in product(TRANSLATIONS, pairs):
-            yield cls.model_validate({"motion": motion, "sensor": sensor, "minus": minus})
+        for motion, station, (sensor, minus) in product(TRANSLATIONS, scene.stations, pairs):
+            for tau in lags(scene)[::2] if sensor else (0.0,):
+                fields = {"motion": motion, "station": station, "sensor": sensor, "minus": minus, "tau": tau}
+                yield cls.model_validate(fields)

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from errormodel.machine import Joint, Machine
+from errormodel.machine import Joint, Machine, Vector
 
 Array = NDArray[np.float64]
 MOVED = 0.003  # of the travel
@@ -17,10 +17,14 @@ MOVED = 0.003  # of the travel
 
 @dataclass(frozen=True)
 class Scene:
-    """A machine and the columns of a survey of it, each (n,), in mm, rad, s, degC."""
+    """A machine and the columns of a survey of it, each (n,), in mm, rad, s, degC.
+
+    `stations` are where its instrument may have stood, in the reference's axes, mm.
+    """
 
     machine: Machine
     columns: Mapping[str, Array]
+    stations: tuple[Vector, ...] = ((0.0, 0.0, 0.0),)
 
     def varies(self, name: str) -> bool:
         """Whether a channel is there, complete, and not constant."""

@@ -17,7 +17,9 @@ from errormodel.effects.base import Effect
 from identification.diagnosis.workbench import Workbench
 
 BLOCK = 250  # proposals scored in one go
-ABSORBED = 0.99  # of a column's length squared: beyond it an effect cannot be told from the geometry
+SIZES = {1.0: 0.6, 3.0: 0.3, 10.0: 0.1}  # times the usual one: how often
+ABSORBED = 0.999  # of a column's length squared: beyond it an effect cannot be told from the geometry
+FORM_ABSORBED = 0.99  # the same for a form that has no size of its own
 
 
 @dataclass(frozen=True)
@@ -137,9 +139,11 @@ class Scores:
 def _block_scores(bench: Workbench, columns: Array, sizes: Array, generic: Mask) -> tuple[Array, Array, Array, Array]:
     """Evidence, drop, absorbed part and reach of proposals (m) with columns (m, k, N).
 
-    A physical effect is weighed with its physical size; a mere form has none and gets the scale that suits it best
-    (one nat is paid for the choice).
+    A physical effect is weighed with its usual size, more seldom with a larger one; a mere form has none and gets the
+    scale that suits it best (one nat is paid for the choice).
     """
+    from scipy.special import logsumexp
+
     m, k, n = columns.shape
     basis, residual = bench.basis[:n], bench.residual[:n]  # behind them there may be ties
     flat = columns.reshape(m * k, n)
@@ -153,7 +157,7 @@ def _block_scores(bench: Workbench, columns: Array, sizes: Array, generic: Mask)
     norm = np.sqrt(np.maximum(whole, 1e-300))
     unit = gram / norm[:, :, None] / norm[:, None, :]
     values, vectors = np.linalg.eigh(unit)
-    seen = values > 1 - ABSORBED  # directions that the geometry leaves at least a hundredth of
+    seen = values > 1 - np.where(generic, FORM_ABSORBED, ABSORBED)[:, None]
     t = np.einsum("aij,ai->aj", vectors, slope / norm)
     variance = bench.square / bench.freedom
     # directions of the scaled columns have prior sizes of their own: those of the columns, taken along them
@@ -165,11 +169,14 @@ def _block_scores(bench: Workbench, columns: Array, sizes: Array, generic: Mask)
     drop = np.where(seen, t**2 / safe, 0.0) / variance
     fitting = np.maximum(drop.sum(axis=1) / count, 1.0) - 1.0
     gain = np.where(generic[:, None], np.where(seen, fitting[:, None], 0.0), gain)
-    kept = (drop * gain / (1 + gain)).sum(axis=1)
-    evidence = (
-        -1.0 * generic
-        - bench.freedom / 2 * np.log1p(-np.minimum(kept / bench.freedom, 1 - 1e-12))
-        - 0.5 * np.log1p(gain).sum(axis=1)
-    )
+    by_size = np.array([_weighed(bench, drop, np.where(generic[:, None], gain, gain * s**2)) for s in SIZES])
+    evidence = logsumexp(by_size, axis=0, b=np.array([*SIZES.values()])[:, None]) - generic
     absorbed = 1 - np.where(seen.any(axis=1), values.mean(axis=1), values.max(axis=1))
     return np.where(seen.any(axis=1), evidence, -np.inf), drop.sum(axis=1), np.clip(absorbed, 0.0, 1.0), reach
+
+
+def _weighed(bench: Workbench, drop: Array, gain: Array) -> Array:
+    """Evidence (m,) of independent directions (m, k) with prior variances of `gain` times those of their estimates."""
+    kept = (drop * gain / (1 + gain)).sum(axis=1)
+    left = np.log1p(-np.minimum(kept / bench.freedom, 1 - 1e-12))
+    return np.asarray(-bench.freedom / 2 * left - 0.5 * np.log1p(gain).sum(axis=1))

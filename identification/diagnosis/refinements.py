@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import combinations
 
 import numpy as np
 
+from errormodel.arrays import Array
+from errormodel.conventions import MOTIONS
 from errormodel.effects.base import Effect
+from errormodel.effects.travel import legendre
 from errormodel.effects.unnamed import Unnamed
 from errormodel.features import root
+from errormodel.machine import Joint
 from identification.diagnosis.workbench import Workbench
 
 FORMS = ("linear", "square", "cubic")
+SMOOTH = 8  # functions of one position
+BENT = {0.03: 1.0, 0.1: 2.0, 0.3: 4.0}  # part of an effect's size by which its form departs, and nats for it
 
 
 def forms(bench: Workbench, effect: Effect) -> Iterator[Effect]:
@@ -32,6 +39,61 @@ def forms(bench: Workbench, effect: Effect) -> Iterator[Effect]:
                 for form in FORMS:
                     by = {"by": joint.name, "by_form": form, "by_center": by_center, "by_half_range": by_half}
                     yield Unnamed.model_validate({**common, **by})
+
+
+def bent(bench: Workbench, effect: Effect) -> tuple[float, float]:
+    """Nats, and further drop of the residual sum of squares, for an effect whose form departs from the textbook's.
+
+    What nature adds is small beside the effect itself: all further forms together are tied to zero with some part of
+    its size, and the part that suits the data best is paid for.
+    """
+    if effect.tied or effect.generic:
+        return 0.0, 0.0
+    further = list(_bends(bench, effect))
+    if not further:
+        return 0.0, 0.0
+    own, values = bench.estimates([effect])
+    columns = np.array(further)
+    norms = np.linalg.norm(columns, axis=1)
+    columns = columns[norms > 0] / norms[norms > 0, None] / np.sqrt(len(norms))
+    tied = bench.with_effect(effect).tied(columns)
+    size = float(np.linalg.norm(own.T @ values))
+    if not len(tied.values) or not size:
+        return 0.0, 0.0
+    worth, part = max((tied.evidence(part * size) - cost, part) for part, cost in BENT.items())
+    if worth <= 0:
+        return 0.0, 0.0
+    left = tied.left((part * size) ** 2 / tied.noise(part * size))
+    return worth, (tied.square - float(left)) * bench.freedom / bench.square
+
+
+def _bends(bench: Workbench, effect: Effect) -> Iterator[Array]:
+    """Columns (N,): what the effect moves, in any smooth way with what drives it."""
+    machine = bench.chain.machine
+    moves = {(t.element, m) for t in effect.terms(bench.channel, machine) for m in t.motion}
+    joints = [j for j in bench.scene.moving if j.name in map(root, effect.drivers)]
+    shapes = [list(_smooth(bench, j)) for j in joints]
+    series = [s for own in shapes for s in own]
+    series += [a * b for one, other in combinations(shapes, 2) for a in one[:3] for b in other[:3]]
+    for element, motion in sorted(moves):
+        for s in series:
+            yield bench.levers[element][MOTIONS.index(motion)] * s
+    if len(joints) < len(set(map(root, effect.drivers))):
+        for form in forms(bench, effect):
+            if isinstance(form, Unnamed) and "cubic" in (form.form, form.by_form):
+                yield from bench.columns(form)[0][:, : len(bench.index)]
+
+
+def _smooth(bench: Workbench, joint: Joint) -> Iterator[Array]:
+    """Series (N,) of a joint's position: Legendre polynomials, or harmonics of a turn."""
+    q = bench.channel(joint.name)
+    if joint.type == "rotary":
+        for k in range(1, 1 + SMOOTH // 2):
+            yield from (np.sin(k * q), np.cos(k * q))
+    else:
+        low, high = bench.scene.span(joint)
+        for k in range(1, 1 + SMOOTH):
+            yield legendre(k, (2 * q - low - high) / (high - low))
 
 
 def _drivers(bench: Workbench, effect: Effect) -> list[str]:

@@ -16,7 +16,7 @@ from identification.diagnosis import coloured
 from identification.diagnosis.candidates import Candidates, Scores
 from identification.diagnosis.judging import heldout_rms, likeness, moves, roots
 from identification.diagnosis.pairs import best_pair
-from identification.diagnosis.refinements import forms
+from identification.diagnosis.refinements import bent, forms
 from identification.diagnosis.workbench import Workbench
 from identification.progress import Tell, silent
 
@@ -26,6 +26,7 @@ WORTH = 7.0  # nats below which nothing is looked at further
 CLEARLY = 6.0  # nats
 FORM = 0.85  # a name may explain this much less than the best mere form: forms bend to anything
 ALIKE = 0.6  # canonical correlation beyond which a later effect is a further form of an earlier finding
+MAYBE = 0.5  # of the best evidence
 MOST_FINDINGS = 12
 MOST_STEPS = 24
 MOST_TOGETHER = 3
@@ -135,7 +136,7 @@ def grown(growth: Growth, candidates: Candidates, *, judged: bool = True) -> Gro
         return None
     searched = len(ranked)
     explained = sum(s.drop for s in growth.steps if not s.effect.tied)  # a curve has no shape of its own to miss
-    steps = [_polished(candidates, scores, bench, n, searched) for _, n in ranked[:12]]
+    steps = [_polished(candidates, scores, bench, n, searched) for n in _shortlist(candidates, ranked, 12)]
     best = choose(steps)
     if "temperature" in roots(best.effect) and (best.effect.generic or not convincing(bench, best)):
         best = _by_two_causes(bench, candidates, steps, best) or best
@@ -168,6 +169,19 @@ def grown(growth: Growth, candidates: Candidates, *, judged: bool = True) -> Gro
     return best_growth if error < heldout_rms(bench) else None
 
 
+def _shortlist(candidates: Candidates, ranked: Sequence[tuple[float, int]], first: int) -> list[int]:
+    """The first proposals, and the best of each further name that may yet prove the better one when bent a little."""
+    names = {candidates.effects[n].effect for _, n in ranked[:first]}
+    out = [n for _, n in ranked[:first]]
+    for evidence, n in ranked[first:]:
+        if evidence < MAYBE * ranked[0][0]:
+            break
+        if candidates.effects[n].effect not in names:
+            names.add(candidates.effects[n].effect)
+            out.append(n)
+    return out
+
+
 def _by_two_causes(bench: Workbench, candidates: Candidates, steps: Sequence[Step], form: Step) -> Step | None:
     """The thermal effect that, once it has two sensors or lags, explains most, if as much as a mere form does."""
     able: list[Step] = []
@@ -190,6 +204,9 @@ def choose(steps: Sequence[Step]) -> Step:
     forms = [s for s in ranked if s.effect.generic]
     if not names:
         return forms[0]
+    exact = [s for s in names if not s.effect.pliant]
+    if exact and exact[0].evidence > names[0].evidence - CLEARLY:
+        names = exact
     if forms and forms[0].evidence > names[0].evidence + CLEARLY:
         idle = names[0].count - forms[0].count  # parameters that the name has and the form does without
         if names[0].drop < FORM * forms[0].drop or (idle > 1 and names[0].drop - forms[0].drop < 2 * idle):
@@ -262,7 +279,7 @@ def second_look(growth: Growth, candidates: Candidates) -> Growth:
         bench = growth.without(mine)
         scores = candidates.scores(bench)
         ranked = scores.by_key()
-        steps = [_polished(candidates, scores, bench, n, len(ranked)) for _, n in ranked[:8]]
+        steps = [_polished(candidates, scores, bench, n, len(ranked)) for n in _shortlist(candidates, ranked, 8)]
         best = choose(steps)
         old = growth.steps[number]
         if best.effect == old.effect or best.drop < 1.02 * bench.drop(bench.with_effect(old.effect)):
@@ -325,7 +342,12 @@ def _polished(candidates: Candidates, scores: Scores, bench: Workbench, number: 
         return Step(effect, evidence, drop, absorbed, len(bench.columns(effect)[1]), searched=searched)
     same = len(family)
     evidence, drop, absorbed = (float(v[0]) for v in (own.evidence, own.drop, own.absorbed))
-    return Step(effect, evidence - np.log(same), drop, absorbed, len(bench.columns(effect)[1]), searched=searched)
+    if scores.evidence[number] > evidence:  # where the squares are least a size may be beyond what is usual
+        effect = candidates.effects[number]
+        evidence, drop, absorbed = (float(v[number]) for v in (scores.evidence, scores.drop, scores.absorbed))
+    worth, more = bent(bench, effect)
+    count = len(bench.columns(effect)[1])
+    return Step(effect, evidence + worth - np.log(same), drop + more, absorbed, count, searched=searched)
 
 
 def convincing(bench: Workbench, step: Step, *, judged: bool = True) -> bool:

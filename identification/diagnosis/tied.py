@@ -64,6 +64,13 @@ class Tied:
         k = int(np.argmax(evidence))
         return float(ratios[k]), float(evidence[k]) - 1.0, float(left[k]) / self.freedom  # a nat for the choice
 
+    def evidence(self, size: float) -> float:
+        """Nats for parameters of a known standard deviation."""
+        ratio = size**2 / self.noise(size)
+        return float(-self.freedom / 2 * np.log(self.left(ratio) / self.square)) - 0.5 * float(
+            np.log1p(ratio * self.values).sum()
+        )
+
     def noise(self, size: float) -> float:
         """Noise variance where the parameters' standard deviation is known."""
         variance = self.square / self.freedom

@@ -8,6 +8,7 @@ where the geometry takes up all that the effect does, it is untestable; what the
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -84,7 +85,7 @@ def full_scene(scene: Scene) -> Scene:
         columns[name] = rng.choice([0.0, 1000.0, 2000.0], ROWS)
     tools = np.array([scene.machine.tool, tuple(1.5 * v + 20 for v in scene.machine.tool)])
     columns |= dict(zip(TOOL_CHANNELS, tools[np.arange(ROWS) % 2].T, strict=True))
-    return Scene(scene.machine, columns)
+    return replace(scene, columns=columns)
 
 
 def _missing(effects: Sequence[Effect], scene: Scene) -> str:

@@ -17,6 +17,7 @@ from errormodel.conventions import MOTIONS
 from errormodel.effects.base import Effect
 from errormodel.effects.scene import Scene
 from errormodel.features import POINT, columns
+from errormodel.machine import Vector
 from errormodel.survey import Survey
 from identification.diagnosis.sensors import dead_sensors
 from identification.diagnosis.tied import Tied
@@ -26,6 +27,7 @@ from identification.views import PositionView
 
 MOST_ROWS = 2500  # of a survey: more are thinned out, so that all candidates' columns fit into memory
 MOST_RUNS = 12  # labels; more are no runs of one survey
+MOST_STATIONS = 3
 LEAST_RUN = 8  # rows of a run that may differ
 
 
@@ -193,8 +195,16 @@ def set_up(fit: Fit) -> Workbench:
     names = chain.element_names
     # a member called "frame" goes before the measuring frame, as in the chain
     arms_of = {n: stacked[6 * k : 6 * k + 6][:, live] for k, n in enumerate(names)}
-    scene = Scene(chain.machine, _scene_columns(fit.survey, table, chain))
+    scene = Scene(chain.machine, _scene_columns(fit.survey, table, chain), _stations(fit))
     return Workbench(chain, residual - q @ (q.T @ residual), q, arms_of, _Lazy(table, rows[live]), rows[live], scene)
+
+
+def _stations(fit: Fit) -> tuple[Vector, ...]:
+    """Where the instrument stood in the reference's axes, to a millimetre: in the measuring frame, or its origin."""
+    here = np.array(getattr(fit.survey.instrument, "station", np.zeros(3)))
+    poses = list(fit.problem.frames.values())[:MOST_STATIONS]
+    places = {tuple(float(x) for x in np.round(p.invert(here[None])[0])) for p in poses} or {(0.0, 0.0, 0.0)}
+    return tuple((x, y, z) for x, y, z in sorted(places))
 
 
 def _scene_columns(survey: Survey, table: _Channels, chain: Chain) -> dict[str, Array]:
