@@ -7,6 +7,7 @@ parameters like any other; shape parameters (a period, a time constant) are fiel
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -94,6 +95,14 @@ class Effect(BaseModel, ABC):
 
         self.terms(channel, machine)
         return list(asked)
+
+    @classmethod
+    def bounds(cls, name: str) -> tuple[float, float]:
+        """Least and greatest value of a field."""
+        limits = cls.model_fields[name].metadata
+        low = (getattr(m, side) for m in limits for side in ("ge", "gt") if hasattr(m, side))
+        high = (getattr(m, side) for m in limits for side in ("le", "lt") if hasattr(m, side))
+        return max(map(float, low), default=-math.inf), min(map(float, high), default=math.inf)
 
     @property
     def cost(self) -> float:

@@ -327,6 +327,8 @@ def _polished(candidates: Candidates, scores: Scores, bench: Workbench, number: 
         edge = 0.3 * abs(value)
         below = max((g for g in grid if g < value and g != 0), default=value - edge)
         above = min((g for g in grid if g > value and g != 0), default=value + edge)
+        lowest, highest = type(effect).bounds(name)
+        below, above = max(below, lowest), min(above, highest)
 
         def left(x: float, name: str = name, effect: Effect = effect) -> float:
             return bench.with_effect(effect.model_copy(update={name: float(x)})).square

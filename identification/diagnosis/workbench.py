@@ -183,7 +183,7 @@ def set_up(fit: Fit) -> Workbench:
         index.append(np.tile(view.index, 3))
     design, stacked = np.vstack(designs), np.hstack(levers)
     rows = np.concatenate(index)
-    live = np.abs(design).max(axis=1) + np.abs(stacked).max(axis=0) > 0  # components that were measured
+    live = np.abs(design).max(axis=1, initial=0.0) + np.abs(stacked).max(axis=0) > 0  # components that were measured
     # what the machine's own effects tie to zero is tied here too
     hold = np.sqrt(solution.precision[base])
     ties = np.diag(hold)[hold > 0]
