@@ -26,6 +26,10 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 _UNITS = {"m": 1000.0, "inch": 25.4, "mm": 1.0, "um": 1e-3}  # mm
+_TEMPERATURES = {"K": (250.0, 330.0), "degF": (55.0, 110.0)}  # what a shop would be in that unit, read as degC
+_FLYING = 5e3  # mm/s
+_RESTING = 3600.0  # s
+_FEW = 10  # rows, that say nothing of a pace
 _ROWS = 1000  # tell as much as a million
 _CLEAR = 0.7  # part of the pairs that must agree on a factor
 
@@ -53,8 +57,39 @@ def check_sizes(frame: pd.DataFrame, machine: Machine, units: SurveyUnits, name:
     sample = _sample(frame, machine) if measured else None
     if sample is not None:
         _check_measured(sample, prismatic, units, name)
-    notes.append(_radians(frame, machine, units, sample))
+    notes += [_radians(frame, machine, units, sample), _temperatures(frame, units), _pace(frame, prismatic, units)]
     return [f"{name}: {note}" for note in notes if note]
+
+
+def _temperatures(frame: pd.DataFrame, units: SurveyUnits) -> str | None:
+    """A note if all temperatures look like kelvin or Fahrenheit."""
+    names = [str(n) for n in frame if str(n).startswith("T_")]
+    if not names or units.temperature != "degC" or not (middle := frame[names].median()).notna().all():
+        return None
+    low, high = float(middle.min()), float(middle.max())
+    for unit, (least, most) in _TEMPERATURES.items():
+        alike = unit == "K" or (len(names) > 1 and high - low < 15)  # one member may well be as warm as that
+        if least < low and high < most and alike:
+            text = f"{' '.join(names)} of {low:.0f} to {high:.0f} degC"
+            return f"{text}; if they are in {unit}, write units: {{temperature: {unit}}}"
+    return None
+
+
+def _pace(frame: pd.DataFrame, joints: Sequence[Joint], units: SurveyUnits) -> str | None:
+    """A note if the slides would have to fly to be in time, or rest for an hour at each pose."""
+    if "time" not in frame or len(frame) < _FEW or not frame["time"].notna().all():
+        return None
+    steps = frame["time"].diff().to_numpy()[1:]
+    way = np.sqrt((frame[[j.name for j in joints]].diff().to_numpy()[1:] ** 2).sum(axis=1))
+    late = (steps > 0) & (way > 0)
+    if not late.any():
+        return None
+    speed, step = float(np.median(way[late] / steps[late])), float(np.median(steps[late]))
+    if speed > _FLYING:
+        return f"slides at {speed / 1e3:.0f} m/s by the column time; if it is in min or h, write units: {{time: min}}"
+    if step > _RESTING and units.time == "s":
+        return f"{step / 3600:.1f} h from row to row by the column time; if it is in ms, write units: {{time: ms}}"
+    return None
 
 
 def travel_notes(table: pd.DataFrame, machine: Machine) -> Iterator[str]:

@@ -1,22 +1,29 @@
-"""A column that is not what its name says: a sign, a unit, a swap. Not physics: it is put right as a table is read."""
+"""A column that is not what its name says: sign, unit, zero, swap. Not physics: it is put right as a table is read."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, TypeVar
 
+from errormodel import conventions
+from errormodel.arrays import Array
 from errormodel.effects.base import Channels, Effect, EffectTerm
 from errormodel.effects.scene import Scene
 from errormodel.machine import Machine
+from errormodel.survey_columns import MEASURED, TOOL
 
 if TYPE_CHECKING:
     import pandas as pd
 
-MEASURED = ("mx", "my", "mz")
+Table = TypeVar("Table", "pd.DataFrame", dict[str, Array])
 
 
 class AxisBlunder(Effect):
-    """``column`` times `factor`, or exchanged with `swap`, is what was meant; it moves nothing."""
+    """What was meant is ``factor * column + offset`` (mm or rad); it moves nothing.
+
+    With `swap` the column is `factor` times what stands in that one, and that one what stands here over `factor`.
+    """
 
     effect: ClassVar[str] = "axis-blunder"
     family: ClassVar[str] = "blunder"
@@ -26,11 +33,14 @@ class AxisBlunder(Effect):
 
     column: str
     factor: float = 1.0
+    offset: float = 0.0
     swap: str = ""
 
     @property
     def where(self) -> str:
-        return "instrument" if self.column in MEASURED else self.column
+        if self.column in MEASURED:
+            return conventions.INSTRUMENT
+        return conventions.TOOL if self.column in TOOL else self.column
 
     @property
     def drivers(self) -> tuple[str, ...]:
@@ -43,21 +53,25 @@ class AxisBlunder(Effect):
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
         return iter(())
 
-    def mend(self, table: pd.DataFrame) -> pd.DataFrame:
-        """The table as it was meant (a copy)."""
+    def mend(self, table: Table) -> Table:
+        """The table, or its columns by name, as it was meant (a copy)."""
         table = table.copy()
-        if self.swap:
-            table[[self.column, self.swap]] = table[[self.swap, self.column]].to_numpy()
+        here, there = self.column, self.swap
+        if there:
+            table[here], table[there] = table[there] * self.factor, table[here] / self.factor
         else:
-            table[self.column] = table[self.column] * self.factor
+            table[here] = table[here] * self.factor + self.offset
         return table
 
-    @property
-    def text(self) -> str:
+    def text(self, machine: Machine) -> str:
         """What is wrong, for a report."""
         if self.swap:
             return f"columns {self.column} and {self.swap} are swapped"
-        if self.factor < 0:
+        if self.offset:
+            turns = any(j.name == self.column and j.type == "rotary" for j in machine.joints)
+            missing = f"{math.degrees(self.offset):.3f} deg" if turns else f"{self.offset:.3f} mm"
+            return f"column {self.column} has another zero than the machine's dimensions, {missing} must be added"
+        if self.factor == -1:
             return f"the sign of column {self.column} is wrong"
         return f"column {self.column} is in another unit: it must be multiplied by {self.factor:.6g}"
 

@@ -18,15 +18,18 @@ from errormodel.effects.shared import Positive, resolved, waves
 from errormodel.effects.travel import fraction, legendre, length, scaled, usual_size
 from errormodel.machine import Joint, Machine, joint_of
 
-Degree = Annotated[int, Field(ge=1, le=30)]
+Degree = Annotated[int, Field(ge=0, le=30)]
 FINE = tuple(math.radians(d) for d in (10.0, 6.0, 4.0, 3.0, 2.0))  # apart, of a joint that turns
 BROAD = math.radians(30.0)
 PIECES = (16, 32, 64, 128)  # of a travel
 ROWS_A_KNOT = 1.5
+CONSTANT = 10.0  # times: members are put together less exactly than they are guided
 
 
 class HigherOrderGeometry(JointEffect):
     """`motion` of a joint as Legendre polynomials of its travel, -1 to 1, or as harmonics of its turn (mm, rad).
+
+    Degree 0 is a constant: a squareness, or an offset, that the model of the members beside the joint leaves out.
 
     With `every` (mm, rad) as a curve instead: cubic splines at that distance, each tied to zero with the standard
     deviation `size` (mm, rad), so that beyond what was measured the curve returns to zero and its uncertainty to
@@ -55,7 +58,7 @@ class HigherOrderGeometry(JointEffect):
 
     @property
     def drivers(self) -> tuple[str, ...]:
-        return (self.joint,)
+        return () if self.degrees == (0,) else (self.joint,)
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         joint, q = joint_of(machine, self.joint), channel(self.joint)
@@ -65,7 +68,10 @@ class HigherOrderGeometry(JointEffect):
             return [EffectTerm(self.joint, str(k), unit, {self.motion: s}, size) for k, s in enumerate(splines)]
         shapes = {}
         for n in self.degrees or (declared(joint, self.motion) + 1,):
-            if joint.type == "prismatic":
+            if n == 0:
+                shapes["0"] = 0 * q + 1
+                size = CONSTANT * size
+            elif joint.type == "prismatic":
                 shapes[str(n)] = legendre(n, scaled(joint, q))
             else:
                 shapes |= {f"{name}{n}": wave for name, wave in waves(q, n).items()}
@@ -78,6 +84,7 @@ class HigherOrderGeometry(JointEffect):
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
         for joint, motion in product(scene.moving, MOTIONS):
+            yield cls(joint=joint.name, motion=motion, degrees=(0,))
             n = declared(joint, motion) + 1
             sets = [(n,), (n + 1,), (n, n + 1)] + ([(n, n + 1, n + 2)] if joint.type == "prismatic" else [])
             for degrees in sets:

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from errormodel.arrays import Array, Mask
-from errormodel.chain import Chain
 from errormodel.effects.base import Effect
 from errormodel.exceptions import InputError
 from errormodel.machine import EffectSpec, Machine
 from errormodel.survey import Survey
+from identification.diagnosis.blunder import Blunder
 from identification.diagnosis.candidates import Candidates, Scores
 from identification.diagnosis.findings import (
     Diagnosis,
@@ -28,21 +28,20 @@ from identification.diagnosis.findings import (
 from identification.diagnosis.form import with_form
 from identification.diagnosis.judging import heldout_rms
 from identification.diagnosis.outliers import gross_rows
-from identification.diagnosis.sanity import Blunder, find_blunder, without
+from identification.diagnosis.sanity import find_blunders, without
 from identification.diagnosis.selection import Growth, Step, grow
 from identification.diagnosis.sensors import dead_sensors
 from identification.diagnosis.sizes import Amount, whole_of
 from identification.diagnosis.statements import length, next_measurement, period_of, statement_of, subject
 from identification.diagnosis.unseen import unseen
 from identification.diagnosis.verdict import judge
+from identification.diagnosis.witnesses import Account, heard, weighed
 from identification.diagnosis.workbench import Workbench, set_up
 from identification.fit.result import Fit
 from identification.fit.run import fit_machine
 from identification.progress import Tell, silent
 from identification.sums import design_rows
 from identification.views import PositionView
-
-MOST_BLUNDERS = 3
 
 
 @dataclass(frozen=True)
@@ -75,7 +74,7 @@ def diagnose(machine: Machine, survey: Survey, tell: Tell = silent) -> Diagnosed
         found = "no row to fit has a measured position, which the diagnosis works on"
         raise InputError(str(survey.source), found, "Add rows with mx my mz, or use `errormodel fit` for error motions")
     with tell("Looking for mistakes in the columns"):
-        blunders = _blunders(machine, survey)
+        blunders = find_blunders(machine, survey)
     with tell("Fitting the machine"):
         before = [_try(machine, s) for s in (survey, *(b.survey for b in blunders))[: len(blunders)]]
         survey = blunders[-1].survey if blunders else survey
@@ -85,14 +84,15 @@ def diagnose(machine: Machine, survey: Survey, tell: Tell = silent) -> Diagnosed
         bench = set_up(fit)
         candidates = Candidates.of(bench)
         scores = candidates.scores(bench)
-    growth = grow(bench, candidates, tell)
-    effects = [*(b.effect for b in blunders), *(s.effect for s in growth.steps)]
+    growth, said = heard(grow(bench, candidates, tell))
+    changes = [change for b in blunders for change in b.changes]
+    effects = [*changes, *(s.effect for s in growth.steps)]
     with tell("Fitting the extended machine"):
-        first = len(machine.effects) + len(blunders)  # of the effects that were found, among those of the final machine
+        first = len(machine.effects) + len(changes)  # of the effects that were found, among those of the final machine
         final = with_form(fit_machine(_extended(machine, effects), survey), growth, first) if effects else fit
     fits = [*before, mended]
     findings = [_blunder_finding(b, *fits[k : k + 2]) for k, b in enumerate(blunders)]
-    causes = [_finding(group, growth, final, fit, first) for group in growth.findings]
+    causes = [_finding(g, growth, final, fit, first, said.get(g[0].effect, [])) for g in growth.findings]
     findings += sorted(causes, key=lambda f: -f.heldout_rms_um.before)
     if bad.any():
         findings.append(_outlier_finding(bad, mended, fit))
@@ -110,15 +110,6 @@ def diagnose(machine: Machine, survey: Survey, tell: Tell = silent) -> Diagnosed
         (*final.notes, *dead, *verdict.notes),
     )
     return Diagnosed(diagnosis, baseline, final, growth, scores)
-
-
-def _blunders(machine: Machine, survey: Survey) -> list[Blunder]:
-    """Mistakes of columns, each found with those before it put right."""
-    chain, out = Chain(machine), list[Blunder]()
-    while len(out) < MOST_BLUNDERS and (blunder := find_blunder(chain, survey)) is not None:
-        out.append(blunder)
-        survey = blunder.survey
-    return out
 
 
 def _try(machine: Machine, survey: Survey) -> Fit | None:
@@ -162,7 +153,9 @@ def _summary(fit: Fit) -> dict[str, float | None]:
     }
 
 
-def _finding(group: Sequence[Step], growth: Growth, final: Fit, before: Fit, first: int) -> Finding:
+def _finding(
+    group: Sequence[Step], growth: Growth, final: Fit, before: Fit, first: int, told: Sequence[Account]
+) -> Finding:
     """A finding from its steps: the effect, and the refinements of its form."""
     main, machine = group[0].effect, final.chain.machine
     bench = growth.without(group)  # geometry and the other findings fitted, this one not
@@ -170,8 +163,9 @@ def _finding(group: Sequence[Step], growth: Growth, final: Fit, before: Fit, fir
     noise = 1e3 * before.sigma_mm
     numbers = [first + k for k, step in enumerate(growth.steps) if any(step is s for s in group)]
     whole = whole_of(final, [s.effect for s in group], numbers)
-    probability = probability_of(group[0])
+    probability = weighed(probability_of(group[0]), told)
     alike = look_alikes(group[0])
+    statement = statement_of(whole, machine, group[0].absorbed, probability, [subject(e) for e in alike])
     at = getattr(main, "at", None) if "time" in main.drivers else None
     return Finding(
         effect=main.effect,
@@ -181,7 +175,7 @@ def _finding(group: Sequence[Step], growth: Growth, final: Fit, before: Fit, fir
         runs=[d[4:-1] for d in main.drivers if d.startswith("run(")] or None,
         time=[float(at)] if at is not None else None,
         period=period_of(main, machine),
-        statement=statement_of(whole, machine, group[0].absorbed, probability, [subject(e) for e in alike]),
+        statement=" ".join((statement, *(f"{t}." for t in told))),
         parameters=whole.amounts,
         probability=probability,
         p_value=p_value_of(group[0]),
@@ -210,20 +204,21 @@ def _moved(before: Fit, bench: Workbench, columns: Array, values: Array) -> dict
 
 def _blunder_finding(blunder: Blunder, before: Fit | None, after: Fit | None) -> Finding:
     errors = [fit.heldout.rms_um if fit else float("nan") for fit in (before, after)]
-    text = (
-        f"{blunder.effect.text}: the nominal machine misses by {length(blunder.before_um)}, "
-        f"with it put right by {length(blunder.after_um)}."
-    )
+    text = blunder.text[0].upper() + blunder.text[1:]
+    if blunder.before_um is not None and blunder.after_um is not None:
+        misses, right = length(blunder.before_um), length(blunder.after_um)
+        text += f": the nominal machine misses by {misses}, with it put right by {right}"
     return Finding(
-        effect="axis-blunder",
-        where=blunder.effect.where,
-        driver=[blunder.effect.column],
-        statement=text[0].upper() + text[1:],
+        effect=blunder.effect,
+        where=blunder.where,
+        driver=list(blunder.driver),
+        statement=f"{text}.",
         probability=0.999,
         p_value=0.0,
         heldout_rms_um=HeldOut(*errors),
-        next_measurement=blunder.effect.separate,
-        size_um=before.nominal.rms_um if before else blunder.before_um,
+        next_measurement=blunder.cure,
+        size_um=blunder.before_um or 0.0,
+        rows=list(blunder.rows) if blunder.rows else None,
     )
 
 

@@ -27,7 +27,8 @@ def statement_of(whole: Whole, machine: Machine, absorbed: float, probability: f
     main = whole.effects[0]
     name = subject(main)
     same = [e for e in whole.effects if e.effect == main.effect]
-    parts = [f"{name[0].upper()}{name[1:]}, driven by {causes(same)}{shape(main, machine)}: "]
+    cause = "the same in all rows" if _steady(whole) else f"driven by {causes(same)}{shape(main, machine)}"
+    parts = [f"{name[0].upper()}{name[1:]}, {cause}: "]
     parts.append("; ".join((*_figures(whole, machine), f"{length(whole.size_um)} rms at the tip")))
     if absorbed > HIDDEN:
         parts.append(f"; the geometry had hidden {100 * absorbed:.0f} % of it")
@@ -139,6 +140,10 @@ def _figures(whole: Whole, machine: Machine) -> Iterator[str]:
         rms = whole.amounts[0]
         yield f"{plus_minus(rms.value, rms.std, rms.unit)} rms"
     ranked = sorted(whole.tip, key=lambda place: -whole.tip[place])
+    if _steady(whole):
+        amount = whole.amounts[0]
+        yield f"{spoken(ranked[0], machine)} is off by {plus_minus(amount.value, amount.std, amount.unit)}"
+        return
     shown = [p for p in ranked[:2] if whole.tip[p] >= SECOND * whole.tip[ranked[0]]]
     moves = [f"{spoken(place, machine)} by {plus_minus(*whole.range(place), unit_of(place[1]))}" for place in shown]
     if moves:
@@ -147,6 +152,11 @@ def _figures(whole: Whole, machine: Machine) -> Iterator[str]:
         )
         usual = f", {_usual(_largest(whole, machine))}" if known and not coefficients else ""
         yield f"moves {' and '.join(moves)} peak to peak over the rows{more}{usual}"
+
+
+def _steady(whole: Whole) -> bool:
+    """Whether it moves nothing from row to row: a constant that the model left out."""
+    return all(whole.range(place)[0] < 1e-12 for place in whole.tip)
 
 
 def _coefficients(whole: Whole, machine: Machine) -> str:

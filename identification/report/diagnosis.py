@@ -101,9 +101,8 @@ def numbered(diagnosed: Diagnosed) -> dict[int, Sequence[Step]]:
     left = list(diagnosed.growth.findings)
     out: dict[int, Sequence[Step]] = {}
     for number_, finding in enumerate(diagnosed.diagnosis.findings, start=1):
-        place = (finding.where, tuple(finding.driver))
-        here = [g for g in left if (g[0].effect.where, g[0].effect.drivers) == place]
-        here.sort(key=lambda g: g[0].effect.effect != finding.effect)
+        place = (finding.effect, finding.where, tuple(finding.driver))
+        here = [g for g in left if (g[0].effect.effect, g[0].effect.where, g[0].effect.drivers) == place]
         if here:
             out[number_] = here[0]
             left.remove(here[0])

@@ -1,0 +1,80 @@
+"""Something real and known is taken out of a model and asked for again: does it come back, and where it was?
+
+Of the arm, each so-many-th pose of series C, with the curves declared that the whole series show. The printer's bed is
+in `test_real_printer`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from errormodel.machine import EffectSpec, Machine, Shape
+from errormodel.schema import read_machine
+from errormodel.survey import Survey, read_survey
+from identification.diagnosis.run import diagnose
+
+# of each joint's own angle: motion, distance of the splines (rad), their size (rad)
+CURVES = {
+    "J1": ("ec", 0.0698, 5.4e-4),
+    "J2": ("eb", 0.0349, 4.1e-4),
+    "J3": ("eb", 0.0524, 5.1e-4),
+    "J4": ("eb", 0.0698, 6.7e-4),
+    "J5": ("ec", 0.0698, 5.4e-4),
+}
+
+
+def arm(folder: Path, without: str = "") -> Machine:
+    """The arm with its curves, but for the curve of a joint or a constant such as ``T3.ea``."""
+    machine = read_machine(folder)
+    effects = [
+        EffectSpec("higher-order-geometry", {"joint": joint, "motion": motion, "every": every, "size": size})
+        for joint, (motion, every, size) in CURVES.items()
+        if joint != without
+    ]
+    elements = [
+        replace(e, motions=tuple(m for m in e.motions if f"{e.name}.{m}" != without)) if isinstance(e, Shape) else e
+        for e in machine.elements
+    ]
+    return replace(machine, elements=tuple(elements), effects=tuple(effects))
+
+
+def recorded(folder: Path, machine: Machine, every: int) -> Survey:
+    survey = read_survey(folder / "series_c.csv", machine)
+    return replace(survey, table=survey.table.iloc[::every].reset_index(drop=True))
+
+
+@pytest.fixture
+def folder(real_data: Path) -> Path:
+    folder = real_data / "ur10"
+    if not folder.is_dir():
+        pytest.skip(f"recordings not found at {folder}; set ERRORMODEL_DATA")
+    return folder
+
+
+def test_a_joints_curve_comes_back(folder: Path) -> None:
+    """The first finding is the missing one. Others may follow: curves that are declared, and held down meanwhile."""
+    machine = arm(folder, without="J2")
+    result = diagnose(machine, recorded(folder, machine, 20))
+    first, *others = result.diagnosis.findings
+    assert (first.effect, first.where, first.motion, first.driver) == ("higher-order-geometry", "J2", ["eb"], ["J2"])
+    assert first.probability > 0.99
+    for other in others:
+        assert other.effect == "higher-order-geometry"
+        assert CURVES[other.where][0] == other.motion[0]
+        assert other.heldout_rms_um.before < 0.7 * first.heldout_rms_um.before
+    assert result.final.heldout.rms_um < 0.6 * result.baseline.heldout.rms_um
+
+
+def test_a_constant_of_a_member_comes_back(folder: Path) -> None:
+    """The twist of the forearm, -1.4 mrad in the full model, as the constant rotation at the joint that it carries."""
+    machine = arm(folder, without="T3.ea")
+    result = diagnose(machine, recorded(folder, machine, 10))
+    (found,) = result.diagnosis.findings
+    assert (found.effect, found.where, found.motion, found.driver) == ("higher-order-geometry", "J4", ["ea"], [])
+    (amount,) = found.parameters
+    assert abs(amount.value + 1.42e-3) < 3 * amount.std < 6e-4
+    assert "the same in all rows: ea of J4 (EAJ4) is off by" in found.statement
+    assert result.final.heldout.rms_um < result.baseline.heldout.rms_um
