@@ -202,16 +202,17 @@ def choose(steps: Sequence[Step]) -> Step:
     ranked = sorted(steps, key=lambda s: -s.evidence)
     names = [s for s in ranked if not s.effect.generic]
     forms = [s for s in ranked if s.effect.generic]
-    if not names:
-        return forms[0]
-    exact = [s for s in names if not s.effect.pliant]
-    if exact and exact[0].evidence > names[0].evidence - CLEARLY:
-        names = exact
-    if forms and forms[0].evidence > names[0].evidence + CLEARLY:
-        idle = names[0].count - forms[0].count  # parameters that the name has and the form does without
-        if names[0].drop < FORM * forms[0].drop or (idle > 1 and names[0].drop - forms[0].drop < 2 * idle):
-            return forms[0]
-    return names[0]
+    exact = [s for s in names if not s.effect.pliant and s.evidence > names[0].evidence - CLEARLY]
+    names = [*exact[:1], *names]  # physics of a form of its own before what follows any smooth curve
+    if not forms or (names and forms[0].evidence <= names[0].evidence + CLEARLY):
+        return names[0]
+
+    def explains_as_much(name: Step) -> bool:
+        idle = name.count - forms[0].count  # parameters that the name has and the form does without
+        as_much = name.drop >= FORM * forms[0].drop
+        return as_much and (idle <= 1 or name.drop - forms[0].drop >= 2 * idle)
+
+    return next(filter(explains_as_much, names), forms[0])
 
 
 def lags_settled(growth: Growth) -> Growth:
@@ -367,7 +368,7 @@ def doubt(bench: Workbench, step: Step) -> float:
 def _refined(growth: Growth, step: Step) -> int | None:
     """The finding that this effect is another form of, if there is one.
 
-    The same effect at the same place, the same motion there by the same driver, or columns that look much alike once
+    The same effect or the same motion at the same place by the same driver, or columns that look much alike once
     the geometry is taken out: what a sensor's lag or another exponent leaves over.
     """
     bench = growth.start
@@ -378,8 +379,8 @@ def _refined(growth: Growth, step: Step) -> int | None:
         one, other = earlier.effect, step.effect
         if one.tied and not other.generic and other.family != one.family:
             continue  # a curve of the joint's own position leaves nothing of that kind: this is something else
-        same = roots(one) & roots(other) and moves(bench, one) & moves(bench, other)
-        if one.where == other.where and (one.effect == other.effect or same):
+        there = one.where == other.where and roots(one) & roots(other)
+        if there and (one.effect == other.effect or moves(bench, one) & moves(bench, other)):
             return k
         if not (one.tied or other.tied) and likeness(bench, bench.columns(one)[0], mine) > ALIKE:
             return k
