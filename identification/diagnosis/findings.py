@@ -11,7 +11,7 @@ import numpy as np
 from errormodel.arrays import Array
 from errormodel.effects import registry
 from errormodel.effects.base import Effect
-from identification.diagnosis.selection import Step
+from identification.diagnosis.choosing import Step
 from identification.diagnosis.sizes import Amount
 from identification.diagnosis.workbench import Workbench
 
