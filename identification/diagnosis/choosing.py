@@ -67,11 +67,13 @@ def _names(bench: Workbench, ranked: Sequence[Step]) -> list[Step]:
     """
     if not ranked:
         return []
-    near = [s for s in ranked if s.evidence > ranked[0].evidence - max(CLEARLY, NEAR * ranked[0].evidence)]
+    reach = max(CLEARLY, NEAR * ranked[0].evidence)
+    near = [s for s in ranked if s.evidence > ranked[0].evidence - reach]
     if len(near) > 1:
-        left = {id(s): s.evidence - d for s, d in zip(near, doubt(bench, *near), strict=True)}
-        near.sort(key=lambda s: -left[id(s)])
-        near = [s for s in near if left[id(s)] > left[id(near[0])] - CLEARLY]
+        both = coloured.evidence(bench, [[s.effect] for s in near])
+        left = [s.evidence * max(nats, 0.0) / max(white, 1.0) for s, (white, nats) in zip(near, both, strict=True)]
+        near = [s for s, nats in zip(near, left, strict=True) if nats > max(left) - reach]
+    near = [s for s in near if s.evidence > near[0].evidence - CLEARLY]
     most = max(s.drop - s.bend for s in near)
     first = [s for s in near if not s.effect.pliant and s.drop - s.bend >= FORM * most] or near
     return [*first, *(s for s in ranked if s not in first)]
@@ -80,10 +82,10 @@ def _names(bench: Workbench, ranked: Sequence[Step]) -> list[Step]:
 def convincing(bench: Workbench, step: Step, *, judged: bool = True) -> bool:
     """Whether evidence outweighs the places looked at and, `judged`, what correlated noise would make of it."""
     surplus = step.evidence - np.log(max(step.searched, 1)) - DETECT
-    return bool(surplus >= 0 and (not judged or surplus >= doubt(bench, step)[0]))
+    return bool(surplus >= 0 and (not judged or surplus >= doubt(bench, step)))
 
 
-def doubt(bench: Workbench, *steps: Step) -> list[float]:
-    """Nats of each step's evidence that noise correlated from row to row would make as well."""
-    both = coloured.evidence(bench, [[s.effect, *s.partner] for s in steps])
-    return [max(0.0, white - any_noise) for white, any_noise in both]
+def doubt(bench: Workbench, step: Step) -> float:
+    """Nats of a step's evidence that noise correlated from row to row would make as well."""
+    [(white, any_noise)] = coloured.evidence(bench, [[step.effect, *step.partner]])
+    return max(0.0, white - any_noise)
