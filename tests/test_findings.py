@@ -22,10 +22,10 @@ from errormodel.machine import EffectSpec, Machine
 from errormodel.schema import read_machine
 from errormodel.simulate import Truth, random_points, simulate
 from errormodel.survey import Survey
+from identification.diagnosis.choosing import Step
 from identification.diagnosis.findings import alternatives_of, look_alikes
 from identification.diagnosis.repeats import repeats_of
 from identification.diagnosis.run import _moved, diagnose
-from identification.diagnosis.selection import Step
 from identification.diagnosis.sensors import dead_sensors
 from identification.diagnosis.sizes import Whole, whole_of
 from identification.diagnosis.statements import causes, next_measurement, period_of, statement_of

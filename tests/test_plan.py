@@ -17,7 +17,7 @@ from errormodel.machine import EffectSpec
 from errormodel.schema import library, read_machine
 from errormodel.simulate import random_points
 from identification.diagnosis.candidates import Candidates
-from identification.diagnosis.selection import DETECT
+from identification.diagnosis.choosing import DETECT
 from identification.diagnosis.workbench import set_up
 from identification.fit.run import fit_machine
 from identification.plan.design import Design, Fair, Space, exchange, rounded

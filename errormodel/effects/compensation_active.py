@@ -26,13 +26,12 @@ class CompensationActive(JointEffect):
     alike: ClassVar[tuple[str, ...]] = ("higher-order-geometry", "pitch-cyclic", "local-defect")
     separate: ClassVar[str] = "the same axis with the table on and off, at points between those of the table"
     example: ClassVar[Mapping[str, object]] = {"joint": "X", "points": 5}
-    pliant: ClassVar[bool] = True
 
     points: Annotated[int, Field(ge=3)]
 
     @property
     def cost(self) -> float:
-        return 10.0  # so many straight pieces follow any smooth curve
+        return 5.0  # so many straight pieces follow any smooth curve
 
     @property
     def drivers(self) -> tuple[str, ...]:

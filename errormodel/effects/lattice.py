@@ -10,11 +10,13 @@ import numpy as np
 from errormodel.conventions import ROTATIONS, TRANSLATIONS
 from errormodel.effects.scene import Scene
 from errormodel.effects.sections import places, translating
+from errormodel.effects.shared import frequencies
 from errormodel.effects.travel import length
 from errormodel.machine import joint_of
 
 Fields = Mapping[str, object]
 WAVES = np.arange(1, 3.01, 0.25)  # a travel; longer ones are polynomials
+CYCLES, QUICKEST = 4, 240.0  # a recording, at least; s
 CHEQUERS = np.arange(0.5, 3.01, 0.5)
 
 
@@ -23,6 +25,7 @@ def lattice(scene: Scene) -> Iterator[Fields]:
     yield from _single(scene)
     yield from _runs(scene)
     yield from _waves(scene)
+    yield from _cycles(scene)
     yield from _products(scene)
     yield from _chequers(scene)
 
@@ -57,6 +60,17 @@ def _waves(scene: Scene) -> Iterator[Fields]:
             if element != name and motion in ROTATIONS:
                 period = length(joint_of(scene.machine, name)) / float(count)
                 yield {"element": element, "motion": motion, "driver": name, "period": period}
+
+
+def _cycles(scene: Scene) -> Iterator[Fields]:
+    """Translations that come and go in time: what a cooler, a compressor or a lubricator does."""
+    if not scene.duration:
+        return
+    shortest = max(QUICKEST, 4 * scene.duration / len(scene.columns["time"]))
+    rates = frequencies(scene.duration, CYCLES / scene.duration, 1 / shortest)
+    for rate, (element, motion) in product(rates, places(scene, "time")):
+        if motion in TRANSLATIONS:
+            yield {"element": element, "motion": motion, "driver": "time", "period": float(f"{1 / rate:.6g}")}
 
 
 def _products(scene: Scene) -> Iterator[Fields]:

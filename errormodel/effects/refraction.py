@@ -36,6 +36,11 @@ class Refraction(Effect):
         return FRAME
 
     @property
+    def cost(self) -> float:
+        """That the layers of the air follow a sensor of the machine is less usual than that a member does."""
+        return 4.0 if self.sensor else 0.0
+
+    @property
     def drivers(self) -> tuple[str, ...]:
         level = (p for p, m in zip(POINT, TRANSLATIONS, strict=True) if m != self.motion)
         return (*level, *(thermal(self.sensor, self.minus) if self.sensor else ()))

@@ -22,19 +22,21 @@ from identification.fit.noise import Noise, noises
 LONGEST, LARGEST = 60.0, 2.0  # rows and white variances: beyond them it is no noise any more, but a drift with a cause
 
 
-def evidence(bench: Workbench, effects: Sequence[Effect]) -> tuple[float, float]:
-    """Nats for some effects together beside what the bench has accepted: in white noise, and in any of this kind."""
-    parts = [bench.columns(e) for e in effects]
-    columns, size = np.vstack([c for c, _ in parts]), np.concatenate([s for _, s in parts])
-    main = effects[0]
-    white, best, best_with = -np.inf, -np.inf, -np.inf
+def evidence(bench: Workbench, groups: Sequence[Sequence[Effect]]) -> list[tuple[float, float]]:
+    """Nats for each group of effects beside what the bench has accepted: in white noise, and in any of this kind."""
+    parts = [[bench.columns(e) for e in group] for group in groups]
+    blocks = [(np.vstack([c for c, _ in own]), np.concatenate([s for _, s in own])) for own in parts]
+    best, rows = -np.inf, []
     for likelihood, filtered, noise in _benches(bench):
-        own = columns if noise is None else noise.whitened(columns, _edges(bench))
-        scores = Candidates([main], [(np.array([0]), own[None], size[None])], [main.key]).scores(filtered)
-        gain = float(scores.evidence[0])
-        white = gain if noise is None else white
-        best, best_with = max(best, likelihood), max(best_with, likelihood + gain)
-    return white, best_with - best
+        best = max(best, likelihood)
+        gains = []
+        for (main, *_), (columns, size) in zip(groups, blocks, strict=True):
+            own = columns if noise is None else noise.whitened(columns, _edges(bench))
+            scores = Candidates([main], [(np.array([0]), own[None], size[None])], [main.key]).scores(filtered)
+            gains.append(float(scores.evidence[0]))
+        rows.append([*gains, *(likelihood + g for g in gains)])
+    white, any_noise = np.array(rows[0][: len(groups)]), np.max(rows, axis=0)[len(groups) :] - best
+    return list(zip(white.tolist(), any_noise.tolist(), strict=True))
 
 
 def _edges(bench: Workbench) -> Array:

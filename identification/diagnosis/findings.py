@@ -11,7 +11,7 @@ import numpy as np
 from errormodel.arrays import Array
 from errormodel.effects import registry
 from errormodel.effects.base import Effect
-from identification.diagnosis.selection import Step
+from identification.diagnosis.choosing import Step
 from identification.diagnosis.sizes import Amount
 from identification.diagnosis.workbench import Workbench
 
@@ -151,8 +151,7 @@ def probability_of(step: Step) -> float:
     temper = 1.0 + 0.02 * max(step.drop, 0.0)
     best: dict[str, float] = {step.effect.effect: step.evidence, "none": np.log(max(step.searched, 1))}
     for effect, evidence in step.rivals:
-        if effect.effect not in step.effect.alike:  # those cannot be told apart and are listed as alternatives
-            best[effect.effect] = max(best.get(effect.effect, -np.inf), evidence)
+        best[effect.effect] = max(best.get(effect.effect, -np.inf), evidence)
     values = np.array(list(best.values())) / temper
     values[[k for k, name in enumerate(best) if name in registry() and registry()[name].generic]] -= FORM_ODDS
     weights = np.exp(values - values.max())

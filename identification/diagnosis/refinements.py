@@ -18,7 +18,7 @@ from identification.diagnosis.workbench import Workbench
 
 FORMS = ("linear", "square", "cubic")
 SMOOTH = 8  # functions of one position
-BENT = {0.03: 1.0, 0.1: 2.0, 0.3: 4.0}  # part of an effect's size by which its form departs, and nats for it
+BENT = {0.03: 1.0, 0.1: 3.0, 0.3: 8.0}  # part of an effect's size by which its form departs, and nats for it
 
 
 def forms(bench: Workbench, effect: Effect) -> Iterator[Effect]:

@@ -14,6 +14,7 @@ from errormodel.machine import EffectSpec, Machine
 from errormodel.survey import Survey
 from identification.diagnosis.blunder import Blunder
 from identification.diagnosis.candidates import Candidates, Scores
+from identification.diagnosis.choosing import Step
 from identification.diagnosis.findings import (
     Diagnosis,
     Finding,
@@ -29,7 +30,7 @@ from identification.diagnosis.form import with_form
 from identification.diagnosis.judging import heldout_rms
 from identification.diagnosis.outliers import gross_rows
 from identification.diagnosis.sanity import find_blunders, without
-from identification.diagnosis.selection import Growth, Step, grow
+from identification.diagnosis.selection import Growth, grow
 from identification.diagnosis.sensors import dead_sensors
 from identification.diagnosis.sizes import Amount, whole_of
 from identification.diagnosis.statements import length, next_measurement, period_of, statement_of, subject

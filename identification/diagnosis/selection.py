@@ -14,17 +14,15 @@ import numpy as np
 from errormodel.effects.base import Effect
 from identification.diagnosis import coloured
 from identification.diagnosis.candidates import Candidates, Scores
+from identification.diagnosis.choosing import DETECT, FORM, Step, choose, convincing
 from identification.diagnosis.judging import heldout_rms, likeness, moves, roots
 from identification.diagnosis.pairs import best_pair
 from identification.diagnosis.refinements import bent, forms
 from identification.diagnosis.workbench import Workbench
 from identification.progress import Tell, silent
 
-DETECT = 7.0  # nats beyond the number of places looked at: one false alarm in a thousand
 LEAK = 0.06  # of what is already explained: less than this elsewhere may be the shape of what was found
 WORTH = 7.0  # nats below which nothing is looked at further
-CLEARLY = 6.0  # nats
-FORM = 0.85  # a name may explain this much less than the best mere form: forms bend to anything
 ALIKE = 0.6  # canonical correlation beyond which a later effect is a further form of an earlier finding
 MAYBE = 0.5  # of the best evidence
 MOST_FINDINGS = 12
@@ -33,31 +31,6 @@ MOST_TOGETHER = 3
 SHAPES_TRIED = 3.0  # nats for the shapes of one effect
 SWEEPS = 4  # over all time constants
 SHAPES = ("period", "by_period", "per_turn", "tau", "at", "width", "exponent", "overlap")
-
-
-@dataclass(frozen=True)
-class Step:
-    """One accepted effect.
-
-    Attributes
-    ----------
-    evidence : nats against nothing, given what was accepted before; `drop`: of the residual sum of squares, in noise
-        variances; `absorbed`: the part of it that the geometry hides.
-    rivals : other explanations at that step with their evidence, best first.
-    count : its parameters.
-    partner : a second cause of the same motion that was accepted with it.
-    refines : number of the step that this one refines, or None: a finding of its own.
-    """
-
-    effect: Effect
-    evidence: float
-    drop: float
-    absorbed: float
-    count: int = 1
-    rivals: tuple[tuple[Effect, float], ...] = ()
-    partner: tuple[Effect, ...] = ()
-    refines: int | None = None
-    searched: int = 0
 
 
 @dataclass(frozen=True)
@@ -120,7 +93,8 @@ def together(growth: Growth, candidates: Candidates) -> Growth | None:
 
 def _beside(bench: Workbench, group: Sequence[Step]) -> bool:
     """Whether a finding is convincing beside what the bench has, whatever the noise."""
-    _, evidence = coloured.evidence(bench, [s.effect for s in group if s.effect.tied == group[0].effect.tied])
+    effects = [s.effect for s in group if s.effect.tied == group[0].effect.tied]
+    [(_, evidence)] = coloured.evidence(bench, [effects])
     return bool(evidence - np.log(max(group[0].searched, 1)) - SHAPES_TRIED >= DETECT)
 
 
@@ -137,7 +111,7 @@ def grown(growth: Growth, candidates: Candidates, *, judged: bool = True) -> Gro
     searched = len(ranked)
     explained = sum(s.drop for s in growth.steps if not s.effect.tied)  # a curve has no shape of its own to miss
     steps = [_polished(candidates, scores, bench, n, searched) for n in _shortlist(candidates, ranked, 12)]
-    best = choose(steps)
+    best = choose(bench, steps)
     if "temperature" in roots(best.effect) and (best.effect.generic or not convincing(bench, best)):
         best = _by_two_causes(bench, candidates, steps, best) or best
     own = _refined(growth, best)
@@ -195,23 +169,6 @@ def _by_two_causes(bench: Workbench, candidates: Candidates, steps: Sequence[Ste
         if drop > FORM * form.drop:
             able.append(replace(step, effect=one, partner=(other,), evidence=step.evidence + more, drop=drop))
     return max(able, key=lambda s: s.drop, default=None)
-
-
-def choose(steps: Sequence[Step]) -> Step:
-    """The named explanation with most evidence, unless a mere form explains clearly more, or as much more simply."""
-    ranked = sorted(steps, key=lambda s: -s.evidence)
-    names = [s for s in ranked if not s.effect.generic]
-    forms = [s for s in ranked if s.effect.generic]
-    if not names:
-        return forms[0]
-    exact = [s for s in names if not s.effect.pliant]
-    if exact and exact[0].evidence > names[0].evidence - CLEARLY:
-        names = exact
-    if forms and forms[0].evidence > names[0].evidence + CLEARLY:
-        idle = names[0].count - forms[0].count  # parameters that the name has and the form does without
-        if names[0].drop < FORM * forms[0].drop or (idle > 1 and names[0].drop - forms[0].drop < 2 * idle):
-            return forms[0]
-    return names[0]
 
 
 def lags_settled(growth: Growth) -> Growth:
@@ -280,7 +237,7 @@ def second_look(growth: Growth, candidates: Candidates) -> Growth:
         scores = candidates.scores(bench)
         ranked = scores.by_key()
         steps = [_polished(candidates, scores, bench, n, len(ranked)) for n in _shortlist(candidates, ranked, 8)]
-        best = choose(steps)
+        best = choose(bench, steps)
         old = growth.steps[number]
         if best.effect == old.effect or best.drop < 1.02 * bench.drop(bench.with_effect(old.effect)):
             continue
@@ -347,27 +304,15 @@ def _polished(candidates: Candidates, scores: Scores, bench: Workbench, number: 
     if scores.evidence[number] > evidence:  # where the squares are least a size may be beyond what is usual
         effect = candidates.effects[number]
         evidence, drop, absorbed = (float(v[number]) for v in (scores.evidence, scores.drop, scores.absorbed))
-    worth, more = bent(bench, effect)
+    worth, bend = bent(bench, effect)
     count = len(bench.columns(effect)[1])
-    return Step(effect, evidence + worth - np.log(same), drop + more, absorbed, count, searched=searched)
-
-
-def convincing(bench: Workbench, step: Step, *, judged: bool = True) -> bool:
-    """Whether evidence outweighs the places looked at and, `judged`, what correlated noise would make of it."""
-    surplus = step.evidence - np.log(max(step.searched, 1)) - DETECT
-    return bool(surplus >= 0 and (not judged or surplus >= doubt(bench, step)))
-
-
-def doubt(bench: Workbench, step: Step) -> float:
-    """Nats of a step's evidence that noise correlated from row to row would make as well."""
-    white, any_noise = coloured.evidence(bench, [step.effect, *step.partner])
-    return max(0.0, white - any_noise)
+    return Step(effect, evidence + worth - np.log(same), drop + bend, absorbed, count, bend=bend, searched=searched)
 
 
 def _refined(growth: Growth, step: Step) -> int | None:
     """The finding that this effect is another form of, if there is one.
 
-    The same effect at the same place, the same motion there by the same driver, or columns that look much alike once
+    The same effect or the same motion at the same place by the same driver, or columns that look much alike once
     the geometry is taken out: what a sensor's lag or another exponent leaves over.
     """
     bench = growth.start
@@ -378,8 +323,8 @@ def _refined(growth: Growth, step: Step) -> int | None:
         one, other = earlier.effect, step.effect
         if one.tied and not other.generic and other.family != one.family:
             continue  # a curve of the joint's own position leaves nothing of that kind: this is something else
-        same = roots(one) & roots(other) and moves(bench, one) & moves(bench, other)
-        if one.where == other.where and (one.effect == other.effect or same):
+        there = one.where == other.where and roots(one) & roots(other)
+        if there and (one.effect == other.effect or moves(bench, one) & moves(bench, other)):
             return k
         if not (one.tied or other.tied) and likeness(bench, bench.columns(one)[0], mine) > ALIKE:
             return k

@@ -22,7 +22,8 @@ from errormodel.effects.base import Effect, axis_motion
 from errormodel.features import root
 from errormodel.machine import Joint, Machine
 from errormodel.units import factor, is_unit
-from identification.diagnosis.selection import Growth, Step
+from identification.diagnosis.choosing import Step
+from identification.diagnosis.selection import Growth
 from identification.diagnosis.statements import subject
 from identification.diagnosis.workbench import Workbench
 

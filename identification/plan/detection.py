@@ -15,7 +15,7 @@ from errormodel.arrays import Array, Index
 from errormodel.effects import registry
 from errormodel.effects.base import Effect
 from identification.diagnosis.candidates import ABSORBED, Candidates
-from identification.diagnosis.selection import DETECT
+from identification.diagnosis.choosing import DETECT
 from identification.diagnosis.workbench import Workbench
 
 QUANTILE = 1.645  # of the normal distribution: 95 % power

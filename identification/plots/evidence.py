@@ -11,7 +11,8 @@ from errormodel.arrays import Array, Index
 from errormodel.conventions import MOTIONS, TRANSLATIONS, Motion, iso_symbol
 from errormodel.effects.base import Effect
 from errormodel.features import CALL, POINT, root
-from identification.diagnosis.selection import Growth, Step
+from identification.diagnosis.choosing import Step
+from identification.diagnosis.selection import Growth
 from identification.diagnosis.workbench import Workbench
 from identification.plots import style
 

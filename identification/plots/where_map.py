@@ -15,7 +15,8 @@ from errormodel.arrays import Array
 from errormodel.conventions import MOTIONS, Motion, iso_symbol
 from errormodel.features import root
 from identification.diagnosis.candidates import Scores
-from identification.diagnosis.selection import Growth, Step
+from identification.diagnosis.choosing import Step
+from identification.diagnosis.selection import Growth
 from identification.plots import style
 from identification.plots.evidence import motions
 

@@ -10,9 +10,9 @@ from math import log10
 import numpy as np
 
 from errormodel.conventions import unit_of
+from identification.diagnosis.choosing import Step
 from identification.diagnosis.findings import Alternative, Finding, Untestable
 from identification.diagnosis.run import Diagnosed
-from identification.diagnosis.selection import Step
 from identification.estimates import decimals, printed
 from identification.plots.effect_curve import PERIODS, draw_effect_curve
 from identification.plots.evidence import Evidence, evidence_of

@@ -1,0 +1,91 @@
+"""One explanation against others at a step of the search, and when it is convincing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from errormodel.effects.base import Effect
+from identification.diagnosis import coloured
+from identification.diagnosis.workbench import Workbench
+
+DETECT = 7.0  # nats beyond the number of places looked at: one false alarm in a thousand
+CLEARLY = 6.0  # nats
+NEAR = 0.1  # of the best evidence
+FORM = 0.85  # a name may explain this much less than the best mere form: forms bend to anything
+
+
+@dataclass(frozen=True)
+class Step:
+    """One accepted effect.
+
+    Attributes
+    ----------
+    evidence : nats against nothing, given what was accepted before; `drop`: of the residual sum of squares, in noise
+        variances; `absorbed`: the part of it that the geometry hides.
+    rivals : other explanations at that step with their evidence, best first.
+    count : its parameters; `bend`: the part of the drop that is a departure from its textbook form.
+    partner : a second cause of the same motion that was accepted with it.
+    refines : number of the step that this one refines, or None: a finding of its own.
+    """
+
+    effect: Effect
+    evidence: float
+    drop: float
+    absorbed: float
+    count: int = 1
+    bend: float = 0.0
+    rivals: tuple[tuple[Effect, float], ...] = ()
+    partner: tuple[Effect, ...] = ()
+    refines: int | None = None
+    searched: int = 0
+
+
+def choose(bench: Workbench, steps: Sequence[Step]) -> Step:
+    """The named explanation with most evidence, unless a mere form explains clearly more, or as much more simply."""
+    ranked = sorted(steps, key=lambda s: -s.evidence)
+    forms = [s for s in ranked if s.effect.generic]
+    names = _names(bench, [s for s in ranked if not s.effect.generic])
+    if not forms or (names and forms[0].evidence <= names[0].evidence + CLEARLY):
+        return names[0]
+
+    def explains_as_much(name: Step) -> bool:
+        idle = name.count - forms[0].count  # parameters that the name has and the form does without
+        as_much = name.drop >= FORM * forms[0].drop
+        return as_much and (idle <= 1 or name.drop - forms[0].drop >= 2 * idle)
+
+    return next(filter(explains_as_much, names), forms[0])
+
+
+def _names(bench: Workbench, ranked: Sequence[Step]) -> list[Step]:
+    """Names in the order in which they are to be considered.
+
+    Of what is nearly alike, first what leaves residuals that need no correlated noise to be explained; and physics of
+    a form of its own that needs little bending before what follows any smooth curve.
+    """
+    if not ranked:
+        return []
+    reach = max(CLEARLY, NEAR * ranked[0].evidence)
+    near = [s for s in ranked if s.evidence > ranked[0].evidence - reach]
+    if len(near) > 1:
+        both = coloured.evidence(bench, [[s.effect] for s in near])
+        left = [s.evidence * max(nats, 0.0) / max(white, 1.0) for s, (white, nats) in zip(near, both, strict=True)]
+        near = [s for s, nats in zip(near, left, strict=True) if nats > max(left) - reach]
+    near = [s for s in near if s.evidence > near[0].evidence - CLEARLY]
+    most = max(s.drop - s.bend for s in near)
+    first = [s for s in near if not s.effect.pliant and s.drop - s.bend >= FORM * most] or near
+    return [*first, *(s for s in ranked if s not in first)]
+
+
+def convincing(bench: Workbench, step: Step, *, judged: bool = True) -> bool:
+    """Whether evidence outweighs the places looked at and, `judged`, what correlated noise would make of it."""
+    surplus = step.evidence - np.log(max(step.searched, 1)) - DETECT
+    return bool(surplus >= 0 and (not judged or surplus >= doubt(bench, step)))
+
+
+def doubt(bench: Workbench, step: Step) -> float:
+    """Nats of a step's evidence that noise correlated from row to row would make as well."""
+    [(white, any_noise)] = coloured.evidence(bench, [[step.effect, *step.partner]])
+    return max(0.0, white - any_noise)
