@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from errormodel.conventions import MOTIONS
 from errormodel.effects.axis_blunder import mended
-from errormodel.exceptions import InputError
+from errormodel.exceptions import InputError, nearest
 from errormodel.features import direction
 from errormodel.formats import open_tables
 from errormodel.formats.base import Table
@@ -28,8 +28,9 @@ from errormodel.survey_columns import (
     check_map,
     plan_columns,
 )
-from errormodel.survey_schema import FileEntry, Frame, Refit, SurveyForm, read_form
+from errormodel.survey_schema import BudgetEntry, FileEntry, Frame, Refit, SurveyForm, read_form
 from errormodel.survey_sizes import check_sizes, travel_notes
+from errormodel.yamlfile import Document
 
 Array = NDArray[np.float64]
 
@@ -57,6 +58,8 @@ class Survey:
         What the user gave.
     notes : tuple of str
         Warnings to print.
+    budget : tuple of BudgetEntry
+        What the user knows of uncertainties that the data do not show.
     """
 
     table: pd.DataFrame
@@ -65,6 +68,7 @@ class Survey:
     instrument: Instrument
     source: Path
     notes: tuple[str, ...] = ()
+    budget: tuple[BudgetEntry, ...] = ()
 
     def __len__(self) -> int:
         return len(self.table)
@@ -138,7 +142,18 @@ def read_survey(path: Path | str, machine: Machine, measured: bool = True) -> Su
         raise document.error(("files",), "only test files", "Give at least one file the role fit")
     table = mended(_assemble(parts, machine), machine)
     notes |= dict.fromkeys(travel_notes(table, machine))
-    return Survey(table, form.frame, tuple(form.refit), form.instrument, path, tuple(notes))
+    _check_budget(form, document, machine, [str(c) for c in table.columns])
+    return Survey(table, form.frame, tuple(form.refit), form.instrument, path, tuple(notes), tuple(form.budget))
+
+
+def _check_budget(form: SurveyForm, document: Document, machine: Machine, columns: list[str]) -> None:
+    """InputError about a line of the budget that acts on nothing this survey has."""
+    own = (c for c in columns if c.startswith("T_") or c == "load")
+    valid = ["prediction", "scale", *(j.name for j in machine.joints), *TOOL, *own]
+    for k, entry in enumerate(form.budget):
+        if entry.acts not in valid:
+            found = f"'{entry.acts}', which this survey does not have"
+            raise document.error(("budget", k, "acts"), found, nearest(entry.acts, valid))
 
 
 def _read_file(entry: FileEntry, tables: list[Table], machine: Machine, form: SurveyForm, measured: bool) -> Part:

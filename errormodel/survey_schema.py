@@ -6,10 +6,10 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias, Union
 
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 
 from errormodel.instruments import instruments
-from errormodel.instruments.base import Instrument
+from errormodel.instruments.base import Instrument, Positive
 from errormodel.instruments.plain import Plain
 from errormodel.units import UnitsBlock
 from errormodel.yamlfile import Document, FileModel, VersionedModel, load, validate
@@ -40,6 +40,46 @@ class FileEntry(FileModel):
     role: Role = Field("fit", description="fit (the parameters come from it) or test (held out)")
 
 
+Distribution = Literal["normal", "rectangular", "triangular", "arcsine"]
+DIVISORS: dict[Distribution, float] = {"rectangular": 3**0.5, "triangular": 6**0.5, "arcsine": 2**0.5}  # GUM 4.3
+
+
+class BudgetEntry(FileModel):
+    """A line of the uncertainty budget that the data do not show: what is known of it, and what it acts on."""
+
+    name: str = Field(min_length=1, description="what it is, such as scale factor of the tracker")
+    std: Positive | None = Field(None, description="its standard uncertainty (k = 1), above 0, such as 0.2")
+    half_width: Positive | None = Field(None, description="half of the width of its bounds, above 0, such as 0.5e-6")
+    distribution: Distribution | None = Field(None, description="between the bounds, such as rectangular")
+    dof: Positive | None = Field(None, description="degrees of freedom, above 0; left out: infinitely many")
+    type: Literal["A", "B"] = Field("B", description="A (from a statistical analysis) or B")
+    acts: str = Field(
+        "prediction",
+        description="what it acts on: prediction (mm), scale (of all measured lengths, 1), or a column: a temperature "
+        "T_bed (K), tool_x (mm), a joint (mm, rad)",
+    )
+
+    @model_validator(mode="after")
+    def _one(self) -> BudgetEntry:
+        if (self.std is None) == (self.half_width is None):
+            raise ValueError("Write either std or half_width")
+        if self.std is None and self.distribution == "normal":
+            raise ValueError("Write std: a normal distribution has no bounds")
+        if self.std is not None and self.distribution not in (None, "normal"):
+            raise ValueError("Write half_width: of this distribution the bounds are known")
+        return self
+
+    @property
+    def shape(self) -> Distribution:
+        """Its distribution; between bounds rectangular, where nothing is said."""
+        return self.distribution or ("rectangular" if self.std is None else "normal")
+
+    @property
+    def standard(self) -> float:
+        """Its standard uncertainty."""
+        return self.std if self.std is not None else (self.half_width or 0.0) / DIVISORS[self.shape]
+
+
 class SurveyForm(VersionedModel):
     """``survey.yaml``."""
 
@@ -49,6 +89,7 @@ class SurveyForm(VersionedModel):
     columns: dict[str, str] = Field({}, description='our column name: the name in your files, such as {mx: "X meas"}')
     units: SurveyUnits = Field(SurveyUnits(), description="a block such as {length: mm, angle: deg}")
     instrument: AnyInstrument = Field(Plain(), description="a block such as {type: cmm, sigma: [1e-3, 2e-6]}")
+    budget: list[BudgetEntry] = Field([], description="lines such as [{name: tool, std: 0.002, acts: tool_z}]")
 
     @field_validator("files")
     @classmethod

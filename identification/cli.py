@@ -2,102 +2,25 @@
 
 from __future__ import annotations
 
-import functools
-import inspect
 import io
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from errormodel import __version__
-from errormodel.exceptions import InputError
+from errormodel.exceptions import ErrorModelError, InputError
+from identification.console import ANY, FILE, FOLDER, app, command, one_line, say, show_notes, working
 
 if TYPE_CHECKING:
     from identification.describe import Description
     from identification.diagnosis.run import Diagnosed
     from identification.fit.result import Fit
 
-FOLDER = click.Path(path_type=Path, file_okay=False)
-FILE = click.Path(path_type=Path, dir_okay=False)
-ANY = click.Path(path_type=Path)
 DRAWINGS = (".svg", ".png", ".pdf")
 MOST_POSES = 10_000_000  # simulated in one go
 MOST_PLANNED = 2000
-
-
-class Group(click.Group):
-    """Commands in the order of the work, and a near name for one that does not exist."""
-
-    def list_commands(self, ctx: click.Context) -> list[str]:
-        return list(self.commands)
-
-    def resolve_command(
-        self, ctx: click.Context, args: list[str]
-    ) -> tuple[str | None, click.Command | None, list[str]]:
-        from errormodel.exceptions import nearest
-
-        if args and not args[0].startswith("-") and args[0] not in self.commands:
-            raise InputError("errormodel", f"there is no command '{args[0]}'", nearest(args[0], self.commands))
-        return super().resolve_command(ctx, args)
-
-
-@click.group(cls=Group, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
-@click.version_option(__version__, prog_name="errormodel")
-def app() -> None:
-    """Volumetric error models of machine tools, CMMs, gantries and arms.
-
-    MACHINE is a machine.yaml, or the name of a machine that comes with the tool (`errormodel machines` lists them).
-    SURVEY is a CSV, a survey.yaml, or a folder of CSV or Parquet parts.
-    """
-
-
-def command(function: Callable[..., None]) -> click.Command:
-    """Register a command with the options that every command has; those that draw no random numbers ignore the seed."""
-    draws = "seed" in inspect.signature(function).parameters
-
-    @functools.wraps(function)
-    def run(*args: Any, quiet: bool, seed: int, **kwargs: Any) -> None:
-        global _quiet  # noqa: PLW0603  one process runs one command
-        _quiet = quiet
-        function(*args, **kwargs, **({"seed": seed} if draws else {}))
-
-    run = click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Random seed.")(run)
-    run = click.option("--quiet", is_flag=True, help="Print nothing but errors.")(run)
-    return app.command()(run)
-
-
-_quiet = False
-
-
-def say(text: str = "") -> None:
-    """Print a line of the result."""
-    if not _quiet:
-        click.echo("\n".join(map(one_line, text.split("\n"))))
-
-
-@contextmanager
-def working(text: str) -> Iterator[None]:
-    """Show what is being done: a spinner on a terminal, a plain line elsewhere."""
-    if _quiet:
-        yield
-    elif sys.stderr.isatty():
-        from rich.console import Console
-
-        with Console(stderr=True).status(text):
-            yield
-    else:
-        say(f"{text} ...")  # not on stderr, which is left to what needs attention
-        yield
-
-
-def _notes(notes: tuple[str, ...]) -> None:
-    for note in notes:
-        if not _quiet:
-            click.secho(f"note: {one_line(note)}", err=True, fg="yellow")
 
 
 @command
@@ -132,7 +55,7 @@ def describe(machine: str, survey: Path | None, json_file: Path | None, drawing:
         from errormodel.survey import read_survey
 
         points = read_survey(survey, model, measured=False)
-        _notes(points.notes)
+        show_notes(points.notes)
     description = stage.describe(model, points)
     if json_file is not None:
         from errormodel.files import write_text_atomic
@@ -227,7 +150,7 @@ def simulate(machine: str, points: str, parameters: Path | None, noise: str, out
         table = stage.random_points(model, _count(points), seed)
     else:
         survey = read_survey(Path(points), model, measured=False)
-        _notes(survey.notes)
+        show_notes(survey.notes)
         table, instrument = survey.table, survey.instrument
     truth = stage.read_truth(parameters, Chain(model)) if parameters is not None else stage.Truth({})
     measured = stage.simulate(model, table, truth, _noise(noise, instrument), seed)
@@ -264,7 +187,10 @@ def _noise(text: str, instrument: Any) -> Any:
 @click.argument("machine")
 @click.argument("survey", type=ANY)
 @click.option("--out", type=FOLDER, required=True, help="Folder for fit.json, the tables and report.html.")
-def fit(machine: str, survey: Path, out: Path) -> None:
+@click.option("--robust", is_flag=True, help="Weigh rows by how far they lie from the others; outliers are named.")
+@click.option("--bayes", is_flag=True, help="The posterior: unknown noise, shapes of effects, with --robust outliers.")
+@click.option("--priors", type=FILE, help="YAML: what is known beforehand, for --bayes.")
+def fit(machine: str, survey: Path, out: Path, robust: bool, bayes: bool, priors: Path | None, seed: int) -> None:
     """Fit the machine's parameters to a SURVEY: values, uncertainties, residuals, a report."""
     from errormodel.schema import read_machine
     from errormodel.survey import read_survey
@@ -273,9 +199,13 @@ def fit(machine: str, survey: Path, out: Path) -> None:
     model = read_machine(machine)
     with working("Reading"):
         data = read_survey(survey, model)
-    _notes(data.notes)
+    show_notes(data.notes)
     with working("Fitting"):
-        result = fit_machine(model, data)
+        result = fit_machine(model, data, robust)
+    if bayes or priors:
+        from identification.cli_bayes import with_posterior
+
+        result = with_posterior(result, lambda m: fit_machine(m, data, robust), bayes, priors, robust, seed, out)
     _save(result, out)
     _say_fit(result, out)
 
@@ -285,6 +215,12 @@ def _save(result: Fit, out: Path, diagnosed: Diagnosed | None = None) -> None:
 
     with working("Writing tables"):
         store.save(result, out)
+        if result.posterior is not None:
+            from identification.bayes.netcdf import write_netcdf
+
+            write_netcdf(result, result.posterior, out / "posterior.nc")
+        else:
+            (out / "posterior.nc").unlink(missing_ok=True)  # of another fit
     with working("Drawing the report"):
         from identification.report import write_report
 
@@ -317,9 +253,9 @@ def diagnose(machine: str, survey: Path, out: Path) -> None:
     model = read_machine(machine)
     with working("Reading"):
         data = read_survey(survey, model)
-    _notes(data.notes)
+    show_notes(data.notes)
     result = stage(model, data, working)
-    _notes(tuple(n for n in result.diagnosis.notes if n not in data.notes))
+    show_notes(tuple(n for n in result.diagnosis.notes if n not in data.notes))
     _save(result.final, out, result)
     write_text_atomic(dumps(result.diagnosis.as_json()), out / "diagnosis.json")
     for line in diagnosis_lines(result.diagnosis):
@@ -342,12 +278,15 @@ def predict(folder: Path, points: Path, out: Path) -> None:
     stored = store.load(folder)
     machine = stored.chain.machine
     survey = read_survey(points, machine, measured=False)
-    _notes((*survey.notes, *stage.frame_notes(stored, survey)))
+    show_notes((*survey.notes, *stage.frame_notes(stored, survey)))
     with working("Predicting"):
         result = stage.predict(stored, survey)
     table = outward(survey.table, machine).drop(columns=["file", "role", "row", *result.columns], errors="ignore")
     write_csv(table.join(result), out)
     say(f"{len(result)} predictions written to {out}")
+
+
+from identification import cli_compensate  # noqa: E402, F401  registers its command, after the others
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -358,6 +297,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         app(arguments, prog_name="errormodel", standalone_mode=False)
     except InputError as error:
         _fail(str(error))
+    except ErrorModelError as error:
+        _fail(str(error), code=1)
     except click.exceptions.NoArgsIsHelpError as error:
         error.show()
         sys.exit(2)
@@ -370,14 +311,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         sys.exit(1)
 
 
-def one_line(message: str) -> str:
-    """A message as a terminal may show it: names in it are anybody's."""
-    return "".join(c if c.isprintable() else " " for c in message)
-
-
-def _fail(message: str) -> None:
+def _fail(message: str, code: int = 2) -> None:
     click.secho(f"error: {one_line(message)}", err=True, fg="red")
-    sys.exit(2)
+    sys.exit(code)
 
 
 if __name__ == "__main__":

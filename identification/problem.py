@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from errormodel.arrays import Array, Index, as_rows
+from errormodel.arrays import Array, Index, Mask, as_rows
 from errormodel.chain import Chain, What
 from errormodel.conventions import MOTIONS, TRANSLATIONS
 from errormodel.exceptions import InputError
@@ -144,6 +144,7 @@ def build(
     if ids is None:
         views += motion_views
         free += zeros
+        declared |= _stated(survey, motion_views)
     if not views:
         raise InputError(str(survey.source), "no row holds a measured value", "Give mx my mz in at least one row")
     return Problem(chain, tuple(views), (*free, *own), frames, labels, declared, mount)
@@ -201,13 +202,18 @@ def _whitener(survey: Survey, index: Index) -> tuple[Array, bool]:
         if not missing.any():
             return np.ones(len(index)), False
         covariance = np.broadcast_to(np.eye(3), (len(index), 3, 3))
+    return marginal_whitener(covariance, missing), known
+
+
+def marginal_whitener(covariance: Array, missing: Mask) -> Array:
+    """Whiteners (n, 3, 3) of what was measured: marginal covariance (n, 3, 3), no equation for what is missing."""
     covariance = covariance.copy()
-    covariance[missing] = 0.0  # marginal covariance of what was measured ...
+    covariance[missing] = 0.0
     covariance.transpose(0, 2, 1)[missing] = 0.0
     covariance[:, range(3), range(3)] += missing
-    whitener = np.linalg.inv(np.linalg.cholesky(covariance))
-    whitener[missing] = 0.0  # ... and no equation for what was not
-    return whitener, known
+    whitener = np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)))
+    whitener[missing] = 0.0
+    return whitener
 
 
 def _motion_views(chain: Chain, survey: Survey, joint: Array) -> tuple[list[View], list[str]]:
@@ -230,6 +236,7 @@ def _motion_views(chain: Chain, survey: Survey, joint: Array) -> tuple[list[View
                 if not len(index):
                     continue
                 rows_seen = as_rows(*(np.nan_to_num(c[index]) for c in channels))
+                sigma = table[f"u_{motion}"].to_numpy(dtype=float)[index] if f"u_{motion}" in table else np.ones(1)
                 views.append(
                     MotionView(
                         kind="displacement" if motion in TRANSLATIONS else "angle",
@@ -237,7 +244,7 @@ def _motion_views(chain: Chain, survey: Survey, joint: Array) -> tuple[list[View
                         ids=ids,
                         columns=(*ids, *zero),
                         rows=rows_seen,
-                        whitener=np.ones(len(index)),
+                        whitener=np.broadcast_to(1 / np.where(np.isnan(sigma), 1.0, sigma), len(index)).copy(),
                         index=index,
                         outputs=(k,),
                         measured=values[index],
@@ -245,6 +252,28 @@ def _motion_views(chain: Chain, survey: Survey, joint: Array) -> tuple[list[View
                 )
                 zeros.append(zero[k])
     return views, zeros
+
+
+def _stated(survey: Survey, views: Sequence[View]) -> frozenset[Kind]:
+    """The kinds of error-motion readings whose uncertainty the survey states.
+
+    Raises
+    ------
+    InputError
+        It does for some of a kind and not for others, so that they cannot be weighed against each other.
+    """
+    table, stated = survey.table, dict[Kind, bool]()
+    for view in views:
+        name = f"u_{MOTIONS[view.outputs[0]]}"
+        column = table[name].to_numpy(dtype=float) if name in table else np.full(len(table), np.nan)
+        known = np.isfinite(column[view.index])
+        odd = view.index[known != stated.setdefault(view.kind, bool(known[0]))]
+        if len(odd):
+            row = table.iloc[odd[0]]
+            found = f"{view.kind} readings with a standard uncertainty beside others without"
+            cure = f"Give the uncertainty of every {view.kind} that was read ({name} and the like), or of none"
+            raise InputError(f"{row['file']}, row {row['row']}, column {name}", found, cure)
+    return frozenset(kind for kind, known in stated.items() if known)
 
 
 def group_order(chain: Chain, unknowns: Sequence[str]) -> list[int]:

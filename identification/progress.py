@@ -12,3 +12,12 @@ Tell = Callable[[str], AbstractContextManager[None]]
 def silent(text: str) -> AbstractContextManager[None]:
     """Say nothing."""
     return nullcontext()
+
+
+Steps = Callable[[str], AbstractContextManager[Callable[[float, str], None]]]
+"""Called with the name of work that knows how far it is; yields what is told the share done, 0 to 1, and a remark."""
+
+
+def uncounted(text: str) -> AbstractContextManager[Callable[[float, str], None]]:
+    """Say nothing."""
+    return nullcontext(lambda _share, _remark: None)

@@ -13,6 +13,7 @@ from errormodel import __version__
 from errormodel.arrays import Array
 from errormodel.chain import Chain
 from errormodel.exceptions import InputError
+from errormodel.features import root
 from errormodel.files import write_csv, write_text_atomic
 from errormodel.schema import read_machine, write_machine
 from errormodel.simulate import outward
@@ -20,6 +21,7 @@ from errormodel.survey import Survey
 from identification.alignment import Pose
 from identification.fit.result import Fit, Spread
 from identification.fit.run import moved
+from identification.gain import leverages
 
 SCHEMA = "errormodel.fit/1"
 CURE = "Give the folder that `errormodel fit ... --out DIR` wrote"
@@ -53,7 +55,13 @@ def as_json(fit: Fit) -> dict[str, Any]:
         "fitted": asdict(fit.fitted),
         "heldout": asdict(fit.heldout) | {"blocks": fit.folds},
         "test": [
-            {"path": t.path, "nominal": asdict(t.nominal), "fitted": asdict(t.fitted), "refit": t.refit}
+            {
+                "path": t.path,
+                "nominal": asdict(t.nominal),
+                "fitted": asdict(t.fitted),
+                "refit": t.refit,
+                "frame": [{"label": label, "alignment": _pose_json(pose)} for label, pose in t.frames.items()],
+            }
             for t in fit.tests
         ],
         "sigma_um": 1e3 * fit.sigma_mm,
@@ -64,7 +72,13 @@ def as_json(fit: Fit) -> dict[str, Any]:
         "inflation": fit.inflation,
         "passes": s.passes,
         "converged": s.converged,
+        "budget": fit.budgets.as_json(),
+        "posterior": fit.posterior.as_json() if fit.posterior else None,
         "notes": list(fit.notes),
+        "robust": fit.sorting is not None,
+        "outliers": [o.as_json() for o in fit.outliers],
+        "correlations": correlations(fit),
+        "next_poses": [] if fit.gain.poses is None else fit.gain.poses.to_dict("records"),
     }
 
 
@@ -72,6 +86,7 @@ def parameters(fit: Fit) -> list[dict[str, Any]]:
     """One entry a group: id of the base parameter, the group as a formula, value, standard uncertainty, unit."""
     s, chain = fit.solution, fit.chain
     std = np.sqrt(np.diag(s.covariance)) * fit.inflation
+    best = fit.gain.best
     out = []
     for k, j in enumerate(s.groups.base):
         name = s.unknowns[j]
@@ -86,10 +101,23 @@ def parameters(fit: Fit) -> list[dict[str, Any]]:
                 "symbol": known.symbol if known else "",
                 "value": float(s.values[j]),
                 "std": float(std[k]),
+                "std_after_10_more": float(fit.gain.like_these[k]),
+                "std_after_10_best": None if best is None else float(best[k]),
                 "unit": known.unit if known else ("mm" if motion in ("dx", "dy", "dz") else "rad"),
             }
         )
     return out
+
+
+def correlations(fit: Fit, least: float = 0.9, most: int = 100) -> list[dict[str, Any]]:
+    """Pairs of groups that hang together, the strongest first; all correlations follow from ``covariance.csv``."""
+    s = fit.solution
+    std = np.sqrt(np.diag(s.covariance))
+    matrix = np.triu(s.covariance / np.outer(std, std), 1)
+    pairs = np.argwhere(np.abs(matrix) > least)
+    order = np.argsort(-np.abs(matrix[tuple(pairs.T)]), kind="stable")[:most]
+    names = [s.unknowns[j] for j in s.groups.base]
+    return [{"groups": [names[i], names[j]], "correlation": float(matrix[i, j])} for i, j in pairs[order]]
 
 
 def save(fit: Fit, folder: Path) -> None:
@@ -135,19 +163,27 @@ def _residual_table(fit: Fit) -> Any:
     """Every measured row: nominal and fitted residual (and held out), um, in the measuring frame."""
     import pandas as pd
 
+    whole = fit.sorting or fit  # outliers have residuals too
     parts: list[tuple[Survey, Array, Array, Array | None]] = [
-        (fit.survey, fit.nominal_residuals, fit.residuals, fit.heldout_residuals)
+        (fit.survey, whole.nominal_residuals, whole.residuals, fit.heldout_residuals)
     ]
     parts += [(t.survey, t.nominal_residuals, t.residuals, None) for t in fit.tests]
     tables = []
     for survey, nominal, fitted, heldout in parts:
         table = outward(survey.table, fit.chain.machine)
-        wanted = ("file", "role", "row", "run", "time", *fit.chain.channels)
+        wanted = ("file", "role", "row", "run", "time", *fit.chain.channels, *map(root, fit.chain.channels))
         table = table[[c for c in dict.fromkeys(wanted) if c in table]].copy()
         for name, values in (("nominal", nominal), ("residual", fitted), ("heldout", heldout)):
             if values is not None:
                 table[[f"{name}_{axis}_um" for axis in "xyz"]] = 1e3 * values
         tables.append(table)
+    tables[0]["leverage"] = leverages(fit)
+    if fit.sorting is not None:
+        tables[0]["distance_sigma"], tables[0]["weight"] = fit.sorting.distance, fit.sorting.weight
+        words: list[list[str]] = [[] for _ in range(len(tables[0]))]
+        for o in fit.outliers:
+            words[o.index].append(o.what)
+        tables[0]["outlier"] = [" ".join(own) for own in words]
     return pd.concat(tables, ignore_index=True)
 
 
@@ -163,11 +199,29 @@ class StoredFit:
     groups: dict[str, dict[str, float]]  # members of each group and their coefficients
     frame_mode: str  # which rows of a survey share a measuring frame
     frames: dict[str, Pose]  # alignments, which the small frame parameters follow
+    test_frames: dict[str, dict[str, Pose]]  # the same for each test file
     data: dict[str, Any]
 
     @property
     def fitted(self) -> Spread:
         return Spread(**self.data["fitted"])
+
+
+def stored(fit: Fit) -> StoredFit:
+    """The fit as it would come back from its folder, without its figures."""
+    entries = parameters(fit)
+    return StoredFit(
+        chain=fit.chain,
+        values={p["id"]: p["value"] for p in entries},
+        base=tuple(p["id"] for p in entries),
+        covariance=fit.solution.covariance * fit.inflation**2,
+        units={p["id"]: p["unit"] for p in entries},
+        groups={p["id"]: p["members"] for p in entries},
+        frame_mode=fit.survey.frame,
+        frames=fit.problem.frames,
+        test_frames={t.path: t.frames for t in fit.tests},
+        data={},
+    )
 
 
 def load(folder: Path) -> StoredFit:
@@ -178,8 +232,6 @@ def load(folder: Path) -> StoredFit:
     InputError
         The folder holds no finished fit, or its files do not belong together.
     """
-    from scipy.spatial.transform import Rotation
-
     path = folder / "fit.json"
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
@@ -195,13 +247,8 @@ def load(folder: Path) -> StoredFit:
             {p["id"]: str(p["unit"]) for p in entries},
             {p["id"]: {str(m): float(c) for m, c in p["members"].items()} for p in entries},
             str(data["frame_mode"]),
-            {
-                str(f["label"]): Pose(
-                    Rotation.from_rotvec(f["alignment"]["rotation"]).as_matrix(),
-                    np.array(f["alignment"]["translation"], dtype=float),
-                )
-                for f in data["frame"]
-            },
+            _poses(data["frame"]),
+            {str(t["path"]): _poses(t.get("frame", [])) for t in data["test"]},
             data,
         )
     except OSError as error:
@@ -209,6 +256,19 @@ def load(folder: Path) -> StoredFit:
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise InputError(str(path), f"it cannot be read as a fit ({type(error).__name__}: {error})", CURE) from error
     return fit
+
+
+def _poses(entries: list[dict[str, Any]]) -> dict[str, Pose]:
+    """Alignments by label, as `_pose_json` wrote them."""
+    from scipy.spatial.transform import Rotation
+
+    return {
+        str(f["label"]): Pose(
+            Rotation.from_rotvec(f["alignment"]["rotation"]).as_matrix(),
+            np.array(f["alignment"]["translation"], dtype=float),
+        )
+        for f in entries
+    }
 
 
 def _machine_of(folder: Path, base: tuple[str, ...]) -> Chain:

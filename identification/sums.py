@@ -28,6 +28,12 @@ class Sums:
     def zero(cls, p: int) -> Sums:
         return cls(np.zeros((p, p)), np.zeros(p))
 
+    def moved(self, base: Index, step: Array) -> Sums:
+        """The sums with the residual taken a small step of some unknowns further, without streaming."""
+        along = self.gram[:, base] @ step
+        square = self.square - 2 * float(step @ self.slope[base]) + float(step @ along[base])
+        return Sums(self.gram, self.slope - along, square, self.count)
+
 
 def accumulate(
     views: Sequence[View],

@@ -12,6 +12,8 @@ from identification.estimates import printed
 from identification.fit.result import Fit, Spread
 from identification.store import parameters
 
+SHOWN = 12  # outliers
+
 
 def description_lines(description: Description) -> Iterator[str]:
     """Chain, counts, groups, and what has no effect."""
@@ -68,6 +70,7 @@ def fit_lines(fit: Fit) -> Iterator[str]:
     yield f"\nnoise of one coordinate {1e3 * fit.sigma_mm:.2f} um ({how}), {fit.solution.dof} degrees of freedom{chi}"
     if fit.inflation > 1:
         yield f"residuals exceed the declared uncertainty: standard uncertainties are multiplied by {fit.inflation:.2f}"
+    yield from _outlier_lines(fit)
     framed = [any(m.startswith(("frame.", "frame[", "zero[")) for m in p["members"]) for p in parameters(fit)]
     listed = [p for p, shared in zip(parameters(fit), framed, strict=True) if not shared]
     listed.sort(key=lambda p: -abs(p["value"]) / p["std"] if p["std"] else -np.inf)
@@ -78,6 +81,22 @@ def fit_lines(fit: Fit) -> Iterator[str]:
         yield f"  {p['symbol']:6} {value:11.3f} +- {std:8.3f} {unit.replace('µ', 'u'):7} {p['group']}"
     if any(framed):
         yield f"  and {sum(framed)} groups of, or shared with, the measuring frame"
+
+
+def _outlier_lines(fit: Fit) -> Iterator[str]:
+    """The rows that a robust fit leaves out."""
+    if fit.sorting is None:
+        return
+    if not fit.outliers:
+        yield "robust: no row is an outlier"
+        return
+    rows = len({o.index for o in fit.outliers})
+    yield f"\nrobust: {rows} of {len(fit.survey)} rows take no part, in whole or with what is named"
+    for o in sorted(fit.outliers, key=lambda o: -o.distance_sigma)[:SHOWN]:
+        size = f", {o.residual_um:.6g} um" if np.isfinite(o.residual_um) else ""
+        yield f"  {o.file}, row {o.row}: {o.what}, {o.distance_sigma:.3g} sigma{size}"
+    if len(fit.outliers) > SHOWN:
+        yield f"  and {len(fit.outliers) - SHOWN} more in fit.json"
 
 
 def diagnosis_lines(diagnosis: Diagnosis) -> Iterator[str]:

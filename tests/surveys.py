@@ -18,7 +18,7 @@ from errormodel.simulate import Truth, random_points, simulate
 from errormodel.survey import Survey
 from identification.fit.result import Fit
 from identification.predict import predict
-from identification.store import StoredFit, parameters
+from identification.store import stored
 from tests.chains import Array
 
 OBLIQUE = np.array([0.48, 0.6, 0.64])
@@ -55,22 +55,6 @@ def survey(*tables: pd.DataFrame, frame: str = "shared", instrument: Instrument 
     table = pd.concat(tables, ignore_index=True)
     given: Mapping[str, Any] = {"refit": ("frame",), "source": Path("survey.yaml"), **more}
     return Survey(table, frame, instrument=instrument or Plain(type="plain"), **given)  # type: ignore[arg-type]
-
-
-def stored(fit: Fit) -> StoredFit:
-    """The fit as it would come back from its folder."""
-    entries, s = parameters(fit), fit.solution
-    return StoredFit(
-        chain=fit.chain,
-        values={p["id"]: p["value"] for p in entries},
-        base=tuple(p["id"] for p in entries),
-        covariance=s.covariance * fit.inflation**2,
-        units={p["id"]: p["unit"] for p in entries},
-        groups={p["id"]: p["members"] for p in entries},
-        frame_mode=fit.survey.frame,
-        frames=fit.problem.frames,
-        data={},
-    )
 
 
 def rms(gap: Array) -> float:

@@ -25,9 +25,10 @@ def test_two_commands_of_one_line_come_first() -> None:
 
 def test_the_first_command_finds_what_the_demonstration_hides(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
-    words = shlex.split(SHELL[0][0].split("&&")[-1])
-    assert words[0] == ".venv/bin/errormodel"
-    assert words[-2] == "--out"
+    diagnose, compensate = (shlex.split(part) for part in SHELL[0][0].split("&&")[-2:])
+    assert diagnose[0] == compensate[0] == ".venv/bin/errormodel"
+    words = diagnose
+    assert words[-2] == compensate[-2] == "--out"
     printed = done(*words[1:-1], tmp_path / "demo").out
     (finding,) = json.loads((tmp_path / "demo/diagnosis.json").read_text())["findings"]
     assert finding["statement"] in printed
@@ -39,6 +40,10 @@ def test_the_first_command_finds_what_the_demonstration_hides(tmp_path: Path, mo
     for name in ("fit.json", "parameters.csv", "residuals.csv", "machine.yaml", "report.html"):
         assert (tmp_path / "demo" / name).stat().st_size > 0, name
         assert f"`{name}`" in README, name
+    assert compensate[2] == words[-1]
+    done("compensate", tmp_path / "demo", *compensate[3:-1], tmp_path / "demo/tables")
+    figures = json.loads((tmp_path / "demo/tables/compensation.json").read_text())["sets"][0]["figures"]
+    assert all(f["removed"] > 0.9 for f in figures[:2])
 
 
 def test_every_effect_stands_in_the_table_of_its_family() -> None:

@@ -8,7 +8,7 @@ Where no uncertainty is declared, each kind of observation gets its own noise le
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,12 +16,14 @@ from threadpoolctl import threadpool_limits
 
 from errormodel.arrays import Array
 from errormodel.chain import Chain
+from errormodel.kernel import BLOCK
 from identification.groups import Floors, Groups, find_groups
 from identification.problem import group_order
 from identification.sums import SAMPLE, Sums, accumulate, design_rows, full_norms, sampled, total
 from identification.views import GapView, Kind, View
 
 FINEST = 1e-4  # of the coarsest kind of observation, by what it moves at the far end
+SHAKY = 1e4  # condition from which normal equations give fewer than eight digits
 MOST_PASSES = 30
 MOST_RETREATS = 6
 
@@ -40,6 +42,7 @@ class Solution:
     passes : streams through the data; `converged`: the last step was negligible.
     precision : (u,) of what is known beforehand, about zero.
     left : of a linear fit, the residual of each view whose weights are alike in all directions, (outputs, n).
+    kept : mean square of the weighted residuals of positions, in noise variances: not 1 if rows are weighted robustly.
     """
 
     unknowns: tuple[str, ...]
@@ -55,6 +58,7 @@ class Solution:
     converged: bool
     precision: Array
     left: tuple[Array, ...] = ()
+    kept: float = 1.0
 
     def named(self) -> dict[str, float]:
         return dict(zip(self.unknowns, self.values.tolist(), strict=True))
@@ -68,17 +72,19 @@ def solve(
     declared: frozenset[Kind] = frozenset(),
     *,
     exact: bool = True,
+    levels: Mapping[Kind, float] | None = None,
 ) -> Solution:
     """Estimate the unknowns from the views.
 
     Parameters
     ----------
     held : (chain parameters,) values of parameters that are known; None: zero.
+    levels : noise level of each kind in units of its whitener; None: 1 where declared, else estimated.
     exact : bool
         False solves the linear model ``gap = M values`` only.
     """
     with threadpool_limits(1, "blas"):  # blocks are small: two threads would wait for each other
-        return _Solver(chain, views, tuple(unknowns), held, declared, exact).run()
+        return _Solver(chain, views, tuple(unknowns), held, declared, exact, levels).run()
 
 
 def identifiable(
@@ -116,6 +122,7 @@ class _Solver:
         held: Array | None,
         declared: frozenset[Kind],
         exact: bool,
+        levels: Mapping[Kind, float] | None,
     ) -> None:
         self.chain, self.views, self.unknowns, self.declared, self.exact = chain, views, unknowns, declared, exact
         self.held = np.zeros(len(chain.ids)) if held is None else held
@@ -123,8 +130,10 @@ class _Solver:
             self.views = [GapView.of(v, self.held) if v.whitener.ndim == 1 else v for v in views]
         self.taken = np.zeros(len(unknowns))
         self.place = {name: k for k, name in enumerate(unknowns)}
-        self.sigma: dict[Kind, float] = {v.kind: 1.0 for v in views}
-        self.precision = _known_beforehand(chain, unknowns)
+        self.sigma: dict[Kind, float] = {v.kind: 1.0 for v in views} | dict(levels or {})
+        self.known = declared if levels is None else frozenset(levels)
+        self.precision = known_beforehand(chain, unknowns)
+        self.relinearised = False
 
     def run(self) -> Solution:
         start = self.pass_(np.zeros(len(self.unknowns)), None, gram=True)
@@ -145,8 +154,7 @@ class _Solver:
             self.taken = np.zeros(len(self.unknowns))
             self.update_noise(start, groups)
         base = groups.base
-        gram, _ = self.total(sums)
-        covariance = _inverse(gram[np.ix_(base, base)])
+        covariance = self.covariance(groups, sums)
         free = groups.rank - round(float(np.diag(covariance) @ self.precision[base]))  # what a prior holds is not free
         return Solution(
             self.unknowns,
@@ -163,6 +171,21 @@ class _Solver:
             self.precision,
             tuple(v.gap for v in self.views if isinstance(v, GapView)),
         )
+
+    def covariance(self, groups: Groups, sums: dict[Kind, Sums]) -> Array:
+        """Of the base; where the normal equations have lost digits, from a triangular factor of all rows."""
+        base = groups.base
+        if groups.condition < SHAKY or self.relinearised:
+            gram, _ = self.total(sums)
+            return scaled_inverse(gram[np.ix_(base, base)])
+        factor = np.diag(np.sqrt(self.precision[base]))
+        for view in self.views:
+            for start in range(0, len(view), BLOCK):
+                rows = design_rows(view.part(slice(start, start + BLOCK)), self.place, BLOCK)[:, base]
+                factor = np.asarray(np.linalg.qr(np.vstack([factor, rows / self.sigma[view.kind]]), mode="r"))
+        norms = np.linalg.norm(factor, axis=0)
+        inverse = np.linalg.solve(factor / norms, np.eye(len(base))) / norms[:, None]
+        return np.asarray(inverse @ inverse.T)
 
     def misfit(self, sums: dict[Kind, Sums]) -> float:
         """Whitened residual sum of squares at the present noise levels."""
@@ -217,21 +240,23 @@ class _Solver:
             gram, slope = self.total(sums)
             if not np.isfinite(slope).all():
                 return values, sums, passes, False
-            step = _scaled_solve(gram[pick], slope[base])
+            step = scaled_solve(gram[pick], slope[base])
             if passes == 1:  # all steps are measured alike: noise levels fall with the residual as long as it falls
                 measure, round_off = gram[pick], self.round_off()
             size = float(np.sqrt(max(float(step @ measure @ step), 0.0)))
             first = first or size
             small = max(1e-6 * first, round_off)
             # the residual at `values` is known; a step that rounds away, or no longer shrinks, is not worth a pass
-            if size <= 1e-12 * first or (size <= small and size > 0.5 * last):
+            if size <= small and size > 0.5 * last:
                 return values, sums, passes, True
             values = values.copy()
             values[base] += step
+            if size <= 1e-12 * first:
+                return values, {kind: s.moved(base, step) for kind, s in sums.items()}, passes, True
             relinearise = passes > 1 and size > max(0.2 * last, small)  # errors so large that M itself has changed
             last = size
             if relinearise and self.exact:
-                at = values
+                at, self.relinearised = values, True
             fresh = self.pass_(values, at, gram=relinearise)
             if not relinearise:
                 for kind, old in sums.items():
@@ -252,18 +277,19 @@ class _Solver:
 
     def update_noise(self, sums: dict[Kind, Sums], groups: Groups) -> None:
         """Noise level of each kind that has none declared, from the residuals one step ahead."""
-        open_kinds = [k for k in sums if k not in self.declared]
+        open_kinds = [k for k in sums if k not in self.known]
         base = groups.base
         pick = np.ix_(base, base)
         for _ in range(50 if open_kinds and len(sums) > 1 else 1):
             gram, slope = self.total(sums)
-            step = _scaled_solve(gram[pick], slope[base])
-            inverse = _inverse(gram[pick])
+            step = scaled_solve(gram[pick], slope[base])
+            inverse = scaled_inverse(gram[pick])
             before = dict(self.sigma)
             for kind in open_kinds:
                 own = sums[kind]
                 square = own.square - 2 * float(step @ own.slope[base]) + float(step @ own.gram[pick] @ step)
                 used = float(np.sum(inverse * own.gram[pick])) / self.sigma[kind] ** 2
+                used = len(base) if len(sums) == 1 and not self.precision.any() else used  # exactly
                 free = own.count - used
                 floor = 1e-30 * max(own.square, 1e-30)
                 self.sigma[kind] = float(np.sqrt(max(square, floor) / max(free, 1e-3)))
@@ -275,13 +301,14 @@ class _Solver:
                 break
 
 
-def _known_beforehand(chain: Chain, unknowns: Sequence[str]) -> Array:
+def known_beforehand(chain: Chain, unknowns: Sequence[str]) -> Array:
     """Precision (unknowns,) about zero of what a prior holds: 1/variance, 0 where there is none."""
     priors = [chain.parameters[chain.index[u]].prior if u in chain.index else None for u in unknowns]
     return np.array([0.0 if p is None else p**-2 for p in priors])
 
 
-def _scaled_solve(gram: Array, slope: Array) -> Array:
+def scaled_solve(gram: Array, slope: Array) -> Array:
+    """Solution of normal equations, by their columns' scale."""
     from scipy.linalg import cho_factor, cho_solve
 
     if not len(slope):
@@ -294,7 +321,8 @@ def _scaled_solve(gram: Array, slope: Array) -> Array:
         return np.asarray(d * (np.linalg.pinv(unit, rcond=1e-12, hermitian=True) @ (d * slope)))
 
 
-def _inverse(gram: Array) -> Array:
+def scaled_inverse(gram: Array) -> Array:
+    """Inverse of normal equations, by their columns' scale."""
     from scipy.linalg import cho_factor, cho_solve
 
     if not len(gram):

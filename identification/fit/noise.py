@@ -132,7 +132,7 @@ def correlated(problem: Problem, solution: Solution) -> tuple[Solution, Noise | 
         vector = view_vector(view, place, solution.values, zero)
         gap = np.hstack([view.whiten(part, g) for part, g in view.gaps(vector)])
         seen = np.abs(gap).max(axis=1, initial=0.0) > 0  # components that were measured
-        residuals.append(gap[seen].ravel() / level)
+        residuals.append(gap[seen].ravel() / (level * np.sqrt(solution.kept)))
         parts.append((view, np.repeat(seen, len(view))))
         edges += [edges[-1] + k * len(view) for k in range(1, seen.sum() + 1)]
     residual = np.concatenate(residuals)

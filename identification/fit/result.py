@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,9 +14,15 @@ from errormodel.chain import Chain
 from errormodel.survey import Survey
 from identification.alignment import Pose
 from identification.fit.least_squares import Solution
+from identification.fit.outliers import Outlier, Sorting
 from identification.problem import Problem
 from identification.sums import view_vector
 from identification.views import PositionView, View
+
+if TYPE_CHECKING:
+    from identification.bayes.posterior import Posterior
+    from identification.budget import Budgets
+    from identification.gain import Gain
 
 
 @dataclass(frozen=True)
@@ -69,6 +77,13 @@ class Fit:
     heldout_residuals: Array
     tests: tuple[TestFile, ...] = ()
     notes: tuple[str, ...] = field(default=())
+    posterior: Posterior | None = None
+    sorting: Sorting | None = None  # of a robust fit; residuals are then NaN for its outliers
+
+    @property
+    def outliers(self) -> tuple[Outlier, ...]:
+        """What a robust fit leaves out; nothing else does."""
+        return () if self.sorting is None else self.sorting.outliers
 
     @property
     def held(self) -> Array:
@@ -82,6 +97,20 @@ class Fit:
     def sigma_mm(self) -> float:
         """Standard uncertainty of one measured coordinate as the residuals show it, mm."""
         return position_sigma(self.problem.views, self.solution)
+
+    @cached_property
+    def budgets(self) -> Budgets:
+        """The uncertainty budgets of the prediction and of each group."""
+        from identification.budget import budgets_of
+
+        return budgets_of(self)
+
+    @cached_property
+    def gain(self) -> Gain:
+        """What ten more poses would bring."""
+        from identification.gain import gain_of
+
+        return gain_of(self)
 
     @property
     def inflation(self) -> float:

@@ -16,52 +16,79 @@ from errormodel.survey import Survey
 from identification.alignment import IDENTITY, Pose
 from identification.fit.least_squares import Solution, identifiable, solve
 from identification.fit.noise import Noise, correlated
+from identification.fit.outliers import sort_rows
 from identification.fit.result import Fit, Spread, TestFile, residuals_of
+from identification.fit.robust import first_judgement, settle
+from identification.fit.weights import Judgement
 from identification.problem import Problem, build, frame_columns, frame_labels
 from identification.sums import accumulate, total
 from identification.views import OrientationView, PositionView, View, anywhere
 
+REDUNDANT = 2  # equations a group, of a robust fit
 BLOCK_ROWS = 600  # consecutive rows left out together, in large surveys; a tenth of the rows in small ones
 
 
-def fit_machine(machine: Machine, survey: Survey) -> Fit:
+def fit_machine(machine: Machine, survey: Survey, robust: bool = False) -> Fit:
     """Fit all parameters, frames and noise levels to the survey's fit rows; then look at its test files.
+
+    Parameters
+    ----------
+    robust : rows far from what the others agree on count less or nothing, and are named.
 
     Raises
     ------
     InputError
-        The survey has no rows to fit, or fewer equations than identifiable unknowns.
+        The survey has no rows to fit, or fewer equations than identifiable unknowns; of a robust fit, most rows are
+        outliers.
     """
     with threadpool_limits(1, "blas"):  # blocks are small: two threads would wait for each other
-        return _fit(Chain(machine), survey)
+        return _fit(Chain(machine), survey, robust)
 
 
-def _fit(chain: Chain, survey: Survey) -> Fit:
+def _fit(chain: Chain, survey: Survey, robust: bool) -> Fit:
     rows = survey.fit
     if not len(rows):
         raise InputError(str(survey.source), "no file has role: fit", "Give at least one file the role fit")
-    problem, nominal_residuals = anchored(build(chain, rows), len(rows))
-    solution = solve(chain, problem.views, problem.unknowns, declared=problem.declared)
-    solution, noise = correlated(problem, solution)
+    problem = build(chain, rows)
+    judged = None
+    if robust:
+        check_redundant(rows, problem)
+        judged = first_judgement(chain, problem.views, problem.unknowns, None, problem.declared)
+    problem, nominal_residuals = anchored(problem, len(rows), judged=judged)
+    if judged is None:
+        solution, weighted = solve(chain, problem.views, problem.unknowns, declared=problem.declared), problem
+    else:
+        solution, judged = settle(chain, problem.views, problem.unknowns, None, problem.declared, judged)
+        weighted = replace(problem, views=judged.weigh(problem.views))
+    solution, noise = correlated(weighted, solution)
     if sum(s.count for s in solution.sums.values()) <= len(problem.unknowns):
         check_enough(survey, problem, solution)
     place, zero = problem.place(), np.zeros(len(chain.ids))
     residuals = residuals_of(problem.views, place, solution.values, zero, len(rows))
-    heldout, folds = held_out(problem, solution, len(rows))
+    heldout, folds = held_out(weighted, solution, len(rows))
+    sorting = None
+    if judged is not None:
+        sorting = sort_rows(rows, problem.views, judged, residuals, nominal_residuals)
+        residuals, nominal_residuals, heldout = map(sorting.without, (residuals, nominal_residuals, heldout))
+    notes = _notes(survey, solution, noise, max(map(len, problem.views)))
     fit = Fit(
         chain, rows, problem, solution, Spread.of(nominal_residuals), Spread.of(residuals), Spread.of(heldout), folds,
-        residuals, nominal_residuals, heldout, notes=_notes(survey, solution, noise),
+        residuals, nominal_residuals, heldout, notes=notes, sorting=sorting,
     )  # fmt: skip
     return replace(fit, tests=tuple(look_at(fit, test) for test in survey.test))
 
 
-def anchored(problem: Problem, rows: int, held: Array | None = None) -> tuple[Problem, Array]:
+def anchored(
+    problem: Problem, rows: int, held: Array | None = None, judged: Judgement | None = None
+) -> tuple[Problem, Array]:
     """The problem with its frames at their least-squares best fit to the given parameters (None: nominal).
 
     Small frame parameters then count from there, and what is left over, returned as (rows, 3), is the nominal error.
+    With a judgement, rows count for the frames what they count by it.
     """
     held = np.zeros(len(problem.chain.ids)) if held is None else held
-    positions = [v for v in problem.views if isinstance(v, PositionView)]
+    weighted = problem.views if judged is None else judged.weigh(problem.views)
+    positions = [v for v in weighted if isinstance(v, PositionView)]
     poses = dict(problem.frames)
     free = [c for label in poses for c in frame_columns(problem.chain, label)]
     if free:
@@ -124,32 +151,57 @@ def look_at(fit: Fit, test: Survey) -> TestFile:
     ids: Sequence[str] = tool
     problem = build(chain, test, held, ids, mount=fit.problem.mount)
     zero = np.zeros(len(chain.ids))
+    unknowns = [u for u in problem.unknowns if u not in chain.tool_ids[3:] and (own_frame or u in tool)]
+    declared = problem.declared & {"position"}
+    judged = None
+    if fit.sorting is not None and unknowns:
+        judged = first_judgement(chain, _positions(problem), unknowns, held, declared)
     if own_frame:
-        _, nominal = anchored(build(chain, test, zero, ()), len(test))
+        nominal_problem = build(chain, test, zero, ())
+        nominal_problem = replace(nominal_problem, views=_positions(nominal_problem))
+        _, nominal = anchored(nominal_problem, len(test), judged=judged)
     else:
         named = fit.solution.named()
         poses = {label: moved(chain, known[label], named, label) if known else IDENTITY for label in set(labels)}
-        problem = _placed(problem, poses)
-        nominal = residuals_of(_placed(problem, known or poses).views, {}, np.zeros(0), zero, len(test))
-    views = [v for v in problem.views if isinstance(v, PositionView)]
-    unknowns = [u for u in problem.unknowns if own_frame or u in tool]
-    unknowns = [u for u in unknowns if u not in chain.tool_ids[3:]]
+        problem = placed(problem, poses)
+        nominal = residuals_of(placed(problem, known or poses).views, {}, np.zeros(0), zero, len(test))
+    views = _positions(problem)
     refit: dict[str, float] = {}
-    if unknowns:  # a file in a frame that is known has nothing to estimate
-        refit = solve(chain, views, unknowns, held, problem.declared & {"position"}).named()
+    if judged is not None:
+        refit = settle(chain, views, unknowns, held, declared, judged)[0].named()
+    elif unknowns:  # a file in a frame that is known has nothing to estimate
+        refit = solve(chain, views, unknowns, held, declared).named()
     places = {name: k for k, name in enumerate(refit)}
     residuals = residuals_of(views, places, np.array([*refit.values()]), held, len(test))
     path = str(test.table["file"].iloc[0])
     return TestFile(path, test, Spread.of(nominal), Spread.of(residuals), residuals, nominal, refit, problem.frames)
 
 
-def _placed(problem: Problem, poses: dict[str, Pose]) -> Problem:
+def _positions(problem: Problem) -> tuple[PositionView, ...]:
+    return tuple(v for v in problem.views if isinstance(v, PositionView))
+
+
+def placed(problem: Problem, poses: dict[str, Pose]) -> Problem:
+    """The problem with its measuring frames, by label, at the given poses."""
     labels = {frame_columns(problem.chain, label)[0]: label for label in poses}
     views = tuple(
         replace(v, pose=poses[labels[v.columns[0]]]) if isinstance(v, PositionView | OrientationView) else v
         for v in problem.views
     )
     return replace(problem, views=views)
+
+
+def check_redundant(survey: Survey, problem: Problem) -> None:
+    """InputError if a robust fit has too few equations to tell a wrong row from a wrong parameter."""
+    equations = sum(v.count for v in problem.views)
+    rank = identifiable(problem.chain, problem.views, problem.unknowns).rank
+    if equations < REDUNDANT * rank:
+        rows = -(-REDUNDANT * rank * len(survey) // max(equations, 1))
+        raise InputError(
+            str(survey.source),
+            f"{equations} measured values for {rank} groups of parameters: too few to say which rows are wrong",
+            f"Measure at least {rows} rows like these, or fit without --robust",
+        )
 
 
 def check_enough(survey: Survey, problem: Problem, solution: Solution) -> None:
@@ -175,7 +227,7 @@ def check_enough(survey: Survey, problem: Problem, solution: Solution) -> None:
     raise InputError(str(survey.source), found, cure)
 
 
-def _notes(survey: Survey, solution: Solution, noise: Noise | None) -> tuple[str, ...]:
+def _notes(survey: Survey, solution: Solution, noise: Noise | None, longest: int) -> tuple[str, ...]:
     notes = list(survey.notes)
     if noise is not None:
         part = 100 * noise.part / (1 + noise.part)
@@ -183,6 +235,12 @@ def _notes(survey: Survey, solution: Solution, noise: Noise | None) -> tuple[str
             f"the residuals are correlated over about {noise.length:.0f} rows ({part:.0f} % of their variance): "
             "standard uncertainties take it into account"
         )
+        if noise.length > longest / 4:
+            notes.append(
+                f"that is no shorter than a quarter of the longest run ({longest} rows), so that such noise cannot be "
+                "told from an offset or a drift: standard uncertainties are lower limits. Measure longer or repeat the "
+                "run, or let `errormodel diagnose` look for a drift"
+            )
     if not solution.converged:
         notes.append(
             "the iteration has not settled: errors are too large for this model, or rows contradict each other"

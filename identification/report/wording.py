@@ -78,6 +78,14 @@ def judgements(fit: Fit) -> list[Judgement]:
         else:
             text = "The residuals agree with the declared uncertainty."
         out.append(Judgement(fit.inflation <= 1, text))
+    if fit.outliers:
+        rows = len({o.index for o in fit.outliers})
+        text = (
+            f"{rows} row{'s lie' if rows > 1 else ' lies'} so far from what the others agree on that the robust fit "
+            f"left {'them' if rows > 1 else 'it'} out, in whole or in part: measure {'them' if rows > 1 else 'it'} "
+            "again, or find the cause."
+        )
+        out.append(Judgement(False, text))
     for test in fit.tests:
         if test.fitted.n and test.fitted.rms_um > WORSE * fit.fitted.rms_um:
             text = (

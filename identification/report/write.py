@@ -10,8 +10,11 @@ from identification.diagnosis.run import Diagnosed
 from identification.estimates import estimates
 from identification.fit.result import Fit
 from identification.report import tables, wording
+from identification.report.budget import budget_part
 from identification.report.diagnosis import diagnosis_part
 from identification.report.pictures import pictures
+from identification.report.posterior import posterior_part
+from identification.report.trust import gain_part, outliers_part
 
 
 def write_report(fit: Fit, path: Path, diagnosed: Diagnosed | None = None) -> None:
@@ -43,6 +46,10 @@ def write_report(fit: Fit, path: Path, diagnosed: Diagnosed | None = None) -> No
         no_effect=tables.no_effect(fit),
         correlated=wording.strongest_correlation(fit),
         effects=bool(fit.chain.machine.effects),
+        posterior=posterior_part(fit),
+        budget=budget_part(fit),
+        outliers=outliers_part(fit),
+        gain=gain_part(fit),
         frames=tables.frames(fit),
         frame_mode=fit.survey.frame,
         noise=tables.noise(fit),

@@ -1,0 +1,181 @@
+"""Aerotech A3200 and Automation1: calibration files ``.cal``, one- and two-dimensional.
+
+Corrections in um, added, the same in both directions of travel; several tables add up; straight lines, the nearest
+value beyond the ends. Axis numbers count from 1. The first position is minus the OFFSET.
+
+Source: help.aerotech.com/automation1, Axis Calibration; published generators of such files for the 2-D offsets.
+"""
+
+from __future__ import annotations
+
+import re
+from itertools import combinations
+from typing import ClassVar
+
+import numpy as np
+
+from errormodel.controllers.base import Controller, header
+from errormodel.controllers.setup import Setup
+from errormodel.controllers.tables import Table, Tables, Term, check_points, even_step
+from errormodel.controllers.text import Files, Lines, one_file
+from errormodel.exceptions import InputError
+
+NODES = 170  # of one 2-D table
+
+
+def _key(lines: Lines, text: str, name: str) -> float:
+    match = re.search(rf"\b{name}\s*=\s*([-+.\deE]+)", text)
+    if match is None:
+        raise lines.error(1, f"no {name}", "Write the file again")
+    return float(match[1])
+
+
+def _tables(name: str, text: str) -> list[tuple[Lines, list[str], list[list[float]]]]:
+    """Start lines and figures of each table of a file."""
+    lines = Lines.of(name, text, (";", "'"))
+    out: list[tuple[Lines, list[str], list[list[float]]]] = []
+    starts, rows, open_ = list[str](), list[list[float]](), False
+    for number, line in lines.lines:
+        if line.upper().startswith(":START"):
+            starts.append(line)
+            open_ = True
+        elif line.upper().startswith(":END"):
+            out.append((lines, starts, rows))
+            starts, rows, open_ = [], [], False
+        elif not open_:
+            raise lines.error(number, f"'{line[:40]}' outside a table", "Begin every line of the header with :START")
+        else:
+            rows.append(lines.numbers(number, line))
+    if open_ or not out:
+        raise InputError(name, "no :END: the table is not whole", "Copy the file again")
+    return out
+
+
+class Aerotech1d(Controller):
+    """One table an axis."""
+
+    name: ClassVar[str] = "aerotech-1d"
+    title: ClassVar[str] = "Aerotech axis calibration, one-dimensional (.cal)"
+    source: ClassVar[str] = "help.aerotech.com/automation1/Content/Axis-Calibration.htm"
+    doubt: ClassVar[str] = "the sign (taken as a correction that is added; NEGCOR turns it round)"
+
+    def terms(self, setup: Setup) -> list[Term]:
+        return self.curves(setup, [(m, m) for m in setup.linear if m in setup.moving])
+
+    def write(self, tables: Tables, setup: Setup) -> dict[str, str]:
+        lines = [f"; {s}" for s in header(self, setup)]
+        for table in tables:
+            check_points(table.term, self.most_points)
+            step, first = even_step(table.term), table.term.grids[0][0]
+            axis = setup.place(table.term.output) + 1
+            lines += [
+                f":START {axis} SAMPLEDIST={step:.9g} POSUNIT=PRIMARY CORUNIT=PRIMARY/1000",
+                f":START OFFSET={-first:.9g}",
+                *(f"{1e3 * v:.5f}" for v in table.values),
+                ":END",
+            ]
+        return {"axes.cal": "\n".join(lines) + "\n"}
+
+    def read(self, files: Files, setup: Setup) -> Tables:
+        out = []
+        for lines, starts, rows in _tables(*one_file(files, ".cal")):
+            head = " ".join(starts)
+            step, first = _key(lines, head, "SAMPLEDIST"), -_key(lines, head, "OFFSET")
+            letter = setup.names[int(starts[0].split()[1]) - 1]
+            values = 1e-3 * np.array([v for row in rows for v in row])
+            grid = tuple(float(round(first + k * step, 9)) for k in range(len(values)))
+            out.append(Table(Term(letter, (letter,), (grid,)), -values if "NEGCOR" in head else values))
+        return tuple(out)
+
+    def checklist(self, setup: Setup) -> list[str]:
+        return [
+            "check the axis numbers: in the file they count from 1, elsewhere in Automation1 from 0",
+            "Configure > Calibration (Automation1), or LOADCALFILE and CALENABLE (A3200); home the axes",
+            "incremental encoders: HOMEOFFSET, absolute ones: ABSOLUTEFEEDBACKOFFSET, if zero is not at the marker",
+        ]
+
+
+class Aerotech2d(Controller):
+    """A table for each pair of axes, with two or three outputs."""
+
+    name: ClassVar[str] = "aerotech-2d"
+    title: ClassVar[str] = "Aerotech axis calibration, two-dimensional (.cal)"
+    source: ClassVar[str] = Aerotech1d.source
+    doubt: ClassVar[str] = (
+        "the sign (taken as a correction that is added; NEGCOR turns it round), that tables of several pairs of axes "
+        "may move the same axis, and the sign of OFFSETROW and OFFSETCOL (taken as minus the first position)"
+    )
+    most_points: ClassVar[int] = 500
+
+    def suits(self, setup: Setup) -> None:
+        super().suits(setup)
+        if len(setup.moving) < 2 or len(setup.linear) < 2:
+            found = f"{len(setup.linear)} linear axes that correct"
+            raise InputError(f"--controller {self.name}", found, "Use --controller aerotech-1d")
+
+    def terms(self, setup: Setup) -> list[Term]:
+        self.suits(setup)
+        pairs = list(combinations(setup.moving, 2))
+        nodes = NODES if len(pairs) <= 3 else NODES // 3
+        return [
+            Term(m, pair, grids)
+            for pair in pairs
+            for grids in [setup.lattice(pair, self.most_points, nodes)]
+            for m in setup.linear
+        ]
+
+    def write(self, tables: Tables, setup: Setup) -> dict[str, str]:
+        groups: dict[tuple[object, ...], list[Table]] = {}
+        for table in tables:
+            groups.setdefault((table.term.inputs, table.term.grids), []).append(table)
+        lines = [f"; {s}" for s in header(self, setup)]
+        for group in groups.values():
+            term = group[0].term
+            step = [even_step(term, k) for k in range(2)]
+            for k in range(2):
+                check_points(term, self.most_points, k)
+            # an output that moves nothing is still written: a cell has two or three figures
+            outputs = [t.term.output for t in group]
+            outputs += [m for m in setup.linear if m not in outputs][: max(0, 2 - len(outputs))]
+            number = [setup.place(n) + 1 for n in (*term.inputs, *outputs)]
+            third = f"OUTAXIS3={number[4]} " if len(outputs) == 3 else ""
+            values = {t.term.output: t.values for t in group}
+            cells = np.stack([values.get(o, np.zeros(term.shape)) for o in outputs], axis=-1)
+            lines += [
+                "; RowAxis ColumnAxis OutputAxis1 OutputAxis2 SampDistRow SampDistCol NumCols",
+                f":START2D {' '.join(map(str, number[:4]))} {step[0]:.9g} {step[1]:.9g} {term.shape[1]}",
+                f":START2D {third}POSUNIT=PRIMARY CORUNIT=PRIMARY/1000 "
+                f"OFFSETROW={-term.grids[0][0]:.9g} OFFSETCOL={-term.grids[1][0]:.9g}",
+                *("  ".join(" ".join(f"{1e3 * v:.5f}" for v in cell) for cell in row) for row in cells),
+                ":END",
+            ]
+        return {"axes_2d.cal": "\n".join(lines) + "\n"}
+
+    def read(self, files: Files, setup: Setup) -> Tables:
+        out = []
+        for lines, starts, rows in _tables(*one_file(files, ".cal")):
+            words = starts[0].split()[1:]
+            head = " ".join(starts[1:])
+            if len(words) < 7:
+                raise lines.error(1, f":START2D with {len(words)} figures where 7 belong", "Write the file again")
+            number, steps, columns = [int(w) for w in words[:4]], [float(w) for w in words[4:6]], int(words[6])
+            match = re.search(r"OUTAXIS3\s*=\s*(\d+)", head)
+            number += [int(match[1])] if match else []
+            names = [setup.names[k - 1] for k in number]
+            first = [-_key(lines, head, k) for k in ("OFFSETROW", "OFFSETCOL")]
+            width = columns * (len(names) - 2)
+            if any(len(r) != width for r in rows):
+                raise lines.error(1, f"a row that has not {width} figures", "Give every row all columns")
+            values = 1e-3 * np.array(rows).reshape(len(rows), columns, -1) * (-1.0 if "NEGCOR" in head else 1.0)
+            shape = (len(rows), columns)
+            grids = tuple(tuple(float(round(first[k] + i * steps[k], 9)) for i in range(shape[k])) for k in range(2))
+            inputs = (names[0], names[1])
+            out += [Table(Term(o, inputs, grids), values[:, :, k]) for k, o in enumerate(names[2:])]
+        return tuple(out)
+
+    def checklist(self, setup: Setup) -> list[str]:
+        return [
+            "check the axis numbers: in the file they count from 1, elsewhere in Automation1 from 0",
+            "Configure > Calibration 2D (Automation1), or LOADCALFILE with 2D_CAL and CALENABLE 2D (A3200)",
+            "every line of a table's header begins with :START2D",
+        ]

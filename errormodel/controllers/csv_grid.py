@@ -1,0 +1,75 @@
+"""A plain table of corrections over a grid of all axes, for any controller or script that can read it."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from errormodel.controllers.base import Controller
+from errormodel.controllers.setup import LARGEST, Setup
+from errormodel.controllers.tables import Table, Tables, Term
+from errormodel.controllers.text import Files, Lines, one_file
+from errormodel.exceptions import InputError
+
+COARSE = 4  # times fewer intervals than the errors need: their curves are then missed by 16 times what they should
+
+
+class CsvGrid(Controller):
+    """One row a node, first axis slowest; multilinear between nodes, the last value beyond them."""
+
+    name: ClassVar[str] = "csv"
+    title: ClassVar[str] = "plain CSV grid over all axes"
+    source: ClassVar[str] = "errormodel's own"
+    linear_only: ClassVar[bool] = False
+    most_points: ClassVar[int] = 200
+
+    def terms(self, setup: Setup) -> list[Term]:
+        names = setup.moving
+        grids = setup.lattice(names, self.most_points, LARGEST)
+        coarse = any(COARSE * (len(g) - 1) < setup.axis(n).intervals for n, g in zip(names, grids, strict=True))
+        if setup.points is None and (coarse or np.prod([len(g) for g in grids]) > LARGEST):
+            raise InputError(
+                "--controller csv",
+                f"a grid over {len(names)} axes that follows the errors needs more than {LARGEST} nodes",
+                "Use --controller gcode, which needs no grid, or survey a smaller part of the travels",
+            )
+        return [Term(m, names, grids) for m in setup.movers]
+
+    def quantum(self, setup: Setup) -> float:
+        return 1e-7
+
+    def write(self, tables: Tables, setup: Setup) -> dict[str, str]:
+        names = tables[0].term.inputs
+        nodes = np.stack(np.meshgrid(*tables[0].term.grids, indexing="ij"), axis=-1).reshape(-1, len(names))
+        values = np.column_stack([t.values.ravel() for t in tables])
+        header = [*names, *(f"d{t.term.output}" for t in tables)]
+        rows = [
+            ",".join([*(f"{v:.9g}" for v in q), *(f"{c:.7f}" for c in d)]) for q, d in zip(nodes, values, strict=True)
+        ]
+        return {"correction.csv": "\n".join([",".join(header), *rows]) + "\n"}
+
+    def read(self, files: Files, setup: Setup) -> Tables:
+        name, text = one_file(files, ".csv")
+        lines = Lines.of(name, text)
+        header = lines.lines[0][1].split(",") if lines.lines else []
+        outputs = [h[1:] for h in header if h.startswith("d") and h[1:] in setup.movers]
+        names = tuple(h for h in header if h in setup.names)
+        if not outputs or [*names, *(f"d{o}" for o in outputs)] != header:
+            raise lines.error(1, f"header '{','.join(header)[:60]}'", "Write axes, then corrections such as dX")
+        data = np.array([lines.numbers(k, s, len(header), ",") for k, s in lines.lines[1:]]).reshape(-1, len(header))
+        grids = tuple(tuple(np.unique(data[:, k]).tolist()) for k in range(len(names)))
+        nodes = np.stack(np.meshgrid(*grids, indexing="ij"), axis=-1).reshape(-1, len(names))
+        if len(nodes) != len(data) or not np.array_equal(nodes, data[:, : len(names)]):
+            found = f"{len(data)} rows that are not the {len(nodes)} nodes of a grid in order"
+            raise InputError(name, found, "Give every node once, the last axis fastest")
+        return tuple(
+            Table(Term(o, names, grids), data[:, len(names) + k].reshape([len(g) for g in grids]))
+            for k, o in enumerate(outputs)
+        )
+
+    def checklist(self, setup: Setup) -> list[str]:
+        return [
+            "add dX, dY, ... (mm or deg) to the commanded positions; multilinear between nodes, the last value beyond",
+            "leave other compensations as they were when the survey was measured",
+        ]

@@ -1,0 +1,206 @@
+"""FANUC: stored pitch errors, and three-dimensional error compensation on a lattice, as parameter files.
+
+Pitch: whole detection units from one point to the next, seen from the minus end; they are rounded so that their sum,
+not each of them, stays near the wanted curve. The value at the reference point is zero. Lattice: a vector of whole
+units at every node of a box, trilinear between the eight corners of a cell. Nothing beyond the last point changes.
+
+Source: B-63330EN (tape format), A-79351E (three-dimensional error compensation, p. 3), cnc.wiki on parameters
+3620-3627.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import ClassVar
+
+import numpy as np
+
+from errormodel.arrays import Array
+from errormodel.controllers.base import Controller, header
+from errormodel.controllers.setup import Setup
+from errormodel.controllers.tables import Table, Tables, Term, check_points, even_step
+from errormodel.controllers.text import Files, one_file
+from errormodel.exceptions import InputError
+
+BLOCK = re.compile(r"^N(\d+)((?:A\d+P[-+.\d]+|P[-+.\d]+)+)\s*;?$", re.MULTILINE)
+WORD = re.compile(r"(?:A(\d+))?P([-+.\d]+)")
+FIRST = 10000  # number of pitch point 0
+LATTICE = 10800  # parameters of the lattice
+
+
+def blocks(name: str, text: str) -> dict[int, dict[int, float]]:
+    """Values by parameter number and axis (0 where a block names none)."""
+    if text.count("%") < 2:
+        raise InputError(name, "no % at both ends: the tape is not whole", "Copy the file again")
+    out: dict[int, dict[int, float]] = {}
+    for number, words in BLOCK.findall(text):
+        out.setdefault(int(number), {}).update({int(a or 0): float(v) for a, v in WORD.findall(words)})
+    return out
+
+
+class Fanuc(Controller):
+    """What both have in common: detection units."""
+
+    def unit(self, setup: Setup) -> float:
+        """The detection unit, mm."""
+        return setup.resolution or 0.001
+
+    def quantum(self, setup: Setup) -> float:
+        return 0.5 * self.unit(setup) + 1e-9
+
+    def _tape(self, lines: list[str], setup: Setup) -> str:
+        return (
+            "\n".join(["%", *(f"({s.replace('(', '[').replace(')', ']')})" for s in header(self, setup)), *lines, "%"])
+            + "\n"
+        )
+
+
+class FanucPitch(Fanuc):
+    """Stored pitch error compensation."""
+
+    name: ClassVar[str] = "fanuc-pitch"
+    title: ClassVar[str] = "FANUC stored pitch error compensation (parameters 3620-3624, data from N10000)"
+    source: ClassVar[str] = "FANUC B-63330EN p. 25; cnc.wiki/en/fanuc-pitch-error-compensation"
+    doubt: ClassVar[str] = (
+        "the sign (taken as a correction, added to the command), the range of an increment (taken as -7 to 7 detection "
+        "units) and the first point's number (taken as N10000 for point 0)"
+    )
+    most_points: ClassVar[int] = 128
+    most_step: ClassVar[int] = 7
+
+    def terms(self, setup: Setup) -> list[Term]:
+        # every point there is: the steps from one to the next are what is short
+        return [
+            Term(m, (m,), (setup.grid(m, self.most_points, anchored=True, every=True),), zero=True)
+            for m in setup.linear
+            if m in setup.moving
+        ]
+
+    def most_slope(self, setup: Setup, term: Term) -> float | None:
+        g = term.grids[0]
+        return (self.most_step - 1) * self.unit(setup) / (g[1] - g[0])
+
+    def write(self, tables: Tables, setup: Setup) -> dict[str, str]:
+        unit, lines, start = self.unit(setup), list[str](), 0
+        for table in tables:
+            term, axis = table.term, setup.place(table.term.output) + 1
+            check_points(term, self.most_points)
+            step = even_step(term)
+            place = term.grids[0][0] / step
+            if abs(place - round(place)) > 1e-6:
+                found = f"positions from {term.grids[0][0]:g}, no whole multiple of the interval {step:g}"
+                raise InputError(f"table {term.output}", found, "The reference point 0 must be one of the points")
+            whole = np.rint(table.values / unit).astype(int)
+            steps = np.diff(whole, prepend=0)
+            if np.abs(steps[1:]).max(initial=0) > self.most_step:
+                most = int(np.abs(steps[1:]).max())
+                found = f"a step of {most} detection units, of which one point holds {self.most_step}"
+                raise InputError(f"table {term.output}", found, "Give more points, or a coarser --resolution")
+            if start + len(steps) > 1024:
+                raise InputError("tables", f"{start + len(steps)} points, of which the control has 1024", "Give fewer")
+            lines += [
+                f"N3620A{axis}P{start - round(place)}",
+                f"N3621A{axis}P{start}",
+                f"N3622A{axis}P{start + len(steps) - 1}",
+                f"N3623A{axis}P1",
+                f"N3624A{axis}P{step:.9g}",
+            ]
+            # the first point's own value only shifts the axis: it is reached from the reference, which is zero
+            lines += [f"N{FIRST + start + k}P{v}" for k, v in enumerate([0, *steps[1:]])]
+            start += len(steps)
+        return {"pitch.txt": self._tape(lines, setup)}
+
+    def read(self, files: Files, setup: Setup) -> Tables:
+        name, text = one_file(files, ".txt")
+        n, unit, out = blocks(name, text), self.unit(setup), []
+        for axis in n.get(3620, {}):
+            reference, first, last, scale, step = (n.get(k, {}).get(axis) for k in (3620, 3621, 3622, 3623, 3624))
+            if reference is None or first is None or last is None or scale is None or not step or last <= first:
+                raise InputError(
+                    name, f"parameters 3620 to 3624 of axis {axis} are not all there", "Copy the file again"
+                )
+            points = range(int(first), int(last) + 1)
+            try:
+                steps = [n[FIRST + k][0] for k in points]
+            except KeyError as error:
+                raise InputError(name, f"no N{error.args[0]}", "Copy the file again") from error
+            grid = tuple(float(round((k - reference) * step, 9)) for k in points)
+            values = np.cumsum(steps) * unit * scale
+            letter = setup.names[axis - 1]
+            at_zero = np.interp(0.0, grid, values)  # the correction is zero at the reference point
+            out.append(Table(Term(letter, (letter,), (grid,), zero=True), values - at_zero))
+        return tuple(out)
+
+    def checklist(self, setup: Setup) -> list[str]:
+        return [
+            "check the axis numbers (A1, A2, ...) and that no other axis uses the same pitch points",
+            "parameter write enable, read pitch.txt as parameters; the detection unit must be as written",
+            "switch the control off and on, G28 all axes, then check with an indicator",
+        ]
+
+
+class Fanuc3d(Fanuc):
+    """Three-dimensional error compensation."""
+
+    name: ClassVar[str] = "fanuc-3d"
+    title: ClassVar[str] = "FANUC three-dimensional error compensation (lattice)"
+    source: ClassVar[str] = "FANUC A-79351E p. 3 (trilinear over eight corners)"
+    doubt: ClassVar[str] = (
+        "parameter numbers from 10800 (axes, points, reference, magnification, interval), the order of the points "
+        "(first axis fastest, then N11000 and on, x y z each) and the sign (taken as a correction)"
+    )
+    most_points: ClassVar[int] = 128
+    most_nodes: ClassVar[int] = 500
+    POINTS: ClassVar[int] = 11000
+
+    def suits(self, setup: Setup) -> None:
+        super().suits(setup)
+        if len(setup.linear) != 3:
+            found = f"{len(setup.linear)} linear axes that correct, and the lattice has three"
+            raise InputError(f"--controller {self.name}", found, "Use --controller fanuc-pitch or csv")
+
+    def terms(self, setup: Setup) -> list[Term]:
+        self.suits(setup)
+        grids = setup.lattice(setup.linear, self.most_points, self.most_nodes)
+        return [Term(m, setup.linear, grids) for m in setup.linear]
+
+    def write(self, tables: Tables, setup: Setup) -> dict[str, str]:
+        unit, term = self.unit(setup), tables[0].term
+        if len(tables) != 3 or any(t.term.grids != term.grids for t in tables):
+            raise InputError("tables", "not three tables over one lattice", "Give X, Y and Z on the same nodes")
+        lines = []
+        for k, name in enumerate(term.inputs):
+            check_points(term, self.most_points, k)
+            step = even_step(term, k)
+            lines += [
+                f"N{LATTICE + k}P{setup.place(name) + 1}",
+                f"N{LATTICE + 3 + k}P{len(term.grids[k])}",
+                f"N{LATTICE + 6 + k}P{term.grids[k][0]:.9g}",
+                f"N{LATTICE + 9 + k}P1",
+                f"N{LATTICE + 12 + k}P{step:.9g}",
+            ]
+        whole = [np.rint(t.values / unit).astype(int).ravel(order="F") for t in tables]
+        lines += [f"N{self.POINTS + 3 * k + axis}P{int(whole[axis][k])}" for k in range(term.size) for axis in range(3)]
+        return {"lattice.txt": self._tape(lines, setup)}
+
+    def read(self, files: Files, setup: Setup) -> Tables:
+        name, text = one_file(files, ".txt")
+        n, unit = blocks(name, text), self.unit(setup)
+        try:
+            axis, count, low, _, step = ([n[LATTICE + 3 * j + k][0] for k in range(3)] for j in range(5))
+            shape = tuple(int(c) for c in count)
+            flat: Array = np.array([n[self.POINTS + k][0] for k in range(3 * int(np.prod(shape)))]).reshape(-1, 3)
+        except KeyError as error:
+            raise InputError(name, f"no N{error.args[0]}", "Copy the file again") from error
+        names = tuple(setup.names[int(a) - 1] for a in axis)
+        grids = tuple(tuple(float(round(low[k] + i * step[k], 9)) for i in range(shape[k])) for k in range(3))
+        return tuple(
+            Table(Term(m, names, grids), unit * flat[:, k].reshape(shape, order="F")) for k, m in enumerate(names)
+        )
+
+    def checklist(self, setup: Setup) -> list[str]:
+        return [
+            "compare every parameter number with this control's manual before reading the file: they are not public",
+            "option 'three-dimensional error compensation'; back up parameters first",
+            "switch the control off and on, G28 all axes, then check with an indicator",
+        ]

@@ -1,0 +1,70 @@
+"""Grids of positions, hat functions on them, and multilinear interpolation that holds the last value at the ends."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from errormodel.arrays import Array, Index
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_matrix
+
+NICE = (1.0, 2.0, 2.5, 5.0)
+
+
+def nice_step(least: float) -> float:
+    """The smallest of 1, 2, 2.5, 5 times a power of ten that is not below `least`."""
+    power = 10.0 ** np.floor(np.log10(least))
+    steps = [m * p for p in (power, 10 * power) for m in NICE]
+    return float(round(next(s for s in steps if s >= least * (1 - 1e-9)), 9))
+
+
+def anchored_grid(low: float, high: float, intervals: int) -> tuple[float, ...]:
+    """Whole multiples of a nice step that cover [low, high] in at most `intervals` intervals (2 at least)."""
+    step = nice_step(max(high - low, 1e-3) / intervals)
+    while True:
+        first, last = np.floor(low / step + 1e-9), np.ceil(high / step - 1e-9)
+        if last - first <= max(intervals, 2):
+            return tuple(float(round(k * step, 9)) for k in range(int(first), int(max(last, first + 1)) + 1))
+        step = nice_step(step * 1.01)
+
+
+def even_grid(low: float, high: float, intervals: int) -> tuple[float, ...]:
+    """Equidistant positions that just cover [low, high] in `intervals` intervals, start and step in few figures.
+
+    In decimal figures, so that a file holds start, end and step without rounding.
+    """
+    span = max(high - low, 1e-3)
+    figures = int(max(np.floor(np.log10(span / (100 * intervals))), -4))
+    unit = 10.0**figures
+    first = np.floor(low / unit + 1e-9)
+    step = max(np.ceil((high / unit - first) / intervals - 1e-9), 1.0)
+    return tuple(float(round((first + k * step) * unit, max(-figures, 0))) for k in range(intervals + 1))
+
+
+def locate(grid: Sequence[float], q: Array) -> tuple[Index, Array]:
+    """Interval (n,) of each position and the share of its upper end (n,), within [0, 1]: the ends hold."""
+    g = np.asarray(grid)
+    if len(g) == 1:
+        return np.zeros(len(q), dtype=np.intp), np.zeros(len(q))
+    k = np.clip(np.searchsorted(g, q, side="right") - 1, 0, len(g) - 2)
+    return k, np.clip((q - g[k]) / (g[k + 1] - g[k]), 0.0, 1.0)
+
+
+def hats(grids: Sequence[Sequence[float]], q: Array) -> csr_matrix:
+    """Weights (n, nodes) of multilinear interpolation at q (n, len(grids)); the last grid varies fastest."""
+    from scipy.sparse import csr_matrix
+
+    n = len(q)
+    column, weight = np.zeros((n, 1), dtype=np.intp), np.ones((n, 1))
+    for axis, grid in enumerate(grids):
+        k, share = locate(grid, q[:, axis])
+        upper = np.minimum(k + 1, len(grid) - 1)
+        column = np.concatenate([column * len(grid) + k[:, None], column * len(grid) + upper[:, None]], axis=1)
+        weight = np.concatenate([weight * (1 - share)[:, None], weight * share[:, None]], axis=1)
+    size = int(np.prod([len(g) for g in grids]))
+    rows = np.repeat(np.arange(n), column.shape[1])
+    return csr_matrix((weight.ravel(), (rows, column.ravel())), shape=(n, size))

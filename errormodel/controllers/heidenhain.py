@@ -1,0 +1,98 @@
+"""Heidenhain: compensation tables ``.COM`` with their assignment ``config.cma``.
+
+One ``.COM`` for each axis that causes errors: its position from the machine datum, a column for each axis that is
+moved by them, and BACKLASH: values met in minus direction. ``config.cma`` says which table belongs to which axis; the
+line with a star is active. Straight lines between points.
+
+Source: technical manuals of the MANUALplus 620 (p. 716-718), TNC 407 (p. 151-156) and iTNC 530 HSCI (p. 666-686).
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from errormodel.controllers.base import Controller, header
+from errormodel.controllers.setup import Setup
+from errormodel.controllers.tables import Table, Tables, Term, check_increasing, check_points
+from errormodel.controllers.text import Files, Lines
+from errormodel.exceptions import InputError
+
+WIDTH = 14
+
+
+def _row(cells: list[str]) -> str:
+    return "".join(f"{c:<{WIDTH}}" for c in cells).rstrip()
+
+
+class Heidenhain(Controller):
+    """Tables of cause axes."""
+
+    name: ClassVar[str] = "heidenhain"
+    title: ClassVar[str] = "Heidenhain compensation tables (.COM, config.cma)"
+    source: ClassVar[str] = "HEIDENHAIN technical manuals MANUALplus 620 p. 716-718, TNC 407 p. 151-156"
+    doubt: ClassVar[str] = (
+        "the sign (taken as that of MP720: positive where the travel is too long, so the file holds errors), the "
+        "layout of columns in the file, and where the first and last values hold"
+    )
+    most_points: ClassVar[int] = 256
+
+    def terms(self, setup: Setup) -> list[Term]:
+        return self.curves(setup, [(m, i) for i in setup.moving for m in setup.linear])
+
+    def write(self, tables: Tables, setup: Setup) -> dict[str, str]:
+        files: dict[str, str] = {}
+        causes = list(dict.fromkeys(t.term.inputs[0] for t in tables))
+        for cause in causes:
+            own = [t for t in tables if t.term.inputs == (cause,)]
+            term = own[0].term
+            if any(t.term.grids != term.grids for t in own):
+                raise InputError(f"table of {cause}", "columns with different positions", "Give one grid a cause axis")
+            check_points(term, self.most_points)
+            check_increasing(term)
+            names = ["NR", "AXISPOS", "BACKLASH", *(t.term.output for t in own)]
+            rows = [
+                _row([str(k), f"{x:.5f}", "", *(f"{-t.values[k]:.6f}" for t in own)])
+                for k, x in enumerate(term.grids[0])
+            ]
+            files[f"{cause}.COM"] = "\n".join([f"BEGIN {cause}.COM MM", _row(names), *rows, "[END]"]) + "\n"
+        cma = [_row(["NR", "ACTIVE", *causes]), _row(["0", "*", *(f"{c}.COM" for c in causes)])]
+        files["config.cma"] = "\n".join(["BEGIN config.cma", *cma, "[END]"]) + "\n"
+        files["README.txt"] = "\n".join(header(self, setup)) + "\n"
+        return files
+
+    def read(self, files: Files, setup: Setup) -> Tables:
+        lines = Lines.of("config.cma", files.get("config.cma", ""), ("BEGIN", "[END]"))
+        if len(lines.lines) < 2:
+            raise InputError("config.cma", "no assignment of tables to axes", "Give the whole folder")
+        causes = lines.lines[0][1].split()[2:]
+        active = next((s.split() for _, s in lines.lines[1:] if "*" in s.split()), None)
+        if active is None or len(active) != len(causes) + 2:
+            raise InputError("config.cma", "no active line (*)", "Mark one line with a star")
+        out: list[Table] = []
+        for cause, file in zip(causes, active[2:], strict=True):
+            if file not in files:
+                raise InputError("config.cma", f"{file}, which is not there", "Give the whole folder")
+            out += _table(file, files[file], cause)
+        return tuple(out)
+
+    def checklist(self, setup: Setup) -> list[str]:
+        return [
+            "back up config.cma and the tables it names; AXISPOS counts from the machine datum (MP_refPosition)",
+            "copy the tables, check the column names against CfgAxes/axisList",
+            "only one line of config.cma is active (*); take the star away to switch all of them off",
+            "BACKLASH is empty: reversal errors stay with their own machine parameter",
+        ]
+
+
+def _table(file: str, text: str, cause: str) -> list[Table]:
+    lines = Lines.of(file, text, ("BEGIN", "[END]"))
+    if "[END]" not in text:
+        raise InputError(file, "no [END]: the table is not whole", "Copy the file again")
+    head = lines.lines[0][1].split()
+    outputs = [h for h in head if h not in ("NR", "AXISPOS", "BACKLASH")]
+    data = np.array([lines.numbers(k, s, 2 + len(outputs)) for k, s in lines.lines[1:]]).reshape(-1, 2 + len(outputs))
+    term = Term("", (cause,), (tuple(data[:, 1].tolist()),))
+    check_increasing(term, name=file)
+    return [Table(Term(o, term.inputs, term.grids), -data[:, 2 + k]) for k, o in enumerate(outputs)]

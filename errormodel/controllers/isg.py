@@ -1,0 +1,141 @@
+"""Volumetric compensation of the ISG kernel, sold by Beckhoff as TF5280: error parameters in ISG_CSV.
+
+White-space tables: a header of argument and parameter names, rows below, ``//`` before comments, ``#`` before a
+further header. Offsets in mm, angles in rad; arguments in mm, and degrees for rotary axes. Errors may be tabled over
+several axes.
+
+Source: Beckhoff Infosys TF5280, pages 296423819 (parameters), 296429067 (ISG CSV), 296390283 (configuration), and the
+kernel's documentation at isg-stuttgart.de.
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from errormodel.controllers.base import header
+from errormodel.controllers.setup import Setup
+from errormodel.controllers.tables import Table, Tables, Term, check_increasing
+from errormodel.controllers.text import Files, Lines, one_file
+from errormodel.controllers.volumetric import Volumetric
+from errormodel.exceptions import InputError
+
+DOUBT = (
+    "the sign of the parameters (taken as errors, actual minus nominal; `negate XYZ` in the list turns them round) and "
+    "the point an angle's lever is counted from (taken as the axis' own frame with the tool tip as in machine.yaml)"
+)
+
+
+def configuration(setup: Setup, file: str, form: str, names: tuple[str, ...]) -> str:
+    """The list file that names axes, chain and parameter file."""
+    return "\n".join(
+        [
+            "# volumetric compensation: logical axis numbers, to be set to those of this controller",
+            *(f"{name} {k}" for k, name in enumerate(names, start=1)),
+            f"chain {''.join(names)}",
+            "workpiece_axes 0",
+            "interpolation GRID",
+            f"file[0] {file}",
+            f"file_format[0] {form}",
+            "",
+        ]
+    )
+
+
+class Isg(Volumetric):
+    """ISG_CSV."""
+
+    name: ClassVar[str] = "isg"
+    title: ClassVar[str] = "Beckhoff TF5280 / ISG kernel volumetric compensation (ISG_CSV)"
+    source: ClassVar[str] = "infosys.beckhoff.com TF5280: 296423819, 296429067, 296390283"
+    doubt: ClassVar[str] = DOUBT
+    most_points: ClassVar[int] = 2000
+
+    def structures(self, setup: Setup) -> list[list[Term]]:
+        """Six motions an axis over its own position; then with the last linear axis' translations over all linear axes.
+
+        Those take what is no rigid motion of one axis: sag that depends on two positions.
+        """
+        linear = tuple(a for a in self.measured(setup) if not setup.axis(a).rotary)
+        lattice = setup.lattice(linear, self.most_points, 160)
+        last = linear[-1]
+        plain = self.terms(setup)
+        more = [
+            Term(t.output, linear, lattice) if t.output[:2] in ("EX", "EY", "EZ") and t.inputs == (last,) else t
+            for t in plain
+        ]
+        return [plain, more]
+
+    def write(self, tables: Tables, setup: Setup) -> dict[str, str]:
+        groups: dict[tuple[object, ...], list[Table]] = {}
+        for table in tables:
+            for axis in range(len(table.term.inputs)):
+                check_increasing(table.term, axis)
+            groups.setdefault((table.term.inputs, table.term.grids), []).append(table)
+        lines = [f"// {s}" for s in header(self, setup)]
+        for k, group in enumerate(groups.values()):
+            term = group[0].term
+            lines += ["#"] if k else []
+            lines.append(" ".join([*term.inputs, *(t.term.output for t in group)]))
+            nodes = np.stack(np.meshgrid(*term.grids, indexing="ij"), axis=-1).reshape(-1, len(term.inputs))
+            values = np.column_stack([t.values.ravel() for t in group])
+            lines += [
+                " ".join([*(f"{x:.9g}" for x in q), *(f"{v:.9e}" for v in e)])
+                for q, e in zip(nodes, values, strict=True)
+            ]
+        text = "\n".join(lines) + "\n"
+        count = sum(t.term.size for t in tables)
+        start = f"# start-up list\nvol_comp[0].file_name vol_comp_0.lis\nvol_comp[0].max_records {count}\n"
+        return {
+            "vol_comp_0.csv": text,
+            "vol_comp_0.lis": configuration(setup, "vol_comp_0.csv", "ISG_CSV", self.measured(setup)),
+            "hochlauf.lis": start,
+        }
+
+    def read(self, files: Files, setup: Setup) -> Tables:
+        name, text = one_file(files, ".csv")
+        lines = Lines.of(name, text, ("//",))
+        out: list[Table] = []
+        head: list[str] = []
+        start, rows = 0, list[list[float]]()
+
+        def close() -> None:
+            if head:
+                out.extend(_block(lines, start, head, rows))
+
+        for number, line in lines.lines:
+            if line.startswith("#"):
+                close()
+                head, rows = [], []
+            elif not head:
+                head, start = line.split(), number
+            else:
+                rows.append(lines.numbers(number, line, len(head)))
+        close()
+        if not out:
+            raise InputError(name, "no tables", "Give an ISG_CSV file")
+        return tuple(out)
+
+    def checklist(self, setup: Setup) -> list[str]:
+        return [
+            "set the logical axis numbers in vol_comp_0.lis, and its path in the start-up list (hochlauf.lis)",
+            "copy both files to the controller and restart it (licence TF5280)",
+            "NC: #VOLCOMP ON [ID0]; to load again: #VOLCOMP OFF, then #VOLCOMP [ID0 UPDATE]",
+            "leave leadscrew and cross compensations of these axes as they were when the survey was measured",
+        ]
+
+
+def _block(lines: Lines, number: int, head: list[str], rows: list[list[float]]) -> list[Table]:
+    """Tables of one header and its rows."""
+    inputs = tuple(h for h in head if len(h) == 1)
+    data = np.array(rows).reshape(-1, len(head))
+    grids = tuple(tuple(np.unique(data[:, k]).tolist()) for k in range(len(inputs)))
+    nodes = np.stack(np.meshgrid(*grids, indexing="ij"), axis=-1).reshape(-1, len(inputs))
+    if head[: len(inputs)] != list(inputs) or not np.array_equal(nodes, data[:, : len(inputs)]):
+        raise lines.error(number, "rows that are no grid in order", "Give every node once, the last argument fastest")
+    return [
+        Table(Term(h, inputs, grids), data[:, k].reshape([len(g) for g in grids]))
+        for k, h in enumerate(head)
+        if len(h) > 1
+    ]

@@ -1,0 +1,121 @@
+"""Klipper: skew_correction, a bed_mesh profile, and z_thermal_adjust.
+
+Skew: ``x' = x - y f_xy - z (f_xz - f_xy f_yz)``, ``y' = y - z f_yz``. Mesh: what is added to Z, rows from the
+smallest Y, columns from the smallest X; with mesh_x_pps and mesh_y_pps 0 bilinear between its points, the edge holds.
+Nothing corrects X and Y beyond skew, and nothing a screw's pitch; axis_twist_compensation corrects what a probe
+reads, not where the nozzle goes.
+
+Source: Klipper docs/Config_Reference.md, klippy/extras/bed_mesh.py, skew_correction.py, z_thermal_adjust.py.
+"""
+
+from __future__ import annotations
+
+import configparser
+from collections.abc import Mapping, Sequence
+from typing import ClassVar
+
+import numpy as np
+
+from errormodel.arrays import Array
+from errormodel.controllers.base import header
+from errormodel.controllers.printers import Printer, heights_of, skew_tables, skews_of
+from errormodel.controllers.setup import Setup
+from errormodel.controllers.tables import Table, Tables, Term, check_points, even_step
+from errormodel.controllers.text import Files, one_file
+from errormodel.exceptions import InputError
+
+PROFILE = "errormodel"
+
+
+class Klipper(Printer):
+    """One included file of printer.cfg."""
+
+    name: ClassVar[str] = "klipper"
+    title: ClassVar[str] = "Klipper (skew_correction, bed_mesh)"
+    source: ClassVar[str] = "Klipper Config_Reference.md; bed_mesh.py, skew_correction.py"
+    most_points: ClassVar[int] = 100
+
+    def emulate(self, tables: Tables, setup: Setup, q: Array, direction: Array | None = None) -> Array:
+        skew, mesh = skews_of(tables), heights_of(tables)
+        xy, xz, yz = (-skew[k] for k in ("XY", "XZ", "YZ"))
+        y, z = (q[:, setup.place(n)] if n in setup.names else np.zeros(len(q)) for n in "YZ")
+        moved = {"X": -y * xy - z * (xz - xy * yz), "Y": -z * yz}
+        if mesh is not None:  # the mesh is asked after the skew, at the place that is really driven to
+            place = q.copy()
+            for name, shift in moved.items():
+                place[:, setup.place(name)] += shift
+            moved["Z"] = mesh.at(setup, place, np.ones_like(q))
+        return np.column_stack([moved.get(m, np.zeros(len(q))) for m in setup.movers])
+
+    def quantum(self, setup: Setup) -> float:
+        return 1e-6 * (2 + sum(abs(v) for a in setup.axes for v in a.travel) / 1000)
+
+    def write(self, tables: Tables, setup: Setup) -> dict[str, str]:
+        skew, mesh = skews_of(tables), heights_of(tables)
+        lines = [f"# {s}" for s in header(self, setup)] + [f"[skew_correction {PROFILE}]"]
+        lines += [f"{k.lower()}_skew: {-v:.9f}" for k, v in skew.items()]
+        if mesh is not None:
+            term = mesh.term
+            for k in range(2):
+                check_points(term, self.most_points, k)
+                even_step(term, k)
+                if len(term.grids[k]) < self.least_points:
+                    raise InputError(f"mesh along {term.inputs[k]}", f"{len(term.grids[k])} points", "Give 3 or more")
+            (x0, *_, x1), (y0, *_, y1) = term.grids
+            lines += [f"[bed_mesh {PROFILE}]", "version: 1", "points:"]
+            lines += ["    " + ", ".join(f"{v:.6f}" for v in row) for row in mesh.values.T]
+            lines += [f"x_count: {term.shape[0]}", f"y_count: {term.shape[1]}", "mesh_x_pps: 0", "mesh_y_pps: 0"]
+            lines += ["algo: lagrange", "tension: 0.2"]
+            lines += [f"min_x: {x0:.9g}", f"max_x: {x1:.9g}", f"min_y: {y0:.9g}", f"max_y: {y1:.9g}"]
+        return {"errormodel.cfg": "\n".join(lines) + "\n"}
+
+    def thermal(self, states: Sequence[tuple[Mapping[str, float], Tables]], setup: Setup) -> dict[str, str]:
+        """``z_thermal_adjust``: the mean height as a straight line of one temperature."""
+        meshes = [(state, heights_of(tables)) for state, tables in states]
+        sensor = next(iter(states[0][0]), "")
+        if len(states) < 2 or any(mesh is None for _, mesh in meshes):
+            return {}
+        warmth = [state[sensor] for state, _ in meshes]
+        slope = float(np.polyfit(warmth, [mesh.values.mean() for _, mesh in meshes if mesh is not None], 1)[0])
+        lines = [
+            f"# Z follows {sensor} in place of a mesh for each temperature: use it with the middling folder only",
+            "# (the firmware adds -temp_coeff times the warming since Z was homed)",
+            "[z_thermal_adjust]",
+            f"temp_coeff: {min(max(-slope, -1.0), 1.0):.6f}",
+            "# sensor_type, sensor_pin: those of the sensor on the machine's frame",
+        ]
+        return {"z_thermal_adjust.cfg": "\n".join(lines) + "\n"}
+
+    def read(self, files: Files, setup: Setup) -> Tables:
+        name, text = one_file(files, ".cfg")
+        parser = configparser.ConfigParser(delimiters=(":",), inline_comment_prefixes=("#",))
+        try:
+            parser.read_string(text)
+            skew = parser[f"skew_correction {PROFILE}"]
+            out = skew_tables({k: -float(skew[f"{k.lower()}_skew"]) for k in ("XY", "XZ", "YZ")}, setup)
+            if f"bed_mesh {PROFILE}" in parser:
+                out.append(_mesh(dict(parser[f"bed_mesh {PROFILE}"])))
+        except (configparser.Error, KeyError, ValueError) as error:
+            raise InputError(name, f"not a configuration that was written here ({error})", "Write it again") from error
+        return tuple(out)
+
+    def checklist(self, setup: Setup) -> list[str]:
+        return [
+            "printer.cfg: [include errormodel.cfg], [skew_correction], [bed_mesh] (fade_end: 0, split_delta_z: 0.01)",
+            f"start G-code: SKEW_PROFILE LOAD={PROFILE}, BED_MESH_PROFILE LOAD={PROFILE}",
+            "off: SET_SKEW CLEAR=1, BED_MESH_CLEAR",
+            "a mesh that was probed replaces this one and does not know the nozzle's own errors: do not load both",
+            "axis_twist_compensation corrects the probe's readings, not the nozzle: it is left as it is",
+        ]
+
+
+def _mesh(keys: dict[str, str]) -> Table:
+    values = np.array([[float(v) for v in row.split(",")] for row in keys["points"].strip().splitlines()])
+    shape = (int(keys["x_count"]), int(keys["y_count"]))
+    if values.T.shape != shape:
+        raise ValueError(f"{values.T.shape} points where {shape} belong")
+    grids = tuple(
+        tuple(np.round(np.linspace(float(keys[f"min_{a}"]), float(keys[f"max_{a}"]), n), 9).tolist())
+        for a, n in zip("xy", shape, strict=True)
+    )
+    return Table(Term("Z", ("X", "Y"), grids), values.T)

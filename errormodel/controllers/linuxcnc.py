@@ -1,0 +1,99 @@
+"""LinuxCNC: screw compensation of each joint by ``COMP_FILE``, types 0 and 1.
+
+Three figures a line, positions in machine units: type 0 gives where the joint really was, going up and going down;
+type 1 gives the trim. At most 256 lines a joint, nothing but figures: the loader stops at the first other line
+without a word. The motor is commanded to position plus trim; straight lines between points, end values hold.
+
+Source: LinuxCNC's documentation of the INI file, and its code (``usrmotintf.cc``, ``control.c``); where the two
+examples of the documentation disagree the code was followed.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import ClassVar
+
+import numpy as np
+
+from errormodel.arrays import Array
+from errormodel.controllers.base import Controller
+from errormodel.controllers.setup import Setup
+from errormodel.controllers.tables import Tables, Term, check_increasing, check_points, merged, split
+from errormodel.controllers.text import Files, Lines
+from errormodel.exceptions import InputError
+
+
+class LinuxCnc1(Controller):
+    """Trims."""
+
+    name: ClassVar[str] = "linuxcnc-type1"
+    title: ClassVar[str] = "LinuxCNC COMP_FILE_TYPE = 1 (trims)"
+    source: ClassVar[str] = "LinuxCNC docs/src/config/ini-config.adoc, src/emc/usr_intf/usrmotintf.cc"
+    bidirectional: ClassVar[bool] = True
+    most_points: ClassVar[int] = 256
+    kind: ClassVar[int] = 1
+
+    def terms(self, setup: Setup) -> list[Term]:
+        return self.curves(setup, [(m, m) for m in setup.linear if m in setup.moving])
+
+    def write(self, tables: Tables, setup: Setup) -> dict[str, str]:
+        files, ini = {}, []
+        for (output, _, _), sides in merged(tables).items():
+            term = next(iter(sides.values())).term
+            check_points(term, self.most_points)
+            check_increasing(term)
+            both = sides.get(0)
+            up, down = (both, both) if both else (sides[1], sides[-1])
+            joint, file = setup.place(output), f"joint_{setup.place(output)}_{output}.comp"
+            rows = [
+                f"{x:.6f} {self._outward(x, u):.6f} {self._outward(x, d):.6f}"
+                for x, u, d in zip(term.grids[0], up.values, down.values, strict=True)
+            ]
+            files[file] = "\n".join(rows) + "\n"
+            ini += [f"# axis {output}", f"[JOINT_{joint}]", f"COMP_FILE = {file}", f"COMP_FILE_TYPE = {self.kind}"]
+        return {**files, "compensation.ini": "\n".join(ini) + "\n"}
+
+    def _outward(self, position: float, correction: float) -> float:
+        return correction
+
+    def _inward(self, position: Array, value: Array) -> Array:
+        return value
+
+    def read(self, files: Files, setup: Setup) -> Tables:
+        out = []
+        for number, file in re.findall(
+            r"\[JOINT_(\d+)\][^\[]*?COMP_FILE\s*=\s*(\S+)", files.get("compensation.ini", "")
+        ):
+            if file not in files:
+                raise InputError("compensation.ini", f"COMP_FILE {file}, which is not there", "Give the whole folder")
+            lines = Lines.of(file, files[file])
+            data = np.array([lines.numbers(k, s, 3) for k, s in lines.lines]).reshape(-1, 3)
+            output = setup.names[int(number)]
+            up, down = (self._inward(data[:, 0], data[:, k]) for k in (1, 2))
+            out += split(output, output, tuple(data[:, 0].tolist()), up, down)
+            check_increasing(out[-1].term)
+        if not out:
+            raise InputError("compensation.ini", "no COMP_FILE of any joint", "Give the whole folder")
+        return tuple(out)
+
+    def checklist(self, setup: Setup) -> list[str]:
+        return [
+            "copy the .comp files beside the INI file and the lines of compensation.ini into its [JOINT_n] sections",
+            "check that the joint numbers are those of the axes on this machine",
+            "take BACKLASH out of these joints: it is ignored where a COMP_FILE is given",
+            "restart LinuxCNC (a reload in the same session appends to the table), home, then check with an indicator",
+        ]
+
+
+class LinuxCnc0(LinuxCnc1):
+    """Actual positions."""
+
+    name: ClassVar[str] = "linuxcnc-type0"
+    title: ClassVar[str] = "LinuxCNC COMP_FILE_TYPE = 0 (actual positions)"
+    kind: ClassVar[int] = 0
+
+    def _outward(self, position: float, correction: float) -> float:
+        return position - correction
+
+    def _inward(self, position: Array, value: Array) -> Array:
+        return position - value

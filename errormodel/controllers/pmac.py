@@ -1,0 +1,109 @@
+"""Delta Tau PMAC and Turbo PMAC: ``DEFINE COMP`` tables of one motor's position, moving another.
+
+Whole sixteenths of a count. A table has N entries at equal spacings from the motor's zero; at zero itself the
+correction is zero. The position is rolled over, so that minus positions use the end of the table; its last entry is
+the zero again.
+
+Source: PMAC and Turbo PMAC software references, DEFINE COMP (Turbo p. 302-305).
+"""
+
+from __future__ import annotations
+
+import re
+from typing import ClassVar
+
+import numpy as np
+
+from errormodel.arrays import Index
+from errormodel.controllers.base import Controller, header
+from errormodel.controllers.setup import Setup
+from errormodel.controllers.tables import Table, Tables, Term, even_step
+from errormodel.controllers.text import Files, one_file
+from errormodel.exceptions import InputError
+
+TABLE = re.compile(r"#(\d+) DEFINE COMP (\d+),#(\d+)D,#(\d+),(\d+)\s+([-\d\s]+)")
+
+
+class Pmac(Controller):
+    """One-dimensional tables, cross ones included."""
+
+    name: ClassVar[str] = "pmac"
+    title: ClassVar[str] = "Delta Tau PMAC / Turbo PMAC position compensation (DEFINE COMP)"
+    source: ClassVar[str] = "Turbo PMAC software reference, DEFINE COMP, p. 302-305"
+    doubt: ClassVar[str] = "the sign of the entries (taken as a correction, added to the commanded position)"
+    most_points: ClassVar[int] = 1000
+    most_tables: ClassVar[int | None] = 32
+
+    def unit(self, setup: Setup) -> float:
+        """A sixteenth of a count, mm."""
+        return (setup.resolution or 0.001) / 16
+
+    def quantum(self, setup: Setup) -> float:
+        return 0.5 * self.unit(setup) * len(setup.moving) + 1e-9
+
+    def terms(self, setup: Setup) -> list[Term]:
+        return [
+            Term(m, (i,), (setup.grid(i, self.most_points, anchored=True),), zero=True)
+            for m in setup.linear
+            for i in setup.moving
+        ]
+
+    def _nodes(self, setup: Setup, name: str, step: float) -> Index:
+        """Whole multiples of the step that cover the travel and zero."""
+        low, high = setup.axis(name).travel
+        return np.arange(int(np.floor(min(low, 0.0) / step + 1e-9)), int(np.ceil(max(high, 0.0) / step - 1e-9)) + 1)
+
+    def write(self, tables: Tables, setup: Setup) -> dict[str, str]:
+        if len(tables) > 32:
+            raise InputError("tables", f"{len(tables)} tables, and there are 32 motors to hold one", "Leave some out")
+        unit, counts = self.unit(setup), 1 / (16 * self.unit(setup))
+        lines = [f"; {s}" for s in header(self, setup)]
+        lines += [f"; {counts:.9g} counts a mm (or deg): set --resolution to this machine's count", "DELETE GATHER"]
+        lines += [f"#{m} DELETE COMP" for m in range(1, len(tables) + 1)]
+        for m in range(len(tables), 0, -1):
+            table = tables[m - 1]
+            term, source = table.term, table.term.inputs[0]
+            step = even_step(term)
+            place = term.grids[0][0] / step
+            if abs(place - round(place)) > 1e-6:
+                found = f"positions from {term.grids[0][0]:g}, no whole multiple of the spacing {step:g}"
+                raise InputError(f"table {term.output} over {source}", found, "Entries count from the motor's zero")
+            nodes = self._nodes(setup, source, step)
+            values = np.rint(np.interp(nodes * step, term.grids[0], table.values) / unit).astype(int)
+            if values[nodes == 0][0]:
+                found = (
+                    f"{values[nodes == 0][0] * unit:g} mm at the motor's zero, where the table is zero by definition"
+                )
+                raise InputError(f"table {term.output} over {source}", found, "Take that value off the whole table")
+            entries = np.zeros(len(nodes), dtype=int)
+            entries[nodes % len(nodes)] = values
+            count = round(len(nodes) * step * counts)
+            numbers = (setup.place(source) + 1, setup.place(term.output) + 1)
+            lines.append(f"#{m} DEFINE COMP {len(nodes)},#{numbers[0]}D,#{numbers[1]},{count}")
+            ordered = [*entries[1:], 0]
+            lines += [" ".join(map(str, ordered[k : k + 10])) for k in range(0, len(ordered), 10)]
+        return {"comp.pmc": "\n".join([*lines, "I51=1"]) + "\n"}
+
+    def read(self, files: Files, setup: Setup) -> Tables:
+        name, text = one_file(files, ".pmc")
+        unit, out = self.unit(setup), []
+        plain = "\n".join(line.split(";")[0] for line in text.splitlines())
+        for motor, count, source, target, length, body in TABLE.findall(plain):
+            entries = [int(v) for v in body.split()]
+            if len(entries) != int(count) or entries[-1]:
+                found = f"{len(entries)} entries, {count} announced, the last {entries[-1] if entries else 'missing'}"
+                raise InputError(f"{name}, table {motor}", found, "The last entry must be 0")
+            step = float(round(int(length) * 16 * unit / len(entries), 9))
+            letter = setup.names[int(source) - 1]
+            nodes = self._nodes(setup, letter, step)
+            values = unit * np.array([0, *entries[:-1]])[nodes % len(entries)]
+            grid = tuple(float(round(k * step, 9)) for k in nodes)
+            out.append(Table(Term(setup.names[int(target) - 1], (letter,), (grid,), zero=True), values))
+        return tuple(reversed(out))
+
+    def checklist(self, setup: Setup) -> list[str]:
+        return [
+            "check motor numbers and counts a mm (--resolution), and that position 0 is the motor's zero after homing",
+            "delete TCOMP, BLCOMP, TBUF, ROTARY, LOOKAHEAD buffers first; tables go in from the highest motor down",
+            "download comp.pmc, I51=1 switches compensation on, I51=0 off; SAVE once it is right",
+        ]

@@ -1,0 +1,51 @@
+"""What firmwares of printers share: skew of three axes, and a height map over X and Y."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from errormodel.controllers.base import Controller
+from errormodel.controllers.setup import Setup
+from errormodel.controllers.tables import Table, Tables, Term
+from errormodel.exceptions import InputError
+
+SKEWS = (("X", "Y"), ("X", "Z"), ("Y", "Z"))  # which axis moves with which
+
+
+class Printer(Controller):
+    """Skew (mm a mm) and heights (mm)."""
+
+    least_points = 3
+
+    def suits(self, setup: Setup) -> None:
+        super().suits(setup)
+        if not {"X", "Y"} <= {*setup.linear}:
+            found = f"corrections by {', '.join(setup.movers)}; the firmware wants linear axes X, Y (and Z)"
+            raise InputError(f"--controller {self.name}", found, "Use --controller csv or gcode")
+
+    def terms(self, setup: Setup) -> list[Term]:
+        self.suits(setup)
+        skews = [Term(a, (), (), factor=b) for a, b in SKEWS if a in setup.linear and b in setup.moving]
+        if "Z" not in setup.linear or not {"X", "Y"} <= {*setup.moving}:
+            return skews
+        return [*skews, Term("Z", ("X", "Y"), setup.lattice(("X", "Y"), self.most_points, 500))]
+
+
+def skews_of(tables: Tables) -> dict[str, float]:
+    """XY, XZ, YZ: what is added to the first axis per mm of the second."""
+    found = {t.term.output + t.term.factor: float(t.values) / 1000 for t in tables if not t.term.inputs}
+    return {a + b: found.get(a + b, 0.0) for a, b in SKEWS}
+
+
+def skew_tables(values: dict[str, float], setup: Setup) -> list[Table]:
+    """The other way, of axes that the machine has."""
+    return [
+        Table(Term(k[0], (), (), factor=k[1]), np.array(1000 * v))
+        for k, v in values.items()
+        if k[0] in setup.movers and k[1] in setup.names
+    ]
+
+
+def heights_of(tables: Tables) -> Table | None:
+    """The height map, if there is one."""
+    return next((t for t in tables if t.term.inputs), None)

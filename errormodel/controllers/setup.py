@@ -1,0 +1,123 @@
+"""A machine as controllers see it: its axes by their letters there, in mm and degrees."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from errormodel.arrays import Array
+from errormodel.controllers.grids import anchored_grid, even_grid
+from errormodel.exceptions import InputError, nearest
+from errormodel.machine import Vector
+
+LARGEST = 100_000  # nodes of a lattice
+LETTERS = ("X", "Y", "Z", "A", "B", "C", "U", "V", "W")
+
+
+@dataclass(frozen=True)
+class Axis:
+    """An axis as the controller knows it.
+
+    Attributes
+    ----------
+    name : its letter there; `joint` its name in ``machine.yaml``.
+    travel, measured : ends of the travel, and of what the survey covered (mm or deg).
+    along : direction of the joint at the machine's zero (unit vector in the reference's axes).
+    intervals : how many equal intervals the errors along it need to be followed by straight lines.
+    """
+
+    name: str
+    joint: str
+    rotary: bool
+    travel: tuple[float, float]
+    measured: tuple[float, float]
+    along: Vector = (1.0, 0.0, 0.0)
+    intervals: int = 16
+
+
+@dataclass(frozen=True)
+class Setup:
+    """The machine as a controller sees it.
+
+    Attributes
+    ----------
+    axes : in the order of the chain, from the workpiece.
+    movers : names of the axes that carry out corrections, one a direction of space.
+    reversing : axes whose errors depend on the side from which they arrive.
+    resolution : least increment of the controller (mm, deg), None: the format's usual one.
+    points : points an axis asked for by the user, None: as many as the errors need.
+    levers : motion of the tool tip, (n, 3, 6 axes), in mm per unit (mm, rad) of the six error motions of each axis, at
+        positions (n, axes); and the tip's motion (n, 3, axes) per mm or deg of each axis.
+    """
+
+    machine: str
+    axes: tuple[Axis, ...]
+    movers: tuple[str, ...]
+    reversing: frozenset[str] = frozenset()
+    tool: Vector = (0.0, 0.0, 0.0)
+    resolution: float | None = None
+    points: int | None = None
+    levers: Callable[[Array], tuple[Array, Array]] | None = None
+
+    def place(self, name: str) -> int:
+        """Column of an axis in positions (n, axes)."""
+        for k, axis in enumerate(self.axes):
+            if axis.name == name:
+                return k
+        raise InputError(f"axis {name}", "the machine has no such axis", nearest(name, [a.name for a in self.axes]))
+
+    def axis(self, name: str) -> Axis:
+        return self.axes[self.place(name)]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(a.name for a in self.axes)
+
+    @property
+    def moving(self) -> tuple[str, ...]:
+        """Axes whose travel the survey covered: of the others nothing is known."""
+        return tuple(a.name for a in self.axes if a.measured[1] > a.measured[0])
+
+    @property
+    def linear(self) -> tuple[str, ...]:
+        """Linear axes that carry out corrections."""
+        return tuple(m for m in self.movers if not self.axis(m).rotary)
+
+    def grid(self, name: str, most: int, anchored: bool = False, every: bool = False) -> tuple[float, ...]:
+        """Equidistant positions over what was measured of an axis: as many as its errors need, at most `most`.
+
+        `anchored` ones are whole multiples of their step, so that the reference point 0 is one of them; `every`: as
+        many as there may be.
+        """
+        axis, make = self.axis(name), anchored_grid if anchored else even_grid
+        if self.points is None:
+            wanted = most - 1 if every else axis.intervals * (2 if anchored else 1)
+            return make(*axis.measured, max(1, min(wanted, most - 1)))
+        if not 2 <= self.points <= most:
+            found = f"{self.points} points, and the format holds 2 to {most} an axis"
+            raise InputError(f"--points, axis {name}", found, f"Ask for 2 to {most} points")
+        return make(*axis.measured, self.points - 1)
+
+    def lattice(self, names: Sequence[str], most: int, nodes: int) -> tuple[tuple[float, ...], ...]:
+        """Grids of several axes with at most `nodes` nodes together, all thinned alike; bends are kept.
+
+        Raises
+        ------
+        InputError
+            The points that were asked for make more nodes than `LARGEST`.
+        """
+        grids = tuple(self.grid(name, most) for name in names)
+        share = 1.0
+        while self.points is None and np.prod([len(g) for g in grids]) > nodes and share > 0.02:
+            share *= 0.95
+            grids = tuple(
+                even_grid(*axis.measured, max(min(2, axis.intervals), round(share * min(axis.intervals, most - 1))))
+                for axis in map(self.axis, names)
+            )
+        count = int(np.prod([len(g) for g in grids]))
+        if self.points is not None and count > LARGEST:
+            found = f"{self.points} points on {len(names)} axes are {count} nodes, more than {LARGEST}"
+            raise InputError("--points", found, "Ask for fewer points")
+        return grids

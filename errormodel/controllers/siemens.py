@@ -1,0 +1,220 @@
+"""Siemens Sinumerik: leadscrew errors (``$AA_ENC_COMP``) and cross errors with products of tables (``$AN_CEC``).
+
+Straight lines between equidistant points, end values hold. LEC: one table an axis for both directions, added to the
+actual value, so that a positive one moves the axis back: the file holds errors; the value at the reference point must
+be 0. CEC: a table has a base axis, a compensated axis, a direction, and may be multiplied by another table: that
+other one is here a lever arm (position in m) or the sine or 1 - cosine of a rotary axis. Tables of one compensated
+axis add up.
+
+Source: SINUMERIK 840D sl/828D function manual Extended Functions (K3 Compensations), 6FC5397-1BP40-3BA1.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import ClassVar
+
+import numpy as np
+
+from errormodel.arrays import Array
+from errormodel.controllers.base import Controller, header
+from errormodel.controllers.setup import Setup
+from errormodel.controllers.tables import Table, Tables, Term, check_points, even_step, factor
+from errormodel.controllers.text import Files, one_file
+from errormodel.exceptions import InputError
+
+NUMBER = r"[-+]?[\d.]+(?:[eE][-+]?\d+)?"
+LEC = re.compile(rf"\$AA_ENC_COMP(?:_(\w+))?\[0,(?:(\d+),)?(\w+)1\]=({NUMBER})")
+CEC = re.compile(rf"\$AN_CEC(?:_(\w+))?\[(\d+)(?:,(\d+))?\]=\(?({NUMBER}|\w+1)\)?")
+TURN = 2.5  # deg between points of a sine
+
+
+def _file(text: str) -> str:
+    """Text without comments; archives must end with M17."""
+    if "M17" not in text:
+        raise InputError("files", "no M17: the archive is not whole", "Copy the file again")
+    return "\n".join(line.split(";")[0] for line in text.splitlines())
+
+
+def _grid(step: float, low: float, high: float, count: int, where: str) -> tuple[float, ...]:
+    if step <= 0 or abs((high - low) / step + 1 - count) > 1e-6:
+        found = f"{count} points from {low:g} to {high:g} in steps of {step:g}"
+        raise InputError(where, found, "STEP must divide MAX - MIN, with one point more than steps")
+    return tuple(float(round(low + k * step, 9)) for k in range(count))
+
+
+class SiemensLec(Controller):
+    """``$AA_ENC_COMP``."""
+
+    name: ClassVar[str] = "siemens-lec"
+    title: ClassVar[str] = "Siemens Sinumerik leadscrew error compensation ($AA_ENC_COMP)"
+    source: ClassVar[str] = "SINUMERIK Extended Functions 6FC5397-1BP40-3BA1, K3, p. 237-242"
+    most_points: ClassVar[int] = 1000
+
+    def terms(self, setup: Setup) -> list[Term]:
+        return self.curves(setup, [(m, m) for m in setup.linear if m in setup.moving], zero=True)
+
+    def write(self, tables: Tables, setup: Setup) -> dict[str, str]:
+        lines = ["%_N_AX_EEC_INI", *(f"; {s}" for s in header(self, setup)), "CHANDATA(1)"]
+        for table in tables:
+            term, axis = table.term, f"{table.term.output}1"
+            check_points(term, self.most_points)
+            step = even_step(term)
+            lines += [f"$AA_ENC_COMP[0,{k},{axis}]={-v:.6f}" for k, v in enumerate(table.values)]
+            lines += [
+                f"$AA_ENC_COMP_STEP[0,{axis}]={step:.9g}",
+                f"$AA_ENC_COMP_MIN[0,{axis}]={term.grids[0][0]:.9g}",
+                f"$AA_ENC_COMP_MAX[0,{axis}]={term.grids[0][-1]:.9g}",
+                f"$AA_ENC_COMP_IS_MODULO[0,{axis}]=0",
+            ]
+        return {"AX_EEC.INI": "\n".join([*lines, "M17"]) + "\n"}
+
+    def read(self, files: Files, setup: Setup) -> Tables:
+        name, text = one_file(files, ".ini")
+        values: dict[str, list[float]] = {}
+        keys: dict[str, dict[str, float]] = {}
+        for key, _, axis, number in LEC.findall(_file(text)):
+            if key:
+                keys.setdefault(axis, {})[key] = float(number)
+            else:
+                values.setdefault(axis, []).append(-float(number))
+        out = []
+        for axis, v in values.items():
+            k = keys.get(axis, {})
+            grid = _grid(k.get("STEP", 0.0), k.get("MIN", 0.0), k.get("MAX", 0.0), len(v), f"{name}, axis {axis}")
+            out.append(Table(Term(axis, (axis,), (grid,), zero=True), np.array(v)))
+        return tuple(out)
+
+    def checklist(self, setup: Setup) -> list[str]:
+        return [
+            "rename the axes X1, Y1, ... to this machine's axis names",
+            "MD38000 $MA_MM_ENC_COMP_MAX_POINTS at least the points (back up first: memory is formatted anew)",
+            "MD32700 $MA_ENC_COMP_ENABLE = 0, load AX_EEC.INI, MD32700 = 1, reset, reference the axes",
+            "the table is zero at the reference point, and adds to the actual value: check with an indicator",
+        ]
+
+
+class SiemensCec(Controller):
+    """``$AN_CEC``."""
+
+    name: ClassVar[str] = "siemens-cec"
+    title: ClassVar[str] = "Siemens Sinumerik cross error compensation ($AN_CEC), products of tables included"
+    source: ClassVar[str] = "SINUMERIK Extended Functions 6FC5397-1BP40-3BA1, K3, p. 249-264; 840D sl p. 277"
+    doubt: ClassVar[str] = (
+        "the sign of $AN_CEC (taken as that of $AA_ENC_COMP: a positive value moves the axis in minus direction), and "
+        "that a table which only multiplies others does not act by itself while $SN_CEC_TABLE_ENABLE is 0 for it"
+    )
+    bidirectional: ClassVar[bool] = True
+    most_points: ClassVar[int] = 200
+    most_tables: ClassVar[int | None] = 55  # of 62 on an 840D sl, the rest being levers
+
+    def terms(self, setup: Setup) -> list[Term]:
+        out = self.curves(setup, [(m, i) for m in setup.linear for i in setup.moving])
+        for name in setup.moving:
+            for other in (o for o in setup.moving if o != name):
+                kinds = ("sin ", "cos ") if setup.axis(other).rotary else ("",)
+                grid = setup.grid(name, self.most_points)
+                out += [Term(m, (name,), (grid,), factor=kind + other) for m in setup.linear for kind in kinds]
+        return out
+
+    def _lever(self, setup: Setup, name: str) -> tuple[Array, Array]:
+        """Positions and values of a table that multiplies others."""
+        axis = setup.axis(name.rpartition(" ")[2])
+        low, high = np.floor(axis.measured[0]), np.ceil(axis.measured[1])
+        if axis.rotary:
+            high = low + TURN * np.ceil((high - low) / TURN)
+        x = np.linspace(low, high, round((high - low) / TURN) + 1) if axis.rotary else np.array([low, high])
+        full = np.zeros((len(x), len(setup.axes)))
+        full[:, setup.place(axis.name)] = x
+        return x, np.round(factor(setup, name, full), 9)
+
+    def emulate(self, tables: Tables, setup: Setup, q: Array, direction: Array | None = None) -> Array:
+        sign = np.ones_like(q) if direction is None else direction
+        out = np.zeros((len(q), len(setup.movers)))
+        for table in tables:
+            term = table.term
+            own = Table(Term(term.output, term.inputs, term.grids, direction=term.direction), table.values)
+            value = own.at(setup, q, sign)
+            if term.factor:
+                x, lever = self._lever(setup, term.factor)
+                value = value * np.interp(q[:, setup.place(term.factor.rpartition(" ")[2])], x, lever)
+            out[:, setup.movers.index(term.output)] += value
+        return out
+
+    def quantum(self, setup: Setup) -> float:
+        # of every table, times the lever (m) it is multiplied by
+        return 1e-9 * len(self.terms(setup)) * max(1.0, *(abs(v) / 1000 for a in setup.axes for v in a.travel))
+
+    def write(self, tables: Tables, setup: Setup) -> dict[str, str]:
+        factors = list(dict.fromkeys(t.term.factor for t in tables if t.term.factor))
+        number = {f: k for k, f in enumerate(factors)}  # of the lever tables, which come first
+        lines = ["%_N_NC_CEC_INI", *(f"; {s}" for s in header(self, setup)), "CHANDATA(1)"]
+        for name, t in number.items():
+            x, lever = self._lever(setup, name)
+            axis = name.rpartition(" ")[2]
+            lines.append(f"; table {t + 1} only multiplies others: {name}")
+            lines += self._table(t, x, lever, axis, axis, 0, 0)
+        for t, table in enumerate(tables, start=len(factors)):
+            term = table.term
+            check_points(term, self.most_points)
+            even_step(term)
+            multiply = number[term.factor] + 1 if term.factor else 0
+            x = np.asarray(term.grids[0])
+            lines += self._table(t, x, -table.values, term.inputs[0], term.output, term.direction, multiply)
+        if len(tables) + len(factors) > 62:
+            found = f"{len(tables) + len(factors)} tables, of which the control has 62"
+            raise InputError("tables", found, "Leave some out")
+        return {"NC_CEC.INI": "\n".join([*lines, "M17"]) + "\n"}
+
+    @staticmethod
+    def _table(t: int, x: Array, values: Array, source: str, target: str, direction: int, multiply: int) -> list[str]:
+        return [
+            *(f"$AN_CEC[{t},{k}]={v:.9f}" for k, v in enumerate(values)),
+            f"$AN_CEC_INPUT_AXIS[{t}]=({source}1)",
+            f"$AN_CEC_OUTPUT_AXIS[{t}]=({target}1)",
+            f"$AN_CEC_STEP[{t}]={(x[-1] - x[0]) / (len(x) - 1):.9g}",
+            f"$AN_CEC_MIN[{t}]={x[0]:.9g}",
+            f"$AN_CEC_MAX[{t}]={x[-1]:.9g}",
+            f"$AN_CEC_DIRECTION[{t}]={direction}",
+            f"$AN_CEC_MULT_BY_TABLE[{t}]={multiply}",
+            f"$AN_CEC_IS_MODULO[{t}]=0",
+        ]
+
+    def read(self, files: Files, setup: Setup) -> Tables:
+        name, text = one_file(files, ".ini")
+        levers = {int(t) - 1: f for t, f in re.findall(r"; table (\d+) only multiplies others: (.+)", text)}
+        values: dict[int, list[float]] = {}
+        keys: dict[int, dict[str, str]] = {}
+        for key, t, _, value in CEC.findall(_file(text)):
+            if key:
+                keys.setdefault(int(t), {})[key] = value
+            else:
+                values.setdefault(int(t), []).append(-float(value))
+        out = []
+        for t, v in values.items():
+            k = keys.get(t, {})
+            where = f"{name}, table {t}"
+            try:
+                step, low, high = (float(k[n]) for n in ("STEP", "MIN", "MAX"))
+                source, target = k["INPUT_AXIS"][:-1], k["OUTPUT_AXIS"][:-1]
+                direction, multiply = int(k["DIRECTION"]), int(k["MULT_BY_TABLE"])
+            except KeyError as error:
+                raise InputError(where, f"no $AN_CEC_{error.args[0]}", "Write the file again") from error
+            grid = _grid(step, low, high, len(v), where)
+            if t in levers:
+                continue
+            if multiply and multiply - 1 not in levers:
+                found = f"multiplied by table {multiply - 1}, which is none of the lever tables"
+                raise InputError(where, found, "Give the file as it was written, comments included")
+            term = Term(target, (source,), (grid,), levers[multiply - 1] if multiply else "", direction)
+            out.append(Table(term, np.array(v)))
+        return tuple(out)
+
+    def checklist(self, setup: Setup) -> list[str]:
+        return [
+            "rename the axes X1, Y1, ... to this machine's axis names",
+            "MD18342 $MN_MM_CEC_MAX_POINTS[t] at least the points of table t (back up first: memory is formatted anew)",
+            "MD32710 $MA_CEC_ENABLE = 0 for all axes, load NC_CEC.INI",
+            "$SN_CEC_TABLE_ENABLE[t] = 1 for all tables but those marked 'only multiplies others'",
+            "MD32710 = 1 for the compensated axes, reset, reference; MD32720 and MD32730 must allow the values",
+        ]

@@ -1,0 +1,135 @@
+"""Tables over positions of axes: their form, their values, and what formats demand of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from errormodel.arrays import Array
+from errormodel.controllers.grids import hats
+from errormodel.controllers.setup import Setup
+from errormodel.exceptions import InputError
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_matrix
+
+
+@dataclass(frozen=True)
+class Term:
+    """One table's form: which axes it runs over, what it moves.
+
+    Attributes
+    ----------
+    output : the axis that it corrects, or an error parameter such as EXX.
+    inputs, grids : axes that it is a function of, and its positions along each; none: a single number.
+    factor : axis by whose position its value is multiplied; with ``sin`` or ``cos`` before it that of a rotary axis.
+    direction : 0 holds for both directions of the first input, +1 or -1 for one.
+    zero : whether it must be zero where its inputs are (nearest to) zero, the reference point.
+    """
+
+    output: str
+    inputs: tuple[str, ...]
+    grids: tuple[tuple[float, ...], ...]
+    factor: str = ""
+    direction: int = 0
+    zero: bool = False
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return tuple(len(g) for g in self.grids)
+
+    @property
+    def size(self) -> int:
+        return int(np.prod(self.shape))
+
+    def weights(self, setup: Setup, q: Array, direction: Array) -> csr_matrix:
+        """(n, size): what each of its values weighs at positions (n, axes) reached with signs `direction` (n, axes)."""
+        from scipy.sparse import diags
+
+        w = hats(self.grids, q[:, [setup.place(i) for i in self.inputs]])
+        scale = factor(setup, self.factor, q)
+        if self.direction:
+            scale = scale * (np.sign(direction[:, setup.place(self.inputs[0])]) == self.direction)
+        out: csr_matrix = (diags(scale) @ w).tocsr()
+        return out
+
+
+def factor(setup: Setup, name: str, q: Array) -> Array:
+    """What a table's value is multiplied by, (n,): 1, an axis in m, sine or 1 - cosine of a rotary axis."""
+    if not name:
+        return np.ones(len(q))
+    kind, _, axis = name.rpartition(" ")
+    position = q[:, setup.place(axis)]
+    if not kind:
+        return position / 1000.0
+    return np.sin(np.radians(position)) if kind == "sin" else 1.0 - np.cos(np.radians(position))
+
+
+@dataclass(frozen=True)
+class Table:
+    """A term with its values, of the term's shape, in mm, deg, or what an error parameter has (mm, rad)."""
+
+    term: Term
+    values: Array
+
+    def at(self, setup: Setup, q: Array, direction: Array) -> Array:
+        """Its value (n,) at positions (n, axes)."""
+        return np.asarray(self.term.weights(setup, q, direction) @ self.values.ravel())
+
+
+Tables = tuple[Table, ...]
+
+
+def even_step(term: Term, axis: int = 0, name: str = "") -> float:
+    """Step of an equidistant grid.
+
+    Raises
+    ------
+    InputError
+        It does not increase, or its steps differ: the step would not divide the range.
+    """
+    where, g = f"table {name or term.output}", np.asarray(term.grids[axis])
+    check_increasing(term, axis, name)
+    steps = np.diff(g)
+    if len(g) < 2 or np.abs(steps - steps[0]).max() > 1e-6 * max(abs(steps[0]), 1e-6):
+        found = f"positions {g[0]:g} to {g[-1]:g} of {term.inputs[axis]} that no step divides evenly"
+        raise InputError(where, found, "Give equidistant positions")
+    return float(round((g[-1] - g[0]) / (len(g) - 1), 9))
+
+
+def check_increasing(term: Term, axis: int = 0, name: str = "") -> None:
+    """Raise InputError unless positions strictly increase."""
+    g = np.asarray(term.grids[axis])
+    bad = np.flatnonzero(np.diff(g) <= 0)
+    if len(bad):
+        found = f"positions do not increase: {g[bad[0]]:g}, then {g[bad[0] + 1]:g}"
+        raise InputError(f"table {name or term.output}", found, "Give positions in increasing order, each once")
+
+
+def check_points(term: Term, most: int, axis: int = 0) -> None:
+    """Raise InputError if there are more points than the format holds."""
+    count = len(term.grids[axis])
+    if count > most:
+        raise InputError(
+            f"table {term.output} over {term.inputs[axis]}",
+            f"{count} points, of which the format holds {most}",
+            "Give fewer: --points sets how many",
+        )
+
+
+def merged(tables: Tables) -> dict[tuple[str, tuple[str, ...], str], dict[int, Table]]:
+    """Tables that differ in direction only, side by side."""
+    out: dict[tuple[str, tuple[str, ...], str], dict[int, Table]] = {}
+    for t in tables:
+        out.setdefault((t.term.output, t.term.inputs, t.term.factor), {})[t.term.direction] = t
+    return out
+
+
+def split(output: str, name: str, grid: tuple[float, ...], plus: Array, minus: Array) -> list[Table]:
+    """One table for both directions where they agree, else one for each."""
+    term = Term(output, (name,), (grid,))
+    if np.array_equal(plus, minus):
+        return [Table(term, plus)]
+    return [Table(replace(term, direction=s), v) for s, v in ((1, plus), (-1, minus))]

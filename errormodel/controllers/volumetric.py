@@ -1,0 +1,80 @@
+"""What controllers with volumetric compensation share: error parameters of ISO 230-1 for each axis, and what they do.
+
+The tip's error is the sum of the six error motions of every axis (functions of its position) times their levers: the
+nominal kinematics from that axis to the tool tip. Only its position is corrected, by the linear axes.
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from errormodel.arrays import Array
+from errormodel.controllers.base import Controller
+from errormodel.controllers.setup import Setup
+from errormodel.controllers.tables import Term
+from errormodel.exceptions import InputError
+
+MOTIONS = ("EX", "EY", "EZ", "EA", "EB", "EC")
+STRAIGHT = 0.999  # an axis runs along x, y or z if its direction cosine is larger
+
+
+def parameter(letter: str, axis: str) -> str:
+    """EXX, EAY, ... of an axis."""
+    return f"{letter}{axis}"
+
+
+class Volumetric(Controller):
+    """Error parameters in place of corrections."""
+
+    bidirectional: ClassVar[bool] = False
+
+    def suits(self, setup: Setup) -> None:
+        super().suits(setup)
+        linear = [setup.axis(m) for m in setup.movers if not setup.axis(m).rotary]
+        if [a.name for a in sorted(linear, key=lambda a: a.name)] != ["X", "Y", "Z"]:
+            raise InputError(
+                f"--controller {self.name}",
+                f"corrections by {', '.join(setup.movers)}; the kernel wants three linear axes X, Y and Z",
+                "Use --controller csv or gcode",
+            )
+        self.senses(setup)
+
+    def senses(self, setup: Setup) -> Array:
+        """Which way X, Y and Z of the controller run along x, y, z of the reference, +-1 (3,)."""
+        along = np.array([setup.axis(name).along[k] for k, name in enumerate("XYZ")])
+        if np.abs(along).min() < STRAIGHT:
+            name = "XYZ"[int(np.argmin(np.abs(along)))]
+            found = f"{name} runs along {', '.join(f'{v:.3g}' for v in setup.axis(name).along)}"
+            raise InputError(f"--controller {self.name}", found, "The kernel wants X, Y, Z along x, y, z")
+        if np.prod(np.sign(along)) < 0:
+            found = "X, Y and Z form a left-handed frame, and errors are counted in a right-handed one"
+            raise InputError(
+                f"--controller {self.name}", found, "Turn the sign of one of them in machine.yaml and survey"
+            )
+        return np.asarray(np.sign(along), np.float64)
+
+    def measured(self, setup: Setup) -> tuple[str, ...]:
+        """Axes with errors of their own in the file: of two that run alike the kernel knows one."""
+        return tuple(a for a in setup.moving if a in "XYZABC")
+
+    def terms(self, setup: Setup) -> list[Term]:
+        return [
+            Term(parameter(m, a), (a,), (setup.grid(a, self.most_points),))
+            for a in self.measured(setup)
+            for m in MOTIONS
+        ]
+
+    def influence(self, setup: Setup, output: str, q: Array) -> Array:
+        if setup.levers is None:
+            raise InputError("setup", "no kinematics", "Give the levers of the machine")
+        levers, tip = setup.levers(q)
+        column = 6 * setup.place(output[2:]) + MOTIONS.index(output[:2])
+        movers = [setup.place(m) for m in setup.movers]
+        sense = self.senses(setup)[
+            MOTIONS.index(output[:2]) % 3
+        ]  # shifts and turns alike: the frame is turned by 180 deg
+        return np.asarray(
+            -sense * np.linalg.solve(tip[:, :, movers], levers[:, :, column : column + 1])[:, :, 0], np.float64
+        )

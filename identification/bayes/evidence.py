@@ -1,0 +1,27 @@
+"""What the data say for each effect of a machine: closed-form Bayes factors, as the diagnosis weighs candidates."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from errormodel import effects
+from identification.bayes.posterior import EffectEvidence
+from identification.bayes.shapes import without_effect
+from identification.diagnosis.candidates import Candidates
+from identification.fit.result import Fit
+from identification.views import PositionView
+
+
+def evidence_of(fit: Fit) -> tuple[EffectEvidence, ...]:
+    """Of each effect at its present shapes, against the machine without it; positions only, in white noise."""
+    if not any(isinstance(v, PositionView) for v in fit.problem.views):
+        return ()
+    out = []
+    for number, spec in enumerate(fit.chain.machine.effects):
+        effect = effects.make(spec)
+        bench, _ = without_effect(fit, number)
+        scores = Candidates.of(bench, [effect]).scores(bench)
+        if len(scores.evidence) and np.isfinite(scores.evidence[0]):
+            nats = float(scores.evidence[0] + effect.cost)
+            out.append(EffectEvidence(effect.effect, effect.where, float(nats / np.log(10))))
+    return tuple(out)

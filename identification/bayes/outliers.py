@@ -1,0 +1,124 @@
+"""Outliers as a mixture: a row is of the common noise, or of one that is many times as wide; how many and how wide.
+
+Whether a row is an outlier depends on the parameters only where that is in doubt. Rows within `NEAR` are of the noise
+whatever the parameters: they stay in the sufficient statistics, and what the mixture adds for them (which depends on
+noise, share and width only) comes from a histogram of their residuals. All others keep their equations, and a
+log-probability costs as much more as they are many.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from errormodel.arrays import Array, Mask
+from identification.bayes.coordinates import Coordinate
+from identification.bayes.statistics import RowsApart, posed
+from identification.fit.result import Fit
+from identification.sums import view_vector
+from identification.views import PositionView
+
+NEAR = 0.01  # of the rows of the noise lie further out
+GROSS = 4.0  # standard deviations: counted as outliers to begin with
+BINS = 60
+LEAST = 3.0  # how many times as wide as the noise outliers are, at least
+WIDEST = 10.0  # times the largest residual: how wide they may be
+FEWEST, LARGEST_SHARE = 0.1, 0.5  # outliers in all; of the rows
+
+
+@dataclass(frozen=True)
+class Mixture:
+    """Rows in doubt, and a histogram of the others.
+
+    Attributes
+    ----------
+    apart : rows that keep their equations.
+    square, seen, number : (b,) squared residuals of the others in units of their whitener, components, and rows so.
+    coordinates : share of outliers, and their width in standard deviations of the noise.
+    """
+
+    apart: RowsApart
+    square: Array
+    seen: Array
+    number: Array
+    coordinates: tuple[Coordinate, Coordinate]
+
+    def log_likelihood(self, points: Array, level: Array, extended: Array) -> Array:
+        """Of the rows apart, and what the mixture adds for the others, (n,)."""
+        share, width = np.exp(points).T[:, :, None]
+        gaps = self.apart.gap - np.tensordot(extended, self.apart.design, axes=(1, 2))
+        distance = level[:, None] * np.einsum("nmc,nmc->nm", gaps, gaps)
+        seen = self.apart.seen
+        far = np.logaddexp(np.log1p(-share) - distance / 2, self._other(share, width, distance, seen))
+        odds = self._other(share, width, self.square * level[:, None], self.seen)
+        odds = odds - np.log1p(-share) + self.square * level[:, None] / 2
+        near = np.log1p(-share[:, 0]) * self.number.sum() + np.logaddexp(0.0, odds) @ self.number
+        return np.asarray(far.sum(axis=1) + near + 0.5 * np.log(level) * seen.sum())
+
+    def probability(self, points: Array, level: Array, extended: Array) -> Array:
+        """Of each row apart to be an outlier, (n, m)."""
+        share, width = np.exp(points).T[:, :, None]
+        gaps = self.apart.gap - np.tensordot(extended, self.apart.design, axes=(1, 2))
+        distance = level[:, None] * np.einsum("nmc,nmc->nm", gaps, gaps)
+        other = self._other(share, width, distance, self.apart.seen)
+        return np.asarray(np.exp(other - np.logaddexp(np.log1p(-share) - distance / 2, other)))
+
+    @staticmethod
+    def _other(share: Array, width: Array, distance: Array, seen: Array) -> Array:
+        return np.asarray(np.log(share) - seen * np.log(width) - distance / (2 * width**2))
+
+
+def squares_of(fit: Fit) -> tuple[Array, Array]:
+    """Squared whitened residuals (rows,) of the survey's positions, NaN where there are none; components measured."""
+    problem = posed(fit, fit.chain.machine)
+    square, seen = np.full(len(fit.survey), np.nan), np.zeros(len(fit.survey))
+    zero = np.zeros(len(fit.chain.ids))
+    for view in problem.views:
+        if isinstance(view, PositionView):
+            vector = view_vector(view, fit.problem.place(), fit.solution.values, zero)
+            gap = np.hstack([view.whiten(part, g) for part, g in view.gaps(vector)])
+            square[view.index] = np.square(gap).sum(axis=0)
+            seen[view.index] = np.isfinite(fit.survey.measured[view.index]).sum(axis=1)
+    return square, seen
+
+
+def in_doubt(square: Array, seen: Array, sigma: float) -> Mask:
+    """Rows that the mixture keeps apart, (rows,)."""
+    from scipy.stats import chi2
+
+    return np.asarray(square > sigma**2 * chi2.isf(NEAR, np.maximum(seen, 1)))
+
+
+def _between(name: str, low: float, high: float, start: float, count: int) -> Coordinate:
+    """A coordinate that `count` observations tell; where there are none, its prior, flat in the logarithm."""
+    spread = float(np.log(high / low))
+    scale = min((count + 1) ** -0.5, spread / 4)
+    return Coordinate(name, "1", float(np.log(np.clip(start, 1.1 * low, high / 1.1))), scale, low, high)
+
+
+def mixture_of(apart: RowsApart, square: Array, seen: Array, sigma: float) -> Mixture:
+    """The mixture of a fit: `square` and `seen` as :func:`squares_of` has them, `sigma` in units of the whitener."""
+    own = np.isfinite(square)
+    own[apart.index] = False
+    order = np.argsort(square[own])
+    # bins of equal numbers, of one count of components each
+    bins = [
+        part
+        for count in np.unique(seen[own])
+        for part in np.array_split(order[seen[own][order] == count], BINS)
+        if len(part)
+    ]
+    distance = np.sqrt(square[np.isfinite(square)] / np.maximum(seen[np.isfinite(square)], 1)) / sigma  # of a component
+    rows, gross = len(distance), distance[distance > GROSS]
+    number = len(gross)
+    share = _between("outliers.share", FEWEST / (rows + 1), LARGEST_SHARE, (number + 0.5) / (rows + 1), number)
+    size = float(np.sqrt(np.mean(gross**2))) if number else np.sqrt(LEAST * WIDEST)
+    width = _between("outliers.width", LEAST, WIDEST * max(1.0, float(distance.max(initial=1.0))), size, 6 * number)
+    return Mixture(
+        apart,
+        np.array([square[own][b].mean() for b in bins]),
+        np.array([seen[own][b[0]] for b in bins]),
+        np.array([float(len(b)) for b in bins]),
+        (share, width),
+    )

@@ -1,0 +1,135 @@
+"""What is known of the parameters beforehand: wide normal priors of physical size, and what the user says.
+
+A group is a sum of parameters; its prior is that of the sum of their priors. A parameter that the user says nothing of
+may be ten times what machines show (or what this one's other parameters of the same unit are, if that is more): it
+moves an estimate that the data know well by less than a hundredth of its standard uncertainty.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from errormodel import effects
+from errormodel.arrays import Array, Index
+from errormodel.exceptions import InputError, nearest
+from errormodel.yamlfile import Document
+from identification.bayes.settings import PriorForm
+from identification.fit.result import Fit
+from identification.predict import PLAUSIBLE
+
+WIDE = 10.0  # times what is usual
+LOOSE = {"mm": 100.0, "rad": 0.1}  # small parameters of frames, zeros and targets, after their alignment
+
+
+@dataclass(frozen=True)
+class Prior:
+    """Of the groups: normal, with bounds; ties apart, whose common standard deviation may be unknown.
+
+    Attributes
+    ----------
+    mean (p,), precision (p, p) : of the groups, ties left out.
+    low, high : (p,) bounds.
+    ties : for each tied effect the places of its parameters; `sizes`: their standard deviation.
+    std : (p,) of each group by itself.
+    """
+
+    mean: Array
+    precision: Array
+    low: Array
+    high: Array
+    ties: tuple[Index, ...]
+    sizes: tuple[float, ...]
+    std: Array
+
+    @property
+    def bounded(self) -> bool:
+        return bool(np.isfinite(self.low).any() or np.isfinite(self.high).any())
+
+    def precisions(self, scales: Array) -> Array:
+        """(n, p, p) with ties (n, ties) times as wide."""
+        out = np.broadcast_to(self.precision, (len(scales), *self.precision.shape)).copy()
+        for k, (place, size) in enumerate(zip(self.ties, self.sizes, strict=True)):
+            out[:, place, place] += (size * scales[:, k, None]) ** -2.0
+        return out
+
+    def log_ties(self, scales: Array) -> Array:
+        """What depends on the scales of the normalisation, (n,)."""
+        counts = np.array([len(place) for place in self.ties])
+        return np.asarray(-np.log(scales) @ counts) if len(counts) else np.zeros(len(scales))
+
+
+def prior_of(fit: Fit, given: Mapping[str, PriorForm], document: Document | None) -> Prior:
+    """The groups' prior.
+
+    Raises
+    ------
+    InputError
+        A prior names what is no parameter, or bounds one that cannot be told from others.
+    """
+    solution, chain = fit.solution, fit.chain
+    unknowns, groups = solution.unknowns, solution.groups
+    place = {name: k for k, name in enumerate(unknowns)}
+    base = {unknowns[j]: k for k, j in enumerate(groups.base)}
+    std, mean = _widths(fit), np.zeros(len(unknowns))
+    low, high = np.full(len(base), -np.inf), np.full(len(base), np.inf)
+    for name, form in given.items():
+        error = document.error if document is not None else None
+        if name not in place:
+            raise _error(error, name, "the fit has no such parameter", nearest(name, unknowns))
+        if form.std is not None:
+            std[place[name]], mean[place[name]] = form.std, form.mean
+        if form.low is not None or form.high is not None:
+            if name not in base:
+                cure = "Bound a group's first parameter, as parameters.csv lists them, or give {mean, std} instead"
+                raise _error(error, name, "bounds on a parameter that this survey does not tell from others", cure)
+            low[base[name]] = -np.inf if form.low is None else form.low
+            high[base[name]] = np.inf if form.high is None else form.high
+    tied = [np.array([base[i] for i in ids if i in base], dtype=np.intp) for ids in chain.effect_ids]
+    ties = [(t, n) for n, t in enumerate(tied) if len(t) and effects.make(chain.machine.effects[n]).tied]
+    sizes = [float(chain.parameters[chain.index[unknowns[groups.base[t[0]]]]].prior or 1.0) for t, _ in ties]
+    mix = groups.coefficients
+    spread = (mix * std**2) @ mix.T
+    free = np.setdiff1d(np.arange(len(base)), np.concatenate([np.zeros(0, np.intp), *(t for t, _ in ties)]))
+    precision = np.zeros((len(base), len(base)))
+    scale = 1 / np.sqrt(np.diag(spread)[free])
+    unit = spread[np.ix_(free, free)] * np.outer(scale, scale)
+    precision[np.ix_(free, free)] = np.linalg.inv(unit) * np.outer(scale, scale)
+    return Prior(mix @ mean, precision, low, high, tuple(t for t, _ in ties), tuple(sizes), np.sqrt(np.diag(spread)))
+
+
+def _error(located: object, name: str, found: str, cure: str) -> InputError:
+    if callable(located):
+        error = located(("priors", name), found, cure)
+        assert isinstance(error, InputError)
+        return error
+    return InputError(f"prior {name}", found, cure)
+
+
+def _widths(fit: Fit) -> Array:
+    """(unknowns,) standard deviations of the parameters where the user says nothing."""
+    solution, chain = fit.solution, fit.chain
+    named = solution.named()
+    units = {p.id: p.unit for p in chain.parameters}
+    own = {solution.unknowns[j] for j in solution.groups.base} - {*chain.frame_ids, *chain.tool_ids} - chain.of_effects
+    sizes = dict(PLAUSIBLE)
+    for unit, usual in PLAUSIBLE.items():
+        values = [named[i] for i in own if units.get(i) == unit]
+        sizes[unit] = max(usual, float(np.sqrt(np.mean(np.square(values)))) if values else 0.0)
+    of_effects = {
+        i: t.size
+        for spec, ids in zip(chain.machine.effects, chain.effect_ids, strict=True)
+        for i, t in zip(ids, effects.make(spec).terms(lambda _: np.ones(1), chain.machine), strict=True)
+    }
+    out = np.empty(len(solution.unknowns))
+    for k, name in enumerate(solution.unknowns):
+        tied = name in units and chain.parameters[chain.index[name]].prior
+        if name in of_effects:
+            out[k] = tied or WIDE * of_effects[name]
+        elif name in units and name not in chain.frame_ids and name not in chain.tool_ids:
+            out[k] = WIDE * sizes[units[name]]
+        else:
+            out[k] = LOOSE["mm" if name.rsplit(".", 1)[1] in ("dx", "dy", "dz") else "rad"]
+    return out

@@ -1,0 +1,271 @@
+"""emcee in pieces that survive: each is a file, a killed run goes on after the last one and ends as if never killed.
+
+A chain counts once it is fifty autocorrelation times long and its walkers agree by the split R-hat of ranks
+(A. Vehtari et al., Bayesian Analysis 16 (2021) 667); until then it is no result.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from errormodel.arrays import Array
+from errormodel.exceptions import ErrorModelError
+from errormodel.files import replacing
+from identification.progress import Steps, uncounted
+
+LENGTH = 50.0  # autocorrelation times
+AGREE = 1.03  # split R-hat of one coordinate; walkers are short chains, of 25 autocorrelation times a half
+BURN = 0.25  # of a chain, left out
+PIECE = 200  # stored steps a file
+MOST_PIECES = 60
+
+
+class Target(Protocol):
+    """What can be sampled."""
+
+    def log_prob(self, points: Array) -> Array:
+        """Of points (n, dimension), (n,)."""
+        ...
+
+
+class NotConvergedError(ErrorModelError):
+    """A chain that has not converged, and is therefore no result."""
+
+
+@dataclass(frozen=True)
+class Chains:
+    """Converged chains.
+
+    Attributes
+    ----------
+    points : (walkers, draws, dimension), `log_prob` (walkers, draws): after the burn-in, one in `thin` steps.
+    steps : in all, of each walker; `tau`: largest autocorrelation time, steps; `rhat`: largest; `effective`: smallest
+        number of draws that are as good as independent.
+    accepted : share of the proposals.
+    """
+
+    points: Array
+    log_prob: Array
+    steps: int
+    thin: int
+    tau: float
+    rhat: float
+    effective: float
+    accepted: float
+
+
+@dataclass(frozen=True)
+class Reference:
+    """A normal distribution near the target: center and scale (dimension,).
+
+    Proposals that are reversible for it (preconditioned Crank-Nicolson) are accepted as far as the target is like it,
+    in any number of dimensions; where it is not, the moves of the ensemble find their own way.
+    """
+
+    center: Array
+    scale: Array
+
+    def draw(self, rng: np.random.Generator, count: int) -> Array:
+        """Points (count, dimension)."""
+        return np.asarray(self.center + self.scale * rng.standard_normal((count, len(self.scale))))
+
+    def propose(self, points: Array, rng: np.random.RandomState) -> tuple[Array, Array]:
+        """New points, and the log of what the proposal's asymmetry counts; steps of all lengths."""
+        unit = (points - self.center) / self.scale
+        step = rng.uniform(0.05, 1.0, (len(points), 1))
+        new = np.sqrt(1 - step**2) * unit + step * rng.standard_normal(unit.shape)
+        factor = 0.5 * (np.square(new).sum(axis=1) - np.square(unit).sum(axis=1))
+        return self.center + self.scale * new, factor
+
+
+def sample(
+    target: Target,
+    reference: Reference,
+    start: Array,
+    seed: int,
+    folder: Path | None = None,
+    count: Steps = uncounted,
+    most: int = MOST_PIECES,
+) -> Chains:
+    """Sample until converged.
+
+    Parameters
+    ----------
+    reference : near the target, as the closed form is; `start` (walkers, dimension), all inside what is possible.
+    folder : where the pieces of the chain are kept, and found again by a run of the same target, start and seed.
+    most : pieces.
+
+    Raises
+    ------
+    NotConvergedError
+        Not within that many pieces.
+    """
+    import emcee
+
+    walkers, dimension = start.shape
+    thin = max(1, dimension // 8)
+    moves = [(emcee.moves.MHMove(reference.propose), 0.5), (emcee.moves.DEMove(), 0.5)]
+    sampler = emcee.EnsembleSampler(walkers, dimension, target.log_prob, vectorize=True, moves=moves)
+    # another model, survey or prior has other densities at the start
+    name = hashlib.sha256(start.tobytes() + target.log_prob(start).tobytes() + str(seed).encode()).hexdigest()[:12]
+    store = _Pieces(folder, name)
+    pieces = store.read()
+    state = emcee.State(start, random_state=np.random.RandomState(seed).get_state())
+    if pieces:
+        state = emcee.State(pieces[-1].end, log_prob=pieces[-1].end_log_prob, random_state=pieces[-1].random)
+    with count("Sampling the posterior") as told:
+        while True:
+            tau, rhat, done = _judge(pieces, thin)
+            length = sum(len(p.points) for p in pieces) * thin
+            wanted = LENGTH * tau / (1 - BURN) if np.isfinite(tau) else PIECE * thin * most
+            told(min(1.0, length / wanted), _remark(length, tau))
+            if done:
+                break
+            if len(pieces) >= most:
+                raise NotConvergedError(_why(length, tau, rhat, folder))
+            sampler.reset()
+            state = sampler.run_mcmc(state, PIECE, thin_by=thin, skip_initial_state_check=bool(pieces))
+            piece = _Piece(
+                sampler.get_chain().copy(), sampler.get_log_prob().copy(), state.coords, state.log_prob,
+                state.random_state, float(np.mean(sampler.acceptance_fraction)),
+            )  # fmt: skip
+            store.write(len(pieces), piece)
+            pieces.append(piece)
+    chains = _chains(pieces, thin, tau, rhat)
+    store.clear()
+    return chains
+
+
+@dataclass(frozen=True)
+class _Piece:
+    points: Array  # (steps, walkers, dimension)
+    log_prob: Array
+    end: Array
+    end_log_prob: Array
+    random: tuple[str, Array, int, int, float]
+    accepted: float
+
+
+class _Pieces:
+    """The pieces of one chain in a folder, or nowhere."""
+
+    def __init__(self, folder: Path | None, name: str) -> None:
+        self.folder, self.name = folder, name
+
+    def read(self) -> list[_Piece]:
+        out: list[_Piece] = []
+        while self.folder is not None and (path := self._path(len(out))).is_file():
+            with np.load(path, allow_pickle=False) as f:
+                position, gauss, cached = f["numbers"].tolist()
+                random = ("MT19937", f["keys"], int(position), int(gauss), float(cached))
+                out.append(
+                    _Piece(f["points"], f["log_prob"], f["end"], f["end_log_prob"], random, float(f["accepted"]))
+                )
+        return out
+
+    def write(self, number: int, piece: _Piece) -> None:
+        if self.folder is None:
+            return
+        _, keys, *numbers = piece.random
+        with replacing(self._path(number)) as part:
+            np.savez(
+                part, points=piece.points, log_prob=piece.log_prob, end=piece.end, end_log_prob=piece.end_log_prob,
+                keys=keys, numbers=np.array(numbers, dtype=float), accepted=piece.accepted,
+            )  # fmt: skip
+
+    def clear(self) -> None:
+        """Once the result is there, it holds all that counts."""
+        if self.folder is not None and self.folder.is_dir():
+            for path in self.folder.glob("piece_*.npz"):
+                path.unlink()
+            if not any(self.folder.iterdir()):
+                self.folder.rmdir()
+
+    def _path(self, number: int) -> Path:
+        assert self.folder is not None
+        return self.folder / f"piece_{self.name}_{number:04d}.npz"
+
+
+def _kept(pieces: list[_Piece]) -> tuple[Array, Array]:
+    points, log_prob = (np.concatenate([getattr(p, n) for p in pieces]) for n in ("points", "log_prob"))
+    first = int(BURN * len(points))
+    return points[first:], log_prob[first:]
+
+
+def _judge(pieces: list[_Piece], thin: int) -> tuple[float, float, bool]:
+    """Autocorrelation time in steps, split R-hat (only of a chain that is long enough), and whether that will do."""
+    if len(pieces) < 2:
+        return float("nan"), float("nan"), False
+    points, _ = _kept(pieces)
+    tau = autocorrelation(points)
+    if not len(points) >= LENGTH * tau:
+        return thin * tau, float("nan"), False
+    rhat = split_rhat(points)
+    return thin * tau, rhat, rhat < AGREE
+
+
+def autocorrelation(points: Array) -> float:
+    """The largest integrated autocorrelation time of chains (steps, walkers, dimension), in steps stored."""
+    import emcee
+
+    return float(np.max(emcee.autocorr.integrated_time(points, tol=0)))
+
+
+def split_rhat(points: Array) -> float:
+    """The largest R-hat of ranks over coordinates, each walker a chain cut in halves."""
+    from arviz_stats.base.array import array_stats
+
+    stats: Any = array_stats  # typed in part only
+    return max(float(stats.rhat(points[:, :, k].T, chain_axis=0, draw_axis=1)) for k in range(points.shape[2]))
+
+
+def _chains(pieces: list[_Piece], thin: int, tau: float, rhat: float) -> Chains:
+    points, log_prob = _kept(pieces)
+    stored = tau / thin
+    every = max(1, int(stored / 2))
+    return Chains(
+        points[::every].transpose(1, 0, 2),
+        log_prob[::every].T,
+        sum(len(p.points) for p in pieces) * thin,
+        thin * every,
+        tau,
+        rhat,
+        points.shape[0] * points.shape[1] / stored,
+        float(np.mean([p.accepted for p in pieces])),
+    )
+
+
+def _remark(length: int, tau: float) -> str:
+    return "" if not length else f"{length} steps" + (f", autocorrelation time {tau:.0f}" if np.isfinite(tau) else "")
+
+
+def _why(length: int, tau: float, rhat: float, folder: Path | None) -> str:
+    reason = (
+        f"it is {(1 - BURN) * length / tau:.0f} autocorrelation times long where {LENGTH:.0f} are needed"
+        if not np.isfinite(rhat)
+        else f"its walkers disagree (split R-hat {rhat:.3f}, at most {AGREE} is allowed)"
+    )
+    kept = f" The chain is kept in {folder}: the same command goes on from there." if folder is not None else ""
+    return f"the chain has not converged after {length} steps: {reason}. No posterior is reported.{kept}"
+
+
+def walkers_for(dimension: int) -> int:
+    """How many walkers: moves draw on differences of others, and want more of them than there are dimensions."""
+    return max(24, 2 * dimension + 2 + dimension % 2)
+
+
+def inside(target: Target, reference: Reference, walkers: int, rng: np.random.Generator) -> Array:
+    """Walkers (walkers, dimension) of finite density, or fewer where the reference lies outside the bounds."""
+    out = np.zeros((0, 0))
+    for _ in range(50):
+        points = reference.draw(rng, 4 * walkers)
+        points = points[np.isfinite(target.log_prob(points))]
+        out = points if not len(out) else np.vstack([out, points])
+        if len(out) >= walkers:
+            break
+    return out[:walkers]

@@ -1,0 +1,55 @@
+"""What is known before anything is measured: the file form of ``--priors``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field
+
+from errormodel import yamlfile
+from errormodel.yamlfile import Document, FileModel, Number, VersionedModel
+
+
+class PriorForm(FileModel):
+    """A normal prior, bounds, or both: in mm, rad and what is made of them, as in parameters.csv."""
+
+    mean: Number = Field(0.0, description="a number: the middle of the normal prior, such as 0")
+    std: Annotated[Number, Field(gt=0)] | None = Field(
+        None, description="its standard deviation, above 0, such as 2.0e-5"
+    )
+    low: Number | None = Field(None, description="the smallest possible value, such as 0")
+    high: Number | None = Field(None, description="the largest possible value, such as 1.0e-4")
+
+
+class PriorsForm(VersionedModel):
+    """``priors.yaml``: of parameters, and of noise levels, shapes of effects and outliers by their names."""
+
+    priors: dict[str, PriorForm] = Field(
+        {}, description="a block such as {X.dx.1: {std: 2.0e-5}, T3.ec: {low: 0, high: 1.0e-4}}"
+    )
+
+
+def read_priors(path: Path) -> tuple[dict[str, PriorForm], Document]:
+    """Read and check the file; the names in it are checked against the model later.
+
+    Raises
+    ------
+    InputError
+        A key or value is wrong, or a prior contradicts itself.
+    """
+    document = yamlfile.load(path)
+    form = yamlfile.validate(document, PriorsForm)
+    for name, prior in form.priors.items():
+        keys = ("priors", name)
+        if prior.std is None and prior.low is None and prior.high is None:
+            raise document.error(keys, "no prior: neither std nor a bound", "Write {std: 2.0e-5} or {low: 0}")
+        if prior.low is not None and prior.high is not None and prior.low >= prior.high:
+            found = f"low {prior.low:g} is not below high {prior.high:g}: no value is possible"
+            raise document.error(keys, found, "Exchange or widen the bounds")
+        low = -float("inf") if prior.low is None else prior.low
+        high = float("inf") if prior.high is None else prior.high
+        if prior.std is not None and not low - 5 * prior.std < prior.mean < high + 5 * prior.std:
+            found = f"mean {prior.mean:g} ± {prior.std:g} lies over 5 standard deviations outside its own bounds"
+            raise document.error(keys, found, "Move the mean, or widen the bounds or std")
+    return form.priors, document

@@ -1,0 +1,167 @@
+"""Sufficient statistics of a model whose effects may bend: all that a log-probability looks at."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from errormodel.arrays import Array, Index, Mask
+from errormodel.chain import Chain
+from errormodel.machine import EffectSpec, Machine
+from identification.bayes.shapes import Bend
+from identification.fit.result import Fit
+from identification.fit.run import placed
+from identification.problem import Problem, build
+from identification.sums import accumulate, design_rows, view_vector
+from identification.views import Kind, PositionView
+
+
+@dataclass(frozen=True)
+class RowsApart:
+    """Position rows that keep their own equations: whitened M (m, 3, e), gaps at zero parameters (m, 3), and rows."""
+
+    design: Array
+    gap: Array
+    index: Index
+
+    @property
+    def seen(self) -> Array:
+        """(m,) components that were measured."""
+        return np.asarray((np.abs(self.design).sum(axis=2) + np.abs(self.gap) > 0).sum(axis=1), dtype=float)
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """``M'WM``, ``M'Wy``, ``y'Wy`` and counts over the extended unknowns: one a parameter, or one a node of its effect.
+
+    Attributes
+    ----------
+    names : (p,) the groups' base parameters.
+    places : for each of them its extended unknowns; `bend`: the number of its bend, or None.
+    gram (K, e, e), slope (K, e), square (K,), count (K,) : of each kind of observation, `y` the gap at zero parameters.
+    apart : rows that these leave out; `share`: what the others count, each.
+    """
+
+    names: tuple[str, ...]
+    places: tuple[Index, ...]
+    bend: tuple[int | None, ...]
+    bends: tuple[Bend, ...]
+    kinds: tuple[Kind, ...]
+    gram: Array
+    slope: Array
+    square: Array
+    count: Array
+    apart: RowsApart
+    share: float = 1.0
+
+    def weights(self, shapes: Array) -> list[Array]:
+        """Of each bend its nodes' weights (n, nodes), from shapes (n, all shapes) as moved."""
+        out, start = [], 0
+        for bend in self.bends:
+            out.append(bend.weights(shapes[:, start : start + len(bend.names)]))
+            start += len(bend.names)
+        return out
+
+    def extended(self, values: Array, shapes: Array) -> Array:
+        """The extended unknowns (n, e) of parameters (n, p) and shapes (n, all shapes)."""
+        weights = self.weights(shapes)
+        out = np.zeros((len(values), self.gram.shape[1]))
+        for k, (place, bend) in enumerate(zip(self.places, self.bend, strict=True)):
+            out[:, place] = values[:, k, None] if bend is None else values[:, k, None] * weights[bend]
+        return out
+
+    def squares(self, values: Array, shapes: Array) -> Array:
+        """Residual sum of squares (n, K) of each kind."""
+        v = self.extended(values, shapes) if self.bends else values
+        parts = [
+            c - 2 * (v @ h) + np.einsum("ni,ni->n", v @ g, v)
+            for g, h, c in zip(self.gram, self.slope, self.square, strict=True)
+        ]
+        return np.stack(parts, axis=1)
+
+    def normal(self, levels: Array, shapes: Array) -> tuple[Array, Array, Array]:
+        """``M'WM`` (n, p, p), ``M'Wy`` (n, p) and ``y'Wy`` (n,) at weights (n, K) of the kinds and at shapes."""
+        gram = np.tensordot(levels, self.gram, axes=1)
+        slope, square = levels @ self.slope, levels @ self.square
+        if not self.bends:
+            return gram, slope, square
+        weights = self.weights(shapes)
+        mix = np.zeros((len(levels), gram.shape[1], len(self.names)))
+        for k, (place, bend) in enumerate(zip(self.places, self.bend, strict=True)):
+            mix[:, place, k] = 1.0 if bend is None else weights[bend]
+        return mix.transpose(0, 2, 1) @ gram @ mix, np.einsum("nek,ne->nk", mix, slope), square
+
+
+def posed(fit: Fit, machine: Machine) -> Problem:
+    """What the fit's rows ask of a machine, in the fit's measuring frames; each row with its own weight."""
+    chain = fit.chain if machine is fit.chain.machine else Chain(machine)
+    problem = build(chain, fit.survey, mount=fit.problem.mount)
+    return placed(problem, fit.problem.frames) if fit.problem.frames else problem
+
+
+def gather(fit: Fit, bends: Sequence[Bend], keep: Mask | None = None, share: float = 1.0) -> Statistics:
+    """The statistics of a fit's rows, in one stream.
+
+    Parameters
+    ----------
+    keep : (rows,) True for position rows that keep their own equations.
+    share : what a row counts, below 1 where noise is correlated from row to row.
+    """
+    machine, solution = fit.chain.machine, fit.solution
+    by_number = {b.number: k for k, b in enumerate(bends)}
+    specs: list[EffectSpec] = []
+    copies: list[range] = []
+    for number, spec in enumerate(machine.effects):
+        same = [spec]
+        if number in by_number:
+            bend = bends[by_number[number]]
+            bent = [bend.bent(x) for x in bend.nodes]
+            same = [EffectSpec(e.effect, e.model_dump(exclude_defaults=True)) for e in bent]
+        copies.append(range(len(specs), len(specs) + len(same)))
+        specs += same
+    problem = posed(fit, replace(machine, effects=tuple(specs)) if bends else machine)
+    chain = problem.chain
+    names = tuple(solution.unknowns[j] for j in solution.groups.base)
+    owner = {i: (n, t) for n, ids in enumerate(fit.chain.effect_ids) for t, i in enumerate(ids)}
+    place: dict[str, int] = {}
+    places, bend_of = [], list[int | None]()
+    for name in names:
+        ids = [name]
+        if name in owner:
+            number, term = owner[name]
+            ids = [chain.effect_ids[m][term] for m in copies[number]]
+        places.append(np.arange(len(place), len(place) + len(ids)))
+        bend_of.append(by_number.get(owner[name][0]) if name in owner else None)
+        place |= {identity: len(place) + k for k, identity in enumerate(ids)}
+    # residuals are those of the exact kinematics at the fit, M is taken there
+    at = np.zeros(len(place))
+    for k, j in enumerate(solution.groups.base):
+        own = None if bend_of[k] is None else bends[bend_of[k] or 0]
+        at[places[k]] = solution.values[j] * (1.0 if own is None else own.weights(own.best[None])[0])
+    keep = np.zeros(len(fit.survey), dtype=bool) if keep is None else keep
+    apart = [v.part(keep[v.index]) for v in problem.views if isinstance(v, PositionView)]
+    core = [v.part(~keep[v.index]) if isinstance(v, PositionView) else v for v in problem.views]
+    zero = np.zeros(len(chain.ids))
+    sums = accumulate([v for v in core if len(v)], place, at, zero, at=at)
+    kinds = tuple(sums)
+    gram = share * np.array([s.gram for s in sums.values()])
+    slope = share * np.array([s.slope for s in sums.values()])
+    square = share * np.array([s.square for s in sums.values()]) + 2 * slope @ at + np.einsum("kij,i,j", gram, at, at)
+    return Statistics(
+        names, tuple(places), tuple(bend_of), tuple(bends), kinds, gram, slope + gram @ at, square,
+        share * np.array([s.count for s in sums.values()]), _apart([v for v in apart if len(v)], place, at, zero),
+        share,
+    )  # fmt: skip
+
+
+def _apart(views: Sequence[PositionView], place: dict[str, int], at: Array, zero: Array) -> RowsApart:
+    designs, gaps = [np.zeros((0, 3, len(place)))], [np.zeros((0, 3))]
+    for view in views:
+        design = design_rows(view, place, most=len(view)).reshape(3, len(view), -1).transpose(1, 0, 2)
+        gap = np.hstack([view.whiten(part, g) for part, g in view.gaps(view_vector(view, place, at, zero))])
+        designs.append(design)
+        gaps.append(gap.T + design @ at)
+    index = np.concatenate([np.zeros(0, np.intp), *(v.index for v in views)])
+    return RowsApart(np.concatenate(designs), np.concatenate(gaps), index)

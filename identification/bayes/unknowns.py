@@ -1,0 +1,119 @@
+"""The unknowns that are not linear, as a fit starts them and as the user's priors bound them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from errormodel.exceptions import InputError
+from errormodel.yamlfile import Document
+from identification.bayes.coordinates import Coordinate
+from identification.bayes.priors import Prior
+from identification.bayes.settings import PriorForm
+from identification.bayes.statistics import Statistics
+from identification.fit.result import Fit
+from identification.sums import total
+
+APART = 5.0  # standard deviations: prior and data contradict each other
+CORRELATED = 1.02  # how much wider correlated noise must make variances before it counts
+
+
+def counted(fit: Fit) -> float:
+    """What a row counts: below 1 where noise is correlated, by how much wider that has made the covariance."""
+    s = fit.solution
+    if not len(s.groups.base):
+        return 1.0
+    pick = np.ix_(s.groups.base, s.groups.base)
+    gram = total(s.sums, s.sigma)[0][pick] + np.diag(s.precision[s.groups.base])
+    ratio = float(np.sum(gram * s.covariance)) / len(s.groups.base)
+    return 1 / ratio if ratio > CORRELATED else 1.0
+
+
+def check_against_data(fit: Fit, prior: Prior, given: Mapping[str, PriorForm], document: Document | None) -> None:
+    """InputError where a user's prior and the data cannot both be right."""
+    s = fit.solution
+    std = np.sqrt(np.diag(s.covariance)) * fit.inflation
+    for k, j in enumerate(s.groups.base):
+        name, value = s.unknowns[j], float(s.values[j])
+        if not any(member in given for member in s.groups.members(k)):
+            continue
+        name = next(m for m in s.groups.members(k) if m in given)
+        apart = abs(value - prior.mean[k]) / float(np.hypot(std[k], prior.std[k]))
+        if apart > APART:
+            found = (
+                f"it says {prior.mean[k]:.3g} ± {prior.std[k]:.2g} of {s.groups.name(k)}, the data say {value:.3g} ± "
+                f"{std[k]:.2g}: {apart:.0f} standard deviations apart"
+            )
+            raise prior_error(document, name, found, "Widen its std, or look for a mistake of unit or sign in it")
+
+
+def prior_error(document: Document | None, name: str, found: str, cure: str) -> InputError:
+    """About a prior, with its line where there is a file."""
+    return document.error(("priors", name), found, cure) if document else InputError(f"prior {name}", found, cure)
+
+
+def free_kinds(fit: Fit, statistics: Statistics) -> tuple[int, ...]:
+    """Kinds of observation whose noise is unknown: those not declared, or declared smaller than residuals allow."""
+    declared = fit.solution.declared if fit.inflation == 1 else frozenset[str]()
+    return tuple(k for k, kind in enumerate(statistics.kinds) if kind not in declared)
+
+
+def coordinates_of(fit: Fit, statistics: Statistics, prior: Prior) -> tuple[Coordinate, ...]:
+    """Noise levels, shapes of effects and scales of ties, each as the fit starts it."""
+    out = []
+    for k in free_kinds(fit, statistics):
+        kind = statistics.kinds[k]
+        unit = "1" if kind in fit.solution.declared else "mm" if kind in ("position", "displacement") else "rad"
+        level = fit.solution.sigma[kind] * fit.inflation
+        scale = (2 * max(statistics.count[k], 1.0)) ** -0.5
+        out.append(Coordinate(f"noise.{kind}", unit, float(np.log(level)), scale, 1e-3 * level, 1e3 * level))
+    for bend in statistics.bends:
+        for k, name in enumerate(bend.names):
+            scale = float(bend.high[k] - bend.low[k]) / 14  # the interval ends 7 standard deviations out
+            low, high = bend.low[k], bend.high[k]
+            bounds = (float(np.exp(low)), float(np.exp(high))) if bend.logarithmic[k] else (float(low), float(high))
+            unit = _unit(fit, bend.effect.drivers[0], name)
+            label = f"{bend.effect.where}.{bend.effect.effect}.{name}"
+            out.append(Coordinate(label, unit, float(bend.best[k]), scale, *bounds, bend.logarithmic[k]))
+    tied = [n for n, ids in enumerate(fit.chain.effect_ids) if any(fit.solution.precision[_place(fit, i)] for i in ids)]
+    for place, number in zip(prior.ties, tied, strict=True):
+        spec = fit.chain.machine.effects[number]
+        where = fit.chain.parameters[fit.chain.index[fit.chain.effect_ids[number][0]]].element
+        scale = (2 * len(place)) ** -0.5
+        out.append(Coordinate(f"{where}.{spec.effect}.scale", "1", 0.0, scale, 1e-2, 1e2))
+    names = [c.name for c in out]
+    # the same effect twice at one place is told apart as its parameters are
+    return tuple(replace(c, name=c.name + "'" * names[:k].count(c.name)) for k, c in enumerate(out))
+
+
+def _unit(fit: Fit, driver: str, name: str) -> str:
+    """Of a shape parameter: that of what drives the effect."""
+    if name in ("tau", "exponent"):
+        return "s" if name == "tau" else "1"
+    joint = next((j for j in fit.chain.machine.joints if j.name == driver), None)
+    if joint is None:
+        return "s" if driver == "time" else "mm"
+    return "rad" if joint.type == "rotary" else "mm"
+
+
+def _place(fit: Fit, identity: str) -> int:
+    return fit.solution.unknowns.index(identity)
+
+
+def with_prior(c: Coordinate, given: Mapping[str, PriorForm], document: Document | None) -> Coordinate:
+    """A coordinate with what the user says of it."""
+    form = given.get(c.name)
+    if form is None:
+        return c
+    low, high = max(c.low, form.low or -np.inf), min(c.high, np.inf if form.high is None else form.high)
+    value = float(c.value(np.array(c.start)))
+    deviation = c.scale * (value if c.logarithmic else 1.0)
+    if not low - APART * deviation < value < high + APART * deviation:
+        found = f"bounds {form.low} to {form.high} where the data say {value:.4g} ± {deviation:.2g}: no walker fits in"
+        raise prior_error(document, c.name, found, "Widen the bounds, or look for a mistake of unit in them")
+    if form.std is not None and abs(value - form.mean) > APART * np.hypot(form.std, deviation):
+        found = f"it says {form.mean:.4g} ± {form.std:.2g}, the data say {value:.4g} ± {deviation:.2g}"
+        raise prior_error(document, c.name, found, "Widen its std, or look for a mistake of unit in it")
+    return replace(c, low=low, high=high, mean=form.mean, std=form.std or np.inf)

@@ -1,0 +1,50 @@
+"""The command that ends at a machine: tables for its controller."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from errormodel.exceptions import InputError
+from identification.console import FILE, FOLDER, command, say, show_notes, working
+
+
+@command
+@click.argument("folder", type=FOLDER, required=False)
+@click.option("--controller", "name", required=True, help="Name of the controller; 'list' names them all.")
+@click.option("--out", type=FOLDER, help="Folder for the controller's files, checklist.txt and compensation.json.")
+@click.option("--points", type=click.IntRange(2), help="Points an axis. [default: as many as the errors need]")
+@click.option("--resolution", type=float, help="Least increment of the controller in mm. [default: the format's]")
+@click.option("--program", type=FILE, help="For gcode: the programme (or CSV of commands) to rewrite.")
+def compensate(
+    folder: Path | None,
+    name: str,
+    out: Path | None,
+    points: int | None,
+    resolution: float | None,
+    program: Path | None,
+    seed: int,
+) -> None:
+    """Write a controller's tables from the FOLDER of a fit, and show by emulation what they leave over."""
+    from identification.compensation import lines
+
+    if name == "list":
+        for line in lines.list_lines():
+            say(line)
+        return
+    if folder is None or out is None:
+        missing = "FOLDER" if folder is None else "--out"
+        raise InputError(
+            "compensate", f"{missing} is missing", "Write compensate FOLDER --controller NAME --out FOLDER2"
+        )
+    if resolution is not None and not 0 < resolution < 1:
+        raise InputError("--resolution", f"{resolution:g} mm", "Write the least increment in mm, such as 0.001")
+    from identification.compensation.run import compensate as stage
+    from identification.compensation.write import write_compensation
+
+    result = stage(folder, name, points, resolution, program, seed, working)
+    show_notes(result.notes)
+    write_compensation(result, out)
+    for line in lines.compensation_lines(result, out):
+        say(line)

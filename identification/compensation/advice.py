@@ -1,0 +1,107 @@
+"""What a person should adjust rather than compensate: squareness, parallelism and level, the largest first."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from errormodel.arrays import Array
+from identification.compensation.volume import Volume, best_frame
+
+WORTH_UM = 5.0  # over the volume; less is nobody's afternoon
+WORTH_SHARE = 0.2  # of the error before any compensation
+POINTS = 33
+
+
+@dataclass(frozen=True)
+class Advice:
+    """One thing to adjust.
+
+    Attributes
+    ----------
+    what : the geometry in words.
+    angle : rad, actual minus nominal.
+    effect_um : what it makes over the measured travel.
+    """
+
+    what: str
+    angle: float
+    effect_um: float
+
+    def line(self) -> str:
+        return f"{self.what}: {1e6 * self.angle:+.0f} urad, {self.effect_um:.0f} um over the measured travel"
+
+
+def mechanical_advice(volume: Volume, before_um: float) -> list[Advice]:
+    """Squareness of linear axes, tilt of rotary ones against them, twist and bow along the guides; largest first."""
+    found = [*_squareness(volume), *_twist(volume)]
+    least = max(WORTH_UM, WORTH_SHARE * before_um)
+    return sorted((a for a in found if a.effect_um >= least), key=lambda a: -a.effect_um)
+
+
+def _line(volume: Volume, k: int) -> tuple[Array, Array]:
+    """Commands along a joint, the others in the middle, and which way it came."""
+    middle = (volume.low + volume.high) / 2
+    q = np.tile(middle, (POINTS, 1))
+    q[:, k] = np.linspace(volume.low[k], volume.high[k], POINTS)
+    return q, np.ones_like(q)
+
+
+def _squareness(volume: Volume) -> list[Advice]:
+    """Between each two linear joints that are square in the design: straight lines through their actual paths."""
+    field, lines = volume.field, {}
+    for k, joint in enumerate(field.joints):
+        if joint.type == "prismatic" and volume.high[k] > volume.low[k]:
+            q, came = _line(volume, k)
+            lines[k] = [_slope(p) for p in (field.nominal(q), field.actual(q, came))]
+    out = []
+    for i, (ni, ai) in lines.items():
+        for j, (nj, aj) in lines.items():
+            if j <= i:
+                continue
+            if abs(ni @ nj) > 0.1:
+                continue
+            angle = float(np.arccos(np.clip(ai @ aj, -1, 1)) - np.arccos(np.clip(ni @ nj, -1, 1)))
+            span = min(volume.high[k] - volume.low[k] for k in (i, j))
+            names = f"{field.joints[j].name} against {field.joints[i].name}"
+            more = "wider" if angle > 0 else "narrower"
+            out.append(Advice(f"squareness of {names} ({more} than square)", angle, 1e3 * abs(angle) * span))
+    return out
+
+
+def _slope(points: Array) -> Array:
+    centred = points - points.mean(axis=0)
+    t = np.linspace(-1, 1, len(points))
+    direction = t @ centred
+    unit: Array = direction / np.linalg.norm(direction)
+    return unit
+
+
+def _twist(volume: Volume) -> list[Advice]:
+    """Roll along a linear joint: a bed that is twisted, which levelling takes out. As the tip feels it."""
+    field = volume.field
+    out = []
+    q0, came0 = volume.poses(128, 17)
+    for k, joint in enumerate(field.joints):
+        if joint.type != "prismatic" or volume.high[k] <= volume.low[k]:
+            continue
+        ends = []
+        for value in (volume.low[k], volume.high[k]):
+            q = q0.copy()
+            q[:, k] = value
+            nominal = field.nominal(q)
+            ends.append(best_frame(field.actual(q, came0) - nominal, nominal))
+        turn = ends[1].rotation @ ends[0].rotation.T
+        vector = np.array([turn[2, 1], turn[0, 2], turn[1, 0]])
+        axis = _slope(field.nominal(_line(volume, k)[0]))
+        roll = float(vector @ axis)
+        others = [volume.high[i] - volume.low[i] for i in field.movers if i != k]
+        out.append(
+            Advice(
+                f"twist along {joint.name} (roll from end to end: level the bed)",
+                roll,
+                1e3 * abs(roll) * max(others, default=0.0) / 2,
+            )
+        )
+    return out

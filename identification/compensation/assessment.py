@@ -1,0 +1,139 @@
+"""What a compensation leaves: in the volume and on poses that no fit saw, by exact kinematics."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from errormodel.arrays import Array
+from errormodel.controllers.base import Controller
+from errormodel.controllers.setup import Setup
+from errormodel.controllers.tables import Tables
+from identification.compensation.field import Field
+from identification.compensation.rows import FEWEST, Rows
+from identification.compensation.volume import Volume, best_frame
+
+SAME_TOOL = 0.5  # mm
+FRESH = 1024  # poses of the volume, other ones than the reduction saw
+
+Correct = Callable[[Array, Array, Array | None], Array]
+"""Commands (n, joints) in mm and rad for wanted positions, directions of arrival and tools."""
+
+
+@dataclass(frozen=True)
+class Error:
+    """Volumetric error over poses, um, after the best frame where frames are free."""
+
+    rms_um: float
+    worst_um: float
+    where: tuple[float, ...]  # command of the worst pose, mm and deg
+    n: int
+
+    @classmethod
+    def of(cls, errors: Array, q: Array) -> Error:
+        """Of errors (n, 3) in mm at commands (n, joints) in mm and deg."""
+        length = 1e3 * np.linalg.norm(errors, axis=1)
+        k = int(np.argmax(length))
+        return cls(float(np.sqrt(np.mean(length**2))), float(length[k]), tuple(q[k].tolist()), len(q))
+
+
+@dataclass(frozen=True)
+class Figures:
+    """One set of poses: before, after commands that the exact inverse gives, after the controller's own tables."""
+
+    poses: str
+    before: Error
+    ideal: Error
+    after: Error
+
+    def removed(self) -> float:
+        """Share of the root mean square error that the ideal compensation removes and this one does, too."""
+        gain = self.before.rms_um - self.ideal.rms_um
+        return (self.before.rms_um - self.after.rms_um) / gain if gain > 0 else 1.0
+
+
+def emulated(controller: Controller, tables: Tables, setup: Setup, volume: Volume) -> Correct:
+    """Commands as the controller makes them from its tables."""
+    field, movers = volume.field, list(volume.field.movers)
+    unit = np.where(field.rotary, np.pi / 180, 1.0)[movers]
+
+    def correct(q: Array, direction: Array, tool: Array | None) -> Array:
+        out = q.copy()
+        out[:, movers] += controller.emulate(tables, setup, field.outward(q), direction) * unit
+        return out
+
+    return correct
+
+
+def ideal(volume: Volume) -> Correct:
+    """Commands by the exact inverse."""
+    return volume.ideal
+
+
+def nothing(q: Array, direction: Array, tool: Array | None) -> Array:
+    """Commands as they are."""
+    return q
+
+
+def assess(volume: Volume, correct: Correct, held: Rows | None, seed: int) -> list[Figures]:
+    """Figures for fresh poses of the volume, and for held-out rows if there are any."""
+    q, came = volume.poses(FRESH, seed + 11)
+    corners = volume.corners()
+    q, came = np.vstack([q, corners[0]]), np.vstack([came, corners[1]])
+    n = len(q)
+    tool = np.tile(volume.field.chain.machine.tool, (n, 1)).astype(np.float64)
+    fresh = Rows(
+        q,
+        came,
+        tool,
+        np.zeros((n, 3)),
+        np.full(n, "", dtype=object),
+        f"{n} poses over the measured volume, by the model",
+    )
+    return [_figures(volume, correct, rows) for rows in (fresh, *_by_tool(volume, held))]
+
+
+def _by_tool(volume: Volume, held: Rows | None) -> list[Rows]:
+    """Held-out rows with the tool that the tables are for, and with others: no table turns with a tool.
+
+    They are judged apart, each after its best frame: a tool's own constant offset is set when it is measured.
+    """
+    if held is None:
+        return []
+    own = np.linalg.norm(held.tool - np.asarray(volume.field.chain.machine.tool), axis=1) < SAME_TOOL
+    if own.all() or min(own.sum(), (~own).sum()) < FEWEST:
+        return [held]
+    return [held.part(own, "this tool"), held.part(~own, "other tools")]
+
+
+def _figures(volume: Volume, correct: Correct, rows: Rows) -> Figures:
+    parts = [
+        Error.of(remaining(volume, c, rows), volume.field.outward(rows.q)) for c in (nothing, volume.ideal, correct)
+    ]
+    return Figures(rows.what, *parts)
+
+
+def remaining(volume: Volume, correct: Correct, rows: Rows) -> Array:
+    """Errors (n, 3) in mm that are left at commands, after the best frame of each measuring frame."""
+    field = volume.field
+    nominal = field.nominal(rows.q, rows.tool)
+    actual = field.actual(correct(rows.q, rows.direction, rows.tool), rows.direction, rows.tool)
+    errors = actual - nominal + rows.left
+    if not volume.free:
+        return errors
+    labels, counts = np.unique(rows.frames.astype(str), return_counts=True)
+    small = np.isin(rows.frames.astype(str), labels[counts < 2 * FEWEST])
+    out = errors.copy()
+    for label in [*labels[counts >= 2 * FEWEST], None]:
+        part = small if label is None else (rows.frames.astype(str) == label)
+        if part.sum() > 2:
+            frame = best_frame(errors[part], nominal[part])
+            out[part] = errors[part] - (frame.apply(nominal[part]) - nominal[part])
+    return out
+
+
+def in_state(volume: Volume, field: Field) -> Volume:
+    """The same volume of the machine in another state."""
+    return replace(volume, field=field)

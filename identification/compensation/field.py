@@ -1,0 +1,166 @@
+"""The errors of a fitted machine as a compensation sees them: at commands, without instrument, frame and target."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from errormodel import effects
+from errormodel.arrays import Array, as_rows
+from errormodel.chain import TOOL_CHANNELS, Chain
+from errormodel.exceptions import InputError
+from errormodel.features import CALL, root
+from errormodel.kernel import Kernel
+from errormodel.machine import Joint, Machine
+from identification.store import StoredFit
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+NOT_THE_MACHINE = ("instrument", "blunder")  # families of effects that no command can take away
+ALIGNED = 0.3  # a joint adds a direction if this share of its own is new
+
+
+@dataclass(frozen=True)
+class Field:
+    """Exact positions and their derivatives at commands q (n, joints) in mm and rad.
+
+    Attributes
+    ----------
+    chain, values : the machine, and its parameters without those of frame, tool and instrument.
+    movers : columns of the joints that carry out corrections.
+    state : value of every channel that is neither joint, tool nor direction (temperatures, feed, time).
+    """
+
+    chain: Chain
+    values: Array
+    movers: tuple[int, ...]
+    state: Mapping[str, float] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, fit: StoredFit, table: pd.DataFrame) -> Field:
+        """The field of a fit; other channels at the median of its survey's rows (`table`).
+
+        Raises
+        ------
+        InputError
+            An effect depends on what the rows do not have.
+        """
+        chain = fit.chain
+        left_out = {*chain.frame_ids, *chain.tool_ids}
+        for spec, ids in zip(chain.machine.effects, chain.effect_ids, strict=True):
+            if effects.registry()[spec.effect].family in NOT_THE_MACHINE:
+                left_out |= {*ids}
+        known = {i: v for i, v in fit.values.items() if i in chain.index and i not in left_out}
+        numeric = table.select_dtypes("number").median()
+        state = {str(name): float(value) for name, value in numeric.items() if np.isfinite(value)}
+        for name in map(root, chain.channels):
+            if name not in (*state, *TOOL_CHANNELS) and not name.startswith(("dir_", "run(")):
+                found = f"no column '{name}', which an effect of this machine needs"
+                raise InputError("residuals.csv", found, "Run the fit again")
+        return cls(chain, chain.vector(known), movers_of(chain), state)
+
+    @property
+    def joints(self) -> tuple[Joint, ...]:
+        return self.chain.machine.joints
+
+    def at(self, state: Mapping[str, float]) -> Field:
+        """The same machine in another state."""
+        return Field(self.chain, self.values, self.movers, {**self.state, **state})
+
+    @cached_property
+    def reversing(self) -> frozenset[str]:
+        """Joints whose direction of arrival changes the errors."""
+        names = [c[4:] for c in self.chain.channels if c.startswith("dir_")]
+        return frozenset([*names, *(c[2] for c in map(CALL.fullmatch, self.chain.channels) if c and c[1] == "play")])
+
+    def rows(self, q: Array, direction: Array, tool: Array | None = None) -> list[Array]:
+        """The chain's channels at commands; `direction` (n, joints) of +-1, `tool` (n, 3) in place of the machine's."""
+        n, place = len(q), {j.name: k for k, j in enumerate(self.joints)}
+        tips = np.tile(self.chain.machine.tool, (n, 1)) if tool is None else tool
+        columns = []
+        for name in self.chain.channels:
+            call = CALL.fullmatch(name)
+            if name in place:
+                columns.append(q[:, place[name]])
+            elif name in TOOL_CHANNELS:
+                columns.append(tips[:, TOOL_CHANNELS.index(name)])
+            elif name.startswith("dir_"):
+                columns.append(direction[:, place[name[4:]]])
+            elif call and call[1] == "play":
+                k = place[call[2]]
+                columns.append(q[:, k] - direction[:, k] * float(call[3]) / 2)
+            else:  # a lag is what it lags behind, once that is steady
+                columns.append(np.full(n, self.state.get(call[2] if call else name, 0.0)))
+        return as_rows(*columns)
+
+    def actual(self, q: Array, direction: Array, tool: Array | None = None) -> Array:
+        """Actual positions (n, 3), mm."""
+        kernel = self.chain.kernel("actual", outputs=(0, 1, 2))
+        return kernel(self.rows(q, direction, tool), self.values).T
+
+    def nominal(self, q: Array, tool: Array | None = None) -> Array:
+        """Nominal positions (n, 3), mm."""
+        return self.chain.kernel("nominal", outputs=(0, 1, 2))(self.rows(q, np.ones_like(q), tool)).T
+
+    def jacobian(self, q: Array, direction: Array, tool: Array | None = None) -> Array:
+        """Actual motion of the tip (n, 3, movers) per mm or rad of each mover."""
+        slope = _slope(self.chain, "actual")(self.rows(q, direction, tool), self.values)
+        return slope.reshape(len(self.joints), 3, -1).transpose(2, 1, 0)[:, :, list(self.movers)]
+
+    def levers(self, q: Array) -> tuple[Array, Array]:
+        """Tip's motion per unit of the six error motions of each joint (n, 3, 6 joints), and per mm or deg of each."""
+        rows = self.rows(q, np.ones_like(q))
+        names = self.chain.element_names
+        columns = [6 * names.index(j.name) + m for j in self.joints for m in range(6)]
+        every = self.chain.kernel("levers", outputs=(0, 1, 2))(rows).reshape(-1, 3, len(q))
+        tip = _slope(self.chain, "nominal")(rows, self.values).reshape(len(self.joints), 3, -1).transpose(2, 1, 0)
+        return every[columns].transpose(2, 1, 0), tip * np.where(self.rotary, np.pi / 180, 1.0)
+
+    @property
+    def rotary(self) -> Array:
+        return np.array([j.type == "rotary" for j in self.joints])
+
+    def inward(self, q: Array) -> Array:
+        """Positions of controllers (mm, deg) in mm and rad."""
+        return np.where(self.rotary, np.radians(q), q)
+
+    def outward(self, q: Array) -> Array:
+        """Positions in mm and rad as controllers have them."""
+        return np.where(self.rotary, np.degrees(q), q)
+
+
+@lru_cache(maxsize=16)
+def _slope(chain: Chain, what: Literal["actual", "nominal"]) -> Kernel:
+    """The position's derivative by every joint."""
+    import casadi as ca
+
+    point = chain.expression(what)[:3]
+    return Kernel(chain.rows, chain.values, ca.jacobian(point, chain.rows)[:, : len(chain.machine.joints)])
+
+
+def directions_at_zero(machine: Machine, chain: Chain) -> Array:
+    """Unit vectors (joints, 3) of the joints' axes in the reference, all joints at zero."""
+    frames = chain.frames({})
+    return np.array(
+        [frames[k][:3, :3] @ np.array(e.axis) for k, e in enumerate(machine.elements) if isinstance(e, Joint)]
+    )
+
+
+def movers_of(chain: Chain) -> tuple[int, ...]:
+    """Joints that carry out corrections: linear ones, the longest of those that run alike; all where they are none."""
+    machine = chain.machine
+    joints, axes = machine.joints, directions_at_zero(machine, chain)
+    linear = [k for k, j in enumerate(joints) if j.type == "prismatic"]
+    chosen: list[int] = []
+    for k in sorted(linear, key=lambda k: joints[k].travel[0] - joints[k].travel[1]):
+        basis = np.linalg.qr(axes[chosen].T)[0] if chosen else np.zeros((3, 0))
+        if np.linalg.norm(axes[k] - basis @ (basis.T @ axes[k])) > ALIGNED:
+            chosen.append(k)
+    if len(chosen) == 3 or len(linear) == len(joints):
+        return tuple(sorted(chosen))
+    return tuple(range(len(joints)))

@@ -1,0 +1,80 @@
+"""What `compensate` prints."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from errormodel.controllers.setup import Axis, Setup
+from identification.compensation.assessment import Error, Figures
+from identification.compensation.run import Compensation
+
+NEAR = 0.02  # of the travel: a survey that ends nearer to the end than this covers it
+
+
+def list_lines() -> list[str]:
+    """All controllers with what they are."""
+    from errormodel.controllers import registry
+
+    return [f"{name:16} {kind.title}{'; sign to be tested' if kind.doubt else ''}" for name, kind in registry().items()]
+
+
+def compensation_lines(result: Compensation, folder: Path) -> Iterator[str]:
+    """All lines, for a person who stands before the machine."""
+    controller, setup = result.controller, result.setup
+    yield f"{setup.machine}: tables for {controller.title}"
+    if result.advice:
+        yield ""
+        yield "adjust before compensating (largest first), then measure and fit again"
+        yield from (f"  {n}. {a.line()}" for n, a in enumerate(result.advice, start=1))
+    for stated in result.sets:
+        yield ""
+        if stated.label:
+            yield "at " + ", ".join(f"{k} = {v:.1f} degC" for k, v in stated.state.items())
+        for figures in stated.figures:
+            yield from figure_lines(figures, setup)
+    yield ""
+    yield "region: what the survey covered; beyond it the correction of its edge is held"
+    yield from (f"  {line}" for line in region_lines(setup))
+    if controller.doubt:
+        yield ""
+        yield f"not certain from public sources: {controller.doubt}"
+        yield f"  run {folder / 'sign_test' / 'sign_test.nc'} first"
+    yield ""
+    yield "activation"
+    yield from (f"  [ ] {step}" for step in controller.checklist(setup))
+    count = sum(len(s.files) for s in result.sets)
+    yield ""
+    yield f"{count} file{'s' if count > 1 else ''} written to {folder}"
+
+
+def figure_lines(figures: Figures, setup: Setup) -> Iterator[str]:
+    """A table of one set of poses."""
+    yield f"{figures.poses:46} {'rms':>8} {'worst':>8}   um"
+    rows = (
+        ("before", figures.before),
+        ("after an ideal compensation", figures.ideal),
+        ("after these tables", figures.after),
+    )
+    for what, error in rows:
+        yield f"  {what:44} {error.rms_um:8.2f} {error.worst_um:8.2f}"
+    yield f"  worst then at {worst_place(figures.after, setup)}; {100 * figures.removed():.1f} % of what can be removed"
+
+
+def worst_place(error: Error, setup: Setup) -> str:
+    """The command of the worst pose."""
+    return " ".join(f"{a.joint}={v:.1f}" for a, v in zip(setup.axes, error.where, strict=True))
+
+
+def region_lines(setup: Setup) -> Iterator[str]:
+    """The measured part of each travel."""
+    for axis in setup.axes:
+        unit = "deg" if axis.rotary else "mm"
+        (a, b), (low, high) = axis.measured, axis.travel
+        part = "" if _covers(axis) else f"  only part of the travel {low:g} to {high:g}"
+        yield f"{axis.joint}: {a:.1f} to {b:.1f} {unit}{part}"
+
+
+def _covers(axis: Axis) -> bool:
+    (a, b), (low, high) = axis.measured, axis.travel
+    return a - low <= NEAR * (high - low) and high - b <= NEAR * (high - low)

@@ -1,0 +1,255 @@
+"""From the folder of a fit to files for a controller, read back, emulated and judged."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from errormodel.arrays import Array
+from errormodel.controllers import target as target_of
+from errormodel.controllers.base import Controller, Rewriter, Target
+from errormodel.controllers.setup import Setup
+from errormodel.controllers.sign_test import sign_test
+from errormodel.controllers.tables import Table, Tables
+from errormodel.exceptions import InputError
+from errormodel.features import root
+from identification import store
+from identification.compensation.advice import Advice, mechanical_advice
+from identification.compensation.assessment import Figures, assess, emulated
+from identification.compensation.field import Field
+from identification.compensation.reduction import MOST_CONES, leftover, reduce
+from identification.compensation.rows import Rows, held_out, read_rows
+from identification.compensation.volume import Volume, levels
+from identification.progress import Tell, silent
+
+SCHEMA = "errormodel.compensation/1"
+POSES = 1000  # that stand for the volume
+FEW = 200  # values: so few are found quickly from three times the poses
+CLEAN = 0.03  # of the error: what a plain structure may leave without a richer one being tried
+ENOUGH = 0.9  # of what the plainer structure leaves: a richer one must be better than that
+EXAMPLE = 24  # poses of a programme where none is given
+STEADY = ("time", "w_", "feed", "load")  # channels that no table can follow
+
+
+@dataclass(frozen=True)
+class Stated:
+    """Files for one state of the machine (its temperatures), and what they leave."""
+
+    label: str  # folder below the output's, "" where there is one state
+    state: Mapping[str, float]
+    files: dict[str, str]
+    tables: Tables
+    figures: list[Figures]
+
+
+@dataclass(frozen=True)
+class Compensation:
+    """All that `compensate` writes and prints."""
+
+    controller: Target
+    setup: Setup
+    sets: list[Stated]
+    tests: dict[str, str]  # files of the sign test; none where the sign is sure
+    thermal: dict[str, str]  # files of the controller's own temperature compensation, if it has one
+    advice: list[Advice]
+    notes: tuple[str, ...]
+
+    @property
+    def usual(self) -> Stated:
+        """The set for the middling state."""
+        return self.sets[len(self.sets) // 2]
+
+    def as_json(self) -> dict[str, Any]:
+        """``compensation.json``."""
+        return {
+            "schema": SCHEMA,
+            "controller": self.controller.name,
+            "machine": self.setup.machine,
+            "doubt": self.controller.doubt,
+            "region": {a.joint: {"axis": a.name, "measured": a.measured, "travel": a.travel} for a in self.setup.axes},
+            "corrects": list(self.setup.movers),
+            "sets": [
+                {
+                    "folder": s.label,
+                    "state": dict(s.state),
+                    "files": list(s.files),
+                    "tables": [_table_json(t) for t in s.tables],
+                    "figures": [asdict(f) | {"removed": f.removed()} for f in s.figures],
+                }
+                for s in self.sets
+            ],
+            "advice": [asdict(a) for a in self.advice],
+            "checklist": self.controller.checklist(self.setup),
+            "notes": list(self.notes),
+        }
+
+
+def _table_json(table: Table) -> dict[str, Any]:
+    t = table.term
+    return {
+        "output": t.output,
+        "inputs": list(t.inputs),
+        "points": list(t.shape),
+        "factor": t.factor,
+        "direction": t.direction,
+    }
+
+
+def compensate(
+    folder: Path,
+    name: str,
+    points: int | None = None,
+    resolution: float | None = None,
+    program: Path | None = None,
+    seed: int = 0,
+    tell: Tell = silent,
+) -> Compensation:
+    """Tables of a controller for the machine that was fitted into `folder`.
+
+    Parameters
+    ----------
+    points : points an axis; None: as many as the errors need.
+    resolution : least increment of the controller, mm; None: the usual one of the format.
+    program : for a target without tables, the programme to rewrite; None: an example of its own.
+
+    Raises
+    ------
+    InputError
+        The folder holds no fit, there is no such controller, or the format cannot hold this machine's corrections.
+    """
+    controller = target_of(name)
+    with tell("Reading"):
+        fit = store.load(folder)
+        table = read_rows(folder, fit.chain.machine)
+        field = Field.of(fit, table)
+        held = held_out(fit, table)
+    volume = Volume.of(field, table, fit.frame_mode != "fixed")
+    with tell("Following the errors along each axis"):
+        setup, notes = volume.setup(points, resolution)
+    if isinstance(controller, Controller):
+        controller.suits(setup)
+    channels = [root(c) for c in field.chain.channels]
+    states = levels(table, [c for c in channels if c.startswith("T_")])
+    sets = []
+    for state in states:
+        here = Volume(field.at(state), volume.low, volume.high, volume.free)
+        label = re.sub(r"[^\w.-]", "_", "_".join(f"{k}_{v:.1f}" for k, v in state.items()))
+        with tell(f"Tables for {controller.title}{f', {label}' if label else ''}"):
+            if isinstance(controller, Controller):
+                sets.append(_one_state(controller, setup, here, held, label, state, seed))
+            elif isinstance(controller, Rewriter):
+                sets.append(_rewritten(controller, setup, here, held, label, state, program, seed))
+    tests: dict[str, str] = {}
+    thermal: dict[str, str] = {}
+    if isinstance(controller, Controller) and len(sets) > 1:
+        thermal = controller.thermal([(s.state, s.tables) for s in sets], setup)
+    if isinstance(controller, Controller) and controller.doubt and sets[0].tables:
+        tests = sign_test(controller, setup, [t.term for t in sets[0].tables])
+    usual = sets[len(sets) // 2]
+    advice = mechanical_advice(volume, usual.figures[0].before.rms_um)
+    return Compensation(
+        controller, setup, sets, tests, thermal, advice, (*notes, *_notes(volume, setup, channels, held))
+    )
+
+
+def _one_state(
+    controller: Controller,
+    setup: Setup,
+    volume: Volume,
+    held: Rows | None,
+    label: str,
+    state: Mapping[str, float],
+    seed: int,
+) -> Stated:
+    tables = best_tables(controller, setup, volume)
+    files = controller.write(tables, setup)
+    back = controller.read(files, setup)
+    figures = assess(volume, emulated(controller, back, setup, volume), held, seed)
+    return Stated(label, state, files, back, figures)
+
+
+def _rewritten(
+    rewriter: Rewriter,
+    setup: Setup,
+    volume: Volume,
+    held: Rows | None,
+    label: str,
+    state: Mapping[str, float],
+    program: Path | None,
+    seed: int,
+) -> Stated:
+    field = volume.field
+
+    def correct(q: Array, direction: Array) -> Array:
+        return field.outward(volume.ideal(field.inward(q), direction))
+
+    if program is None:
+        files = rewriter.example(
+            setup, field.outward(np.vstack([volume.poses(EXAMPLE, seed)[0], volume.corners()[0][:8]]))
+        )
+    else:
+        files = {program.name: _text(program)}
+    out = {name: rewriter.rewrite(name, text, setup, correct) for name, text in files.items()}
+    step, movers = 2 * rewriter.quantum(setup), list(field.movers)
+
+    def rounded(q: Array, direction: Array, tool: Array | None) -> Array:
+        out = q.copy()
+        moved = field.outward(volume.ideal(q, direction, tool))[:, movers]
+        out[:, movers] = np.round(moved / step) * step * np.where(field.rotary[movers], np.pi / 180, 1.0)
+        return out
+
+    return Stated(label, state, out, (), assess(volume, rounded, held, seed))
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, ValueError) as error:
+        raise InputError(str(path), f"it cannot be read ({error})", "Give a programme as plain text") from error
+
+
+def best_tables(controller: Controller, setup: Setup, volume: Volume) -> Tables:
+    """The tables that leave the least; of a fine lattice over all axes, the exact corrections at its nodes."""
+    best: Tables = ()
+    for terms in controller.structures(setup):
+        if sum(t.size for t in terms) > MOST_CONES:
+            values = volume.nodes(terms, setup)
+            if values is not None:
+                return tuple(Table(t, v) for t, v in zip(terms, values, strict=True))
+        size, longest = sum(t.size for t in terms), max((t.size for t in terms), default=1)
+        sample = volume.sample(setup, 3 * POSES if size < FEW else max(POSES, min(3 * longest, 4 * POSES)))
+        tables = reduce(controller, setup, terms, sample, controller.most_tables)
+        left, before = leftover(controller, setup, tables, sample), leftover(controller, setup, (), sample)
+        if not best or left < ENOUGH * leftover(controller, setup, best, sample):
+            best = tables
+        if left < CLEAN * before:
+            break
+    return best
+
+
+def _notes(volume: Volume, setup: Setup, channels: list[str], held: Rows | None) -> tuple[str, ...]:
+    field = volume.field
+    still = [a.joint for a in setup.axes if a.name not in setup.moving]
+    loose = sorted({c for c in channels if c.startswith(STEADY)})
+    reach = np.linalg.matrix_rank(field.jacobian(*volume.poses(1, 0))[0], tol=1e-3)
+    return (
+        *(
+            f"the survey did not move {name}: its errors are unknown, and are corrected as they were there"
+            for name in still
+        ),
+        *(
+            f"errors that depend on {c} are corrected for {field.state.get(c, 0.0):g}: no table follows it"
+            for c in loose
+        ),
+        *(
+            (f"{', '.join(setup.movers)} reach {reach} of 3 directions: errors along the others stay",)
+            if reach < 3
+            else ()
+        ),
+        *(("no rows were left out of the fit: the figures are those of the model itself",) if held is None else ()),
+    )

@@ -1,0 +1,209 @@
+"""The volume that is compensated: what the survey covered, poses that stand for it, and the machine as axes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import islice, product
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from errormodel.arrays import Array
+from errormodel.controllers.setup import LETTERS, Axis, Setup
+from errormodel.controllers.tables import Term
+from identification.alignment import IDENTITY, Pose
+from identification.compensation.field import Field, directions_at_zero
+from identification.compensation.inverse import inverse, steps_towards
+from identification.compensation.reduction import Sample, frame_motion
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+MOVED = 0.003  # of the travel: a joint that moved less was not surveyed
+CORNERS = 64
+TOLERANCE = 0.005  # of the largest correction: what straight lines between points may leave
+INTERVALS = (1, 2, 3, 4, 6, 8, 10, 12, 16, 20, 24, 32, 40, 48, 64, 96, 128, 192, 256, 384, 512, 1024)
+
+
+@dataclass(frozen=True)
+class Volume:
+    """The measured region of a machine: the travel that the survey covered of each joint.
+
+    Attributes
+    ----------
+    low, high : (joints,) mm and rad; the commands of joints that did not move are `low` = `high`.
+    free : whether the workpiece's frame is free (the survey's was), so that a small motion of it costs nothing.
+    """
+
+    field: Field
+    low: Array
+    high: Array
+    free: bool
+
+    @classmethod
+    def of(cls, field: Field, table: pd.DataFrame, free: bool) -> Volume:
+        """The hull of measured travels, within the machine's own."""
+        q = table[[j.name for j in field.joints]].to_numpy(dtype=np.float64)
+        travel = np.array([j.travel for j in field.joints])
+        low, high = np.maximum(q.min(axis=0), travel[:, 0]), np.minimum(q.max(axis=0), travel[:, 1])
+        still = high - low <= MOVED * (travel[:, 1] - travel[:, 0])
+        middle = np.median(q, axis=0)
+        return cls(field, np.where(still, middle, low), np.where(still, middle, high), free)
+
+    def clamp(self, q: Array) -> Array:
+        """The nearest command inside: what lies outside is corrected as the edge is."""
+        return np.clip(q, self.low, self.high)
+
+    def poses(self, count: int, seed: int) -> tuple[Array, Array]:
+        """Even poses over the volume (Sobol) and directions of arrival, both (count, joints)."""
+        from scipy.stats import qmc
+
+        n = len(self.low)
+        unit = qmc.Sobol(2 * n, seed=seed).random_base2(int(np.ceil(np.log2(max(count, 2)))))[:count]
+        return self.low + unit[:, :n] * (self.high - self.low), np.where(unit[:, n:] < 0.5, -1.0, 1.0)
+
+    def corners(self) -> tuple[Array, Array]:
+        """Corners of the volume, some of them where there are many."""
+        moving = np.flatnonzero(self.high > self.low)
+        pick = np.array(list(islice(product((0.0, 1.0), repeat=len(moving)), CORNERS))).reshape(-1, len(moving))
+        q = np.tile(self.low, (len(pick), 1))
+        q[:, moving] = self.low[moving] + pick * (self.high - self.low)[moving]
+        return q, np.where(np.arange(len(q))[:, None] % 2, np.ones_like(q), -np.ones_like(q))
+
+    @cached_property
+    def frame(self) -> Pose:
+        """The small motion of the workpiece's frame that leaves the least mean square error."""
+        q, came = self.poses(512, 7)
+        nominal = self.field.nominal(q)
+        return best_frame(self.field.actual(q, came) - nominal, nominal) if self.free else IDENTITY
+
+    def target(self, q: Array, tool: Array | None = None) -> Array:
+        """Wanted points (n, 3) of commands."""
+        return self.frame.apply(self.field.nominal(q, tool))
+
+    def ideal(self, q: Array, direction: Array, tool: Array | None = None) -> Array:
+        """Commands that reach the wanted points, as the edge does for what lies outside."""
+        inside = self.clamp(q)
+        reached, _ = inverse(self.field, inside, direction, self.target(inside, tool), tool)
+        return q + (reached - inside)
+
+    def nodes(self, terms: Sequence[Term], setup: Setup) -> list[Array] | None:
+        """Corrections at the nodes of a lattice over all axes, of each term's shape; None for any other structure."""
+        if any(t.inputs != setup.moving or t.grids != terms[0].grids or t.direction or t.factor for t in terms):
+            return None
+        mesh = np.stack(np.meshgrid(*terms[0].grids, indexing="ij"), axis=-1).reshape(-1, len(setup.moving))
+        q = np.tile(self.field.outward(self.low), (len(mesh), 1))
+        q[:, [setup.place(i) for i in setup.moving]] = mesh
+        inner = self.field.inward(q)
+        both = [inverse(self.field, inner, sign * np.ones_like(q), self.target(inner))[0] for sign in (1, -1)]
+        moved = self.field.outward((both[0] + both[1]) / 2 - inner)
+        return [moved[:, setup.place(t.output)].reshape(t.shape) for t in terms]
+
+    def sample(self, setup: Setup, count: int, seed: int = 1) -> Sample:
+        """Poses for the reduction: even ones, and corners."""
+        field = self.field
+        parts = [self.poses(count, seed), self.corners()]
+        q, came = np.vstack([p[0] for p in parts]), np.vstack([p[1] for p in parts])
+        nominal = field.nominal(q)
+        motion = field.levers(q)[1][:, :, list(field.movers)]
+        return Sample(field.outward(q), came, field.actual(q, came) - nominal, motion, frame_motion(nominal, self.free))
+
+    @cached_property
+    def intervals(self) -> list[int]:
+        """Straight pieces that follow the corrections along each joint."""
+        starts, came = self.poses(6, 3)
+        out = []
+        steps = INTERVALS[-1]
+        share = np.linspace(0.0, 1.0, steps + 1)
+        largest = max(float(np.abs(self._correction(*self.poses(256, 5))).max()), 1e-9)
+        for k in range(len(self.low)):
+            if self.high[k] <= self.low[k]:
+                out.append(1)
+                continue
+            q = np.repeat(starts, steps + 1, axis=0)
+            q[:, k] = np.tile(self.low[k] + share * (self.high[k] - self.low[k]), len(starts))
+            c = self._correction(q, np.repeat(came, steps + 1, axis=0)).reshape(len(starts), steps + 1, -1)
+            out.append(next((n for n in INTERVALS if _bend(c, n) < TOLERANCE * largest), steps))
+        return out
+
+    def _correction(self, q: Array, came: Array) -> Array:
+        """Corrections to first order, as mm of each mover's reach."""
+        jacobian = self.field.jacobian(q, came)
+        step = steps_towards(self.field, jacobian, self.target(q) - self.field.actual(q, came))
+        return np.asarray(step * np.linalg.norm(jacobian, axis=1), np.float64)
+
+    def setup(self, points: int | None, resolution: float | None) -> tuple[Setup, tuple[str, ...]]:
+        """The machine as controllers see it, and notes on axes that have other names there."""
+        field, machine = self.field, self.field.chain.machine
+        along = directions_at_zero(machine, field.chain)
+        letters = axis_letters(machine.joints, along)
+        travel = np.array([j.travel for j in machine.joints])
+        unit = np.where(field.rotary, 180 / np.pi, 1.0)
+        axes = tuple(
+            Axis(
+                letters[k], j.name, j.type == "rotary",
+                (float(travel[k, 0] * unit[k]), float(travel[k, 1] * unit[k])),
+                (float(self.low[k] * unit[k]), float(self.high[k] * unit[k])),
+                (float(along[k][0]), float(along[k][1]), float(along[k][2])),
+                self.intervals[k],
+            )
+            for k, j in enumerate(machine.joints)
+        )  # fmt: skip
+        notes = tuple(f"joint {a.joint} is taken as axis {a.name} of the controller" for a in axes if a.name != a.joint)
+        reversing = frozenset(a.name for a in axes if a.joint in field.reversing)
+        setup = Setup(
+            machine.name, axes, tuple(axes[k].name for k in field.movers), reversing, machine.tool,
+            resolution, points, lambda q: field.levers(field.inward(q)),
+        )  # fmt: skip
+        return setup, notes
+
+
+def _bend(values: Array, intervals: int) -> float:
+    """Largest distance of curves (lines, steps + 1, k) from straight pieces."""
+    size = values.shape[1]
+    x = np.arange(size) / (size - 1)
+    nodes = np.linspace(0, 1, intervals + 1)
+    at = np.rint(nodes * (size - 1)).astype(int)
+    k = np.clip(np.searchsorted(x[at], x, side="right") - 1, 0, intervals - 1)
+    share = (x - x[at][k]) / (x[at][k + 1] - x[at][k])
+    pieces = values[:, at[k]] * (1 - share)[:, None] + values[:, at[k + 1]] * share[:, None]
+    return float(np.abs(values - pieces).max())
+
+
+def best_frame(errors: Array, points: Array) -> Pose:
+    """Small rigid motion nearest to errors (n, 3) at points (n, 3), by least squares."""
+    from scipy.spatial.transform import Rotation
+
+    middle = points.mean(axis=0)
+    small = np.linalg.lstsq(frame_motion(points, True).reshape(-1, 6), errors.ravel(), rcond=1e-9)[0]
+    turn = Rotation.from_rotvec(small[3:]).as_matrix()
+    return Pose(turn, middle + small[:3] - turn @ middle)
+
+
+def axis_letters(joints: tuple[object, ...], along: Array) -> list[str]:
+    """A controller's letter for each joint: its own name where it is one, else by its direction."""
+    names = [getattr(j, "name", "") for j in joints]
+    out: list[str] = [n.upper() if n.upper() in LETTERS else "" for n in names]
+    for k, joint in enumerate(joints):
+        if not out[k] or out.index(out[k]) < k:
+            main = int(np.argmax(np.abs(along[k])))
+            wanted = ("ABC" if getattr(joint, "type", "") == "rotary" else "XYZ")[main]
+            free = [c for c in (wanted, *reversed(LETTERS)) if c not in out]
+            out[k] = free[0] if free else names[k]
+    return out
+
+
+def levels(table: pd.DataFrame, channels: list[str]) -> list[dict[str, float]]:
+    """States of the machine to make tables for: of rows that were cool, middling and warm; one where nothing varied."""
+    known = [c for c in channels if c in table and np.ptp(table[c].dropna().to_numpy(dtype=np.float64)) > 1.0]
+    if not known:
+        return [{}]
+    full = table[known].dropna()
+    order = full.mean(axis=1).sort_values(kind="stable").index
+    picked = [order[round(share * (len(order) - 1))] for share in (0.05, 0.5, 0.95)]
+    return [{str(c): float(full.loc[i, c]) for c in known} for i in picked]
+
+
+State = Mapping[str, float]

@@ -1,0 +1,23 @@
+"""A compensation on disk: the controller's files, the sign test, the checklist and ``compensation.json``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from errormodel.files import write_text_atomic
+from identification.compensation.lines import compensation_lines
+from identification.compensation.run import Compensation
+from identification.store import dumps
+
+
+def write_compensation(result: Compensation, folder: Path) -> None:
+    """Write every file whole or not at all, ``compensation.json`` last."""
+    for stated in result.sets:
+        for name, text in stated.files.items():
+            write_text_atomic(text, folder / stated.label / name)
+    for name, text in result.thermal.items():
+        write_text_atomic(text, folder / name)
+    for name, text in result.tests.items():
+        write_text_atomic(text, folder / "sign_test" / name)
+    write_text_atomic("\n".join(compensation_lines(result, folder)) + "\n", folder / "checklist.txt")
+    write_text_atomic(dumps(result.as_json()), folder / "compensation.json")

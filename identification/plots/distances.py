@@ -1,0 +1,42 @@
+"""How far each row lies from a robust fit, and which rows take no part."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from identification.fit.bisquare import CUTS
+from identification.fit.result import Fit
+from identification.plots import style
+
+MOST = 4000  # rows drawn that take part; outliers are drawn all
+
+
+def draw_distances(fit: Fit) -> Figure:
+    """Distances in robust standard deviations, logarithmic, in the order of the survey.
+
+    Raises
+    ------
+    ValueError
+        The fit is not robust.
+    """
+    if fit.sorting is None:
+        raise ValueError("the fit is not robust")
+    distance = np.maximum(fit.sorting.distance, 0.05)
+    out = np.zeros(len(distance), dtype=bool)
+    out[[o.index for o in fit.outliers]] = True
+    inside = np.flatnonzero(np.isfinite(distance) & ~out)
+    some = inside[np.unique(np.linspace(0, len(inside) - 1, min(MOST, len(inside))).astype(int))]
+    figure = Figure((style.WIDTH, 3.2))
+    axes = style.panel(figure, 0.75, 0.6, style.WIDTH - 1.0, 2.2)
+    axes.set_yscale("log")
+    axes.axhspan(CUTS[1], CUTS[3], color=style.FAINT, alpha=0.7, lw=0, zorder=0)
+    axes.plot(some + 1, distance[some], ".", ms=3.5, mew=0, color=style.FITTED, alpha=0.6, rasterized=True)
+    axes.plot(np.flatnonzero(out) + 1, distance[out], "x", ms=6, mew=1.4, color=style.AXIS_COLOURS[0])
+    axes.set_xlim(0, len(distance) + 1)
+    top = float(np.nanmax(distance, initial=CUTS[3]))
+    axes.set_ylim(0.1, 2 * max(top, 2 * CUTS[3]))
+    style.dress(axes, "row, in the order of the survey", "distance / standard deviations")
+    text = "dots: rows that take part  ·  crosses: outliers  ·  grey: where a row of one to three components is out"
+    figure.text(0.75 / style.WIDTH, 1 - 0.25 / 3.2, text, size=style.SMALL, color=style.MUTED)
+    return figure

@@ -1,0 +1,151 @@
+"""Volumetric error that each controller's tables take away, on unseen poses of machines whose errors are known.
+
+``python -m tests.benchmarks.compensation [MACHINE ...] [--controller NAME ...] [--poses N]``
+
+Every machine is simulated exactly with random errors and a laser tracker's noise, surveyed, fitted, and compensated
+from the fit; what is left is judged with the true machine. *ideal*: commands by the exact inverse of the fitted model.
+*best*: what the format's structure can do at all with that model, found by optimisation with up to twice the points,
+and neither rounding nor limits. The share *of ideal* counts for formats that can express everything (ISG,
+lattice), the share *of best* for all.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from errormodel.chain import Chain
+from errormodel.controllers import registry, target
+from errormodel.controllers.base import Controller
+from errormodel.controllers.setup import Setup
+from errormodel.exceptions import InputError
+from errormodel.instruments.laser_tracker import LaserTracker
+from errormodel.schema import library, read_machine
+from identification.compensation.assessment import Correct, Error, emulated, nothing, remaining
+from identification.compensation.field import Field
+from identification.compensation.reduction import reduce
+from identification.compensation.rows import Rows
+from identification.compensation.run import best_tables
+from identification.compensation.volume import Volume
+from identification.fit.run import fit_machine
+from tests.chains import errors
+from tests.surveys import measured, positions, stored, survey
+
+TRACKER = LaserTracker(type="laser-tracker", station=[0.0, 0.0, 0.0], range=[0.5e-3, 0.0], angle=1.2e-6)
+UNSEEN = 512
+
+
+@dataclass(frozen=True)
+class Case:
+    """A machine whose truth is known, as its fit sees it, and the poses that nobody saw."""
+
+    volume: Volume  # by the fit
+    truth: Volume
+    setup: Setup
+    rows: Rows
+
+    @classmethod
+    def of(cls, name: str, poses: int, seed: int = 1, resolution: float | None = None) -> Case:
+        machine = read_machine(name)
+        chain = Chain(machine)
+        p = errors(chain, seed)
+        table = positions(measured(machine, p, poses, seed + 10, noise=TRACKER))
+        fit = stored(fit_machine(machine, survey(table, instrument=TRACKER)))
+        field = Field.of(fit, table)
+        volume = Volume.of(field, table, free=True)
+        truth = Volume(Field(field.chain, p, field.movers, field.state), volume.low, volume.high, True)
+        q, came = volume.poses(UNSEEN, 99)
+        tool = np.tile(np.asarray(machine.tool, dtype=np.float64), (len(q), 1))
+        rows = Rows(q, came, tool, np.zeros((len(q), 3)), np.full(len(q), "", dtype=object), "unseen")
+        return cls(volume, truth, volume.setup(None, resolution)[0], rows)
+
+    def left(self, correct: Correct) -> Error:
+        """The true error after commands that were made from the fit."""
+        return Error.of(remaining(self.truth, correct, self.rows), self.rows.q)
+
+    def corrected(self, controller: Controller) -> Correct:
+        """Commands by a controller's tables as they come back from its files."""
+        tables = controller.read(
+            controller.write(best_tables(controller, self.setup, self.volume), self.setup), self.setup
+        )
+        return emulated(controller, tables, self.setup, self.volume)
+
+    def best(self, controller: Controller) -> Correct:
+        """Commands by the best that the structure allows."""
+        fine = replace(self.setup, axes=tuple(replace(a, intervals=min(2 * a.intervals, 48)) for a in self.setup.axes))
+        free = type("Free", (type(controller),), {"most_slope": lambda *_: None})()
+        terms = controller.structures(fine)[0]
+        if sum(t.size for t in terms) > 1200:
+            terms = controller.structures(self.setup)[0]
+        tables = reduce(free, fine, terms, self.volume.sample(fine, 2000, seed=5), controller.most_tables)
+        return emulated(controller, tables, fine, self.volume)
+
+
+@dataclass(frozen=True)
+class Line:
+    """One line of the table; errors as rms and worst, um."""
+
+    controller: str
+    after: Error
+    best: Error
+    of_ideal: float
+    of_best: float
+    seconds: float
+
+
+def judged(case: Case, name: str) -> Line:
+    """One controller on one machine."""
+    start = time.perf_counter()
+    kind = target(name)
+    before, ideal = case.left(nothing), case.left(case.volume.ideal)
+    if not isinstance(kind, Controller):  # exact but for rounding
+        return Line(name, ideal, ideal, 1.0, 1.0, 0.0)
+    kind.suits(case.setup)
+    after = case.left(case.corrected(kind))
+    # of a lattice over all axes, which follows everything, the ideal is the best
+    best = ideal if name == "csv" else case.left(case.best(kind))
+
+    def share(of: Error) -> float:
+        gain = before.rms_um - of.rms_um
+        return (before.rms_um - after.rms_um) / gain if gain > 0.01 * before.rms_um else 1.0
+
+    return Line(name, after, best, share(ideal), share(best), time.perf_counter() - start)
+
+
+def table(name: str, controllers: list[str], poses: int, resolution: float | None) -> Iterator[str]:
+    case = Case.of(name, poses, resolution=resolution)
+    before, ideal = case.left(nothing), case.left(case.volume.ideal)
+    yield f"\n{name}: before {_pair(before)}, after the ideal compensation {_pair(ideal)} um (rms / worst)"
+    yield f"  {'controller':16}{'after':>16}{'best of structure':>20}{'of ideal':>10}{'of best':>9}{'s':>7}"
+    for controller in controllers:
+        try:
+            line = judged(case, controller)
+        except InputError as error:
+            yield f"  {controller:16}  {error.found}"
+            continue
+        shares = f"{100 * line.of_ideal:9.1f}%{100 * line.of_best:8.1f}%"
+        yield f"  {controller:16}{_pair(line.after):>16}{_pair(line.best):>20}{shares}{line.seconds:7.1f}"
+
+
+def _pair(error: Error) -> str:
+    return f"{error.rms_um:.2f} / {error.worst_um:.1f}"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("machines", nargs="*", default=list(library()))
+    parser.add_argument("--controller", action="append")
+    parser.add_argument("--poses", type=int, default=300)
+    parser.add_argument("--resolution", type=float)
+    given = parser.parse_args()
+    for name in given.machines:
+        for line in table(name, given.controller or list(registry()), given.poses, given.resolution):
+            print(line, flush=True)
+
+
+if __name__ == "__main__":
+    main()

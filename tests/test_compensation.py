@@ -1,0 +1,369 @@
+"""From a fit to a controller's files: inverse, reduction, region, what is printed and written, what is refused."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from errormodel.chain import Chain
+from errormodel.controllers import target
+from errormodel.controllers.base import Controller
+from errormodel.controllers.setup import Setup
+from errormodel.controllers.tables import Tables
+from errormodel.exceptions import InputError
+from errormodel.machine import EffectSpec, Joint, Machine
+from errormodel.schema import library, read_machine
+from identification.compensation import reduction
+from identification.compensation.advice import mechanical_advice
+from identification.compensation.assessment import assess, emulated
+from identification.compensation.field import Field, movers_of
+from identification.compensation.inverse import CLOSED, inverse
+from identification.compensation.reduction import leftover, reduce
+from identification.compensation.rows import held_out, read_rows
+from identification.compensation.run import best_tables
+from identification.compensation.volume import Volume, levels
+from identification.fit.run import fit_machine
+from identification.store import load, save
+from tests.benchmarks.compensation import Case, judged
+from tests.chains import Array, errors
+from tests.commands import MILL, done, fitted_mill, run, tree
+from tests.surveys import measured, positions, survey
+
+UM = 1e-3
+
+
+def field_of(machine: Machine, p: Array, **state: float) -> Field:
+    return Field(Chain(machine), p, movers_of(Chain(machine)), state)
+
+
+def volume_of(machine: Machine, p: Array, share: tuple[float, float] = (0.0, 1.0), **state: float) -> Volume:
+    field = field_of(machine, p, **state)
+    travel = np.array([j.travel for j in machine.joints])
+    low, high = (travel[:, 0] + s * (travel[:, 1] - travel[:, 0]) for s in share)
+    return Volume(field, low, high, True)
+
+
+def mill(seed: int = 3, share: tuple[float, float] = (0.0, 1.0)) -> Volume:
+    machine = read_machine(MILL)
+    return volume_of(machine, errors(Chain(machine), seed), share)
+
+
+def tables_of(name: str, volume: Volume, **more: object) -> tuple[Controller, Tables, Setup]:
+    controller = target(name)
+    assert isinstance(controller, Controller)
+    setup = replace(volume.setup(None, None)[0], **more)  # type: ignore[arg-type]
+    return controller, best_tables(controller, setup, volume), setup
+
+
+@pytest.fixture(autouse=True)
+def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("identification.compensation.run.POSES", 300)
+
+
+@pytest.fixture(scope="module")
+def fitted(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return fitted_mill(tmp_path_factory.mktemp("mill"))
+
+
+@pytest.mark.parametrize("name", list(library()))
+def test_the_inverse_reaches_the_wanted_point(name: str) -> None:
+    machine = read_machine(name)
+    volume = volume_of(machine, errors(Chain(machine), 5, um=200.0, urad=200.0))
+    field = volume.field
+    q, came = volume.poses(256, 1)
+    reached, left = inverse(field, q, came)
+    gap = field.actual(reached, came) - field.nominal(q)
+    np.testing.assert_allclose(np.linalg.norm(gap, axis=1), left, atol=CLOSED)
+    jacobian = field.jacobian(reached, came)
+    reach = np.linalg.matrix_rank(jacobian[0], tol=1e-3)
+    if reach == 3:
+        assert left.max() < CLOSED < 0.01 * UM
+    else:  # what the axes can do is done: the rest stands square to all of them
+        assert np.abs(np.einsum("nim,ni->nm", jacobian, gap)).max() < 0.01 * UM
+    still = [k for k in range(len(machine.joints)) if k not in field.movers]
+    assert np.array_equal(reached[:, still], q[:, still])
+
+
+def test_axes_that_run_alike_are_corrected_by_the_longer_one() -> None:
+    machine = read_machine("five_axis_table_quill")
+    names = [machine.joints[k].name for k in movers_of(Chain(machine))]
+    assert sorted(names) == ["X", "Y", "Z"]  # not W, which runs along Z
+
+
+def test_reduction_finds_the_least_worst_error_of_its_structure(monkeypatch: pytest.MonkeyPatch) -> None:
+    volume = replace(mill(), free=False)
+    setup = volume.setup(None, None)[0]
+    controller = target("heidenhain")
+    assert isinstance(controller, Controller)
+    terms, sample = controller.terms(setup), volume.sample(setup, 400, seed=1)
+    usual = leftover(controller, setup, reduce(controller, setup, terms, sample), sample)
+    monkeypatch.setattr(reduction, "SHARE", 0.0)  # nothing given up for the mean
+    tables = reduce(controller, setup, terms, sample)
+    least = leftover(controller, setup, tables, sample)
+    assert least < usual < leftover(controller, setup, (), sample)
+    rng = np.random.default_rng(0)
+    for size in (1 * UM, 0.1 * UM, 0.01 * UM) * 20:
+        pushed = tuple(replace(t, values=t.values + rng.normal(0, size, t.values.shape)) for t in tables)
+        assert leftover(controller, setup, pushed, sample) > 0.9995 * least
+
+
+def test_slopes_stay_within_the_format() -> None:
+    volume = mill()
+    steep = replace(volume, field=replace(volume.field, values=40 * volume.field.values))
+    controller, tables, setup = tables_of("fanuc-pitch", steep)
+    for table in tables:
+        slope = np.abs(np.diff(table.values)).max() / np.diff(table.term.grids[0])[0]
+        assert slope <= (controller.most_slope(setup, table.term) or 0) * 1.001
+    controller.write(tables, setup)
+
+
+@pytest.mark.parametrize("name", ["csv", "linuxcnc-type1", "isg"])
+def test_nothing_is_extrapolated_beyond_what_was_measured(name: str) -> None:
+    volume = mill(share=(0.25, 0.75))
+    controller, tables, setup = tables_of(name, volume)
+    correct = emulated(controller, tables, setup, volume)
+    travel = np.array([j.travel for j in volume.field.joints])
+    edge = np.array([volume.high])
+    far = travel[None, :, 1]
+    came = np.ones_like(edge)
+    inside, outside = (np.abs(correct(q, came, None) - q).max() for q in (edge, far))
+    assert inside > 0
+    assert outside <= 1.25 * inside + UM  # levers of angles may still grow, tables may not
+
+
+def test_the_model_outside_is_that_of_the_edge() -> None:
+    volume = mill(share=(0.25, 0.75))
+    q, came = np.array([volume.high + 50.0]), np.ones((1, 3))
+    edge = volume.clamp(q)
+    np.testing.assert_allclose(volume.ideal(q, came) - q, volume.ideal(edge, came) - edge, atol=1e-12)
+
+
+def test_error_is_removed_as_well_as_each_structure_allows() -> None:
+    """The short form of ``python -m tests.benchmarks.compensation``."""
+    case = Case.of(MILL, 100)
+    for name, full in (("isg", True), ("csv", True), ("heidenhain", False)):
+        line = judged(case, name)
+        assert line.after.rms_um <= 1.05 * line.best.rms_um, line
+        assert line.of_ideal >= (0.97 if full else 0.2), line
+
+
+def test_direction_matters_where_the_format_knows_it() -> None:
+    machine = replace(read_machine(MILL), effects=(EffectSpec("backlash", {"joint": "X"}),))
+    p = Chain(machine).vector({"X.dx.backlash": 20 * UM, "X.dx.1": 30 * UM})
+    volume = volume_of(machine, p)
+    left = {}
+    for name in ("linuxcnc-type1", "siemens-lec"):
+        controller, tables, setup = tables_of(name, volume)
+        assert setup.reversing == {"X"}
+        left[name] = assess(volume, emulated(controller, tables, setup, volume), None, 0)[0].after.rms_um
+    assert left["linuxcnc-type1"] < 1.0 < 5.0 < left["siemens-lec"]
+
+
+def test_errors_of_instrument_frame_and_target_are_nobodys_to_compensate(tmp_path: Path) -> None:
+    machine = replace(read_machine(MILL), effects=(EffectSpec("target-offset", {"tool": [40.0, 25.0, -180.0]}),))
+    chain, plain = Chain(machine), Chain(replace(machine, effects=()))
+    p = chain.vector(dict(zip(plain.ids, errors(plain, 1).tolist(), strict=True)))
+    table = positions(measured(machine, p, 80, 1, noise=2 * UM))
+    save(fit_machine(machine, survey(table)), tmp_path)
+    fit = load(tmp_path)
+    outside = {*chain.frame_ids, *chain.tool_ids, *chain.effect_ids[0]}
+    fit = replace(fit, values={**fit.values, **dict.fromkeys(outside, 0.1)})
+    field = Field.of(fit, read_rows(tmp_path, fit.chain.machine))
+    assert all(field.values[field.chain.index[i]] == 0 for i in outside)
+    assert np.count_nonzero(field.values) > 5
+
+
+def test_a_test_file_in_a_frame_of_its_own_is_judged_in_the_machines_axes(tmp_path: Path) -> None:
+    machine = read_machine(MILL)
+    p = errors(Chain(machine), 2)
+    fit_rows = positions(measured(machine, p, 120, 1, noise=1 * UM))
+    turned = ((300.0, -900.0, 50.0), (0.3, -1.2, 2.0))
+    test_rows = positions(measured(machine, p, 60, 2, noise=1 * UM, frame=turned, file="b.csv", role="test"))
+    save(fit_machine(machine, survey(fit_rows, test_rows, frame="per-file")), tmp_path)
+    fit = load(tmp_path)
+    table = read_rows(tmp_path, fit.chain.machine)
+    held = held_out(fit, table)
+    assert held is not None
+    assert held.what == "60 test files" or held.what.startswith("60 ")
+    volume = Volume.of(Field.of(fit, table), table, True)
+    controller, tables, setup = tables_of("isg", volume)
+    figures = assess(volume, emulated(controller, tables, setup, volume), held, 0)[1]
+    truth = volume_of(machine, p)
+    before = assess(truth, truth.ideal, None, 0)[0].before.rms_um
+    assert figures.before.rms_um == pytest.approx(before, rel=0.25)
+    assert figures.after.rms_um < 2.5  # the noise, 1 um a coordinate
+
+
+def test_squareness_is_advised_to_be_adjusted_largest_first() -> None:
+    machine = read_machine(MILL)
+    chain = Chain(machine)
+    p = chain.vector({"saddle.ec": 80e-6, "column.ea": -30e-6})  # Y turned against X, Z against Y
+    first, second = mechanical_advice(volume_of(machine, p), 20.0)[:2]
+    assert "Y against X" in first.what
+    assert abs(first.angle) == pytest.approx(80e-6, rel=0.05)
+    assert first.effect_um == pytest.approx(80e-6 * 410 * 1e3, rel=0.05)
+    assert "Z against Y" in second.what
+    assert mechanical_advice(volume_of(machine, 0.01 * p), 0.2) == []
+
+
+def test_a_twisted_bed_is_advised_to_be_levelled() -> None:
+    machine = read_machine(MILL)
+    chain = Chain(machine)
+    found = mechanical_advice(volume_of(machine, chain.vector({"X.ea.1": 60e-6})), 10.0)
+    advice = next(a for a in found if "twist along X" in a.what)
+    assert advice.angle == pytest.approx(120e-6, rel=0.02)  # from one end to the other
+
+
+def test_a_machine_turned_round_has_its_errors_in_the_controllers_axes() -> None:
+    """X and Y both written the other way: the same machine seen from behind."""
+    machine = read_machine(MILL)
+    turned = replace(
+        machine,
+        elements=tuple(
+            replace(e, axis=(-e.axis[0], -e.axis[1], e.axis[2])) if isinstance(e, Joint) else e
+            for e in machine.elements
+        ),
+    )
+    chain = Chain(turned)
+    controller, tables, setup = tables_of("etalon", volume := volume_of(turned, errors(chain, 3)))
+    assert assess(volume, emulated(controller, tables, setup, volume), None, 0)[0].removed() > 0.97
+    _, tables, _ = tables_of("etalon", volume_of(turned, chain.vector({"X.dx.2": 0.02})))
+    (exx,) = (t for t in tables if t.term.output == "EXX")
+    middle = len(exx.values) // 2
+    bow = exx.values[[0, -1]].mean() - exx.values[middle]  # 20 um along x, which is minus X of the controller
+    assert bow == pytest.approx(-0.02, rel=0.05)
+    upside = replace(
+        machine,
+        elements=tuple(
+            replace(e, axis=(e.axis[0], e.axis[1], -e.axis[2])) if isinstance(e, Joint) else e for e in machine.elements
+        ),
+    )
+    with pytest.raises(InputError, match="left-handed"):
+        controller.suits(volume_of(upside, np.zeros(len(Chain(upside).ids))).setup(None, None)[0])
+
+
+def test_a_table_for_each_temperature(tmp_path: Path) -> None:
+    machine = replace(
+        read_machine(MILL),
+        effects=(EffectSpec("scale-expansion", {"joint": "X", "sensor": "T_x"}),),
+    )
+    chain = Chain(machine)
+    identity = chain.effect_ids[0][0]
+    rng = np.random.default_rng(0)
+    points = pd.DataFrame({j.name: rng.uniform(*j.travel, 150) for j in machine.joints})
+    points = points.assign(tool_x=0.0, tool_y=0.0, tool_z=-100.0, T_x=rng.uniform(18, 30, 150))
+    table = positions(measured(machine, chain.vector({identity: 11e-6}), seed=4, noise=1 * UM, points=points))
+    save(fit_machine(machine, survey(table)), tmp_path / "fit")
+    out = done("compensate", tmp_path / "fit", "--controller", "linuxcnc-type1", "--out", tmp_path / "out").out
+    folders = sorted(p.name for p in (tmp_path / "out").iterdir() if p.is_dir())
+    assert len(folders) == 3
+    assert all(re.fullmatch(r"T_x_\d\d\.\d", name) for name in folders)
+    spans = []
+    for name in folders:
+        rows = np.loadtxt(tmp_path / "out" / name / "joint_0_X.comp")
+        spans.append(np.polyfit(rows[:, 0], rows[:, 1], 1)[0] * 1e6)
+    warm = [float(name[4:]) for name in folders]
+    assert np.polyfit(warm, spans, 1)[0] == pytest.approx(-11, rel=0.1)  # um/m a kelvin, taken back
+    assert "at T_x = " in out
+
+
+def test_levels_are_states_that_were_there() -> None:
+    table = pd.DataFrame({"T_a": [20.0, 21, 25, 30], "T_b": [30.0, 29, 25, 20.5], "T_c": [20.0, 20.1, 20.2, 20.1]})
+    states = levels(table, ["T_a", "T_b", "T_c", "T_none"])
+    assert all({*s} == {"T_a", "T_b"} for s in states)
+    assert all(((table["T_a"] == s["T_a"]) & (table["T_b"] == s["T_b"])).any() for s in states)
+    assert levels(table, ["T_c"]) == [{}]
+
+
+def test_the_command_prints_writes_and_repeats_itself(fitted: Path, tmp_path: Path) -> None:
+    first = done("compensate", fitted / "fit", "--controller", "isg", "--out", tmp_path / "a").out
+    for text in (
+        "before", "after an ideal compensation", "after these tables", "worst then at X=", "60 rows left out",
+        "region:", "activation", "[ ] ", "not certain from public sources", "sign_test.nc",
+    ):  # fmt: skip
+        assert text in first, text
+    done("compensate", fitted / "fit", "--controller", "isg", "--out", tmp_path / "b", "--quiet")
+    a, b = tree(tmp_path / "a"), tree(tmp_path / "b")
+    assert {*a} >= {"vol_comp_0.csv", "vol_comp_0.lis", "sign_test/sign_test.nc", "checklist.txt", "compensation.json"}
+    assert {k: v for k, v in a.items() if k != "checklist.txt"} == {k: v for k, v in b.items() if k != "checklist.txt"}
+    data = json.loads(a["compensation.json"])
+    assert data["schema"] == "errormodel.compensation/1"
+    assert data["region"]["X"]["travel"] == [-380.0, 380.0]
+    assert {f["poses"][:4] for f in data["sets"][0]["figures"]} == {"1032", "60 r"}
+    assert data["sets"][0]["figures"][0]["removed"] > 0.97
+
+
+def test_the_list_names_every_controller() -> None:
+    lines = done("compensate", "--controller", "list").out.splitlines()
+    assert {line.split()[0] for line in lines} >= {"csv", "gcode", "isg", "siemens-cec", "linuxcnc-type0", "duet"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--controller", "sinumerik"), ("--controller sinumerik", "there is no such controller", "siemens-cec")),
+        (("--controller", "linuxcnc-type1", "--points", 300), ("300 points", "the format holds 2 to 256")),
+        (("--controller", "csv", "--points", 150), ("--points", "150 points on 3 axes", "Ask for fewer")),
+        (("--controller", "csv", "--resolution", 0), ("--resolution", "least increment")),
+        (("--controller", "gcode", "--program", "none.nc"), ("none.nc", "cannot be read")),
+    ],
+)
+def test_wrong_requests_are_refused_and_write_nothing(
+    arguments: tuple[object, ...], words: tuple[str, ...], fitted: Path, tmp_path: Path
+) -> None:
+    result = run("compensate", fitted / "fit", *arguments, "--out", tmp_path / "out")
+    assert result.code == 2
+    assert result.err.count("\n") == 1
+    assert all(w in result.err for w in words), result.err
+    assert not (tmp_path / "out").exists()
+
+
+def test_what_is_no_fit_is_refused(tmp_path: Path, fitted: Path) -> None:
+    result = run("compensate", tmp_path, "--controller", "csv", "--out", tmp_path / "out")
+    assert (result.code, "errormodel fit" in result.err) == (2, True)
+    result = run("compensate", fitted / "fit", "--controller", "csv")
+    assert (result.code, "--out is missing" in result.err) == (2, True)
+
+
+def test_an_arm_takes_no_tables_but_corrected_commands(tmp_path: Path) -> None:
+    machine = read_machine("six_axis_arm")
+    chain = Chain(machine)
+    p = errors(chain, 1, um=300.0, urad=500.0)
+    table = positions(measured(machine, p, 120, 1, noise=20 * UM))
+    save(fit_machine(machine, survey(table)), tmp_path / "fit")
+    for name in ("linuxcnc-type0", "isg", "klipper"):
+        result = run("compensate", tmp_path / "fit", "--controller", name, "--out", tmp_path / "out")
+        assert result.code == 2
+        assert "moves by rotary joints only" in result.err
+    wanted = pd.DataFrame(np.random.default_rng(0).uniform(-150, 150, (20, 6)), columns=[f"J{k}" for k in range(1, 7)])
+    wanted.to_csv(tmp_path / "path.csv", index=False)
+    done(
+        "compensate",
+        tmp_path / "fit",
+        "--controller",
+        "gcode",
+        "--program",
+        tmp_path / "path.csv",
+        "--out",
+        tmp_path / "o",
+    )
+    sent = np.radians(pd.read_csv(tmp_path / "o/path.csv").to_numpy())
+    truth = field_of(machine, p)
+    came, asked = np.ones_like(sent), np.radians(wanted.to_numpy())
+    before, after = (gap_rms(truth, commands, asked, came) for commands in (asked, sent))
+    assert after < 0.2 * before
+
+
+def gap_rms(field: Field, commands: Array, asked: Array, came: Array) -> float:
+    """Root mean square distance of where commands lead from where they were asked to, after the best frame."""
+    from identification.compensation.volume import best_frame
+
+    nominal = field.nominal(asked)
+    gap = field.actual(commands, came) - nominal
+    return float(np.sqrt(np.mean(np.square(gap - (best_frame(gap, nominal).apply(nominal) - nominal)).sum(axis=1))))
