@@ -26,7 +26,8 @@ class Step:
     evidence : nats against nothing, given what was accepted before; `drop`: of the residual sum of squares, in noise
         variances; `absorbed`: the part of it that the geometry hides.
     rivals : other explanations at that step with their evidence, best first.
-    count : its parameters; `bend`: the part of the drop that is a departure from its textbook form.
+    count : its parameters; `bend`: the part of the drop that is a departure from its textbook form, and
+        `worth`: that of the evidence.
     partner : a second cause of the same motion that was accepted with it.
     refines : number of the step that this one refines, or None: a finding of its own.
     """
@@ -37,6 +38,7 @@ class Step:
     absorbed: float
     count: int = 1
     bend: float = 0.0
+    worth: float = 0.0
     rivals: tuple[tuple[Effect, float], ...] = ()
     partner: tuple[Effect, ...] = ()
     refines: int | None = None
@@ -82,7 +84,8 @@ def _names(bench: Workbench, ranked: Sequence[Step]) -> list[Step]:
 def convincing(bench: Workbench, step: Step, *, judged: bool = True) -> bool:
     """Whether evidence outweighs the places looked at and, `judged`, what correlated noise would make of it."""
     surplus = step.evidence - np.log(max(step.searched, 1)) - DETECT
-    return bool(surplus >= 0 and (not judged or surplus >= doubt(bench, step)))
+    # to a form that bends, correlated noise would be worth even more: bending helps a name, it detects nothing
+    return bool(surplus >= 0 and (not judged or surplus - step.worth >= doubt(bench, step)))
 
 
 def doubt(bench: Workbench, step: Step) -> float:

@@ -306,7 +306,9 @@ def _polished(candidates: Candidates, scores: Scores, bench: Workbench, number: 
         evidence, drop, absorbed = (float(v[number]) for v in (scores.evidence, scores.drop, scores.absorbed))
     worth, bend = bent(bench, effect)
     count = len(bench.columns(effect)[1])
-    return Step(effect, evidence + worth - np.log(same), drop + bend, absorbed, count, bend=bend, searched=searched)
+    return Step(
+        effect, evidence + worth - np.log(same), drop + bend, absorbed, count, bend=bend, worth=worth, searched=searched
+    )
 
 
 def _refined(growth: Growth, step: Step) -> int | None:
