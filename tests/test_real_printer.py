@@ -45,9 +45,8 @@ def test_it_is_the_heat_and_late(printers: Path, name: str) -> None:
     assert first.driver
     assert all(d.startswith(("T_", "lag(T_")) for d in first.driver)
     assert "lag" in first.statement
-    assert (
-        first.probability > 0.7
-    )  # of this name: look-alikes by other names (an expansion of the scale) count against it
+    # look-alikes by other names (an expansion of the scale) count against it
+    assert first.probability > 0.7
 
 
 def test_a_dead_sensor_drives_nothing_and_is_reported(printers: Path) -> None:
