@@ -21,10 +21,13 @@ settings.load_profile("ci" if os.environ.get("CI") else "local")
 
 
 def _recordings(variable: str, default: Path) -> Path:
-    folder = Path(os.environ.get(variable) or default)
+    return _present(Path(os.environ.get(variable) or default), variable).resolve()
+
+
+def _present(folder: Path, variable: str) -> Path:
     if not folder.is_dir():
         pytest.skip(f"recordings not found at {folder}; set {variable}")
-    return folder.resolve()
+    return folder
 
 
 @pytest.fixture(scope="session")
@@ -37,3 +40,15 @@ def real_data() -> Path:
 def practice_data() -> Path:
     """Folder of simulated recordings with known causes, one folder each."""
     return _recordings("ERRORMODEL_PRACTICE", ROOT.parent / "shared" / "practice")
+
+
+@pytest.fixture(scope="session")
+def ur10(real_data: Path) -> Path:
+    """Folder of the arm: two series of poses seen by a tracker."""
+    return _present(real_data / "ur10", "ERRORMODEL_DATA")
+
+
+@pytest.fixture(scope="session")
+def printers(real_data: Path) -> Path:
+    """Folder of two printers: a fixed switch found again and again while they heat."""
+    return _present(real_data / "printer-frame", "ERRORMODEL_DATA")

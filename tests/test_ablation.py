@@ -9,8 +9,6 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-import pytest
-
 from errormodel.machine import EffectSpec, Machine, Shape
 from errormodel.schema import read_machine
 from errormodel.survey import Survey, read_survey
@@ -46,18 +44,10 @@ def recorded(folder: Path, machine: Machine, every: int) -> Survey:
     return replace(survey, table=survey.table.iloc[::every].reset_index(drop=True))
 
 
-@pytest.fixture
-def folder(real_data: Path) -> Path:
-    folder = real_data / "ur10"
-    if not folder.is_dir():
-        pytest.skip(f"recordings not found at {folder}; set ERRORMODEL_DATA")
-    return folder
-
-
-def test_a_joints_curve_comes_back(folder: Path) -> None:
+def test_a_joints_curve_comes_back(ur10: Path) -> None:
     """The first finding is the missing one. Others may follow: curves that are declared, and held down meanwhile."""
-    machine = arm(folder, without="J2")
-    result = diagnose(machine, recorded(folder, machine, 20))
+    machine = arm(ur10, without="J2")
+    result = diagnose(machine, recorded(ur10, machine, 20))
     first, *others = result.diagnosis.findings
     assert (first.effect, first.where, first.motion, first.driver) == ("higher-order-geometry", "J2", ["eb"], ["J2"])
     assert first.probability > 0.99
@@ -68,10 +58,10 @@ def test_a_joints_curve_comes_back(folder: Path) -> None:
     assert result.final.heldout.rms_um < 0.6 * result.baseline.heldout.rms_um
 
 
-def test_a_constant_of_a_member_comes_back(folder: Path) -> None:
+def test_a_constant_of_a_member_comes_back(ur10: Path) -> None:
     """The twist of the forearm, -1.4 mrad in the full model, as the constant rotation at the joint that it carries."""
-    machine = arm(folder, without="T3.ea")
-    result = diagnose(machine, recorded(folder, machine, 10))
+    machine = arm(ur10, without="T3.ea")
+    result = diagnose(machine, recorded(ur10, machine, 10))
     (found,) = result.diagnosis.findings
     assert (found.effect, found.where, found.motion, found.driver) == ("higher-order-geometry", "J4", ["ea"], [])
     (amount,) = found.parameters

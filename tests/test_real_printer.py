@@ -21,14 +21,6 @@ def heated(folder: Path, name: str) -> Diagnosed:
     return diagnose(machine, read_survey(folder / f"homing_{name}.csv", machine))
 
 
-@pytest.fixture
-def printers(real_data: Path) -> Path:
-    folder = real_data / "printer-frame"
-    if not folder.is_dir():
-        pytest.skip(f"recordings not found at {folder}; set ERRORMODEL_DATA")
-    return folder
-
-
 @pytest.mark.parametrize("name", LARGEST_UM)
 def test_contiguous_blocks_are_predicted_from_the_temperatures(printers: Path, name: str) -> None:
     result = heated(printers, name)

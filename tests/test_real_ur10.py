@@ -32,14 +32,11 @@ def survey_yaml(folder: Path, data: Path, fit: str, test: str, more: str) -> Pat
 
 
 @pytest.fixture(scope="module")
-def arm(real_data: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], Path]:
+def arm(ur10: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], Path]:
     """fit.json and the folder of a fit of series A, with series C held out, as the contract's example has it."""
-    data = real_data / "ur10"
-    if not data.is_dir():
-        pytest.skip(f"recordings not found at {data}; set ERRORMODEL_DATA")
     folder = tmp_path_factory.mktemp("ur10")
-    survey = survey_yaml(folder, data, "series_a.csv", "series_c.csv", "frame: per-file\nrefit: [frame, tool]")
-    done("fit", data / "machine.yaml", survey, "--out", folder / "fit", "--quiet")
+    survey = survey_yaml(folder, ur10, "series_a.csv", "series_c.csv", "frame: per-file\nrefit: [frame, tool]")
+    done("fit", ur10 / "machine.yaml", survey, "--out", folder / "fit", "--quiet")
     return json.loads((folder / "fit/fit.json").read_text()), folder
 
 
@@ -96,20 +93,17 @@ def test_the_arm_predicts_what_was_measured(arm: tuple[dict[str, Any], Path], re
 
 
 @pytest.mark.parametrize("frame", ["shared", "fixed", "per-file"])
-def test_a_switch_measures_one_component(real_data: Path, tmp_path: Path, frame: str) -> None:
+def test_a_switch_measures_one_component(printers: Path, tmp_path: Path, frame: str) -> None:
     """Only mz is measured: what stays of the frame is a height, the rest is neither estimated nor missed."""
-    data = real_data / "printer-frame"
-    if not data.is_dir():
-        pytest.skip(f"recordings not found at {data}; set ERRORMODEL_DATA")
-    survey = survey_yaml(tmp_path, data, "homing_a.csv", "homing_b.csv", f"frame: {frame}")
-    result = done("fit", data / "machine.yaml", survey, "--out", tmp_path / "fit", "--quiet")
+    survey = survey_yaml(tmp_path, printers, "homing_a.csv", "homing_b.csv", f"frame: {frame}")
+    result = done("fit", printers / "machine.yaml", survey, "--out", tmp_path / "fit", "--quiet")
     assert result.out == ""
     assert all(line.startswith("note: ") for line in result.err.splitlines())
     fit = json.loads((tmp_path / "fit/fit.json").read_text())
     assert set(fit) >= FIT_KEYS
     assert [p["id"] for p in fit["parameters"]] == ["frame.dz"]
     assert fit["dof"] == fit["fitted"]["n"] - 1 == 1082
-    commands = pd.read_csv(data / "homing_a.csv")
+    commands = pd.read_csv(printers / "homing_a.csv")
     spread = 1e3 * commands["Z"].std(ddof=0)  # nothing but the frame's height is fitted
     assert fit["fitted"]["rms_um"] == pytest.approx(spread, rel=1e-6)
     assert fit["sigma_um"] == pytest.approx(1e3 * commands["Z"].std(ddof=1), rel=1e-6)
@@ -129,18 +123,15 @@ def test_a_switch_measures_one_component(real_data: Path, tmp_path: Path, frame:
 CURVES = {"J1": "ec", "J2": "eb", "J3": "eb", "J4": "eb", "J5": "ec"}
 
 
-def thinned(real_data: Path, every: int) -> tuple[Machine, Survey]:
+def thinned(ur10: Path, every: int) -> tuple[Machine, Survey]:
     """The arm, and each so-many-th pose of series C."""
-    data = real_data / "ur10"
-    if not data.is_dir():
-        pytest.skip(f"recordings not found at {data}; set ERRORMODEL_DATA")
-    machine = read_machine(data)
-    survey = read_survey(data / "series_c.csv", machine)
+    machine = read_machine(ur10)
+    survey = read_survey(ur10 / "series_c.csv", machine)
     return machine, replace(survey, table=survey.table.iloc[::every].reset_index(drop=True))
 
 
-def test_what_is_left_over_is_a_curve_of_each_joints_own_angle(real_data: Path) -> None:
-    found = diagnose(*thinned(real_data, 10))
+def test_what_is_left_over_is_a_curve_of_each_joints_own_angle(ur10: Path) -> None:
+    found = diagnose(*thinned(ur10, 10))
     curves = {f.where: f for f in found.diagnosis.findings if f.effect == "higher-order-geometry"}
     assert {joint: (f.motion[0], f.driver) for joint, f in curves.items()} == {
         joint: (motion, [joint]) for joint, motion in CURVES.items()

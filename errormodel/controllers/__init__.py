@@ -13,20 +13,10 @@ if TYPE_CHECKING:
 @cache
 def registry() -> Mapping[str, type[Target]]:
     """Every controller by its word. Registering a word twice is a mistake of the project's own and raises."""
-    import importlib
-    import inspect
-    import pkgutil
-
     from errormodel.controllers.base import Target
+    from errormodel.discovery import by_word, classes
 
-    found: dict[str, type[Target]] = {}
-    for module in pkgutil.iter_modules(__path__):
-        for value in vars(importlib.import_module(f"{__name__}.{module.name}")).values():
-            own = isinstance(value, type) and value.__module__ == f"{__name__}.{module.name}"
-            if own and issubclass(value, Target) and not inspect.isabstract(value):
-                if value.name in found:
-                    raise RuntimeError(f"controller {value.name} is defined twice")
-                found[value.name] = value
+    found = by_word((kind.name, kind) for kind in classes(__name__, Target))  # type: ignore[type-abstract]
     return dict(sorted(found.items()))
 
 

@@ -15,6 +15,7 @@ from typing import ClassVar
 import numpy as np
 
 from errormodel.controllers.base import Controller, header
+from errormodel.controllers.grids import spaced
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Table, Tables, Term, check_points, even_step
 from errormodel.controllers.text import Files, Lines, one_file
@@ -83,7 +84,7 @@ class Aerotech1d(Controller):
             step, first = _key(lines, head, "SAMPLEDIST"), -_key(lines, head, "OFFSET")
             letter = setup.names[int(starts[0].split()[1]) - 1]
             values = 1e-3 * np.array([v for row in rows for v in row])
-            grid = tuple(float(round(first + k * step, 9)) for k in range(len(values)))
+            grid = spaced(first, step, len(values))
             out.append(Table(Term(letter, (letter,), (grid,)), -values if "NEGCOR" in head else values))
         return tuple(out)
 
@@ -168,7 +169,7 @@ class Aerotech2d(Controller):
                 raise lines.error(1, f"a row that has not {width} figures", "Give every row all columns")
             values = 1e-3 * np.array(rows).reshape(len(rows), columns, -1) * (-1.0 if "NEGCOR" in head else 1.0)
             shape = (len(rows), columns)
-            grids = tuple(tuple(float(round(first[k] + i * steps[k], 9)) for i in range(shape[k])) for k in range(2))
+            grids = tuple(map(spaced, first, steps, shape))
             inputs = (names[0], names[1])
             out += [Table(Term(o, inputs, grids), values[:, :, k]) for k, o in enumerate(names[2:])]
         return tuple(out)

@@ -7,6 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from errormodel.controllers.base import Controller
+from errormodel.controllers.grids import nodes
 from errormodel.controllers.setup import LARGEST, Setup
 from errormodel.controllers.tables import Table, Tables, Term
 from errormodel.controllers.text import Files, Lines, one_file
@@ -41,11 +42,11 @@ class CsvGrid(Controller):
 
     def write(self, tables: Tables, setup: Setup) -> dict[str, str]:
         names = tables[0].term.inputs
-        nodes = np.stack(np.meshgrid(*tables[0].term.grids, indexing="ij"), axis=-1).reshape(-1, len(names))
+        places = nodes(tables[0].term.grids)
         values = np.column_stack([t.values.ravel() for t in tables])
         header = [*names, *(f"d{t.term.output}" for t in tables)]
         rows = [
-            ",".join([*(f"{v:.9g}" for v in q), *(f"{c:.7f}" for c in d)]) for q, d in zip(nodes, values, strict=True)
+            ",".join([*(f"{v:.9g}" for v in q), *(f"{c:.7f}" for c in d)]) for q, d in zip(places, values, strict=True)
         ]
         return {"correction.csv": "\n".join([",".join(header), *rows]) + "\n"}
 
@@ -59,9 +60,9 @@ class CsvGrid(Controller):
             raise lines.error(1, f"header '{','.join(header)[:60]}'", "Write axes, then corrections such as dX")
         data = np.array([lines.numbers(k, s, len(header), ",") for k, s in lines.lines[1:]]).reshape(-1, len(header))
         grids = tuple(tuple(np.unique(data[:, k]).tolist()) for k in range(len(names)))
-        nodes = np.stack(np.meshgrid(*grids, indexing="ij"), axis=-1).reshape(-1, len(names))
-        if len(nodes) != len(data) or not np.array_equal(nodes, data[:, : len(names)]):
-            found = f"{len(data)} rows that are not the {len(nodes)} nodes of a grid in order"
+        wanted = nodes(grids)
+        if len(wanted) != len(data) or not np.array_equal(wanted, data[:, : len(names)]):
+            found = f"{len(data)} rows that are not the {len(wanted)} nodes of a grid in order"
             raise InputError(name, found, "Give every node once, the last axis fastest")
         return tuple(
             Table(Term(o, names, grids), data[:, len(names) + k].reshape([len(g) for g in grids]))

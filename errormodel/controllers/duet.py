@@ -15,6 +15,7 @@ from typing import ClassVar
 import numpy as np
 
 from errormodel.controllers.base import header
+from errormodel.controllers.grids import spaced
 from errormodel.controllers.printers import Printer, heights_of, skew_tables, skews_of
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Table, Tables, Term, check_points, even_step
@@ -75,7 +76,7 @@ class Duet(Printer):
             values = np.array([lines.numbers(k, s, shape[0], ",") for k, s in lines.lines[3:]])
             if len(values) != shape[1]:
                 raise InputError(name, f"{len(values)} rows where {shape[1]} belong", "Copy the file again")
-            grids = tuple(tuple(float(round(low[k] + i * step[k], 9)) for i in range(shape[k])) for k in range(2))
+            grids = tuple(map(spaced, low, step, shape))
             out.append(Table(Term("Z", (head[0], head[1]), grids), values.T))
         return tuple(out)
 

@@ -17,6 +17,7 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.controllers.base import Controller, header
+from errormodel.controllers.grids import spaced
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Table, Tables, Term, check_points, even_step
 from errormodel.controllers.text import Files, one_file
@@ -193,7 +194,7 @@ class Fanuc3d(Fanuc):
         except KeyError as error:
             raise InputError(name, f"no N{error.args[0]}", "Copy the file again") from error
         names = tuple(setup.names[int(a) - 1] for a in axis)
-        grids = tuple(tuple(float(round(low[k] + i * step[k], 9)) for i in range(shape[k])) for k in range(3))
+        grids = tuple(map(spaced, low, step, shape))
         return tuple(
             Table(Term(m, names, grids), unit * flat[:, k].reshape(shape, order="F")) for k, m in enumerate(names)
         )

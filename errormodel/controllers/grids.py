@@ -45,6 +45,16 @@ def even_grid(low: float, high: float, intervals: int) -> tuple[float, ...]:
     return tuple(float(round((first + k * step) * unit, max(-figures, 0))) for k in range(intervals + 1))
 
 
+def spaced(low: float, step: float, count: int) -> tuple[float, ...]:
+    """Equidistant positions as a file states them."""
+    return tuple(float(round(low + k * step, 9)) for k in range(count))
+
+
+def nodes(grids: Sequence[Sequence[float]]) -> Array:
+    """All nodes of a lattice, (n, axes), the last axis fastest."""
+    return np.stack(np.meshgrid(*grids, indexing="ij"), axis=-1).reshape(-1, len(grids))
+
+
 def locate(grid: Sequence[float], q: Array) -> tuple[Index, Array]:
     """Interval (n,) of each position and the share of its upper end (n,), within [0, 1]: the ends hold."""
     g = np.asarray(grid)

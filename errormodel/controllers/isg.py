@@ -15,6 +15,7 @@ from typing import ClassVar
 import numpy as np
 
 from errormodel.controllers.base import header
+from errormodel.controllers.grids import nodes
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Table, Tables, Term, check_increasing
 from errormodel.controllers.text import Files, Lines, one_file
@@ -78,11 +79,10 @@ class Isg(Volumetric):
             term = group[0].term
             lines += ["#"] if k else []
             lines.append(" ".join([*term.inputs, *(t.term.output for t in group)]))
-            nodes = np.stack(np.meshgrid(*term.grids, indexing="ij"), axis=-1).reshape(-1, len(term.inputs))
             values = np.column_stack([t.values.ravel() for t in group])
             lines += [
                 " ".join([*(f"{x:.9g}" for x in q), *(f"{v:.9e}" for v in e)])
-                for q, e in zip(nodes, values, strict=True)
+                for q, e in zip(nodes(term.grids), values, strict=True)
             ]
         text = "\n".join(lines) + "\n"
         count = sum(t.term.size for t in tables)
@@ -131,8 +131,7 @@ def _block(lines: Lines, number: int, head: list[str], rows: list[list[float]]) 
     inputs = tuple(h for h in head if len(h) == 1)
     data = np.array(rows).reshape(-1, len(head))
     grids = tuple(tuple(np.unique(data[:, k]).tolist()) for k in range(len(inputs)))
-    nodes = np.stack(np.meshgrid(*grids, indexing="ij"), axis=-1).reshape(-1, len(inputs))
-    if head[: len(inputs)] != list(inputs) or not np.array_equal(nodes, data[:, : len(inputs)]):
+    if head[: len(inputs)] != list(inputs) or not np.array_equal(nodes(grids), data[:, : len(inputs)]):
         raise lines.error(number, "rows that are no grid in order", "Give every node once, the last argument fastest")
     return [
         Table(Term(h, inputs, grids), data[:, k].reshape([len(g) for g in grids]))

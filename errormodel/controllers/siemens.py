@@ -18,6 +18,7 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.controllers.base import Controller, header
+from errormodel.controllers.grids import spaced
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Table, Tables, Term, check_points, even_step, factor
 from errormodel.controllers.text import Files, one_file
@@ -40,7 +41,7 @@ def _grid(step: float, low: float, high: float, count: int, where: str) -> tuple
     if step <= 0 or abs((high - low) / step + 1 - count) > 1e-6:
         found = f"{count} points from {low:g} to {high:g} in steps of {step:g}"
         raise InputError(where, found, "STEP must divide MAX - MIN, with one point more than steps")
-    return tuple(float(round(low + k * step, 9)) for k in range(count))
+    return spaced(low, step, count)
 
 
 class SiemensLec(Controller):

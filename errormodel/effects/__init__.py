@@ -14,20 +14,10 @@ if TYPE_CHECKING:
 @cache
 def registry() -> Mapping[str, type[Effect]]:
     """Every effect by its word. Registering a word twice is a mistake of the project's own and raises."""
-    import importlib
-    import pkgutil
-
+    from errormodel.discovery import by_word, classes
     from errormodel.effects.base import Effect
 
-    found: dict[str, type[Effect]] = {}
-    for module in pkgutil.iter_modules(__path__):
-        for value in vars(importlib.import_module(f"{__name__}.{module.name}")).values():
-            concrete = isinstance(value, type) and issubclass(value, Effect) and hasattr(value, "effect")
-            if concrete and value.__module__ == f"{__name__}.{module.name}":
-                if value.effect in found:
-                    raise RuntimeError(f"effect {value.effect} is defined twice")
-                found[value.effect] = value
-    return found
+    return by_word((kind.effect, kind) for kind in classes(__name__, Effect))  # type: ignore[type-abstract]
 
 
 def make(spec: EffectSpec) -> Effect:

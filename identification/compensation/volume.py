@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from errormodel.arrays import Array
+from errormodel.controllers.grids import nodes
 from errormodel.controllers.setup import LETTERS, Axis, Setup
 from errormodel.controllers.tables import Term
 from identification.alignment import IDENTITY, Pose
@@ -93,7 +94,7 @@ class Volume:
         """Corrections at the nodes of a lattice over all axes, of each term's shape; None for any other structure."""
         if any(t.inputs != setup.moving or t.grids != terms[0].grids or t.direction or t.factor for t in terms):
             return None
-        mesh = np.stack(np.meshgrid(*terms[0].grids, indexing="ij"), axis=-1).reshape(-1, len(setup.moving))
+        mesh = nodes(terms[0].grids)
         q = np.tile(self.field.outward(self.low), (len(mesh), 1))
         q[:, [setup.place(i) for i in setup.moving]] = mesh
         inner = self.field.inward(q)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 
 SMALL = 2e-4  # of the machine's size: a nominal error below it is no blunder (0.6 mm in 3 m)
 ROUNDS = 6  # of an alignment: enough to leave outliers out
+LISTED = 12  # rows in a message
 FEWEST = 8  # rows with all three components, to say anything
 
 
@@ -116,3 +118,8 @@ def groups(survey: Survey, *, gaps: bool = False) -> list[Index]:
     whole = (np.isfinite(survey.measured).all(axis=1) | gaps) & (table["role"] == "fit").to_numpy()
     labels = np.array([f"{file}\n{frame}" for file, frame in zip(table["file"], frame_labels(survey), strict=True)])
     return [np.flatnonzero(whole & (labels == label)) for label in dict.fromkeys(labels[whole])]
+
+
+def listed(rows: Sequence[int]) -> str:
+    """Numbers of rows for a message, the first of many."""
+    return ", ".join(map(str, rows[:LISTED])) + (" ..." if len(rows) > LISTED else "")

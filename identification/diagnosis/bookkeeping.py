@@ -12,7 +12,7 @@ from errormodel.chain import Chain
 from errormodel.effects.clock_offset import ClockOffset
 from errormodel.survey import Survey
 from errormodel.survey_columns import MEASURED, TOOL
-from identification.diagnosis.blunder import SMALL, Blunder, groups
+from identification.diagnosis.blunder import SMALL, Blunder, groups, listed
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -49,12 +49,11 @@ def copied_rows(chain: Chain, survey: Survey) -> Blunder | None:
     if not bad.any():
         return None
     numbers = tuple(int(r) for r in part["row"].to_numpy()[bad])
-    listed = ", ".join(map(str, numbers[:12])) + (" ..." if len(numbers) > 12 else "")
     new = table.copy()
     new.loc[table.index[rows[bad]], list(MEASURED)] = np.nan
     return Blunder(
         f"{len(numbers)} of {len(part)} rows repeat what earlier rows measured to the last digit: copies, or an "
-        f"instrument that had stopped; left out (row{'s' * (len(numbers) > 1)} {listed})",
+        f"instrument that had stopped; left out (row{'s' * (len(numbers) > 1)} {listed(numbers)})",
         replace(survey, table=new),
         effect="outliers",
         rows=numbers,

@@ -8,8 +8,9 @@ side's noise is estimated from what the other would explain.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -44,9 +45,13 @@ def _edges(bench: Workbench) -> Array:
     return np.concatenate([[0], np.flatnonzero(np.diff(bench.index) <= 0) + 1, [len(bench.index)]])
 
 
-def _benches(bench: Workbench) -> Iterator[tuple[float, Workbench, Noise | None]]:
-    """Restricted log likelihood of what the bench has accepted, and the bench whitened, for each noise."""
-    yield _likelihood(bench, 0.0), bench, None
+@lru_cache(maxsize=1)
+def _benches(bench: Workbench) -> list[tuple[float, Workbench, Noise | None]]:
+    """Restricted log likelihood of what the bench has accepted, and the bench whitened, for each noise.
+
+    Kept for the latest bench: explanations of one step are weighed in several rounds.
+    """
+    out: list[tuple[float, Workbench, Noise | None]] = [(_likelihood(bench, 0.0), bench, None)]
     for noise in noises():
         if noise.length > LONGEST or noise.part > LARGEST:
             continue
@@ -54,7 +59,8 @@ def _benches(bench: Workbench) -> Iterator[tuple[float, Workbench, Noise | None]
         basis, triangle = np.linalg.qr(both[:-1].T)
         residual = both[-1] - basis @ (basis.T @ both[-1])
         filtered = replace(bench, basis=basis, residual=residual)
-        yield _likelihood(filtered, float(np.log(np.abs(np.diag(triangle))).sum())), filtered, noise
+        out.append((_likelihood(filtered, float(np.log(np.abs(np.diag(triangle))).sum())), filtered, noise))
+    return out
 
 
 def _likelihood(bench: Workbench, determinant: float) -> float:

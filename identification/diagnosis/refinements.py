@@ -14,6 +14,7 @@ from errormodel.effects.travel import legendre
 from errormodel.effects.unnamed import Unnamed
 from errormodel.features import root
 from errormodel.machine import Joint
+from identification.diagnosis.judging import moves
 from identification.diagnosis.workbench import Workbench
 
 FORMS = ("linear", "square", "cubic")
@@ -23,10 +24,8 @@ BENT = {0.03: 1.0, 0.1: 3.0, 0.3: 8.0}  # part of an effect's size by which its 
 
 def forms(bench: Workbench, effect: Effect) -> Iterator[Effect]:
     """Generic terms at the effect's place by its drivers (lagged too, where it is warmth), along its joint's travel."""
-    machine = bench.chain.machine
     joint = next((j for j in bench.scene.moving if j.name == effect.where), None)
-    moves = {(t.element, m) for t in effect.terms(bench.channel, machine) for m in t.motion}
-    for element, motion in sorted(moves):
+    for element, motion in sorted(moves(bench, effect)):
         for driver in _drivers(bench, effect):
             center, half = _range(bench, driver)
             if half <= 0 or not np.isfinite(half):
@@ -69,13 +68,11 @@ def bent(bench: Workbench, effect: Effect) -> tuple[float, float]:
 
 def _bends(bench: Workbench, effect: Effect) -> Iterator[Array]:
     """Columns (N,): what the effect moves, in any smooth way with what drives it."""
-    machine = bench.chain.machine
-    moves = {(t.element, m) for t in effect.terms(bench.channel, machine) for m in t.motion}
     joints = [j for j in bench.scene.moving if j.name in map(root, effect.drivers)]
     shapes = [list(_smooth(bench, j)) for j in joints]
     series = [s for own in shapes for s in own]
     series += [a * b for one, other in combinations(shapes, 2) for a in one[:3] for b in other[:3]]
-    for element, motion in sorted(moves):
+    for element, motion in sorted(moves(bench, effect)):
         for s in series:
             yield bench.levers[element][MOTIONS.index(motion)] * s
     if len(joints) < len(set(map(root, effect.drivers))):

@@ -12,7 +12,7 @@ from errormodel.effects.base import Effect
 from errormodel.exceptions import InputError
 from errormodel.machine import EffectSpec, Machine
 from errormodel.survey import Survey
-from identification.diagnosis.blunder import Blunder
+from identification.diagnosis.blunder import Blunder, listed
 from identification.diagnosis.candidates import Candidates, Scores
 from identification.diagnosis.choosing import Step
 from identification.diagnosis.findings import (
@@ -226,13 +226,12 @@ def _blunder_finding(blunder: Blunder, before: Fit | None, after: Fit | None) ->
 def _outlier_finding(bad: Mask, baseline: Fit, fit: Fit) -> Finding:
     rows = [int(r) for r in baseline.survey.table["row"].to_numpy()[bad]]
     largest = 1e3 * float(np.sqrt(np.nansum(np.square(baseline.residuals[bad]), axis=1).max()))
-    listed = ", ".join(map(str, rows[:12])) + (" ..." if len(rows) > 12 else "")
     return Finding(
         effect="outliers",
         where="instrument",
         statement=(
             f"{len(rows)} rows of {len(bad)} lie far outside anything the others show (up to {largest:.0f} um) and "
-            f"were left out: rows {listed}."
+            f"were left out: rows {listed(rows)}."
         ),
         parameters=[Amount("rows", float(len(rows)), 0.0, "")],
         probability=0.99,

@@ -275,7 +275,8 @@ def _polished(candidates: Candidates, scores: Scores, bench: Workbench, number: 
     if effect.tied:
         ratio, _, noise = bench.tied(bench.columns(effect)[0]).best()
         effect = effect.model_copy(update={"size": float(f"{np.sqrt(ratio * noise):.3g}")})
-    family = [e for e, k in zip(candidates.effects, candidates.keys, strict=True) if k == effect.key]
+    key = effect.key
+    family = [e for e, k in zip(candidates.effects, candidates.keys, strict=True) if k == key]
     for name in SHAPES:
         value = getattr(effect, name, None) if name in type(effect).model_fields else None
         if not isinstance(value, float) or value == 0:

@@ -31,7 +31,7 @@ MOST_STATIONS = 3
 LEAST_RUN = 8  # rows of a run that may differ
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Workbench:
     """Observations of a fit, ready for candidates.
 
