@@ -65,6 +65,7 @@ class Effect(BaseModel, ABC):
     example: ClassVar[Mapping[str, object]]  # as in machine.yaml, on the machine of the test battery
     generic: ClassVar[bool] = False  # a form, not a physics: names nothing
     pliant: ClassVar[bool] = False  # physics of no form of its own: follows any smooth curve
+    shape: ClassVar[str] = ""  # a field that `terms` also takes as an array, (n, 1) for n values at once
 
     @property
     @abstractmethod

@@ -23,6 +23,7 @@ class GearCyclic(JointEffect):
     alike: ClassVar[tuple[str, ...]] = ("eccentricity", "higher-order-geometry")
     separate: ClassVar[str] = "200 positions over three periods, at steps that are no fraction of the period"
     example: ClassVar[Mapping[str, object]] = {"joint": "B", "per_turn": 90.0}
+    shape: ClassVar[str] = "per_turn"
 
     per_turn: Positive
 

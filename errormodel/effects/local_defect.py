@@ -30,6 +30,7 @@ class LocalDefect(JointEffect):
     alike: ClassVar[tuple[str, ...]] = ("outliers", "rail-waviness", "contact-knee", "higher-order-geometry")
     separate: ClassVar[str] = "twenty positions within three widths of the place, in both directions"
     example: ClassVar[Mapping[str, object]] = {"joint": "X", "motion": "dz", "at": 600.0, "width": 120.0}
+    shape: ClassVar[str] = "at"
 
     motion: Motion
     at: float  # mm or rad

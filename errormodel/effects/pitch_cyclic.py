@@ -23,6 +23,7 @@ class PitchCyclic(JointEffect):
     alike: ClassVar[tuple[str, ...]] = ("rail-waviness", "compensation-active", "higher-order-geometry")
     separate: ClassVar[str] = "200 positions over three periods, at steps that are no fraction of the period"
     example: ClassVar[Mapping[str, object]] = {"joint": "X", "period": 10.0}
+    shape: ClassVar[str] = "period"
 
     period: Positive
 

@@ -24,6 +24,7 @@ class RailWaviness(JointEffect):
     alike: ClassVar[tuple[str, ...]] = ("pitch-cyclic", "higher-order-geometry", "local-defect")
     separate: ClassVar[str] = "straightness and level along the travel at steps of a sixth of the period"
     example: ClassVar[Mapping[str, object]] = {"joint": "X", "motion": "dz", "period": 120.0}
+    shape: ClassVar[str] = "period"
 
     motion: Motion
     period: Positive

@@ -6,18 +6,24 @@ integrated over its grid, which pays for looking elsewhere. Nats throughout.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from errormodel.arrays import Array, Index, Mask
 from errormodel.effects import registry
 from errormodel.effects.base import Effect
 from identification.diagnosis.workbench import Workbench
 
+AT_ONCE = 16  # columns made in one go: they stay within the processor's cache
+Columns = NDArray[np.floating[Any]]
+Block = tuple[Index, Columns, Array]
 BLOCK = 250  # proposals scored in one go
 SIZES = {1.0: 0.6, 3.0: 0.3, 10.0: 0.1}  # times the usual one: how often
+SINGLE = np.float32  # of the columns that are kept: what is left of one, a thousandth at least, is known to 1e-4
 ABSORBED = 0.999  # of a column's length squared: beyond it an effect cannot be told from the geometry
 FORM_ABSORBED = 0.99  # the same for a form that has no size of its own
 
@@ -29,11 +35,11 @@ class Candidates:
     Attributes
     ----------
     effects : all proposals; `keys` their keys (one key: all shapes of one effect at one place).
-    blocks : (proposals' numbers, columns (m, k, N), sizes (m, k)).
+    blocks : (proposals' numbers, columns (m, k, N) of parameters as large as is usual, what is usual (m, k)).
     """
 
     effects: list[Effect]
-    blocks: list[tuple[Index, Array, Array]]
+    blocks: list[Block]
     keys: list[tuple[object, ...]] = field(default_factory=list)
 
     @classmethod
@@ -43,11 +49,14 @@ class Candidates:
             effects = [e for kind in registry().values() for e in kind.proposals(bench.scene)]
         stacks: dict[tuple[bool, int], _Stack] = {}
         kept: list[Effect] = []
-        for effect in effects:
-            columns, size = bench.columns(effect)
-            if np.isfinite(columns).all() and columns.any():
-                stacks.setdefault((effect.tied, len(columns)), _Stack()).add(len(kept), columns, size)
-                kept.append(effect)
+        for alike in _alike(effects):
+            columns, size = bench.swept(alike)
+            good = np.isfinite(columns).all(axis=(1, 2)) & columns.any(axis=(1, 2))
+            kind = (alike[0].tied, len(size))
+            if kind not in stacks:
+                stacks[kind] = _Stack(len(size), bench.size)
+            stacks[kind].add(len(kept), columns if good.all() else columns[good], size)
+            kept += [alike[k] for k in np.flatnonzero(good)]
         blocks = [block for _, stack in sorted(stacks.items()) for block in stack.blocks()]
         return cls(kept, blocks, [e.key for e in kept])
 
@@ -63,43 +72,61 @@ class Candidates:
         drop = np.zeros(len(self.effects))
         absorbed = np.ones(len(self.effects))
         reach = np.full(len(self.effects), np.inf)
-        for numbers, columns, sizes in self.blocks:
+        for numbers, columns, _ in self.blocks:
             if self.effects[numbers[0]].tied:  # a block of its own
                 for k, n in enumerate(numbers):
-                    own = bench.tied(columns[k])
+                    own = bench.tied(columns[k].astype(float))
                     _, evidence[n], noise = own.best()
                     drop[n] = bench.freedom * (1 - noise * bench.freedom / bench.square)
                     absorbed[n] = own.absorbed
                 continue
             generic = np.array([self.effects[n].generic for n in numbers])
-            evidence[numbers], drop[numbers], absorbed[numbers], reach[numbers] = _block_scores(
-                bench, columns, sizes, generic
-            )
+            scores = _block_scores(bench, columns, generic)
+            evidence[numbers], drop[numbers], absorbed[numbers], reach[numbers] = scores
         return Scores(self, evidence - np.array([e.cost for e in self.effects]), drop, absorbed, reach)
+
+
+def _alike(effects: Sequence[Effect]) -> Iterator[list[Effect]]:
+    """The effects in lists that differ in their kind's shape only, and are as many as columns may be made at once."""
+    lists: dict[tuple[object, ...], list[Effect]] = {}
+    for effect in effects:
+        shape = type(effect).shape
+        key = (type(effect), *((v for k, v in effect if k != shape) if shape else (id(effect),)))
+        own = lists.setdefault(key, [])
+        own.append(effect)
+        if len(own) == AT_ONCE or not shape:
+            yield lists.pop(key)
+    yield from lists.values()
 
 
 class _Stack:
     """Proposals of the same number of parameters, gathered in blocks that fit into a cache's neighbourhood."""
 
-    def __init__(self) -> None:
-        self._full: list[tuple[Index, Array, Array]] = []
-        self._numbers: list[int] = []
-        self._columns, self._sizes = np.empty((0, 0, 0)), np.empty((0, 0))
+    def __init__(self, parameters: int, observations: int) -> None:
+        self._shape = parameters, observations
+        self._full: list[Block] = []
+        self._count, self._numbers, self._columns, self._sizes = self._empty()
 
-    def add(self, number: int, columns: Array, size: Array) -> None:
-        if len(self._numbers) == len(self._columns):
+    def add(self, first: int, columns: Array, size: Array) -> None:
+        """Columns (m, k, N) of the proposals from number `first` on, and their sizes (k,)."""
+        if self._count + len(columns) > BLOCK:
             self._full += self._last()
-            self._numbers = []
-            self._columns, self._sizes = np.empty((BLOCK, *columns.shape)), np.empty((BLOCK, len(size)))
-        self._columns[len(self._numbers)], self._sizes[len(self._numbers)] = columns, size
-        self._numbers.append(number)
+            self._count, self._numbers, self._columns, self._sizes = self._empty()
+        own = slice(self._count, self._count + len(columns))
+        np.multiply(columns, size[:, None], out=self._columns[own], casting="same_kind")
+        self._sizes[own], self._numbers[own] = size, np.arange(first, first + len(columns))
+        self._count = own.stop
 
-    def blocks(self) -> list[tuple[Index, Array, Array]]:
+    def blocks(self) -> list[Block]:
         return self._full + self._last()
 
-    def _last(self) -> list[tuple[Index, Array, Array]]:
-        m = len(self._numbers)
-        return [(np.array(self._numbers), self._columns[:m], self._sizes[:m])] if m else []
+    def _empty(self) -> tuple[int, Index, Columns, Array]:
+        columns = np.empty((BLOCK, *self._shape), SINGLE)
+        return 0, np.empty(BLOCK, dtype=np.intp), columns, np.empty((BLOCK, self._shape[0]))
+
+    def _last(self) -> list[Block]:
+        m = self._count
+        return [(self._numbers[:m], self._columns[:m], self._sizes[:m])] if m else []
 
 
 @dataclass(frozen=True)
@@ -136,7 +163,7 @@ class Scores:
         return sorted(out, reverse=True)
 
 
-def _block_scores(bench: Workbench, columns: Array, sizes: Array, generic: Mask) -> tuple[Array, Array, Array, Array]:
+def _block_scores(bench: Workbench, columns: Columns, generic: Mask) -> tuple[Array, Array, Array, Array]:
     """Evidence, drop, absorbed part and reach of proposals (m) with columns (m, k, N).
 
     A physical effect is weighed with its usual size, more seldom with a larger one; a mere form has none and gets the
@@ -145,23 +172,21 @@ def _block_scores(bench: Workbench, columns: Array, sizes: Array, generic: Mask)
     from scipy.special import logsumexp
 
     m, k, n = columns.shape
-    basis, residual = bench.basis[:n], bench.residual[:n]  # behind them there may be ties
+    basis, residual = (v[:n].astype(columns.dtype) for v in (bench.basis, bench.residual))  # behind them may be ties
     flat = columns.reshape(m * k, n)
-    whole = np.einsum("ij,ij->i", flat, flat).reshape(m, k)
     # what is left of a column, and its product with the residual, without forming it: R is a projector
-    inner = (flat @ basis).reshape(m, k, -1)
-    gram = np.einsum("aip,ajp->aij", columns, columns, optimize=True) - np.einsum(
-        "air,ajr->aij", inner, inner, optimize=True
-    )
-    slope = (flat @ residual).reshape(m, k)
-    norm = np.sqrt(np.maximum(whole, 1e-300))
+    inner = (flat @ basis).reshape(m, k, -1).astype(float)
+    whole = (columns @ columns.transpose(0, 2, 1)).astype(float)
+    gram = whole - inner @ inner.transpose(0, 2, 1)
+    slope = (flat @ residual).reshape(m, k).astype(float)
+    norm = np.sqrt(np.maximum(np.diagonal(whole, axis1=1, axis2=2), 1e-300))
     unit = gram / norm[:, :, None] / norm[:, None, :]
     values, vectors = np.linalg.eigh(unit)
     seen = values > 1 - np.where(generic, FORM_ABSORBED, ABSORBED)[:, None]
     t = np.einsum("aij,ai->aj", vectors, slope / norm)
     variance = bench.square / bench.freedom
     # directions of the scaled columns have prior sizes of their own: those of the columns, taken along them
-    prior = np.einsum("aij,ai->aj", np.square(vectors), np.square(sizes * norm))
+    prior = np.einsum("aij,ai->aj", np.square(vectors), np.square(norm))
     reach = 9 * np.sum(np.maximum(values, 0.0) / variance * prior, axis=1)
     gain = np.where(seen, values / variance * prior, 0.0)
     count = np.maximum(seen.sum(axis=1), 1)

@@ -33,7 +33,8 @@ def evidence(bench: Workbench, groups: Sequence[Sequence[Effect]]) -> list[tuple
         gains = []
         for (main, *_), (columns, size) in zip(groups, blocks, strict=True):
             own = columns if noise is None else noise.whitened(columns, _edges(bench))
-            scores = Candidates([main], [(np.array([0]), own[None], size[None])], [main.key]).scores(filtered)
+            block = np.array([0]), (own * size[:, None])[None], size[None]
+            scores = Candidates([main], [block], [main.key]).scores(filtered)
             gains.append(float(scores.evidence[0]))
         rows.append([*gains, *(likelihood + g for g in gains)])
     white, any_noise = np.array(rows[0][: len(groups)]), np.max(rows, axis=0)[len(groups) :] - best

@@ -34,6 +34,7 @@ from identification.diagnosis.selection import Growth, grow
 from identification.diagnosis.sensors import dead_sensors
 from identification.diagnosis.sizes import Amount, whole_of
 from identification.diagnosis.statements import length, next_measurement, period_of, statement_of, subject
+from identification.diagnosis.stories import retold
 from identification.diagnosis.unseen import unseen
 from identification.diagnosis.verdict import judge
 from identification.diagnosis.witnesses import Account, heard, weighed
@@ -85,7 +86,7 @@ def diagnose(machine: Machine, survey: Survey, tell: Tell = silent) -> Diagnosed
         bench = set_up(fit)
         candidates = Candidates.of(bench)
         scores = candidates.scores(bench)
-    growth, said = heard(grow(bench, candidates, tell))
+    growth, said = heard(retold(grow(bench, candidates, tell), candidates, tell))
     changes = [change for b in blunders for change in b.changes]
     effects = [*changes, *(s.effect for s in growth.steps)]
     with tell("Fitting the extended machine"):

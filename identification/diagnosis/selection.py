@@ -24,6 +24,7 @@ from identification.progress import Tell, silent
 LEAK = 0.06  # of what is already explained: less than this elsewhere may be the shape of what was found
 WORTH = 7.0  # nats below which nothing is looked at further
 ALIKE = 0.6  # canonical correlation beyond which a later effect is a further form of an earlier finding
+OWN = 0.3  # of the drop of the earlier finding: as much of another kind of form is no departure from it
 MAYBE = 0.5  # of the best evidence
 MOST_FINDINGS = 12
 MOST_STEPS = 24
@@ -56,9 +57,11 @@ class Growth:
         return bench
 
 
-def grow(bench: Workbench, candidates: Candidates, tell: Tell = silent) -> Growth:
-    """Accept explanations one by one while evidence and held-out error both ask for them."""
-    growth = Growth(bench, bench)
+def grow(bench: Workbench, candidates: Candidates, tell: Tell = silent, begin: Sequence[Step] = ()) -> Growth:
+    """Accept explanations one by one, after those it begins with, while evidence and held-out error ask for them."""
+    growth = replayed(bench, begin)
+    for step in begin:
+        candidates = candidates.joined(Candidates.of(bench, list(forms(bench, step.effect))))
     while len(growth.steps) < MOST_STEPS:
         last = growth.steps[-1].effect if growth.steps else None
         with tell(f"Looking further than {last.effect} of {last.where}" if last else "Looking for what was left out"):
@@ -193,7 +196,7 @@ def lags_settled(growth: Growth) -> Growth:
             if found.fun < rest.with_effect(step.effect).square - 1e-9:
                 steps = list(growth.steps)
                 steps[k] = replace(step, effect=_with_tau(step.effect, float(found.x)))
-                growth = _replayed(growth.start, steps)
+                growth = replayed(growth.start, steps)
         if growth.bench.square > 0.995 * before:
             break
     return growth
@@ -246,12 +249,12 @@ def second_look(growth: Growth, candidates: Candidates) -> Growth:
         rivals = tuple((s.effect, s.evidence) for s in steps if s is not best)
         # refinements whose finding has gone, or whose number has changed, stand or fall with the next search
         kept = [s for s in others if s.refines is None]
-        return _replayed(growth.start, [*kept, replace(best, rivals=rivals)])
+        return replayed(growth.start, [*kept, replace(best, rivals=rivals)])
     return growth
 
 
-def _replayed(start: Workbench, steps: Sequence[Step]) -> Growth:
-    """The same steps from the start."""
+def replayed(start: Workbench, steps: Sequence[Step]) -> Growth:
+    """A growth of these steps."""
     growth = Growth(start, start)
     for step in steps:
         growth = _with(growth, step)
@@ -328,7 +331,16 @@ def _refined(growth: Growth, step: Step) -> int | None:
             continue  # a curve of the joint's own position leaves nothing of that kind: this is something else
         there = one.where == other.where and roots(one) & roots(other)
         if there and (one.effect == other.effect or moves(bench, one) & moves(bench, other)):
+            if _apart(one, other) and step.drop >= OWN * earlier.drop:
+                continue
             return k
         if not (one.tied or other.tied) and likeness(bench, bench.columns(one)[0], mine) > ALIKE:
             return k
     return None
+
+
+def _apart(one: Effect, other: Effect) -> bool:
+    """Whether two effects at a place are known by different signs: a wave, a bump or a curve; a clock or a sensor."""
+    named = not (one.generic or other.generic) and one.effect != other.effect
+    by_clock = ("time" in one.drivers) != ("time" in other.drivers)
+    return named and (type(one).shape != type(other).shape or by_clock)

@@ -188,7 +188,8 @@ def _sizes(effect: Effect, machine: Machine) -> dict[str, float]:
 
 def _largest(whole: Whole, machine: Machine) -> float:
     """The largest of a finding's parameters in units of its physical size."""
-    sizes = _sizes(whole.effects[0], machine)
+    # a member may both shift and tilt: the main effect's own size where units are alike
+    sizes = {unit: size for effect in reversed(whole.effects) for unit, size in _sizes(effect, machine).items()}
     return float(max(abs(v) / sizes[whole.units[i]] for i, v in zip(whole.every, whole.values.tolist(), strict=True)))
 
 

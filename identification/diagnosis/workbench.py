@@ -73,12 +73,20 @@ class Workbench:
 
     def columns(self, effect: Effect) -> tuple[Array, Array]:
         """Whitened columns (k, N + ties) of an effect's parameters as they act on the data, and their sizes (k,)."""
-        terms = effect.terms(self.channel, self.chain.machine)
-        out, seen = np.zeros((len(terms), self.size)), len(self.index)
+        columns, sizes = self.swept([effect])
+        return columns[0], sizes
+
+    def swept(self, effects: Sequence[Effect]) -> tuple[Array, Array]:
+        """Columns (n, k, N + ties) and sizes (k,) of effects that are alike but for the field `Effect.shape`."""
+        one = effects[0]
+        if len(effects) > 1:
+            one = one.model_copy(update={one.shape: np.array([[getattr(e, one.shape)] for e in effects])})
+        terms = one.terms(self.channel, self.chain.machine)
+        out, seen = np.zeros((len(effects), len(terms), self.size)), len(self.index)
         for k, term in enumerate(terms):
             lever = self.levers[term.element]
             for motion, value in term.motion.items():
-                out[k, :seen] += lever[MOTIONS.index(motion)] * value
+                out[:, k, :seen] += lever[MOTIONS.index(motion)] * value
         return out, np.array([t.size for t in terms])
 
     def project(self, columns: Array) -> Array:

@@ -189,10 +189,9 @@ def _seen(
     parts, owners = [], []
     for numbers, columns, sizes in candidates.blocks:
         m, k, n = columns.shape
-        scaled = columns * sizes[:, :, None]
-        left = bench.project(scaled.reshape(m * k, n)).reshape(m, k, n)
+        left = bench.project(columns.reshape(m * k, n).astype(float)).reshape(m, k, n)
         possible[numbers] = POSSIBLE * sizes[:, 0]
-        whole = np.square(scaled).sum(axis=2)
+        whole = np.square(columns).sum(axis=2)
         gram = left @ left.transpose(0, 2, 1)
         norm = np.sqrt(np.maximum(whole, 1e-300))
         seen = np.linalg.eigvalsh(gram / norm[:, :, None] / norm[:, None, :]).max(axis=1) > 1 - ABSORBED

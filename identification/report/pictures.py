@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import tempfile
 from pathlib import Path
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -22,7 +22,7 @@ from identification.plots.residuals import draw_residuals_by_order, draw_residua
 from identification.plots.singular_values import draw_singular_values
 from identification.plots.volumetric_error import draw_volumetric_error
 
-LARGEST_SVG = 160_000  # bytes; a larger figure is mostly points, and often smaller as PNG
+MOST_ARROWS = 120  # beyond it a PNG is the smaller picture
 PNG_DPI = 190
 
 
@@ -60,6 +60,7 @@ def _errors(fit: Fit) -> list[Picture]:
             "Where in the working volume the errors are and where they point, before and after the fit, both enlarged "
             "alike, in the axes of the machine's reference.",
             "Arrows in space along the error of each measured point, nominal on the left, fitted on the right",
+            "png" if len(fit.residuals) > MOST_ARROWS else "svg",
         ),
     ]
 
@@ -116,13 +117,10 @@ def _rank(fit: Fit) -> list[Picture]:
     ]
 
 
-def picture(figure: Figure, caption: str, alt: str) -> Picture:
+def picture(figure: Figure, caption: str, alt: str, kind: Literal["svg", "png"] = "svg") -> Picture:
     """A figure as it is embedded."""
-    data, kind = style.render(figure, "svg"), "svg+xml"
-    if len(data) > LARGEST_SVG:
-        pixels = style.render(figure, "png", PNG_DPI)
-        data, kind = (pixels, "png") if len(pixels) < len(data) else (data, kind)
-    return Picture(f"data:image/{kind};base64,{base64.b64encode(data).decode('ascii')}", caption, alt)
+    data = base64.b64encode(style.render(figure, kind, PNG_DPI)).decode("ascii")
+    return Picture(f"data:image/{'svg+xml' if kind == 'svg' else kind};base64,{data}", caption, alt)
 
 
 def _chain(fit: Fit) -> Picture:

@@ -101,13 +101,14 @@ def _figures(p: Posterior) -> list[Picture]:
             "Unknowns by pairs (contours hold 68 and 95 % of the draws) and each by itself; dashed: the closed form at "
             "the most likely noise and shapes.",
             "Corner plot of the posterior",
+            "png",
         )
     ]
     if p.chains is not None:
         text = (
             "The chain after its burn-in: some walkers (grey), their median and middle 68 %. Level bands have settled."
         )
-        out.append(picture(draw_posterior_trace(p), text, "Trace of the walkers over the draws"))
+        out.append(picture(draw_posterior_trace(p), text, "Trace of the walkers over the draws", "png"))
     return out
 
 

@@ -1,0 +1,73 @@
+"""Whole explanations beside each other: the name that came first may not be part of the best story.
+
+What two effects do together can look most like a third one, whose refinements then take up the rest. Where a name has
+a serious rival and did not explain all by itself, the search goes on from the rival as well, and the stories are
+compared as wholes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from identification.diagnosis import coloured
+from identification.diagnosis.candidates import Candidates
+from identification.diagnosis.choosing import CLEARLY, Step
+from identification.diagnosis.judging import heldout_rms
+from identification.diagnosis.selection import Growth, grow
+from identification.diagnosis.workbench import Workbench
+from identification.progress import Tell, silent
+
+SERIOUS = 7.0  # nats by which a rival may be behind
+MOST_RIVALS = 2  # of a finding
+NO_WORSE = 1.02  # held-out error of a better story: blocks of rows tell such small differences by chance
+
+
+def retold(growth: Growth, candidates: Candidates, tell: Tell = silent) -> Growth:
+    """The best of a growth and those that begin with a rival of one of its findings instead."""
+    best, worth = growth, story(growth)
+    for rival, others in list(_rivals(growth)):
+        other = grow(growth.start, candidates, tell, [*others, rival])
+        value = story(other)
+        if value > worth + CLEARLY and heldout_rms(other.bench) < NO_WORSE * heldout_rms(best.bench):
+            best, worth = other, value
+    return best
+
+
+def story(growth: Growth) -> float:
+    """Nats of all effects of a growth together, whatever the noise, less the places that were looked at for each."""
+    steps = [s for s in growth.steps if not s.effect.tied]
+    curves = [s for s in growth.steps if s.effect.tied]
+    bench: Workbench = growth.start
+    total = 0.0
+    for step in curves:
+        total += bench.tied(bench.columns(step.effect)[0]).best()[1]
+        bench = bench.with_effect(step.effect)
+    if steps:
+        [(_, evidence)] = coloured.evidence(bench, [[s.effect for s in steps]])
+        total += evidence
+    searched = max((s.searched for s in growth.steps), default=1)
+    return total - len(growth.steps) * float(np.log(max(searched, 1)))
+
+
+def _rivals(growth: Growth) -> Iterator[tuple[Step, list[Step]]]:
+    """Serious rivals, each as a step of its own, with the findings beside which it is to be tried."""
+    groups = growth.findings
+    if len(growth.steps) < 2:
+        return
+    for group in groups:
+        main = group[0]
+        seen = {main.effect.effect}
+        others = [g[0] for g in groups if g[0] is not main]
+        for effect, evidence in sorted(main.rivals, key=lambda r: -r[1]):
+            if effect.generic or effect.effect in seen or evidence < main.evidence - SERIOUS:
+                continue
+            seen.add(effect.effect)
+            if len(seen) > MOST_RIVALS + 1:
+                break
+            bench = growth.without(group)
+            own = Candidates.of(bench, [effect]).scores(bench)
+            rivals = tuple(r for r in ((main.effect, main.evidence), *main.rivals) if r[0] is not effect)
+            drop, absorbed = float(own.drop[0]), float(own.absorbed[0])
+            yield Step(effect, evidence, drop, absorbed, rivals=rivals, searched=main.searched), others
