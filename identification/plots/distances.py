@@ -30,6 +30,7 @@ def draw_distances(fit: Fit) -> Figure:
     figure = Figure((style.WIDTH, 3.2))
     axes = style.panel(figure, 0.75, 0.6, style.WIDTH - 1.0, 2.2)
     axes.set_yscale("log")
+    style.powers(axes.yaxis)
     axes.axhspan(CUTS[1], CUTS[3], color=style.FAINT, alpha=0.7, lw=0, zorder=0)
     axes.plot(some + 1, distance[some], ".", ms=3.5, mew=0, color=style.FITTED, alpha=0.6, rasterized=True)
     axes.plot(np.flatnonzero(out) + 1, distance[out], "x", ms=6, mew=1.4, color=style.AXIS_COLOURS[0])

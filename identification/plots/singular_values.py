@@ -22,6 +22,7 @@ def draw_singular_values(fit: Fit) -> Figure:
     axes = style.panel(figure, 0.7, 0.5, 7.1, 2.05)
     style.dress(axes, "number of the singular value", "singular value, logarithmic")
     axes.set_yscale("log")
+    style.powers(axes.yaxis)
     axes.plot(place[kept], values[kept], "o", ms=5, color=style.FITTED, label=f"identified: {groups.rank}")
     if not kept.all():
         axes.plot(place[~kept], values[~kept], "o", ms=5, mfc="white", mec=style.NOMINAL, mew=1.3,

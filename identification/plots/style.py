@@ -10,8 +10,9 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator, MultipleLocator
+from matplotlib.ticker import FuncFormatter, MaxNLocator, MultipleLocator, NullFormatter
 from numpy.typing import NDArray
 
 from errormodel.machine import Joint
@@ -26,6 +27,7 @@ PAPER = "#F5F7F9"
 NOMINAL, FITTED, HELDOUT = "#8A6100", "#0072B2", "#009E73"  # a darkened orange: the palette's own is faint on white
 OTHERS = ("#CC79A7", "#56B4E9", "#D55E00", "#000000")  # test files, in turn
 
+RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 TITLE, HEADING, BODY, SMALL = 15.0, 11.0, 9.0, 8.0  # points
 WIDTH = 8.0  # inches of a report's figure: its text is then as large as the report's, on A4 as on a screen
 
@@ -80,6 +82,12 @@ def dress_position(axes: Axes, joint: Joint, label: bool = True, ticks: int = 7)
         axes.xaxis.set_major_locator(MultipleLocator(step))
     else:
         axes.xaxis.set_major_locator(MaxNLocator(ticks, steps=[1, 2, 2.5, 5, 10]))
+
+
+def powers(axis: Axis) -> None:
+    """Ticks of a logarithmic axis as plain text: matplotlib's own are formulas, and slow to set."""
+    axis.set_major_formatter(FuncFormatter(lambda x, _: "10" + f"{np.log10(x):.0f}".translate(RAISED)))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def plain(text: str, most: int = 40) -> str:
