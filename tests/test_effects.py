@@ -146,6 +146,14 @@ def numeric(effect: Effect, machine: Machine, channels: Channels) -> list[tuple[
     return out
 
 
+def numeric_many(effect: Effect, machine: Machine, channels: Channels) -> list[Array]:
+    """Each parameter's motion, (6, shapes, n), of an effect whose shape is an array."""
+    rows = len(channels[machine.joints[0].name])
+    zero = np.zeros((len(getattr(effect, type(effect).shape)), rows))
+    terms = effect.terms(channels.__getitem__, machine)
+    return [np.array([t.motion.get(name, 0.0) + zero for name in MOTIONS]) for t in terms]
+
+
 def own_ids(machine: Machine) -> tuple[str, ...]:
     """The parameters that the machine's effects bring."""
     without = set(Chain(replace(machine, effects=())).ids)
@@ -199,6 +207,17 @@ def test_symbolic_terms_are_the_numeric_ones(word: str) -> None:
     assert len(found) == len(expected)
     for column, (term, motion) in zip(found, expected, strict=True):
         np.testing.assert_allclose(column, motion, rtol=1e-10, atol=1e-10 * np.abs(motion).max(), err_msg=term.label)
+
+
+@pytest.mark.parametrize("word", [w for w in WORDS if registry()[w].shape])
+def test_many_shapes_at_once_are_those_one_by_one(word: str) -> None:
+    machine, effect = example(word)
+    channels, name = arrays(machine.name), type(effect).shape
+    values = getattr(effect, name) * np.array([0.8, 1.0, 1.3])
+    many = numeric_many(effect.model_copy(update={name: values[:, None]}), machine, channels)
+    for k, value in enumerate(values):
+        one = numeric(effect.model_copy(update={name: float(value)}), machine, channels)
+        np.testing.assert_array_equal([m[:, k] for m in many], [m for _, m in one])
 
 
 @pytest.mark.parametrize("word", WORDS)

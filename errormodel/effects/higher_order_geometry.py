@@ -12,9 +12,9 @@ from pydantic import Field
 
 from errormodel.conventions import MOTIONS, Motion, unit_of
 from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect, axis_motion
-from errormodel.effects.ops import Value, atan2, cos, cubic, fmax, fmin, sin
+from errormodel.effects.ops import Value, atan2, cos, cubic, sin
 from errormodel.effects.scene import Scene
-from errormodel.effects.shared import Positive, resolved, waves
+from errormodel.effects.shared import Positive, resolved, splines, waves
 from errormodel.effects.travel import fraction, legendre, length, scaled, usual_size
 from errormodel.machine import Joint, Machine, joint_of
 
@@ -108,10 +108,7 @@ def curve(joint: Joint, q: Value, every: float) -> Iterator[Value]:
             near = cubic(u - at)
             yield near + cubic(u - at - n) if k < 2 else near + cubic(u - at + n) if k == n - 1 else near
         return
-    n = max(round(length(joint) / every), 2)
-    u = fmin(fmax(fraction(joint, q), 0), 1) * n
-    for k in range(-1, n + 2):
-        yield cubic(u - k)
+    yield from splines(fraction(joint, q), max(round(length(joint) / every), 2))
 
 
 def declared(joint: Joint, motion: Motion) -> int:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from itertools import combinations, product
+from itertools import combinations, permutations, product
 
 import numpy as np
 
-from errormodel.conventions import ROTATIONS, TRANSLATIONS
+from errormodel.conventions import MOTIONS, ROTATIONS, TRANSLATIONS
 from errormodel.effects.scene import Scene
 from errormodel.effects.sections import places, translating
 from errormodel.effects.shared import frequencies
@@ -17,6 +17,7 @@ from errormodel.machine import joint_of
 Fields = Mapping[str, object]
 WAVES = np.arange(1, 3.01, 0.25)  # a travel; longer ones are polynomials
 CYCLES, QUICKEST = 4, 240.0  # a recording, at least; s
+PIECES = 4  # of a travel: of a surface
 CHEQUERS = np.arange(0.5, 3.01, 0.5)
 
 
@@ -28,6 +29,7 @@ def lattice(scene: Scene) -> Iterator[Fields]:
     yield from _cycles(scene)
     yield from _products(scene)
     yield from _chequers(scene)
+    yield from _surfaces(scene)
 
 
 def _single(scene: Scene) -> Iterator[Fields]:
@@ -97,6 +99,15 @@ def _chequers(scene: Scene) -> Iterator[Fields]:
                 first = {"driver": one, "period": lengths[one] / float(k)}
                 second = {"by": two, "by_period": lengths[two] / float(n)}
                 yield {"element": one, "motion": motion, **first, **second}
+
+
+def _surfaces(scene: Scene) -> Iterator[Fields]:
+    """Two joints at the place of one of them, where one turns: any smooth motion over both."""
+    turning = {j.name for j in scene.rotary}
+    for one, two in permutations(_joints(scene), 2):
+        if turning & {one, two} and len(scene.columns[one]) > (PIECES + 3) ** 2:
+            for motion in MOTIONS:
+                yield {"element": one, "motion": motion, **_first(scene, one), **_second(scene, two), "pieces": PIECES}
 
 
 def _joints(scene: Scene) -> list[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from itertools import pairwise
 from typing import Annotated, Literal
 
@@ -12,7 +12,7 @@ from pydantic import Field
 
 from errormodel.conventions import ROTATIONS, TRANSLATIONS, Motion
 from errormodel.effects.base import Channels
-from errormodel.effects.ops import Value, cos, exp, fmax, sin
+from errormodel.effects.ops import Value, cos, cubic, exp, fmax, fmin, sin
 from errormodel.effects.scene import Scene
 from errormodel.exceptions import InputError
 from errormodel.machine import Joint, Machine, joint_of
@@ -61,6 +61,13 @@ def settling(channel: Channels, tau: float, start: float) -> Value:
 def waves(q: Value, rate: float) -> dict[str, Value]:
     """``sin(rate q)`` and ``cos(rate q)``, by label."""
     return {"sin": sin(rate * q), "cos": cos(rate * q)}
+
+
+def splines(share: Value, n: int) -> Iterator[Value]:
+    """The ``n + 3`` cubic B-splines of n pieces over a share of a range, 0 to 1; beyond it they hold."""
+    u = fmin(fmax(share, 0), 1) * n
+    for k in range(-1, n + 2):
+        yield cubic(u - k)
 
 
 def across(joint: Joint, kind: Literal["d", "e"]) -> tuple[Motion, ...]:

@@ -5,14 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from itertools import product
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import Field
 
 from errormodel.conventions import ROTATIONS, Motion, unit_of
 from errormodel.effects.base import Channels, Effect, EffectTerm
 from errormodel.effects.lattice import lattice
 from errormodel.effects.ops import Value
 from errormodel.effects.scene import Scene
-from errormodel.effects.shared import Positive, waves
+from errormodel.effects.shared import Positive, splines, waves
 from errormodel.effects.travel import legendre, usual_size
 from errormodel.machine import Machine
 
@@ -23,7 +25,9 @@ ORDER = {"linear": 1, "square": 2, "cubic": 3}
 class Unnamed(Effect):
     """`motion` (mm, rad): Legendre polynomials of ``(driver - center) / half_range`` up to the form's order, or a wave.
 
-    With a second channel `by`, products of the one's shapes with the other's.
+    With a second channel `by`, products of the one's shapes with the other's. With `pieces` a curve, or a surface over
+    both channels: cubic splines on so many pieces of the range (of each), tied to zero with the standard deviation
+    `size` (mm, rad).
     """
 
     effect: ClassVar[str] = "unnamed"
@@ -45,6 +49,8 @@ class Unnamed(Effect):
     by_center: float = 0.0
     by_half_range: Positive = 1.0
     by_period: Positive | None = None
+    pieces: Annotated[int, Field(ge=2, le=16)] | None = None
+    size: Positive | None = None  # None: that of usual error motions
 
     @property
     def where(self) -> str:
@@ -57,7 +63,11 @@ class Unnamed(Effect):
     @property
     def key(self) -> tuple[object, ...]:
         """Each motion is a place; waves apart from polynomials: a period is a shape of the ones only."""
-        return (*super().key, self.motion, self.period is None, self.by_period is None)
+        return (*super().key, self.motion, self.period is None, self.by_period is None, self.pieces is None)
+
+    @property
+    def tied(self) -> bool:
+        return self.pieces is not None
 
     @property
     def cost(self) -> float:
@@ -65,20 +75,21 @@ class Unnamed(Effect):
         return 0.5 * (self.motion in ROTATIONS)
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
-        shapes = _shapes(channel(self.driver), self.form, self.center, self.half_range, self.period)
+        shapes = self._shapes(channel(self.driver), self.form, self.center, self.half_range, self.period)
         if self.by:
-            second = _shapes(channel(self.by), self.by_form, self.by_center, self.by_half_range, self.by_period)
+            second = self._shapes(channel(self.by), self.by_form, self.by_center, self.by_half_range, self.by_period)
             shapes = {f"{k}-{n}": a * b for (k, a), (n, b) in product(shapes.items(), second.items())}
-        unit, size = unit_of(self.motion), usual_size(self.motion)
+        unit, size = unit_of(self.motion), self.size or usual_size(self.motion)
         return [EffectTerm(self.element, label, unit, {self.motion: value}, size) for label, value in shapes.items()]
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
         return (cls.model_validate(fields) for fields in lattice(scene))
 
-
-def _shapes(x: Value, form: Form, center: float, half_range: float, period: float | None) -> dict[str, Value]:
-    if period:
-        return waves(x, 2 * math.pi / period)
-    u = (x - center) / half_range
-    return {str(n): legendre(n, u) for n in range(1, ORDER[form] + 1)}
+    def _shapes(self, x: Value, form: Form, center: float, half: float, period: float | None) -> dict[str, Value]:
+        if period:
+            return waves(x, 2 * math.pi / period)
+        u = (x - center) / half
+        if self.pieces:
+            return {str(k): s for k, s in enumerate(splines((u + 1) / 2, self.pieces))}
+        return {str(n): legendre(n, u) for n in range(1, ORDER[form] + 1)}

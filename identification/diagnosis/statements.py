@@ -125,6 +125,8 @@ def shape(effect: Effect, machine: Machine) -> str:
         words.append(f"within {position(joint, width)}")
     if effect.tied and (every := getattr(effect, "every", None)):
         words.append(f"as a curve of splines {position(joint, every)} apart")
+    if effect.tied and getattr(effect, "pieces", None):
+        words.append("as a surface of splines" if getattr(effect, "by", None) else "as a curve of splines")
     return f", {', '.join(words)}" if words else ""
 
 

@@ -1,0 +1,58 @@
+"""Whole explanations weighed beside each other, and surfaces over two joints that turn."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from errormodel.chain import Chain
+from errormodel.effects import make
+from errormodel.machine import EffectSpec
+from errormodel.schema import read_machine
+from errormodel.simulate import Truth, simulate
+from identification.diagnosis.choosing import Step
+from identification.diagnosis.run import diagnose
+from identification.diagnosis.selection import replayed
+from identification.diagnosis.stories import story
+from identification.diagnosis.workbench import set_up
+from identification.fit.run import fit_machine
+from tests.test_diagnosis_empty import empty_survey
+
+MEASURED = ["mx", "my", "mz"]
+
+
+def test_a_story_gains_by_what_is_there_and_loses_by_what_is_not() -> None:
+    """Warmth moves the carriage; a play that it does not have is one place more that was looked at."""
+    machine = read_machine("bridge_cmm")
+    survey = empty_survey(machine, 400, 11, channels=True, grid=False)
+    truth = EffectSpec("structure-drift", {"element": "carriage", "motion": "dx", "sensor": "T_0"})
+    chain = Chain(replace(machine, effects=(truth,)))
+    values = {chain.effect_ids[0][0]: 0.005}
+    table = survey.table.copy()
+    seen = simulate(chain.machine, table, Truth(values, (500.0, -200.0, 100.0), (0.1, 0.2, 0.5)), 0.003, 3)
+    table[MEASURED] = seen[MEASURED]
+    bench = set_up(fit_machine(machine, replace(survey, table=table)))
+
+    def told(*specs: EffectSpec) -> float:
+        return story(replayed(bench, [Step(make(s), 0.0, 0.0, 0.0, searched=1000) for s in specs]))
+
+    play = EffectSpec("backlash", {"joint": "X"})
+    assert told() == 0
+    assert told(truth) > 50
+    assert told(play) < 0
+    assert told(truth, play) < told(truth)
+
+
+def test_a_surface_over_two_joints_that_turn_is_found() -> None:
+    """A chequer board over two joints of an arm: no curve of one joint, and no product of straight lines."""
+    machine = read_machine("six_axis_arm")
+    survey = empty_survey(machine, 500, 5, channels=False, grid=False)
+    one, two, *_ = machine.joints
+    moved = survey.table.copy()
+    waves = [np.sin(2.5 * np.pi * (moved[j.name] - j.travel[0]) / (j.travel[1] - j.travel[0])) for j in (one, two)]
+    moved["mz"] += 0.03 * np.sign(waves[0]) * np.sign(waves[1])
+    (finding,) = diagnose(machine, replace(survey, table=moved)).diagnosis.findings
+    assert finding.effect == "unnamed"
+    assert set(finding.driver) == {one.name, two.name}
+    assert finding.heldout_rms_um.after < 0.8 * finding.heldout_rms_um.before
