@@ -33,6 +33,11 @@ class ScalePpm(Effect):
     def drivers(self) -> tuple[str, ...]:
         return (*POINT, self.sensor) if self.sensor else POINT
 
+    @property
+    def cost(self) -> float:
+        """Instruments measure the weather: what looks like their scale is most often the machine's, or the tool's."""
+        return 0.0 if self.sensor else 2.0
+
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         factor = warmth(channel, self.sensor) if self.sensor else 1.0
         motion = {name: factor * channel(p) for name, p in zip(TRANSLATIONS, POINT, strict=True)}

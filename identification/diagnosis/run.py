@@ -73,28 +73,31 @@ def diagnose(machine: Machine, survey: Survey, tell: Tell = silent) -> Diagnosed
         The survey has nothing to fit, or no row with a measured position.
     """
     if not np.isfinite(survey.fit.measured).any():
-        found = "no row to fit has a measured position, which the diagnosis works on"
-        raise InputError(str(survey.source), found, "Add rows with mx my mz, or use `errormodel fit` for error motions")
+        nothing = "no row to fit has a measured position, which the diagnosis works on"
+        raise InputError(
+            str(survey.source), nothing, "Add rows with mx my mz, or use `errormodel fit` for error motions"
+        )
     with tell("Looking for mistakes in the columns"):
         blunders = find_blunders(machine, survey)
     with tell("Fitting the machine"):
         before = [_try(machine, s) for s in (survey, *(b.survey for b in blunders))[: len(blunders)]]
         survey = blunders[-1].survey if blunders else survey
         mended = fit_machine(machine, survey)
-        survey, fit, bad = _without_outliers(machine, survey, mended)
-    with tell("Trying all effects at all places"):
-        bench = set_up(fit)
-        candidates = Candidates.of(bench)
-        scores = candidates.scores(bench)
-    growth, said = heard(retold(grow(bench, candidates, tell), candidates, tell))
+        sound, fit, bad = _without_outliers(machine, survey, mended)
     changes = [change for b in blunders for change in b.changes]
-    effects = [*changes, *(s.effect for s in growth.steps)]
-    with tell("Fitting the extended machine"):
-        first = len(machine.effects) + len(changes)  # of the effects that were found, among those of the final machine
-        final = with_form(fit_machine(_extended(machine, effects), survey), growth, first) if effects else fit
+    found = _explained(fit, sound, changes, tell)
+    if bad.any() and found.growth.steps:
+        # what was found may explain rows that were far out: then they are no outliers, and show its form best
+        extended = found.final.chain.machine
+        _, _, still = _without_outliers(extended, survey, fit_machine(extended, survey))
+        if still.sum() < bad.sum():
+            bad, sound = still, _without_fit_rows(survey, still)
+            fit = fit_machine(machine, sound)
+            found = _explained(fit, sound, changes, tell)
+    growth, final, scores, first = found.growth, found.final, found.scores, len(machine.effects) + len(changes)
     fits = [*before, mended]
     findings = [_blunder_finding(b, *fits[k : k + 2]) for k, b in enumerate(blunders)]
-    causes = [_finding(g, growth, final, fit, first, said.get(g[0].effect, [])) for g in growth.findings]
+    causes = [_finding(g, growth, final, fit, first, found.said.get(g[0].effect, [])) for g in growth.findings]
     findings += sorted(causes, key=lambda f: -f.heldout_rms_um.before)
     if bad.any():
         findings.append(_outlier_finding(bad, mended, fit))
@@ -107,11 +110,37 @@ def diagnose(machine: Machine, survey: Survey, tell: Tell = silent) -> Diagnosed
         _summary(baseline),
         _summary(final),
         tuple(findings),
-        tuple(unseen(bench.scene, candidates.effects, scores.beside(bench, growth.bench))),
+        tuple(unseen(growth.start.scene, scores.candidates.effects, scores.beside(growth.start, growth.bench))),
         verdict.unexplained,
         (*final.notes, *dead, *verdict.notes),
     )
     return Diagnosed(diagnosis, baseline, final, growth, scores)
+
+
+@dataclass(frozen=True)
+class _Found:
+    """What explains a fit's residuals, the fit with it, what witnesses said, and the scores before all."""
+
+    growth: Growth
+    final: Fit
+    said: dict[Effect, list[Account]]
+    scores: Scores
+
+
+def _explained(fit: Fit, survey: Survey, changes: Sequence[Effect], tell: Tell) -> _Found:
+    """What explains a fit's residuals, and the survey fitted with it; `changes` are effects that mend blunders."""
+    with tell("Trying all effects at all places"):
+        bench = set_up(fit)
+        candidates = Candidates.of(bench)
+        scores = candidates.scores(bench)
+    growth, said = heard(retold(grow(bench, candidates, tell), candidates, tell))
+    effects = [*changes, *(s.effect for s in growth.steps)]
+    if not effects:
+        return _Found(growth, fit, said, scores)
+    machine = fit.chain.machine
+    with tell("Fitting the extended machine"):
+        final = fit_machine(_extended(machine, effects), survey)
+    return _Found(growth, with_form(final, growth, len(machine.effects) + len(changes)), said, scores)
 
 
 def _try(machine: Machine, survey: Survey) -> Fit | None:
