@@ -33,16 +33,17 @@ READ = 120.0  # s between readings
 NOISE = {"positioning": 0.074e-3 * 5**0.5, "straightness": 0.5e-3, "angle": 0.1 * ARCSEC}
 ALUMINIUM, STEEL, SCALE, GRANITE = 23e-6, 11.5e-6, 17e-6, 6e-6  # 1/K; a steel tape on aluminium stretches with it
 
-# members: side (-1 left, 1 right), height (m), time constant towards the air (min), air of the bearings (K)
+# members: side (-1 left, 1 right), height (m), time constants of the skin behind the air and of the core behind the
+# skin (min), air of the bearings (K). The core is what expands; a thermocouple sits on the skin.
 MEMBERS = {
-    "granite-left": (-0.9, 0.2, 260, 0.0), "granite-right": (0.9, 0.2, 240, 0.0), "granite-low": (0.0, 0.0, 300, 0.0),
-    "scale-y0": (0.9, 0.3, 30, 0.0), "scale-y1": (0.9, 0.3, 34, 0.0), "scale-y2": (0.9, 0.3, 38, 0.0),
-    "scale-y3": (0.9, 0.3, 33, 0.0),
-    "leg-left": (-0.8, 0.6, 48, -0.15), "leg-right": (0.8, 0.6, 42, -0.2), "leg-back": (0.8, 0.6, 60, 0.0),
-    "beam-top": (0.0, 1.0, 40, 0.0), "beam-bottom": (0.0, 0.9, 46, -0.1), "beam-back": (0.0, 0.95, 55, 0.0),
-    "scale-x0": (-0.5, 0.95, 22, 0.0), "scale-x1": (0.0, 0.95, 25, 0.0), "scale-x2": (0.5, 0.95, 23, 0.0),
-    "ram-front": (0.1, 1.0, 24, -0.1), "ram-back": (0.1, 1.05, 30, -0.1),
-    "scale-z0": (0.1, 0.8, 18, 0.0), "scale-z1": (0.1, 1.2, 20, 0.0),
+    "granite-left": (-0.9, 0.2, 60, 150, 0.0), "granite-right": (0.9, 0.2, 55, 140, 0.0),
+    "granite-low": (0.0, 0.0, 80, 190, 0.0), "scale-y0": (0.9, 0.3, 16, 14, 0.0), "scale-y1": (0.9, 0.3, 19, 16, 0.0),
+    "scale-y2": (0.9, 0.3, 20, 17, 0.0), "scale-y3": (0.9, 0.3, 17, 15, 0.0), "leg-left": (-0.8, 0.6, 22, 26, -0.15),
+    "leg-right": (0.8, 0.6, 19, 24, -0.2), "leg-back": (0.8, 0.6, 25, 33, 0.0), "beam-top": (0.0, 1.0, 17, 22, 0.0),
+    "beam-bottom": (0.0, 0.9, 20, 25, -0.1), "beam-back": (0.0, 0.95, 24, 30, 0.0),
+    "scale-x0": (-0.5, 0.95, 12, 10, 0.0), "scale-x1": (0.0, 0.95, 14, 11, 0.0), "scale-x2": (0.5, 0.95, 13, 10, 0.0),
+    "ram-front": (0.1, 1.0, 12, 13, -0.1),
+    "ram-back": (0.1, 1.05, 15, 15, -0.1), "scale-z0": (0.1, 0.8, 9, 9, 0.0), "scale-z1": (0.1, 1.2, 10, 10, 0.0),
 }  # fmt: skip
 COUPLED = {  # neighbours, time constant of conduction in min
     ("granite-left", "granite-low"): 120, ("granite-right", "granite-low"): 120,
@@ -99,9 +100,9 @@ def cycle(seed: int, levels: tuple[float, ...] = (6.0, 0.0), half: float = HALF)
     draught = np.array([b for *_, b in MEMBERS.values()])
     someone = rng.uniform(0.4, 1.0) * _late((np.sin(2 * np.pi * time / rng.uniform(5e3, 9e3)) > 0.4) * 1.0, 300)
     air = air + draught * warm[:, None] + 0.6 * someone[:, None] * (share > 0.85) * warm[:, None]
-    members = _conducted(air)
-    shown = np.column_stack([_seen(s, members, air, wanted + heater, left, right, k) for k, s in enumerate(SENSORS)])
-    return Cycle(time, dict(zip(MEMBERS, members.T, strict=True)), shown)
+    skin, core = _conducted(air)
+    shown = np.column_stack([_seen(s, skin, air, wanted + heater, left, right, k) for k, s in enumerate(SENSORS)])
+    return Cycle(time, dict(zip(MEMBERS, core.T, strict=True)), shown)
 
 
 def _late(values: Array, tau: float) -> Array:
@@ -111,31 +112,38 @@ def _late(values: Array, tau: float) -> Array:
     return out
 
 
-def _conducted(air: Array) -> Array:
+def _conducted(air: Array) -> tuple[Array, Array]:
+    """Temperatures of skins and cores (time, members): air warms the skin, the skin its core, cores one another."""
     names = list(MEMBERS)
-    rate = np.diag([1 / (60 * tau) for *_, tau, _ in MEMBERS.values()])
-    drive = np.diag(rate)
+    n = len(names)
+    outer, inner = (1 / (60 * np.array([m[k] for m in MEMBERS.values()])) for k in (2, 3))
+    rate = np.zeros((2 * n, 2 * n))  # skins, then cores
+    rate[range(n), range(n)] = outer + 0.5 * inner
+    rate[range(n), range(n, 2 * n)] = -0.5 * inner
+    rate[range(n, 2 * n), range(n, 2 * n)] = inner
+    rate[range(n, 2 * n), range(n)] = -inner
     for (one, other), tau in COUPLED.items():
         i, j = names.index(one), names.index(other)
-        heavy = (MEMBERS[one][2] / MEMBERS[other][2]) ** 0.5
-        for a, b, k in ((i, j, 1 / heavy), (j, i, heavy)):
+        heavy = (MEMBERS[one][3] / MEMBERS[other][3]) ** 0.5
+        for a, b, k in ((n + i, n + j, 1 / heavy), (n + j, n + i, heavy)):
             rate[a, a] += k / (60 * tau)
             rate[a, b] -= k / (60 * tau)
-    out = np.zeros_like(air)
-    forward = np.linalg.inv(np.eye(len(names)) + STEP * rate)
+    out = np.zeros((len(air), 2 * n))
+    forward = np.linalg.inv(np.eye(2 * n) + STEP * rate)
+    drive = np.hstack([outer * air, np.zeros_like(air)])
     for k in range(1, len(air)):
-        out[k] = forward @ (out[k - 1] + STEP * drive * air[k])
-    return out
+        out[k] = forward @ (out[k - 1] + STEP * drive[k])
+    return out[:, :n], out[:, n:]
 
 
 def _seen(
-    sensor: str | tuple[float, float], members: Array, air: Array, room: Array, left: Array, right: Array, number: int
+    sensor: str | tuple[float, float], skin: Array, air: Array, room: Array, left: Array, right: Array, number: int
 ) -> Array:
-    """What a thermocouple settles on: its member, a fifth of it air, each behind a lag; its offset is calibrated."""
+    """What a thermocouple shows: its member's skin, a fifth of it air, behind a lag of its own."""
     lag = 60.0 + 25.0 * (number % 5)
     if isinstance(sensor, str):
         k = list(MEMBERS).index(sensor)
-        return _late(0.8 * members[:, k] + 0.2 * air[:, k], lag)
+        return _late(0.8 * skin[:, k] + 0.2 * air[:, k], lag)
     side, height = sensor
     share = (side + 1) / 2
     return _late(room + (left * (1 - share) + right * share) * (height - 0.6), 2 * lag)
