@@ -136,9 +136,9 @@ def _followed(machine: Machine, taken: Recordings) -> list[list[StructureDrift]]
 
 
 def _lags(taken: Recordings) -> list[float]:
-    """Time constants to try, s: up to half of the longest recording."""
+    """Time constants to try, s: up to the length of the longest recording."""
     longest = max(float(np.ptp(part["time"])) for _, part in taken.survey.fit.table.groupby(["file", "run"]))
-    count = 1 + int(max(np.log(min(SLOWEST, longest / 2) / QUICKEST) / np.log(FACTOR), 0.0))
+    count = 1 + int(max(np.log(min(SLOWEST, longest) / QUICKEST) / np.log(FACTOR), 0.0))
     return [float(f"{QUICKEST * FACTOR**k:.4g}") for k in range(count)]
 
 

@@ -21,6 +21,7 @@ STRETCHES = 5  # of every recording
 GAIN = 0.003  # of the mean square error of what was left out: less is not worth another temperature
 MOST = 12  # temperatures an error motion
 WIDTHS = (0.05, 0.2, 0.8)  # of the prior, in what the motion drifts a kelvin
+ALIKE = 0.02  # of the error of what was left out: of priors that do equally well the narrowest is taken
 ROUND_OFF = 1e-10  # of a column's square
 
 
@@ -51,7 +52,8 @@ def choose(columns: Array, values: Array, series: Index, most_order: int, noise:
     usual = np.sqrt(np.mean(np.square(centred(values, series)))) / max(warmth, 1e-9)
     folds = _folds(columns, values, series)
     tries = [_grow(folds, most_order, width * usual, noise) for width in WIDTHS]
-    return min(tries, key=lambda choice: choice.error)
+    best = min(choice.error for choice in tries)
+    return next(choice for choice in tries if choice.error <= (1 + ALIKE) * best)
 
 
 def centred(values: Array, series: Index) -> Array:
@@ -133,7 +135,7 @@ def _errors(folds: _Folds, picked: Sequence[tuple[int, int]], most_order: int, t
     fit, left = folds.fit[:, active], folds.left[:, active]
 
     def apart(rows: Any) -> Array:
-        return rows[:, :, :-1].reshape(len(rows), len(active), *shape)
+        return np.asarray(rows[:, :, :-1].reshape(len(rows), len(active), *shape))
 
     # what the picked ones explain is taken out of all other columns and of the values
     among, last = left[:, :, active], left[:, :, -1]
