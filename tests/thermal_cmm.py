@@ -195,7 +195,7 @@ def _grown(joint: str, position: Array, parts: Array) -> Array:
 
 
 def geometry(joint: str, position: Array) -> Array:
-    """Error motions at 20 degC, (n, 6): X about -10.79 um at 275 mm, the bridge's yaw 7 arcsec at 350 mm."""
+    """Error motions at 20 degC, (n, 6): X about 10.79 um at 275 mm, the bridge's yaw 7 arcsec at 350 mm."""
     low, high = TRAVEL[joint]
     u, axis = position / max(abs(low), abs(high)), AXES[joint]
     rng = np.random.default_rng(100 + axis)
@@ -206,9 +206,9 @@ def geometry(joint: str, position: Array) -> Array:
         out[:, k] = size * (a * u + 0.4 * b * u**2 + 0.2 * c * u**3)
         out[:, k] += 0.01 * size * (np.sin(9 * u + phase) - np.sin(phase))
     if joint == "X":
-        out[:, 0] -= 10.79e-3 * u / (275 / 350)
+        out[:, 0] += 10.79e-3 * u / (275 / 350)
     if joint == "Y":
-        out[:, 1] -= 24e-3 * u  # with X a ring reads about 10 um too large, as much as in Table 1
+        out[:, 1] += 24e-3 * u  # with X a ring reads about 10 um too small, as in Table 1
         out[:, 5] += 7 * ARCSEC * u / (350 / 400)
     return out
 
@@ -304,26 +304,35 @@ PLACES = np.array(  # of the ring's centre in the axes of the tip, mm: four low 
 )
 
 
-def ring(seed: int, level: float, places: Array = PLACES, expansion: float = STEEL) -> pd.DataFrame:
-    """Readings at 11 random points of the ring at each place, at 20 + `level` degC after 3 h; its own sensor is T_ring.
+def ring(seed: int, level: float, places: Array = PLACES) -> pd.DataFrame:
+    """Readings at 11 random points of a steel ring at each place, at 20 + `level` degC after 3 h: a day for each place.
 
-    ``hot`` is the diameter that the ring really had.
+    ``place`` is 0 in the log of temperatures that leads there. The ring has a thermocouple of its own, ``ring``, degC.
     """
     rng = np.random.default_rng(seed + 30_000)
     parts = []
     for number, centre in enumerate(places):
         day = cycle(int(rng.integers(1 << 30)), (level,), HALF)
         time = HALF - 600 + 15.0 * np.arange(11)
-        theta = day.at(time)
         warm = np.interp(time, day.time, _late(day.shown[:, -2], 2400.0))  # the ring follows the air in 40 minutes
         turn = rng.uniform(0, 2 * np.pi) + 2 * np.pi * (np.arange(11) + rng.uniform(-0.3, 0.3, 11)) / 11
-        radius = RING * (1 + expansion * warm) / 2
-        wanted = nominal(centre[None]) + np.column_stack([radius * np.cos(turn), radius * np.sin(turn), 0 * turn])
-        command = wanted - nominal(np.zeros((1, 3)))
-        for _ in range(4):  # the machine moves until the tip touches
-            command = command - (tip(command, theta) - wanted)
-        command += rng.normal(0, 0.3e-3, command.shape)
-        part = pd.DataFrame(command, columns=["X", "Y", "Z"]).assign(place=number + 1, time=time)
-        part = part.join(pd.DataFrame(day.sensors(time, rng), columns=list(NAMES)))
-        parts.append(part.assign(T_ring=20 + warm + rng.normal(0, 0.03, 11), hot=2 * radius))
+        round_ = np.column_stack([np.cos(turn), np.sin(turn), np.zeros(11)])
+        wanted = centre + (RING * (1 + STEEL * warm) / 2)[:, None] * round_
+        command = wanted
+        for _ in range(4):  # the machine moves until its tip touches
+            command = command - (tip(command, day.at(time)) - nominal(wanted))
+        command = command + rng.normal(0, 0.3e-3, command.shape)
+        log = np.arange(0, time[0], READ)
+        whole, where = np.concatenate([log, time]), np.vstack([np.tile(centre, (len(log), 1)), command])
+        part = pd.DataFrame(where, columns=["X", "Y", "Z"]).assign(place=0, time=whole + 86400.0 * number, ring=np.nan)
+        part.loc[len(log) :, "place"] = number + 1
+        part.loc[len(log) :, "ring"] = 20 + warm + rng.normal(0, 0.03, 11)
+        parts.append(part.join(pd.DataFrame(day.sensors(whole, rng), columns=list(NAMES))))
     return pd.concat(parts, ignore_index=True)
+
+
+def diameter(points: Array) -> float:
+    """Of the least-squares circle through points (n, 3) of a plane z = constant, mm."""
+    design = np.column_stack([2 * points[:, :2], np.ones(len(points))])
+    x, y, rest = np.linalg.lstsq(design, np.square(points[:, :2]).sum(axis=1), rcond=None)[0]
+    return float(2 * np.sqrt(rest + x**2 + y**2))

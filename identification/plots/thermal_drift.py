@@ -34,7 +34,8 @@ def draw_thermal_drift(result: Thermal) -> Figure:
             axes.plot(hours, gap, ".", ms=1.6, color=colour, label=label, alpha=0.8)
         axes.axhspan(-2 * factor * own.noise, 2 * factor * own.noise, color=style.FAINT, lw=0, label="noise (2 sigma)")
         bottom = k // ACROSS == rows - 1 or k + ACROSS >= len(drifts)
-        title = f"{own.symbol or own.joint + '.' + own.motion}: drifts by {factor * np.ptp(drift.values):.0f} {unit}"
+        size = factor * np.ptp(centred(drift.values, drift.series))
+        title = f"{own.symbol or own.joint + '.' + own.motion}: drifts by {size:.0f} {unit}"
         style.dress(axes, "hours" if bottom else "", unit if k % ACROSS == 0 else "", title)
         if k == 0:
             handles, labels = axes.get_legend_handles_labels()
