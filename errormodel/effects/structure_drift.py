@@ -63,12 +63,18 @@ class StructureDrift(Effect):
             warm, size = warmth(channel, self.sensor, self.minus, self.tau), 0.01 if unit == "mm" else 1e-5
             unit += "/K"
         size = self.std or size
+        # several at one place are told apart by what they follow
+        name = f"{self.sensor}{f'-{self.tau:g}s' if self.tau else ''}" if self.tied else ""
         if not self.order:
-            return [EffectTerm(self.element, "", unit, {self.motion: warm}, size)]
+            return [EffectTerm(self.element, name, unit, {self.motion: warm}, size)]
         joint = joint_of(machine, self.element)
         u = scaled(joint, channel(joint.name))
         shapes: list[Value] = [1.0, *(legendre(n, u) for n in range(1, self.order + 1))]
-        return [EffectTerm(self.element, str(n), unit, {self.motion: warm * s}, size) for n, s in enumerate(shapes)]
+        labels = [f"{name}-{n}" if name else str(n) for n in range(self.order + 1)]
+        return [
+            EffectTerm(self.element, label, unit, {self.motion: warm * shape}, size)
+            for label, shape in zip(labels, shapes, strict=True)
+        ]
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:

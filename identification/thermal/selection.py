@@ -50,6 +50,8 @@ def choose(columns: Array, values: Array, series: Index, most_order: int, noise:
     """
     warmth = np.sqrt(np.mean(np.square(centred(columns[:, :, 0], series))))
     usual = np.sqrt(np.mean(np.square(centred(values, series)))) / max(warmth, 1e-9)
+    if usual == 0:  # nothing moves
+        return Choice((), 0.0, 0.0)
     folds = _folds(columns, values, series)
     tries = [_grow(folds, most_order, width * usual, noise) for width in WIDTHS]
     best = min(choice.error for choice in tries)
