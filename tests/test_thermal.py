@@ -110,9 +110,8 @@ def test_the_model_is_a_machine_that_fits_and_predicts(modelled: Path) -> None:
 
 def test_a_fit_of_the_extended_machine_takes_the_same_survey(modelled: Path) -> None:
     """A test file of error motions alone is no reason to stop."""
-    refit = done("fit", modelled / "out/machine.yaml", modelled, "--out", modelled / "refit")
+    done("fit", modelled / "out/machine.yaml", modelled, "--out", modelled / "refit")
     assert "other.csv holds error motions only" in json.loads((modelled / "refit/fit.json").read_text())["notes"][-1]
-    assert "test" not in refit.out
     values = [pd.read_csv(modelled / d / "parameters.csv").set_index("id")["value"] for d in ("out", "refit")]
     pd.testing.assert_series_equal(*values, rtol=1e-6, atol=1e-12)
     ended = run("thermal", modelled / "out/machine.yaml", modelled, "--out", modelled / "twice")
