@@ -37,7 +37,7 @@ def thermal(machine: str, survey: Path, out: Path) -> None:
     show_notes(result.recordings.notes)
     with working("Writing"):
         store.save(result.fit, out)
-        write_report(result.fit, out / "report.html", None)
+        write_report(result.fit, out / "report.html", thermal=result)
         write_text_atomic(store.dumps(result.as_json()), out / "thermal.json")
         style.save(draw_thermal_drift(result), out / "thermal_drift.png")
     for line in thermal_lines(result, out):

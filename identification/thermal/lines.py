@@ -28,10 +28,7 @@ def thermal_lines(result: Thermal, out: Path) -> Iterator[str]:
         numbers = (m.drift, m.stepwise, m.lagged, m.noise)
         figures = "  ".join(f"{factor * v:{w}.2f}" for v, w in zip(numbers, (8, 11, 10, 8), strict=True))
         yield f"  {m.symbol or m.joint + '.' + m.motion:6} {unit:4}          {figures}   {_follows(m)}"
-    usual, lagged = (
-        sqrt(sum(_beyond(m, v) for m, v in zip(result.motions, values, strict=True)) / len(values))
-        for values in ([m.stepwise for m in result.motions], [m.lagged for m in result.motions])
-    )
+    usual, lagged = left_beyond(result)
     yield ""
     yield (
         f"left beyond the noise, in noise: {usual:.2f} by stepwise regression at each position, {lagged:.2f} by a few "
@@ -40,9 +37,13 @@ def thermal_lines(result: Thermal, out: Path) -> Iterator[str]:
     yield f"\nModel: {out / 'machine.yaml'}; for errormodel fit, predict and compensate"
 
 
-def _beyond(motion: MotionResult, value: float) -> float:
-    """Square of what is left beyond the noise, in noise."""
-    return max((value / motion.noise) ** 2 - 1, 0.0)
+def left_beyond(result: Thermal) -> tuple[float, float]:
+    """Root mean square, over all error motions, of what regressions and the model leave beyond the noise, in noise."""
+    sums = [0.0, 0.0]
+    for m in result.motions:
+        for k, value in enumerate((m.stepwise, m.lagged)):
+            sums[k] += max((value / m.noise) ** 2 - 1, 0.0) / len(result.motions)
+    return sqrt(sums[0]), sqrt(sums[1])
 
 
 def _follows(motion: MotionResult) -> str:
