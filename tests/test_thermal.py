@@ -26,6 +26,7 @@ from identification.thermal.selection import centred, choose
 from identification.thermal.stepwise import stepwise
 from tests import thermal_cmm as cmm
 from tests.commands import done, run
+from tests.pages import Page
 
 CMM = "bridge_cmm"
 FILES = "errormodel: 1\nfiles:\n- {path: drift.csv}\n- {path: other.csv, role: test}\n"
@@ -79,6 +80,14 @@ def test_another_cycle_is_predicted_to_the_noise_and_better_than_by_regression(m
     printed = (modelled / "printed.txt").read_text()
     assert "T_1 = T_2" in printed
     assert (modelled / "out/thermal_drift.png").stat().st_size > 10_000
+
+
+def test_the_report_shows_what_each_motion_follows(modelled: Path) -> None:
+    page = Page((modelled / "out/report.html").read_text())
+    head, *rows = page.tables["thermal-motions"]
+    assert head[:5] == ["Motion", "drift", "regression", "model", "noise"]
+    assert [row[0] for row in rows] == ["EXY", "EYY", "EZY", "EAY", "EBY", "ECY"]
+    assert all("T_" in row[-1] for row in rows)
 
 
 def test_the_model_is_a_machine_that_fits_and_predicts(modelled: Path) -> None:

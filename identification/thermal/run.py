@@ -103,12 +103,18 @@ def thermal(machine: Machine, survey: Survey, tell: Tell = silent) -> Thermal:
         effects = _followed(machine, taken)
     with tell("Fitting the machine with them"):
         specs = (EffectSpec(e.effect, e.model_dump(exclude_defaults=True)) for own in effects for e in own)
-        fit = fit_machine(replace(machine, effects=(*machine.effects, *specs)), taken.survey)
+        fit = fit_machine(replace(machine, effects=(*machine.effects, *specs)), _without_test_drifts(taken))
     with tell("Judging by the other cycle"):
         said = _by_model(fit, taken)
         usual = [_by_regression(taken, *pair) for pair in pairs]
     motions = tuple(map(_judged, pairs, effects, said, usual))
     return Thermal(taken, motions, fit, tuple(zip(said, (values for values, _ in usual), strict=True)))
+
+
+def _without_test_drifts(taken: Recordings) -> Survey:
+    """The survey as a fit can judge it: error motions of test files are judged here."""
+    table = taken.survey.table
+    return taken.survey.rows(((table["role"] == "fit") | (table["joint"] == "")).to_numpy(dtype=bool))
 
 
 def _followed(machine: Machine, taken: Recordings) -> list[list[StructureDrift]]:

@@ -1,17 +1,22 @@
-"""Thermal models of a simulated CMM over seeds: `python -m tests.benchmarks.thermal_cmm [SEEDS]`.
+"""Thermal models of a simulated CMM over seeds: `python -m tests.benchmarks.thermal_cmm [SEEDS] [parts]`.
 
 For each seed 12 drift recordings, another thermal cycle at other positions, and a ring gauge at eight places at 20 and
 at 26 degC. Printed: what stepwise regressions at each position and what lagged temperatures leave; some 20 s a seed.
+With `parts`, instead: what the lags are worth, and the prior, each left out in turn.
 """
 
 from __future__ import annotations
 
 import sys
+from contextlib import ExitStack
+from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pandas as pd
 
 from errormodel.schema import read_machine
+from identification.thermal import run, selection
 from tests.ring_gauge import ring_errors, thermal_model
 
 FIRST = 101  # no seed that anything was tried on
@@ -36,6 +41,25 @@ def main(seeds: int) -> None:
     )
 
 
+def parts(seeds: int) -> None:
+    machine = read_machine("bridge_cmm")
+    without: dict[str, list[Any]] = {
+        "all of it": [],
+        "no lags": [patch.object(run, "_lags", lambda taken: [])],
+        "no prior": [patch.object(selection, "WIDTHS", (1e4,))],
+        "neither": [patch.object(run, "_lags", lambda taken: []), patch.object(selection, "WIDTHS", (1e4,))],
+    }
+    for name, patches in without.items():
+        motions = []
+        with ExitStack() as stack:
+            for each in patches:
+                stack.enter_context(each)
+            for seed in range(FIRST, FIRST + seeds):
+                result = thermal_model(machine, seed)
+                motions += [{k: getattr(m, k) / m.noise for k in ("stepwise", "lagged")} for m in result.motions]
+        print(f"{name:10} {_motions(pd.DataFrame(motions))}", flush=True)
+
+
 def _motions(own: pd.DataFrame) -> str:
     """Root mean square beyond the noise, in noise."""
     left = {k: np.sqrt(np.mean(np.maximum(own[k] ** 2 - 1, 0))) for k in own}
@@ -51,4 +75,8 @@ def _rings(ring: pd.DataFrame) -> str:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 10)
+    count = int(sys.argv[1]) if len(sys.argv) > 1 else 10
+    if "parts" in sys.argv:
+        parts(count)
+    else:
+        main(count)
