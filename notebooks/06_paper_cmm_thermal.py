@@ -225,6 +225,12 @@ assert removed.min() > 0.95
 
 # %% [markdown]
 # The regressions do what the paper says of them (90 % and more), and the lagged temperatures the rest.
+#
+# One seed is luck. `python -m tests.benchmarks.thermal_cmm` does all of this for ten that nothing was tried on: in the
+# other cycle regressions leave 1.23 times the noise, beyond it, and lagged temperatures 0.36. Of the ring's errors
+# regressions remove 97.1 % in the mean and 85.3 % at worst, lagged temperatures 98.9 % and 94.7 %, over 160 rings. With
+# `parts` it takes away what the method is made of: without lags 0.86 times the noise is left, without the prior 0.74,
+# without both 0.99 (three seeds, on which all of it leaves 0.37 and regressions 1.16).
 
 # %% [markdown]
 # The paper explains that errors are smaller in the middle of the plate by the scales, which are held near their middle.
