@@ -230,10 +230,19 @@ def test_a_jump_in_time_leaves_its_shorter_side_out(tmp_path: Path) -> None:
     taken = recordings(bridge(), survey_of(tmp_path, gap, other))
     (note,) = taken.notes
     assert "time jumps by 3720 s" in note
-    assert f"rows {rows[0] + 1} to {rows[30]} (run Y75) are left out" in note
+    assert f"rows {rows[0] + 1} to {rows[30]} of run Y75 (Y at 75) are left out" in note
     assert len(taken.survey) == len(gap) + len(other) - 30
     still = drift.drop(index=rows[-8:-3]).reset_index(drop=True)  # a pause when little happens
     assert recordings(bridge(), survey_of(tmp_path, still, other)).notes == ()
+
+
+def test_rows_may_come_in_any_order_of_recordings(tmp_path: Path) -> None:
+    """By position first, without labels of runs: what counts is the time of each recording."""
+    drift, other = tables()
+    mixed = other.sort_values(["Y", "time"], kind="stable").drop(columns="run")
+    taken = recordings(bridge(), survey_of(tmp_path, drift.assign(run="1"), mixed.assign(run="1")))
+    assert taken.notes == ()
+    assert len({s for d in taken.test for s in d.series}) == 3
 
 
 def _back(drift: pd.DataFrame) -> None:
@@ -257,7 +266,14 @@ def _few(drift: pd.DataFrame) -> None:
     ("spoil", "words"),
     [
         (_back, ["drift.csv, row 461, column time", "goes back by 3480 s within run Y200"]),
-        (_all_from_zero, ["drift.csv, column time", "runs Y0 and Y75 claim the same hours", "a file of its own"]),
+        (
+            _all_from_zero,
+            [
+                "drift.csv, column time",
+                "run Y0 (Y at 0) and run Y75 (Y at 75) claim the same hours",
+                "a file of its own",
+            ],
+        ),
         (_constant, ["hardly change in the files to fit", "Record a warm-up"]),
         (_few, ["no error motion with 12 readings at one position"]),
     ],

@@ -105,8 +105,9 @@ def recordings(machine: Machine, survey: Survey) -> Recordings:
     if not survey.test:
         found = "no file has role: test, and a thermal model is worth what it says of another thermal cycle"
         raise InputError(source, found, "Give the recordings of one cycle the role test in a survey.yaml")
-    _refuse_clocks(survey.table)
-    survey, notes = _without_gaps(survey, names)
+    parts = _parts(machine, survey.table)
+    _refuse_clocks(parts, names)
+    survey, notes = _without_gaps(survey, parts, names)
     left_out = dict(_left_out(survey.table, names))
     alive = [name for name in names if name not in left_out]
     if not alive:
@@ -132,56 +133,68 @@ def _needed(survey: Survey, sensors: list[str]) -> list[tuple[str, bool]]:
     return [("joint", "joint" in there), ("time", "time" in there), ("T_<sensor>", bool(sensors))]
 
 
-def _refuse_clocks(table: pd.DataFrame) -> None:
-    """InputError where time goes back in a run, or two runs of a file claim the same hours at other temperatures."""
-    for file, whole in table.groupby("file", sort=False):
-        sensors = [str(c) for c in whole if str(c).startswith("T_") and whole[c].notna().all()]
-        runs = {str(run): part for run, part in whole.groupby("run", sort=False)}
-        for run, part in runs.items():
-            time = part["time"].to_numpy(dtype=np.float64)
-            falls = np.flatnonzero(np.diff(time) < 0)
-            if len(falls):
-                at = int(falls[0]) + 1
-                found = f"time goes back by {time[at - 1] - time[at]:.6g} s within run {run}"
-                cure = (
-                    "Correct the times, or give what follows a file of its own: what expands depends on what was before"
-                )
-                raise InputError(f"{file}, row {part['row'].iloc[at]}, column time", found, cure)
-        for one, other in combinations(runs, 2):
-            apart = _disagreement(runs[one], runs[other], sensors)
-            if apart > TOGETHER:
-                found = f"runs {one} and {other} claim the same hours, at temperatures that differ by {apart:.1f} K"
-                cure = "Let time go on from recording to recording, or give each a file of its own"
-                raise InputError(f"{file}, column time", found, cure)
+def _parts(machine: Machine, table: pd.DataFrame) -> list[tuple[str, pd.DataFrame]]:
+    """Recordings, each of one file, run, joint and position, with what a message calls them."""
+    out = []
+    for joint in machine.joints:
+        own = table[table["joint"] == joint.name]
+        for (_, run, _), part in own.groupby(["file", "run", joint.name], sort=False):
+            if len(part) >= FEWEST:
+                position = float(part[joint.name].iloc[0])
+                shown = float(np.degrees(position)) if joint.type == "rotary" else position
+                out.append((f"run {run} ({joint.name} at {shown:g})", part))
+    return out
+
+
+def _refuse_clocks(parts: list[tuple[str, pd.DataFrame]], sensors: list[str]) -> None:
+    """InputError where time goes back in a recording, or two of a file claim the same hours at other temperatures."""
+    for name, part in parts:
+        time = part["time"].to_numpy(dtype=np.float64)
+        falls = np.flatnonzero(np.diff(time) < 0)
+        if len(falls):
+            row = part.iloc[falls[0] + 1]
+            found = f"time goes back by {-np.diff(time)[falls[0]]:.6g} s within {name}"
+            cure = "Correct the times, or give what follows a file of its own: what expands depends on what was before"
+            raise InputError(f"{row['file']}, row {row['row']}, column time", found, cure)
+    for (one, here), (other, there) in combinations(parts, 2):
+        file = here["file"].iloc[0]
+        apart = _disagreement(here, there, sensors) if file == there["file"].iloc[0] else 0.0
+        if apart > TOGETHER:
+            found = f"{one} and {other} claim the same hours, at temperatures that differ by {apart:.1f} K"
+            cure = "Let time go on from recording to recording, or give each a file of its own"
+            raise InputError(f"{file}, column time", found, cure)
 
 
 def _disagreement(one: pd.DataFrame, other: pd.DataFrame, sensors: list[str]) -> float:
-    """How much two runs' temperatures differ where their times overlap, K: nine in ten readings of any sensor."""
+    """How much two recordings' temperatures differ where their times overlap, K: nine in ten readings of a sensor."""
     here, there = (p["time"].to_numpy(dtype=np.float64) for p in (one, other))
     both = (here >= there.min()) & (here <= there.max())
     if both.sum() < 2:
         return 0.0
-    gaps = [np.interp(here[both], there, other[s]) - one[s].to_numpy(dtype=np.float64)[both] for s in sensors]
+    whole = [s for s in sensors if one[s].notna().all() and other[s].notna().all()]
+    gaps = [np.interp(here[both], there, other[s]) - one[s].to_numpy(dtype=np.float64)[both] for s in whole]
     return max((float(np.quantile(np.abs(g), 0.9)) for g in gaps), default=0.0)
 
 
-def _without_gaps(survey: Survey, sensors: list[str]) -> tuple[Survey, tuple[str, ...]]:
+def _without_gaps(
+    survey: Survey, parts: list[tuple[str, pd.DataFrame]], sensors: list[str]
+) -> tuple[Survey, tuple[str, ...]]:
     """The survey without the shorter side of every gap in time across which temperatures changed, and what was said."""
-    table, notes = survey.table, list[str]()
-    bad = np.zeros(len(table), dtype=bool)
-    for (file, run), part in table.groupby(["file", "run"], sort=False):
-        time, rows = part["time"].to_numpy(dtype=np.float64), part.index.to_numpy()
+    notes = list[str]()
+    bad = np.zeros(len(survey), dtype=bool)
+    for name, part in parts:
+        time, numbers = part["time"].to_numpy(dtype=np.float64), part["row"].to_numpy()
         steps = np.diff(time)
-        usual = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
+        usual = float(np.median(steps))
         warm = part[sensors].to_numpy(dtype=np.float64)
-        change = np.nanmax(np.nan_to_num(np.abs(np.diff(warm, axis=0))), axis=1, initial=0.0)
+        change = np.nan_to_num(np.abs(np.diff(warm, axis=0))).max(axis=1)
         for k in np.flatnonzero((steps > max(PAUSE * usual, LONG)) & (change > ACROSS)):
-            side = rows[: k + 1] if 2 * (k + 1) < len(rows) else rows[k + 1 :]
-            bad[side] = True
-            first, last = (int(part["row"].iloc[list(rows).index(r)]) for r in (side[0], side[-1]))
+            side = slice(0, k + 1) if 2 * (k + 1) < len(time) else slice(k + 1, None)
+            bad[part.index[side]] = True
+            first, last = numbers[side][[0, -1]]
             notes.append(
-                f"{file}, row {part['row'].iloc[k + 1]}: time jumps by {steps[k]:.0f} s while a temperature changes by "
-                f"{change[k]:.1f} K, which no lag can follow: rows {first} to {last} (run {run}) are left out"
+                f"{part['file'].iloc[0]}, row {numbers[k + 1]}: time jumps by {steps[k]:.0f} s while a temperature "
+                f"changes by {change[k]:.1f} K, which no lag can follow: rows {first} to {last} of {name} are left out"
             )
     return (survey.rows(~bad) if bad.any() else survey), tuple(notes)
 
