@@ -150,7 +150,6 @@ axes[0].legend(ncols=2, fontsize=7)
 axes[1].legend(fontsize=7)
 for ax, label in zip(axes, ("temperature / °C", "EYY / µm", "ECY / µrad"), strict=True):
     style.dress(ax, "hours", label)
-plt.show()
 
 # %% [markdown]
 # ## Regression as in the paper, and temperatures behind lags
@@ -330,3 +329,6 @@ print(f"u = {real.std:.3f} um, U = {real.expanded:.2f} um; {100 * share:.0f} % o
 # | standard deviation 1.6 µm after compensation at 20 °C | 1.22 µm from Table 1 |
 # | smaller at the middle, as scales are held there | cannot be: a diameter does not feel where a scale is held |
 # | Table 4: u = 0.104 µm, U = 0.289 µm | 0.074 and 0.206 µm from its own lines and degrees of freedom |
+
+# %%
+plt.close("all")
