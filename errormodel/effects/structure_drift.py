@@ -5,18 +5,24 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import ClassVar
 
+from pydantic import Field
+
 from errormodel.conventions import MOTIONS, Motion, unit_of
 from errormodel.effects.base import Channels, Effect, EffectTerm
+from errormodel.effects.ops import Value
 from errormodel.effects.scene import Scene
-from errormodel.effects.shared import Lag, lags, members, settling, settling_times, start_of, thermal, warmth
-from errormodel.machine import Machine
+from errormodel.effects.shared import Lag, Positive, lags, members, settling, settling_times, start_of, thermal, warmth
+from errormodel.effects.travel import legendre, scaled
+from errormodel.machine import Machine, joint_of
 
 
 class StructureDrift(Effect):
     """``drift * (temperature - 20)`` in one motion of a member, mm/K or rad/K.
 
     With `sensor` ``time`` the drift (mm, rad) settles as ``1 - exp(-(t - start)/tau)``. `tau` (s) is else the member's
-    lag behind the sensor, and `minus` another sensor in place of 20 degC.
+    lag behind the sensor, and `minus` another sensor in place of 20 degC. Of a joint, `order` lets the drift differ
+    along the travel: Legendre polynomials up to that degree, over -1 to 1. `std` ties the drifts to zero, as far as
+    they are not seen: their standard deviation beforehand, for several sensors that say nearly the same.
     """
 
     effect: ClassVar[str] = "structure-drift"
@@ -34,6 +40,8 @@ class StructureDrift(Effect):
     minus: str | None = None
     tau: Lag = 0.0
     start: float = 0.0
+    order: int = Field(0, ge=0, le=5)
+    std: Positive | None = None
 
     @property
     def where(self) -> str:
@@ -43,6 +51,10 @@ class StructureDrift(Effect):
     def drivers(self) -> tuple[str, ...]:
         return thermal(self.sensor, self.minus)
 
+    @property
+    def tied(self) -> bool:
+        return self.std is not None
+
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         unit = unit_of(self.motion)
         if self.sensor == "time":
@@ -50,7 +62,19 @@ class StructureDrift(Effect):
         else:
             warm, size = warmth(channel, self.sensor, self.minus, self.tau), 0.01 if unit == "mm" else 1e-5
             unit += "/K"
-        return [EffectTerm(self.element, "", unit, {self.motion: warm}, size)]
+        size = self.std or size
+        # several at one place are told apart by what they follow
+        name = f"{self.sensor}{f'-{self.tau:g}s' if self.tau else ''}" if self.tied else ""
+        if not self.order:
+            return [EffectTerm(self.element, name, unit, {self.motion: warm}, size)]
+        joint = joint_of(machine, self.element)
+        u = scaled(joint, channel(joint.name))
+        shapes: list[Value] = [1.0, *(legendre(n, u) for n in range(1, self.order + 1))]
+        labels = [f"{name}-{n}" if name else str(n) for n in range(self.order + 1)]
+        return [
+            EffectTerm(self.element, label, unit, {self.motion: warm * shape}, size)
+            for label, shape in zip(labels, shapes, strict=True)
+        ]
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:

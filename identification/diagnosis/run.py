@@ -74,9 +74,10 @@ def diagnose(machine: Machine, survey: Survey, tell: Tell = silent) -> Diagnosed
     """
     if not np.isfinite(survey.fit.measured).any():
         nothing = "no row to fit has a measured position, which the diagnosis works on"
-        raise InputError(
-            str(survey.source), nothing, "Add rows with mx my mz, or use `errormodel fit` for error motions"
+        cure = (
+            "Add rows with mx my mz; for error motions use `errormodel fit`, or `errormodel thermal` where they drift"
         )
+        raise InputError(str(survey.source), nothing, cure)
     with tell("Looking for mistakes in the columns"):
         blunders = find_blunders(machine, survey)
     with tell("Fitting the machine"):

@@ -10,6 +10,8 @@ import numpy as np
 from errormodel.arrays import Array
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from errormodel.survey import Survey
 
 COLDEST, WARMEST = -60.0, 150.0  # degC, of machines and of the rooms they stand in
@@ -19,6 +21,7 @@ STUCK = 0.5  # of the recording at one value to the last digit
 STEPS = 20.0  # of a sensor's own resolution: by so much the others move meanwhile
 COARSE = 0.1  # K, resolution of a sensor that never changes
 BEFORE, SUDDEN = 10, 3.0  # rows before it got stuck, in which it moved by as many steps of its resolution
+ALIVE = 0.5  # of the rows: a sensor with noise changes in most of them
 SPIKE = 10.0  # K, up and at once back
 SOON = 300.0  # s: nothing that weighs something warms by that and cools again
 
@@ -28,7 +31,11 @@ def dead_sensors(survey: Survey) -> dict[str, str]:
 
     A sensor that follows something quick (a nozzle, a motor) is not dead: it moves on, or stays where it went.
     """
-    table = survey.fit.table
+    return faults(survey.fit.table)
+
+
+def faults(table: pd.DataFrame) -> dict[str, str]:
+    """The same of the rows of any table, in the order of time."""
     names = [str(c) for c in table.columns if str(c).startswith("T_")]
     values = {name: table[name].to_numpy(dtype=np.float64) for name in names}
     time = table["time"].to_numpy(dtype=np.float64) if "time" in table else None
@@ -58,6 +65,8 @@ def _fault(name: str, values: Array, others: list[Array], time: Array | None) ->
         sudden = abs(values[start] - values[max(start - BEFORE, 0)]) > SUDDEN * resolution or end - start == n
         if moved > STEPS * resolution and sudden:
             return f"stuck at {values[start]:.4g} degC in {_rows(end - start, n)} while others move by {moved:.1f} K"
+    if silent := _silent(values, others):
+        return silent
     spikes = _spikes(values, time)
     if spikes:
         return f"jumps by more than {SPIKE:.0f} K and back in {_rows(spikes, n)}"
@@ -73,6 +82,20 @@ def _longest(values: Array) -> tuple[int, int]:
     edges = np.concatenate([[0], np.flatnonzero(np.diff(values)) + 1, [len(values)]])
     longest = int(np.argmax(np.diff(edges))) if len(values) else 0
     return int(edges[longest]), int(edges[longest + 1]) if len(values) else 0
+
+
+def _silent(values: Array, others: list[Array]) -> str:
+    """What is wrong with a sensor that changed from row to row, and from some row on to the end never again."""
+    n, changes = len(values), np.flatnonzero(np.diff(values))
+    start = int(changes[-1]) + 1 if len(changes) else 0
+    lively = len(changes) > ALIVE * start
+    if not start or n - start < BEFORE or not lively:
+        return ""
+    resolution = float(np.abs(np.diff(values))[changes].min())
+    moved = max((float(np.ptp(v[start:])) for v in others if np.isfinite(v).all()), default=0.0)
+    if moved < STEPS * resolution:
+        return ""
+    return f"stuck at {values[start]:.4g} degC from row {start + 1} of {n} on while others move by {moved:.1f} K"
 
 
 def _spikes(values: Array, time: Array | None) -> int:

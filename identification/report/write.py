@@ -14,13 +14,15 @@ from identification.report.budget import budget_part
 from identification.report.diagnosis import diagnosis_part
 from identification.report.pictures import pictures
 from identification.report.posterior import posterior_part
+from identification.report.thermal import thermal_part
 from identification.report.trust import gain_part, outliers_part
+from identification.thermal.run import Thermal
 
 
-def write_report(fit: Fit, path: Path, diagnosed: Diagnosed | None = None) -> None:
+def write_report(fit: Fit, path: Path, diagnosed: Diagnosed | None = None, thermal: Thermal | None = None) -> None:
     """Write the report of `fit` to `path`: HTML that holds all it shows; same fit, same bytes.
 
-    With a diagnosis, `fit` is that of the extended machine and its findings come first.
+    With a diagnosis or a thermal model, `fit` is that of the extended machine, and what was found comes first.
     """
     import jinja2
 
@@ -36,6 +38,7 @@ def write_report(fit: Fit, path: Path, diagnosed: Diagnosed | None = None) -> No
         machine=fit.chain.machine.name,
         headline=wording.headline(fit),
         diagnosis=diagnosis_part(diagnosed) if diagnosed else None,
+        thermal=thermal_part(thermal) if thermal else None,
         judgements=wording.judgements(fit),
         notes=fit.notes,
         results=tables.results(fit),

@@ -1,0 +1,44 @@
+"""The command for error motions that drift with temperature."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from identification.console import ANY, FOLDER, command, say, show_notes, working
+
+
+@command
+@click.argument("machine")
+@click.argument("survey", type=ANY)
+@click.option("--out", type=FOLDER, required=True, help="Folder for thermal.json, machine.yaml and the fit.")
+def thermal(machine: str, survey: Path, out: Path) -> None:
+    """Model how error motions drift with temperatures, and judge that on another thermal cycle.
+
+    SURVEY holds error motions at a few positions of a joint, read again and again over a warm-up (columns joint, dx ...
+    ec, time, T_<sensor>); files of another cycle have the role test.
+    """
+    from errormodel.files import write_text_atomic
+    from errormodel.schema import read_machine
+    from errormodel.survey import read_survey
+    from identification import store
+    from identification.plots import style
+    from identification.plots.thermal_drift import draw_thermal_drift
+    from identification.report import write_report
+    from identification.thermal.lines import thermal_lines
+    from identification.thermal.run import thermal as stage
+
+    model = read_machine(machine)
+    with working("Reading"):
+        data = read_survey(survey, model)
+    show_notes(data.notes)
+    result = stage(model, data, working)
+    show_notes(result.recordings.notes)
+    with working("Writing"):
+        store.save(result.fit, out)
+        write_report(result.fit, out / "report.html", thermal=result)
+        write_text_atomic(store.dumps(result.as_json()), out / "thermal.json")
+        style.save(draw_thermal_drift(result), out / "thermal_drift.png")
+    for line in thermal_lines(result, out):
+        say(line)

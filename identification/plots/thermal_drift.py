@@ -1,0 +1,45 @@
+"""Drifts of a cycle that was not fitted: measured, and as the thermal model and as regressions have it."""
+
+from __future__ import annotations
+
+from math import ceil
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from errormodel.conventions import TRANSLATIONS
+from identification.plots import style
+from identification.thermal.run import Thermal
+from identification.thermal.selection import centred
+
+ACROSS = 3
+HEIGHT = 1.75  # inches of a row
+
+
+def draw_thermal_drift(result: Thermal) -> Figure:
+    """One panel an error motion: predicted minus measured, each recording from its own zero, over the hours."""
+    drifts = result.recordings.test
+    rows = ceil(len(drifts) / ACROSS)
+    figure = Figure(figsize=(style.WIDTH, HEIGHT * rows + 0.6), facecolor="white")
+    for k, (drift, own, (lagged, usual)) in enumerate(zip(drifts, result.motions, result.predicted, strict=True)):
+        left, low = 0.62 + 2.5 * (k % ACROSS), 0.5 + HEIGHT * (rows - 1 - k // ACROSS)
+        axes = style.panel(figure, left, low, 1.85, HEIGHT - 0.62)
+        factor, unit = (1e3, "µm") if drift.motion in TRANSLATIONS else (1e6, "µrad")
+        time = result.recordings.survey.table["time"].to_numpy(dtype=np.float64)[drift.rows]
+        hours = (time - time.min()) / 3600
+        for values, colour, label in (
+            (usual, style.NOMINAL, "stepwise regression"), (lagged, style.FITTED, "lagged temperatures"),
+        ):  # fmt: skip
+            gap = factor * centred(values - drift.values, drift.series)
+            axes.plot(hours, gap, ".", ms=1.6, color=colour, label=label, alpha=0.8)
+        axes.axhspan(-2 * factor * own.noise, 2 * factor * own.noise, color=style.FAINT, lw=0, label="noise (2 sigma)")
+        bottom = k // ACROSS == rows - 1 or k + ACROSS >= len(drifts)
+        size = factor * np.ptp(centred(drift.values, drift.series))
+        title = f"{own.symbol or own.joint + '.' + own.motion}: drifts by {size:.0f} {unit}"
+        style.dress(axes, "hours" if bottom else "", unit if k % ACROSS == 0 else "", title)
+        if k == 0:
+            handles, labels = axes.get_legend_handles_labels()
+            figure.legend(
+                handles, labels, loc="upper left", ncols=3, fontsize=style.SMALL, frameon=False, markerscale=5
+            )
+    return figure

@@ -1,0 +1,57 @@
+"""The thermal model as a report shows it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from errormodel.conventions import TRANSLATIONS
+from identification.plots.thermal_drift import draw_thermal_drift
+from identification.report.pictures import Picture, picture
+from identification.report.tables import number
+from identification.thermal.lines import left_beyond
+from identification.thermal.run import MotionResult, Thermal
+
+
+class ThermalPart(NamedTuple):
+    """Sentences, tables and figures."""
+
+    statement: str
+    notes: list[str]
+    motions: list[list[str]]
+    drawn: list[Picture]
+
+
+def thermal_part(result: Thermal) -> ThermalPart:
+    """The section's content."""
+    r = result.recordings
+    usual, lagged = left_beyond(result)
+    several = "; ".join(" = ".join(g) for g in r.groups if len(g) > 1)
+    notes = [f"{name} drives nothing: {reason}" for name, reason in r.left_out.items()]
+    if several:
+        notes.append(f"sensors that read alike, of which the first stands for all: {several}")
+    files = ", ".join(dict.fromkeys(r.survey.test[k].table["file"].iloc[0] for k in range(len(r.survey.test))))
+    return ThermalPart(
+        f"Each error motion follows a few temperatures behind lags. In a thermal cycle that was not fitted ({files}) "
+        f"that leaves {lagged:.2f} times the noise, in the root mean square beyond it; stepwise regressions on "
+        f"temperatures at each position leave {usual:.2f} times.",
+        [*notes, *r.notes],
+        [_row(m) for m in result.motions],
+        [
+            picture(
+                draw_thermal_drift(result),
+                "Predicted minus measured in the cycle that was not fitted, each recording from its own zero. A motion "
+                "is predicted when its dots fill the grey band and no more.",
+                "One panel an error motion: what the thermal model and the regressions miss over the hours",
+            )
+        ],
+    )
+
+
+def _row(m: MotionResult) -> list[str]:
+    factor, unit = (1e3, "µm") if m.motion in TRANSLATIONS else (1e6, "µrad")
+    follows = [
+        f"{f.sensor}{f' {f.tau / 60:.0f} min' if f.tau else ''}{', along the travel' if f.order else ''}"
+        for f in m.follows
+    ]
+    figures = [number(factor * v, 2) for v in (m.drift, m.stepwise, m.lagged, m.noise)]
+    return [m.symbol or f"{m.joint}.{m.motion}", *figures, unit, "; ".join(follows) or "nothing"]

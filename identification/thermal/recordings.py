@@ -1,0 +1,250 @@
+"""Drift recordings of a survey: error motions at a few positions, again and again while temperatures change.
+
+What would mislead is refused or left out, and said: clocks that went back, recordings that claim the same hours, gaps
+in time, thermocouples that died, temperatures that do not change.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from errormodel.arrays import Array, Index, Mask
+from errormodel.conventions import MOTIONS, Motion
+from errormodel.exceptions import InputError
+from errormodel.machine import Machine
+from errormodel.survey import Survey
+from identification.diagnosis.sensors import faults
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+FEWEST = 12  # rows at one position and run that make a recording; fewer are a calibration of the geometry
+LEAST = 1.0  # K, that some temperature must change by in a cycle
+PAUSE, LONG = 10.0, 600.0  # a gap in time: so many usual steps, and s
+ACROSS = 0.5  # K, by which temperatures may differ on both sides of a gap
+TOGETHER = 0.3  # K, by which most readings of a sensor may differ in two recordings of the same hours
+FINEST = 1e-4  # of the drift: no instrument is without noise, but a coarse one may show none
+SAME = 0.999  # correlation from which sensors are one group
+
+
+@dataclass(frozen=True)
+class Drift:
+    """One error motion of one joint over all its recordings of one role.
+
+    Attributes
+    ----------
+    rows : (n,) of the survey's table; `position` (n,) mm or rad; `values` (n,) mm or rad.
+    series : (n,) number of run and position: each has an instrument's zero of its own.
+    """
+
+    joint: str
+    motion: Motion
+    rows: Index
+    position: Array
+    values: Array
+    series: Index
+
+    @cached_property
+    def noise(self) -> float:
+        """Standard deviation of one value, from second differences in time: what drifts slowly drops out of them."""
+        second = [np.diff(self.values[self.series == s], 2) for s in np.unique(self.series)]
+        noise = float(np.sqrt(np.mean(np.square(np.concatenate(second))) / 6))
+        return max(noise, FINEST * float(np.ptp(self.values)), 1e-15)
+
+
+@dataclass(frozen=True)
+class Recordings:
+    """Drifts by role, and what may drive them.
+
+    Attributes
+    ----------
+    survey : without the rows that were left out.
+    fit, test : the same joints' motions where both roles have them, in the same order.
+    groups : sensors that correlate at `SAME` or more; the first of each stands for it.
+    left_out : sensors that drive nothing, with the reason.
+    """
+
+    survey: Survey
+    fit: tuple[Drift, ...]
+    test: tuple[Drift, ...]
+    groups: tuple[tuple[str, ...], ...]
+    left_out: dict[str, str]
+    notes: tuple[str, ...]
+
+    @property
+    def sensors(self) -> tuple[str, ...]:
+        """One of each group."""
+        return tuple(group[0] for group in self.groups)
+
+
+def recordings(machine: Machine, survey: Survey) -> Recordings:
+    """The drift recordings of a survey, checked.
+
+    Raises
+    ------
+    InputError
+        Columns or files are missing, a clock went back, no temperature changes, or nothing is left.
+    """
+    source = str(survey.source)
+    names = [str(c) for c in survey.table if str(c).startswith("T_")]
+    if not names or "time" not in survey.table or "joint" not in survey.table:
+        found = "no column " + ", ".join(c for c, there in _needed(survey, names) if not there)
+        raise InputError(
+            source, found, "Give rows about a joint's error motions (joint, dx ... ec), time and T_<sensor>"
+        )
+    if survey.table["time"].isna().any():
+        row = survey.table[survey.table["time"].isna()].iloc[0]
+        cure = "Give every file its time: what expands is behind the temperatures"
+        raise InputError(f"{row['file']}, row {row['row']}, column time", "no time, which other files have", cure)
+    if not survey.test:
+        found = "no file has role: test, and a thermal model is worth what it says of another thermal cycle"
+        raise InputError(source, found, "Give the recordings of one cycle the role test in a survey.yaml")
+    parts = _parts(machine, survey.table)
+    _refuse_clocks(parts, names)
+    survey, notes = _without_gaps(survey, parts, names)
+    left_out = dict(_left_out(survey.table, names))
+    alive = [name for name in names if name not in left_out]
+    if not alive:
+        name, reason = next(iter(left_out.items()))
+        more = f" (and {len(left_out) - 1} more)" if len(left_out) > 1 else ""
+        raise InputError(source, f"no sensor is left: {name} {reason}{more}", "Give temperatures that every file has")
+    drifts = {role: list(_drifts(machine, survey, role)) for role in ("fit", "test")}
+    keys = [{(d.joint, d.motion) for d in drifts[role]} for role in ("fit", "test")]
+    if not keys[0] & keys[1]:
+        found = f"no error motion with {FEWEST} readings at one position in the files to fit and in those to test"
+        raise InputError(source, found, "Record the same error motions over both cycles, each at a few positions")
+    lonely = sorted(f"{j} {m}" for j, m in keys[0] ^ keys[1])
+    if lonely:
+        notes += (f"not in both roles, and not modelled: {', '.join(lonely)}",)
+    fit, test = (tuple(d for d in drifts[r] if (d.joint, d.motion) in keys[0] & keys[1]) for r in ("fit", "test"))
+    for role, own in (("fit", fit), ("test", test)):
+        _refuse_constant(survey, np.unique(np.concatenate([d.rows for d in own])), alive, role)
+    return Recordings(survey, fit, test, tuple(_groups(survey, fit, alive)), left_out, notes)
+
+
+def _needed(survey: Survey, sensors: list[str]) -> list[tuple[str, bool]]:
+    there = set(survey.table)
+    return [("joint", "joint" in there), ("time", "time" in there), ("T_<sensor>", bool(sensors))]
+
+
+def _parts(machine: Machine, table: pd.DataFrame) -> list[tuple[str, pd.DataFrame]]:
+    """Recordings, each of one file, run, joint and position, with what a message calls them."""
+    out = []
+    for joint in machine.joints:
+        own = table[table["joint"] == joint.name]
+        for (_, run, _), part in own.groupby(["file", "run", joint.name], sort=False):
+            if len(part) >= FEWEST:
+                position = float(part[joint.name].iloc[0])
+                shown = float(np.degrees(position)) if joint.type == "rotary" else position
+                out.append((f"run {run} ({joint.name} at {shown:g})", part))
+    return out
+
+
+def _refuse_clocks(parts: list[tuple[str, pd.DataFrame]], sensors: list[str]) -> None:
+    """InputError where time goes back in a recording, or two of a file claim the same hours at other temperatures."""
+    for name, part in parts:
+        time = part["time"].to_numpy(dtype=np.float64)
+        falls = np.flatnonzero(np.diff(time) < 0)
+        if len(falls):
+            row = part.iloc[falls[0] + 1]
+            found = f"time goes back by {-np.diff(time)[falls[0]]:.6g} s within {name}"
+            cure = "Correct the times, or give what follows a file of its own: what expands depends on what was before"
+            raise InputError(f"{row['file']}, row {row['row']}, column time", found, cure)
+    for (one, here), (other, there) in combinations(parts, 2):
+        file = here["file"].iloc[0]
+        apart = _disagreement(here, there, sensors) if file == there["file"].iloc[0] else 0.0
+        if apart > TOGETHER:
+            found = f"{one} and {other} claim the same hours, at temperatures that differ by {apart:.1f} K"
+            cure = "Let time go on from recording to recording, or give each a file of its own"
+            raise InputError(f"{file}, column time", found, cure)
+
+
+def _disagreement(one: pd.DataFrame, other: pd.DataFrame, sensors: list[str]) -> float:
+    """How much two recordings' temperatures differ where their times overlap, K: nine in ten readings of a sensor."""
+    here, there = (p["time"].to_numpy(dtype=np.float64) for p in (one, other))
+    both = (here >= there.min()) & (here <= there.max())
+    if both.sum() < 2:
+        return 0.0
+    whole = [s for s in sensors if one[s].notna().all() and other[s].notna().all()]
+    gaps = [np.interp(here[both], there, other[s]) - one[s].to_numpy(dtype=np.float64)[both] for s in whole]
+    return max((float(np.quantile(np.abs(g), 0.9)) for g in gaps), default=0.0)
+
+
+def _without_gaps(
+    survey: Survey, parts: list[tuple[str, pd.DataFrame]], sensors: list[str]
+) -> tuple[Survey, tuple[str, ...]]:
+    """The survey without the shorter side of every gap in time across which temperatures changed, and what was said."""
+    notes = list[str]()
+    bad = np.zeros(len(survey), dtype=bool)
+    for name, part in parts:
+        time, numbers = part["time"].to_numpy(dtype=np.float64), part["row"].to_numpy()
+        steps = np.diff(time)
+        usual = float(np.median(steps))
+        warm = part[sensors].to_numpy(dtype=np.float64)
+        change = np.nan_to_num(np.abs(np.diff(warm, axis=0))).max(axis=1)
+        for k in np.flatnonzero((steps > max(PAUSE * usual, LONG)) & (change > ACROSS)):
+            side = slice(0, k + 1) if 2 * (k + 1) < len(time) else slice(k + 1, None)
+            bad[part.index[side]] = True
+            first, last = numbers[side][[0, -1]]
+            notes.append(
+                f"{part['file'].iloc[0]}, row {numbers[k + 1]}: time jumps by {steps[k]:.0f} s while a temperature "
+                f"changes by {change[k]:.1f} K, which no lag can follow: rows {first} to {last} of {name} are left out"
+            )
+    return (survey.rows(~bad) if bad.any() else survey), tuple(notes)
+
+
+def _left_out(table: pd.DataFrame, names: list[str]) -> Iterator[tuple[str, str]]:
+    """Sensors that are none in some recording, with the first one's reason."""
+    found: dict[str, str] = {}
+    for (file, run), part in table.groupby(["file", "run"], sort=False):
+        for name, reason in faults(part.sort_values("time", kind="stable")).items():
+            found.setdefault(name, f"{reason} ({file}, run {run})")
+    return ((name, found[name]) for name in names if name in found)
+
+
+def _drifts(machine: Machine, survey: Survey, role: str) -> Iterator[Drift]:
+    table = survey.table
+    for joint in machine.joints:
+        own = ((table["joint"] == joint.name) & (table["role"] == role)).to_numpy(dtype=bool)
+        for motion in MOTIONS:
+            rows = np.flatnonzero(own & table[motion].notna().to_numpy())
+            key = table.iloc[rows].groupby(["file", "run", joint.name], sort=False)
+            kept: Mask = (key["row"].transform("size") >= FEWEST).to_numpy(dtype=bool)
+            if kept.any():
+                _, series = np.unique(key.ngroup().to_numpy()[kept], return_inverse=True)
+                part = table.iloc[rows[kept]]
+                position, values = (part[c].to_numpy(dtype=np.float64) for c in (joint.name, motion))
+                yield Drift(joint.name, motion, rows[kept], position, values, series)
+
+
+def _refuse_constant(survey: Survey, rows: Index, sensors: list[str], role: str) -> None:
+    part = survey.table.iloc[rows]
+    ranges = {name: float(np.ptp(part[name].to_numpy(dtype=np.float64))) for name in sensors}
+    most = max(ranges, key=lambda name: ranges[name])
+    if ranges[most] < LEAST:
+        found = f"temperatures hardly change in the files to {role}: {most}, most of all, by {ranges[most]:.2g} K"
+        cure = f"Record a warm-up, by {LEAST:g} K or more; better by all that the machine will see"
+        raise InputError(str(survey.source), found, cure)
+
+
+def _groups(survey: Survey, drifts: tuple[Drift, ...], sensors: list[str]) -> list[tuple[str, ...]]:
+    """Sensors by groups, each sensor with the first one before it that it correlates with."""
+    rows = np.unique(np.concatenate([d.rows for d in drifts]))
+    values = survey.table.iloc[rows][sensors].to_numpy(dtype=np.float64)
+    moving = values - values.mean(axis=0)
+    norms = np.linalg.norm(moving, axis=0)
+    alike = (moving.T @ moving) / np.maximum(np.outer(norms, norms), 1e-30)
+    groups: list[list[int]] = []
+    for k in range(len(sensors)):
+        home = next((g for g in groups if alike[g[0], k] >= SAME), None)
+        if home is None:
+            groups.append([k])
+        else:
+            home.append(k)
+    return [tuple(sensors[k] for k in g) for g in groups]

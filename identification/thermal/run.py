@@ -1,0 +1,187 @@
+"""From drift recordings to a machine whose error motions follow temperatures, judged on another thermal cycle."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from errormodel.arrays import Array
+from errormodel.conventions import Motion, iso_symbol
+from errormodel.effects.shared import warmth
+from errormodel.effects.structure_drift import StructureDrift
+from errormodel.effects.travel import legendre, scaled
+from errormodel.exceptions import InputError
+from errormodel.features import columns
+from errormodel.machine import EffectSpec, Machine, joint_of
+from errormodel.simulate import Truth, simulate
+from errormodel.survey import Survey
+from identification.fit.result import Fit
+from identification.fit.run import fit_machine
+from identification.progress import Tell, silent
+from identification.thermal.recordings import Drift, Recordings, recordings
+from identification.thermal.selection import centred, choose
+from identification.thermal.stepwise import stepwise
+
+QUICKEST, FACTOR, SLOWEST = 300.0, 1.6, 14400.0  # s: lags that are tried; a sensor's own reading is there as well
+MOST_ORDER = 2  # of the polynomial along the travel
+
+
+@dataclass(frozen=True)
+class Follows:
+    """A temperature that an error motion follows: sensor, lag (s), order of the polynomial along the travel."""
+
+    sensor: str
+    tau: float
+    order: int
+
+
+@dataclass(frozen=True)
+class MotionResult:
+    """How one error motion drifts, and how well that is predicted in the cycle that was not fitted.
+
+    Root mean squares in mm or rad, after each recording's own zero: `drift` with no model, `stepwise` by regression on
+    temperatures at each position, `lagged` by the model that was fitted; `noise` of one reading, which nothing can go
+    below. `stepwise_r2` is what the regressions reach on their own data, the least of all positions.
+    """
+
+    joint: str
+    motion: Motion
+    symbol: str
+    follows: tuple[Follows, ...]
+    positions: tuple[float, ...]
+    drift: float
+    stepwise: float
+    stepwise_r2: float
+    lagged: float
+    noise: float
+    rows: int
+
+
+@dataclass(frozen=True)
+class Thermal:
+    """The result: recordings as they were used, each error motion, and the fit of the machine with its drifts.
+
+    `predicted` are values (n,) of the lagged model and of the regressions for each test drift of the recordings.
+    """
+
+    recordings: Recordings
+    motions: tuple[MotionResult, ...]
+    fit: Fit
+    predicted: tuple[tuple[Array, Array], ...]
+
+    def as_json(self) -> dict[str, Any]:
+        """``thermal.json``: mm, rad, s."""
+        r = self.recordings
+        return {
+            "schema": "errormodel.thermal/1",
+            "machine": self.fit.chain.machine.name,
+            "survey": str(r.survey.source),
+            "groups": [list(g) for g in r.groups],
+            "left_out": r.left_out,
+            "motions": [asdict(m) for m in self.motions],
+            "notes": list(r.notes),
+        }
+
+
+def thermal(machine: Machine, survey: Survey, tell: Tell = silent) -> Thermal:
+    """Find what temperatures each recorded error motion follows, fit the machine with that, and judge it.
+
+    Raises
+    ------
+    InputError
+        The recordings cannot show it (`identification.thermal.recordings`), or the machine has a thermal model already.
+    """
+    if any(e.effect == StructureDrift.effect and e.options.get("std") for e in machine.effects):
+        found = f"{StructureDrift.effect} with std: the machine has a thermal model already"
+        raise InputError(f"{machine.source}, key effects", found, "Start from the machine without it")
+    with tell("Reading the recordings"):
+        taken = recordings(machine, survey)
+        pairs = list(zip(taken.fit, taken.test, strict=True))
+    with tell("Choosing temperatures and lags"):
+        effects = _followed(machine, taken)
+    with tell("Fitting the machine with them"):
+        specs = (EffectSpec(e.effect, e.model_dump(exclude_defaults=True)) for own in effects for e in own)
+        fit = fit_machine(replace(machine, effects=(*machine.effects, *specs)), _without_test_drifts(taken))
+    with tell("Judging by the other cycle"):
+        said = _by_model(fit, taken)
+        usual = [_by_regression(taken, *pair) for pair in pairs]
+    motions = tuple(map(_judged, pairs, effects, said, usual))
+    return Thermal(taken, motions, fit, tuple(zip(said, (values for values, _ in usual), strict=True)))
+
+
+def _without_test_drifts(taken: Recordings) -> Survey:
+    """The survey as a fit can judge it: error motions of test files are judged here."""
+    table = taken.survey.table
+    return taken.survey.rows(((table["role"] == "fit") | (table["joint"] == "")).to_numpy(dtype=bool))
+
+
+def _followed(machine: Machine, taken: Recordings) -> list[list[StructureDrift]]:
+    """What each error motion follows, as effects of its joint."""
+    table = taken.survey.table
+    candidates = [(s, tau) for s in taken.sensors for tau in (0.0, *_lags(taken))]
+    warm = np.column_stack([warmth(lambda name: columns(table, [name])[0], s, None, tau) for s, tau in candidates])
+    out = []
+    for drift in taken.fit:
+        joint = joint_of(machine, drift.joint)
+        u = scaled(joint, drift.position)
+        shapes = np.column_stack([np.ones(len(u)), *(legendre(k, u) for k in range(1, MOST_ORDER + 1))])
+        most = min(MOST_ORDER, len(np.unique(drift.position)) - 1)
+        tried = warm[drift.rows][:, :, None] * shapes[:, None, :]
+        choice = choose(tried, drift.values, drift.series, most, drift.noise)
+        own = [(*candidates[k], order) for k, order in choice.picked]
+        std = float(f"{choice.width:.3g}")
+        out.append(
+            [
+                StructureDrift(element=joint.name, motion=drift.motion, sensor=sensor, tau=tau, order=order, std=std)
+                for sensor, tau, order in own
+            ]
+        )
+    return out
+
+
+def _lags(taken: Recordings) -> list[float]:
+    """Time constants to try, s: up to the length of the longest recording."""
+    longest = max(float(np.ptp(part["time"])) for _, part in taken.survey.fit.table.groupby(["file", "run"]))
+    count = 1 + int(max(np.log(min(SLOWEST, longest) / QUICKEST) / np.log(FACTOR), 0.0))
+    return [float(f"{QUICKEST * FACTOR**k:.4g}") for k in range(count)]
+
+
+def _by_model(fit: Fit, taken: Recordings) -> list[Array]:
+    """What the fitted machine says of each test drift, (n,)."""
+    named = fit.solution.named()
+    truth = Truth({i: named[i] for i in fit.chain.machine_ids})
+    said = simulate(fit.chain.machine, taken.survey.table, truth)
+    return [said[d.motion].to_numpy(dtype=np.float64)[d.rows] for d in taken.test]
+
+
+def _by_regression(taken: Recordings, fit: Drift, test: Drift) -> tuple[Array, float]:
+    """What regressions at each position say of a test drift, (n,), and the least R^2 on their own data."""
+    raw = taken.survey.table[list(taken.sensors)].to_numpy(dtype=np.float64)
+    found = stepwise(fit.position, fit.values, raw[fit.rows])
+    return found.predict(test.position, raw[test.rows]), float(found.r2.min())
+
+
+def _judged(
+    pair: tuple[Drift, Drift], effects: list[StructureDrift], said: Array, usual: tuple[Array, float]
+) -> MotionResult:
+    fit, test = pair
+    values, r2 = usual
+
+    def rms(gap: Array) -> float:
+        return float(np.sqrt(np.mean(np.square(centred(gap, test.series)))))
+
+    return MotionResult(
+        test.joint,
+        test.motion,
+        iso_symbol(test.joint, test.motion),
+        tuple(Follows(e.sensor, e.tau, e.order) for e in effects),
+        tuple(np.unique(fit.position).tolist()),
+        rms(test.values),
+        rms(test.values - values),
+        r2,
+        rms(test.values - said),
+        test.noise,
+        len(test.rows),
+    )

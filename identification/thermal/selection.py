@@ -1,0 +1,162 @@
+"""Which temperatures, behind which lags, an error motion follows, and how along the travel: a few, found one by one.
+
+What expands is behind the sensor on its surface, and expands alike in every cycle. So each candidate is a sensor behind
+a first-order lag, times Legendre polynomials of the position up to some order, its coefficients tied to zero by a
+prior: sensors that say nearly the same must not be played off against each other. The candidate that best predicts
+what it was not fitted to is taken, as long as that gains something. Left out are stretches of time and, in turn, whole
+recordings: other positions, mostly in other cycles. The prior's width is found in the same way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from errormodel.arrays import Array, Index
+
+STRETCHES = 5  # of every recording
+GAIN = 0.003  # of the mean square error of what was left out: less is not worth another temperature
+MOST = 12  # temperatures an error motion
+WIDTHS = (0.05, 0.2, 0.8)  # of the prior, in what the motion drifts a kelvin
+ALIKE = 0.02  # of the error of what was left out: of priors that do equally well the narrowest is taken
+ROUND_OFF = 1e-10  # of a column's square
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What an error motion follows: (candidate, order along the travel) as they were found; prior's width, a kelvin.
+
+    `error` is the root mean square of what was left out and predicted, in the motion's unit.
+    """
+
+    picked: tuple[tuple[int, int], ...]
+    width: float
+    error: float
+
+
+def choose(columns: Array, values: Array, series: Index, most_order: int, noise: float) -> Choice:
+    """The candidates, and the width of the prior, that predict best.
+
+    Parameters
+    ----------
+    columns : (n, candidates, orders) of all candidates, K over 20 degC times a polynomial.
+    values : (n,) of the error motion.
+    series : (n,) numbers of recording and position: each has an instrument's zero of its own.
+    most_order : the largest order that the positions can tell from others.
+    noise : standard deviation of one value.
+    """
+    warmth = np.sqrt(np.mean(np.square(centred(columns[:, :, 0], series))))
+    usual = np.sqrt(np.mean(np.square(centred(values, series)))) / max(warmth, 1e-9)
+    if usual == 0:  # nothing moves
+        return Choice((), 0.0, 0.0)
+    folds = _folds(columns, values, series)
+    tries = [_grow(folds, most_order, width * usual, noise) for width in WIDTHS]
+    best = min(choice.error for choice in tries)
+    return next(choice for choice in tries if choice.error <= (1 + ALIKE) * best)
+
+
+def centred(values: Array, series: Index) -> Array:
+    """Values (n, ...) without the mean of their series."""
+    flat = values.reshape(len(values), -1)
+    sums = np.zeros((int(series.max(initial=0)) + 1, flat.shape[1]))
+    np.add.at(sums, series, flat)
+    means = sums / np.maximum(np.bincount(series, minlength=len(sums)), 1)[:, None]
+    return (flat - means[series]).reshape(values.shape)
+
+
+@dataclass(frozen=True)
+class _Folds:
+    """Products of the columns, the values behind them, (folds, columns + 1, columns + 1): of rows to fit, and left out.
+
+    `own` and `held` (folds, candidates, orders, orders) are those of each candidate with itself.
+    """
+
+    fit: Array
+    left: Array
+    own: Array
+    held: Array
+    blocks: Index  # (candidates, orders) of the columns
+    rows: int  # left out, of all folds
+
+
+def _folds(columns: Array, values: Array, series: Index) -> _Folds:
+    """A stretch of time of every recording left out, then whole recordings: from sums of each stretch of each one."""
+    _, candidates, orders = columns.shape
+    flat = columns.reshape(len(values), -1)
+    labels = np.unique(series)
+    cells: dict[tuple[int, int], tuple[Array, Array, int]] = {}
+    both = np.column_stack([flat, values])
+    both = both - both.mean(axis=0)  # for the digits
+    for s in labels:
+        for k, rows in enumerate(np.array_split(np.flatnonzero(series == s), STRETCHES)):
+            part = both[rows]
+            cells[int(s), k] = (part.T @ part, part.sum(axis=0), len(part))
+
+    def gram(keys: Sequence[tuple[int, int]]) -> Array:
+        out = np.zeros((both.shape[1],) * 2)
+        for s in {s for s, _ in keys}:
+            own = [cells[key] for key in keys if key[0] == s]
+            count, total = sum(c for *_, c in own), np.sum([t for _, t, _ in own], axis=0)
+            out += np.sum([g for g, *_ in own], axis=0) - np.outer(total, total) / max(count, 1)
+        return out
+
+    sets = [[key for key in cells if key[1] == k] for k in range(STRETCHES)]
+    sets += [[key for key in cells if key[0] == s] for s in labels] if len(labels) > 2 else []
+    fit = np.array([gram([key for key in cells if key not in out]) for out in sets])
+    left = np.array([gram(out) for out in sets])
+    blocks = np.arange(candidates * orders).reshape(candidates, orders)
+    pairs = (slice(None), blocks[:, :, None], blocks[:, None, :])
+    own = fit[pairs] + ROUND_OFF * float(np.diagonal(fit, axis1=1, axis2=2).max()) * np.eye(orders)
+    return _Folds(fit, left, own, left[pairs], blocks, sum(cells[key][2] for out in sets for key in out))
+
+
+def _grow(folds: _Folds, most_order: int, width: float, noise: float) -> Choice:
+    tie = (noise / width) ** 2
+    picked: list[tuple[int, int]] = []
+    error = float(folds.left[:, -1, -1].sum())
+    while len(picked) < min(MOST, len(folds.blocks)):
+        tries = _errors(folds, picked, most_order, tie)
+        tries[[c for c, _ in picked]] = np.inf
+        candidate = int(np.argmin(tries.min(axis=1)))
+        # of orders that do equally well the lowest
+        order = int(np.flatnonzero(tries[candidate] <= tries[candidate].min() + GAIN * error)[0])
+        if not tries[candidate, order] < (1 - GAIN) * error:
+            break
+        error = float(tries[candidate, order])
+        picked.append((candidate, order))
+    return Choice(tuple(picked), width, float(np.sqrt(max(error, 0.0) / folds.rows)))
+
+
+def _errors(folds: _Folds, picked: Sequence[tuple[int, int]], most_order: int, tie: float) -> Array:
+    """Squared error of what was left out, with each candidate and order beside those picked, (candidates, orders)."""
+    shape = folds.blocks.shape
+    active = [int(folds.blocks[c, k]) for c, order in picked for k in range(order + 1)]
+    fit, left = folds.fit[:, active], folds.left[:, active]
+
+    def apart(rows: Any) -> Array:
+        return np.asarray(rows[:, :, :-1].reshape(len(rows), len(active), *shape))
+
+    # what the picked ones explain is taken out of all other columns and of the values
+    among, last = left[:, :, active], left[:, :, -1]
+    mix = np.linalg.solve(fit[:, :, active] + tie * np.eye(len(active)), fit)
+    columns, value = apart(mix), mix[:, :, -1]
+    own = folds.own + tie * np.eye(shape[1]) - np.einsum("fkco,fkcp->fcop", apart(fit), columns)
+    product = folds.fit[:, :-1, -1] - np.einsum("fkn,fk->fn", fit[:, :, :-1], value)
+    cross = np.einsum("fkco,fkcp->fcop", apart(left), columns)
+    moved = (among @ mix[:, :, :-1]).reshape(columns.shape)
+    held = folds.held - cross - cross.transpose(0, 1, 3, 2) + np.einsum("fkco,fkcp->fcop", columns, moved)
+    rest = last - np.einsum("fkl,fl->fk", among, value)
+    against = folds.left[:, :-1, -1] - np.einsum("fkn,fk->fn", left[:, :, :-1], value)
+    against -= np.einsum("fkn,fk->fn", mix[:, :, :-1], rest)
+    square = float((folds.left[:, -1, -1] - np.einsum("fk,fk->f", last + rest, value)).sum())
+    out = np.full(shape, np.inf)
+    for order in range(most_order + 1):
+        use = slice(0, order + 1)
+        own_part, columns_part = own[:, :, use, use], folds.blocks[:, use]
+        found = np.linalg.solve(own_part, product[:, columns_part, None])[..., 0]
+        quadratic = np.einsum("fco,fcop,fcp->c", found, held[:, :, use, use], found)
+        out[:, order] = square - 2 * np.sum(found * against[:, columns_part], axis=(0, 2)) + quadratic
+    return out

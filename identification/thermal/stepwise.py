@@ -1,0 +1,85 @@
+"""What is usually done: at each position a regression on the sensors that a stepwise search keeps, then a polynomial.
+
+After "Synthesization of Thermally Induced Errors in Coordinate Measuring Machines", equations (5) to (8). It stands
+here as the measure of the method that the command uses (`identification.thermal.selection`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from errormodel.arrays import Array
+
+ENTER, LEAVE = 0.05, 0.10  # probability of the F statistic, as statistics programs have it
+
+
+@dataclass(frozen=True)
+class Stepwise:
+    """Regressions ``constant + coefficients @ temperatures`` (positions, 1 + sensors) at each of `positions` (mm, rad).
+
+    `r2` is the coefficient of determination of each on its own data: what such regressions are praised by.
+    """
+
+    positions: Array
+    coefficients: Array
+    r2: Array
+
+    def predict(self, position: Array, temperatures: Array) -> Array:
+        """At any position (n,) and temperatures (n, sensors): the polynomial through all positions, (n,)."""
+        at_each = self.coefficients[:, 0] + temperatures @ self.coefficients[:, 1:].T
+        return np.asarray(np.einsum("np,np->n", at_each, _through(self.positions, position)))
+
+
+def stepwise(position: Array, values: Array, temperatures: Array) -> Stepwise:
+    """Regressions of values (n,) on temperatures (n, sensors), one for each of the positions (n,)."""
+    places = np.unique(position)
+    coefficients, r2 = np.zeros((len(places), temperatures.shape[1] + 1)), np.zeros(len(places))
+    for k, place in enumerate(places):
+        here = position == place
+        chosen = _chosen(values[here], temperatures[here])
+        design = np.column_stack([np.ones(here.sum()), temperatures[here][:, chosen]])
+        found = np.linalg.lstsq(design, values[here], rcond=None)[0]
+        coefficients[k, [0, *(c + 1 for c in chosen)]] = found
+        r2[k] = 1 - np.var(values[here] - design @ found) / max(np.var(values[here]), 1e-30)
+    return Stepwise(places, coefficients, r2)
+
+
+def _chosen(values: Array, temperatures: Array) -> list[int]:
+    """Columns by stepwise regression: the best enters, then the least leaves if it is not worth it any more."""
+    from scipy.stats import f
+
+    def square(columns: list[int]) -> float:
+        design = np.column_stack([np.ones(len(values)), temperatures[:, columns]])
+        gap = values - design @ np.linalg.lstsq(design, values, rcond=None)[0]
+        return float(gap @ gap)
+
+    chosen: list[int] = []
+    for _ in range(2 * temperatures.shape[1]):  # two turns a sensor are enough, and it cannot go in circles for ever
+        left = [c for c in range(temperatures.shape[1]) if c not in chosen]
+        dof = len(values) - len(chosen) - 2
+        if not left or dof < 1:
+            break
+        before, tries = square(chosen), {c: square([*chosen, c]) for c in left}
+        best = min(tries, key=lambda c: tries[c])
+        if f.sf((before - tries[best]) / (tries[best] / dof + 1e-300), 1, dof) > ENTER:
+            break
+        chosen.append(best)
+        whole = tries[best]
+        worth = {
+            c: f.sf((square([o for o in chosen if o != c]) - whole) / (whole / dof + 1e-300), 1, dof) for c in chosen
+        }
+        worst = max(worth, key=lambda c: worth[c])
+        if worth[worst] > LEAVE:
+            chosen.remove(worst)
+    return sorted(chosen)
+
+
+def _through(places: Array, position: Array) -> Array:
+    """Weights (n, places) of the polynomial through all places (Lagrange)."""
+    out = np.ones((len(position), len(places)))
+    for k, here in enumerate(places):
+        for other in np.delete(places, k):
+            out[:, k] *= (position - other) / (here - other)
+    return out
