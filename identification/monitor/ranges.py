@@ -1,7 +1,7 @@
 """Whether a new cycle lies within what earlier ones taught: one quantity, all together, and slowly adding up.
 
 Each test is exact, or errs towards silence, for any scatter between cycles, however few they are. The rate of false
-alarms is shared out: half to single quantities (Bonferroni over them), a quarter to all together, a quarter to drift.
+alarms is shared out: half to single quantities (Bonferroni over them), a quarter to drift, an eighth to all together.
 
 - One quantity: the prediction interval of the next value, Student's t with the degrees of freedom of the cycles; a
   cycle known less well than the earlier ones has its interval widened by the difference.
@@ -23,9 +23,10 @@ from identification.monitor.watched import Cycle
 
 FEWEST = 3  # earlier cycles: fewer span no range
 RATE = 0.01  # false alarms a cycle, in all
-SHARES = {"range": 0.5, "together": 0.25, "drift": 0.25}
+SHARES = {"range": 0.5, "drift": 0.25, "together": 0.125}  # the F of all together is approximate: room is left
 MEMORY = 0.2  # weight of the newest cycle in the weighted mean
 FURTHEST = 4.0  # normal deviations that one cycle can add to a drift: an outlier is none
+TINY = 1e-30  # of any unit: values without scatter or uncertainty divide by it
 FINEST = 0.1  # of its stated uncertainty: less scatter than this is luck, or values without noise
 
 
@@ -62,9 +63,17 @@ class Judged:
         return not np.isfinite(self.p).any()
 
     @property
+    def p_limit(self) -> float:
+        return SHARES["range"] * self.rate
+
+    @property
+    def together_limit(self) -> float:
+        return SHARES["together"] * self.rate
+
+    @property
     def beyond(self) -> Mask:
         """(k,) quantities out of their range."""
-        return np.asarray(self.p < SHARES["range"] * self.rate)
+        return np.asarray(self.p < self.p_limit)
 
     @property
     def drifting(self) -> Mask:
@@ -78,7 +87,7 @@ class Judged:
 
     @property
     def together_beyond(self) -> bool:
-        return bool(self.together < SHARES["together"] * self.rate)
+        return bool(self.together < self.together_limit)
 
     @property
     def alarm(self) -> bool:
@@ -87,55 +96,65 @@ class Judged:
 
 def judge(normal: list[Cycle], new: Cycle, rate: float = RATE) -> Judged:
     """Look at a new cycle beside the `normal` ones, which are in the order in which they were measured."""
-    from scipy import stats
+    from scipy.special import ndtri, stdtr, stdtrit
 
-    k = len(new.values)
-    values = np.array([c.values for c in normal]).reshape(-1, k)
-    stds = np.array([c.std for c in normal]).reshape(-1, k)
-    seen = np.isfinite(values)
-    count = seen.sum(axis=0)
+    past = _Past(len(new.values))
+    for cycle in normal:
+        past.learn(cycle)
+    count, std = past.count.copy(), new.std
     looked = (count >= FEWEST) & np.isfinite(new.values)
-    many = max(int(looked.sum()), 1)
-    mean, spread = np.full(k, np.nan), np.full(k, np.nan)
-    for j in np.flatnonzero(looked):
-        mean[j], spread[j] = _range(values[seen[:, j], j], stds[seen[:, j], j], new.std[j])
-    with np.errstate(invalid="ignore"):
-        t = (new.values - mean) / spread
-        p = np.minimum(many * 2 * stats.t.sf(np.abs(t), np.maximum(count - 1, 1)), 1.0)
-        half = spread * stats.t.isf(SHARES["range"] * rate / (2 * many), np.maximum(count - 1, 1))
-    drift = np.full(k, np.nan)
-    for j in np.flatnonzero(looked):
-        drift[j] = _drift(np.append(values[seen[:, j], j], new.values[j]), np.append(stds[seen[:, j], j], new.std[j]))
-    limit = float(stats.norm.isf(SHARES["drift"] * rate / (2 * many)))
-    together, share = _together(normal, values, new, looked & (count == len(normal)))
-    reach = np.abs(new.values - mean) / half
-    return Judged(count, mean, mean - half, mean + half, reach, p, drift, limit, together, share, rate)
+    many, freedom = max(int(looked.sum()), 1), np.maximum(count - 1, 1)
+    mean, spread = (np.where(looked, v, np.nan) for v in (past.mean, past.spread(std)))
+    t = np.abs(new.values - mean) / spread
+    half: Array = -spread * stdtrit(freedom, SHARES["range"] * rate / (2 * many))
+    p = np.minimum(many * 2 * stdtr(freedom, -t), 1.0)
+    past.learn(new)
+    drift = np.where(looked, past.drift, np.nan)
+    limit = float(-ndtri(SHARES["drift"] * rate / (2 * many)))
+    together, share = _together(normal, new, looked & (count == len(normal)))
+    low, high, reach = mean - half, mean + half, np.abs(new.values - mean) / half
+    return Judged(count, mean, low, high, reach, p, drift, limit, together, share, rate)
 
 
-def _range(values: Array, stds: Array, std: float) -> tuple[float, float]:
-    """Mean of a quantity's earlier values (n,), and the standard deviation of the next one about it."""
-    n, known = len(values), float(np.mean(np.square(stds)))
-    variance = max(float(np.var(values, ddof=1)), FINEST**2 * known)
-    return float(np.mean(values)), float(np.sqrt(variance * (1 + 1 / n) + max(std**2 - known, 0.0)))
+class _Past:
+    """What the cycles so far taught of each of k quantities: running sums, and the weighted mean of their surprises."""
+
+    def __init__(self, k: int) -> None:
+        self.count, self.mean, self.square, self.known = (np.zeros(k) for _ in range(4))
+        self.state, self.variance = np.zeros(k), np.zeros(k)
+
+    def spread(self, std: Array) -> Array:
+        """(k,) standard deviation of the next value about the mean, if it is known to `std`."""
+        variance = np.maximum(self.square / np.maximum(self.count - 1, 1), FINEST**2 * self.known)
+        more = np.maximum(np.square(std) - self.known, 0.0)
+        return np.asarray(np.sqrt(variance * (1 + 1 / np.maximum(self.count, 1)) + more) + TINY)
+
+    @property
+    def drift(self) -> Array:
+        """(k,) the weighted mean of the cycles' deviations from those before them, in its own standard deviations."""
+        return self.state / np.sqrt(np.where(self.variance > 0, self.variance, np.nan))
+
+    def learn(self, cycle: Cycle) -> None:
+        from scipy.special import ndtri, stdtr
+
+        values, std, seen = cycle.values, cycle.std, np.isfinite(cycle.values)
+        known = seen & (self.count >= 2)
+        t = (values - self.mean)[known] / self.spread(std)[known]
+        # the same chance as a standard normal value
+        normal = -np.sign(t) * ndtri(stdtr(self.count[known] - 1, -np.abs(t)))
+        surprise = MEMORY * np.clip(normal, -FURTHEST, FURTHEST)
+        self.state[known] = (1 - MEMORY) * self.state[known] + surprise
+        self.variance[known] = (1 - MEMORY) ** 2 * self.variance[known] + MEMORY**2
+        self.count[seen] += 1
+        step = (values - self.mean)[seen]
+        self.mean[seen] += step / self.count[seen]
+        self.square[seen] += step * (values - self.mean)[seen]
+        self.known[seen] += (np.square(std[seen]) - self.known[seen]) / self.count[seen]
 
 
-def _drift(values: Array, stds: Array) -> float:
-    """The weighted mean of the cycles' deviations from those before them, in its own standard deviations."""
-    from scipy import stats
-
-    state = variance = 0.0
-    for n in range(2, len(values)):
-        mean, spread = _range(values[:n], stds[:n], stds[n])
-        t = (values[n] - mean) / spread
-        normal = float(np.sign(t) * stats.norm.isf(stats.t.sf(abs(t), n - 1)))
-        state = (1 - MEMORY) * state + MEMORY * float(np.clip(normal, -FURTHEST, FURTHEST))
-        variance = (1 - MEMORY) ** 2 * variance + MEMORY**2
-    return state / float(np.sqrt(variance)) if variance else float("nan")
-
-
-def _together(normal: list[Cycle], values: Array, new: Cycle, which: Mask) -> tuple[float, Array]:
+def _together(normal: list[Cycle], new: Cycle, which: Mask) -> tuple[float, Array]:
     """Probability of a distance as large as the new cycle's, and each quantity's share of it (k,)."""
-    from scipy import stats
+    from scipy.special import fdtrc
 
     share = np.zeros(len(which))
     n = len(normal)
@@ -147,12 +166,13 @@ def _together(normal: list[Cycle], values: Array, new: Cycle, which: Mask) -> tu
     # what the fits hold for linearly dependent is one direction, not a division by zero
     metric = np.linalg.pinv(shape / np.outer(scale, scale), rcond=1e-9, hermitian=True) / np.outer(scale, scale)
     worse = max(float(np.trace(metric @ new.covariance[pick])) / float(np.trace(metric @ shape)), 1.0)
-    centred = values[:, which] - values[:, which].mean(axis=0)
-    away = new.values[which] - values[:, which].mean(axis=0)
+    values = np.array([c.values[which] for c in normal])
+    centred = values - values.mean(axis=0)
+    away = new.values[which] - values.mean(axis=0)
     parts = away * (metric @ away)
     among = centred @ metric @ centred.T  # (n, n)
     total = max(float(np.trace(among)), FINEST**2 * (n - 1) * float(np.trace(metric @ shape)))
     freedom = float(np.clip(total**2 / max(float(np.sum(among**2)), 1e-300), 1.0, which.sum()))
     ratio = float(parts.sum()) / (1 + 1 / n) / worse / (total / (n - 1))
     share[which] = parts / parts.sum() if parts.sum() else 0.0
-    return float(stats.f.sf(ratio, freedom, freedom * (n - 1))), share
+    return float(fdtrc(freedom, freedom * (n - 1), ratio)), share

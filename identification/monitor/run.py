@@ -71,6 +71,8 @@ class Monitored:
             "normal_cycles": self.learned,
             "alarms": self.alarms,
             "together_p_value": j.together,
+            "p_limit": j.p_limit,
+            "together_limit": j.together_limit,
             "drift_limit": j.drift_limit,
             "unseen": [w.id for w in self.unseen],
             "parameters": [

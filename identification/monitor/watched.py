@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from errormodel.arrays import Array
+from errormodel.conventions import MOTIONS, iso_symbol
 from errormodel.exceptions import InputError
 from identification.estimates import printed
 from identification.fit.result import Fit
@@ -84,7 +85,7 @@ def watched(stored: StoredFit) -> tuple[Watched, ...]:
     """
     entries = stored.data["parameters"]
     out = [
-        Watched(p["id"], p["group"], p["symbol"], p["unit"], dict(p["members"]))
+        Watched(p["id"], p["group"], p["symbol"] or _of_zero(p["id"]), p["unit"], dict(p["members"]))
         for p in entries
         if not any(str(member).startswith(("frame.", "frame[")) for member in p["members"])
     ]
@@ -92,6 +93,13 @@ def watched(stored: StoredFit) -> tuple[Watched, ...]:
         found = "every group that it identifies depends on where the instrument stood"
         raise InputError("fit.json", found, "Fit a survey in which the machine shows more than its frame")
     return (*out, Watched(NOISE, NOISE, "", "log", {}))
+
+
+def _of_zero(identity: str) -> str:
+    """ISO name of what an instrument's zero is the constant of; "" of anything else."""
+    zero = ZERO.fullmatch(identity)
+    motion = next((m for m in MOTIONS if zero and m == zero["motion"]), None)
+    return iso_symbol(zero["joint"], motion) if zero and motion else ""
 
 
 def measured(what: tuple[Watched, ...], fit: Fit) -> Cycle:

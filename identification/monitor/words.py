@@ -22,7 +22,7 @@ def look_at(chain: Chain, what: Watched) -> str:
     joints = {j.name: j for j in chain.machine.joints}
     if (zero := ZERO.fullmatch(what.id)) is not None:
         own = _of_joint(joints[zero["joint"]], zero["motion"])
-        return f"the mounting and zero of that sensor; then {own}"
+        return f"{own}; or the mounting and zero of that sensor"
     known = chain.parameters[chain.index[what.id]]
     if what.id in chain.of_effects:
         spec = next(e for e, ids in zip(chain.machine.effects, chain.effect_ids, strict=True) if what.id in ids)

@@ -44,7 +44,8 @@ def draw_history(what: Sequence[Watched], records: Sequence[Record], judged: Jud
 
 def _draw(axes: Axes, what: Watched, k: int, records: Sequence[Record], judged: Judged) -> None:
     unit = f" / {what.shown_unit}" if what.shown_unit else ""
-    name = "scatter" if what.id == NOISE else what.symbol or what.id
+    symbol = f" ({what.symbol})" if what.symbol else ""
+    name = "scatter" if what.id == NOISE else what.id + symbol
     style.dress(axes, title=style.plain(f"{name}{unit}", 34))
     low, high, mean = (what.shown(float(v[k])) for v in (judged.low, judged.high, judged.mean))
     last = max(r.number for r in records)
