@@ -124,7 +124,7 @@ def whole_way(machines: int, cycles: int) -> tuple[int, int]:
     return raised, judged
 
 
-def main(seeds: int = 2000) -> None:
+def main(seeds: int = 1000) -> None:
     machine, fit, what = mill()
     shape = measured(what, fit).covariance
     shape = shape[:-1, :-1]  # of the groups: the scatter's logarithm is one more of their kind
