@@ -1,4 +1,4 @@
-"""How often `monitor` cries wolf, and what it sees: `python -m tests.benchmarks.monitor` (about four minutes).
+"""How often `monitor` cries wolf, and what it sees: `python -m tests.benchmarks.monitor` (about ten minutes).
 
 The first tables judge values drawn from the covariance of a real fit, plus a scatter of the machine between cycles:
 none, the same for all, one quantity that scatters a hundred times more (a scale in a shop without climate), and one
@@ -128,12 +128,12 @@ def main(seeds: int = 1000) -> None:
     machine, fit, what = mill()
     shape = measured(what, fit).covariance
     shape = shape[:-1, :-1]  # of the groups: the scatter's logarithm is one more of their kind
-    print(f"{machine.name}: {len(shape)} quantities, {seeds} seeds")
+    print(f"{machine.name}: {len(shape)} quantities, {3 * seeds} seeds, {seeds // 4} for power")
     print(
         f"\nfalse alarms, % of cycles (promised: at most 1)\n{'earlier cycles':20}" + "".join(f"{n:8}" for n in COUNTS)
     )
     for name, scatter in scatters(shape).items():
-        rates = [100 * rate_of(quiet(shape, scatter, n), seeds) for n in COUNTS]
+        rates = [100 * rate_of(quiet(shape, scatter, n), 3 * seeds) for n in COUNTS]
         print(f"{name:20}" + "".join(f"{r:8.2f}" for r in rates), flush=True)
     for shift in SHIFTS:
         print(f"\nfound, %: one quantity moved by {shift:g} standard deviations of its cycles")
