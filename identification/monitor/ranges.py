@@ -1,7 +1,8 @@
 """Whether a new cycle lies within what earlier ones taught: one quantity, all together, and slowly adding up.
 
-Each test is exact, or errs towards silence, for any scatter between cycles, however few they are. The rate of false
-alarms is shared out: half to single quantities (Bonferroni over them), a quarter to drift, an eighth to all together.
+The first and the last are exact for any scatter between cycles that is normal and independent, however few they are;
+the second is approximate, with room left for it. The rate of false alarms is shared out: half to single quantities
+(Bonferroni over them), a quarter to drift, a twentieth to all together.
 
 - One quantity: the prediction interval of the next value, Student's t with the degrees of freedom of the cycles; a
   cycle known less well than the earlier ones has its interval widened by the difference.
@@ -23,7 +24,7 @@ from identification.monitor.watched import Cycle
 
 FEWEST = 3  # earlier cycles: fewer span no range
 RATE = 0.01  # false alarms a cycle, in all
-SHARES = {"range": 0.5, "drift": 0.25, "together": 0.125}  # the F of all together is approximate: room is left
+SHARES = {"range": 0.5, "drift": 0.25, "together": 0.05}  # room is left: the F of all together is approximate
 MEMORY = 0.2  # weight of the newest cycle in the weighted mean
 FURTHEST = 4.0  # normal deviations that one cycle can add to a drift: an outlier is none
 TINY = 1e-30  # of any unit: values without scatter or uncertainty divide by it
