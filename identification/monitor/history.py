@@ -26,7 +26,8 @@ TABLES = """
 create table if not exists about (key text primary key, value text not null) strict;
 create table if not exists cycles (
   number integer primary key, digest text not null unique, source text not null, added text not null,
-  status text not null, accepted integer not null, flagged text not null, estimates text not null) strict;
+  status text not null, accepted integer not null, flagged text not null,
+  estimates blob not null, covariance blob not null) strict;
 """
 
 
@@ -60,14 +61,11 @@ class History:
         ]
 
     def _record(self, row: tuple[Any, ...]) -> Record:
-        number, digest, source, status, accepted, flagged, estimates = row
-        data = json.loads(estimates)
-        values, covariance = (np.array(data[name], dtype=float) for name in ("values", "covariance"))
-        if covariance.shape != (len(values), len(values)):
-            raise ValueError(f"cycle {number} is not whole")
-        return Record(
-            number, digest, source, status, bool(accepted), tuple(json.loads(flagged)), Cycle(values, covariance)
-        )
+        number, digest, source, status, accepted, flagged, estimates, covariance = row
+        values = np.frombuffer(estimates)
+        shape = (len(values), len(values))
+        cycle = Cycle(values, np.frombuffer(covariance).reshape(shape))
+        return Record(number, digest, source, status, bool(accepted), tuple(json.loads(flagged)), cycle)
 
     def find(self, digest: str) -> Record | None:
         return next((r for r in self.records if r.digest == digest), None)
@@ -75,18 +73,11 @@ class History:
     def add(self, record: Record) -> Record:
         """Store a cycle under the next number."""
         record = replace(record, number=1 + max((r.number for r in self.records), default=0))
-        estimates = {"values": _nulls(record.cycle.values), "covariance": _nulls(record.cycle.covariance)}
+        row = (record.number, record.digest, record.source, record.status, int(record.accepted))
+        numbers = (record.cycle.values.tobytes(), record.cycle.covariance.tobytes())
         self.connection.execute(
-            f"insert into cycles ({COLUMNS}, added) values (?, ?, ?, ?, ?, ?, ?, datetime())",
-            (
-                record.number,
-                record.digest,
-                record.source,
-                record.status,
-                int(record.accepted),
-                json.dumps(record.flagged),
-                json.dumps(estimates),
-            ),
+            f"insert into cycles ({COLUMNS}, added) values (?, ?, ?, ?, ?, ?, ?, ?, datetime())",
+            (*row, json.dumps(record.flagged), *numbers),
         )
         self.records.append(record)
         return record
@@ -99,14 +90,7 @@ class History:
         return new
 
 
-COLUMNS = "number, digest, source, status, accepted, flagged, estimates"
-
-
-def _nulls(values: Any) -> Any:
-    """Nested lists with None for NaN, as JSON has it."""
-    if isinstance(values, np.ndarray):
-        return [_nulls(v) for v in values]
-    return None if np.isnan(values) else float(values)
+COLUMNS = "number, digest, source, status, accepted, flagged, estimates, covariance"
 
 
 @contextmanager

@@ -6,6 +6,7 @@ import hashlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ import numpy as np
 from errormodel.arrays import Array
 from errormodel.exceptions import InputError
 from errormodel.survey import Survey
+from identification.diagnosis.bookkeeping import RESETS
 from identification.diagnosis.sanity import find_blunders
 from identification.fit.run import fit_machine
 from identification.monitor.history import SCHEMA, Record, opened
@@ -147,22 +149,27 @@ def _measure(stored: StoredFit, what: tuple[Watched, ...], survey: Survey) -> Cy
 
 
 def check_clock(survey: Survey) -> None:
-    """InputError at the first time stamp of a file and run that jumps back, or ahead by more than a day."""
+    """InputError at a time stamp that jumps: back into hours already told, or a day or more either way.
+
+    Rows that are in no order of time at all, or in whole pieces of another order, are no jump.
+    """
     if "time" not in survey.table:
         return
-    for (file, run), part in survey.table.groupby(["file", "run"], sort=False):
+    keys = [name for name in ("file", "run", "joint") if name in survey.table]
+    for _, part in survey.table.groupby(keys, sort=False):
         time: Array = part["time"].to_numpy(dtype=float)
         steps = np.diff(time)
-        if not len(steps):
-            continue
-        ahead = max(DAY, PAUSE * float(np.median(np.abs(steps))))
-        wrong = np.flatnonzero((steps < 0) | (steps > ahead))
-        if len(wrong):
-            at = int(wrong[0])
-            way = "back" if steps[at] < 0 else "ahead"
+        far = max(DAY, PAUSE * float(np.median(np.abs(steps)))) if len(steps) else DAY
+        falls = np.flatnonzero(steps < 0)
+        wrong = np.abs(steps) > far
+        spans = sorted((float(p.min()), float(p.max())) for p in np.split(time, falls + 1))
+        if len(falls) <= RESETS and any(after[0] <= before[1] for before, after in pairwise(spans)):
+            wrong[falls] = True
+        if wrong.any():
+            at = int(wrong.argmax())
             raise InputError(
-                f"{file}, row {part['row'].iloc[at + 1]}, column time",
-                f"the clock jumps {way} by {abs(steps[at]):.6g} s within run {run}",
+                f"{part['file'].iloc[0]}, row {part['row'].iloc[at + 1]}, column time",
+                f"the clock jumps {'back' if steps[at] < 0 else 'ahead'} by {abs(steps[at]):.6g} s",
                 "Correct the times, or give what follows a run of its own",
             )
 

@@ -50,21 +50,21 @@ def _draw(axes: Axes, what: Watched, k: int, records: Sequence[Record], judged: 
     low, high, mean = (what.shown(float(v[k])) for v in (judged.low, judged.high, judged.mean))
     last = max(r.number for r in records)
     points = [r for r in records if np.isfinite(r.cycle.values[k])]
-    ends = np.array([[what.shown(r.cycle.values[k] + s * 2 * r.cycle.std[k]) for s in (-1, 1)] for r in points])
+    numbers = np.array([r.number for r in points])
+    values = np.array([r.cycle.values[k] for r in points])
+    std = np.sqrt([r.cycle.covariance[k, k] for r in points])
+    bottom, here, top = (np.array([what.shown(v) for v in values + s * std]) for s in (-2, 0, 2))
     if np.isfinite(low):
         axes.axhspan(low, high, color=style.FITTED, alpha=0.12, lw=0)
         axes.axhline(mean, color=style.FITTED, lw=0.8, alpha=0.7)
-    for r, (bottom, top) in zip(points, ends, strict=True):
-        flagged = what.id in r.flagged
-        colour = ALARM if flagged else style.FITTED
-        axes.plot((r.number, r.number), (bottom, top), color=colour, lw=1.0, alpha=0.6)
-        marker = "D" if flagged else "o"
-        axes.plot(
-            r.number, what.shown(r.cycle.values[k]), marker, ms=3.8, mec=colour, mew=1.0,
-            mfc=colour if r.normal else "white",
-        )  # fmt: skip
+    flagged = np.array([what.id in r.flagged for r in points])
+    normal = np.array([r.normal for r in points])
+    for colour, marker, some in ((style.FITTED, "o", ~flagged), (ALARM, "D", flagged)):
+        axes.vlines(numbers[some], bottom[some], top[some], color=colour, lw=1.0, alpha=0.6)
+        for face, which in ((colour, some & normal), ("white", some & ~normal)):
+            axes.plot(numbers[which], here[which], marker, ms=3.8, mec=colour, mew=1.0, mfc=face)
     # a range that few cycles span is far wider than the values: it would leave them a line
-    around = np.array([ends.min(), ends.max()])
+    around = np.array([bottom.min(), top.max()])
     room = np.ptp(around) or 1.0
     if np.isfinite(low):
         around = np.array([min(around[0], max(low, around[0] - room)), max(around[1], min(high, around[1] + room))])
