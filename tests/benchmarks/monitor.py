@@ -70,8 +70,10 @@ def draws(rng: np.random.Generator, shape: Array, scatter: Array, n: int) -> Arr
     )
 
 
-def rate_of(alarms: Callable[[np.random.Generator], bool], seeds: int) -> float:
-    return float(np.mean([alarms(np.random.default_rng(seed)) for seed in range(seeds)]))
+def percent(alarms: Callable[[np.random.Generator], bool], draws: int, *cell: int) -> float:
+    """How often, in a cell of a table: each cell has random numbers of its own."""
+    rng = np.random.default_rng(cell)
+    return 100 * float(np.mean([alarms(rng) for _ in range(draws)]))
 
 
 def quiet(shape: Array, scatter: Array, n: int, shift: float = 0.0) -> Callable[[np.random.Generator], bool]:
@@ -124,27 +126,26 @@ def whole_way(machines: int, cycles: int) -> tuple[int, int]:
     return raised, judged
 
 
-def main(seeds: int = 1000) -> None:
+def main(draws: int = 4000) -> None:
     machine, fit, what = mill()
     shape = measured(what, fit).covariance
     shape = shape[:-1, :-1]  # of the groups: the scatter's logarithm is one more of their kind
-    print(f"{machine.name}: {len(shape)} quantities, {3 * seeds} seeds, {seeds // 4} for power")
-    print(
-        f"\nfalse alarms, % of cycles (promised: at most 1)\n{'earlier cycles':20}" + "".join(f"{n:8}" for n in COUNTS)
-    )
-    for name, scatter in scatters(shape).items():
-        rates = [100 * rate_of(quiet(shape, scatter, n), 3 * seeds) for n in COUNTS]
+    print(f"{machine.name}: {len(shape)} quantities; {draws} draws a cell, {draws // 10} for what is found")
+    print("\nfalse alarms, % of cycles (promised: at most 1)")
+    print(f"{'earlier cycles':20}" + "".join(f"{n:8}" for n in COUNTS))
+    for row, (name, scatter) in enumerate(scatters(shape).items()):
+        rates = [percent(quiet(shape, scatter, n), draws, row, n) for n in COUNTS]
         print(f"{name:20}" + "".join(f"{r:8.2f}" for r in rates), flush=True)
     for shift in SHIFTS:
         print(f"\nfound, %: one quantity moved by {shift:g} standard deviations of its cycles")
-        for name, scatter in scatters(shape).items():
-            rates = [100 * rate_of(quiet(shape, scatter, n, shift), seeds // 4) for n in COUNTS]
+        for row, (name, scatter) in enumerate(scatters(shape).items()):
+            rates = [percent(quiet(shape, scatter, n, shift), draws // 10, row, n, int(shift)) for n in COUNTS]
             print(f"{name:20}" + "".join(f"{r:8.1f}" for r in rates), flush=True)
     print(
         f"\na drift of {DRIFT:g} standard deviations a cycle: cycles until it is found (median), found in {DRIFTING}, %"
     )
     for n in (10, 20, 40):
-        times = [drift_seen(shape, 0 * shape[0], n)(np.random.default_rng(s)) for s in range(seeds // 40)]
+        times = [drift_seen(shape, 0 * shape[0], n)(np.random.default_rng(s)) for s in range(draws // 100)]
         print(f"after {n:3} quiet ones {np.nanmedian(times):8.0f}{100 * np.mean(np.isfinite(times)):8.0f}", flush=True)
     raised, judged = whole_way(10, 20)
     print(f"\nfrom rows to verdict: {raised} alarms in {judged} cycles of 10 quiet machines")
