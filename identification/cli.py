@@ -286,7 +286,8 @@ def predict(folder: Path, points: Path, out: Path) -> None:
     say(f"{len(result)} predictions written to {out}")
 
 
-from identification import cli_compensate, cli_thermal  # noqa: E402, F401  register their commands, after the others
+# Importing these registers their commands, after the others.
+from identification import cli_compensate, cli_monitor, cli_thermal  # noqa: E402, F401
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

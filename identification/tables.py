@@ -54,6 +54,24 @@ def description_lines(description: Description) -> Iterator[str]:
 def fit_lines(fit: Fit) -> Iterator[str]:
     """Residuals before and after, noise, and the groups that stand out."""
     yield f"{fit.chain.machine.name}: {len(fit.survey)} rows, {fit.solution.groups.rank} identifiable groups"
+    yield from _spread_lines(fit) if fit.fitted.n else _level_lines(fit)
+    if fit.inflation > 1:
+        yield f"residuals exceed the declared uncertainty: standard uncertainties are multiplied by {fit.inflation:.2f}"
+    yield from _outlier_lines(fit)
+    framed = [any(m.startswith(("frame.", "frame[", "zero[")) for m in p["members"]) for p in parameters(fit)]
+    listed = [p for p, shared in zip(parameters(fit), framed, strict=True) if not shared]
+    listed.sort(key=lambda p: -abs(p["value"]) / p["std"] if p["std"] else -np.inf)
+    yield "\nlargest in units of their uncertainty (all in parameters.csv)"
+    for p in listed[:12]:
+        factor, unit = printed(p["unit"])
+        value, std = factor * p["value"], factor * p["std"]
+        yield f"  {p['symbol']:6} {value:11.3f} +- {std:8.3f} {unit.replace('µ', 'u'):7} {p['group']}"
+    if any(framed):
+        yield f"  and {sum(framed)} groups of, or shared with, the measuring frame"
+
+
+def _spread_lines(fit: Fit) -> Iterator[str]:
+    """Sizes of the error of position, and the noise of a coordinate."""
     yield f"\n{'um':28}{'rms':>9}{'mean':>9}{'max':>9}{'n':>8}"
     rows: list[tuple[str, Spread]] = [
         ("nominal, best frame", fit.nominal),
@@ -68,19 +86,15 @@ def fit_lines(fit: Fit) -> Iterator[str]:
     tested = how == "declared" and fit.solution.dof > 0
     chi = f", reduced chi-square {fit.solution.chi2 / fit.solution.dof:.3f}" if tested else ""
     yield f"\nnoise of one coordinate {1e3 * fit.sigma_mm:.2f} um ({how}), {fit.solution.dof} degrees of freedom{chi}"
-    if fit.inflation > 1:
-        yield f"residuals exceed the declared uncertainty: standard uncertainties are multiplied by {fit.inflation:.2f}"
-    yield from _outlier_lines(fit)
-    framed = [any(m.startswith(("frame.", "frame[", "zero[")) for m in p["members"]) for p in parameters(fit)]
-    listed = [p for p, shared in zip(parameters(fit), framed, strict=True) if not shared]
-    listed.sort(key=lambda p: -abs(p["value"]) / p["std"] if p["std"] else -np.inf)
-    yield "\nlargest in units of their uncertainty (all in parameters.csv)"
-    for p in listed[:12]:
-        factor, unit = printed(p["unit"])
-        value, std = factor * p["value"], factor * p["std"]
-        yield f"  {p['symbol']:6} {value:11.3f} +- {std:8.3f} {unit.replace('µ', 'u'):7} {p['group']}"
-    if any(framed):
-        yield f"  and {sum(framed)} groups of, or shared with, the measuring frame"
+
+
+def _level_lines(fit: Fit) -> Iterator[str]:
+    """Noise by kind of reading, where error motions were measured and no position."""
+    for kind, sigma in fit.solution.sigma.items():
+        factor, unit = (1e3, "um") if kind == "displacement" else (1e6, "urad")
+        how = "as declared" if kind in fit.solution.declared else f"{factor * sigma:.3g} {unit} (from residuals)"
+        yield f"noise of a reading, {kind}: {how}"
+    yield f"{fit.solution.dof} degrees of freedom"
 
 
 def _outlier_lines(fit: Fit) -> Iterator[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from errormodel import __version__
 from errormodel.files import write_text_atomic
@@ -18,46 +19,57 @@ from identification.report.thermal import thermal_part
 from identification.report.trust import gain_part, outliers_part
 from identification.thermal.run import Thermal
 
-
-def write_report(fit: Fit, path: Path, diagnosed: Diagnosed | None = None, thermal: Thermal | None = None) -> None:
-    """Write the report of `fit` to `path`: HTML that holds all it shows; same fit, same bytes.
-
-    With a diagnosis or a thermal model, `fit` is that of the extended machine, and what was found comes first.
-    """
+if TYPE_CHECKING:
     import jinja2
 
-    environment = jinja2.Environment(
+
+def environment() -> jinja2.Environment:
+    """The templates, as every page takes them."""
+    import jinja2
+
+    return jinja2.Environment(
         loader=jinja2.PackageLoader("identification.report"),
         autoescape=True,  # names of machines, elements, runs and files are anybody's
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
+
+
+def write_report(fit: Fit, path: Path, diagnosed: Diagnosed | None = None, thermal: Thermal | None = None) -> None:
+    """Write the report of `fit` to `path`: HTML that holds all it shows; same fit, same bytes.
+
+    With a diagnosis or a thermal model, `fit` is that of the extended machine, and what was found comes first.
+    """
     groups = estimates(fit)
-    text = environment.get_template("report.html").render(
-        machine=fit.chain.machine.name,
-        headline=wording.headline(fit),
-        diagnosis=diagnosis_part(diagnosed) if diagnosed else None,
-        thermal=thermal_part(thermal) if thermal else None,
-        judgements=wording.judgements(fit),
-        notes=fit.notes,
-        results=tables.results(fit),
-        pictures=pictures(fit),
-        sections=tables.group_sections(groups),
-        counts=tables.counts(fit),
-        dependent=tables.dependent(fit),
-        no_effect=tables.no_effect(fit),
-        correlated=wording.strongest_correlation(fit),
-        effects=bool(fit.chain.machine.effects),
-        posterior=posterior_part(fit),
-        budget=budget_part(fit),
-        outliers=outliers_part(fit),
-        gain=gain_part(fit),
-        frames=tables.frames(fit),
-        frame_mode=fit.survey.frame,
-        noise=tables.noise(fit),
-        noise_text=wording.noise(fit),
-        inputs=tables.inputs(fit),
-        version=__version__,
+    text = (
+        environment()
+        .get_template("report.html")
+        .render(
+            machine=fit.chain.machine.name,
+            headline=wording.headline(fit),
+            diagnosis=diagnosis_part(diagnosed) if diagnosed else None,
+            thermal=thermal_part(thermal) if thermal else None,
+            judgements=wording.judgements(fit),
+            notes=fit.notes,
+            results=tables.results(fit),
+            pictures=pictures(fit),
+            sections=tables.group_sections(groups),
+            counts=tables.counts(fit),
+            dependent=tables.dependent(fit),
+            no_effect=tables.no_effect(fit),
+            correlated=wording.strongest_correlation(fit),
+            effects=bool(fit.chain.machine.effects),
+            posterior=posterior_part(fit),
+            budget=budget_part(fit),
+            outliers=outliers_part(fit),
+            gain=gain_part(fit),
+            frames=tables.frames(fit),
+            frame_mode=fit.survey.frame,
+            noise=tables.noise(fit),
+            noise_text=wording.noise(fit),
+            inputs=tables.inputs(fit),
+            version=__version__,
+        )
     )
     write_text_atomic(text, path)

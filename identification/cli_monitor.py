@@ -1,0 +1,42 @@
+"""The command that watches a machine from cycle to cycle."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from errormodel.exceptions import InputError
+from identification.console import ANY, FOLDER, command, say, show_notes, working
+
+
+@command
+@click.argument("folder", type=FOLDER)
+@click.argument("survey", type=ANY)
+@click.option("--accept", is_flag=True, help="Take this cycle into the normal range, alarm or not.")
+@click.option("--rate", type=float, default=0.01, show_default=True, help="Share of cycles with a false alarm.")
+def monitor(folder: Path, survey: Path, accept: bool, rate: float) -> None:
+    """Fit one more cycle (SURVEY) with the model in the FOLDER of a fit, and say what left its normal range.
+
+    The range is learned from the cycles before, which FOLDER/monitor.sqlite keeps; writes monitor.json and
+    monitor.html there.
+    """
+    from errormodel.files import write_text_atomic
+    from errormodel.survey import read_survey
+    from identification import store
+    from identification.monitor.lines import monitor_lines
+    from identification.monitor.run import monitored
+    from identification.report.monitor import write_monitor_page
+
+    if not 0 < rate < 0.5:
+        raise InputError("--rate", f"{rate:g}", "Write a share of cycles between 0 and 0.5, such as 0.01")
+    stored = store.load(folder)
+    with working("Reading"):
+        data = read_survey(survey, stored.chain.machine)
+    show_notes(data.notes)
+    with working("Fitting"), monitored(folder, stored, data, rate, accept) as result:
+        write_text_atomic(store.dumps(result.as_json()), folder / "monitor.json")
+        write_monitor_page(result, folder / "monitor.html")
+    for line in monitor_lines(result):
+        say(line)
+    say(f"\nReport: {folder / 'monitor.html'}")
