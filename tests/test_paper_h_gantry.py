@@ -150,4 +150,4 @@ def test_error_motions_alone_can_be_fitted_and_say_why_not_diagnosed(tmp_path: P
     assert run("fit", MACHINE, FOLDER / "motions.csv", "--out", tmp_path / "fit", "--quiet").code == 0
     result = run("diagnose", MACHINE, FOLDER / "motions.csv", "--out", tmp_path / "d")
     assert result.code == 2
-    assert "use `errormodel fit` for error motions" in result.err
+    assert "for error motions use `errormodel fit`" in result.err
