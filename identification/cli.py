@@ -286,7 +286,7 @@ def predict(folder: Path, points: Path, out: Path) -> None:
     say(f"{len(result)} predictions written to {out}")
 
 
-from identification import cli_compensate  # noqa: E402, F401  registers its command, after the others
+from identification import cli_compensate, cli_register  # noqa: E402, F401  register their commands, after the others
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
