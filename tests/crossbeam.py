@@ -103,7 +103,7 @@ def rotation_vector(matrix):
 
 
 def warm_up(position, minutes):
-    """Six thermal error motions (mm, rad) as the paper's figures have them: growing over half an hour, along the beam."""
+    """Six thermal error motions (mm, rad) as in the paper's figures: growing over half an hour and along the beam."""
     q, grown = (position - 350.0) / 1400.0, 1 - np.exp(-minutes / 28.0)
     shape = (
         6e-3 * np.sin(2.1 * q), 12e-3 + 38e-3 * q, 9e-3 * np.sin(np.pi * q),

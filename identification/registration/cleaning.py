@@ -68,7 +68,8 @@ def breaks(points: Array, lines: Lines) -> Mask:
     dx, dz = np.diff(ordered[:, 0]), np.abs(np.diff(ordered[:, 2]))
     strip = lines.spacing if lines.pitch < lines.spacing / 4 and _unordered(points, lines) else 0.0
     edge = (dx > GAP * max(lines.pitch, 1e-9)) | (dz > JUMP + STEEP * (np.abs(dx) + strip))
-    return lines.first | np.r_[True, edge]
+    before: Mask = lines.first | np.r_[True, edge]
+    return before
 
 
 def _unordered(points: Array, lines: Lines) -> bool:

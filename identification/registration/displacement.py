@@ -62,7 +62,7 @@ def displacement(cold: Array, surface: Surface, warm: Array) -> Displacement | N
     if not found:
         return None
     matrix, _ = min(found, key=lambda end: end[1])
-    end = _settled(surface, warm, matrix)
+    end = _settled(surface, warm, matrix, steps=2)  # which is already near by the width of the noise
     return None if end is None else _judged(surface, warm, end[0])
 
 
@@ -82,12 +82,12 @@ def _coarse(cold: Array, warm: Array) -> Array:
     return matrix
 
 
-def _settled(surface: Surface, points: Array, start: Array) -> tuple[Array, float] | None:
+def _settled(surface: Surface, points: Array, start: Array, steps: int = STEPS) -> tuple[Array, float] | None:
     """Gauss-Newton to the end: the displacement, and the robust spread of the heights; None where nothing overlaps."""
     from scipy.spatial.transform import Rotation
 
     matrix, spread = start, np.inf
-    for _ in range(STEPS):
+    for _ in range(steps):
         fit = _normal_equations(surface, points, matrix)
         if fit is None:
             return None
@@ -127,7 +127,7 @@ def _rows(surface: Surface, points: Array, matrix: Array) -> tuple[Array, Array,
 
 
 def _judged(surface: Surface, points: Array, matrix: Array) -> Displacement | None:
-    """What the displacement is worth: the noise of both scans, and how alike residuals are that lie beside each other."""
+    """What the displacement is worth: the noise of both scans, and how alike residuals beside each other are."""
     rows = _rows(surface, points, matrix)
     if rows is None:
         return None
@@ -136,7 +136,8 @@ def _judged(surface: Surface, points: Array, matrix: Array) -> Displacement | No
     scale = np.linalg.norm(design, axis=0)
     inverse = np.linalg.pinv((design / scale).T @ (design / scale), hermitian=True) / np.outer(scale, scale)
     # the cold surface's own error acts on all warm points around it alike
-    through = sum(_part(surface, moved[i : i + CHUNK], design[i : i + CHUNK]) for i in range(0, len(moved), CHUNK))
+    parts = range(0, len(moved), CHUNK)
+    through = np.sum([_part(surface, moved[i : i + CHUNK], design[i : i + CHUNK]) for i in parts], axis=0)
     cold = surface.sigma**2 * through.T @ surface.solve(through)
     covariance = inverse @ (sigma**2 * design.T @ design + cold) @ inverse
     covariance *= max(1.0, _alike(surface, moved, residual, sigma))

@@ -31,7 +31,7 @@ def six_of(matrix: Array) -> Array:
     """Inverse of :func:`pose`."""
     from scipy.spatial.transform import Rotation
 
-    return np.r_[matrix[:3, 3], Rotation.from_matrix(matrix[:3, :3]).as_euler("XYZ")]
+    return np.concatenate([matrix[:3, 3], Rotation.from_matrix(matrix[:3, :3]).as_euler("XYZ")])
 
 
 def error_motions(displaced: Array, mount: Array, lever: Array) -> Array:

@@ -5,9 +5,9 @@ circle of known centre, radius and height in the tool frame: Eqs. (5) to (9), by
 solved together, so that the tilt is that of Eq. (6) exactly and not beta itself.
 
 One pocket shows five of the six. A circle looks the same from all sides, so that in points of the sensor's own frame
-gamma cannot be seen. In profiles stacked along the machine's travel it can, as a shear that makes the circle an ellipse;
-but in these alpha cannot, which does not tilt such a stack. Which of the two a scan is, the ellipse tells. The angle that
-cannot be seen is taken as the 0 +- SQUARE of a careful fitter, and its uncertainty goes on with the others.
+gamma cannot be seen. In profiles stacked along the machine's travel it can, as a shear that makes the circle an
+ellipse; but in these alpha cannot, which does not tilt such a stack. Which of the two a scan is, the ellipse tells. The
+angle that cannot be seen is taken as the 0 +- SQUARE of a careful fitter, and its uncertainty goes on with the others.
 """
 
 from __future__ import annotations
@@ -55,7 +55,8 @@ class Mount:
         if not self.stacked:
             return points
         travel = pose(self.six)[1, :3]  # the machine's y in the sensor's axes
-        return points + points[:, 1:2] * (travel - np.array([0.0, 1.0, 0.0]))
+        turned: Array = points + points[:, 1:2] * (travel - np.array([0.0, 1.0, 0.0]))
+        return turned
 
 
 def given_mount(block: MountBlock) -> Mount:
@@ -121,7 +122,7 @@ def _edge(cloud: Array, radius: float, name: str) -> Array:
     ordered = cloud[lines.order]
     broken = np.flatnonzero(breaks(cloud, lines) & ~lines.first)
     upper = np.where(ordered[broken, 2] > ordered[broken - 1, 2], broken, broken - 1)
-    points = ordered[np.unique(upper)]
+    points: Array = ordered[np.unique(upper)]
     if len(points) >= FEWEST:
         points = points[_on_circle(points, radius)]
     if len(points) < FEWEST:
@@ -163,7 +164,7 @@ def _solve(edge: Array, tilt: float, tilt_std: float, block: CalibrationBlock, s
         radial, height = (gap[good] / size for gap, size in zip(gaps(six), sizes, strict=True))
         matrix = pose(six)
         slope = -matrix[2, 0] / matrix[2, 2]  # of a plane across the tool's z, along the sensor's x
-        return np.r_[radial, height, (slope - tilt) / tilt_std, six[3 if stacked else 5] / SQUARE]
+        return np.concatenate([radial, height, [(slope - tilt) / tilt_std, six[3 if stacked else 5] / SQUARE]])
 
     six = np.r_[centre[:2] - edge[:, :2].mean(axis=0), level - edge[:, 2].mean(), 0.0, np.arctan(tilt), 0.0]
     scale = np.r_[np.ones(3), np.full(3, 1e-3)]

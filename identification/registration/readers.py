@@ -75,7 +75,7 @@ def _ply(path: Path, name: str) -> Array:
 
 
 def _pcd(path: Path, name: str) -> Array:
-    from pypcd4 import PointCloud
+    from pypcd4.pypcd4 import PointCloud
 
     try:
         cloud = PointCloud.from_path(path)

@@ -16,7 +16,7 @@ from errormodel.arrays import Array, Mask
 from identification.registration.cleaning import cell_size
 
 CLIP = 5.0  # robust standard deviations beyond which a point is left out
-COARSEST, FINEST = 4, 96  # intervals along the longer side
+COARSEST, FINER = 4, (8, 16, 32, 64, 128)  # intervals along the longer side
 GAIN = 0.995  # of the cross-validated error: what makes finer knots worth it
 ROUNDS = 8
 SOME = 60_000  # points that choose the knots
@@ -34,8 +34,8 @@ class Surface:
     coefficients : (mx, my)
     sigma : float
         Standard deviation of a point's height, mm.
-    normal : sparse (m, m)
-        The normal equations' matrix, for the uncertainty of the surface.
+    factor : SuperLU
+        Of the normal equations' matrix (m, m), for the uncertainty of the surface.
     cell, seen : float, (cx, cy) bool
         Side of the cells of a grid, mm, and which of them have points all round.
     inliers : (n,) bool
@@ -44,7 +44,7 @@ class Surface:
     knots: tuple[Array, Array]
     coefficients: Array
     sigma: float
-    normal: Any
+    factor: Any
     cell: float
     seen: Mask
     inliers: Mask
@@ -68,11 +68,15 @@ class Surface:
         inside[inside] = self.seen[place[:, 0], place[:, 1]]
         return inside
 
+    @property
+    def score(self) -> float:
+        """The error that generalised cross-validation expects at other points, mm."""
+        used = int(np.count_nonzero(self.inliers))
+        return self.sigma * float(np.sqrt(used / max(used - self.coefficients.size, 1)))
+
     def solve(self, right: Array) -> Array:
         """The normal equations' solution for right-hand sides (m, k)."""
-        from scipy.sparse.linalg import splu
-
-        return np.asarray(splu(self.normal).solve(np.ascontiguousarray(right)))
+        return np.asarray(self.factor.solve(np.ascontiguousarray(right)))
 
     def slope_variance(self, xy: Array, k: int) -> Array:
         """Variance (n,) of the slope along x (k = 0) or y (1) that the noise of the points makes."""
@@ -81,7 +85,8 @@ class Surface:
         low, high = ([[t[0], t[-1]][end] for t in self.knots] for end in (0, 1))
         ahead, behind = (np.clip(xy + sign * step, low, high) for sign in (1, -1))
         slopes = (self.basis(ahead) - self.basis(behind)).T.toarray() / (ahead - behind)[:, k]
-        return self.sigma**2 * np.einsum("mn,mn->n", slopes, self.solve(slopes))
+        variance: Array = self.sigma**2 * np.einsum("mn,mn->n", slopes, self.solve(slopes))
+        return variance
 
 
 def fit_surface(points: Array) -> Surface:
@@ -89,23 +94,16 @@ def fit_surface(points: Array) -> Surface:
     cell, seen = _cells(points)
     some = points[:: max(1, len(points) // SOME)]
     longest = float(np.ptp(points[:, :2], axis=0).max())
-    best: tuple[float, Surface] | None = None
-    intervals = COARSEST
-    while intervals <= FINEST:
+    surface = _robust(some, _knots(points, longest / COARSEST), np.ones(len(some), dtype=np.bool_), cell, seen)
+    for intervals in FINER:
         spacing = longest / intervals
         knots = _knots(points, spacing)
-        if best is not None and (_count(knots) > len(some) / 8 or spacing < cell):
+        if _count(knots) > len(some) / 8 or spacing < cell:
             break
-        start = np.ones(len(some), dtype=np.bool_) if best is None else best[1].inliers
-        surface = _robust(some, knots, start, cell, seen)
-        used = int(np.count_nonzero(surface.inliers))
-        score = surface.sigma * float(np.sqrt(used / max(used - _count(knots), 1)))
-        if best is not None and score > GAIN * best[0]:
+        finer = _robust(some, knots, surface.inliers, cell, seen)
+        if finer.score > GAIN * surface.score:
             break
-        best = score, surface
-        intervals *= 2
-    assert best is not None
-    surface = best[1]
+        surface = finer
     if len(some) == len(points):
         return surface
     return _robust(points, surface.knots, inliers(points[:, 2] - surface.height(points[:, :2])), cell, seen)
@@ -116,13 +114,13 @@ def _robust(points: Array, knots: tuple[Array, Array], start: Mask, cell: float,
     good = start
     for _ in range(ROUNDS):
         used = good
-        coefficients, normal = _solved(points[used], knots)
-        surface = Surface(knots, coefficients, 0.0, normal, cell, seen, used)
+        coefficients, factor = _solved(points[used], knots)
+        surface = Surface(knots, coefficients, 0.0, factor, cell, seen, used)
         residual = points[:, 2] - surface.height(points[:, :2])
         good = inliers(residual)
         if np.count_nonzero(good != used) <= 1e-3 * len(good):
             break
-    free = max(np.count_nonzero(used) - _count(knots), 1)
+    free = max(int(np.count_nonzero(used)) - _count(knots), 1)
     return replace(surface, sigma=float(np.sqrt(np.sum(residual[used & good] ** 2) / free)))
 
 
@@ -146,7 +144,8 @@ def _solved(points: Array, knots: tuple[Array, Array]) -> tuple[Array, Any]:
         right += basis.T @ part[:, 2]
     normal = (normal + _STIFFNESS * len(points) / count * _roughness(knots)).tocsc()
     shape = tuple(len(t) - 4 for t in knots)
-    return splu(normal).solve(right).reshape(shape), normal
+    factor = splu(normal)
+    return factor.solve(right).reshape(shape), factor
 
 
 def _roughness(knots: tuple[Array, Array]) -> Any:
@@ -196,4 +195,4 @@ def _cells(points: Array) -> tuple[float, Mask]:
     full = np.zeros(place.max(axis=0) + 1, dtype=np.bool_)
     full[place[:, 0], place[:, 1]] = True
     closed = binary_closing(np.pad(full, 1))[1:-1, 1:-1]  # a single cell that outliers emptied is no hole
-    return cell, binary_erosion(closed, structure=np.ones((3, 3)), border_value=1)
+    return cell, binary_erosion(closed, structure=np.ones((3, 3), dtype=np.bool_), border_value=1)
