@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
+from pydantic import Field
+
+from errormodel.conventions import Motion, unit_of
 from errormodel.effects.base import Channels, Effect, EffectTerm, along
 from errormodel.effects.scene import Scene
 from errormodel.effects.shared import STEEL, Positive, joint_as, outward, settling, settling_times, start_of
+from errormodel.effects.travel import legendre, scaled, usual_size
 from errormodel.machine import Machine
 
 
 class WarmUp(Effect):
     """``(scale * position + growth) * (1 - exp(-(t - start)/tau))`` along the axis; without a joint, of the tool.
 
-    `tau` (s) is how fast it settles, `start` (s, as ``time`` counts) when it began. Positive: longer.
+    `tau` (s) is how fast it settles, `start` (s, as ``time`` counts) when it began. Positive: longer. With a `motion`
+    that one (mm, rad) grows, in Legendre polynomials of the joint's travel, -1 to 1, from the constant to `degree`.
     """
 
     effect: ClassVar[str] = "warm-up"
@@ -27,6 +32,8 @@ class WarmUp(Effect):
     joint: str | None = None
     tau: Positive = 1800.0
     start: float = 0.0
+    motion: Motion | None = None
+    degree: Annotated[int, Field(ge=0, le=8)] = 1
 
     @property
     def where(self) -> str:
@@ -42,6 +49,10 @@ class WarmUp(Effect):
             motion = {name: value * warm for name, value in outward(machine).items()}
             return [EffectTerm("tool", "growth", "mm", motion, 0.02)]
         joint = joint_as(machine, self.joint, "prismatic", self.effect)
+        if self.motion is not None:
+            unit, size, u = unit_of(self.motion), usual_size(self.motion), scaled(joint, channel(self.joint))
+            shapes = {"0": warm} | {str(n): legendre(n, u) * warm for n in range(1, self.degree + 1)}
+            return [EffectTerm(self.joint, label, unit, {self.motion: v}, size) for label, v in shapes.items()]
         return [
             EffectTerm(self.joint, "scale", "1", along(joint, channel(self.joint) * warm), 10 * STEEL),
             EffectTerm(self.joint, "growth", "mm", along(joint, warm), 0.02),
