@@ -20,6 +20,7 @@ COARSE = ((4.0, 1.0), (2.0, 0.5), (1.0, 0.25))  # voxels and thinning in mm, one
 REACH = 5.0  # mm between points that may belong together
 FEW = 30_000  # points for the first steps
 STEPS = 30
+ALIKE = 3.0  # times the noise of the cold points: a spread with which no other start need be tried
 LEAST_OVERLAP = 0.3  # of the warm points
 SEEN = 4.0  # times what noise would show, from which a direction is called seen
 PROBES = 200  # points at which the uncertainty of the slopes is looked at
@@ -57,8 +58,12 @@ class Displacement:
 def displacement(cold: Array, surface: Surface, warm: Array) -> Displacement | None:
     """The displacement from cold to warm points (n, 3), both cleaned; None if they do not come to lie on each other."""
     some = warm[:: max(1, len(warm) // FEW)]
-    starts = (_coarse(cold, warm), np.eye(4))
-    found = [end for start in starts if (end := _settled(surface, some, start)) is not None]
+    found = []
+    for start in (_coarse(cold, warm), np.eye(4)):
+        end = _settled(surface, some, start)
+        found += [] if end is None else [end]
+        if end is not None and end[1] < ALIKE * surface.sigma:
+            break
     if not found:
         return None
     matrix, _ = min(found, key=lambda end: end[1])
@@ -116,7 +121,8 @@ def _rows(surface: Surface, points: Array, matrix: Array) -> tuple[Array, Array,
     """Of the points over the surface: derivatives (n, 6) of the height over it, that height, and where they lie."""
     moved = points @ matrix[:3, :3].T + matrix[:3, 3]
     moved = moved[surface.covers(moved[:, :2])]
-    if len(moved) < LEAST_OVERLAP * len(points):
+    if len(moved) < ALIKE = 3.0  # times the noise of the cold points: a spread with which no other start need be tried
+LEAST_OVERLAP * len(points):
         return None
     residual = moved[:, 2] - surface.height(moved[:, :2])
     near = inliers(residual)

@@ -117,7 +117,7 @@ def _text(path: Path, name: str, profile: ProfileBlock | None) -> Array:
         raise InputError(name, "no line of numbers", "Write a point a line: x, y, z in mm")
     delimiter = next((d for d in ";\t," if d in lines[skip]), r"\s+")
     decimal = "," if delimiter in (";", "\t") and "," in lines[skip] else "."
-    width = max(len(_split(line, delimiter)) for line in lines[skip : skip + 20])
+    width = len(_split(lines[skip], delimiter))
     try:
         table = pd.read_csv(
             path,
@@ -134,7 +134,7 @@ def _text(path: Path, name: str, profile: ProfileBlock | None) -> Array:
         )
     except (ValueError, pd.errors.ParserError) as error:
         raise _bad_cell(path, name, skip, delimiter, decimal, width, error) from error
-    values = table.dropna(axis=1, how="all").to_numpy() if width <= 4 else table.to_numpy()
+    values = table.to_numpy()
     if width >= WIDE:
         return _matrix(values, name, profile)
     return _columns(name, _named(values, name, lines[:skip], delimiter))
