@@ -121,8 +121,7 @@ def _rows(surface: Surface, points: Array, matrix: Array) -> tuple[Array, Array,
     """Of the points over the surface: derivatives (n, 6) of the height over it, that height, and where they lie."""
     moved = points @ matrix[:3, :3].T + matrix[:3, 3]
     moved = moved[surface.covers(moved[:, :2])]
-    if len(moved) < ALIKE = 3.0  # times the noise of the cold points: a spread with which no other start need be tried
-LEAST_OVERLAP * len(points):
+    if len(moved) < LEAST_OVERLAP * len(points):
         return None
     residual = moved[:, 2] - surface.height(moved[:, :2])
     near = inliers(residual)
