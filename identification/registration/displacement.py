@@ -23,7 +23,7 @@ STEPS = 30
 ALIKE = 3.0  # times the noise of the cold points: a spread with which no other start need be tried
 LEAST_OVERLAP = 0.3  # of the warm points
 SEEN = 4.0  # times what noise would show, from which a direction is called seen
-PROBES = 200  # points at which the uncertainty of the slopes is looked at
+PROBES = 50  # points at which the uncertainty of the slopes is looked at
 SHIFTS_AND_TURNS = ("shift along x", "shift along y", "shift along z", "turn about x", "turn about y", "turn about z")
 BLOCK = 32  # cells a side in which residuals are averaged, to see whether they are alike beside each other
 
