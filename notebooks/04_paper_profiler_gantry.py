@@ -136,8 +136,8 @@ assert np.abs(1e6 * np.cross(d_turn, turn) - wrong_by(lever)[3:]).max() < 0.003
 # ## The experiment
 #
 # Eight artefacts from Y = 350 mm, nine times up to 180 min, 0.5 µm of repeatability, outliers and stray light. So that
-# this page is quick, a profile has every tenth of its 3200 points and there are 50 profiles, a twentieth of the points of
-# `python -m tests.benchmarks.registration`; uncertainties are four to five times as large.
+# this page is quick, a profile has every tenth of its 3200 points and there are 50 profiles: a twentieth of the points
+# of `python -m tests.benchmarks.registration`, and four to five times its uncertainties.
 
 # %%
 X, Y = (np.arange(320) - 160) * 10 * sim.PITCH, np.arange(-20, 20, 0.8)

@@ -12,6 +12,8 @@ from errormodel.conventions import MOTIONS
 from errormodel.machine import EffectSpec, Joint
 from errormodel.schema import read_machine
 from errormodel.survey import read_survey
+from identification.compensation.volume import levels
+from identification.diagnosis.carried import as_points
 from identification.fit.run import fit_machine
 from identification.registration.motions import error_motions, pose
 from identification.registration.run import register
@@ -267,3 +269,28 @@ def test_times_and_labels(clouds, tmp_path):
     assert wrong.code == 2
     assert "1 times for 2 WARM folders" in wrong.err
     assert not (tmp_path / "no.csv").exists()
+
+
+def test_error_motions_as_points_to_diagnose(tmp_path):
+    """Points that the joint carries, by the machine's exact kinematics; the components show each motion once."""
+    machine = read_machine("gantry_crossbeam_ram")
+    motions = np.array([0.02, -0.03, 0.01, 2e-5, -1e-5, 3e-5])
+    row = {"joint": "Y", "Y": 700.0, "run": "a", "time": 60.0, **dict(zip(MOTIONS, motions, strict=True))}
+    u = {f"u_{m}": 1e-3 if m.startswith("d") else 1e-7 for m in MOTIONS}
+    pd.DataFrame([row | u]).to_csv(tmp_path / "y.csv", index=False)
+    survey = as_points(machine, read_survey(tmp_path / "y.csv", machine))
+    assert (survey.frame, survey.motions_of, len(survey)) == ("fixed", "Y", 3)
+    for i, point in enumerate(survey.tool):
+        carried = np.r_[-900.0, 0.0, -500.0 - 1900.0] + point  # in Y's frame, with Z in the middle of its travel
+        exact = np.r_[2000.0, 700.0, 3200.0] + (sim.pose(motions) @ np.r_[carried, 1.0])[:3]
+        seen = np.isfinite(survey.measured[i])
+        assert seen.sum() == 3 - i
+        assert np.abs(survey.measured[i] - exact)[seen].max() < 1e-5
+    assert np.isclose(survey.table["sigma_y"][0], np.hypot(1e-3, 1e-7 * np.hypot(900, 2551)), rtol=1e-6)
+
+
+def test_one_set_of_tables_for_each_time_of_a_warm_up():
+    table = pd.DataFrame({"time": np.repeat([420.0, 900.0, 1800.0], 8), "Y": np.tile(np.arange(8.0), 3)})
+    assert levels(table, ["time"]) == [{"time": 420.0}, {"time": 900.0}, {"time": 1800.0}]
+    assert levels(table, []) == [{}]
+    assert levels(table.assign(time=np.arange(24.0)), ["time"]) == [{}]

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from errormodel.arrays import Array, Mask
-from identification.registration.cleaning import cell_size
+from identification.registration.cleaning import cell_size, lines_of
 
 CLIP = 5.0  # robust standard deviations beyond which a point is left out
 COARSEST, FINER = 4, (8, 16, 32, 64, 128)  # intervals along the longer side
@@ -93,12 +93,12 @@ def fit_surface(points: Array) -> Surface:
     """The smooth surface of cleaned points (n, 3), mm: knots from some of the points, coefficients from all."""
     cell, seen = _cells(points)
     some = points[:: max(1, len(points) // SOME)]
+    apart = 1.25 * lines_of(points).spacing  # so that profiles determine the coefficients
     longest = float(np.ptp(points[:, :2], axis=0).max())
-    surface = _robust(some, _knots(points, longest / COARSEST), np.ones(len(some), dtype=np.bool_), cell, seen)
+    surface = _robust(some, _knots(points, longest / COARSEST, apart), np.ones(len(some), dtype=np.bool_), cell, seen)
     for intervals in FINER:
-        spacing = longest / intervals
-        knots = _knots(points, spacing)
-        if _count(knots) > len(some) / 8 or spacing < cell:
+        knots = _knots(points, longest / intervals, apart)
+        if _count(knots) > len(some) / 8:
             break
         finer = _robust(some, knots, surface.inliers, cell, seen)
         if finer.score > GAIN * surface.score:
@@ -161,11 +161,12 @@ def _roughness(knots: tuple[Array, Array]) -> Any:
     return parts[0] + parts[1]
 
 
-def _knots(points: Array, spacing: float) -> tuple[Array, Array]:
+def _knots(points: Array, spacing: float, apart: float) -> tuple[Array, Array]:
+    """Knots so far apart, mm; along y at least `apart`."""
     low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
     both = []
-    for a, b in zip(low, high, strict=True):
-        n = max(round((b - a) / spacing), 1)
+    for a, b, least in zip(low, high, (0.0, apart), strict=True):
+        n = max(round((b - a) / max(spacing, least)), 1)
         both.append(np.r_[[a] * 3, np.linspace(a, b, n + 1), [b] * 3])
     return both[0], both[1]
 
