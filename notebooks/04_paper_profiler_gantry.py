@@ -193,11 +193,11 @@ assert np.mean(np.abs(gap) < 1.96 * u) > 0.85  # all nine times share the noise 
 # The paper's Figs. 10 and 11, with bars of two standard uncertainties; lines are the truth.
 
 # %%
-figure = plt.figure(figsize=(style.WIDTH, 4.6))
+figure = plt.figure(figsize=(style.WIDTH, 4.9))
 shades = plt.get_cmap("plasma")(np.linspace(0.05, 0.85, len(sim.MINUTES)))
 along = np.linspace(350, 1750, 60)
 for k, motion in enumerate(MOTIONS):
-    axes = style.panel(figure, 0.6 + 2.55 * (k % 3), 2.75 - 2.2 * (k // 3), 1.95, 1.45)
+    axes = style.panel(figure, 0.6 + 2.55 * (k % 3), 3.1 - 2.2 * (k // 3), 1.95, 1.45)
     for minutes, shade in zip(sim.MINUTES, shades, strict=True):
         own = table[table["time"] == 60 * minutes]
         bars = 2 * MICRO[k] * own[f"u_{motion}"]
@@ -206,7 +206,15 @@ for k, motion in enumerate(MOTIONS):
         )
         axes.plot(along, [MICRO[k] * sim.warm_up(q, minutes)[k] for q in along], lw=0.6, color=shade)
     style.dress(axes, "Y / mm" if k > 2 else "", ("µm", "µrad")[k // 3] if k % 3 == 0 else "", iso_symbol("Y", motion))
-figure.legend(*axes.get_legend_handles_labels(), loc="lower center", fontsize=style.SMALL, frameon=False, ncols=9)
+figure.legend(
+    *axes.get_legend_handles_labels(),
+    loc="lower center",
+    fontsize=style.SMALL,
+    frameon=False,
+    ncols=9,
+    columnspacing=0.6,
+    handletextpad=0,
+)
 figure
 
 # %% [markdown]

@@ -16,7 +16,7 @@ from errormodel.exceptions import InputError
 
 NEIGHBOURS = 8
 FAR = 3.0  # standard deviations of the mean distance to the neighbours
-EDGE = 20  # points of a profile beside an edge
+EDGE, EDGE_POINTS = 0.25, 20  # mm beside an edge along a profile, and points at most
 GAP = 10.0  # spacings without a point that make an edge
 JUMP = 0.1  # mm of height from a point to the next that make an edge, beside a slope of STEEP
 STEEP = 2.0
@@ -111,12 +111,13 @@ def _lonely(points: Array) -> Mask:
 
 
 def _beside_edges(points: Array) -> Mask:
-    """Points less than EDGE places from an edge along their profile; never more than a tenth of it at either end."""
+    """Points less than EDGE from an edge along their profile; never more than a tenth of it at either end."""
     lines = lines_of(points)
     edge = np.flatnonzero(breaks(points, lines))
     sizes = np.diff(np.r_[edge, len(points)])
     place = np.arange(len(points)) - np.repeat(edge, sizes)
-    margin = np.minimum(EDGE, np.repeat(sizes, sizes) // 10)
+    most = int(np.clip(np.ceil(EDGE / max(lines.pitch, 1e-9)), 1, EDGE_POINTS))
+    margin = np.minimum(most, np.repeat(sizes, sizes) // 10)
     beside = np.empty(len(points), dtype=np.bool_)
     beside[lines.order] = (place < margin) | (place >= np.repeat(sizes, sizes) - margin)
     return beside
