@@ -4,7 +4,7 @@ Coarse: VGICP of small_gicp, which matches the distributions of points in voxels
 all warm points over the cold surface (Chen and Medioni 1992, point to plane, with the plane replaced by the surface).
 The fine steps of point-cloud libraries match single points, whose spacing and noise they then carry: small_gicp 1.0.1's
 PLANE_ICP weighs the components of a gap by those of the normal instead of projecting it, and stays micrometres to
-hundreds of micrometres off; the surface is within a fifth of what the noise allows (tests/benchmarks/registration.py).
+hundreds of micrometres off; the surface is within a tenth of what the noise allows (tests/benchmarks/registration.py).
 """
 
 from __future__ import annotations
