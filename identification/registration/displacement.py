@@ -16,7 +16,7 @@ import numpy as np
 from errormodel.arrays import Array
 from identification.registration.surface import CHUNK, Surface, inliers
 
-COARSE = ((4.0, 1.0), (2.0, 0.5), (1.0, 0.25))  # voxels and thinning in mm, one after the other
+COARSE = ((4.0, 1.0), (2.0, 0.5))  # voxels and thinning in mm, one after the other
 REACH = 5.0  # mm between points that may belong together
 FEW = 30_000  # points for the first steps
 STEPS = 30
