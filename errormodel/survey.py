@@ -60,6 +60,8 @@ class Survey:
         Warnings to print.
     budget : tuple of BudgetEntry
         What the user knows of uncertainties that the data do not show.
+    motions_of : str
+        The joint whose error motions the points of this survey stand for; empty where they were measured as points.
     """
 
     table: pd.DataFrame
@@ -69,6 +71,7 @@ class Survey:
     source: Path
     notes: tuple[str, ...] = ()
     budget: tuple[BudgetEntry, ...] = ()
+    motions_of: str = ""
 
     def __len__(self) -> int:
         return len(self.table)

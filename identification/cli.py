@@ -287,7 +287,7 @@ def predict(folder: Path, points: Path, out: Path) -> None:
 
 
 # Importing these registers their commands, after the others.
-from identification import cli_compensate, cli_monitor, cli_thermal  # noqa: E402, F401
+from identification import cli_compensate, cli_monitor, cli_register, cli_thermal  # noqa: E402, F401
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -143,7 +143,7 @@ def build(
     motion_views, zeros = _motion_views(chain, survey, joint)
     if ids is None:
         views += motion_views
-        free += zeros
+        free += zeros if survey.frame != "fixed" else []  # fixed: measured from the machine's own zero
         declared |= _stated(survey, motion_views)
     if not views:
         raise InputError(str(survey.source), "no row holds a measured value", "Give mx my mz in at least one row")

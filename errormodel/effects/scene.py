@@ -19,12 +19,18 @@ MOVED = 0.003  # of the travel
 class Scene:
     """A machine and the columns of a survey of it, each (n,), in mm, rad, s, degC.
 
-    `stations` are where its instrument may have stood, in the reference's axes, mm.
+    `stations` are where its instrument may have stood, in the reference's axes, mm. `motions_of` is the one joint
+    whose error motions were measured, so that nothing else can be at fault.
     """
 
     machine: Machine
     columns: Mapping[str, Array]
     stations: tuple[Vector, ...] = ((0.0, 0.0, 0.0),)
+    motions_of: str = ""
+
+    def shows(self, where: str) -> bool:
+        """Whether an effect at this place would be seen."""
+        return self.motions_of in ("", where)
 
     def varies(self, name: str) -> bool:
         """Whether a channel is there, complete, and not constant."""

@@ -3,18 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import ClassVar
+from itertools import product
+from typing import Annotated, ClassVar, Literal
 
+from pydantic import Field
+
+from errormodel.conventions import MOTIONS, Motion, unit_of
 from errormodel.effects.base import Channels, Effect, EffectTerm, along
 from errormodel.effects.scene import Scene
 from errormodel.effects.shared import STEEL, Positive, joint_as, outward, settling, settling_times, start_of
+from errormodel.effects.travel import legendre, scaled, usual_size
 from errormodel.machine import Machine
 
 
 class WarmUp(Effect):
     """``(scale * position + growth) * (1 - exp(-(t - start)/tau))`` along the axis; without a joint, of the tool.
 
-    `tau` (s) is how fast it settles, `start` (s, as ``time`` counts) when it began. Positive: longer.
+    `tau` (s) is how fast it settles, `start` (s, as ``time`` counts) when it began. Positive: longer. With a `motion`
+    that one (mm, rad) grows, or all six do, in Legendre polynomials of the joint's travel, -1 to 1, from the constant
+    to `degree`.
     """
 
     effect: ClassVar[str] = "warm-up"
@@ -27,6 +34,8 @@ class WarmUp(Effect):
     joint: str | None = None
     tau: Positive = 1800.0
     start: float = 0.0
+    motion: Motion | Literal["all"] | None = None
+    degree: Annotated[int, Field(ge=0, le=8)] = 1
 
     @property
     def where(self) -> str:
@@ -42,6 +51,14 @@ class WarmUp(Effect):
             motion = {name: value * warm for name, value in outward(machine).items()}
             return [EffectTerm("tool", "growth", "mm", motion, 0.02)]
         joint = joint_as(machine, self.joint, "prismatic", self.effect)
+        if self.motion is not None:
+            u = scaled(joint, channel(self.joint))
+            shapes = {"0": warm} | {str(n): legendre(n, u) * warm for n in range(1, self.degree + 1)}
+            return [
+                EffectTerm(self.joint, label, unit_of(motion), {motion: value}, usual_size(motion))
+                for motion in (MOTIONS if self.motion == "all" else (self.motion,))
+                for label, value in shapes.items()
+            ]
         return [
             EffectTerm(self.joint, "scale", "1", along(joint, channel(self.joint) * warm), 10 * STEEL),
             EffectTerm(self.joint, "growth", "mm", along(joint, warm), 0.02),
@@ -53,3 +70,6 @@ class WarmUp(Effect):
             for joint in (*(j.name for j in scene.prismatic), None):
                 for tau in settling_times(scene):
                     yield cls(joint=joint, tau=tau, start=start_of(scene))
+            if scene.motions_of in {j.name for j in scene.prismatic}:  # beside its cold state, at the time 0
+                for tau, degree in product(settling_times(scene), range(4)):
+                    yield cls(joint=scene.motions_of, tau=tau, motion="all", degree=degree)

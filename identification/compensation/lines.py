@@ -30,7 +30,7 @@ def compensation_lines(result: Compensation, folder: Path) -> Iterator[str]:
     for stated in result.sets:
         yield ""
         if stated.label:
-            yield "at " + ", ".join(f"{k} = {v:.1f} degC" for k, v in stated.state.items())
+            yield "at " + ", ".join(f"{k} = {v:.1f} {'s' if k == 'time' else 'degC'}" for k, v in stated.state.items())
         for figures in stated.figures:
             yield from figure_lines(figures, setup)
     yield ""

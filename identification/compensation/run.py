@@ -134,7 +134,7 @@ def compensate(
     if isinstance(controller, Controller):
         controller.suits(setup)
     channels = [root(c) for c in field.chain.channels]
-    states = levels(table, [c for c in channels if c.startswith("T_")])
+    states = levels(table, channels)
     sets = []
     for state in states:
         here = Volume(field.at(state), volume.low, volume.high, volume.free)
@@ -146,14 +146,20 @@ def compensate(
                 sets.append(_rewritten(controller, setup, here, held, label, state, program, seed))
     tests: dict[str, str] = {}
     thermal: dict[str, str] = {}
-    if isinstance(controller, Controller) and len(sets) > 1:
+    if isinstance(controller, Controller) and len(sets) > 1 and "time" not in states[0]:
         thermal = controller.thermal([(s.state, s.tables) for s in sets], setup)
     if isinstance(controller, Controller) and controller.doubt and sets[0].tables:
         tests = sign_test(controller, setup, [t.term for t in sets[0].tables])
     usual = sets[len(sets) // 2]
     advice = mechanical_advice(volume, usual.figures[0].before.rms_um)
     return Compensation(
-        controller, setup, sets, tests, thermal, advice, (*notes, *_notes(volume, setup, channels, held))
+        controller,
+        setup,
+        sets,
+        tests,
+        thermal,
+        advice,
+        (*notes, *_notes(volume, setup, [c for c in channels if c not in states[0]], held)),
     )
 
 

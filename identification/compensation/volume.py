@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 MOVED = 0.003  # of the travel: a joint that moved less was not surveyed
 CORNERS = 64
+MOST_TIMES = 16  # of a warm-up that have tables of their own
 TOLERANCE = 0.005  # of the largest correction: what straight lines between points may leave
 INTERVALS = (1, 2, 3, 4, 6, 8, 10, 12, 16, 20, 24, 32, 40, 48, 64, 96, 128, 192, 256, 384, 512, 1024)
 
@@ -197,10 +198,15 @@ def axis_letters(joints: tuple[object, ...], along: Array) -> list[str]:
 
 
 def levels(table: pd.DataFrame, channels: list[str]) -> list[dict[str, float]]:
-    """States of the machine to make tables for: of rows that were cool, middling and warm; one where nothing varied."""
-    known = [c for c in channels if c in table and np.ptp(table[c].dropna().to_numpy(dtype=np.float64)) > 1.0]
+    """States of the machine to make tables for: of rows that were cool, middling and warm; one where nothing varied.
+
+    Of a warm-up that was measured at a few times, one for each of them.
+    """
+    warmth = [c for c in channels if c.startswith("T_") and c in table]
+    known = [c for c in warmth if np.ptp(table[c].dropna().to_numpy(dtype=np.float64)) > 1.0]
     if not known:
-        return [{}]
+        times = np.unique(table["time"].dropna()) if "time" in channels and "time" in table else np.zeros(0)
+        return [{"time": float(t)} for t in times] if 1 < len(times) <= MOST_TIMES else [{}]
     full = table[known].dropna()
     order = full.mean(axis=1).sort_values(kind="stable").index
     picked = [order[round(share * (len(order) - 1))] for share in (0.05, 0.5, 0.95)]

@@ -46,7 +46,8 @@ class Candidates:
     def of(cls, bench: Workbench, effects: Sequence[Effect] | None = None) -> Candidates:
         """All proposals of the library (or the given ones) whose channels the survey has."""
         if effects is None:
-            effects = [e for kind in registry().values() for e in kind.proposals(bench.scene)]
+            scene = bench.scene
+            effects = [e for kind in registry().values() for e in kind.proposals(scene) if scene.shows(e.where)]
         stacks: dict[tuple[bool, int], _Stack] = {}
         kept: list[Effect] = []
         for alike in _alike(effects):

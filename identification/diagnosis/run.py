@@ -14,6 +14,7 @@ from errormodel.machine import EffectSpec, Machine
 from errormodel.survey import Survey
 from identification.diagnosis.blunder import Blunder, listed
 from identification.diagnosis.candidates import Candidates, Scores
+from identification.diagnosis.carried import as_points
 from identification.diagnosis.choosing import Step
 from identification.diagnosis.findings import (
     Diagnosis,
@@ -72,6 +73,7 @@ def diagnose(machine: Machine, survey: Survey, tell: Tell = silent) -> Diagnosed
     InputError
         The survey has nothing to fit, or no row with a measured position.
     """
+    survey = as_points(machine, survey)
     if not np.isfinite(survey.fit.measured).any():
         nothing = "no row to fit has a measured position, which the diagnosis works on"
         cure = (
@@ -155,7 +157,7 @@ def _try(machine: Machine, survey: Survey) -> Fit | None:
 def _without_outliers(machine: Machine, survey: Survey, fit: Fit) -> tuple[Survey, Fit, Mask]:
     """The survey without what was measured in gross rows, its fit, and those rows (mask over the rows to fit)."""
     bad = np.zeros(len(fit.survey), dtype=bool)
-    for _ in range(3):  # gross rows hide smaller ones
+    for _ in range(0 if survey.motions_of else 3):  # gross rows hide smaller ones; error motions were judged before
         more = gross_rows(fit) & ~bad
         if not more.any():
             break

@@ -46,7 +46,8 @@ def unseen(scene: Scene, tried: Sequence[Effect], scores: Scores) -> list[Untest
             continue
         possible: dict[Variant, list[Effect]] = {}
         for effect in kind.proposals(full_scene(scene)):
-            possible.setdefault(variant_of(effect), []).append(effect)
+            if scene.shows(effect.where):
+                possible.setdefault(variant_of(effect), []).append(effect)
         reasons: dict[str, list[str]] = {}
         both = len({changes for _, _, changes in possible}) > 1
         for variant, effects in possible.items():

@@ -203,7 +203,8 @@ def set_up(fit: Fit) -> Workbench:
     names = chain.element_names
     # a member called "frame" goes before the measuring frame, as in the chain
     arms_of = {n: stacked[6 * k : 6 * k + 6][:, live] for k, n in enumerate(names)}
-    scene = Scene(chain.machine, _scene_columns(fit.survey, table, chain), _stations(fit))
+    seen_columns = _scene_columns(fit.survey, table, chain)
+    scene = Scene(chain.machine, seen_columns, _stations(fit), fit.survey.motions_of)
     return Workbench(chain, residual - q @ (q.T @ residual), q, arms_of, _Lazy(table, rows[live]), rows[live], scene)
 
 

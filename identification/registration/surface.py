@@ -1,0 +1,199 @@
+"""The cold surface as a smooth function z(x, y) of the sensor's frame, with its slopes and its uncertainty.
+
+A tensor product of cubic B-splines, fitted by least squares to all points, robustly; the knots are as fine as the
+points themselves ask for by generalised cross-validation. The mean over many points is what makes the registration
+more accurate than the noise of one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from errormodel.arrays import Array, Mask
+from identification.registration.cleaning import cell_size, lines_of
+
+CLIP = 5.0  # robust standard deviations beyond which a point is left out
+COARSEST, FINER = 4, (8, 16, 32, 64, 128)  # intervals along the longer side
+GAIN = 0.995  # of the cross-validated error: what makes finer knots worth it
+ROUNDS = 8
+SOME = 60_000  # points that choose the knots
+CHUNK = 200_000  # points at a time
+_STIFFNESS = 1e-7  # of the second differences, so that coefficients without points are smooth too
+
+
+@dataclass(frozen=True)
+class Surface:
+    """A surface that was fitted to points.
+
+    Attributes
+    ----------
+    knots : tuple of two arrays
+    coefficients : (mx, my)
+    sigma : float
+        Standard deviation of a point's height, mm.
+    factor : SuperLU
+        Of the normal equations' matrix (m, m), for the uncertainty of the surface.
+    cell, seen : float, (cx, cy) bool
+        Side of the cells of a grid, mm, and which of them have points all round.
+    inliers : (n,) bool
+    """
+
+    knots: tuple[Array, Array]
+    coefficients: Array
+    sigma: float
+    factor: Any
+    cell: float
+    seen: Mask
+    inliers: Mask
+
+    def height(self, xy: Array, nu: tuple[int, int] = (0, 0)) -> Array:
+        """Heights (n,) in mm at points (n, 2), or their derivatives."""
+        from scipy.interpolate import NdBSpline
+
+        spline = NdBSpline(self.knots, self.coefficients, 3)
+        return np.concatenate([spline(part, nu=nu) for part in _chunks(xy)])
+
+    def basis(self, xy: Array) -> Any:
+        """Sparse (n, m): the B-splines at points (n, 2)."""
+        return _basis(xy, self.knots)
+
+    def covers(self, xy: Array) -> Mask:
+        """Whether the surface was measured all round a point (n, 2)."""
+        low, high = np.array([[t[0], t[-1]] for t in self.knots]).T
+        inside: Mask = ((xy >= low) & (xy <= high)).all(axis=1)
+        place = np.floor((xy[inside] - low) / self.cell).astype(np.intp)
+        inside[inside] = self.seen[place[:, 0], place[:, 1]]
+        return inside
+
+    @property
+    def score(self) -> float:
+        """The error that generalised cross-validation expects at other points, mm."""
+        used = int(np.count_nonzero(self.inliers))
+        return self.sigma * float(np.sqrt(used / max(used - self.coefficients.size, 1)))
+
+    def solve(self, right: Array) -> Array:
+        """The normal equations' solution for right-hand sides (m, k)."""
+        return np.asarray(self.factor.solve(np.ascontiguousarray(right)))
+
+    def slope_variance(self, xy: Array, k: int) -> Array:
+        """Variance (n,) of the slope along x (k = 0) or y (1) that the noise of the points makes."""
+        step = np.zeros(2)
+        step[k] = 1e-2 * float(np.diff(self.knots[k]).max())
+        low, high = ([[t[0], t[-1]][end] for t in self.knots] for end in (0, 1))
+        ahead, behind = (np.clip(xy + sign * step, low, high) for sign in (1, -1))
+        slopes = (self.basis(ahead) - self.basis(behind)).T.toarray() / (ahead - behind)[:, k]
+        variance: Array = self.sigma**2 * np.einsum("mn,mn->n", slopes, self.solve(slopes))
+        return variance
+
+
+def fit_surface(points: Array) -> Surface:
+    """The smooth surface of cleaned points (n, 3), mm: knots from some of the points, coefficients from all."""
+    cell, seen = _cells(points)
+    some = points[:: max(1, len(points) // SOME)]
+    apart = 1.25 * lines_of(points).spacing  # so that profiles determine the coefficients
+    longest = float(np.ptp(points[:, :2], axis=0).max())
+    surface = _robust(some, _knots(points, longest / COARSEST, apart), np.ones(len(some), dtype=np.bool_), cell, seen)
+    for intervals in FINER:
+        knots = _knots(points, longest / intervals, apart)
+        if _count(knots) > len(some) / 8:
+            break
+        finer = _robust(some, knots, surface.inliers, cell, seen)
+        if finer.score > GAIN * surface.score:
+            break
+        surface = finer
+    if len(some) == len(points):
+        return surface
+    return _robust(points, surface.knots, inliers(points[:, 2] - surface.height(points[:, :2])), cell, seen)
+
+
+def _robust(points: Array, knots: tuple[Array, Array], start: Mask, cell: float, seen: Mask) -> Surface:
+    """Fit, leave out what lies far off, and again until that stays as it is."""
+    good = start
+    for _ in range(ROUNDS):
+        used = good
+        coefficients, factor = _solved(points[used], knots)
+        surface = Surface(knots, coefficients, 0.0, factor, cell, seen, used)
+        residual = points[:, 2] - surface.height(points[:, :2])
+        good = inliers(residual)
+        if np.count_nonzero(good != used) <= 1e-3 * len(good):
+            break
+    free = max(int(np.count_nonzero(used)) - _count(knots), 1)
+    return replace(surface, sigma=float(np.sqrt(np.sum(residual[used & good] ** 2) / free)))
+
+
+def inliers(residual: Array) -> Mask:
+    """Residuals within so many robust standard deviations of their median."""
+    middle = np.median(residual)
+    spread = 1.4826 * float(np.median(np.abs(residual - middle)))
+    near: Mask = np.abs(residual - middle) <= max(CLIP * spread, 1e-9)
+    return near
+
+
+def _solved(points: Array, knots: tuple[Array, Array]) -> tuple[Array, Any]:
+    from scipy.sparse.linalg import splu
+
+    count = _count(knots)
+    normal: Any = 0
+    right = np.zeros(count)
+    for part in _chunks(points):
+        basis = _basis(part[:, :2], knots)
+        normal = basis.T @ basis + normal if not isinstance(normal, int) else basis.T @ basis
+        right += basis.T @ part[:, 2]
+    normal = (normal + _STIFFNESS * len(points) / count * _roughness(knots)).tocsc()
+    shape = tuple(len(t) - 4 for t in knots)
+    factor = splu(normal)
+    return factor.solve(right).reshape(shape), factor
+
+
+def _roughness(knots: tuple[Array, Array]) -> Any:
+    """Sparse (m, m): the sum of squared second differences of the coefficients along x and along y."""
+    from scipy.sparse import diags_array, eye_array, kron
+
+    parts = []
+    for k, t in enumerate(knots):
+        n = len(t) - 4
+        second = diags_array([1.0, -2.0, 1.0], offsets=[0, 1, 2], shape=(n - 2, n))
+        other = eye_array(len(knots[1 - k]) - 4)
+        parts.append(kron(second.T @ second, other) if k == 0 else kron(other, second.T @ second))
+    return parts[0] + parts[1]
+
+
+def _knots(points: Array, spacing: float, apart: float) -> tuple[Array, Array]:
+    """Knots so far apart, mm; along y at least `apart`."""
+    low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
+    both = []
+    for a, b, least in zip(low, high, (0.0, apart), strict=True):
+        n = max(round((b - a) / max(spacing, least)), 1)
+        both.append(np.r_[[a] * 3, np.linspace(a, b, n + 1), [b] * 3])
+    return both[0], both[1]
+
+
+def _count(knots: tuple[Array, Array]) -> int:
+    return (len(knots[0]) - 4) * (len(knots[1]) - 4)
+
+
+def _basis(xy: Array, knots: tuple[Array, Array]) -> Any:
+    from scipy.interpolate import NdBSpline
+    from scipy.sparse import csr_array
+
+    basis = NdBSpline.design_matrix(np.ascontiguousarray(xy), knots, 3)
+    return csr_array((basis.data, basis.indices, basis.indptr), shape=(len(xy), _count(knots)))  # all columns
+
+
+def _chunks(rows: Array) -> list[Array]:
+    return np.array_split(rows, max(1, -(-len(rows) // CHUNK)))
+
+
+def _cells(points: Array) -> tuple[float, Mask]:
+    """A grid over the points: the side of a cell, and which cells have points in all cells beside them."""
+    from scipy.ndimage import binary_closing, binary_erosion
+
+    cell = cell_size(points)
+    place = np.floor((points[:, :2] - points[:, :2].min(axis=0)) / cell).astype(np.intp)
+    full = np.zeros(place.max(axis=0) + 1, dtype=np.bool_)
+    full[place[:, 0], place[:, 1]] = True
+    closed = binary_closing(np.pad(full, 1))[1:-1, 1:-1]  # a single cell that outliers emptied is no hole
+    return cell, binary_erosion(closed, structure=np.ones((3, 3), dtype=np.bool_), border_value=1)
