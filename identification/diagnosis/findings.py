@@ -105,10 +105,10 @@ class Diagnosis:
 
 
 SEPARABLE = 2.0  # decimal logarithm of the Bayes factor beyond which the data tell two explanations apart
-# Calibrated on 200 findings of the proof (seeds 20261121, 8128 and 27182), by their Brier score:
-TEMPER = 2.5
-FORM_ODDS = 4.0  # nats by which physics that has a name is the likelier story than a form that can bend to anything
-PLIANT_ODDS = 2.0  # nats by which physics of a form of its own is likelier than what follows any smooth curve
+# Calibrated on 267 findings of the proof (seeds 20261121, 8128, 27182 and 14142), by their Brier score:
+TEMPER = 2.0
+FORM_ODDS = 6.0  # nats by which physics that has a name is the likelier story than a form that can bend to anything
+PLIANT_ODDS = 2.5  # nats by which physics of a form of its own is likelier than what follows any smooth curve
 
 
 def motions_of(effect: Effect, bench: Workbench) -> list[str]:

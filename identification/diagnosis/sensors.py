@@ -22,6 +22,7 @@ STEPS = 20.0  # of a sensor's own resolution: by so much the others move meanwhi
 COARSE = 0.1  # K, resolution of a sensor that never changes
 BEFORE, SUDDEN = 10, 3.0  # rows before it got stuck, in which it moved by as many steps of its resolution
 ALIVE = 0.5  # of the rows: a sensor with noise changes in most of them
+NOISY = 0.05  # of the changes go back on the one before; where it warms, few
 SPIKE = 10.0  # K, up and at once back
 SOON = 300.0  # s: nothing that weighs something warms by that and cools again
 
@@ -85,13 +86,14 @@ def _longest(values: Array) -> tuple[int, int]:
 
 
 def _silent(values: Array, others: list[Array]) -> str:
-    """What is wrong with a sensor that changed from row to row, and from some row on to the end never again."""
+    """What is wrong with a sensor that had noise from row to row, and from some row on to the end none any more."""
     n, changes = len(values), np.flatnonzero(np.diff(values))
     start = int(changes[-1]) + 1 if len(changes) else 0
-    lively = len(changes) > ALIVE * start
-    if not start or n - start < BEFORE or not lively:
+    steps = np.diff(values)[changes]
+    back = np.mean(steps[1:] * steps[:-1] < 0) if len(steps) > 1 else 0.0  # what arrives and is held goes one way
+    if not start or n - start < BEFORE or len(changes) < ALIVE * start or back < NOISY:
         return ""
-    resolution = float(np.abs(np.diff(values))[changes].min())
+    resolution = float(np.abs(steps).min())
     moved = max((float(np.ptp(v[start:])) for v in others if np.isfinite(v).all()), default=0.0)
     if moved < STEPS * resolution:
         return ""
