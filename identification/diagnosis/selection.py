@@ -25,6 +25,7 @@ LEAK = 0.06  # of what is already explained: less than this elsewhere may be the
 WORTH = 7.0  # nats below which nothing is looked at further
 ALIKE = 0.6  # canonical correlation beyond which a later effect is a further form of an earlier finding
 OWN = 0.3  # of the drop of the earlier finding: as much of another kind of form is no departure from it
+ROUNDED = 0.01  # nats, in scores from columns in single precision
 MAYBE = 0.5  # of the best evidence
 MOST_FINDINGS = 12
 MOST_STEPS = 24
@@ -305,7 +306,7 @@ def _polished(candidates: Candidates, scores: Scores, bench: Workbench, number: 
         return Step(effect, evidence, drop, absorbed, len(bench.columns(effect)[1]), searched=searched)
     same = len(family)
     evidence, drop, absorbed = (float(v[0]) for v in (own.evidence, own.drop, own.absorbed))
-    if scores.evidence[number] > evidence:  # where the squares are least a size may be beyond what is usual
+    if scores.evidence[number] > evidence + ROUNDED:  # where the squares are least a size may be beyond what is usual
         effect = candidates.effects[number]
         evidence, drop, absorbed = (float(v[number]) for v in (scores.evidence, scores.drop, scores.absorbed))
     worth, bend = bent(bench, effect)

@@ -191,7 +191,7 @@ def _seen(
         m, k, n = columns.shape
         left = bench.project(columns.reshape(m * k, n).astype(float)).reshape(m, k, n)
         possible[numbers] = POSSIBLE * sizes[:, 0]
-        whole = np.square(columns).sum(axis=2)
+        whole = np.square(columns, dtype=np.float64).sum(axis=2)
         gram = left @ left.transpose(0, 2, 1)
         norm = np.sqrt(np.maximum(whole, 1e-300))
         seen = np.linalg.eigvalsh(gram / norm[:, :, None] / norm[:, None, :]).max(axis=1) > 1 - ABSORBED
