@@ -102,8 +102,10 @@ def _chequers(scene: Scene) -> Iterator[Fields]:
 
 
 def _surfaces(scene: Scene) -> Iterator[Fields]:
-    """Two joints at the place of one of them, where one turns: any smooth motion over both."""
+    """Of an arm, two joints at the place of one of them: any smooth motion over both."""
     turning = {j.name for j in scene.rotary}
+    if len(turning) <= len(scene.prismatic):
+        return
     for one, two in permutations(_joints(scene), 2):
         if turning & {one, two} and len(scene.columns[one]) > (PIECES + 3) ** 2:
             for motion in MOTIONS:
