@@ -142,8 +142,9 @@ def build(
         own = (*own, *(i for i in chain.tool_ids[3:] if i not in own))
     motion_views, zeros = _motion_views(chain, survey, joint)
     if ids is None:
+        # a fixed frame without any position: error motions from the machine's own zero
+        free += zeros if views or survey.frame != "fixed" else []
         views += motion_views
-        free += zeros if survey.frame != "fixed" else []  # fixed: measured from the machine's own zero
         declared |= _stated(survey, motion_views)
     if not views:
         raise InputError(str(survey.source), "no row holds a measured value", "Give mx my mz in at least one row")

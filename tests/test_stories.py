@@ -52,7 +52,7 @@ def test_a_surface_over_two_joints_that_turn_is_found() -> None:
     moved = survey.table.copy()
     waves = [np.sin(2.5 * np.pi * (moved[j.name] - j.travel[0]) / (j.travel[1] - j.travel[0])) for j in (one, two)]
     moved["mz"] += 0.03 * np.sign(waves[0]) * np.sign(waves[1])
-    (finding,) = diagnose(machine, replace(survey, table=moved)).diagnosis.findings
-    assert finding.effect == "unnamed"
-    assert set(finding.driver) == {one.name, two.name}
-    assert finding.heldout_rms_um.after < 0.8 * finding.heldout_rms_um.before
+    found = diagnose(machine, replace(survey, table=moved)).diagnosis.findings
+    assert {f.effect for f in found} == {"unnamed"}  # a little of it may show as a tilt at the other of the two
+    assert all(set(f.driver) == {one.name, two.name} for f in found)
+    assert found[0].heldout_rms_um.after < 0.8 * found[0].heldout_rms_um.before
