@@ -62,13 +62,8 @@ MICRO = np.array([1e3] * 3 + [1e6] * 3)  # um, urad
 # their product with sin β: the printed matrix is no rotation, its rows lean towards each other by 3.7e-6.
 
 # %%
-PRINTED = np.array([
-    [0.9999579, 0.0090741, -0.001301, 2.7710384],
-    [-0.009074, 0.9999546, -0.002897, -0.876047],
-    [0.0012751, 0.0028967, 0.9999949, -173.9324],
-    [0, 0, 0, 1],
-])  # fmt: skip
-rounded = pose(np.array([2.771, -0.876, 4.219 - 178.152, 0.0029, -0.0013, -0.0091]))
+PRINTED = sim.PRINTED_MOUNT
+rounded = pose(np.array(sim.PRINTED_SIX))
 full = pose(np.array(sim.MOUNT))
 print("from the rounded six values, printed minus computed:\n", np.round(PRINTED - rounded, 6)[:3])
 print("from the angles to seven digits, in 1e-7:\n", np.round(1e7 * (PRINTED - full))[:3, :3].astype(int))

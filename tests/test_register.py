@@ -142,13 +142,8 @@ def test_mount_from_the_whole_scan_of_the_pocket(clouds, tmp_path):
 
 def test_eq_11():
     """Its six values give what is printed, but for two elements, which are printed without a product."""
-    printed = np.array([
-        [0.9999579, 0.0090741, -0.001301, 2.7710384],
-        [-0.009074, 0.9999546, -0.002897, -0.876047],
-        [0.0012751, 0.0028967, 0.9999949, -173.9324],
-        [0, 0, 0, 1],
-    ])  # fmt: skip
-    rounded = pose(np.array([2.771, -0.876, 4.219 - 178.152, 0.0029, -0.0013, -0.0091]))
+    printed = sim.PRINTED_MOUNT
+    rounded = pose(np.array(sim.PRINTED_SIX))
     assert np.abs(rounded - printed)[:3, :3].max() < 5e-5  # the angles are printed to 1e-4 rad
     assert np.abs(rounded - printed)[:3, 3].max() < 1e-3
     full = pose(np.array(sim.MOUNT))  # angles to seven digits, from the elements that hold one angle each

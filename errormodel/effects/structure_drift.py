@@ -9,10 +9,9 @@ from pydantic import Field
 
 from errormodel.conventions import MOTIONS, Motion, unit_of
 from errormodel.effects.base import Channels, Effect, EffectTerm
-from errormodel.effects.ops import Value
 from errormodel.effects.scene import Scene
 from errormodel.effects.shared import Lag, Positive, lags, members, settling, settling_times, start_of, thermal, warmth
-from errormodel.effects.travel import legendre, scaled
+from errormodel.effects.travel import polynomials, scaled
 from errormodel.machine import Machine, joint_of
 
 
@@ -68,12 +67,10 @@ class StructureDrift(Effect):
         if not self.order:
             return [EffectTerm(self.element, name, unit, {self.motion: warm}, size)]
         joint = joint_of(machine, self.element)
-        u = scaled(joint, channel(joint.name))
-        shapes: list[Value] = [1.0, *(legendre(n, u) for n in range(1, self.order + 1))]
-        labels = [f"{name}-{n}" if name else str(n) for n in range(self.order + 1)]
+        shapes = polynomials(self.order, scaled(joint, channel(joint.name)))
         return [
-            EffectTerm(self.element, label, unit, {self.motion: warm * shape}, size)
-            for label, shape in zip(labels, shapes, strict=True)
+            EffectTerm(self.element, f"{name}-{n}" if name else str(n), unit, {self.motion: warm * shape}, size)
+            for n, shape in enumerate(shapes)
         ]
 
     @classmethod

@@ -57,6 +57,11 @@ def legendre(degree: int, u: Value) -> Value:
     return here
 
 
+def polynomials(degree: int, u: Value) -> list[Value]:
+    """Legendre polynomials from the constant to a degree."""
+    return [1.0, *(legendre(n, u) for n in range(1, degree + 1))]
+
+
 def cross(a: Vector, b: Vector) -> Vector:
     """Cross product of two plain vectors."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]

@@ -12,7 +12,7 @@ from errormodel.conventions import MOTIONS, Motion, unit_of
 from errormodel.effects.base import Channels, Effect, EffectTerm, along
 from errormodel.effects.scene import Scene
 from errormodel.effects.shared import STEEL, Positive, joint_as, outward, settling, settling_times, start_of
-from errormodel.effects.travel import legendre, scaled, usual_size
+from errormodel.effects.travel import polynomials, scaled, usual_size
 from errormodel.machine import Machine
 
 
@@ -52,12 +52,11 @@ class WarmUp(Effect):
             return [EffectTerm("tool", "growth", "mm", motion, 0.02)]
         joint = joint_as(machine, self.joint, "prismatic", self.effect)
         if self.motion is not None:
-            u = scaled(joint, channel(self.joint))
-            shapes = {"0": warm} | {str(n): legendre(n, u) * warm for n in range(1, self.degree + 1)}
+            shapes = polynomials(self.degree, scaled(joint, channel(self.joint)))
             return [
-                EffectTerm(self.joint, label, unit_of(motion), {motion: value}, usual_size(motion))
+                EffectTerm(self.joint, str(n), unit_of(motion), {motion: shape * warm}, usual_size(motion))
                 for motion in (MOTIONS if self.motion == "all" else (self.motion,))
-                for label, value in shapes.items()
+                for n, shape in enumerate(shapes)
             ]
         return [
             EffectTerm(self.joint, "scale", "1", along(joint, channel(self.joint) * warm), 10 * STEEL),

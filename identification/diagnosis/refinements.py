@@ -17,7 +17,7 @@ from errormodel.machine import Joint
 from identification.diagnosis.judging import moves
 from identification.diagnosis.workbench import Workbench
 
-SURFACES = (10,)  # pieces of each joint's range
+PIECES = 10  # of each joint's range, of a surface
 FORMS = ("linear", "square", "cubic")
 SMOOTH = 8  # functions of one position
 BENT = {0.03: 1.0, 0.1: 3.0, 0.3: 8.0}  # part of an effect's size by which its form departs, and nats for it
@@ -36,14 +36,12 @@ def forms(bench: Workbench, effect: Effect) -> Iterator[Effect]:
                 yield Unnamed.model_validate({**common, "form": form})
             if joint is not None and driver != joint.name:
                 by_center, by_half = _range(bench, joint.name)
-                if any(j.name == driver for j in bench.scene.moving):
-                    by = {"by": joint.name, "by_center": by_center, "by_half_range": by_half}
-                    for pieces in SURFACES:
-                        if (pieces + 3) ** 2 < len(bench.scene.columns[driver]):
-                            yield Unnamed.model_validate({**common, **by, "pieces": pieces})
+                both = {**common, "by": joint.name, "by_center": by_center, "by_half_range": by_half}
+                rows = len(bench.scene.columns[joint.name])
+                if any(j.name == driver for j in bench.scene.moving) and rows > (PIECES + 3) ** 2:
+                    yield Unnamed.model_validate({**both, "pieces": PIECES})
                 for form in FORMS:
-                    by = {"by": joint.name, "by_form": form, "by_center": by_center, "by_half_range": by_half}
-                    yield Unnamed.model_validate({**common, **by})
+                    yield Unnamed.model_validate({**both, "by_form": form})
 
 
 def bent(bench: Workbench, effect: Effect) -> tuple[float, float]:

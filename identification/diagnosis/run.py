@@ -97,7 +97,7 @@ def diagnose(machine: Machine, survey: Survey, tell: Tell = silent) -> Diagnosed
             bad, sound = still, _without_fit_rows(survey, still)
             fit = fit_machine(machine, sound)
             found = _explained(fit, sound, changes, tell)
-    growth, final, scores, first = found.growth, found.final, found.scores, len(machine.effects) + len(changes)
+    growth, final, scores, first = found.growth, found.final, found.scores, found.first
     fits = [*before, mended]
     findings = [_blunder_finding(b, *fits[k : k + 2]) for k, b in enumerate(blunders)]
     causes = [_finding(g, growth, final, fit, first, found.said.get(g[0].effect, [])) for g in growth.findings]
@@ -122,12 +122,16 @@ def diagnose(machine: Machine, survey: Survey, tell: Tell = silent) -> Diagnosed
 
 @dataclass(frozen=True)
 class _Found:
-    """What explains a fit's residuals, the fit with it, what witnesses said, and the scores before all."""
+    """What explains a fit's residuals, the fit with it, what witnesses said, and the scores before all.
+
+    `first` is the number of the first effect that was found, among those of the final machine.
+    """
 
     growth: Growth
     final: Fit
     said: dict[Effect, list[Account]]
     scores: Scores
+    first: int
 
 
 def _explained(fit: Fit, survey: Survey, changes: Sequence[Effect], tell: Tell) -> _Found:
@@ -138,12 +142,13 @@ def _explained(fit: Fit, survey: Survey, changes: Sequence[Effect], tell: Tell) 
         scores = candidates.scores(bench)
     growth, said = heard(retold(grow(bench, candidates, tell), candidates, tell))
     effects = [*changes, *(s.effect for s in growth.steps)]
-    if not effects:
-        return _Found(growth, fit, said, scores)
     machine = fit.chain.machine
+    first = len(machine.effects) + len(changes)
+    if not effects:
+        return _Found(growth, fit, said, scores, first)
     with tell("Fitting the extended machine"):
         final = fit_machine(_extended(machine, effects), survey)
-    return _Found(growth, with_form(final, growth, len(machine.effects) + len(changes)), said, scores)
+    return _Found(growth, with_form(final, growth, first), said, scores, first)
 
 
 def _try(machine: Machine, survey: Survey) -> Fit | None:

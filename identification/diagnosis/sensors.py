@@ -61,7 +61,7 @@ def _fault(name: str, values: Array, others: list[Array], time: Array | None) ->
     if end - start > max(STUCK * n, 2):
         steps = np.abs(np.diff(values))
         resolution = float(steps.min(where=steps > 0, initial=np.inf)) if steps.any() else COARSE
-        moved = max((float(np.ptp(v[start:end])) for v in others if np.isfinite(v).all()), default=0.0)
+        moved = _moved(others, start, end)
         # a thermostat arrives slowly, and what has not been switched on yet waits for it
         sudden = abs(values[start] - values[max(start - BEFORE, 0)]) > SUDDEN * resolution or end - start == n
         if moved > STEPS * resolution and sudden:
@@ -76,6 +76,11 @@ def _fault(name: str, values: Array, others: list[Array], time: Array | None) ->
 
 def _rows(count: int, n: int) -> str:
     return "all rows" if count == n else f"{count} of {n} rows"
+
+
+def _moved(others: list[Array], start: int, end: int) -> float:
+    """How far the sensor among the others that moved most did so in a stretch of rows, K."""
+    return max((float(np.ptp(v[start:end])) for v in others if np.isfinite(v).all()), default=0.0)
 
 
 def _longest(values: Array) -> tuple[int, int]:
@@ -94,7 +99,7 @@ def _silent(values: Array, others: list[Array]) -> str:
     if not start or n - start < BEFORE or len(changes) < ALIVE * start or back < NOISY:
         return ""
     resolution = float(np.abs(steps).min())
-    moved = max((float(np.ptp(v[start:])) for v in others if np.isfinite(v).all()), default=0.0)
+    moved = _moved(others, start, n)
     if moved < STEPS * resolution:
         return ""
     return f"stuck at {values[start]:.4g} degC from row {start + 1} of {n} on while others move by {moved:.1f} K"

@@ -16,7 +16,6 @@ from identification.diagnosis.candidates import Candidates
 from identification.diagnosis.choosing import CLEARLY, Step
 from identification.diagnosis.judging import heldout_rms
 from identification.diagnosis.selection import Growth, grow
-from identification.diagnosis.workbench import Workbench
 from identification.progress import Tell, silent
 
 SERIOUS = 7.0  # nats by which a rival may be behind
@@ -26,8 +25,11 @@ NO_WORSE = 1.02  # held-out error of a better story: blocks of rows tell such sm
 
 def retold(growth: Growth, candidates: Candidates, tell: Tell = silent) -> Growth:
     """The best of a growth and those that begin with a rival of one of its findings instead."""
+    rivals = list(_rivals(growth))
+    if not rivals:
+        return growth
     best, worth = growth, story(growth)
-    for rival, others in list(_rivals(growth)):
+    for rival, others in rivals:
         other = grow(growth.start, candidates, tell, [*others, rival])
         value = story(other)
         if value > worth + CLEARLY and heldout_rms(other.bench) < NO_WORSE * heldout_rms(best.bench):
@@ -37,15 +39,13 @@ def retold(growth: Growth, candidates: Candidates, tell: Tell = silent) -> Growt
 
 def story(growth: Growth) -> float:
     """Nats of all effects of a growth together, whatever the noise, less the places that were looked at for each."""
-    steps = [s for s in growth.steps if not s.effect.tied]
-    curves = [s for s in growth.steps if s.effect.tied]
-    bench: Workbench = growth.start
-    total = 0.0
-    for step in curves:
-        total += bench.tied(bench.columns(step.effect)[0]).best()[1]
-        bench = bench.with_effect(step.effect)
-    if steps:
-        [(_, evidence)] = coloured.evidence(bench, [[s.effect for s in steps]])
+    effects = [s.effect for s in growth.steps]
+    bench, total = growth.start, 0.0
+    for curve in (e for e in effects if e.tied):
+        total += bench.tied(bench.columns(curve)[0]).best()[1]
+        bench = bench.with_effect(curve)
+    if rest := [e for e in effects if not e.tied]:
+        [(_, evidence)] = coloured.evidence(bench, [rest])
         total += evidence
     searched = max((s.searched for s in growth.steps), default=1)
     return total - len(growth.steps) * float(np.log(max(searched, 1)))
@@ -60,13 +60,13 @@ def _rivals(growth: Growth) -> Iterator[tuple[Step, list[Step]]]:
         main = group[0]
         seen = {main.effect.effect}
         others = [g[0] for g in groups if g[0] is not main]
+        bench = growth.without(group)
         for effect, evidence in sorted(main.rivals, key=lambda r: -r[1]):
             if effect.generic or effect.effect in seen or evidence < main.evidence - SERIOUS:
                 continue
             seen.add(effect.effect)
             if len(seen) > MOST_RIVALS + 1:
                 break
-            bench = growth.without(group)
             own = Candidates.of(bench, [effect]).scores(bench)
             rivals = tuple(r for r in ((main.effect, main.evidence), *main.rivals) if r[0] is not effect)
             drop, absorbed = float(own.drop[0]), float(own.absorbed[0])

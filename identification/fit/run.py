@@ -75,15 +75,16 @@ def _fit(chain: Chain, survey: Survey, robust: bool) -> Fit:
         chain, rows, problem, solution, Spread.of(nominal_residuals), Spread.of(residuals), Spread.of(heldout), folds,
         residuals, nominal_residuals, heldout, notes=notes, sorting=sorting,
     )  # fmt: skip
-    seen = [np.isfinite(test.measured).any() for test in survey.test]
-    tests = tuple(look_at(fit, test) for test, any_ in zip(survey.test, seen, strict=True) if any_)
-    notes = tuple(
-        f"{test.table['file'].iloc[0]} holds error motions only, each from a zero of its own: not judged here; "
-        "`errormodel thermal` does it where they drift"
-        for test, any_ in zip(survey.test, seen, strict=True)
-        if not any_
-    )
-    return replace(fit, tests=tests, notes=(*fit.notes, *notes))
+    tests, more = [], []
+    for test in survey.test:
+        if np.isfinite(test.measured).any():
+            tests.append(look_at(fit, test))
+        else:
+            more.append(
+                f"{test.table['file'].iloc[0]} holds error motions only, each from a zero of its own: not judged here; "
+                "`errormodel thermal` does it where they drift"
+            )
+    return replace(fit, tests=tuple(tests), notes=(*fit.notes, *more))
 
 
 def anchored(

@@ -10,14 +10,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from errormodel.arrays import Array, Index
-from errormodel.conventions import MOTIONS, Motion
+from errormodel.conventions import MOTIONS, Motion, unit_of
 from errormodel.effects import make
 from errormodel.effects.base import Effect
 from errormodel.features import CALL, root
 from identification.diagnosis.selection import Growth
+from identification.estimates import printed
 from identification.fit.result import Fit
 from identification.plots import style
-from identification.plots.evidence import MINUS, Evidence, axis_of, in_micro, is_warm
+from identification.plots.evidence import MINUS, Evidence, axis_of, is_warm
 
 POINTS = 361
 PERIODS = 3  # of a wave that has many
@@ -55,7 +56,7 @@ def draw_effect_curve(evidence: Evidence, growth: Growth, fit: Fit) -> Figure:
         wide = 3.08 if len(panels) > 1 else 7.1
         bottom = height - top - TALL - (k // 2) * (TALL + 0.62)
         axes = style.panel(figure, 0.7 + 4.0 * (k % 2), bottom, wide, TALL)
-        style.dress(axes, "", f"{motion} of {style.plain(element, 12)} / {in_micro(motion)[1]}")
+        style.dress(axes, "", f"{motion} of {style.plain(element, 12)} / {printed(unit_of(motion))[1]}")
         _draw(axes, evidence, family)
     axes = figure.axes[0]
     if evidence.split:
@@ -101,7 +102,7 @@ def curves(evidence: Evidence, growth: Growth, fit: Fit) -> dict[tuple[str, Moti
             since = whole - _zero(evidence, whole)
             value = values @ since
             std = np.sqrt(np.maximum(np.einsum("am,ab,bm->m", since, covariance, since), 0.0))
-            factor = in_micro(key[1])[0]
+            factor = printed(unit_of(key[1]))[0]
             label = evidence.split.labels[level] if evidence.split else ""
             curve = Curve(x, factor * value, 2 * factor * std, label, *evidence.looks[level])
             out.setdefault(key, []).append(curve)

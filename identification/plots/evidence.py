@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from errormodel.arrays import Array, Index
-from errormodel.conventions import MOTIONS, TRANSLATIONS, Motion, iso_symbol
+from errormodel.conventions import MOTIONS, Motion, iso_symbol
 from errormodel.effects.base import Effect
 from errormodel.features import CALL, POINT, root
 from identification.diagnosis.choosing import Step
@@ -305,8 +305,3 @@ def _channel(bench: Workbench, name: str) -> Array:
         one, other = name.split(MINUS)
         return bench.channel(one) - bench.channel(other)
     return bench.channel(name)
-
-
-def in_micro(motion: Motion) -> tuple[float, str]:
-    """Factor and name of the unit in which a motion is printed."""
-    return (1e3, "µm") if motion in TRANSLATIONS else (1e6, "µrad")

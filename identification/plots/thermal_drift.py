@@ -7,7 +7,8 @@ from math import ceil
 import numpy as np
 from matplotlib.figure import Figure
 
-from errormodel.conventions import TRANSLATIONS
+from errormodel.conventions import unit_of
+from identification.estimates import printed
 from identification.plots import style
 from identification.thermal.run import Thermal
 from identification.thermal.selection import centred
@@ -24,7 +25,7 @@ def draw_thermal_drift(result: Thermal) -> Figure:
     for k, (drift, own, (lagged, usual)) in enumerate(zip(drifts, result.motions, result.predicted, strict=True)):
         left, low = 0.62 + 2.5 * (k % ACROSS), 0.5 + HEIGHT * (rows - 1 - k // ACROSS)
         axes = style.panel(figure, left, low, 1.85, HEIGHT - 0.62)
-        factor, unit = (1e3, "µm") if drift.motion in TRANSLATIONS else (1e6, "µrad")
+        factor, unit = printed(unit_of(drift.motion))
         time = result.recordings.survey.table["time"].to_numpy(dtype=np.float64)[drift.rows]
         hours = (time - time.min()) / 3600
         for values, colour, label in (

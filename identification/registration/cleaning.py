@@ -128,7 +128,7 @@ def _largest_sheet(points: Array) -> Mask:
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    size = cell_size(points)
+    size = cell_size(points, lines_of(points))
     cell = np.floor((points[:, :2] - points[:, :2].min(axis=0)) / size).astype(np.intp)
     shape = cell.max(axis=0) + 1
     flat = np.ravel_multi_index((cell[:, 0], cell[:, 1]), tuple(shape))
@@ -149,8 +149,7 @@ def _largest_sheet(points: Array) -> Mask:
     return same
 
 
-def cell_size(points: Array) -> float:
+def cell_size(points: Array, lines: Lines) -> float:
     """Side in mm of cells that hold some points each, also where profiles are far apart."""
-    lines = lines_of(points)
     area = float(np.prod(np.ptp(points[:, :2], axis=0)))
     return max(1.5 * lines.spacing, 3.0 * float(np.sqrt(area / len(points))))

@@ -6,7 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from errormodel.conventions import MOTIONS, TRANSLATIONS, iso_symbol
+from errormodel.conventions import MOTIONS, iso_symbol, unit_of
+from identification.estimates import printed
 from identification.registration.run import Registered
 
 
@@ -26,9 +27,7 @@ def register_lines(result: Registered) -> Iterator[str]:
     yield f"\n{'largest of each run, um and urad':34}{names}{'rmse um':>10}"
     for run, rows in table.groupby("run", sort=False):
         largest = [rows[m].iloc[int(rows[m].abs().argmax())] for m in MOTIONS]
-        cells = "".join(
-            f"{(1e3 if m in TRANSLATIONS else 1e6) * v:10.2f}" for m, v in zip(MOTIONS, largest, strict=True)
-        )
+        cells = "".join(f"{printed(unit_of(m))[0] * v:10.2f}" for m, v in zip(MOTIONS, largest, strict=True))
         yield f"  {str(run)[:32]:32}{cells}{1e3 * rows['rmse'].mean():10.3f}"
-    typical = [(1e3 if m in TRANSLATIONS else 1e6) * float(np.median(table[f"u_{m}"])) for m in MOTIONS]
+    typical = [printed(unit_of(m))[0] * float(np.median(table[f"u_{m}"])) for m in MOTIONS]
     yield f"  {'standard uncertainty (median)':32}" + "".join(f"{u:10.2f}" for u in typical)

@@ -91,9 +91,11 @@ class Surface:
 
 def fit_surface(points: Array) -> Surface:
     """The smooth surface of cleaned points (n, 3), mm: knots from some of the points, coefficients from all."""
-    cell, seen = _cells(points)
+    lines = lines_of(points)
+    cell = cell_size(points, lines)
+    seen = _cells(points, cell)
     some = points[:: max(1, len(points) // SOME)]
-    apart = 1.25 * lines_of(points).spacing  # so that profiles determine the coefficients
+    apart = 1.25 * lines.spacing  # so that profiles determine the coefficients
     longest = float(np.ptp(points[:, :2], axis=0).max())
     surface = _robust(some, _knots(points, longest / COARSEST, apart), np.ones(len(some), dtype=np.bool_), cell, seen)
     for intervals in FINER:
@@ -187,13 +189,13 @@ def _chunks(rows: Array) -> list[Array]:
     return np.array_split(rows, max(1, -(-len(rows) // CHUNK)))
 
 
-def _cells(points: Array) -> tuple[float, Mask]:
-    """A grid over the points: the side of a cell, and which cells have points in all cells beside them."""
+def _cells(points: Array, cell: float) -> Mask:
+    """A grid of cells (mm) over the points: which have points in all cells beside them."""
     from scipy.ndimage import binary_closing, binary_erosion
 
-    cell = cell_size(points)
     place = np.floor((points[:, :2] - points[:, :2].min(axis=0)) / cell).astype(np.intp)
     full = np.zeros(place.max(axis=0) + 1, dtype=np.bool_)
     full[place[:, 0], place[:, 1]] = True
     closed = binary_closing(np.pad(full, 1))[1:-1, 1:-1]  # a single cell that outliers emptied is no hole
-    return cell, binary_erosion(closed, structure=np.ones((3, 3), dtype=np.bool_), border_value=1)
+    inside: Mask = binary_erosion(closed, structure=np.ones((3, 3), dtype=np.bool_), border_value=1)
+    return inside

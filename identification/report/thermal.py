@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from errormodel.conventions import TRANSLATIONS
+from errormodel.conventions import unit_of
+from identification.estimates import printed
 from identification.plots.thermal_drift import draw_thermal_drift
 from identification.report.pictures import Picture, picture
 from identification.report.tables import number
-from identification.thermal.lines import left_beyond
 from identification.thermal.run import MotionResult, Thermal
 
 
@@ -24,7 +24,7 @@ class ThermalPart(NamedTuple):
 def thermal_part(result: Thermal) -> ThermalPart:
     """The section's content."""
     r = result.recordings
-    usual, lagged = left_beyond(result)
+    usual, lagged = result.left_beyond
     several = "; ".join(" = ".join(g) for g in r.groups if len(g) > 1)
     notes = [f"{name} drives nothing: {reason}" for name, reason in r.left_out.items()]
     if several:
@@ -48,7 +48,7 @@ def thermal_part(result: Thermal) -> ThermalPart:
 
 
 def _row(m: MotionResult) -> list[str]:
-    factor, unit = (1e3, "µm") if m.motion in TRANSLATIONS else (1e6, "µrad")
+    factor, unit = printed(unit_of(m.motion))
     follows = [
         f"{f.sensor}{f' {f.tau / 60:.0f} min' if f.tau else ''}{', along the travel' if f.order else ''}"
         for f in m.follows

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from math import sqrt
 from pathlib import Path
 
-from errormodel.conventions import TRANSLATIONS
+from errormodel.conventions import unit_of
+from identification.estimates import printed
 from identification.thermal.run import MotionResult, Thermal
 
 SHOWN = 3  # temperatures of a motion, those that were found first
@@ -24,26 +24,18 @@ def thermal_lines(result: Thermal, out: Path) -> Iterator[str]:
     yield ""
     yield "rms in the other cycle       drift   regression      lagged     noise   follows (sensor behind a lag)"
     for m in result.motions:
-        factor, unit = (1e3, "um") if m.motion in TRANSLATIONS else (1e6, "urad")
+        factor, unit = printed(unit_of(m.motion))
+        name, unit = m.symbol or f"{m.joint}.{m.motion}", unit.replace("µ", "u")
         numbers = (m.drift, m.stepwise, m.lagged, m.noise)
         figures = "  ".join(f"{factor * v:{w}.2f}" for v, w in zip(numbers, (8, 11, 10, 8), strict=True))
-        yield f"  {m.symbol or m.joint + '.' + m.motion:6} {unit:4}          {figures}   {_follows(m)}"
-    usual, lagged = left_beyond(result)
+        yield f"  {name:6} {unit:4}          {figures}   {_follows(m)}"
+    usual, lagged = result.left_beyond
     yield ""
     yield (
         f"left beyond the noise, in noise: {usual:.2f} by stepwise regression at each position, {lagged:.2f} by a few "
         "lagged temperatures"
     )
     yield f"\nModel: {out / 'machine.yaml'}; for errormodel fit, predict and compensate"
-
-
-def left_beyond(result: Thermal) -> tuple[float, float]:
-    """Root mean square, over all error motions, of what regressions and the model leave beyond the noise, in noise."""
-    sums = [0.0, 0.0]
-    for m in result.motions:
-        for k, value in enumerate((m.stepwise, m.lagged)):
-            sums[k] += max((value / m.noise) ** 2 - 1, 0.0) / len(result.motions)
-    return sqrt(sums[0]), sqrt(sums[1])
 
 
 def _follows(motion: MotionResult) -> str:

@@ -11,7 +11,7 @@ from errormodel.arrays import Array
 from errormodel.conventions import Motion, iso_symbol
 from errormodel.effects.shared import warmth
 from errormodel.effects.structure_drift import StructureDrift
-from errormodel.effects.travel import legendre, scaled
+from errormodel.effects.travel import polynomials, scaled
 from errormodel.exceptions import InputError
 from errormodel.features import columns
 from errormodel.machine import EffectSpec, Machine, joint_of
@@ -71,6 +71,13 @@ class Thermal:
     fit: Fit
     predicted: tuple[tuple[Array, Array], ...]
 
+    @property
+    def left_beyond(self) -> tuple[float, float]:
+        """Root mean square, over all error motions, of what regressions and the model leave beyond the noise, in it."""
+        left = np.array([(m.stepwise / m.noise, m.lagged / m.noise) for m in self.motions])
+        stepwise, lagged = np.sqrt(np.mean(np.maximum(left**2 - 1, 0), axis=0)).tolist()
+        return stepwise, lagged
+
     def as_json(self) -> dict[str, Any]:
         """``thermal.json``: mm, rad, s."""
         r = self.recordings
@@ -126,7 +133,7 @@ def _followed(machine: Machine, taken: Recordings) -> list[list[StructureDrift]]
     for drift in taken.fit:
         joint = joint_of(machine, drift.joint)
         u = scaled(joint, drift.position)
-        shapes = np.column_stack([np.ones(len(u)), *(legendre(k, u) for k in range(1, MOST_ORDER + 1))])
+        shapes = np.column_stack(np.broadcast_arrays(*polynomials(MOST_ORDER, u)))
         most = min(MOST_ORDER, len(np.unique(drift.position)) - 1)
         tried = warm[drift.rows][:, :, None] * shapes[:, None, :]
         choice = choose(tried, drift.values, drift.series, most, drift.noise)
