@@ -156,10 +156,14 @@ def direction(table: pd.DataFrame, joint: str) -> Array:
 
 def _codes(table: pd.DataFrame, names: list[str]) -> Index:
     """A number for each different label of a row; one for all where the columns are not there."""
-    known = [n for n in names if n in table]
-    if not known:
-        return np.zeros(len(table), dtype=np.intp)
-    return np.asarray(table.groupby(known, sort=False).ngroup(), dtype=np.intp)
+    import pandas as pd
+
+    codes = np.zeros(len(table), dtype=np.intp)
+    for name in names:
+        if name in table:
+            own, labels = pd.factorize(table[name], use_na_sentinel=False)
+            codes = codes * len(labels) + own
+    return codes
 
 
 def lag(table: pd.DataFrame, name: str, tau: float) -> Array:

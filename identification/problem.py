@@ -152,10 +152,10 @@ def build(
 
 
 def _rotations(survey: Survey) -> Array | None:
-    from scipy.spatial.transform import Rotation
-
     if "mrx" not in survey.table:
         return None
+    from scipy.spatial.transform import Rotation
+
     vectors = survey.table[["mrx", "mry", "mrz"]].to_numpy(dtype=float)
     out = np.full((len(vectors), 3, 3), np.nan)
     whole = np.isfinite(vectors).all(axis=1)

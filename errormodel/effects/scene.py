@@ -68,7 +68,7 @@ class Scene:
         """Channels that tell one run of several from the rest."""
         return tuple(n for n in self.columns if n.startswith("run(") and self.varies(n))
 
-    @property
+    @cached_property
     def duration(self) -> float:
         """Of the recording, s; 0 without time."""
         return float(np.ptp(self.columns["time"])) if self.varies("time") else 0.0

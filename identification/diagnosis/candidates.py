@@ -8,7 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from functools import cached_property
+from typing import Any, NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +22,6 @@ from identification.diagnosis.workbench import Workbench
 
 AT_ONCE = 16  # columns made in one go: they stay within the processor's cache
 Columns = NDArray[np.floating[Any]]
-Block = tuple[Index, Columns, Array]
 BLOCK = 250  # proposals scored in one go
 SIZES = {1.0: 0.6, 3.0: 0.3, 10.0: 0.1}  # times the usual one: how often
 SINGLE = np.float32  # of the columns that are kept: what is left of one, a thousandth at least, is known to 1e-4
@@ -28,19 +29,48 @@ ABSORBED = 0.999  # of a column's length squared: beyond it an effect cannot be 
 FORM_ABSORBED = 0.99  # the same for a form that has no size of its own
 
 
-@dataclass(frozen=True)
+class Block(NamedTuple):
+    """Proposals of as many parameters each, beside the first `rank` columns of a bench's basis: the geometry's.
+
+    What has been accepted since is taken out when they are scored, so that the geometry need be only once.
+
+    Attributes
+    ----------
+    numbers : (m,) the proposals'.
+    columns : (m, k, N) of parameters as large as is usual; `sizes` (m, k) what is usual.
+    gram : (m, k, k) products of the columns without what the geometry spans.
+    square : (m, k) the columns' own lengths squared.
+    """
+
+    numbers: Index
+    columns: Columns
+    sizes: Array
+    gram: Array
+    square: Array
+    rank: int
+
+    @classmethod
+    def of(cls, bench: Workbench, numbers: Index, columns: Columns, sizes: Array) -> Block:
+        m, k, n = columns.shape
+        inner = (columns.reshape(m * k, n) @ bench.basis[:n].astype(columns.dtype)).reshape(m, k, -1).astype(float)
+        whole = (columns @ columns.transpose(0, 2, 1)).astype(float)
+        square = np.maximum(np.diagonal(whole, axis1=1, axis2=2), 1e-300)
+        return cls(numbers, columns, sizes, whole - inner @ inner.transpose(0, 2, 1), square, bench.basis.shape[1])
+
+
+@dataclass(frozen=True, eq=False)
 class Candidates:
     """Proposals with their columns, in blocks of the same number of parameters.
 
     Attributes
     ----------
     effects : all proposals; `keys` their keys (one key: all shapes of one effect at one place).
-    blocks : (proposals' numbers, columns (m, k, N) of parameters as large as is usual, what is usual (m, k)).
     """
 
     effects: list[Effect]
     blocks: list[Block]
     keys: list[tuple[object, ...]] = field(default_factory=list)
+    _known: WeakKeyDictionary[Workbench, Scores] = field(default_factory=WeakKeyDictionary, repr=False)
 
     @classmethod
     def of(cls, bench: Workbench, effects: Sequence[Effect] | None = None) -> Candidates:
@@ -52,37 +82,52 @@ class Candidates:
         kept: list[Effect] = []
         for alike in _alike(effects):
             columns, size = bench.swept(alike)
-            good = np.isfinite(columns).all(axis=(1, 2)) & columns.any(axis=(1, 2))
+            lengths = np.einsum("mkn,mkn->m", columns, columns)
+            good = np.isfinite(lengths) & (lengths > 0)
             kind = (alike[0].tied, len(size))
             if kind not in stacks:
                 stacks[kind] = _Stack(len(size), bench.size)
             stacks[kind].add(len(kept), columns if good.all() else columns[good], size)
             kept += [alike[k] for k in np.flatnonzero(good)]
-        blocks = [block for _, stack in sorted(stacks.items()) for block in stack.blocks()]
+        blocks = [Block.of(bench, *parts) for _, stack in sorted(stacks.items()) for parts in stack.parts()]
         return cls(kept, blocks, [e.key for e in kept])
+
+    @cached_property
+    def of_key(self) -> dict[tuple[object, ...], list[int]]:
+        """The proposals' numbers by their key."""
+        out: dict[tuple[object, ...], list[int]] = {}
+        for n, key in enumerate(self.keys):
+            out.setdefault(key, []).append(n)
+        return out
 
     def joined(self, other: Candidates) -> Candidates:
         """Both lists as one."""
         shift = len(self.effects)
-        blocks = [*self.blocks, *((numbers + shift, columns, sizes) for numbers, columns, sizes in other.blocks)]
+        blocks = [*self.blocks, *(block._replace(numbers=block.numbers + shift) for block in other.blocks)]
         return Candidates([*self.effects, *other.effects], blocks, [*self.keys, *other.keys])
 
     def scores(self, bench: Workbench) -> Scores:
         """Evidence of each proposal beside what the bench has accepted."""
+        if bench not in self._known:
+            self._known[bench] = self._scored(bench)
+        return self._known[bench]
+
+    def _scored(self, bench: Workbench) -> Scores:
         evidence = np.full(len(self.effects), -np.inf)
         drop = np.zeros(len(self.effects))
         absorbed = np.ones(len(self.effects))
         reach = np.full(len(self.effects), np.inf)
-        for numbers, columns, _ in self.blocks:
+        for block in self.blocks:
+            numbers = block.numbers
             if self.effects[numbers[0]].tied:  # a block of its own
                 for k, n in enumerate(numbers):
-                    own = bench.tied(columns[k].astype(float))
+                    own = bench.tied(block.columns[k].astype(float))
                     _, evidence[n], noise = own.best()
                     drop[n] = bench.freedom * (1 - noise * bench.freedom / bench.square)
                     absorbed[n] = own.absorbed
                 continue
             generic = np.array([self.effects[n].generic for n in numbers])
-            scores = _block_scores(bench, columns, generic)
+            scores = _block_scores(bench, block, generic)
             evidence[numbers], drop[numbers], absorbed[numbers], reach[numbers] = scores
         return Scores(self, evidence - np.array([e.cost for e in self.effects]), drop, absorbed, reach)
 
@@ -92,10 +137,13 @@ def _alike(effects: Sequence[Effect]) -> Iterator[list[Effect]]:
     lists: dict[tuple[object, ...], list[Effect]] = {}
     for effect in effects:
         shape = type(effect).shape
-        key = (type(effect), *((v for k, v in effect if k != shape) if shape else (id(effect),)))
+        if not shape:
+            yield [effect]
+            continue
+        key = (type(effect), *(v for k, v in vars(effect).items() if k != shape))
         own = lists.setdefault(key, [])
         own.append(effect)
-        if len(own) == AT_ONCE or not shape:
+        if len(own) == AT_ONCE:
             yield lists.pop(key)
     yield from lists.values()
 
@@ -105,7 +153,7 @@ class _Stack:
 
     def __init__(self, parameters: int, observations: int) -> None:
         self._shape = parameters, observations
-        self._full: list[Block] = []
+        self._full: list[tuple[Index, Columns, Array]] = []
         self._count, self._numbers, self._columns, self._sizes = self._empty()
 
     def add(self, first: int, columns: Array, size: Array) -> None:
@@ -118,14 +166,15 @@ class _Stack:
         self._sizes[own], self._numbers[own] = size, np.arange(first, first + len(columns))
         self._count = own.stop
 
-    def blocks(self) -> list[Block]:
+    def parts(self) -> list[tuple[Index, Columns, Array]]:
+        """Numbers, columns and sizes of the proposals, a part for each block."""
         return self._full + self._last()
 
     def _empty(self) -> tuple[int, Index, Columns, Array]:
         columns = np.empty((BLOCK, *self._shape), SINGLE)
         return 0, np.empty(BLOCK, dtype=np.intp), columns, np.empty((BLOCK, self._shape[0]))
 
-    def _last(self) -> list[Block]:
+    def _last(self) -> list[tuple[Index, Columns, Array]]:
         m = self._count
         return [(self._numbers[:m], self._columns[:m], self._sizes[:m])] if m else []
 
@@ -151,11 +200,8 @@ class Scores:
 
     def by_key(self) -> list[tuple[float, int]]:
         """(evidence of the key with its shapes integrated out, its best proposal), best first."""
-        groups: dict[tuple[object, ...], list[int]] = {}
-        for n, key in enumerate(self.candidates.keys):
-            groups.setdefault(key, []).append(n)
         out = []
-        for numbers in groups.values():
+        for numbers in self.candidates.of_key.values():
             values = self.evidence[numbers]
             best = int(np.argmax(values))
             if np.isfinite(values[best]):
@@ -164,23 +210,21 @@ class Scores:
         return sorted(out, reverse=True)
 
 
-def _block_scores(bench: Workbench, columns: Columns, generic: Mask) -> tuple[Array, Array, Array, Array]:
-    """Evidence, drop, absorbed part and reach of proposals (m) with columns (m, k, N).
+def _block_scores(bench: Workbench, block: Block, generic: Mask) -> tuple[Array, Array, Array, Array]:
+    """Evidence, drop, absorbed part and reach of a block's proposals.
 
     A physical effect is weighed with its usual size, more seldom with a larger one; a mere form has none and gets the
     scale that suits it best (one nat is paid for the choice).
     """
     from scipy.special import logsumexp
 
-    m, k, n = columns.shape
-    basis, residual = (v[:n].astype(columns.dtype) for v in (bench.basis, bench.residual))  # behind them may be ties
-    flat = columns.reshape(m * k, n)
+    m, k, n = block.columns.shape
     # what is left of a column, and its product with the residual, without forming it: R is a projector
-    inner = (flat @ basis).reshape(m, k, -1).astype(float)
-    whole = (columns @ columns.transpose(0, 2, 1)).astype(float)
-    gram = whole - inner @ inner.transpose(0, 2, 1)
-    slope = (flat @ residual).reshape(m, k).astype(float)
-    norm = np.sqrt(np.maximum(np.diagonal(whole, axis1=1, axis2=2), 1e-300))
+    accepted = np.column_stack([bench.basis[:n, block.rank :], bench.residual[:n]])  # behind them may be ties
+    products = (block.columns.reshape(m * k, n) @ accepted.astype(block.columns.dtype)).reshape(m, k, -1).astype(float)
+    inner, slope = products[..., :-1], products[..., -1]
+    gram = block.gram - inner @ inner.transpose(0, 2, 1)
+    norm = np.sqrt(block.square)
     unit = gram / norm[:, :, None] / norm[:, None, :]
     values, vectors = np.linalg.eigh(unit)
     seen = values > 1 - np.where(generic, FORM_ABSORBED, ABSORBED)[:, None]

@@ -16,7 +16,7 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.effects.base import Effect
-from identification.diagnosis.candidates import Candidates
+from identification.diagnosis.candidates import Block, Candidates
 from identification.diagnosis.workbench import Workbench
 from identification.fit.noise import Noise, noises
 
@@ -33,7 +33,7 @@ def evidence(bench: Workbench, groups: Sequence[Sequence[Effect]]) -> list[tuple
         gains = []
         for (main, *_), (columns, size) in zip(groups, blocks, strict=True):
             own = columns if noise is None else noise.whitened(columns, _edges(bench))
-            block = np.array([0]), (own * size[:, None])[None], size[None]
+            block = Block.of(filtered, np.array([0]), (own * size[:, None])[None], size[None])
             scores = Candidates([main], [block], [main.key]).scores(filtered)
             gains.append(float(scores.evidence[0]))
         rows.append([*gains, *(likelihood + g for g in gains)])

@@ -113,7 +113,7 @@ def diagnose(machine: Machine, survey: Survey, tell: Tell = silent) -> Diagnosed
         _summary(baseline),
         _summary(final),
         tuple(findings),
-        tuple(unseen(growth.start.scene, scores.candidates.effects, scores.beside(growth.start, growth.bench))),
+        tuple(unseen(growth.start.scene, scores.beside(growth.start, growth.bench))),
         verdict.unexplained,
         (*final.notes, *dead, *verdict.notes),
     )

@@ -35,6 +35,9 @@ SWEEPS = 4  # over all time constants
 SHAPES = ("period", "by_period", "per_turn", "tau", "at", "width", "exponent", "overlap")
 
 
+Likely = tuple[list[Step], Step] | None
+
+
 @dataclass(frozen=True)
 class Growth:
     """The accepted steps, and the bench with all of them fitted."""
@@ -66,7 +69,8 @@ def grow(bench: Workbench, candidates: Candidates, tell: Tell = silent, begin: S
     while len(growth.steps) < MOST_STEPS:
         last = growth.steps[-1].effect if growth.steps else None
         with tell(f"Looking further than {last.effect} of {last.where}" if last else "Looking for what was left out"):
-            further = grown(growth, candidates) or together(growth, candidates)
+            likely = _likely(growth.bench, candidates)
+            further = grown(growth, likely) or together(growth, likely, candidates)
         if further is None:
             break
         new = [s for s in further.steps[len(growth.steps) :] if s.refines is None]
@@ -78,20 +82,21 @@ def grow(bench: Workbench, candidates: Candidates, tell: Tell = silent, begin: S
     return growth
 
 
-def together(growth: Growth, candidates: Candidates) -> Growth | None:
+def together(growth: Growth, likely: Likely, candidates: Candidates) -> Growth | None:
     """With two or three further effects at once, each convincing only beside the others, or None.
 
     What one leaves over while the others are not yet modelled looks like noise that goes along with it.
     """
     trial = growth
     for _ in range(MOST_TOGETHER):
-        further = grown(trial, candidates, judged=False)
+        further = grown(trial, likely, judged=False)
         if further is None or further.steps[len(trial.steps)].refines is not None:
             return None
         trial = paired(further, candidates)
         new = trial.findings[len(growth.findings) :]
         if len(new) > 1 and all(_beside(trial.without(g), g) for g in new):
             return trial
+        likely = _likely(trial.bench, candidates)
     return None
 
 
@@ -102,22 +107,16 @@ def _beside(bench: Workbench, group: Sequence[Step]) -> bool:
     return bool(evidence - np.log(max(group[0].searched, 1)) - SHAPES_TRIED >= DETECT)
 
 
-def grown(growth: Growth, candidates: Candidates, *, judged: bool = True) -> Growth | None:
-    """With the best further effect, or None where nothing more is to be found.
+def grown(growth: Growth, likely: Likely, *, judged: bool = True) -> Growth | None:
+    """With the best of what is likely next, or None where nothing more is to be found.
 
     Not `judged`: an effect that outweighs the search in white noise will do.
     """
     bench = growth.bench
-    scores = candidates.scores(bench)
-    ranked = scores.by_key()
-    if not ranked or ranked[0][0] < WORTH:
+    if likely is None:
         return None
-    searched = len(ranked)
+    steps, best = likely
     explained = sum(s.drop for s in growth.steps if not s.effect.tied)  # a curve has no shape of its own to miss
-    steps = [_polished(candidates, scores, bench, n, searched) for n in _shortlist(candidates, ranked, 12)]
-    best = choose(bench, steps)
-    if "temperature" in roots(best.effect) and (best.effect.generic or not convincing(bench, best)):
-        best = _by_two_causes(bench, candidates, steps, best) or best
     own = _refined(growth, best)
     if own is None:  # what was found before explains it as well, in another form: that is the simpler story
         others = [s for s in steps if s.evidence > 0.7 * best.evidence and _refined(growth, s) is not None]
@@ -139,12 +138,25 @@ def grown(growth: Growth, candidates: Candidates, *, judged: bool = True) -> Gro
         best = replace(further[0], refines=_refined(growth, further[0]))
     tries = [best]
     if best.refines is not None:  # of what else the finding may be made of, the best together with what it is now
-        likely = [s for s in steps if s is not best and s.evidence > max(WORTH, 0.3 * best.evidence)]
-        tries += [replace(s, refines=best.refines) for s in likely if _refined(growth, s) == best.refines][:4]
+        near = [s for s in steps if s is not best and s.evidence > max(WORTH, 0.3 * best.evidence)]
+        tries += [replace(s, refines=best.refines) for s in near if _refined(growth, s) == best.refines][:4]
     error, _, best_growth = min(
         (heldout_rms(g.bench), k, g) for k, g in enumerate(lags_settled(_with(growth, s)) for s in tries)
     )
     return best_growth if error < heldout_rms(bench) else None
+
+
+def _likely(bench: Workbench, candidates: Candidates) -> Likely:
+    """The best proposals beside what the bench has, polished, and the one to be preferred among them."""
+    scores = candidates.scores(bench)
+    ranked = scores.by_key()
+    if not ranked or ranked[0][0] < WORTH:
+        return None
+    steps = [_polished(candidates, scores, bench, n, len(ranked)) for n in _shortlist(candidates, ranked, 12)]
+    best = choose(bench, steps)
+    if "temperature" in roots(best.effect) and (best.effect.generic or not convincing(bench, best)):
+        best = _by_two_causes(bench, candidates, steps, best) or best
+    return steps, best
 
 
 def _shortlist(candidates: Candidates, ranked: Sequence[tuple[float, int]], first: int) -> list[int]:
@@ -279,8 +291,7 @@ def _polished(candidates: Candidates, scores: Scores, bench: Workbench, number: 
     if effect.tied:
         ratio, _, noise = bench.tied(bench.columns(effect)[0]).best()
         effect = effect.model_copy(update={"size": float(f"{np.sqrt(ratio * noise):.3g}")})
-    key = effect.key
-    family = [e for e, k in zip(candidates.effects, candidates.keys, strict=True) if k == key]
+    family = [candidates.effects[n] for n in candidates.of_key[effect.key]]
     for name in SHAPES:
         value = getattr(effect, name, None) if name in type(effect).model_fields else None
         if not isinstance(value, float) or value == 0:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -28,18 +29,13 @@ Variant = tuple[str, str, bool]
 ROWS = 400  # of the full survey
 
 
-def unseen(scene: Scene, tried: Sequence[Effect], scores: Scores) -> list[Untestable]:
-    """Effects, with their places, that a survey cannot show.
-
-    Parameters
-    ----------
-    tried : what the survey lets be looked for, with its `scores` beside the geometry.
-    """
+def unseen(scene: Scene, scores: Scores) -> list[Untestable]:
+    """Effects, with their places, that a survey cannot show, from the `scores` of what it lets be looked for."""
     least: dict[Variant, tuple[float, float]] = {}
-    for effect, part, reach in zip(tried, scores.absorbed.tolist(), scores.reach.tolist(), strict=True):
-        place = variant_of(effect)
+    for numbers in scores.candidates.of_key.values():
+        place = variant_of(scores.candidates.effects[numbers[0]])
         before = least.get(place, (1.0, 0.0))
-        least[place] = min(part, before[0]), max(reach, before[1])
+        least[place] = min(before[0], *scores.absorbed[numbers]), max(before[1], *scores.reach[numbers])
     out = []
     for name, kind in sorted(registry().items()):
         if kind.generic or kind.family == "blunder":
@@ -68,7 +64,12 @@ def unseen(scene: Scene, tried: Sequence[Effect], scores: Scores) -> list[Untest
 
 def variant_of(effect: Effect) -> Variant:
     """An effect's word, its place, and whether it changes with warmth or time."""
-    return effect.effect, effect.where, any("T_" in d or d == "time" for d in effect.drivers)
+    return effect.effect, effect.where, _changes(effect.drivers)
+
+
+@lru_cache
+def _changes(drivers: tuple[str, ...]) -> bool:
+    return any("T_" in d or d == "time" for d in drivers)
 
 
 def full_scene(scene: Scene) -> Scene:

@@ -187,13 +187,13 @@ def _seen(
     count, free = len(candidates.effects), bench.freedom
     strength, possible = np.full(count, np.inf), np.zeros(count)
     parts, owners = [], []
-    for numbers, columns, sizes in candidates.blocks:
+    for block in candidates.blocks:
+        numbers, columns = block.numbers, block.columns
         m, k, n = columns.shape
         left = bench.project(columns.reshape(m * k, n).astype(float)).reshape(m, k, n)
-        possible[numbers] = POSSIBLE * sizes[:, 0]
-        whole = np.square(columns, dtype=np.float64).sum(axis=2)
+        possible[numbers] = POSSIBLE * block.sizes[:, 0]
         gram = left @ left.transpose(0, 2, 1)
-        norm = np.sqrt(np.maximum(whole, 1e-300))
+        norm = np.sqrt(block.square)
         seen = np.linalg.eigvalsh(gram / norm[:, :, None] / norm[:, None, :]).max(axis=1) > 1 - ABSORBED
         gain = np.maximum(np.linalg.eigvalsh(gram), 0.0)
         cost = np.array([candidates.effects[i].cost + np.log(shapes[candidates.keys[i]]) for i in numbers])

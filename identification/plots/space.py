@@ -138,21 +138,19 @@ class _Drawing:
         taken: list[tuple[Array, Array]] = []
         ink = np.concatenate(self.ink)
         circle = np.radians(np.arange(0, 360, 15))
+        radii = np.repeat(np.arange(0.16, 1.4, 0.08), len(circle))
+        around = radii[:, None] * np.tile(
+            np.column_stack([np.cos(circle), np.sin(circle)]), (len(radii) // len(circle), 1)
+        )
         halo = {"fc": "white", "ec": "none", "alpha": 0.7, "pad": 0.5}
         for text, anchor, colour, bold in sorted(self.labels, key=lambda label: not label[3]):
             size = style.HEADING if bold else style.BODY
             half = np.array([0.33 * len(text) + 0.5, 0.9]) * size / 72
-            spots = [
-                (r, anchor + r * np.array([np.cos(a), np.sin(a)])) for r in np.arange(0.16, 1.4, 0.08) for a in circle
-            ]
-
-            def cost(spot: tuple[float, Array], half: Array = half) -> float:
-                radius, centre = spot
-                covered = np.sum(np.all(np.abs(ink - centre) < half, axis=1))
-                clashes = sum(bool(np.all(np.abs(c - centre) < h + half)) for c, h in taken)
-                return radius + 0.3 * float(covered) + 50 * clashes
-
-            radius, centre = min(spots, key=cost)
+            spots = anchor + around
+            covered = (np.abs(ink - spots[:, None]) < half).all(axis=2).sum(axis=1)
+            clashes = sum(((np.abs(c - spots) < h + half).all(axis=1) for c, h in taken), np.zeros(len(spots)))
+            best = int(np.argmin(radii + 0.3 * covered + 50 * clashes))
+            radius, centre = radii[best], spots[best]
             taken.append((centre, half))
             if radius > 0.45:
                 self.page.plot(*np.array([anchor, centre]).T, color=style.FAINT, lw=0.8, zorder=1)
