@@ -25,12 +25,20 @@ def with_form(final: Fit, growth: Growth, first: int) -> Fit:
     place = {solution.unknowns[j]: k for k, j in enumerate(solution.groups.base)}
     more = np.zeros(len(place))
     for group in growth.findings:
+        relative, sizes, columns = np.zeros(0), np.zeros(0), np.zeros((0, len(growth.start.index)))
+        names: list[str] = []
         for step in group:
-            relative = _relative(step) / (1 if len(group) == 1 else 2)
-            for name in final.chain.effect_ids[first + growth.steps.index(step)]:
-                if name in place:
-                    value = solution.values[solution.unknowns.index(name)]
-                    more[place[name]] = (relative * value) ** 2
+            own = final.chain.effect_ids[first + growth.steps.index(step)]
+            names += own
+            sizes = np.append(sizes, [solution.values[solution.unknowns.index(i)] for i in own])
+            relative = np.append(relative, np.full(len(own), _relative(step) / (1 if len(group) == 1 else 2)))
+            columns = np.vstack([columns, growth.start.columns(step.effect)[0][:, : columns.shape[1]]])
+        # two lags that nearly cancel are each much larger than what they make: it is that which is in doubt
+        alone = np.sum(sizes**2 * np.sum(columns**2, axis=1))
+        part = np.sum((sizes @ columns) ** 2) / alone if alone else 0.0
+        for name, variance in zip(names, part * (relative * sizes) ** 2, strict=True):
+            if name in place:
+                more[place[name]] = variance
     return replace(final, solution=replace(solution, covariance=solution.covariance + np.diag(more)))
 
 

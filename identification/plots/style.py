@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, MaxNLocator, MultipleLocator, NullFormatter
+from matplotlib.ticker import AutoLocator, FuncFormatter, MaxNLocator, MultipleLocator, NullFormatter
 from numpy.typing import NDArray
 
 from errormodel.machine import Joint
@@ -29,6 +29,7 @@ OTHERS = ("#CC79A7", "#56B4E9", "#D55E00", "#000000")  # test files, in turn
 
 RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 TITLE, HEADING, BODY, SMALL = 15.0, 11.0, 9.0, 8.0  # points
+STEPS = [1, 2, 2.5, 5, 10]  # between ticks
 WIDTH = 8.0  # inches of a report's figure: its text is then as large as the report's, on A4 as on a screen
 
 
@@ -54,12 +55,15 @@ def panel(figure: Figure, left: float, bottom: float, width: float, height: floa
 
 
 def dress(axes: Axes, x: str = "", y: str = "", title: str = "") -> None:
-    """Labels with units, a light grid, no box."""
+    """Labels with units, a light grid in place of tick marks, no box; few ticks, which are what takes time to draw."""
     axes.set_xlabel(x, size=BODY, color=INK)
     axes.set_ylabel(y, size=BODY, color=INK)
     if title:
         axes.set_title(title, size=BODY, weight="bold", color=INK, loc="left")
-    axes.tick_params(labelsize=SMALL, colors=MUTED, labelcolor=INK, length=3)
+    axes.tick_params(labelsize=SMALL, labelcolor=INK, left=False, bottom=False)
+    for axis in (axes.xaxis, axes.yaxis):
+        if isinstance(axis.get_major_locator(), AutoLocator):
+            axis.set_major_locator(MaxNLocator(5, steps=STEPS))
     axes.grid(color=FAINT, lw=0.6)
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)
@@ -81,7 +85,7 @@ def dress_position(axes: Axes, joint: Joint, label: bool = True, ticks: int = 7)
     if turning and high - low >= 90 and step:
         axes.xaxis.set_major_locator(MultipleLocator(step))
     else:
-        axes.xaxis.set_major_locator(MaxNLocator(ticks, steps=[1, 2, 2.5, 5, 10]))
+        axes.xaxis.set_major_locator(MaxNLocator(ticks, steps=STEPS))
 
 
 def powers(axis: Axis) -> None:
