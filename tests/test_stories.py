@@ -56,3 +56,33 @@ def test_a_surface_over_two_joints_that_turn_is_found() -> None:
     assert {f.effect for f in found} == {"unnamed"}  # a little of it may show as a tilt at the other of the two
     assert all(set(f.driver) == {one.name, two.name} for f in found)
     assert found[0].heldout_rms_um.after < 0.8 * found[0].heldout_rms_um.before
+
+
+def test_pulses_become_a_curve_over_their_period() -> None:
+    """Oil lifts a carriage every quarter of an hour and it sinks again: no sine, and no second finding."""
+    machine = read_machine("vertical_three_axis")
+    survey = empty_survey(machine, 450, 7, channels=True, grid=False)
+    moved = survey.table.copy()
+    moved["mz"] += 0.03 * np.exp(-np.mod(moved["time"], 900.0) / 300.0)
+    told = diagnose(machine, replace(survey, table=moved))
+    [found] = told.diagnosis.findings
+    assert (found.effect, found.driver) == ("unnamed", ["time"])
+    assert found.period is not None
+    assert abs(found.period - 900) < 5
+    assert [(s.refines, s.effect.tied) for s in told.growth.steps] == [(None, False), (0, True)]
+
+
+def test_steps_over_two_joints_get_overtones() -> None:
+    """A table whose plates lie higher and lower in turn: one pair of waves leaves 12 um held out, 9 of them noise."""
+    machine = read_machine("vertical_three_axis")
+    survey = empty_survey(machine, 450, 7, channels=True, grid=False)
+    moved = survey.table.copy()
+    x, y = (
+        np.sin(3 * np.pi * (moved[j.name] - j.travel[0]) / (j.travel[1] - j.travel[0]) + 0.4)
+        for j in machine.joints[:2]
+    )
+    moved["mz"] += 0.015 * np.sign(x) * np.sign(y)
+    [found] = diagnose(machine, replace(survey, table=moved)).diagnosis.findings
+    assert found.effect == "unnamed"
+    assert set(found.driver) == {j.name for j in machine.joints[:2]}
+    assert found.heldout_rms_um.after < 11.0

@@ -12,9 +12,9 @@ from pydantic import Field
 
 from errormodel.conventions import MOTIONS, Motion, unit_of
 from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect, axis_motion
-from errormodel.effects.ops import Value, atan2, cos, cubic, sin
+from errormodel.effects.ops import Value
 from errormodel.effects.scene import Scene
-from errormodel.effects.shared import Positive, resolved, splines, waves
+from errormodel.effects.shared import Positive, closed_splines, resolved, splines, waves
 from errormodel.effects.travel import fraction, legendre, length, scaled, usual_size
 from errormodel.machine import Joint, Machine, joint_of
 
@@ -101,14 +101,9 @@ class HigherOrderGeometry(JointEffect):
 def curve(joint: Joint, q: Value, every: float) -> Iterator[Value]:
     """Cubic splines over a joint's travel or its turn, about `every` (mm, rad) apart."""
     if joint.type == "rotary" and length(joint) > 1.99 * math.pi:
-        n = max(round(2 * math.pi / every), 5)
-        u = atan2(sin(q), cos(q)) * (n / (2 * math.pi))  # -n/2 to n/2, where the ends are one place
-        for k in range(n):
-            at = k - n / 2
-            near = cubic(u - at)
-            yield near + cubic(u - at - n) if k < 2 else near + cubic(u - at + n) if k == n - 1 else near
-        return
-    yield from splines(fraction(joint, q), max(round(length(joint) / every), 2))
+        yield from closed_splines(q, max(round(2 * math.pi / every), 5))
+    else:
+        yield from splines(fraction(joint, q), max(round(length(joint) / every), 2))
 
 
 def declared(joint: Joint, motion: Motion) -> int:

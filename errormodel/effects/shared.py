@@ -12,7 +12,7 @@ from pydantic import Field
 
 from errormodel.conventions import ROTATIONS, TRANSLATIONS, Motion
 from errormodel.effects.base import Channels
-from errormodel.effects.ops import Value, cos, cubic, exp, fmax, fmin, sin
+from errormodel.effects.ops import Value, atan2, cos, cubic, exp, fmax, fmin, sin
 from errormodel.effects.scene import Scene
 from errormodel.exceptions import InputError
 from errormodel.machine import Joint, Machine, joint_of
@@ -120,6 +120,15 @@ def resolved(scene: Scene, joint: Joint, shortest: float) -> float:
     gaps = np.diff(np.sort(scene.columns[joint.name]))
     gaps = gaps[gaps > shortest / 8]  # nearer ones are the same place
     return max(shortest, 2 * float(gaps.min())) if len(gaps) else np.inf
+
+
+def closed_splines(turn: Value, n: int) -> Iterator[Value]:
+    """The ``n`` cubic B-splines of n pieces around a circle, of an angle in rad; n is 5 or more."""
+    u = atan2(sin(turn), cos(turn)) * (n / (2 * np.pi))  # -n/2 to n/2, where the ends are one place
+    for k in range(n):
+        at = k - n / 2
+        near = cubic(u - at)
+        yield near + cubic(u - at - n) if k < 2 else near + cubic(u - at + n) if k == n - 1 else near
 
 
 def members(machine: Machine) -> list[str]:

@@ -14,7 +14,7 @@ from errormodel.effects.base import Channels, Effect, EffectTerm
 from errormodel.effects.lattice import lattice
 from errormodel.effects.ops import Value
 from errormodel.effects.scene import Scene
-from errormodel.effects.shared import Positive, splines, waves
+from errormodel.effects.shared import Positive, closed_splines, splines, waves
 from errormodel.effects.travel import legendre, usual_size
 from errormodel.machine import Machine
 
@@ -26,8 +26,8 @@ class Unnamed(Effect):
     """`motion` (mm, rad): Legendre polynomials of ``(driver - center) / half_range`` up to the form's order, or a wave.
 
     With a second channel `by`, products of the one's shapes with the other's. With `pieces` a curve, or a surface over
-    both channels: cubic splines on so many pieces of the range (of each), tied to zero with the standard deviation
-    `size` (mm, rad).
+    both channels: cubic splines on so many pieces of the range (of each), or of the period where there is one, tied to
+    zero with the standard deviation `size` (mm, rad).
     """
 
     effect: ClassVar[str] = "unnamed"
@@ -43,7 +43,7 @@ class Unnamed(Effect):
     form: Form = "linear"
     center: float = 0.0  # in the channel's internal unit, as half_range and period
     half_range: Positive = 1.0
-    period: Positive | None = None  # makes it a sine and a cosine
+    period: Positive | None = None  # makes it a sine and a cosine, or the curve one that repeats
     by: str | None = None
     by_form: Form = "linear"
     by_center: float = 0.0
@@ -87,9 +87,11 @@ class Unnamed(Effect):
         return (cls.model_validate(fields) for fields in lattice(scene))
 
     def _shapes(self, x: Value, form: Form, center: float, half: float, period: float | None) -> dict[str, Value]:
-        if period:
-            return waves(x, 2 * math.pi / period)
         u = (x - center) / half
         if self.pieces:
-            return {str(k): s for k, s in enumerate(splines((u + 1) / 2, self.pieces))}
+            turn = 2 * math.pi * x / period if period else None
+            curve = splines((u + 1) / 2, self.pieces) if turn is None else closed_splines(turn, max(self.pieces, 5))
+            return {str(k): s for k, s in enumerate(curve)}
+        if period:
+            return waves(x, 2 * math.pi / period)
         return {str(n): legendre(n, u) for n in range(1, ORDER[form] + 1)}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 
@@ -17,14 +17,20 @@ from errormodel.machine import Joint
 from identification.diagnosis.judging import moves
 from identification.diagnosis.workbench import Workbench
 
-PIECES = 10  # of each joint's range, of a surface
+PIECES = 10  # of each joint's range, of a surface; of a period
 FORMS = ("linear", "square", "cubic")
+OVERTONES = (1, 2, 3, 5)  # steps have the odd ones
 SMOOTH = 8  # functions of one position
 BENT = {0.03: 1.0, 0.1: 3.0, 0.3: 8.0}  # part of an effect's size by which its form departs, and nats for it
 
 
 def forms(bench: Workbench, effect: Effect) -> Iterator[Effect]:
-    """Generic terms at the effect's place by its drivers (lagged too, where it is warmth), along its joint's travel."""
+    """Generic terms at the effect's place by its drivers (lagged too, where it is warmth), along its joint's travel.
+
+    Of a wave without a name also what it may be instead of a sine.
+    """
+    if isinstance(effect, Unnamed) and effect.period and not effect.tied:
+        yield from _repeating(effect, effect.period)
     joint = next((j for j in bench.scene.moving if j.name == effect.where), None)
     for element, motion in sorted(moves(bench, effect)):
         for driver in _drivers(bench, effect):
@@ -42,6 +48,16 @@ def forms(bench: Workbench, effect: Effect) -> Iterator[Effect]:
                     yield Unnamed.model_validate({**both, "pieces": PIECES})
                 for form in FORMS:
                     yield Unnamed.model_validate({**both, "by_form": form})
+
+
+def _repeating(wave: Unnamed, period: float) -> Iterator[Effect]:
+    """What comes in pulses or steps as the wave does: any curve over its period; of two waves at once, overtones."""
+    if not wave.by_period:
+        yield wave.model_copy(update={"pieces": PIECES})
+        return
+    for n, m in product(OVERTONES, OVERTONES):
+        if (n, m) != (1, 1):
+            yield wave.model_copy(update={"period": period / n, "by_period": wave.by_period / m})
 
 
 def bent(bench: Workbench, effect: Effect) -> tuple[float, float]:

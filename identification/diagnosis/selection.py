@@ -294,7 +294,7 @@ def _polished(candidates: Candidates, scores: Scores, bench: Workbench, number: 
     family = [candidates.effects[n] for n in candidates.of_key[effect.key]]
     for name in SHAPES:
         value = getattr(effect, name, None) if name in type(effect).model_fields else None
-        if not isinstance(value, float) or value == 0:
+        if not isinstance(value, float) or value == 0 or effect.tied:  # a curve repeats with the wave that it refines
             continue
         grid = sorted({float(getattr(e, name)) for e in family})
         edge = 0.3 * abs(value)
