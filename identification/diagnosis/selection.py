@@ -24,6 +24,7 @@ from identification.progress import Tell, silent
 LEAK = 0.06  # of what is already explained: less than this elsewhere may be the shape of what was found
 WORTH = 7.0  # nats below which nothing is looked at further
 ALIKE = 0.6  # canonical correlation beyond which a later effect is a further form of an earlier finding
+HARDLY = 1.05  # times the held-out error: what no evidence asks for gains as much by chance
 OWN = 0.3  # of the drop of the earlier finding: as much of another kind of form is no departure from it
 ROUNDED = 0.01  # nats, in scores from columns in single precision
 MAYBE = 0.5  # of the best evidence
@@ -79,7 +80,7 @@ def grow(bench: Workbench, candidates: Candidates, tell: Tell = silent, begin: S
             candidates = candidates.joined(Candidates.of(bench, list(forms(bench, step.effect))))
         if new and len(growth.findings) > 1:
             growth = second_look(growth, candidates)
-    return growth
+    return still_needed(growth)
 
 
 def together(growth: Growth, likely: Likely, candidates: Candidates) -> Growth | None:
@@ -98,6 +99,17 @@ def together(growth: Growth, likely: Likely, candidates: Candidates) -> Growth |
             return trial
         likely = _likely(trial.bench, candidates)
     return None
+
+
+def still_needed(growth: Growth) -> Growth:
+    """Without findings that what was found after them explains as well, the slightest first."""
+    for group in sorted(growth.findings, key=lambda g: g[0].drop):
+        others = [g for g in growth.findings if g[0] is not group[0]]
+        if others and not _beside(growth.without(group), group):
+            fewer = _of_groups(growth.start, others)
+            if heldout_rms(fewer.bench) < HARDLY * heldout_rms(growth.bench):
+                growth = fewer
+    return growth
 
 
 def _beside(bench: Workbench, group: Sequence[Step]) -> bool:
@@ -339,7 +351,7 @@ def _refined(growth: Growth, step: Step) -> int | None:
         if earlier.refines is not None:
             continue
         one, other = earlier.effect, step.effect
-        if one.tied and not other.generic and other.family != one.family:
+        if one.tied and not (one.generic or other.generic) and other.family != one.family:
             continue  # a curve of the joint's own position leaves nothing of that kind: this is something else
         there = one.where == other.where and roots(one) & roots(other)
         if there and (one.effect == other.effect or moves(bench, one) & moves(bench, other)):
@@ -352,7 +364,7 @@ def _refined(growth: Growth, step: Step) -> int | None:
 
 
 def _apart(one: Effect, other: Effect) -> bool:
-    """Whether two effects at a place are known by different signs: a wave, a bump or a curve; a clock or a sensor."""
+    """Whether two effects at a place are known by different signs: a wave, a bump or a form; a clock or a sensor."""
     named = not (one.generic or other.generic) and one.effect != other.effect
     by_clock = ("time" in one.drivers) != ("time" in other.drivers)
-    return named and (type(one).shape != type(other).shape or by_clock)
+    return named and (type(one).shape != type(other).shape or by_clock or not (one.pliant or other.pliant))

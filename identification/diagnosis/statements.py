@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from errormodel.conventions import FRAME, INSTRUMENT, TOOL, Motion, iso_symbol, unit_of
 from errormodel.effects import registry
 from errormodel.effects.base import Effect
-from errormodel.features import CALL
+from errormodel.features import CALL, root
 from errormodel.machine import Joint, Machine
 from identification.diagnosis.sizes import Whole
 from identification.estimates import decimals, printed
@@ -26,7 +26,7 @@ def statement_of(whole: Whole, machine: Machine, absorbed: float, probability: f
     """The sentence. `others`: explanations that this data cannot tell from it, as ``lost-motion of X``."""
     main = whole.effects[0]
     name = subject(main)
-    same = [e for e in whole.effects if e.effect == main.effect]
+    same = [main] if main.generic else [e for e in whole.effects if e.effect == main.effect]
     cause = "the same in all rows" if _steady(whole) else f"driven by {causes(same)}{shape(main, machine)}"
     parts = [f"{name[0].upper()}{name[1:]}, {cause}: "]
     parts.append("; ".join((*_figures(whole, machine), f"{length(whole.size_um)} rms at the tip")))
@@ -56,8 +56,10 @@ def causes(effects: Sequence[Effect]) -> str:
     """What drives some effects together, in words: the lags of one sensor in a row."""
     lags: dict[str, list[float]] = {}
     for effect in effects:
-        names = [channel(d) for d in dict.fromkeys(effect.drivers)]
-        text = " less ".join(names) if getattr(effect, "minus", None) else " and ".join(names) or "position"
+        names = dict.fromkeys(effect.drivers)
+        warm = [n for n in names if getattr(effect, "minus", None) and root(n).startswith("T_")]  # a difference of two
+        said = [*(channel(n) for n in names if n not in warm), *([" less ".join(map(channel, warm))] if warm else [])]
+        text = " and ".join(said) or "position"
         lags.setdefault(text, []).append(getattr(effect, "tau", None) or 0.0)
     return " and ".join(f"{text}{_behind(text, taus)}" for text, taus in lags.items())
 
