@@ -14,6 +14,7 @@ import pytest
 
 from errormodel.chain import Chain
 from errormodel.exceptions import InputError
+from errormodel.features import direction
 from errormodel.machine import Joint, Machine
 from errormodel.schema import read_machine
 from errormodel.simulate import random_points
@@ -23,6 +24,7 @@ from errormodel.survey_schema import SurveyUnits
 from errormodel.survey_sizes import check_sizes
 from identification.diagnosis.run import diagnose
 from identification.diagnosis.sanity import find_blunders
+from identification.diagnosis.sides import contrary_sides
 from tests.chains import errors
 from tests.surveys import measured, positions
 from tests.surveys import survey as survey_of
@@ -358,3 +360,13 @@ def test_units_of_time_and_temperature_that_look_wrong_are_noted() -> None:
     assert "write units: {time: ms}" in said(time=time * 1000)[0]
     assert not said(T_a=20.0, T_motor=70.0, time=time)
     assert not said(T_hotend=75.0)
+
+
+def test_a_side_of_arrival_against_the_order_of_the_rows() -> None:
+    survey = honest("vertical_three_axis")
+    right = survey.table.assign(dir_X=direction(survey.table, "X"))
+    by_detour = np.random.default_rng(2).choice([-1.0, 1.0], len(right))
+    for sides in (right["dir_X"], by_detour, -1.0):
+        assert not list(contrary_sides(replace(survey, table=right.assign(dir_X=sides))))
+    [said] = contrary_sides(replace(survey, table=right.assign(dir_X=-right["dir_X"])))
+    assert said.startswith("column dir_X says the opposite of how X came in the order of the rows, in 160 of 160")

@@ -33,6 +33,7 @@ from identification.diagnosis.outliers import gross_rows
 from identification.diagnosis.sanity import find_blunders, without
 from identification.diagnosis.selection import Growth, grow
 from identification.diagnosis.sensors import dead_sensors
+from identification.diagnosis.sides import contrary_sides
 from identification.diagnosis.sizes import Amount, whole_of
 from identification.diagnosis.statements import length, next_measurement, period_of, statement_of, subject
 from identification.diagnosis.stories import retold
@@ -115,7 +116,7 @@ def diagnose(machine: Machine, survey: Survey, tell: Tell = silent) -> Diagnosed
         tuple(findings),
         tuple(unseen(growth.start.scene, scores.beside(growth.start, growth.bench))),
         verdict.unexplained,
-        (*final.notes, *dead, *verdict.notes),
+        (*final.notes, *dead, *contrary_sides(survey), *verdict.notes),
     )
     return Diagnosed(diagnosis, baseline, final, growth, scores)
 
