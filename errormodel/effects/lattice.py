@@ -76,18 +76,19 @@ def _cycles(scene: Scene) -> Iterator[Fields]:
 
 
 def _products(scene: Scene) -> Iterator[Fields]:
-    """Position times position at every place; at a joint also its position and its direction times other channels."""
+    """Position times position at every place; at a joint other channels as its position goes, or as its direction."""
     for one, two in combinations(_joints(scene), 2):
         for element, motion in places(scene, one):
             yield {"element": element, "motion": motion, **_first(scene, one), **_second(scene, two)}
     for joint in _joints(scene):
-        partners = [(_first(scene, joint), name) for name in _others(scene)]
+        grows = [{**_first(scene, name), **_second(scene, joint), "by_form": "affine"} for name in _others(scene)]
         if joint in _reversing(scene):
-            partners += [({"driver": f"dir_{joint}"}, name) for name in (*_joints(scene), *_others(scene))]
+            others = (*_joints(scene), *_others(scene))
+            grows += [{"driver": f"dir_{joint}", **_second(scene, name)} for name in others]
         for element, motion in places(scene, joint):
             if element == joint:
-                for first, name in partners:
-                    yield {"element": element, "motion": motion, **first, **_second(scene, name)}
+                for fields in grows:
+                    yield {"element": element, "motion": motion, **fields}
 
 
 def _chequers(scene: Scene) -> Iterator[Fields]:

@@ -18,16 +18,16 @@ from errormodel.effects.shared import Positive, closed_splines, splines, waves
 from errormodel.effects.travel import legendre, usual_size
 from errormodel.machine import Machine
 
-Form = Literal["linear", "square", "cubic"]
-ORDER = {"linear": 1, "square": 2, "cubic": 3}
+Form = Literal["affine", "linear", "square", "cubic"]
+ORDER = {"affine": (0, 1), "linear": (1,), "square": (1, 2), "cubic": (1, 2, 3)}  # affine: with a constant, beside `by`
 
 
 class Unnamed(Effect):
     """`motion` (mm, rad): Legendre polynomials of ``(driver - center) / half_range`` up to the form's order, or a wave.
 
-    With a second channel `by`, products of the one's shapes with the other's. With `pieces` a curve, or a surface over
-    both channels: cubic splines on so many pieces of the range (of each), or of the period where there is one, tied to
-    zero with the standard deviation `size` (mm, rad).
+    With a second channel `by`, products of the one's shapes with the other's (`affine`: with a constant too). With
+    `pieces` a curve, or a surface over both channels: cubic splines on so many pieces of the range (of each), or of the
+    period where there is one, tied to zero with the standard deviation `size` (mm, rad).
     """
 
     effect: ClassVar[str] = "unnamed"
@@ -94,4 +94,4 @@ class Unnamed(Effect):
             return {str(k): s for k, s in enumerate(curve)}
         if period:
             return waves(x, 2 * math.pi / period)
-        return {str(n): legendre(n, u) for n in range(1, ORDER[form] + 1)}
+        return {str(n): legendre(n, u) if n else 0 * u + 1 for n in ORDER[form]}
