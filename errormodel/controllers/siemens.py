@@ -20,7 +20,17 @@ from errormodel.arrays import Array
 from errormodel.controllers.base import Controller, header
 from errormodel.controllers.grids import spaced
 from errormodel.controllers.setup import Setup
-from errormodel.controllers.tables import Table, Tables, Term, check_points, even_step, factor
+from errormodel.controllers.tables import (
+    Table,
+    Tables,
+    Term,
+    check_points,
+    even_step,
+    factor,
+    shift_lines,
+    shift_terms,
+    shifts_of,
+)
 from errormodel.controllers.text import Files, one_file
 from errormodel.exceptions import InputError
 
@@ -53,11 +63,12 @@ class SiemensLec(Controller):
     most_points: ClassVar[int] = 1000
 
     def terms(self, setup: Setup) -> list[Term]:
-        return self.curves(setup, [(m, m) for m in setup.linear if m in setup.moving], zero=True)
+        curves = self.curves(setup, [(m, m) for m in setup.linear if m in setup.moving], zero=True)
+        return [*curves, *shift_terms(curves)]
 
     def write(self, tables: Tables, setup: Setup) -> dict[str, str]:
-        lines = ["%_N_AX_EEC_INI", *(f"; {s}" for s in header(self, setup)), "CHANDATA(1)"]
-        for table in tables:
+        lines = ["%_N_AX_EEC_INI", *(f"; {s}" for s in (*header(self, setup), *shift_lines(tables))), "CHANDATA(1)"]
+        for table in (t for t in tables if t.term.inputs):
             term, axis = table.term, f"{table.term.output}1"
             check_points(term, self.most_points)
             step = even_step(term)
@@ -84,7 +95,7 @@ class SiemensLec(Controller):
             k = keys.get(axis, {})
             grid = _grid(k.get("STEP", 0.0), k.get("MIN", 0.0), k.get("MAX", 0.0), len(v), f"{name}, axis {axis}")
             out.append(Table(Term(axis, (axis,), (grid,), zero=True), np.array(v)))
-        return tuple(out)
+        return (*out, *shifts_of(text))
 
     def checklist(self, setup: Setup) -> list[str]:
         return [

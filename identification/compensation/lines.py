@@ -42,7 +42,7 @@ def compensation_lines(result: Compensation, folder: Path) -> Iterator[str]:
         yield f"  run {folder / 'sign_test' / 'sign_test.nc'} first"
     yield ""
     yield "activation"
-    yield from (f"  [ ] {step}" for step in controller.checklist(setup))
+    yield from (f"  [ ] {step}" for step in result.checklist)
     count = sum(len(s.files) for s in result.sets)
     yield ""
     yield f"{count} file{'s' if count > 1 else ''} written to {folder}"

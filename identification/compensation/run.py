@@ -64,6 +64,18 @@ class Compensation:
         """The set for the middling state."""
         return self.sets[len(self.sets) // 2]
 
+    @property
+    def checklist(self) -> list[str]:
+        """What to do at the machine, in order; last the constants that its tables cannot hold."""
+        constants = [
+            f"move the zero of {t.term.output} by {1e3 * float(t.values):+.1f} um (work offset or reference point "
+            f"shift{f', with the files of {s.label}' if s.label else ''}): the tables are zero at the reference point"
+            for s in self.sets
+            for t in s.tables
+            if not t.term.inputs and not t.term.factor
+        ]
+        return [*self.controller.checklist(self.setup), *constants]
+
     def as_json(self) -> dict[str, Any]:
         """``compensation.json``."""
         return {
@@ -84,7 +96,7 @@ class Compensation:
                 for s in self.sets
             ],
             "advice": [asdict(a) for a in self.advice],
-            "checklist": self.controller.checklist(self.setup),
+            "checklist": self.checklist,
             "notes": list(self.notes),
         }
 
