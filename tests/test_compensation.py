@@ -16,6 +16,7 @@ from errormodel.controllers import target
 from errormodel.controllers.base import Controller
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Tables
+from errormodel.controllers.thermal import laws_of
 from errormodel.exceptions import InputError
 from errormodel.machine import EffectSpec, Joint, Machine
 from errormodel.schema import library, read_machine
@@ -249,7 +250,10 @@ def test_a_machine_turned_round_has_its_errors_in_the_controllers_axes() -> None
         controller.suits(volume_of(upside, np.zeros(len(Chain(upside).ids))).setup(None, None)[0])
 
 
-def test_a_table_for_each_temperature(tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def warmed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A fit of a machine whose X screw grows by 11 um/m a kelvin, surveyed between 18 and 30 degC."""
+    folder = tmp_path_factory.mktemp("warm")
     machine = replace(
         read_machine(MILL),
         effects=(EffectSpec("scale-expansion", {"joint": "X", "sensor": "T_x"}),),
@@ -260,8 +264,30 @@ def test_a_table_for_each_temperature(tmp_path: Path) -> None:
     points = pd.DataFrame({j.name: rng.uniform(*j.travel, 150) for j in machine.joints})
     points = points.assign(tool_x=0.0, tool_y=0.0, tool_z=-100.0, T_x=rng.uniform(18, 30, 150))
     table = positions(measured(machine, chain.vector({identity: 11e-6}), seed=4, noise=1 * UM, points=points))
-    save(fit_machine(machine, survey(table)), tmp_path / "fit")
-    out = done("compensate", tmp_path / "fit", "--controller", "linuxcnc-type1", "--out", tmp_path / "out").out
+    save(fit_machine(machine, survey(table)), folder / "fit")
+    return folder / "fit"
+
+
+@pytest.mark.parametrize("name", ["siemens-lec", "siemens-cec", "isg"])
+def test_the_controllers_own_temperature_compensation_takes_the_place_of_tables(
+    name: str, warmed: Path, tmp_path: Path
+) -> None:
+    out = done("compensate", warmed, "--controller", name, "--out", tmp_path).out
+    (file,) = (tmp_path / f for f in ("TEMP_COMP.INI", "temp_comp.lis") if (tmp_path / f).exists())
+    (law,) = laws_of(file.read_text())
+    assert (law.axis, law.sensor) == ("X", "T_x")
+    assert law.slope == pytest.approx(-11e-6, rel=0.02)
+    assert "in place of a folder for each temperature" in out
+    data = json.loads((tmp_path / "compensation.json").read_text())
+    own = data["own_temperature_compensation"]["figures"]
+    for figures, stated in zip(own, data["sets"], strict=True):
+        alone = stated["figures"][0]["after"]["rms_um"]
+        assert figures["after"]["rms_um"] < alone + 0.3  # as good as tables of its own
+        assert stated["figures"][0]["before"]["rms_um"] == figures["before"]["rms_um"]
+
+
+def test_a_table_for_each_temperature(warmed: Path, tmp_path: Path) -> None:
+    out = done("compensate", warmed, "--controller", "linuxcnc-type1", "--out", tmp_path / "out").out
     folders = sorted(p.name for p in (tmp_path / "out").iterdir() if p.is_dir())
     assert len(folders) == 3
     assert all(re.fullmatch(r"T_x_\d\d\.\d", name) for name in folders)

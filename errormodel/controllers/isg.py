@@ -4,12 +4,15 @@ White-space tables: a header of argument and parameter names, rows below, ``//``
 further header. Offsets in mm, angles in rad; arguments in mm, and degrees for rotary axes. Errors may be tabled over
 several axes.
 
+Temperature: a straight line of position for each axis, whose offset and coefficient the PLC writes.
+
 Source: Beckhoff Infosys TF5280, pages 296423819 (parameters), 296429067 (ISG CSV), 296390283 (configuration), and the
-kernel's documentation at isg-stuttgart.de.
+kernel's documentation at isg-stuttgart.de (temperature compensation: 308654475, and TF5200 15266957451).
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -19,6 +22,7 @@ from errormodel.controllers.grids import nodes
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Table, Tables, Term, check_increasing
 from errormodel.controllers.text import Files, Lines, one_file
+from errormodel.controllers.thermal import Growth, States, Thermal, thermal
 from errormodel.controllers.volumetric import Volumetric
 from errormodel.exceptions import InputError
 
@@ -26,6 +30,28 @@ DOUBT = (
     "the sign of the parameters (taken as errors, actual minus nominal; `negate XYZ` in the list turns them round) and "
     "the point an angle's lever is counted from (taken as the axis' own frame with the tool tip as in machine.yaml)"
 )
+
+
+def temperature_file(found: Sequence[Growth]) -> dict[str, str]:
+    """Axis parameters of the kernel's own temperature compensation, and the laws that the PLC applies."""
+    sensor, zero = found[0].sensor, found[0].zero
+    lines = [
+        "# temperature compensation: offset_0(T) + coefficient(T) * (position - position_0), axis by axis",
+        "# for the parameters of the middling folder only; of each axis into its own list",
+        f"# offset and coefficient are zero at {sensor} = {zero:.3f}; the PLC writes them as {sensor} changes:",
+        "# temp_comp_offset_0 = -1e4 times the mm, temp_comp_coefficient = -1e6 times mm/mm, times the kelvin above",
+        *(f"# correct {g.line()}" for g in found),
+        "# NOT CERTAIN: the sign (taken as that of a deviation, against the correction); try an offset of 500 first",
+    ]
+    for g in found:
+        lines += [
+            f"kopf.log_achs_name {g.axis}",
+            "lr_param.temp_comp 1",
+            "lr_param.temp_comp_position_0 0",
+            "lr_param.temp_comp_offset_0 0",
+            "lr_param.temp_comp_coefficient 0",
+        ]
+    return {"temp_comp.lis": "\n".join(lines) + "\n"}
 
 
 def configuration(setup: Setup, file: str, form: str, names: tuple[str, ...]) -> str:
@@ -52,6 +78,9 @@ class Isg(Volumetric):
     source: ClassVar[str] = "infosys.beckhoff.com TF5280: 296423819, 296429067, 296390283"
     doubt: ClassVar[str] = DOUBT
     most_points: ClassVar[int] = 2000
+
+    def thermal(self, states: States, setup: Setup) -> Thermal | None:
+        return thermal(states, setup, self.emulate, temperature_file)
 
     def structures(self, setup: Setup) -> list[list[Term]]:
         """Six motions an axis over its own position; then with the last linear axis' translations over all linear axes.

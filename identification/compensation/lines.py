@@ -7,7 +7,7 @@ from pathlib import Path
 
 from errormodel.controllers.setup import Axis, Setup
 from identification.compensation.assessment import Error, Figures
-from identification.compensation.run import Compensation
+from identification.compensation.run import Compensation, Stated
 
 NEAR = 0.02  # of the travel: a survey that ends nearer to the end than this covers it
 
@@ -30,9 +30,16 @@ def compensation_lines(result: Compensation, folder: Path) -> Iterator[str]:
     for stated in result.sets:
         yield ""
         if stated.label:
-            yield "at " + ", ".join(f"{k} = {v:.1f} {'s' if k == 'time' else 'degC'}" for k, v in stated.state.items())
+            yield _state(stated)
         for figures in stated.figures:
             yield from figure_lines(figures, setup)
+    if result.thermal:
+        usual, files = result.usual, ", ".join(result.thermal.files)
+        yield ""
+        yield f"in place of a folder for each temperature: that of {usual.label}, and {files}"
+        for stated, figures in zip(result.sets, result.thermal.figures, strict=True):
+            after, told = figures.after, _state(stated)
+            yield f"  {f'left {told}':44} {after.rms_um:8.2f} {after.worst_um:8.2f}   um (rms, worst)"
     yield ""
     yield "region: what the survey covered; beyond it the correction of its edge is held"
     yield from (f"  {line}" for line in region_lines(setup))
@@ -43,9 +50,13 @@ def compensation_lines(result: Compensation, folder: Path) -> Iterator[str]:
     yield ""
     yield "activation"
     yield from (f"  [ ] {step}" for step in result.checklist)
-    count = sum(len(s.files) for s in result.sets)
+    count = sum(len(s.files) for s in result.sets) + len(result.thermal.files if result.thermal else ())
     yield ""
     yield f"{count} file{'s' if count > 1 else ''} written to {folder}"
+
+
+def _state(stated: Stated) -> str:
+    return "at " + ", ".join(f"{k} = {v:.1f} {'s' if k == 'time' else 'degC'}" for k, v in stated.state.items())
 
 
 def figure_lines(figures: Figures, setup: Setup) -> Iterator[str]:

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from scipy.sparse import csc_matrix, csr_matrix
 
 MOST_CONES = 5000  # values up to which the cone programmes are solved; more are left to least squares
-SHARE = 0.03  # of the root mean square error that can be removed, given up for the worst pose,
+SHARE = 0.02  # of the root mean square error that can be removed, given up for the worst pose,
 COST = 0.05  # but never more than this of what must be left
 RIDGE = 1e-8  # of the mean square, for values that no pose determines
 SMOOTH = 0.1  # of the mean square, for kinks: what few poses determine goes on straight
@@ -74,7 +74,7 @@ def reduce(
     while True:
         task = _Task.of(controller, setup, {t: columns[t] for t in terms}, sample)
         values = task.split(task.least)
-        moved = [_moves(columns[t], v) for t, v in zip(terms, values, strict=True)]
+        moved = [_moves(columns[t], v, sample.frame) for t, v in zip(terms, values, strict=True)]
         keep = [k for k, m in enumerate(moved) if m > IDLE * max(moved)]
         if most_tables is not None and len(keep) > most_tables:
             keep = sorted(sorted(keep, key=lambda k: -moved[k])[:most_tables])
@@ -99,9 +99,9 @@ def _framed(errors: Array, frame: Array) -> Array:
     return errors - (flat @ np.linalg.lstsq(flat, errors.ravel(), rcond=1e-9)[0]).reshape(errors.shape)
 
 
-def _moves(column: csr_matrix, values: Array) -> float:
-    """Root mean square of what a table does at the tip, mm."""
-    return float(np.sqrt(np.mean(np.square(column @ values.ravel()))))
+def _moves(column: csr_matrix, values: Array, frame: Array) -> float:
+    """Root mean square of what a table does at the tip and the frame does not undo, mm."""
+    return float(np.sqrt(np.mean(np.square(_framed((column @ values.ravel()).reshape(3, -1).T, frame)))))
 
 
 def _column(controller: Controller, setup: Setup, term: Term, sample: Sample) -> csr_matrix:
@@ -192,7 +192,12 @@ class _Task:
         """The least worst error, for a little of what least squares remove."""
         if len(self.least) > MOST_CONES:
             return self.least
-        ball = Ball.of(self.least, self.gram.toarray(), self.equal)
+        from scipy.sparse import csr_matrix, vstack
+
+        # the frame stays that of least squares, after which errors are judged
+        motions = self.design[:, sum(t.size for t in self.terms) :]
+        held = csr_matrix(vstack([self.equal, motions.T @ self.design]))
+        ball = Ball.of(self.least, self.gram.toarray(), held)
         return least_worst(self.design, self.errors, ball, self.slopes, self._room)
 
     def _room(self, x: Array) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,16 +20,17 @@ from errormodel.exceptions import InputError
 from errormodel.features import root
 from identification import store
 from identification.compensation.advice import Advice, mechanical_advice
-from identification.compensation.assessment import Figures, assess, emulated
+from identification.compensation.assessment import Correct, Figures, assess, emulated
 from identification.compensation.field import Field
-from identification.compensation.reduction import MOST_CONES, leftover, reduce
+from identification.compensation.reduction import leftover, reduce
 from identification.compensation.rows import Rows, held_out, read_rows
 from identification.compensation.volume import Volume, levels
 from identification.progress import Tell, silent
 
 SCHEMA = "errormodel.compensation/1"
-POSES = 1000  # that stand for the volume
-FEW = 200  # values: so few are found quickly from three times the poses
+POSES = 3000  # that stand for the volume, or a multiple of them:
+FINE = 1600  # values of a lattice over all axes, from which on it takes the exact corrections at its nodes
+WORK, MOST = 30, 8  # this over the number of tables, and at most that
 CLEAN = 0.03  # of the error: what a plain structure may leave without a richer one being tried
 ENOUGH = 0.9  # of what the plainer structure leaves: a richer one must be better than that
 EXAMPLE = 24  # poses of a programme where none is given
@@ -48,6 +49,14 @@ class Stated:
 
 
 @dataclass(frozen=True)
+class Own:
+    """A controller's own temperature compensation in place of a set for each state, and what it leaves at each."""
+
+    files: Mapping[str, str]
+    figures: list[Figures]
+
+
+@dataclass(frozen=True)
 class Compensation:
     """All that `compensate` writes and prints."""
 
@@ -55,7 +64,7 @@ class Compensation:
     setup: Setup
     sets: list[Stated]
     tests: dict[str, str]  # files of the sign test; none where the sign is sure
-    thermal: dict[str, str]  # files of the controller's own temperature compensation, if it has one
+    thermal: Own | None  # the controller's own temperature compensation, if it has one
     advice: list[Advice]
     notes: tuple[str, ...]
 
@@ -95,6 +104,15 @@ class Compensation:
                 }
                 for s in self.sets
             ],
+            "own_temperature_compensation": None
+            if self.thermal is None
+            else {
+                "files": list(self.thermal.files),
+                "figures": [
+                    {"state": dict(s.state)} | asdict(f) | {"removed": f.removed()}
+                    for s, f in zip(self.sets, self.thermal.figures, strict=True)
+                ],
+            },
             "advice": [asdict(a) for a in self.advice],
             "checklist": self.checklist,
             "notes": list(self.notes),
@@ -149,7 +167,7 @@ def compensate(
     states = levels(table, channels)
     sets = []
     for state in states:
-        here = Volume(field.at(state), volume.low, volume.high, volume.free)
+        here = replace(volume, field=field.at(state))
         label = re.sub(r"[^\w.-]", "_", "_".join(f"{k}_{v:.1f}" for k, v in state.items()))
         with tell(f"Tables for {controller.title}{f', {label}' if label else ''}"):
             if isinstance(controller, Controller):
@@ -157,9 +175,9 @@ def compensate(
             elif isinstance(controller, Rewriter):
                 sets.append(_rewritten(controller, setup, here, held, label, state, program, seed))
     tests: dict[str, str] = {}
-    thermal: dict[str, str] = {}
+    own = None
     if isinstance(controller, Controller) and len(sets) > 1 and "time" not in states[0]:
-        thermal = controller.thermal([(s.state, s.tables) for s in sets], setup)
+        own = _own_thermal(controller, setup, volume, sets, seed)
     if isinstance(controller, Controller) and controller.doubt and sets[0].tables:
         tests = sign_test(controller, setup, [t.term for t in sets[0].tables])
     usual = sets[len(sets) // 2]
@@ -169,7 +187,7 @@ def compensate(
         setup,
         sets,
         tests,
-        thermal,
+        own,
         advice,
         (*notes, *_notes(volume, setup, [c for c in channels if c not in states[0]], held)),
     )
@@ -189,6 +207,28 @@ def _one_state(
     back = controller.read(files, setup)
     figures = assess(volume, emulated(controller, back, setup, volume), held, seed)
     return Stated(label, state, files, back, figures)
+
+
+def _own_thermal(controller: Controller, setup: Setup, volume: Volume, sets: list[Stated], seed: int) -> Own | None:
+    """The controller's own temperature compensation, judged at every state."""
+    found = controller.thermal([(s.state, s.tables) for s in sets], setup)
+    if found is None:
+        return None
+    tables, laws, figures = sets[len(sets) // 2].tables, found.laws, []
+    for stated in sets:
+        here = replace(volume, field=volume.field.at(stated.state))
+        plain, state = emulated(controller, tables, setup, here), stated.state
+
+        def correct(
+            q: Array, came: Array, tool: Array | None, plain: Correct = plain, state: Mapping[str, float] = state
+        ) -> Array:
+            out = plain(q, came, tool)
+            for law in laws:
+                out[:, setup.place(law.axis)] += law.at(state, q[:, setup.place(law.axis)])
+            return out
+
+        figures += assess(here, correct, None, seed)
+    return Own(found.files, figures)
 
 
 def _rewritten(
@@ -235,12 +275,12 @@ def best_tables(controller: Controller, setup: Setup, volume: Volume) -> Tables:
     """The tables that leave the least; of a fine lattice over all axes, the exact corrections at its nodes."""
     best: Tables = ()
     for terms in controller.structures(setup):
-        if sum(t.size for t in terms) > MOST_CONES:
+        if sum(t.size for t in terms) > FINE:
             values = volume.nodes(terms, setup)
             if values is not None:
                 return tuple(Table(t, v) for t, v in zip(terms, values, strict=True))
-        size, longest = sum(t.size for t in terms), max((t.size for t in terms), default=1)
-        sample = volume.sample(setup, 3 * POSES if size < FEW else max(POSES, min(3 * longest, 4 * POSES)))
+        # few tables are cheap, and need many poses: what they cannot express is noise to them
+        sample = volume.sample(setup, int(np.clip(WORK / max(len(terms), 1), 1, MOST)) * POSES)
         tables = reduce(controller, setup, terms, sample, controller.most_tables)
         left, before = leftover(controller, setup, tables, sample), leftover(controller, setup, (), sample)
         if not best or left < ENOUGH * leftover(controller, setup, best, sample):
