@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 
 from errormodel.chain import Chain
-from errormodel.controllers import target
+from errormodel.controllers import klipper_probe, target
 from errormodel.controllers.base import Controller
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Tables
@@ -298,6 +298,42 @@ def test_a_table_for_each_temperature(warmed: Path, tmp_path: Path) -> None:
     warm = [float(name[4:]) for name in folders]
     assert np.polyfit(warm, spans, 1)[0] == pytest.approx(-11, rel=0.1)  # um/m a kelvin, taken back
     assert "at T_x = " in out
+
+
+def test_a_probe_beside_the_nozzle_reads_as_the_nozzle_does(fitted: Path, tmp_path: Path) -> None:
+    """The bed is touched twice, exactly, by nozzle and probe: what Klipper adds makes the readings agree."""
+    machine = read_machine(MILL)
+    chain = Chain(machine)
+    volume = volume_of(machine, chain.vector({"X.ea.1": 2e-4, "Y.eb.1": -1e-4, "X.dz.2": 0.05}))
+    setup = replace(volume.setup(None, None)[0], probe=(30.0, -25.0))
+    klipper = target("klipper")
+    assert isinstance(klipper, Controller)
+    found = klipper.probing(setup, volume.gap(setup))
+    twist = klipper_probe.read(found.files["axis_twist.cfg"])
+    field, joints = volume.field, [j.name for j in machine.joints]
+    x, y = (np.random.default_rng(0).uniform(t.low, t.high, 40) for t in twist.values())
+    readings = []
+    for dx, dy in ((0.0, 0.0), (30.0, -25.0)):
+        q = np.zeros((40, 3))
+        q[:, joints.index("X")], q[:, joints.index("Y")] = x - dx, y - dy
+        tool = np.tile(np.asarray(machine.tool) + np.array([dx, dy, 0.0]), (40, 1))
+        bed = field.nominal(q, tool)[:, 2]
+        for _ in range(5):  # Z goes down until the tip is there
+            q[:, joints.index("Z")] -= field.actual(q, np.ones_like(q), tool)[:, 2] - bed
+        readings.append(q[:, joints.index("Z")])
+    nozzle, probe = readings
+    assert np.ptp(probe - nozzle) > 8 * UM
+    assert np.ptp(probe + twist["X"].at(x) + twist["Y"].at(y) - nozzle) < 0.2 * UM
+    assert found.after_um[1] < 0.2 < 4 < found.before_um[1]
+    ends = np.array([twist["X"].low - 10.0, twist["X"].high + 10.0])  # straight on beyond the ends
+    steps = np.diff(twist["X"].values)[[0, -1]] * 10 / (twist["X"].high - twist["X"].low) * (len(twist["X"].values) - 1)
+    np.testing.assert_allclose(twist["X"].at(ends), twist["X"].values[[0, -1]] + [-1, 1] * steps)
+    more = ("--probe", 30, -25, "--out", tmp_path)
+    out = done("compensate", fitted / "fit", "--controller", "klipper", *more).out
+    assert "what a probe reads against the nozzle" in out
+    assert (tmp_path / "axis_twist.cfg").exists()
+    result = run("compensate", fitted / "fit", "--controller", "duet", *more)
+    assert (result.code, "corrects no readings" in result.err) == (2, True)
 
 
 def test_levels_are_states_that_were_there() -> None:

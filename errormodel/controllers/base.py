@@ -14,6 +14,7 @@ from typing import ClassVar
 import numpy as np
 
 from errormodel.arrays import Array
+from errormodel.controllers.klipper_probe import Gap, Probing
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Tables, Term
 from errormodel.controllers.text import Files
@@ -102,6 +103,17 @@ class Controller(Target):
     def thermal(self, states: States, setup: Setup) -> Thermal | None:
         """The controller's own temperature compensation, from tables at several temperatures; None: it has none."""
         return None
+
+    def probing(self, setup: Setup, gap: Gap) -> Probing:
+        """What the controller adds to the readings of a probe at ``setup.probe``.
+
+        Raises
+        ------
+        InputError
+            It adds nothing.
+        """
+        found = f"{self.title} corrects no readings"
+        raise InputError("--probe", found, "Leave it out, or use --controller klipper")
 
     def quantum(self, setup: Setup) -> float:
         """Largest change (mm, deg) of a correction by writing and reading back."""

@@ -3,7 +3,7 @@
 Skew: ``x' = x - y f_xy - z (f_xz - f_xy f_yz)``, ``y' = y - z f_yz``. Mesh: what is added to Z, rows from the
 smallest Y, columns from the smallest X; with mesh_x_pps and mesh_y_pps 0 bilinear between its points, the edge holds.
 Nothing corrects X and Y beyond skew, and nothing a screw's pitch; axis_twist_compensation corrects what a probe
-reads, not where the nozzle goes.
+reads, not where the nozzle goes: it is written where the probe's place is known.
 
 Source: Klipper docs/Config_Reference.md, klippy/extras/bed_mesh.py, skew_correction.py, z_thermal_adjust.py.
 """
@@ -18,6 +18,7 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.controllers.base import header
+from errormodel.controllers.klipper_probe import Gap, Probing, probing
 from errormodel.controllers.printers import Printer, heights_of, skew_tables, skews_of
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Table, Tables, Term, check_points, even_step
@@ -86,6 +87,9 @@ class Klipper(Printer):
         ]
         return Thermal({"z_thermal_adjust.cfg": "\n".join(lines) + "\n"}, [law])
 
+    def probing(self, setup: Setup, gap: Gap) -> Probing:
+        return probing(setup, gap)
+
     def read(self, files: Files, setup: Setup) -> Tables:
         name, text = one_file(files, ".cfg")
         parser = configparser.ConfigParser(delimiters=(":",), inline_comment_prefixes=("#",))
@@ -105,7 +109,9 @@ class Klipper(Printer):
             f"start G-code: SKEW_PROFILE LOAD={PROFILE}, BED_MESH_PROFILE LOAD={PROFILE}",
             "off: SET_SKEW CLEAR=1, BED_MESH_CLEAR",
             "a mesh that was probed replaces this one and does not know the nozzle's own errors: do not load both",
-            "axis_twist_compensation corrects the probe's readings, not the nozzle: it is left as it is",
+            "[include axis_twist.cfg], and calibrate the probe's z_offset again"
+            if setup.probe
+            else "axis_twist_compensation (what a probe reads) is left as it is: --probe X Y writes it, too",
         ]
 
 

@@ -40,6 +40,12 @@ def compensation_lines(result: Compensation, folder: Path) -> Iterator[str]:
         for stated, figures in zip(result.sets, result.thermal.figures, strict=True):
             after, told = figures.after, _state(stated)
             yield f"  {f'left {told}':44} {after.rms_um:8.2f} {after.worst_um:8.2f}   um (rms, worst)"
+    if result.probing:
+        (rms, worst), (rms_after, worst_after) = result.probing.before_um, result.probing.after_um
+        yield ""
+        yield "what a probe reads against the nozzle, over the bed"
+        yield f"  {'before':44} {rms:8.2f} {worst:8.2f}   um (rms, worst)"
+        yield f"  {'with ' + ', '.join(result.probing.files):44} {rms_after:8.2f} {worst_after:8.2f}"
     yield ""
     yield "region: what the survey covered; beyond it the correction of its edge is held"
     yield from (f"  {line}" for line in region_lines(setup))
@@ -50,7 +56,7 @@ def compensation_lines(result: Compensation, folder: Path) -> Iterator[str]:
     yield ""
     yield "activation"
     yield from (f"  [ ] {step}" for step in result.checklist)
-    count = sum(len(s.files) for s in result.sets) + len(result.thermal.files if result.thermal else ())
+    count = sum(len(s.files) for s in (*result.sets, result.thermal, result.probing) if s)
     yield ""
     yield f"{count} file{'s' if count > 1 else ''} written to {folder}"
 

@@ -13,6 +13,7 @@ import numpy as np
 from errormodel.arrays import Array
 from errormodel.controllers import target as target_of
 from errormodel.controllers.base import Controller, Rewriter, Target
+from errormodel.controllers.klipper_probe import Probing
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.sign_test import sign_test
 from errormodel.controllers.tables import Table, Tables
@@ -65,6 +66,7 @@ class Compensation:
     sets: list[Stated]
     tests: dict[str, str]  # files of the sign test; none where the sign is sure
     thermal: Own | None  # the controller's own temperature compensation, if it has one
+    probing: Probing | None  # what the controller adds to a probe's readings
     advice: list[Advice]
     notes: tuple[str, ...]
 
@@ -113,6 +115,7 @@ class Compensation:
                     for s, f in zip(self.sets, self.thermal.figures, strict=True)
                 ],
             },
+            "probe": None if self.probing is None else asdict(self.probing) | {"files": list(self.probing.files)},
             "advice": [asdict(a) for a in self.advice],
             "checklist": self.checklist,
             "notes": list(self.notes),
@@ -136,6 +139,7 @@ def compensate(
     points: int | None = None,
     resolution: float | None = None,
     program: Path | None = None,
+    probe: tuple[float, float] | None = None,
     seed: int = 0,
     tell: Tell = silent,
 ) -> Compensation:
@@ -146,6 +150,7 @@ def compensate(
     points : points an axis; None: as many as the errors need.
     resolution : least increment of the controller, mm; None: the usual one of the format.
     program : for a target without tables, the programme to rewrite; None: an example of its own.
+    probe : x and y of a probe from the nozzle, mm, whose readings the controller corrects, too.
 
     Raises
     ------
@@ -161,8 +166,10 @@ def compensate(
     volume = Volume.of(field, table, fit.frame_mode != "fixed")
     with tell("Following the errors along each axis"):
         setup, notes = volume.setup(points, resolution)
+    setup = replace(setup, probe=probe)
     if isinstance(controller, Controller):
         controller.suits(setup)
+    probing = _probing(controller, setup, volume) if probe else None
     channels = [root(c) for c in field.chain.channels]
     states = levels(table, channels)
     sets = []
@@ -188,9 +195,16 @@ def compensate(
         sets,
         tests,
         own,
+        probing,
         advice,
         (*notes, *_notes(volume, setup, [c for c in channels if c not in states[0]], held)),
     )
+
+
+def _probing(controller: Target, setup: Setup, volume: Volume) -> Probing:
+    if not isinstance(controller, Controller):
+        raise InputError("--probe", f"{controller.title} corrects no readings", "Leave it out")
+    return controller.probing(setup, volume.gap(setup))
 
 
 def _one_state(

@@ -12,6 +12,7 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.controllers.grids import nodes
+from errormodel.controllers.klipper_probe import Gap
 from errormodel.controllers.setup import LETTERS, Axis, Setup
 from errormodel.controllers.tables import Term
 from identification.alignment import IDENTITY, Pose
@@ -135,6 +136,27 @@ class Volume:
         jacobian = self.field.jacobian(q, came)
         step = steps_towards(self.field, jacobian, self.target(q) - self.field.actual(q, came))
         return np.asarray(step * np.linalg.norm(jacobian, axis=1), np.float64)
+
+    def gap(self, setup: Setup) -> Gap:
+        """How much too high a probe's tip stands over the nozzle's at places of the bed."""
+        field, machine = self.field, self.field.chain.machine
+        offset = dict(zip("XY", setup.probe or (0.0, 0.0), strict=True))
+        up = np.asarray(setup.axis("Z").along)
+        beside = np.sum([v * np.asarray(setup.axis(a).along) for a, v in offset.items()], axis=0)
+        turn = field.chain.frames({})[-1][:3, :3]
+
+        def height(q: Array, tool: Array) -> Array:
+            inner, tools = field.inward(q), np.tile(tool, (len(q), 1))
+            return np.asarray((field.actual(inner, np.ones_like(inner), tools) - field.nominal(inner, tools)) @ up)
+
+        def gap(q: Array) -> Array:
+            carriage = q.copy()
+            for axis, value in offset.items():
+                carriage[:, setup.place(axis)] -= value
+            nozzle = np.asarray(machine.tool)
+            return height(carriage, nozzle + turn.T @ beside) - height(q, nozzle)
+
+        return gap
 
     def setup(self, points: int | None, resolution: float | None) -> tuple[Setup, tuple[str, ...]]:
         """The machine as controllers see it, and notes on axes that have other names there."""
