@@ -20,7 +20,7 @@ import numpy as np
 from errormodel.controllers.base import header
 from errormodel.controllers.grids import nodes
 from errormodel.controllers.setup import Setup
-from errormodel.controllers.tables import Table, Tables, Term, check_increasing
+from errormodel.controllers.tables import Table, Tables, Term, check_increasing, check_points
 from errormodel.controllers.text import Files, Lines, one_file
 from errormodel.controllers.thermal import Growth, States, Thermal, thermal
 from errormodel.controllers.volumetric import Volumetric
@@ -101,6 +101,7 @@ class Isg(Volumetric):
         groups: dict[tuple[object, ...], list[Table]] = {}
         for table in tables:
             for axis in range(len(table.term.inputs)):
+                check_points(table.term, self.most_points, axis)
                 check_increasing(table.term, axis)
             groups.setdefault((table.term.inputs, table.term.grids), []).append(table)
         lines = [f"// {s}" for s in header(self, setup)]

@@ -17,7 +17,16 @@ import numpy as np
 from errormodel.arrays import Index
 from errormodel.controllers.base import Controller, header
 from errormodel.controllers.setup import Setup
-from errormodel.controllers.tables import Table, Tables, Term, even_step, shift_lines, shift_terms, shifts_of
+from errormodel.controllers.tables import (
+    Table,
+    Tables,
+    Term,
+    check_points,
+    even_step,
+    shift_lines,
+    shift_terms,
+    shifts_of,
+)
 from errormodel.controllers.text import Files, one_file
 from errormodel.exceptions import InputError
 
@@ -65,6 +74,7 @@ class Pmac(Controller):
         for m in range(len(tables), 0, -1):
             table = tables[m - 1]
             term, source = table.term, table.term.inputs[0]
+            check_points(term, self.most_points)
             step = even_step(term)
             place = term.grids[0][0] / step
             if abs(place - round(place)) > 1e-6:
