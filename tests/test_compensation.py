@@ -336,6 +336,27 @@ def test_a_probe_beside_the_nozzle_reads_as_the_nozzle_does(fitted: Path, tmp_pa
     assert (result.code, "corrects no readings" in result.err) == (2, True)
 
 
+def test_tables_are_for_one_tool_and_say_what_they_do_to_others(tmp_path: Path) -> None:
+    machine = read_machine(MILL)
+    p = Chain(machine).vector({"X.eb.1": 4e-4, "X.dz.1": 1 * UM})  # pitch: nothing at the table, much at a long tool
+    tools = ((0.0, 0.0, -60.0), (0.0, 0.0, -260.0))
+    table = positions(measured(machine, p, 160, 1, noise=1 * UM, tools=tools))
+    save(fit_machine(machine, survey(table)), tmp_path / "fit")
+    for tip in tools:
+        more = ("--tool", *tip, "--out", tmp_path / "out")
+        out = done("compensate", tmp_path / "fit", "--controller", "csv", *more).out
+        assert f"these are for the tip at 0 0 {tip[2]:g} (--tool)" in out
+        data = json.loads((tmp_path / "out/compensation.json").read_text())
+        assert data["tool"] == list(tip)
+        own, other = data["sets"][0]["figures"][1:]
+        assert "this tool" in own["poses"]
+        assert own["removed"] > 0.97
+        assert other["after"]["rms_um"] > 3 * own["after"]["rms_um"]
+        if other["after"]["rms_um"] > other["before"]["rms_um"]:
+            assert "WORSE THAN WITHOUT THEM" in out
+            assert "only do harm" in out
+
+
 def test_levels_are_states_that_were_there() -> None:
     table = pd.DataFrame({"T_a": [20.0, 21, 25, 30], "T_b": [30.0, 29, 25, 20.5], "T_c": [20.0, 20.1, 20.2, 20.1]})
     states = levels(table, ["T_a", "T_b", "T_c", "T_none"])

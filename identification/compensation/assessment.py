@@ -16,6 +16,7 @@ from identification.compensation.rows import FEWEST, Rows
 from identification.compensation.volume import Volume, best_frame
 
 SAME_TOOL = 0.5  # mm
+OTHER_TOOLS = "other tools"
 FRESH = 1024  # poses of the volume, other ones than the reduction saw
 
 Correct = Callable[[Array, Array, Array | None], Array]
@@ -105,7 +106,7 @@ def _by_tool(volume: Volume, held: Rows | None) -> list[Rows]:
     own = np.linalg.norm(held.tool - np.asarray(volume.field.chain.machine.tool), axis=1) < SAME_TOOL
     if own.all() or min(own.sum(), (~own).sum()) < FEWEST:
         return [held]
-    return [held.part(own, "this tool"), held.part(~own, "other tools")]
+    return [held.part(own, "this tool"), held.part(~own, OTHER_TOOLS)]
 
 
 def _figures(volume: Volume, correct: Correct, rows: Rows) -> Figures:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from errormodel.arrays import Array
+from errormodel.chain import Chain
 from errormodel.controllers import target as target_of
 from errormodel.controllers.base import Controller, Rewriter, Target
 from errormodel.controllers.klipper_probe import Probing
@@ -19,6 +20,7 @@ from errormodel.controllers.sign_test import sign_test
 from errormodel.controllers.tables import Table, Tables
 from errormodel.exceptions import InputError
 from errormodel.features import root
+from errormodel.machine import Vector
 from identification import store
 from identification.compensation.advice import Advice, mechanical_advice
 from identification.compensation.assessment import Correct, Figures, assess, emulated
@@ -94,6 +96,7 @@ class Compensation:
             "controller": self.controller.name,
             "machine": self.setup.machine,
             "doubt": self.controller.doubt,
+            "tool": list(self.setup.tool),
             "region": {a.joint: {"axis": a.name, "measured": a.measured, "travel": a.travel} for a in self.setup.axes},
             "corrects": list(self.setup.movers),
             "sets": [
@@ -140,6 +143,7 @@ def compensate(
     resolution: float | None = None,
     program: Path | None = None,
     probe: tuple[float, float] | None = None,
+    tool: Vector | None = None,
     seed: int = 0,
     tell: Tell = silent,
 ) -> Compensation:
@@ -151,6 +155,7 @@ def compensate(
     resolution : least increment of the controller, mm; None: the usual one of the format.
     program : for a target without tables, the programme to rewrite; None: an example of its own.
     probe : x and y of a probe from the nozzle, mm, whose readings the controller corrects, too.
+    tool : tip of the tool that the tables are for, mm in the last frame; None: that of ``machine.yaml``.
 
     Raises
     ------
@@ -161,8 +166,10 @@ def compensate(
     with tell("Reading"):
         fit = store.load(folder)
         table = read_rows(folder, fit.chain.machine)
-        field = Field.of(fit, table)
         held = held_out(fit, table)
+        if tool is not None:
+            fit = replace(fit, chain=Chain(replace(fit.chain.machine, tool=tool)))
+        field = Field.of(fit, table)
     volume = Volume.of(field, table, fit.frame_mode != "fixed")
     with tell("Following the errors along each axis"):
         setup, notes = volume.setup(points, resolution)
