@@ -300,6 +300,28 @@ def test_a_table_for_each_temperature(warmed: Path, tmp_path: Path) -> None:
     assert "at T_x = " in out
 
 
+def test_a_spindle_that_grows_is_no_motion_of_the_workpiece(tmp_path: Path) -> None:
+    """Klipper's z_thermal_adjust adds -temp_coeff times the warming: a tool that grows downwards is lifted."""
+    machine = replace(read_machine(MILL), effects=(EffectSpec("spindle-growth", {"sensor": "T_spindle"}),))
+    chain = Chain(machine)
+    rng = np.random.default_rng(0)
+    points = pd.DataFrame({j.name: rng.uniform(*j.travel, 150) for j in machine.joints})
+    points = points.assign(tool_x=0.0, tool_y=0.0, tool_z=-100.0, T_spindle=rng.uniform(18, 30, 150))
+    table = positions(measured(machine, chain.vector({chain.effect_ids[0][0]: 4e-3}), seed=4, points=points))
+    save(fit_machine(machine, survey(table)), tmp_path / "fit")
+    for name in ("klipper", "siemens-lec"):
+        done("compensate", tmp_path / "fit", "--controller", name, "--out", tmp_path / name)
+        data = json.loads((tmp_path / name / "compensation.json").read_text())
+        for own, stated in zip(data["own_temperature_compensation"]["figures"], data["sets"], strict=True):
+            kelvin = stated["state"]["T_spindle"] - data["sets"][1]["state"]["T_spindle"]
+            assert own["before"]["rms_um"] == pytest.approx(abs(4 * kelvin), abs=0.3)
+            assert own["after"]["rms_um"] < 0.3
+            assert stated["figures"][0]["after"]["rms_um"] < 0.3
+    coefficient = re.search(r"temp_coeff: (\S+)", (tmp_path / "klipper/z_thermal_adjust.cfg").read_text())
+    assert coefficient is not None
+    assert float(coefficient[1]) == pytest.approx(-4e-3, rel=0.02)
+
+
 def test_a_probe_beside_the_nozzle_reads_as_the_nozzle_does(fitted: Path, tmp_path: Path) -> None:
     """The bed is touched twice, exactly, by nozzle and probe: what Klipper adds makes the readings agree."""
     machine = read_machine(MILL)

@@ -22,7 +22,7 @@ States = Sequence[tuple[Mapping[str, float], Tables]]
 Emulate = Callable[[Tables, Setup, Array, Array], Array]
 POSES = 512
 LEAST = 1e-4  # mm a kelvin: less is not written
-LAW = re.compile(r"(\w+) by ([-+.\deE]+) mm and ([-+.\deE]+) mm/mm a kelvin of (\w+) above ([-+.\d]+)")
+LAW = re.compile(r"(\w+) by ([-+.\deE]+) mm and ([-+.\deE]+) mm/mm a kelvin of (\S+) above ([-+.\d]+)")
 
 
 @dataclass(frozen=True)

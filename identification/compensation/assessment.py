@@ -117,12 +117,12 @@ def _figures(volume: Volume, correct: Correct, rows: Rows) -> Figures:
 
 
 def remaining(volume: Volume, correct: Correct, rows: Rows) -> Array:
-    """Errors (n, 3) in mm that are left at commands, after the best frame of each measuring frame."""
+    """Errors (n, 3) in mm that are left at commands, after the best frame of each measuring frame, or the given one."""
     field = volume.field
     nominal = field.nominal(rows.q, rows.tool)
     actual = field.actual(correct(rows.q, rows.direction, rows.tool), rows.direction, rows.tool)
-    errors = actual - nominal + rows.left
-    if not volume.free:
+    errors = actual - (nominal if volume.pose is None else volume.pose.apply(nominal)) + rows.left
+    if not volume.free or volume.pose is not None:
         return errors
     labels, counts = np.unique(rows.frames.astype(str), return_counts=True)
     small = np.isin(rows.frames.astype(str), labels[counts < 2 * FEWEST])

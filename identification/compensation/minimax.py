@@ -76,7 +76,7 @@ def least_worst(design: csr_matrix, errors: Array, ball: Ball, slopes: Slopes, r
     """
     nearest = _within_slopes(ball, slopes)
     best = ball.at(nearest)
-    radius = float(np.sqrt(nearest @ nearest + room(best)))
+    radius = float(np.sqrt(nearest @ nearest + room(best))) * (1 + 1e-9)
     n = len(errors) // 3
     left = errors + design @ ball.start
     asked, steep = np.zeros(0, dtype=np.intp), _beyond(slopes, ball.start, np.zeros(0, dtype=np.intp))
@@ -108,10 +108,11 @@ def _within_slopes(ball: Ball, slopes: Slopes) -> Array:
             break
         steep = np.concatenate([steep, over])
         rows = ball.seen(slopes.rows[steep])
-        basis = np.linalg.qr(rows.T)[0]
-        u = cp.Variable(basis.shape[1])
-        at = slopes.rows[steep] @ ball.start + (rows @ basis) @ u
-        found = _optimum(cp.Problem(cp.Minimize(cp.sum_squares(u)), [cp.abs(at) <= slopes.bounds[steep]]), u)
+        basis, factor = np.linalg.qr(rows.T)
+        u, at = cp.Variable(basis.shape[1]), cp.Variable(len(steep))
+        rules = [at == slopes.rows[steep] @ ball.start + factor.T @ u]
+        rules += [at <= slopes.bounds[steep], at >= -slopes.bounds[steep]]
+        found = _optimum(cp.Problem(cp.Minimize(cp.sum_squares(u)), rules), u)
         if found is None:
             break
         z = basis @ found
@@ -133,13 +134,14 @@ def _programme(
     cp: Any = cvxpy
     poses = np.concatenate([asked + k * (len(left) // 3) for k in range(3)])
     rows = ball.seen(vstack([design[poses], slopes.rows[steep]]).tocsr())
-    basis = np.linalg.qr(rows.T)[0]
-    u, worst = cp.Variable(basis.shape[1]), cp.Variable()
-    moved = (rows @ basis) @ u
-    residual = cp.reshape(left[poses] + moved[: len(poses)], (3, len(asked)), order="C")
-    rules: list[Any] = [cp.norm(residual, axis=0) <= worst, cp.norm(u) <= radius * (1 + 1e-9)]
+    basis, factor = np.linalg.qr(rows.T)
+    # unknowns of their own for what is bounded keep the programme sparse
+    u, at, worst = cp.Variable(basis.shape[1]), cp.Variable(len(rows)), cp.Variable()
+    now = np.concatenate([left[poses], slopes.rows[steep] @ ball.start])
+    residual = cp.reshape(at[: len(poses)], (3, len(asked)), order="C")
+    rules: list[Any] = [at == now + factor.T @ u, cp.norm(residual, axis=0) <= worst, cp.norm(u) <= radius]
     if len(steep):
-        rules.append(cp.abs(slopes.rows[steep] @ ball.start + moved[len(poses) :]) <= slopes.bounds[steep])
+        rules += [at[len(poses) :] <= slopes.bounds[steep], at[len(poses) :] >= -slopes.bounds[steep]]
     found = _optimum(cp.Problem(cp.Minimize(worst), rules), u)
     return None if found is None else np.asarray(basis @ found, np.float64)
 

@@ -179,6 +179,8 @@ def compensate(
     probing = _probing(controller, setup, volume) if probe else None
     channels = [root(c) for c in field.chain.channels]
     states = levels(table, channels)
+    if len(states) > 1 and volume.free:
+        volume = replace(volume, pose=replace(volume, field=field.at(states[len(states) // 2])).frame)
     sets = []
     for state in states:
         here = replace(volume, field=field.at(state))

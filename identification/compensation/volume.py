@@ -38,12 +38,15 @@ class Volume:
     ----------
     low, high : (joints,) mm and rad; the commands of joints that did not move are `low` = `high`.
     free : whether the workpiece's frame is free (the survey's was), so that a small motion of it costs nothing.
+    pose : where the workpiece already lies; then it is no longer free. What grows by a warmer spindle is no motion of
+        the workpiece, so that all states of a machine share one.
     """
 
     field: Field
     low: Array
     high: Array
     free: bool
+    pose: Pose | None = None
 
     @classmethod
     def of(cls, field: Field, table: pd.DataFrame, free: bool) -> Volume:
@@ -77,7 +80,9 @@ class Volume:
 
     @cached_property
     def frame(self) -> Pose:
-        """The small motion of the workpiece's frame that leaves the least mean square error."""
+        """The small motion of the workpiece's frame that leaves the least mean square error, or where it lies."""
+        if self.pose is not None:
+            return self.pose
         q, came = self.poses(512, 7)
         nominal = self.field.nominal(q)
         return best_frame(self.field.actual(q, came) - nominal, nominal) if self.free else IDENTITY
@@ -111,7 +116,9 @@ class Volume:
         q, came = np.vstack([p[0] for p in parts]), np.vstack([p[1] for p in parts])
         nominal = field.nominal(q)
         motion = field.levers(q)[1][:, :, list(field.movers)]
-        return Sample(field.outward(q), came, field.actual(q, came) - nominal, motion, frame_motion(nominal, self.free))
+        wanted = nominal if self.pose is None else self.pose.apply(nominal)
+        frame = frame_motion(nominal, self.free and self.pose is None)
+        return Sample(field.outward(q), came, field.actual(q, came) - wanted, motion, frame)
 
     @cached_property
     def intervals(self) -> list[int]:
