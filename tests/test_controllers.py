@@ -11,12 +11,13 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from errormodel.controllers import registry, target
+from errormodel.controllers import isg, klipper_probe, registry, siemens, target
 from errormodel.controllers.base import Controller, Rewriter
 from errormodel.controllers.grids import anchored_grid, even_grid, hats
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.sign_test import PEAK, sign_test
 from errormodel.controllers.tables import Table, Tables, Term
+from errormodel.controllers.thermal import Growth, laws_of
 from errormodel.exceptions import InputError
 from tests.setups import filled, plain_setup, setups
 
@@ -52,6 +53,28 @@ def test_files_read_back_to_the_same_correction(name: str, setup: Setup, seed: i
     count = max(sum(t.term.output == o for t in tables) for o in {t.term.output for t in tables})
     assert np.abs(after - before).max() <= count * controller.quantum(setup) * 1.001
     assert controller.write(again, setup) == files  # and a second time to the same bytes
+
+
+@given(
+    values=st.lists(st.floats(-0.3, 0.3), min_size=2, max_size=33),
+    ends=st.tuples(st.integers(-300, 100), st.integers(150, 400)),
+    rates=st.tuples(st.floats(-0.01, 0.01), st.floats(-1e-4, 1e-4)),
+)
+@few
+def test_probe_and_temperature_files_read_back_to_the_same_correction(
+    values: list[float], ends: tuple[int, int], rates: tuple[float, float]
+) -> None:
+    setup = plain_setup(probe=(20.0, -5.0))
+    twist = klipper_probe.Twist(*map(float, ends), np.array(values))
+    again = klipper_probe.read(klipper_probe.write({"X": twist, "Y": twist}, setup))
+    x = np.linspace(ends[0] - 1.0, ends[1] + 1.0, 100)
+    for back in again.values():
+        assert np.abs(back.at(x) - twist.at(x)).max() < 2e-6
+    law = Growth("X", *rates, "T_x.1", 21.3)
+    for write in (siemens.temperature_file, isg.temperature_file):
+        (back_law,) = [g for text in write([law]).values() for g in laws_of(text)]
+        moved, moved_again = (g.at({"T_x.1": 30.0}, x) for g in (law, back_law))
+        assert np.abs(moved - moved_again).max() < 1e-6
 
 
 @pytest.mark.parametrize("name", TABLED)

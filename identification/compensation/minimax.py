@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 
 ROUNDS = 25
 POSES = 40  # that a round adds
-EXACT = 0.002  # of the worst error, and of a slope's bound: what lies beyond by less is not worth another round
+EXACT = 0.002  # of the worst error: what lies beyond by less is not worth another round,
+KEPT = 0.0005  # nor this of a slope's bound
 
 
 @dataclass(frozen=True)
@@ -121,7 +122,7 @@ def _within_slopes(ball: Ball, slopes: Slopes) -> Array:
 
 def _beyond(slopes: Slopes, x: Array, known: Index) -> Index:
     """Slopes that are too steep, those that are asked for already left out."""
-    return np.setdiff1d(np.flatnonzero(np.abs(slopes.rows @ x) > (1 + EXACT) * slopes.bounds), known)
+    return np.setdiff1d(np.flatnonzero(np.abs(slopes.rows @ x) > (1 + KEPT) * slopes.bounds), known)
 
 
 def _programme(
