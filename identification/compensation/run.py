@@ -81,8 +81,8 @@ class Compensation:
     def checklist(self) -> list[str]:
         """What to do at the machine, in order; last the constants that its tables cannot hold."""
         constants = [
-            f"move the zero of {t.term.output} by {1e3 * float(t.values):+.1f} um (work offset or reference point "
-            f"shift{f', with the files of {s.label}' if s.label else ''}): the tables are zero at the reference point"
+            f"shift {t.term.output} by {1e3 * float(t.values):+.1f} um, alike at every position (work offset or "
+            f"reference point{f', with the files of {s.label}' if s.label else ''}): the tables are zero at the reference point"
             for s in self.sets
             for t in s.tables
             if not t.term.inputs and not t.term.factor
