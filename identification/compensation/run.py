@@ -80,9 +80,9 @@ class Compensation:
     @property
     def checklist(self) -> list[str]:
         """What to do at the machine, in order; last the constants that its tables cannot hold."""
+        why = "alike at every position (work offset or reference point): the tables are zero at the reference point"
         constants = [
-            f"shift {t.term.output} by {1e3 * float(t.values):+.1f} um, alike at every position (work offset or "
-            f"reference point{f', with the files of {s.label}' if s.label else ''}): the tables are zero at the reference point"
+            f"shift {t.term.output} by {1e3 * float(t.values):+.1f} um{f' with {s.label}' if s.label else ''}, {why}"
             for s in self.sets
             for t in s.tables
             if not t.term.inputs and not t.term.factor
