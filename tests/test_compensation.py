@@ -298,6 +298,8 @@ def test_the_controllers_own_temperature_compensation_takes_the_place_of_tables(
     assert (law.axis, law.sensor) == ("X", "T_x")
     assert law.slope == pytest.approx(-11e-6, rel=0.02)
     assert "in place of a folder for each temperature" in out
+    assert "not certain: the sign" in out
+    assert "towards minus" in (tmp_path / "sign_test/temperature.nc").read_text()
     data = json.loads((tmp_path / "compensation.json").read_text())
     own = data["own_temperature_compensation"]["figures"]
     for figures, stated in zip(own, data["sets"], strict=True):

@@ -22,7 +22,7 @@ from errormodel.controllers.grids import nodes
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Table, Tables, Term, check_increasing, check_points
 from errormodel.controllers.text import Files, Lines, one_file
-from errormodel.controllers.thermal import Growth, States, Thermal, thermal
+from errormodel.controllers.thermal import Growth, States, Thermal, sign_program, thermal
 from errormodel.controllers.volumetric import Volumetric
 from errormodel.exceptions import InputError
 
@@ -30,6 +30,8 @@ DOUBT = (
     "the sign of the parameters (taken as errors, actual minus nominal; `negate XYZ` in the list turns them round) and "
     "the point an angle's lever is counted from (taken as the axis' own frame with the tool tip as in machine.yaml)"
 )
+
+WARM_DOUBT = "the sign (taken as that of a deviation: a positive value moves the axis in minus direction)"
 
 
 def temperature_file(found: Sequence[Growth]) -> dict[str, str]:
@@ -41,7 +43,8 @@ def temperature_file(found: Sequence[Growth]) -> dict[str, str]:
         f"# offset and coefficient are zero at {sensor} = {zero:.3f}; the PLC writes them as {sensor} changes:",
         "# temp_comp_offset_0 = -1e4 times the mm, temp_comp_coefficient = -1e6 times mm/mm, times the kelvin above",
         *(f"# correct {g.line()}" for g in found),
-        "# NOT CERTAIN: the sign (taken as that of a deviation, against the correction); try an offset of 500 first",
+        f"# NOT CERTAIN: {WARM_DOUBT}",
+        "# run sign_test/temperature.nc first",
     ]
     for g in found:
         lines += [
@@ -51,7 +54,8 @@ def temperature_file(found: Sequence[Growth]) -> dict[str, str]:
             "lr_param.temp_comp_offset_0 0",
             "lr_param.temp_comp_coefficient 0",
         ]
-    return {"temp_comp.lis": "\n".join(lines) + "\n"}
+    test = sign_program(found[0].axis, "write lr_param.temp_comp_offset_0 = 500 into its list, and load that")
+    return {"temp_comp.lis": "\n".join(lines) + "\n", **test}
 
 
 def configuration(setup: Setup, file: str, form: str, names: tuple[str, ...]) -> str:
@@ -80,7 +84,7 @@ class Isg(Volumetric):
     most_points: ClassVar[int] = 2000
 
     def thermal(self, states: States, setup: Setup) -> Thermal | None:
-        return thermal(states, setup, self.emulate, temperature_file)
+        return thermal(states, setup, self.emulate, temperature_file, WARM_DOUBT)
 
     def structures(self, setup: Setup) -> list[list[Term]]:
         """Six motions an axis over its own position; then with the last linear axis' translations over all linear axes.

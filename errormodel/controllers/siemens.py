@@ -36,12 +36,13 @@ from errormodel.controllers.tables import (
     shifts_of,
 )
 from errormodel.controllers.text import Files, one_file
-from errormodel.controllers.thermal import Growth, States, Thermal, thermal
+from errormodel.controllers.thermal import Growth, States, Thermal, sign_program, thermal
 from errormodel.exceptions import InputError
 
 NUMBER = r"[-+]?[\d.]+(?:[eE][-+]?\d+)?"
 LEC = re.compile(rf"\$AA_ENC_COMP(?:_(\w+))?\[0,(?:(\d+),)?(\w+)1\]=({NUMBER})")
 CEC = re.compile(rf"\$AN_CEC(?:_(\w+))?\[(\d+)(?:,(\d+))?\]=\(?({NUMBER}|\w+1)\)?")
+WARM_DOUBT = "the sign (taken as that of $AA_ENC_COMP: a positive value moves the axis in minus direction)"
 TURN = 2.5  # deg between points of a sine
 
 
@@ -67,8 +68,8 @@ def temperature_file(found: Sequence[Growth]) -> dict[str, str]:
         f"; K0 and tan beta are zero at {sensor} = {zero:.3f}; the PLC (FB3 PUT) writes them as {sensor} changes:",
         "; $SA_TEMP_COMP_ABS_VALUE = minus the mm, $SA_TEMP_COMP_SLOPE = minus the mm/mm, times the kelvin above",
         *(f"; correct {g.line()}" for g in found),
-        "; NOT CERTAIN: the sign (taken as that of $AA_ENC_COMP: a positive value moves the axis in minus direction);",
-        "; warm the machine, write ABS_VALUE = 0.05 by hand, and look which way an indicator moves",
+        f"; NOT CERTAIN: {WARM_DOUBT}",
+        "; run sign_test/temperature.nc first",
         "CHANDATA(1)",
     ]
     for g in found:
@@ -78,7 +79,9 @@ def temperature_file(found: Sequence[Growth]) -> dict[str, str]:
             f"$SA_TEMP_COMP_ABS_VALUE[{g.axis}1]=0",
             f"$SA_TEMP_COMP_SLOPE[{g.axis}1]=0",
         ]
-    return {"TEMP_COMP.INI": "\n".join([*lines, "M17"]) + "\n"}
+    axis = found[0].axis
+    test = sign_program(axis, f"write $SA_TEMP_COMP_ABS_VALUE[{axis}1] = 0.05, as setting data or a line of its own")
+    return {"TEMP_COMP.INI": "\n".join([*lines, "M17"]) + "\n", **test}
 
 
 class SiemensLec(Controller):
@@ -94,7 +97,7 @@ class SiemensLec(Controller):
         return [*curves, *shift_terms(curves)]
 
     def thermal(self, states: States, setup: Setup) -> Thermal | None:
-        return thermal(states, setup, self.emulate, temperature_file)
+        return thermal(states, setup, self.emulate, temperature_file, WARM_DOUBT)
 
     def write(self, tables: Tables, setup: Setup) -> dict[str, str]:
         lines = ["%_N_AX_EEC_INI", *(f"; {s}" for s in (*header(self, setup), *shift_lines(tables))), "CHANDATA(1)"]
@@ -160,7 +163,7 @@ class SiemensCec(Controller):
         return out
 
     def thermal(self, states: States, setup: Setup) -> Thermal | None:
-        return thermal(states, setup, self.emulate, temperature_file)
+        return thermal(states, setup, self.emulate, temperature_file, WARM_DOUBT)
 
     def _lever(self, setup: Setup, name: str) -> tuple[Array, Array]:
         """Positions and values of a table that multiplies others."""

@@ -47,15 +47,30 @@ class Growth:
 
 @dataclass(frozen=True)
 class Thermal:
-    """Files of a controller's own temperature compensation, and the laws that they hold."""
+    """Files of a controller's own temperature compensation, the laws that they hold, and what no public source says."""
 
     files: Mapping[str, str]
     laws: Sequence[Growth]
+    doubt: str = ""
 
 
 def laws_of(text: str) -> list[Growth]:
     """The laws that a file states."""
     return [Growth(a, float(o), float(s), sensor, float(zero)) for a, o, s, sensor, zero in LAW.findall(text)]
+
+
+def sign_program(axis: str, setting: str) -> dict[str, str]:
+    """A programme that shows on an indicator which way a positive value moves an axis."""
+    program = [
+        "(SIGN TEST of the temperature compensation, to be run before its laws are used)",
+        f"(1 all its values zero: an indicator against the spindle nose, along {axis})",
+        "M0 (set the indicator to zero)",
+        f"(2 {setting})",
+        f"M0 (the axis {axis} must now stand 0.0500 mm further, towards minus)",
+        "(3 set it back to zero; if it moved the other way, the control wants the other sign: turn that of the laws)",
+        "M30",
+    ]
+    return {"sign_test/temperature.nc": "\n".join(program) + "\n"}
 
 
 def growths(states: States, setup: Setup, emulate: Emulate) -> list[Growth]:
@@ -80,11 +95,11 @@ def growths(states: States, setup: Setup, emulate: Emulate) -> list[Growth]:
 
 
 def thermal(
-    states: States, setup: Setup, emulate: Emulate, write: Callable[[list[Growth]], dict[str, str]]
+    states: States, setup: Setup, emulate: Emulate, write: Callable[[list[Growth]], dict[str, str]], doubt: str
 ) -> Thermal | None:
     """Files of the laws, and the laws as they read back; None if nothing grows."""
     found = growths(states, setup, emulate)
     if not found:
         return None
     files = write(found)
-    return Thermal(files, [g for text in files.values() for g in laws_of(text)])
+    return Thermal(files, [g for text in files.values() for g in laws_of(text)], doubt)

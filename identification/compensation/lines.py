@@ -36,12 +36,15 @@ def compensation_lines(result: Compensation, folder: Path) -> Iterator[str]:
         for figures in stated.figures:
             yield from figure_lines(figures, setup)
     if result.thermal:
-        usual, files = result.usual, ", ".join(result.thermal.files)
+        usual, files = result.usual, ", ".join(f for f in result.thermal.files if "/" not in f)
         yield ""
         yield f"in place of a folder for each temperature: that of {usual.label}, and {files}"
         for stated, figures in zip(result.sets, result.thermal.figures, strict=True):
             after, told = figures.after, _state(stated)
             yield f"  {f'left {told}':52} {after.rms_um:8.2f} {after.worst_um:8.2f}   um (rms, worst)"
+        if result.thermal.doubt:
+            yield f"  not certain: {result.thermal.doubt}"
+            yield f"  run {folder / 'sign_test' / 'temperature.nc'} first"
     if result.probing:
         (rms, worst), (rms_after, worst_after) = result.probing.before_um, result.probing.after_um
         yield ""

@@ -57,6 +57,7 @@ class Own:
 
     files: Mapping[str, str]
     figures: list[Figures]
+    doubt: str
 
 
 @dataclass(frozen=True)
@@ -113,6 +114,7 @@ class Compensation:
             if self.thermal is None
             else {
                 "files": list(self.thermal.files),
+                "doubt": self.thermal.doubt,
                 "figures": [
                     {"state": dict(s.state)} | asdict(f) | {"removed": f.removed()}
                     for s, f in zip(self.sets, self.thermal.figures, strict=True)
@@ -251,7 +253,7 @@ def _own_thermal(controller: Controller, setup: Setup, volume: Volume, sets: lis
             return out
 
         figures += assess(here, correct, None, seed)
-    return Own(found.files, figures)
+    return Own(found.files, figures, found.doubt)
 
 
 def _rewritten(
