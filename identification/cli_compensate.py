@@ -17,6 +17,10 @@ from identification.console import FILE, FOLDER, command, say, show_notes, worki
 @click.option("--points", type=click.IntRange(2), help="Points an axis. [default: as many as the errors need]")
 @click.option("--resolution", type=float, help="Least increment of the controller in mm. [default: the format's]")
 @click.option("--program", type=FILE, help="For gcode: the programme (or CSV of commands) to rewrite.")
+@click.option("--probe", type=float, nargs=2, metavar="X Y", help="For klipper: x_offset and y_offset of [probe].")
+@click.option(
+    "--tool", type=float, nargs=3, metavar="X Y Z", help="Tip of the tool the tables are for. [default: machine.yaml's]"
+)
 def compensate(
     folder: Path | None,
     name: str,
@@ -24,6 +28,8 @@ def compensate(
     points: int | None,
     resolution: float | None,
     program: Path | None,
+    probe: tuple[float, float] | None,
+    tool: tuple[float, float, float] | None,
     seed: int,
 ) -> None:
     """Write a controller's tables from the FOLDER of a fit, and show by emulation what they leave over."""
@@ -43,7 +49,7 @@ def compensate(
     from identification.compensation.run import compensate as stage
     from identification.compensation.write import write_compensation
 
-    result = stage(folder, name, points, resolution, program, seed, working)
+    result = stage(folder, name, points, resolution, program, probe, tool, seed, working)
     show_notes(result.notes)
     write_compensation(result, out)
     for line in lines.compensation_lines(result, out):

@@ -12,10 +12,11 @@ import pandas as pd
 import pytest
 
 from errormodel.chain import Chain
-from errormodel.controllers import target
+from errormodel.controllers import klipper_probe, target
 from errormodel.controllers.base import Controller
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Tables
+from errormodel.controllers.thermal import laws_of
 from errormodel.exceptions import InputError
 from errormodel.machine import EffectSpec, Joint, Machine
 from errormodel.schema import library, read_machine
@@ -103,7 +104,8 @@ def test_reduction_finds_the_least_worst_error_of_its_structure(monkeypatch: pyt
     assert isinstance(controller, Controller)
     terms, sample = controller.terms(setup), volume.sample(setup, 400, seed=1)
     usual = leftover(controller, setup, reduce(controller, setup, terms, sample), sample)
-    monkeypatch.setattr(reduction, "SHARE", 0.0)  # nothing given up for the mean
+    monkeypatch.setattr(reduction, "SHARE", 10.0)  # everything given up for the worst pose
+    monkeypatch.setattr(reduction, "COST", 10.0)
     tables = reduce(controller, setup, terms, sample)
     least = leftover(controller, setup, tables, sample)
     assert least < usual < leftover(controller, setup, (), sample)
@@ -113,13 +115,35 @@ def test_reduction_finds_the_least_worst_error_of_its_structure(monkeypatch: pyt
         assert leftover(controller, setup, pushed, sample) > 0.9995 * least
 
 
+def test_reduction_gives_up_little_of_the_mean_for_the_worst_pose(monkeypatch: pytest.MonkeyPatch) -> None:
+    volume = mill()
+    setup = volume.setup(None, None)[0]
+    for name in ("heidenhain", "fanuc-pitch", "klipper"):
+        controller = target(name)
+        assert isinstance(controller, Controller)
+        terms, sample = controller.terms(setup), volume.sample(setup, 2000, seed=1)
+        figures = []
+        for share in (reduction.SHARE, 1e-9):
+            monkeypatch.setattr(reduction, "SHARE", share)
+            tables = reduce(controller, setup, terms, sample)
+            worst = leftover(controller, setup, tables, sample)
+            rms = assess(volume, emulated(controller, tables, setup, volume), None, 0)[0]
+            figures.append((rms.before.rms_um - rms.after.rms_um, worst))
+        monkeypatch.undo()
+        (removed, worst), (most, usual) = figures  # the second are least squares
+        assert removed > 0.96 * most, name
+        assert worst < usual, name
+
+
 def test_slopes_stay_within_the_format() -> None:
     volume = mill()
-    steep = replace(volume, field=replace(volume.field, values=40 * volume.field.values))
+    steep = replace(volume, field=replace(volume.field, values=12 * volume.field.values))
     controller, tables, setup = tables_of("fanuc-pitch", steep)
-    for table in tables:
+    shares = []
+    for table in (t for t in tables if t.term.inputs):
         slope = np.abs(np.diff(table.values)).max() / np.diff(table.term.grids[0])[0]
-        assert slope <= (controller.most_slope(setup, table.term) or 0) * 1.001
+        shares.append(slope / (controller.most_slope(setup, table.term) or 0))
+    assert 0.99 < max(shares) < 1.001  # at the bound, not beyond
     controller.write(tables, setup)
 
 
@@ -248,7 +272,10 @@ def test_a_machine_turned_round_has_its_errors_in_the_controllers_axes() -> None
         controller.suits(volume_of(upside, np.zeros(len(Chain(upside).ids))).setup(None, None)[0])
 
 
-def test_a_table_for_each_temperature(tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def warmed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A fit of a machine whose X screw grows by 11 um/m a kelvin, surveyed between 18 and 30 degC."""
+    folder = tmp_path_factory.mktemp("warm")
     machine = replace(
         read_machine(MILL),
         effects=(EffectSpec("scale-expansion", {"joint": "X", "sensor": "T_x"}),),
@@ -259,8 +286,32 @@ def test_a_table_for_each_temperature(tmp_path: Path) -> None:
     points = pd.DataFrame({j.name: rng.uniform(*j.travel, 150) for j in machine.joints})
     points = points.assign(tool_x=0.0, tool_y=0.0, tool_z=-100.0, T_x=rng.uniform(18, 30, 150))
     table = positions(measured(machine, chain.vector({identity: 11e-6}), seed=4, noise=1 * UM, points=points))
-    save(fit_machine(machine, survey(table)), tmp_path / "fit")
-    out = done("compensate", tmp_path / "fit", "--controller", "linuxcnc-type1", "--out", tmp_path / "out").out
+    save(fit_machine(machine, survey(table)), folder / "fit")
+    return folder / "fit"
+
+
+@pytest.mark.parametrize("name", ["siemens-lec", "siemens-cec", "isg"])
+def test_the_controllers_own_temperature_compensation_takes_the_place_of_tables(
+    name: str, warmed: Path, tmp_path: Path
+) -> None:
+    out = done("compensate", warmed, "--controller", name, "--out", tmp_path).out
+    (file,) = (tmp_path / f for f in ("TEMP_COMP.INI", "temp_comp.lis") if (tmp_path / f).exists())
+    (law,) = laws_of(file.read_text())
+    assert (law.axis, law.sensor) == ("X", "T_x")
+    assert law.slope == pytest.approx(-11e-6, rel=0.02)
+    assert "in place of a folder for each temperature" in out
+    assert "not certain: the sign" in out
+    assert "towards minus" in (tmp_path / "sign_test/temperature.nc").read_text()
+    data = json.loads((tmp_path / "compensation.json").read_text())
+    own = data["own_temperature_compensation"]["figures"]
+    for figures, stated in zip(own, data["sets"], strict=True):
+        alone = stated["figures"][0]["after"]["rms_um"]
+        assert figures["after"]["rms_um"] < alone + 0.3  # as good as tables of its own
+        assert stated["figures"][0]["before"]["rms_um"] == figures["before"]["rms_um"]
+
+
+def test_a_table_for_each_temperature(warmed: Path, tmp_path: Path) -> None:
+    out = done("compensate", warmed, "--controller", "linuxcnc-type1", "--out", tmp_path / "out").out
     folders = sorted(p.name for p in (tmp_path / "out").iterdir() if p.is_dir())
     assert len(folders) == 3
     assert all(re.fullmatch(r"T_x_\d\d\.\d", name) for name in folders)
@@ -271,6 +322,85 @@ def test_a_table_for_each_temperature(tmp_path: Path) -> None:
     warm = [float(name[4:]) for name in folders]
     assert np.polyfit(warm, spans, 1)[0] == pytest.approx(-11, rel=0.1)  # um/m a kelvin, taken back
     assert "at T_x = " in out
+
+
+def test_a_spindle_that_grows_is_no_motion_of_the_workpiece(tmp_path: Path) -> None:
+    """Klipper's z_thermal_adjust adds -temp_coeff times the warming: a tool that grows downwards is lifted."""
+    machine = replace(read_machine(MILL), effects=(EffectSpec("spindle-growth", {"sensor": "T_spindle"}),))
+    chain = Chain(machine)
+    rng = np.random.default_rng(0)
+    points = pd.DataFrame({j.name: rng.uniform(*j.travel, 150) for j in machine.joints})
+    points = points.assign(tool_x=0.0, tool_y=0.0, tool_z=-100.0, T_spindle=rng.uniform(18, 30, 150))
+    table = positions(measured(machine, chain.vector({chain.effect_ids[0][0]: 4e-3}), seed=4, points=points))
+    save(fit_machine(machine, survey(table)), tmp_path / "fit")
+    for name in ("klipper", "siemens-lec"):
+        done("compensate", tmp_path / "fit", "--controller", name, "--out", tmp_path / name)
+        data = json.loads((tmp_path / name / "compensation.json").read_text())
+        for own, stated in zip(data["own_temperature_compensation"]["figures"], data["sets"], strict=True):
+            kelvin = stated["state"]["T_spindle"] - data["sets"][1]["state"]["T_spindle"]
+            assert own["before"]["rms_um"] == pytest.approx(abs(4 * kelvin), abs=0.3)
+            assert own["after"]["rms_um"] < 0.3
+            assert stated["figures"][0]["after"]["rms_um"] < 0.3
+    coefficient = re.search(r"temp_coeff: (\S+)", (tmp_path / "klipper/z_thermal_adjust.cfg").read_text())
+    assert coefficient is not None
+    assert float(coefficient[1]) == pytest.approx(-4e-3, rel=0.02)
+
+
+def test_a_probe_beside_the_nozzle_reads_as_the_nozzle_does(fitted: Path, tmp_path: Path) -> None:
+    """The bed is touched twice, exactly, by nozzle and probe: what Klipper adds makes the readings agree."""
+    machine = read_machine(MILL)
+    chain = Chain(machine)
+    volume = volume_of(machine, chain.vector({"X.ea.1": 2e-4, "Y.eb.1": -1e-4, "X.dz.2": 0.05}))
+    setup = replace(volume.setup(None, None)[0], probe=(30.0, -25.0))
+    klipper = target("klipper")
+    assert isinstance(klipper, Controller)
+    found = klipper.probing(setup, volume.gap(setup))
+    twist = klipper_probe.read(found.files["axis_twist.cfg"])
+    field, joints = volume.field, [j.name for j in machine.joints]
+    x, y = (np.random.default_rng(0).uniform(t.low, t.high, 40) for t in twist.values())
+    readings = []
+    for dx, dy in ((0.0, 0.0), (30.0, -25.0)):
+        q = np.zeros((40, 3))
+        q[:, joints.index("X")], q[:, joints.index("Y")] = x - dx, y - dy
+        tool = np.tile(np.asarray(machine.tool) + np.array([dx, dy, 0.0]), (40, 1))
+        bed = field.nominal(q, tool)[:, 2]
+        for _ in range(5):  # Z goes down until the tip is there
+            q[:, joints.index("Z")] -= field.actual(q, np.ones_like(q), tool)[:, 2] - bed
+        readings.append(q[:, joints.index("Z")])
+    nozzle, probe = readings
+    assert np.ptp(probe - nozzle) > 8 * UM
+    assert np.ptp(probe + twist["X"].at(x) + twist["Y"].at(y) - nozzle) < 0.2 * UM
+    assert found.after_um[1] < 0.2 < 4 < found.before_um[1]
+    ends = np.array([twist["X"].low - 10.0, twist["X"].high + 10.0])  # straight on beyond the ends
+    steps = np.diff(twist["X"].values)[[0, -1]] * 10 / (twist["X"].high - twist["X"].low) * (len(twist["X"].values) - 1)
+    np.testing.assert_allclose(twist["X"].at(ends), twist["X"].values[[0, -1]] + [-1, 1] * steps)
+    more = ("--probe", 30, -25, "--out", tmp_path)
+    out = done("compensate", fitted / "fit", "--controller", "klipper", *more).out
+    assert "what a probe reads against the nozzle" in out
+    assert (tmp_path / "axis_twist.cfg").exists()
+    result = run("compensate", fitted / "fit", "--controller", "duet", *more)
+    assert (result.code, "corrects no readings" in result.err) == (2, True)
+
+
+def test_tables_are_for_one_tool_and_say_what_they_do_to_others(tmp_path: Path) -> None:
+    machine = read_machine(MILL)
+    p = Chain(machine).vector({"X.eb.1": 4e-4, "X.dz.1": 1 * UM})  # pitch: nothing at the table, much at a long tool
+    tools = ((0.0, 0.0, -60.0), (0.0, 0.0, -260.0))
+    table = positions(measured(machine, p, 160, 1, noise=1 * UM, tools=tools))
+    save(fit_machine(machine, survey(table)), tmp_path / "fit")
+    for tip in tools:
+        more = ("--tool", *tip, "--out", tmp_path / "out")
+        out = done("compensate", tmp_path / "fit", "--controller", "csv", *more).out
+        assert f"these are for the tip at 0 0 {tip[2]:g} (--tool)" in out
+        data = json.loads((tmp_path / "out/compensation.json").read_text())
+        assert data["tool"] == list(tip)
+        own, other = data["sets"][0]["figures"][1:]
+        assert "this tool" in own["poses"]
+        assert own["removed"] > 0.97
+        assert other["after"]["rms_um"] > 3 * own["after"]["rms_um"]
+        if other["after"]["rms_um"] > other["before"]["rms_um"]:
+            assert "WORSE THAN WITHOUT THEM" in out
+            assert "only do harm" in out
 
 
 def test_levels_are_states_that_were_there() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -10,17 +11,17 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from errormodel.controllers import registry, target
+from errormodel.controllers import isg, klipper_probe, registry, siemens, target
 from errormodel.controllers.base import Controller, Rewriter
 from errormodel.controllers.grids import anchored_grid, even_grid, hats
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.sign_test import PEAK, sign_test
 from errormodel.controllers.tables import Table, Tables, Term
+from errormodel.controllers.thermal import Growth, laws_of
 from errormodel.exceptions import InputError
 from tests.setups import filled, plain_setup, setups
 
 TABLED = sorted(n for n, kind in registry().items() if issubclass(kind, Controller))
-OWN_AXIS = ("linuxcnc-type0", "linuxcnc-type1", "siemens-lec", "twincat-nc", "fanuc-pitch", "aerotech-1d", "pmac")
 few = settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 
 
@@ -52,6 +53,28 @@ def test_files_read_back_to_the_same_correction(name: str, setup: Setup, seed: i
     count = max(sum(t.term.output == o for t in tables) for o in {t.term.output for t in tables})
     assert np.abs(after - before).max() <= count * controller.quantum(setup) * 1.001
     assert controller.write(again, setup) == files  # and a second time to the same bytes
+
+
+@given(
+    values=st.lists(st.floats(-0.3, 0.3), min_size=2, max_size=33),
+    ends=st.tuples(st.integers(-300, 100), st.integers(150, 400)),
+    rates=st.tuples(st.floats(-0.01, 0.01), st.floats(-1e-4, 1e-4)),
+)
+@few
+def test_probe_and_temperature_files_read_back_to_the_same_correction(
+    values: list[float], ends: tuple[int, int], rates: tuple[float, float]
+) -> None:
+    setup = plain_setup(probe=(20.0, -5.0))
+    twist = klipper_probe.Twist(*map(float, ends), np.array(values))
+    again = klipper_probe.read(klipper_probe.write({"X": twist, "Y": twist}, setup))
+    x = np.linspace(ends[0] - 1.0, ends[1] + 1.0, 100)
+    for back in again.values():
+        assert np.abs(back.at(x) - twist.at(x)).max() < 2e-6
+    law = Growth("X", *rates, "T_x.1", 21.3)
+    for write in (siemens.temperature_file, isg.temperature_file):
+        (back_law,) = [g for text in write([law]).values() for g in laws_of(text)]
+        moved, moved_again = (g.at({"T_x.1": 30.0}, x) for g in (law, back_law))
+        assert np.abs(moved - moved_again).max() < 1e-6
 
 
 @pytest.mark.parametrize("name", TABLED)
@@ -95,35 +118,58 @@ def test_what_is_doubtful_says_so_in_its_files_and_has_a_sign_test(name: str) ->
     assert (float(match[1]) > 0) == (match[2] == "plus")
 
 
-def long_axis(setup: Setup, name: str, grid: tuple[float, ...]) -> Table:
-    return Table(Term(name, (name,), (grid,)), np.zeros(len(grid)))
+def gridded(controller: Controller, setup: Setup, change: Callable[[tuple[float, ...]], tuple[float, ...]]) -> Tables:
+    """Tables of zeros for all terms over the first axis that has a table, its positions changed."""
+    terms = controller.structures(setup)[-1]
+    first = next(t.inputs[0] for t in terms if t.inputs)
+    grids = [tuple(change(g) if i == first else g for i, g in zip(t.inputs, t.grids, strict=True)) for t in terms]
+    new = [replace(t, grids=g) for t, g in zip(terms, grids, strict=True)]
+    return tuple(Table(t, np.zeros(t.shape)) for t in new[: controller.most_tables])
 
 
-@pytest.mark.parametrize("name", [n for n in TABLED if tabled(n).most_points < 5000 and n in OWN_AXIS])
+UNEVEN = ("linuxcnc-type0", "linuxcnc-type1", "heidenhain", "isg", "etalon", "csv")  # state every position
+
+
+@pytest.mark.parametrize("name", TABLED)
 def test_too_many_points_are_refused(name: str) -> None:
     controller, setup = tabled(name), plain_setup()
-    grid = tuple(np.linspace(-200, 400, 10_001).round(9).tolist())
-    if name == "pmac":  # a table holds what memory there is; the number of tables is limited
-        short = (0.0, 100.0, 200.0)
-        with pytest.raises(InputError, match="33 tables"):
-            controller.write(tuple(long_axis(setup, "X", short) for _ in range(33)), setup)
-        return
-    with pytest.raises(InputError, match="10001 points, of which the format holds"):
-        controller.write((long_axis(setup, "X", grid),), setup)
-    with pytest.raises(InputError, match="--points, axis X"):
+    most = controller.most_points
+
+    def more(grid: tuple[float, ...]) -> tuple[float, ...]:
+        return tuple(float(round(grid[0] + (grid[-1] - grid[0]) * k / 2**15, 9)) for k in range(most + 1))
+
+    with pytest.raises(InputError, match=f"{most + 1} points"):
+        controller.write(gridded(controller, setup, more), setup)
+    with pytest.raises(InputError, match="--points"):
         controller.structures(replace(setup, points=10_001))
 
 
-@pytest.mark.parametrize("name", OWN_AXIS)
+@pytest.mark.parametrize("name", TABLED)
 def test_positions_that_do_not_increase_are_refused(name: str) -> None:
-    with pytest.raises(InputError, match="positions do not increase: 100, then 50"):
-        tabled(name).write((long_axis(plain_setup(), "X", (0.0, 100.0, 50.0)),), plain_setup())
+    controller, setup = tabled(name), plain_setup()
+    with pytest.raises(InputError, match="positions do not increase"):
+        controller.write(gridded(controller, setup, lambda g: (*g[:-2], g[-1], g[-2])), setup)
 
 
-@pytest.mark.parametrize("name", [n for n in OWN_AXIS if not n.startswith("linuxcnc")])
+@pytest.mark.parametrize("name", [n for n in TABLED if n not in UNEVEN])
 def test_a_step_that_does_not_divide_the_range_is_refused(name: str) -> None:
+    controller, setup = tabled(name), plain_setup()
     with pytest.raises(InputError, match="no step divides evenly"):
-        tabled(name).write((long_axis(plain_setup(), "X", (0.0, 100.0, 150.0)),), plain_setup())
+        controller.write(gridded(controller, setup, lambda g: (*g[:-1], g[-1] + 0.4 * (g[-1] - g[-2]))), setup)
+
+
+@pytest.mark.parametrize("name", UNEVEN)
+def test_a_format_that_states_every_position_takes_uneven_ones(name: str) -> None:
+    controller, setup = tabled(name), plain_setup()
+    tables = gridded(controller, setup, lambda g: (*g[:-1], g[-1] + 0.4 * (g[-1] - g[-2])))
+    again = controller.read(controller.write(tables, setup), setup)
+    assert {t.term.grids for t in again} == {t.term.grids for t in tables}
+
+
+def test_pmac_refuses_more_tables_than_motors() -> None:
+    table = Table(Term("X", ("X",), ((0.0, 100.0, 200.0),)), np.zeros(3))
+    with pytest.raises(InputError, match="33 tables"):
+        tabled("pmac").write((table,) * 33, plain_setup())
 
 
 def test_siemens_refuses_a_step_that_does_not_fit_its_number_of_points() -> None:

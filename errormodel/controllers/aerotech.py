@@ -21,7 +21,7 @@ from errormodel.controllers.tables import Table, Tables, Term, check_points, eve
 from errormodel.controllers.text import Files, Lines, one_file
 from errormodel.exceptions import InputError
 
-NODES = 170  # of one 2-D table
+NODES = 300  # of one 2-D table; a third where there are many
 
 
 def _key(lines: Lines, text: str, name: str) -> float:

@@ -8,15 +8,17 @@ Positions are in the units of controllers: mm for linear axes, degrees for rotar
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import ClassVar
 
 import numpy as np
 
 from errormodel.arrays import Array
+from errormodel.controllers.klipper_probe import Gap, Probing
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Tables, Term
 from errormodel.controllers.text import Files
+from errormodel.controllers.thermal import States, Thermal
 from errormodel.exceptions import InputError
 
 Correct = Callable[[Array, Array], Array]
@@ -98,9 +100,20 @@ class Controller(Target):
         """Structures to try, the plainest first: one that leaves next to nothing is taken."""
         return [self.terms(setup)]
 
-    def thermal(self, states: Sequence[tuple[Mapping[str, float], Tables]], setup: Setup) -> dict[str, str]:
-        """Files for the controller's own temperature compensation, from tables at several temperatures."""
-        return {}
+    def thermal(self, states: States, setup: Setup) -> Thermal | None:
+        """The controller's own temperature compensation, from tables at several temperatures; None: it has none."""
+        return None
+
+    def probing(self, setup: Setup, gap: Gap) -> Probing:
+        """What the controller adds to the readings of a probe at ``setup.probe``.
+
+        Raises
+        ------
+        InputError
+            It adds nothing.
+        """
+        found = f"{self.title} corrects no readings"
+        raise InputError("--probe", found, "Leave it out, or use --controller klipper")
 
     def quantum(self, setup: Setup) -> float:
         """Largest change (mm, deg) of a correction by writing and reading back."""

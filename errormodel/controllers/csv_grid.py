@@ -9,7 +9,7 @@ import numpy as np
 from errormodel.controllers.base import Controller
 from errormodel.controllers.grids import nodes
 from errormodel.controllers.setup import LARGEST, Setup
-from errormodel.controllers.tables import Table, Tables, Term
+from errormodel.controllers.tables import Table, Tables, Term, check_increasing, check_points
 from errormodel.controllers.text import Files, Lines, one_file
 from errormodel.exceptions import InputError
 
@@ -42,6 +42,9 @@ class CsvGrid(Controller):
 
     def write(self, tables: Tables, setup: Setup) -> dict[str, str]:
         names = tables[0].term.inputs
+        for axis in range(len(names)):
+            check_points(tables[0].term, self.most_points, axis)
+            check_increasing(tables[0].term, axis)
         places = nodes(tables[0].term.grids)
         values = np.column_stack([t.values.ravel() for t in tables])
         header = [*names, *(f"d{t.term.output}" for t in tables)]

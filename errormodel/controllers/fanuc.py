@@ -11,6 +11,7 @@ Source: B-63330EN (tape format), A-79351E (three-dimensional error compensation,
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -19,7 +20,16 @@ from errormodel.arrays import Array
 from errormodel.controllers.base import Controller, header
 from errormodel.controllers.grids import spaced
 from errormodel.controllers.setup import Setup
-from errormodel.controllers.tables import Table, Tables, Term, check_points, even_step
+from errormodel.controllers.tables import (
+    Table,
+    Tables,
+    Term,
+    check_points,
+    even_step,
+    shift_lines,
+    shift_terms,
+    shifts_of,
+)
 from errormodel.controllers.text import Files, one_file
 from errormodel.exceptions import InputError
 
@@ -49,11 +59,9 @@ class Fanuc(Controller):
     def quantum(self, setup: Setup) -> float:
         return 0.5 * self.unit(setup) + 1e-9
 
-    def _tape(self, lines: list[str], setup: Setup) -> str:
-        return (
-            "\n".join(["%", *(f"({s.replace('(', '[').replace(')', ']')})" for s in header(self, setup)), *lines, "%"])
-            + "\n"
-        )
+    def _tape(self, lines: list[str], setup: Setup, said: Sequence[str] = ()) -> str:
+        comments = [f"({s.replace('(', '[').replace(')', ']')})" for s in (*header(self, setup), *said)]
+        return "\n".join(["%", *comments, *lines, "%"]) + "\n"
 
 
 class FanucPitch(Fanuc):
@@ -71,19 +79,22 @@ class FanucPitch(Fanuc):
 
     def terms(self, setup: Setup) -> list[Term]:
         # every point there is: the steps from one to the next are what is short
-        return [
+        curves = [
             Term(m, (m,), (setup.grid(m, self.most_points, anchored=True, every=True),), zero=True)
             for m in setup.linear
             if m in setup.moving
         ]
+        return [*curves, *shift_terms(curves)]
 
     def most_slope(self, setup: Setup, term: Term) -> float | None:
+        if not term.inputs:
+            return None
         g = term.grids[0]
         return (self.most_step - 1) * self.unit(setup) / (g[1] - g[0])
 
     def write(self, tables: Tables, setup: Setup) -> dict[str, str]:
         unit, lines, start = self.unit(setup), list[str](), 0
-        for table in tables:
+        for table in (t for t in tables if t.term.inputs):
             term, axis = table.term, setup.place(table.term.output) + 1
             check_points(term, self.most_points)
             step = even_step(term)
@@ -109,7 +120,7 @@ class FanucPitch(Fanuc):
             # the first point's own value only shifts the axis: it is reached from the reference, which is zero
             lines += [f"N{FIRST + start + k}P{v}" for k, v in enumerate([0, *steps[1:]])]
             start += len(steps)
-        return {"pitch.txt": self._tape(lines, setup)}
+        return {"pitch.txt": self._tape(lines, setup, shift_lines(tables))}
 
     def read(self, files: Files, setup: Setup) -> Tables:
         name, text = one_file(files, ".txt")
@@ -130,7 +141,7 @@ class FanucPitch(Fanuc):
             letter = setup.names[axis - 1]
             at_zero = np.interp(0.0, grid, values)  # the correction is zero at the reference point
             out.append(Table(Term(letter, (letter,), (grid,), zero=True), values - at_zero))
-        return tuple(out)
+        return (*out, *shifts_of(text))
 
     def checklist(self, setup: Setup) -> list[str]:
         return [

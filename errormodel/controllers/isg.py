@@ -4,12 +4,15 @@ White-space tables: a header of argument and parameter names, rows below, ``//``
 further header. Offsets in mm, angles in rad; arguments in mm, and degrees for rotary axes. Errors may be tabled over
 several axes.
 
+Temperature: a straight line of position for each axis, whose offset and coefficient the PLC writes.
+
 Source: Beckhoff Infosys TF5280, pages 296423819 (parameters), 296429067 (ISG CSV), 296390283 (configuration), and the
-kernel's documentation at isg-stuttgart.de.
+kernel's documentation at isg-stuttgart.de (temperature compensation: 308654475, and TF5200 15266957451).
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -17,8 +20,9 @@ import numpy as np
 from errormodel.controllers.base import header
 from errormodel.controllers.grids import nodes
 from errormodel.controllers.setup import Setup
-from errormodel.controllers.tables import Table, Tables, Term, check_increasing
+from errormodel.controllers.tables import Table, Tables, Term, check_increasing, check_points
 from errormodel.controllers.text import Files, Lines, one_file
+from errormodel.controllers.thermal import Growth, States, Thermal, sign_program, thermal
 from errormodel.controllers.volumetric import Volumetric
 from errormodel.exceptions import InputError
 
@@ -26,6 +30,32 @@ DOUBT = (
     "the sign of the parameters (taken as errors, actual minus nominal; `negate XYZ` in the list turns them round) and "
     "the point an angle's lever is counted from (taken as the axis' own frame with the tool tip as in machine.yaml)"
 )
+
+WARM_DOUBT = "the sign (taken as that of a deviation: a positive value moves the axis in minus direction)"
+
+
+def temperature_file(found: Sequence[Growth]) -> dict[str, str]:
+    """Axis parameters of the kernel's own temperature compensation, and the laws that the PLC applies."""
+    sensor, zero = found[0].sensor, found[0].zero
+    lines = [
+        "# temperature compensation: offset_0(T) + coefficient(T) * (position - position_0), axis by axis",
+        "# for the parameters of the middling folder only; of each axis into its own list",
+        f"# offset and coefficient are zero at {sensor} = {zero:.3f}; the PLC writes them as {sensor} changes:",
+        "# temp_comp_offset_0 = -1e4 times the mm, temp_comp_coefficient = -1e6 times mm/mm, times the kelvin above",
+        *(f"# correct {g.line()}" for g in found),
+        f"# NOT CERTAIN: {WARM_DOUBT}",
+        "# run sign_test/temperature.nc first",
+    ]
+    for g in found:
+        lines += [
+            f"kopf.log_achs_name {g.axis}",
+            "lr_param.temp_comp 1",
+            "lr_param.temp_comp_position_0 0",
+            "lr_param.temp_comp_offset_0 0",
+            "lr_param.temp_comp_coefficient 0",
+        ]
+    test = sign_program(found[0].axis, "write lr_param.temp_comp_offset_0 = 500 into its list, and load that")
+    return {"temp_comp.lis": "\n".join(lines) + "\n", **test}
 
 
 def configuration(setup: Setup, file: str, form: str, names: tuple[str, ...]) -> str:
@@ -53,6 +83,9 @@ class Isg(Volumetric):
     doubt: ClassVar[str] = DOUBT
     most_points: ClassVar[int] = 2000
 
+    def thermal(self, states: States, setup: Setup) -> Thermal | None:
+        return thermal(states, setup, self.emulate, temperature_file, WARM_DOUBT)
+
     def structures(self, setup: Setup) -> list[list[Term]]:
         """Six motions an axis over its own position; then with the last linear axis' translations over all linear axes.
 
@@ -72,6 +105,7 @@ class Isg(Volumetric):
         groups: dict[tuple[object, ...], list[Table]] = {}
         for table in tables:
             for axis in range(len(table.term.inputs)):
+                check_points(table.term, self.most_points, axis)
                 check_increasing(table.term, axis)
             groups.setdefault((table.term.inputs, table.term.grids), []).append(table)
         lines = [f"// {s}" for s in header(self, setup)]

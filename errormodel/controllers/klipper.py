@@ -3,7 +3,7 @@
 Skew: ``x' = x - y f_xy - z (f_xz - f_xy f_yz)``, ``y' = y - z f_yz``. Mesh: what is added to Z, rows from the
 smallest Y, columns from the smallest X; with mesh_x_pps and mesh_y_pps 0 bilinear between its points, the edge holds.
 Nothing corrects X and Y beyond skew, and nothing a screw's pitch; axis_twist_compensation corrects what a probe
-reads, not where the nozzle goes.
+reads, not where the nozzle goes: it is written where the probe's place is known.
 
 Source: Klipper docs/Config_Reference.md, klippy/extras/bed_mesh.py, skew_correction.py, z_thermal_adjust.py.
 """
@@ -11,17 +11,19 @@ Source: Klipper docs/Config_Reference.md, klippy/extras/bed_mesh.py, skew_correc
 from __future__ import annotations
 
 import configparser
-from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.controllers.base import header
+from errormodel.controllers.klipper_probe import Gap, Probing, probing
 from errormodel.controllers.printers import Printer, heights_of, skew_tables, skews_of
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Table, Tables, Term, check_points, even_step
 from errormodel.controllers.text import Files, one_file
+from errormodel.controllers.thermal import States, Thermal, growths
 from errormodel.exceptions import InputError
 
 PROFILE = "errormodel"
@@ -69,22 +71,24 @@ class Klipper(Printer):
             lines += [f"min_x: {x0:.9g}", f"max_x: {x1:.9g}", f"min_y: {y0:.9g}", f"max_y: {y1:.9g}"]
         return {"errormodel.cfg": "\n".join(lines) + "\n"}
 
-    def thermal(self, states: Sequence[tuple[Mapping[str, float], Tables]], setup: Setup) -> dict[str, str]:
-        """``z_thermal_adjust``: the mean height as a straight line of one temperature."""
-        meshes = [(state, heights_of(tables)) for state, tables in states]
-        sensor = next(iter(states[0][0]), "")
-        if len(states) < 2 or any(mesh is None for _, mesh in meshes):
-            return {}
-        warmth = [state[sensor] for state, _ in meshes]
-        slope = float(np.polyfit(warmth, [mesh.values.mean() for _, mesh in meshes if mesh is not None], 1)[0])
+    def thermal(self, states: States, setup: Setup) -> Thermal | None:
+        """``z_thermal_adjust``: the height as a straight line of one temperature."""
+        found = next((g for g in growths(states, setup, self.emulate) if g.axis == "Z"), None)
+        if found is None:
+            return None
+        middle = found.offset + found.slope * sum(setup.axis("Z").measured) / 2
+        law = replace(found, offset=round(min(max(middle, -1.0), 1.0), 6), slope=0.0)
         lines = [
-            f"# Z follows {sensor} in place of a mesh for each temperature: use it with the middling folder only",
-            "# (the firmware adds -temp_coeff times the warming since Z was homed)",
+            f"# Z follows {law.sensor} in place of a mesh for each temperature: use it with the middling folder only,",
+            f"# home Z at {law.zero:.1f} degC (the firmware adds -temp_coeff times the warming since Z was homed)",
             "[z_thermal_adjust]",
-            f"temp_coeff: {min(max(-slope, -1.0), 1.0):.6f}",
+            f"temp_coeff: {-law.offset:.6f}",
             "# sensor_type, sensor_pin: those of the sensor on the machine's frame",
         ]
-        return {"z_thermal_adjust.cfg": "\n".join(lines) + "\n"}
+        return Thermal({"z_thermal_adjust.cfg": "\n".join(lines) + "\n"}, [law])
+
+    def probing(self, setup: Setup, gap: Gap) -> Probing:
+        return probing(setup, gap)
 
     def read(self, files: Files, setup: Setup) -> Tables:
         name, text = one_file(files, ".cfg")
@@ -105,7 +109,9 @@ class Klipper(Printer):
             f"start G-code: SKEW_PROFILE LOAD={PROFILE}, BED_MESH_PROFILE LOAD={PROFILE}",
             "off: SET_SKEW CLEAR=1, BED_MESH_CLEAR",
             "a mesh that was probed replaces this one and does not know the nozzle's own errors: do not load both",
-            "axis_twist_compensation corrects the probe's readings, not the nozzle: it is left as it is",
+            "[include axis_twist.cfg], and calibrate the probe's z_offset again"
+            if setup.probe
+            else "axis_twist_compensation (what a probe reads) is left as it is: --probe X Y writes it, too",
         ]
 
 

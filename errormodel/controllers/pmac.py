@@ -17,7 +17,16 @@ import numpy as np
 from errormodel.arrays import Index
 from errormodel.controllers.base import Controller, header
 from errormodel.controllers.setup import Setup
-from errormodel.controllers.tables import Table, Tables, Term, even_step
+from errormodel.controllers.tables import (
+    Table,
+    Tables,
+    Term,
+    check_points,
+    even_step,
+    shift_lines,
+    shift_terms,
+    shifts_of,
+)
 from errormodel.controllers.text import Files, one_file
 from errormodel.exceptions import InputError
 
@@ -42,11 +51,12 @@ class Pmac(Controller):
         return 0.5 * self.unit(setup) * len(setup.moving) + 1e-9
 
     def terms(self, setup: Setup) -> list[Term]:
-        return [
+        curves = [
             Term(m, (i,), (setup.grid(i, self.most_points, anchored=True),), zero=True)
             for m in setup.linear
             for i in setup.moving
         ]
+        return [*curves, *shift_terms(curves)]
 
     def _nodes(self, setup: Setup, name: str, step: float) -> Index:
         """Whole multiples of the step that cover the travel and zero."""
@@ -54,15 +64,17 @@ class Pmac(Controller):
         return np.arange(int(np.floor(min(low, 0.0) / step + 1e-9)), int(np.ceil(max(high, 0.0) / step - 1e-9)) + 1)
 
     def write(self, tables: Tables, setup: Setup) -> dict[str, str]:
+        shifts, tables = shift_lines(tables), tuple(t for t in tables if t.term.inputs)
         if len(tables) > 32:
             raise InputError("tables", f"{len(tables)} tables, and there are 32 motors to hold one", "Leave some out")
         unit, counts = self.unit(setup), 1 / (16 * self.unit(setup))
-        lines = [f"; {s}" for s in header(self, setup)]
+        lines = [f"; {s}" for s in (*header(self, setup), *shifts)]
         lines += [f"; {counts:.9g} counts a mm (or deg): set --resolution to this machine's count", "DELETE GATHER"]
         lines += [f"#{m} DELETE COMP" for m in range(1, len(tables) + 1)]
         for m in range(len(tables), 0, -1):
             table = tables[m - 1]
             term, source = table.term, table.term.inputs[0]
+            check_points(term, self.most_points)
             step = even_step(term)
             place = term.grids[0][0] / step
             if abs(place - round(place)) > 1e-6:
@@ -86,6 +98,8 @@ class Pmac(Controller):
 
     def read(self, files: Files, setup: Setup) -> Tables:
         name, text = one_file(files, ".pmc")
+        if not text.rstrip().endswith("I51=1"):
+            raise InputError(name, "no I51=1 at its end: the file is not whole", "Copy the file again")
         unit, out = self.unit(setup), []
         plain = "\n".join(line.split(";")[0] for line in text.splitlines())
         for motor, count, source, target, length, body in TABLE.findall(plain):
@@ -99,7 +113,7 @@ class Pmac(Controller):
             values = unit * np.array([0, *entries[:-1]])[nodes % len(entries)]
             grid = tuple(float(round(k * step, 9)) for k in nodes)
             out.append(Table(Term(setup.names[int(target) - 1], (letter,), (grid,), zero=True), values))
-        return tuple(reversed(out))
+        return (*reversed(out), *shifts_of(text))
 
     def checklist(self, setup: Setup) -> list[str]:
         return [

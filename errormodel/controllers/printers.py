@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from errormodel.controllers.base import Controller
@@ -28,7 +30,10 @@ class Printer(Controller):
         skews = [Term(a, (), (), factor=b) for a, b in SKEWS if a in setup.linear and b in setup.moving]
         if "Z" not in setup.linear or not {"X", "Y"} <= {*setup.moving}:
             return skews
-        return [*skews, Term("Z", ("X", "Y"), setup.lattice(("X", "Y"), self.most_points, 500))]
+        fine = replace(
+            setup, axes=tuple(replace(a, intervals=max(a.intervals, self.least_points - 1)) for a in setup.axes)
+        )
+        return [*skews, Term("Z", ("X", "Y"), fine.lattice(("X", "Y"), self.most_points, 500))]
 
 
 def skews_of(tables: Tables) -> dict[str, float]:

@@ -47,6 +47,7 @@ class Setup:
     movers : names of the axes that carry out corrections, one a direction of space.
     reversing : axes whose errors depend on the side from which they arrive.
     resolution : least increment of the controller (mm, deg), None: the format's usual one.
+    probe : x and y of a probe from the nozzle (mm), None: there is none, or it is not known.
     points : points an axis asked for by the user, None: as many as the errors need.
     levers : motion of the tool tip, (n, 3, 6 axes), in mm per unit (mm, rad) of the six error motions of each axis, at
         positions (n, axes); and the tip's motion (n, 3, axes) per mm or deg of each axis.
@@ -60,6 +61,7 @@ class Setup:
     resolution: float | None = None
     points: int | None = None
     levers: Callable[[Array], tuple[Array, Array]] | None = None
+    probe: tuple[float, float] | None = None
 
     def place(self, name: str) -> int:
         """Column of an axis in positions (n, axes)."""

@@ -6,12 +6,16 @@ be 0. CEC: a table has a base axis, a compensated axis, a direction, and may be 
 other one is here a lever arm (position in m) or the sine or 1 - cosine of a rotary axis. Tables of one compensated
 axis add up.
 
+Temperature: a straight line of position whose offset and slope (``$SA_TEMP_COMP_ABS_VALUE``, ``..._SLOPE``) the PLC
+writes as temperatures change.
+
 Source: SINUMERIK 840D sl/828D function manual Extended Functions (K3 Compensations), 6FC5397-1BP40-3BA1.
 """
 
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -20,13 +24,25 @@ from errormodel.arrays import Array
 from errormodel.controllers.base import Controller, header
 from errormodel.controllers.grids import spaced
 from errormodel.controllers.setup import Setup
-from errormodel.controllers.tables import Table, Tables, Term, check_points, even_step, factor
+from errormodel.controllers.tables import (
+    Table,
+    Tables,
+    Term,
+    check_points,
+    even_step,
+    factor,
+    shift_lines,
+    shift_terms,
+    shifts_of,
+)
 from errormodel.controllers.text import Files, one_file
+from errormodel.controllers.thermal import Growth, States, Thermal, sign_program, thermal
 from errormodel.exceptions import InputError
 
 NUMBER = r"[-+]?[\d.]+(?:[eE][-+]?\d+)?"
 LEC = re.compile(rf"\$AA_ENC_COMP(?:_(\w+))?\[0,(?:(\d+),)?(\w+)1\]=({NUMBER})")
 CEC = re.compile(rf"\$AN_CEC(?:_(\w+))?\[(\d+)(?:,(\d+))?\]=\(?({NUMBER}|\w+1)\)?")
+WARM_DOUBT = "the sign (taken as that of $AA_ENC_COMP: a positive value moves the axis in minus direction)"
 TURN = 2.5  # deg between points of a sine
 
 
@@ -44,6 +60,30 @@ def _grid(step: float, low: float, high: float, count: int, where: str) -> tuple
     return spaced(low, step, count)
 
 
+def temperature_file(found: Sequence[Growth]) -> dict[str, str]:
+    """Machine and setting data of the control's own temperature compensation, and the laws that the PLC applies."""
+    sensor, zero = found[0].sensor, found[0].zero
+    lines = [
+        "; temperature compensation: K0(T) + tan beta(T) * (position - P0), for the tables of the middling folder only",
+        f"; K0 and tan beta are zero at {sensor} = {zero:.3f}; the PLC (FB3 PUT) writes them as {sensor} changes:",
+        "; $SA_TEMP_COMP_ABS_VALUE = minus the mm, $SA_TEMP_COMP_SLOPE = minus the mm/mm, times the kelvin above",
+        *(f"; correct {g.line()}" for g in found),
+        f"; NOT CERTAIN: {WARM_DOUBT}",
+        "; run sign_test/temperature.nc first",
+        "CHANDATA(1)",
+    ]
+    for g in found:
+        lines += [
+            f"$MA_TEMP_COMP_TYPE[{g.axis}1]=3",
+            f"$SA_TEMP_COMP_REF_POSITION[{g.axis}1]=0",
+            f"$SA_TEMP_COMP_ABS_VALUE[{g.axis}1]=0",
+            f"$SA_TEMP_COMP_SLOPE[{g.axis}1]=0",
+        ]
+    axis = found[0].axis
+    test = sign_program(axis, f"write $SA_TEMP_COMP_ABS_VALUE[{axis}1] = 0.05, as setting data or a line of its own")
+    return {"TEMP_COMP.INI": "\n".join([*lines, "M17"]) + "\n", **test}
+
+
 class SiemensLec(Controller):
     """``$AA_ENC_COMP``."""
 
@@ -53,11 +93,15 @@ class SiemensLec(Controller):
     most_points: ClassVar[int] = 1000
 
     def terms(self, setup: Setup) -> list[Term]:
-        return self.curves(setup, [(m, m) for m in setup.linear if m in setup.moving], zero=True)
+        curves = self.curves(setup, [(m, m) for m in setup.linear if m in setup.moving], zero=True)
+        return [*curves, *shift_terms(curves)]
+
+    def thermal(self, states: States, setup: Setup) -> Thermal | None:
+        return thermal(states, setup, self.emulate, temperature_file, WARM_DOUBT)
 
     def write(self, tables: Tables, setup: Setup) -> dict[str, str]:
-        lines = ["%_N_AX_EEC_INI", *(f"; {s}" for s in header(self, setup)), "CHANDATA(1)"]
-        for table in tables:
+        lines = ["%_N_AX_EEC_INI", *(f"; {s}" for s in (*header(self, setup), *shift_lines(tables))), "CHANDATA(1)"]
+        for table in (t for t in tables if t.term.inputs):
             term, axis = table.term, f"{table.term.output}1"
             check_points(term, self.most_points)
             step = even_step(term)
@@ -84,7 +128,7 @@ class SiemensLec(Controller):
             k = keys.get(axis, {})
             grid = _grid(k.get("STEP", 0.0), k.get("MIN", 0.0), k.get("MAX", 0.0), len(v), f"{name}, axis {axis}")
             out.append(Table(Term(axis, (axis,), (grid,), zero=True), np.array(v)))
-        return tuple(out)
+        return (*out, *shifts_of(text))
 
     def checklist(self, setup: Setup) -> list[str]:
         return [
@@ -117,6 +161,9 @@ class SiemensCec(Controller):
                 grid = setup.grid(name, self.most_points)
                 out += [Term(m, (name,), (grid,), factor=kind + other) for m in setup.linear for kind in kinds]
         return out
+
+    def thermal(self, states: States, setup: Setup) -> Thermal | None:
+        return thermal(states, setup, self.emulate, temperature_file, WARM_DOUBT)
 
     def _lever(self, setup: Setup, name: str) -> tuple[Array, Array]:
         """Positions and values of a table that multiplies others."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -117,6 +119,24 @@ def check_points(term: Term, most: int, axis: int = 0) -> None:
             f"{count} points, of which the format holds {most}",
             "Give fewer: --points sets how many",
         )
+
+
+SHIFT = re.compile(r"zero shift of (\w+): ([-+.\d]+)")
+
+
+def shift_terms(terms: Sequence[Term]) -> list[Term]:
+    """A constant for every axis whose tables must be zero at the reference point: where its zero is to be moved to."""
+    return [Term(m, (), ()) for m in dict.fromkeys(t.output for t in terms if t.zero)]
+
+
+def shift_lines(tables: Tables) -> list[str]:
+    """What a file whose tables are zero at the reference point says of constants."""
+    return [f"zero shift of {t.term.output}: {float(t.values):.6f} mm" for t in tables if not t.term.inputs]
+
+
+def shifts_of(text: str) -> Tables:
+    """The constants that a file's comments name."""
+    return tuple(Table(Term(name, (), ()), np.array(float(value))) for name, value in SHIFT.findall(text))
 
 
 def merged(tables: Tables) -> dict[tuple[str, tuple[str, ...], str], dict[int, Table]]:

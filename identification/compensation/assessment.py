@@ -16,6 +16,7 @@ from identification.compensation.rows import FEWEST, Rows
 from identification.compensation.volume import Volume, best_frame
 
 SAME_TOOL = 0.5  # mm
+OTHER_TOOLS = "other tools"
 FRESH = 1024  # poses of the volume, other ones than the reduction saw
 
 Correct = Callable[[Array, Array, Array | None], Array]
@@ -105,7 +106,7 @@ def _by_tool(volume: Volume, held: Rows | None) -> list[Rows]:
     own = np.linalg.norm(held.tool - np.asarray(volume.field.chain.machine.tool), axis=1) < SAME_TOOL
     if own.all() or min(own.sum(), (~own).sum()) < FEWEST:
         return [held]
-    return [held.part(own, "this tool"), held.part(~own, "other tools")]
+    return [held.part(own, "this tool"), held.part(~own, OTHER_TOOLS)]
 
 
 def _figures(volume: Volume, correct: Correct, rows: Rows) -> Figures:
@@ -116,12 +117,12 @@ def _figures(volume: Volume, correct: Correct, rows: Rows) -> Figures:
 
 
 def remaining(volume: Volume, correct: Correct, rows: Rows) -> Array:
-    """Errors (n, 3) in mm that are left at commands, after the best frame of each measuring frame."""
+    """Errors (n, 3) in mm that are left at commands, after the best frame of each measuring frame, or the given one."""
     field = volume.field
     nominal = field.nominal(rows.q, rows.tool)
     actual = field.actual(correct(rows.q, rows.direction, rows.tool), rows.direction, rows.tool)
-    errors = actual - nominal + rows.left
-    if not volume.free:
+    errors = actual - (nominal if volume.pose is None else volume.pose.apply(nominal)) + rows.left
+    if not volume.free or volume.pose is not None:
         return errors
     labels, counts = np.unique(rows.frames.astype(str), return_counts=True)
     small = np.isin(rows.frames.astype(str), labels[counts < 2 * FEWEST])

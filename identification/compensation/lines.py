@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from textwrap import wrap
 
 from errormodel.controllers.setup import Axis, Setup
-from identification.compensation.assessment import Error, Figures
-from identification.compensation.run import Compensation
+from identification.compensation.assessment import OTHER_TOOLS, Error, Figures
+from identification.compensation.run import Compensation, Stated
 
+WIDTH = 110
 NEAR = 0.02  # of the travel: a survey that ends nearer to the end than this covers it
 
 
@@ -30,35 +32,61 @@ def compensation_lines(result: Compensation, folder: Path) -> Iterator[str]:
     for stated in result.sets:
         yield ""
         if stated.label:
-            yield "at " + ", ".join(f"{k} = {v:.1f} {'s' if k == 'time' else 'degC'}" for k, v in stated.state.items())
+            yield _state(stated)
         for figures in stated.figures:
             yield from figure_lines(figures, setup)
+    if result.thermal:
+        usual, files = result.usual, ", ".join(f for f in result.thermal.files if "/" not in f)
+        yield ""
+        yield f"in place of a folder for each temperature: that of {usual.label}, and {files}"
+        for stated, figures in zip(result.sets, result.thermal.figures, strict=True):
+            after, told = figures.after, _state(stated)
+            yield f"  {f'left {told}':52} {after.rms_um:8.2f} {after.worst_um:8.2f}   um (rms, worst)"
+        if result.thermal.doubt:
+            yield f"  not certain: {result.thermal.doubt}"
+            yield f"  run {folder / 'sign_test' / 'temperature.nc'} first"
+    if result.probing:
+        (rms, worst), (rms_after, worst_after) = result.probing.before_um, result.probing.after_um
+        yield ""
+        yield "what a probe reads against the nozzle, over the bed"
+        yield f"  {'before':52} {rms:8.2f} {worst:8.2f}   um (rms, worst)"
+        yield f"  {'with ' + ', '.join(result.probing.files):52} {rms_after:8.2f} {worst_after:8.2f}"
     yield ""
     yield "region: what the survey covered; beyond it the correction of its edge is held"
     yield from (f"  {line}" for line in region_lines(setup))
     if controller.doubt:
         yield ""
-        yield f"not certain from public sources: {controller.doubt}"
+        yield from wrap(f"not certain from public sources: {controller.doubt}", WIDTH, subsequent_indent="  ")
         yield f"  run {folder / 'sign_test' / 'sign_test.nc'} first"
     yield ""
     yield "activation"
-    yield from (f"  [ ] {step}" for step in controller.checklist(setup))
-    count = sum(len(s.files) for s in result.sets)
+    yield from (f"  [ ] {step}" for step in result.checklist)
+    count = sum(len(s.files) for s in (*result.sets, result.thermal, result.probing) if s)
     yield ""
     yield f"{count} file{'s' if count > 1 else ''} written to {folder}"
 
 
+def _state(stated: Stated) -> str:
+    return "at " + ", ".join(f"{k} = {v:.1f} {'s' if k == 'time' else 'degC'}" for k, v in stated.state.items())
+
+
 def figure_lines(figures: Figures, setup: Setup) -> Iterator[str]:
     """A table of one set of poses."""
-    yield f"{figures.poses:46} {'rms':>8} {'worst':>8}   um"
+    yield f"{figures.poses:54} {'rms':>8} {'worst':>8}   um"
     rows = (
         ("before", figures.before),
         ("after an ideal compensation", figures.ideal),
         ("after these tables", figures.after),
     )
     for what, error in rows:
-        yield f"  {what:44} {error.rms_um:8.2f} {error.worst_um:8.2f}"
-    yield f"  worst then at {worst_place(figures.after, setup)}; {100 * figures.removed():.1f} % of what can be removed"
+        yield f"  {what:52} {error.rms_um:8.2f} {error.worst_um:8.2f}"
+    better = figures.after.rms_um < figures.before.rms_um
+    share = f"{100 * figures.removed():.1f} % of what can be removed" if better else "WORSE THAN WITHOUT THEM"
+    yield f"  worst then at {worst_place(figures.after, setup)}; {share}"
+    if figures.poses.endswith(OTHER_TOOLS):
+        tip = " ".join(f"{v:g}" for v in setup.tool)
+        tail = ", and only do harm with those: switch them off, or make a set for each" if not better else ""
+        yield f"  no table turns with a tool: these are for the tip at {tip} (--tool){tail}"
 
 
 def worst_place(error: Error, setup: Setup) -> str:

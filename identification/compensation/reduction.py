@@ -1,16 +1,19 @@
-"""The error model reduced to what a controller's tables can express: least worst error, then least mean square.
+"""The error model reduced to what a controller's tables can express: the least worst error that costs no mean square.
 
 The tables are linear in their values: at a pose the tip's error is ``e + J c(v) - G g``, with ``c`` the correction of
 the axes, ``J`` the motion of the tip per unit of each and ``G g`` a small motion of the workpiece's frame, which
-costs nothing. First the least worst error is found (a second-order cone programme in CVXPY), then the least mean
-square near it.
+costs nothing. Least squares say how much of the root mean square error the structure can take away at all; of all
+tables that take away nearly as much and keep the format's slopes, those with the least worst error are found (a
+second-order cone programme in CVXPY). Worst error alone would be a poor guide: where a structure can take away
+little, the last per cent of the worst pose is bought with a quarter of what it does everywhere else.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,17 +21,17 @@ from errormodel.arrays import Array
 from errormodel.controllers.base import Controller
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Table, Tables, Term
+from identification.compensation.minimax import Ball, Slopes, least_worst
 
 if TYPE_CHECKING:
-    from scipy.sparse import csr_matrix
+    from scipy.sparse import csc_matrix, csr_matrix
 
-MOST_CONES = 1600  # values up to which the cone programme is solved; larger lattices are reweighted least squares
-SHARE = 0.25  # of what least squares leave above the least worst error, given up for the mean
+MOST_CONES = 5000  # values up to which the cone programmes are solved; more are left to least squares
+SHARE = 0.02  # of the root mean square error that can be removed, given up for the worst pose,
+COST = 0.05  # but never more than this of what must be left
 RIDGE = 1e-8  # of the mean square, for values that no pose determines
-NEAR = 1e-4  # of the mean square, that keeps the cone programme near the least squares where nothing else decides
 SMOOTH = 0.1  # of the mean square, for kinks: what few poses determine goes on straight
 IDLE = 1e-3  # of the largest: a table that moves less is left out
-ROUNDS = 12
 
 
 @dataclass(frozen=True)
@@ -67,15 +70,16 @@ def reduce(
     controller: Controller, setup: Setup, terms: Sequence[Term], sample: Sample, most_tables: int | None = None
 ) -> Tables:
     """The best tables of these terms for a sample of the volume; those that move next to nothing are left out."""
+    columns = {t: _column(controller, setup, t, sample) for t in terms}
     while True:
-        values = _solve(controller, setup, terms, sample, exact=False)
-        moved = [_moves(controller, setup, t, v, sample) for t, v in zip(terms, values, strict=True)]
+        task = _Task.of(controller, setup, {t: columns[t] for t in terms}, sample)
+        values = task.split(task.least)
+        moved = [_moves(columns[t], v, sample.frame) for t, v in zip(terms, values, strict=True)]
         keep = [k for k, m in enumerate(moved) if m > IDLE * max(moved)]
         if most_tables is not None and len(keep) > most_tables:
             keep = sorted(sorted(keep, key=lambda k: -moved[k])[:most_tables])
         if len(keep) == len(terms) or not keep:
-            values = _solve(controller, setup, terms, sample, exact=True)
-            return tuple(Table(t, v) for t, v in zip(terms, values, strict=True))
+            return tuple(Table(t, v) for t, v in zip(terms, task.split(task.best()), strict=True))
         terms = [terms[k] for k in keep]
 
 
@@ -83,65 +87,133 @@ def leftover(controller: Controller, setup: Setup, tables: Tables, sample: Sampl
     """Worst error (mm) that tables leave over a sample, to first order and after the best frame."""
     left = sample.errors.copy()
     for table in tables:
-        for k, column in enumerate(_column(controller, setup, table.term, sample)):
-            left[:, k] += column @ table.values.ravel()
-    frame = sample.frame.reshape(left.size, -1)
-    if frame.shape[1]:
-        left = left - (frame @ np.linalg.lstsq(frame, left.ravel(), rcond=1e-9)[0]).reshape(left.shape)
-    return float(np.linalg.norm(left, axis=1).max())
+        left += (_column(controller, setup, table.term, sample) @ table.values.ravel()).reshape(3, -1).T
+    return float(np.linalg.norm(_framed(left, sample.frame), axis=1).max())
 
 
-def _moves(controller: Controller, setup: Setup, term: Term, values: Array, sample: Sample) -> float:
-    """Root mean square of what a table does at the tip, mm."""
-    effect = _column(controller, setup, term, sample)
-    return float(np.sqrt(np.mean([np.square(a @ values.ravel()).sum() for a in effect])))
+def _framed(errors: Array, frame: Array) -> Array:
+    """Errors (n, 3) after the frame's motion that leaves the least mean square."""
+    flat = frame.reshape(errors.size, -1)
+    if not flat.shape[1]:
+        return errors
+    return errors - (flat @ np.linalg.lstsq(flat, errors.ravel(), rcond=1e-9)[0]).reshape(errors.shape)
 
 
-def _column(controller: Controller, setup: Setup, term: Term, sample: Sample) -> list[csr_matrix]:
-    """Three (n, size): motion of the tip along x, y, z per unit of each value."""
-    from scipy.sparse import diags
+def _moves(column: csr_matrix, values: Array, frame: Array) -> float:
+    """Root mean square of what a table does at the tip and the frame does not undo, mm."""
+    return float(np.sqrt(np.mean(np.square(_framed((column @ values.ravel()).reshape(3, -1).T, frame)))))
+
+
+def _column(controller: Controller, setup: Setup, term: Term, sample: Sample) -> csr_matrix:
+    """(3 n, size): motion of the tip along x, then y, then z, per unit of each value."""
+    from scipy.sparse import csr_matrix, diags, vstack
 
     weights = term.weights(setup, sample.q, sample.direction)
     tip = np.einsum("nim,nm->ni", sample.motion, controller.influence(setup, term.output, sample.q))
-    return [(diags(tip[:, k]) @ weights).tocsr() for k in range(3)]
+    return csr_matrix(vstack([diags(tip[:, k]) @ weights for k in range(3)]))
 
 
-def _solve(controller: Controller, setup: Setup, terms: Sequence[Term], sample: Sample, exact: bool) -> list[Array]:
-    """Values of each term, of its shape; not `exact`: by least squares, to see which terms matter."""
-    from scipy.sparse import csr_matrix, diags, hstack
+@dataclass(frozen=True)
+class _Task:
+    """One reduction, in scaled values: ``errors + design @ x`` is what is left, direction by direction.
 
-    columns = [_column(controller, setup, t, sample) for t in terms]
-    frame = [csr_matrix(-sample.frame[:, k, :]) for k in range(3)]
-    design = [hstack([*(c[k] for c in columns), frame[k]], format="csr") for k in range(3)]
-    square = np.sum([np.asarray(d.multiply(d).sum(axis=0)).ravel() for d in design], axis=0)
-    size = np.sqrt(square)
-    # a value that hardly any pose sees keeps the scale of the others: what is next to it decides it
-    scale = 1 / np.maximum(size, 0.03 * np.median(size[size > 0]) if (size > 0).any() else 1.0)
-    scaled = [(d @ diags(scale)).tocsr() for d in design]
-    equal, steep = _limits(controller, setup, terms, scale)
-    unit = float(np.sqrt(np.mean(np.square(sample.errors)))) or 1.0
-    goal = sample.errors / unit
-    kinks = _kinks(terms, scale)
-    x = _least(scaled, goal, equal, kinks)
-    if exact and scaled[0].shape[1] <= MOST_CONES:
-        x = _cones(scaled, goal, x, equal, [(m, b / unit) for m, b in steep], kinks)
-    elif exact:
-        x = _reweighted(scaled, goal, x, equal, kinks)
-    flat, out, start = unit * scale * x, [], 0
-    for term in terms:
-        out.append(flat[start : start + term.size].reshape(term.shape))
-        start += term.size
-    return out
+    Attributes
+    ----------
+    terms : what `x` holds the values of, one after the other; the frame's motions stand behind them.
+    design, errors : (3 n, size) and (3 n,), in units of `unit`.
+    before : root of the sum of squares without tables, after the best frame.
+    scale : (size,) values of unit effect.
+    equal : rows that must be zero; `kinks` : second differences.
+    """
+
+    terms: tuple[Term, ...]
+    design: csr_matrix
+    errors: Array
+    before: float
+    unit: float
+    scale: Array
+    equal: csr_matrix
+    slopes: Slopes
+    kinks: csr_matrix
+
+    @classmethod
+    def of(cls, controller: Controller, setup: Setup, columns: Mapping[Term, csr_matrix], sample: Sample) -> _Task:
+        from scipy.sparse import csr_matrix, diags, hstack
+
+        terms = tuple(columns)
+        frame = csr_matrix(-sample.frame.transpose(1, 0, 2).reshape(sample.errors.size, -1))
+        design = hstack([*columns.values(), frame], format="csr")
+        size = np.sqrt(np.asarray(design.multiply(design).sum(axis=0)).ravel())
+        # a value that hardly any pose sees keeps the scale of the others: what is next to it decides it
+        scale = 1 / np.maximum(size, 0.03 * np.median(size[size > 0]) if (size > 0).any() else 1.0)
+        unit = float(np.sqrt(np.mean(np.square(sample.errors)))) or 1.0
+        equal, slopes = _limits(controller, setup, terms, scale)
+        return cls(
+            terms,
+            (design @ diags(scale)).tocsr(),
+            sample.errors.T.ravel() / unit,
+            float(np.linalg.norm(_framed(sample.errors, sample.frame))) / unit,
+            unit,
+            scale,
+            equal,
+            Slopes(slopes.rows, slopes.bounds / unit),
+            _kinks(terms, scale),
+        )
+
+    def split(self, x: Array) -> list[Array]:
+        """Values of each term, of its shape."""
+        parts = np.split(self.unit * self.scale * x, np.cumsum([t.size for t in self.terms]))
+        return [p.reshape(t.shape) for p, t in zip(parts, self.terms, strict=False)]
+
+    @cached_property
+    def gram(self) -> csc_matrix:
+        """Squares of the design, with slight penalties."""
+        from scipy.sparse import csc_matrix, identity
+
+        slight = RIDGE * identity(self.design.shape[1]) + SMOOTH * self.kinks.T @ self.kinks
+        return csc_matrix(self.design.T @ self.design + slight)
+
+    @cached_property
+    def least(self) -> Array:
+        """Least squares, with what must be zero."""
+        from scipy.linalg import solve
+        from scipy.sparse import csc_matrix, hstack, identity, vstack
+        from scipy.sparse.linalg import splu
+
+        size, rows = self.design.shape[1], self.equal.shape[0]
+        goal = np.concatenate([-self.design.T @ self.errors, np.zeros(rows)])
+        below = hstack([self.equal, csc_matrix(-1e-12 * identity(rows))])
+        full = csc_matrix(vstack([hstack([self.gram, self.equal.T]), below]))
+        dense = size <= MOST_CONES  # nearly full, which LAPACK is made for
+        x: Array = solve(full.toarray(), goal, assume_a="sym") if dense else splu(full).solve(goal)
+        return x[:size]
+
+    def best(self) -> Array:
+        """The least worst error, for a little of what least squares remove."""
+        if len(self.least) > MOST_CONES:
+            return self.least
+        from scipy.sparse import csr_matrix, vstack
+
+        # the frame stays that of least squares, after which errors are judged
+        motions = self.design[:, sum(t.size for t in self.terms) :]
+        held = csr_matrix(vstack([self.equal, motions.T @ self.design]))
+        ball = Ball.of(self.least, self.gram.toarray(), held)
+        return least_worst(self.design, self.errors, ball, self.slopes, self._room)
+
+    def _room(self, x: Array) -> float:
+        """How much the sum of squares may grow over that of `x`, the least within the slopes."""
+        least = float(np.linalg.norm(self.errors + self.design @ x))
+        given = min(SHARE * max(self.before - least, 0.0), COST * least)
+        return (least + given) ** 2 - least**2
 
 
-def _limits(
-    controller: Controller, setup: Setup, terms: Sequence[Term], scale: Array
-) -> tuple[csr_matrix, list[tuple[csr_matrix, float]]]:
+def _limits(controller: Controller, setup: Setup, terms: Sequence[Term], scale: Array) -> tuple[csr_matrix, Slopes]:
     """Rows that must be zero (tables at the reference point), and differences of neighbours with their bounds."""
     from scipy.sparse import coo_matrix, csr_matrix, diags, vstack
 
     start, total = 0, len(scale)
-    zero, steep = [], []
+    zero: list[csr_matrix] = []
+    steep, bounds = [csr_matrix((0, total))], [np.zeros(0)]
     for term in terms:
         if term.zero:
             at = np.array([[min(max(0.0, g[0]), g[-1]) for g in term.grids]])
@@ -163,11 +235,11 @@ def _limits(
                 ),
                 shape=(lower.size, total),
             )
-            if lower.size and bound is not None:
-                steep.append(((matrix.tocsr() @ diags(scale)).tocsr(), bound))
+            steep.append(matrix.tocsr())
+            bounds.append(np.full(lower.size, bound))
         start += term.size
-    nothing = csr_matrix((0, total))
-    return (vstack([nothing, *zero]) @ diags(scale)).tocsr(), steep
+    scaled = [(vstack([csr_matrix((0, total)), *rows]) @ diags(scale)).tocsr() for rows in (zero, steep)]
+    return scaled[0], Slopes(scaled[1], np.concatenate(bounds))
 
 
 def _kinks(terms: Sequence[Term], scale: Array) -> csr_matrix:
@@ -192,81 +264,3 @@ def _kinks(terms: Sequence[Term], scale: Array) -> csr_matrix:
             parts.append(coo_matrix((value * scale[columns] / middle, (rows, columns)), shape).tocsr())
         start += term.size
     return vstack(parts).tocsr()
-
-
-def _least(
-    design: list[csr_matrix], errors: Array, equal: csr_matrix, kinks: csr_matrix, weight: Array | None = None
-) -> Array:
-    """Weighted least squares with slight penalties and equality rows."""
-    from scipy.sparse import bmat, diags, identity
-    from scipy.sparse.linalg import splu
-
-    w = np.ones(len(errors)) if weight is None else weight
-    gram = sum((d.T @ diags(w) @ d for d in design[1:]), design[0].T @ diags(w) @ design[0])
-    slope: Array = np.sum([d.T @ (w * errors[:, k]) for k, d in enumerate(design)], axis=0)
-    size = gram.shape[0]
-    gram = gram + RIDGE * identity(size) + SMOOTH * kinks.T @ kinks
-    if equal.shape[0]:
-        gram = bmat([[gram, equal.T], [equal, -1e-12 * identity(equal.shape[0])]])
-        slope = np.concatenate([slope, np.zeros(equal.shape[0])])
-    x: Array = -splu(gram.tocsc()).solve(slope)[:size]
-    return x
-
-
-def _residual(design: list[csr_matrix], errors: Array, x: Array) -> Array:
-    return np.column_stack([errors[:, k] + d @ x for k, d in enumerate(design)])
-
-
-def _reweighted(design: list[csr_matrix], errors: Array, x: Array, equal: csr_matrix, kinks: csr_matrix) -> Array:
-    """Towards the least worst error by weights that grow with the residuals (Lawson)."""
-    best, least = x, np.inf
-    weight = np.ones(len(errors))
-    for _ in range(ROUNDS):
-        length = np.linalg.norm(_residual(design, errors, x), axis=1)
-        if length.max() < least:
-            best, least = x, length.max()
-        weight = weight * (0.1 + length / length.mean())
-        weight = weight / weight.mean()
-        x = _least(design, errors, equal, kinks, weight)
-    return best
-
-
-def _cones(
-    design: list[csr_matrix],
-    errors: Array,
-    start: Array,
-    equal: csr_matrix,
-    steep: list[tuple[csr_matrix, float]],
-    kinks: csr_matrix,
-) -> Array:
-    """The least worst error, then the least mean square `SHARE` of the way to the least squares' own worst."""
-    import cvxpy
-
-    cp: Any = cvxpy  # it names its functions without types
-    x, worst = cp.Variable(len(start)), cp.Variable()
-    residual = cp.vstack([errors[:, k] + d @ x for k, d in enumerate(design)])
-    rules: list[Any] = [equal @ x == 0] if equal.shape[0] else []
-    rules += [cp.abs(m @ x) <= b for m, b in steep]
-    lengths = cp.norm(residual, axis=0)
-    slight = NEAR * cp.sum_squares(x - start) + SMOOTH * cp.sum_squares(kinks @ x)
-    first = _optimum(cp.Problem(cp.Minimize(worst + NEAR * slight), [lengths <= worst, *rules]), x)
-    if first is None:
-        return start
-    least, usual = (float(np.linalg.norm(_residual(design, errors, v), axis=1).max()) for v in (first, start))
-    bound = least + max(SHARE * (usual - least), 1e-4 * least)
-    second = _optimum(cp.Problem(cp.Minimize(cp.sum_squares(residual) + slight), [lengths <= bound, *rules]), x)
-    return first if second is None else second
-
-
-def _optimum(problem: Any, x: Any) -> Array | None:
-    import warnings
-
-    import cvxpy as cp
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of a solution less exact than asked for: it is checked by its residuals
-        try:
-            problem.solve(solver=cp.CLARABEL)
-        except cp.error.SolverError:
-            return None
-    return None if x.value is None or not np.isfinite(x.value).all() else np.asarray(x.value)

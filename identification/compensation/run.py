@@ -4,32 +4,36 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from errormodel.arrays import Array
+from errormodel.chain import Chain
 from errormodel.controllers import target as target_of
 from errormodel.controllers.base import Controller, Rewriter, Target
+from errormodel.controllers.klipper_probe import Probing
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.sign_test import sign_test
 from errormodel.controllers.tables import Table, Tables
 from errormodel.exceptions import InputError
 from errormodel.features import root
+from errormodel.machine import Vector
 from identification import store
 from identification.compensation.advice import Advice, mechanical_advice
-from identification.compensation.assessment import Figures, assess, emulated
+from identification.compensation.assessment import Correct, Figures, assess, emulated
 from identification.compensation.field import Field
-from identification.compensation.reduction import MOST_CONES, leftover, reduce
+from identification.compensation.reduction import leftover, reduce
 from identification.compensation.rows import Rows, held_out, read_rows
 from identification.compensation.volume import Volume, levels
 from identification.progress import Tell, silent
 
 SCHEMA = "errormodel.compensation/1"
-POSES = 1000  # that stand for the volume
-FEW = 200  # values: so few are found quickly from three times the poses
+POSES = 3000  # that stand for the volume, or a multiple of them:
+FINE = 1600  # values of a lattice over all axes, from which on it takes the exact corrections at its nodes
+WORK, MOST = 30, 8  # this over the number of tables, and at most that
 CLEAN = 0.03  # of the error: what a plain structure may leave without a richer one being tried
 ENOUGH = 0.9  # of what the plainer structure leaves: a richer one must be better than that
 EXAMPLE = 24  # poses of a programme where none is given
@@ -48,6 +52,15 @@ class Stated:
 
 
 @dataclass(frozen=True)
+class Own:
+    """A controller's own temperature compensation in place of a set for each state, and what it leaves at each."""
+
+    files: Mapping[str, str]
+    figures: list[Figures]
+    doubt: str
+
+
+@dataclass(frozen=True)
 class Compensation:
     """All that `compensate` writes and prints."""
 
@@ -55,7 +68,8 @@ class Compensation:
     setup: Setup
     sets: list[Stated]
     tests: dict[str, str]  # files of the sign test; none where the sign is sure
-    thermal: dict[str, str]  # files of the controller's own temperature compensation, if it has one
+    thermal: Own | None  # the controller's own temperature compensation, if it has one
+    probing: Probing | None  # what the controller adds to a probe's readings
     advice: list[Advice]
     notes: tuple[str, ...]
 
@@ -64,6 +78,18 @@ class Compensation:
         """The set for the middling state."""
         return self.sets[len(self.sets) // 2]
 
+    @property
+    def checklist(self) -> list[str]:
+        """What to do at the machine, in order; last the constants that its tables cannot hold."""
+        why = "alike at every position (work offset or reference point): the tables are zero at the reference point"
+        constants = [
+            f"shift {t.term.output} by {1e3 * float(t.values):+.1f} um{f' with {s.label}' if s.label else ''}, {why}"
+            for s in self.sets
+            for t in s.tables
+            if not t.term.inputs and not t.term.factor
+        ]
+        return [*self.controller.checklist(self.setup), *constants]
+
     def as_json(self) -> dict[str, Any]:
         """``compensation.json``."""
         return {
@@ -71,6 +97,7 @@ class Compensation:
             "controller": self.controller.name,
             "machine": self.setup.machine,
             "doubt": self.controller.doubt,
+            "tool": list(self.setup.tool),
             "region": {a.joint: {"axis": a.name, "measured": a.measured, "travel": a.travel} for a in self.setup.axes},
             "corrects": list(self.setup.movers),
             "sets": [
@@ -83,8 +110,19 @@ class Compensation:
                 }
                 for s in self.sets
             ],
+            "own_temperature_compensation": None
+            if self.thermal is None
+            else {
+                "files": list(self.thermal.files),
+                "doubt": self.thermal.doubt,
+                "figures": [
+                    {"state": dict(s.state)} | asdict(f) | {"removed": f.removed()}
+                    for s, f in zip(self.sets, self.thermal.figures, strict=True)
+                ],
+            },
+            "probe": None if self.probing is None else asdict(self.probing) | {"files": list(self.probing.files)},
             "advice": [asdict(a) for a in self.advice],
-            "checklist": self.controller.checklist(self.setup),
+            "checklist": self.checklist,
             "notes": list(self.notes),
         }
 
@@ -106,6 +144,8 @@ def compensate(
     points: int | None = None,
     resolution: float | None = None,
     program: Path | None = None,
+    probe: tuple[float, float] | None = None,
+    tool: Vector | None = None,
     seed: int = 0,
     tell: Tell = silent,
 ) -> Compensation:
@@ -116,6 +156,8 @@ def compensate(
     points : points an axis; None: as many as the errors need.
     resolution : least increment of the controller, mm; None: the usual one of the format.
     program : for a target without tables, the programme to rewrite; None: an example of its own.
+    probe : x and y of a probe from the nozzle, mm, whose readings the controller corrects, too.
+    tool : tip of the tool that the tables are for, mm in the last frame; None: that of ``machine.yaml``.
 
     Raises
     ------
@@ -126,18 +168,24 @@ def compensate(
     with tell("Reading"):
         fit = store.load(folder)
         table = read_rows(folder, fit.chain.machine)
-        field = Field.of(fit, table)
         held = held_out(fit, table)
+        if tool is not None:
+            fit = replace(fit, chain=Chain(replace(fit.chain.machine, tool=tool)))
+        field = Field.of(fit, table)
     volume = Volume.of(field, table, fit.frame_mode != "fixed")
     with tell("Following the errors along each axis"):
         setup, notes = volume.setup(points, resolution)
+    setup = replace(setup, probe=probe)
     if isinstance(controller, Controller):
         controller.suits(setup)
+    probing = _probing(controller, setup, volume) if probe else None
     channels = [root(c) for c in field.chain.channels]
     states = levels(table, channels)
+    if len(states) > 1 and volume.free:
+        volume = replace(volume, pose=replace(volume, field=field.at(states[len(states) // 2])).frame)
     sets = []
     for state in states:
-        here = Volume(field.at(state), volume.low, volume.high, volume.free)
+        here = replace(volume, field=field.at(state))
         label = re.sub(r"[^\w.-]", "_", "_".join(f"{k}_{v:.1f}" for k, v in state.items()))
         with tell(f"Tables for {controller.title}{f', {label}' if label else ''}"):
             if isinstance(controller, Controller):
@@ -145,9 +193,9 @@ def compensate(
             elif isinstance(controller, Rewriter):
                 sets.append(_rewritten(controller, setup, here, held, label, state, program, seed))
     tests: dict[str, str] = {}
-    thermal: dict[str, str] = {}
+    own = None
     if isinstance(controller, Controller) and len(sets) > 1 and "time" not in states[0]:
-        thermal = controller.thermal([(s.state, s.tables) for s in sets], setup)
+        own = _own_thermal(controller, setup, volume, sets, seed)
     if isinstance(controller, Controller) and controller.doubt and sets[0].tables:
         tests = sign_test(controller, setup, [t.term for t in sets[0].tables])
     usual = sets[len(sets) // 2]
@@ -157,10 +205,17 @@ def compensate(
         setup,
         sets,
         tests,
-        thermal,
+        own,
+        probing,
         advice,
         (*notes, *_notes(volume, setup, [c for c in channels if c not in states[0]], held)),
     )
+
+
+def _probing(controller: Target, setup: Setup, volume: Volume) -> Probing:
+    if not isinstance(controller, Controller):
+        raise InputError("--probe", f"{controller.title} corrects no readings", "Leave it out")
+    return controller.probing(setup, volume.gap(setup))
 
 
 def _one_state(
@@ -177,6 +232,28 @@ def _one_state(
     back = controller.read(files, setup)
     figures = assess(volume, emulated(controller, back, setup, volume), held, seed)
     return Stated(label, state, files, back, figures)
+
+
+def _own_thermal(controller: Controller, setup: Setup, volume: Volume, sets: list[Stated], seed: int) -> Own | None:
+    """The controller's own temperature compensation, judged at every state."""
+    found = controller.thermal([(s.state, s.tables) for s in sets], setup)
+    if found is None:
+        return None
+    tables, laws, figures = sets[len(sets) // 2].tables, found.laws, []
+    for stated in sets:
+        here = replace(volume, field=volume.field.at(stated.state))
+        plain, state = emulated(controller, tables, setup, here), stated.state
+
+        def correct(
+            q: Array, came: Array, tool: Array | None, plain: Correct = plain, state: Mapping[str, float] = state
+        ) -> Array:
+            out = plain(q, came, tool)
+            for law in laws:
+                out[:, setup.place(law.axis)] += law.at(state, q[:, setup.place(law.axis)])
+            return out
+
+        figures += assess(here, correct, None, seed)
+    return Own(found.files, figures, found.doubt)
 
 
 def _rewritten(
@@ -223,12 +300,12 @@ def best_tables(controller: Controller, setup: Setup, volume: Volume) -> Tables:
     """The tables that leave the least; of a fine lattice over all axes, the exact corrections at its nodes."""
     best: Tables = ()
     for terms in controller.structures(setup):
-        if sum(t.size for t in terms) > MOST_CONES:
+        if sum(t.size for t in terms) > FINE:
             values = volume.nodes(terms, setup)
             if values is not None:
                 return tuple(Table(t, v) for t, v in zip(terms, values, strict=True))
-        size, longest = sum(t.size for t in terms), max((t.size for t in terms), default=1)
-        sample = volume.sample(setup, 3 * POSES if size < FEW else max(POSES, min(3 * longest, 4 * POSES)))
+        # few tables are cheap, and need many poses: what they cannot express is noise to them
+        sample = volume.sample(setup, int(np.clip(WORK / max(len(terms), 1), 1, MOST)) * POSES)
         tables = reduce(controller, setup, terms, sample, controller.most_tables)
         left, before = leftover(controller, setup, tables, sample), leftover(controller, setup, (), sample)
         if not best or left < ENOUGH * leftover(controller, setup, best, sample):

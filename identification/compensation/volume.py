@@ -12,6 +12,7 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.controllers.grids import nodes
+from errormodel.controllers.klipper_probe import Gap
 from errormodel.controllers.setup import LETTERS, Axis, Setup
 from errormodel.controllers.tables import Term
 from identification.alignment import IDENTITY, Pose
@@ -37,12 +38,15 @@ class Volume:
     ----------
     low, high : (joints,) mm and rad; the commands of joints that did not move are `low` = `high`.
     free : whether the workpiece's frame is free (the survey's was), so that a small motion of it costs nothing.
+    pose : where the workpiece already lies; then it is no longer free. What grows by a warmer spindle is no motion of
+        the workpiece, so that all states of a machine share one.
     """
 
     field: Field
     low: Array
     high: Array
     free: bool
+    pose: Pose | None = None
 
     @classmethod
     def of(cls, field: Field, table: pd.DataFrame, free: bool) -> Volume:
@@ -76,7 +80,9 @@ class Volume:
 
     @cached_property
     def frame(self) -> Pose:
-        """The small motion of the workpiece's frame that leaves the least mean square error."""
+        """The small motion of the workpiece's frame that leaves the least mean square error, or where it lies."""
+        if self.pose is not None:
+            return self.pose
         q, came = self.poses(512, 7)
         nominal = self.field.nominal(q)
         return best_frame(self.field.actual(q, came) - nominal, nominal) if self.free else IDENTITY
@@ -110,7 +116,9 @@ class Volume:
         q, came = np.vstack([p[0] for p in parts]), np.vstack([p[1] for p in parts])
         nominal = field.nominal(q)
         motion = field.levers(q)[1][:, :, list(field.movers)]
-        return Sample(field.outward(q), came, field.actual(q, came) - nominal, motion, frame_motion(nominal, self.free))
+        wanted = nominal if self.pose is None else self.pose.apply(nominal)
+        frame = frame_motion(nominal, self.free and self.pose is None)
+        return Sample(field.outward(q), came, field.actual(q, came) - wanted, motion, frame)
 
     @cached_property
     def intervals(self) -> list[int]:
@@ -135,6 +143,27 @@ class Volume:
         jacobian = self.field.jacobian(q, came)
         step = steps_towards(self.field, jacobian, self.target(q) - self.field.actual(q, came))
         return np.asarray(step * np.linalg.norm(jacobian, axis=1), np.float64)
+
+    def gap(self, setup: Setup) -> Gap:
+        """How much too high a probe's tip stands over the nozzle's at places of the bed."""
+        field, machine = self.field, self.field.chain.machine
+        offset = dict(zip("XY", setup.probe or (0.0, 0.0), strict=True))
+        up = np.asarray(setup.axis("Z").along)
+        beside = np.sum([v * np.asarray(setup.axis(a).along) for a, v in offset.items()], axis=0)
+        turn = field.chain.frames({})[-1][:3, :3]
+
+        def height(q: Array, tool: Array) -> Array:
+            inner, tools = field.inward(q), np.tile(tool, (len(q), 1))
+            return np.asarray((field.actual(inner, np.ones_like(inner), tools) - field.nominal(inner, tools)) @ up)
+
+        def gap(q: Array) -> Array:
+            carriage = q.copy()
+            for axis, value in offset.items():
+                carriage[:, setup.place(axis)] -= value
+            nozzle = np.asarray(machine.tool)
+            return height(carriage, nozzle + turn.T @ beside) - height(q, nozzle)
+
+        return gap
 
     def setup(self, points: int | None, resolution: float | None) -> tuple[Setup, tuple[str, ...]]:
         """The machine as controllers see it, and notes on axes that have other names there."""

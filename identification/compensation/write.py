@@ -15,8 +15,9 @@ def write_compensation(result: Compensation, folder: Path) -> None:
     for stated in result.sets:
         for name, text in stated.files.items():
             write_text_atomic(text, folder / stated.label / name)
-    for name, text in result.thermal.items():
-        write_text_atomic(text, folder / name)
+    for more in (result.thermal, result.probing):
+        for name, text in (more.files if more else {}).items():
+            write_text_atomic(text, folder / name)
     for name, text in result.tests.items():
         write_text_atomic(text, folder / "sign_test" / name)
     write_text_atomic("\n".join(compensation_lines(result, folder)) + "\n", folder / "checklist.txt")

@@ -1,0 +1,105 @@
+"""A controller's own temperature compensation: a straight line of an axis' position that grows with one temperature.
+
+Of tables that were made for several temperatures, those of the middling one go into the machine; what the others
+correct beyond them is, axis by axis, a line of its position a kelvin, which the control (its PLC) evaluates.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from errormodel.arrays import Array
+from errormodel.controllers.setup import Setup
+from errormodel.controllers.tables import Tables
+
+States = Sequence[tuple[Mapping[str, float], Tables]]
+"""Temperatures, and the tables that were made for them; from cool to warm."""
+
+Emulate = Callable[[Tables, Setup, Array, Array], Array]
+POSES = 512
+LEAST = 1e-4  # mm a kelvin: less is not written
+LAW = re.compile(r"(\w+) by ([-+.\deE]+) mm and ([-+.\deE]+) mm/mm a kelvin of (\S+) above ([-+.\d]+)")
+
+
+@dataclass(frozen=True)
+class Growth:
+    """What is added to an axis' command: ``kelvin * (offset + slope * position)``, mm."""
+
+    axis: str
+    offset: float
+    slope: float
+    sensor: str
+    zero: float  # degC, at which nothing is added
+
+    def line(self) -> str:
+        """The law as a file states it, for `laws_of` to read."""
+        law = f"{self.offset:.6e} mm and {self.slope:.6e} mm/mm a kelvin of {self.sensor} above {self.zero:.3f}"
+        return f"{self.axis} by {law}"
+
+    def at(self, state: Mapping[str, float], position: Array) -> Array:
+        """What is added (n,) at a state and positions (n,) of the axis."""
+        return np.asarray((state[self.sensor] - self.zero) * (self.offset + self.slope * position))
+
+
+@dataclass(frozen=True)
+class Thermal:
+    """Files of a controller's own temperature compensation, the laws that they hold, and what no public source says."""
+
+    files: Mapping[str, str]
+    laws: Sequence[Growth]
+    doubt: str = ""
+
+
+def laws_of(text: str) -> list[Growth]:
+    """The laws that a file states."""
+    return [Growth(a, float(o), float(s), sensor, float(zero)) for a, o, s, sensor, zero in LAW.findall(text)]
+
+
+def sign_program(axis: str, setting: str) -> dict[str, str]:
+    """A programme that shows on an indicator which way a positive value moves an axis."""
+    program = [
+        "(SIGN TEST of the temperature compensation, to be run before its laws are used)",
+        f"(1 all its values zero: an indicator against the spindle nose, along {axis})",
+        "M0 (set the indicator to zero)",
+        f"(2 {setting})",
+        f"M0 (the axis {axis} must now stand 0.0500 mm further, towards minus)",
+        "(3 set it back to zero; if it moved the other way, the control wants the other sign: turn that of the laws)",
+        "M30",
+    ]
+    return {"sign_test/temperature.nc": "\n".join(program) + "\n"}
+
+
+def growths(states: States, setup: Setup, emulate: Emulate) -> list[Growth]:
+    """What each linear axis gains a kelvin of the first sensor, by least squares over the measured region."""
+    middle, tables = states[len(states) // 2]
+    sensor = next(iter(middle))
+    warmth = np.array([state[sensor] - middle[sensor] for state, _ in states])
+    ends = np.array([a.measured for a in setup.axes])
+    rng = np.random.default_rng(0)
+    q = rng.uniform(ends[:, 0], ends[:, 1], (POSES, len(ends)))
+    came = rng.choice([-1.0, 1.0], q.shape)
+    moved = np.array([emulate(t, setup, q, came) for _, t in states]) - emulate(tables, setup, q, came)
+    gain = np.einsum("s,snm->nm", warmth, moved) / max(warmth @ warmth, 1e-9)
+    out = []
+    for axis in setup.linear:
+        x = q[:, setup.place(axis)]
+        column = gain[:, setup.movers.index(axis)]
+        slope, offset = np.polyfit(x, column, 1) if axis in setup.moving else (0.0, column.mean())
+        if np.abs(offset + slope * x).max() > LEAST:
+            out.append(Growth(axis, float(offset), float(slope), sensor, middle[sensor]))
+    return out
+
+
+def thermal(
+    states: States, setup: Setup, emulate: Emulate, write: Callable[[list[Growth]], dict[str, str]], doubt: str
+) -> Thermal | None:
+    """Files of the laws, and the laws as they read back; None if nothing grows."""
+    found = growths(states, setup, emulate)
+    if not found:
+        return None
+    files = write(found)
+    return Thermal(files, [g for text in files.values() for g in laws_of(text)], doubt)
