@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +13,10 @@ from errormodel.chain import Chain
 from errormodel.exceptions import InputError
 from errormodel.machine import Machine
 from errormodel.survey import Survey
+from errormodel.yamlfile import Document
 from identification.alignment import IDENTITY, Pose
+from identification.bayes.settings import PriorForm
+from identification.fit.bounded import bounded
 from identification.fit.least_squares import Solution, identifiable, solve
 from identification.fit.noise import Noise, correlated
 from identification.fit.outliers import sort_rows
@@ -28,12 +31,19 @@ REDUNDANT = 2  # equations a group, of a robust fit
 BLOCK_ROWS = 600  # consecutive rows left out together, in large surveys; a tenth of the rows in small ones
 
 
-def fit_machine(machine: Machine, survey: Survey, robust: bool = False) -> Fit:
+def fit_machine(
+    machine: Machine,
+    survey: Survey,
+    robust: bool = False,
+    bounds: Mapping[str, PriorForm] | None = None,
+    document: Document | None = None,
+) -> Fit:
     """Fit all parameters, frames and noise levels to the survey's fit rows; then look at its test files.
 
     Parameters
     ----------
     robust : rows far from what the others agree on count less or nothing, and are named.
+    bounds : of parameters, in place of what physics says of them; `document`: the file they stand in, for messages.
 
     Raises
     ------
@@ -42,10 +52,10 @@ def fit_machine(machine: Machine, survey: Survey, robust: bool = False) -> Fit:
         outliers.
     """
     with threadpool_limits(1, "blas"):  # blocks are small: two threads would wait for each other
-        return _fit(Chain(machine), survey, robust)
+        return _fit(Chain(machine), survey, robust, bounds or {}, document)
 
 
-def _fit(chain: Chain, survey: Survey, robust: bool) -> Fit:
+def _fit(chain: Chain, survey: Survey, robust: bool, bounds: Mapping[str, PriorForm], document: Document | None) -> Fit:
     rows = survey.fit
     if not len(rows):
         raise InputError(str(survey.source), "no file has role: fit", "Give at least one file the role fit")
@@ -63,17 +73,19 @@ def _fit(chain: Chain, survey: Survey, robust: bool) -> Fit:
     solution, noise = correlated(weighted, solution)
     if sum(s.count for s in solution.sums.values()) <= len(problem.unknowns):
         check_enough(survey, problem, solution)
+    solution, at_bound = bounded(chain, solution, bounds, document)
     place, zero = problem.place(), np.zeros(len(chain.ids))
     residuals = residuals_of(problem.views, place, solution.values, zero, len(rows))
-    heldout, folds = held_out(weighted, solution, len(rows))
+    heldout, folds = held_out(weighted, solution, len(rows), [b.id for b in at_bound])
     sorting = None
     if judged is not None:
         sorting = sort_rows(rows, problem.views, judged, residuals, nominal_residuals)
         residuals, nominal_residuals, heldout = map(sorting.without, (residuals, nominal_residuals, heldout))
     notes = _notes(survey, solution, noise, max(map(len, problem.views)))
+    notes = (*notes, *(b.statement for b in at_bound))
     fit = Fit(
         chain, rows, problem, solution, Spread.of(nominal_residuals), Spread.of(residuals), Spread.of(heldout), folds,
-        residuals, nominal_residuals, heldout, notes=notes, sorting=sorting,
+        residuals, nominal_residuals, heldout, notes=notes, sorting=sorting, at_bound=at_bound,
     )  # fmt: skip
     tests, more = [], []
     for test in survey.test:
@@ -122,13 +134,15 @@ def moved(chain: Chain, pose: Pose, values: dict[str, float], label: str) -> Pos
     return pose.then_small(small[:3], Rotation.from_euler("XYZ", small[3:]).as_matrix())
 
 
-def held_out(problem: Problem, solution: Solution, rows: int) -> tuple[Array, int]:
+def held_out(problem: Problem, solution: Solution, rows: int, fixed: Sequence[str] = ()) -> tuple[Array, int]:
     """Residuals (rows, 3) of blocks of consecutive rows, each predicted by a fit without it; and how many blocks.
 
-    Leaving a block out takes its sums away from the whole's: no data is streamed twice.
+    Leaving a block out takes its sums away from the whole's: no data is streamed twice. What is `fixed` (at a bound)
+    stays.
     """
     blocks = np.array_split(np.arange(rows), min(max(10, round(rows / BLOCK_ROWS)), rows))
     zero, place, base = np.zeros(len(problem.chain.ids)), problem.place(), solution.groups.base
+    base = base[~np.isin(np.array(solution.unknowns)[base], fixed)]
     pick = np.ix_(base, base)
     gram = total(solution.sums, solution.sigma)[0][pick] + np.diag(solution.precision[base])
     scale = 1 / np.sqrt(np.diag(gram))

@@ -168,7 +168,7 @@ def main() -> None:
     parser.add_argument("--only", default="", help="conditions whose name starts so")
     given = parser.parse_args()
     run.Chain = lambda machine: CHAIN  # type: ignore[misc, assignment]  # traced once for all surveys
-    run.held_out = lambda problem, solution, rows: (np.full((rows, 3), np.nan), 0)  # nothing here looks at it
+    run.held_out = lambda problem, solution, rows, fixed: (np.full((rows, 3), np.nan), 0)  # nothing here looks at it
     heads = "".join(f"{h:>10}" for h in ("bias", "spread", "worst", "shift", "cover %"))
     print(f"{'condition':42}{'estimator':15}{heads}{'fits':>7}")
     start = time.perf_counter()
