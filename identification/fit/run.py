@@ -10,7 +10,7 @@ from threadpoolctl import threadpool_limits
 
 from errormodel.arrays import Array
 from errormodel.chain import Chain
-from errormodel.exceptions import InputError
+from errormodel.exceptions import InputError, nearest
 from errormodel.machine import Machine
 from errormodel.survey import Survey
 from errormodel.yamlfile import Document
@@ -59,6 +59,7 @@ def _fit(chain: Chain, survey: Survey, robust: bool, bounds: Mapping[str, PriorF
     rows = survey.fit
     if not len(rows):
         raise InputError(str(survey.source), "no file has role: fit", "Give at least one file the role fit")
+    check_runs(chain, rows)
     problem = build(chain, rows)
     judged = None
     if robust:
@@ -212,6 +213,26 @@ def placed(problem: Problem, poses: dict[str, Pose]) -> Problem:
         for v in problem.views
     )
     return replace(problem, views=views)
+
+
+def check_runs(chain: Chain, survey: Survey) -> None:
+    """InputError if an effect is that of a run which was not fitted."""
+    runs = dict.fromkeys(survey.table["run"].astype(str))
+    for name in chain.channels:
+        if name.startswith("run(") and name[4:-1] not in runs:
+            found = f"an effect of this machine goes with {name}, a run that no fitted row is of"
+            raise InputError(str(survey.source), found, nearest(name[4:-1], runs))
+
+
+def check_identified(fit: Fit) -> None:
+    """InputError if no parameter stands above what the model leaves."""
+    if not fit.solution.groups.rank:
+        left = f", {1e-3 * fit.nominal.rms_um:.3g} mm rms beside the nominal machine" if fit.nominal.n else ""
+        raise InputError(
+            str(fit.survey.source),
+            f"no parameter can be identified: what was measured stands far from this machine's kinematics{left}",
+            "Look for a wrong unit (degrees or radians), sign, column or machine; `errormodel diagnose` tries these",
+        )
 
 
 def check_redundant(survey: Survey, problem: Problem) -> None:
