@@ -36,6 +36,10 @@ def check_against_data(fit: Fit, prior: Prior, given: Mapping[str, PriorForm], d
     std = np.sqrt(np.diag(s.covariance)) * fit.inflation
     for k, j in enumerate(s.groups.base):
         name, value = s.unknowns[j], float(s.values[j])
+        if name in given and not prior.low[k] - APART * std[k] < value < prior.high[k] + APART * std[k]:
+            within = f"bounds {prior.low[k]:g} to {prior.high[k]:g}"
+            found = f"{within}, the data say {value:.3g} ± {std[k]:.2g}: no walker fits in"
+            raise prior_error(document, name, found, "Widen the bounds, or look for a mistake of unit or sign in them")
         if not any(member in given for member in s.groups.members(k)):
             continue
         name = next(m for m in s.groups.members(k) if m in given)

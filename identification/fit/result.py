@@ -81,6 +81,7 @@ class Fit:
     posterior: Posterior | None = None
     sorting: Sorting | None = None  # of a robust fit; residuals are then NaN for its outliers
     at_bound: tuple[AtBound, ...] = ()  # groups that are held where physics or the user ends them
+    counted: tuple[View, ...] = ()  # the problem's views as they count: weighted by a robust fit
 
     @property
     def outliers(self) -> tuple[Outlier, ...]:

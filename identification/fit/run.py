@@ -28,6 +28,7 @@ from identification.sums import accumulate, total
 from identification.views import OrientationView, PositionView, View, anywhere
 
 REDUNDANT = 2  # equations a group, of a robust fit
+FAR = 0.02  # of the machine's size: no error motions, but a blunder
 BLOCK_ROWS = 600  # consecutive rows left out together, in large surveys; a tenth of the rows in small ones
 
 
@@ -83,10 +84,14 @@ def _fit(chain: Chain, survey: Survey, robust: bool, bounds: Mapping[str, PriorF
         sorting = sort_rows(rows, problem.views, judged, residuals, nominal_residuals)
         residuals, nominal_residuals, heldout = map(sorting.without, (residuals, nominal_residuals, heldout))
     notes = _notes(survey, solution, noise, max(map(len, problem.views)))
+    nominal = Spread.of(nominal_residuals)
+    if nominal.n and 1e-3 * nominal.rms_um > FAR * chain.size:
+        notes = (*notes, far_off(nominal))
     notes = (*notes, *(b.statement for b in at_bound))
     fit = Fit(
-        chain, rows, problem, solution, Spread.of(nominal_residuals), Spread.of(residuals), Spread.of(heldout), folds,
+        chain, rows, problem, solution, nominal, Spread.of(residuals), Spread.of(heldout), folds,
         residuals, nominal_residuals, heldout, notes=notes, sorting=sorting, at_bound=at_bound,
+        counted=weighted.views,
     )  # fmt: skip
     tests, more = [], []
     for test in survey.test:
@@ -227,12 +232,16 @@ def check_runs(chain: Chain, survey: Survey) -> None:
 def check_identified(fit: Fit) -> None:
     """InputError if no parameter stands above what the model leaves."""
     if not fit.solution.groups.rank:
-        left = f", {1e-3 * fit.nominal.rms_um:.3g} mm rms beside the nominal machine" if fit.nominal.n else ""
-        raise InputError(
-            str(fit.survey.source),
-            f"no parameter can be identified: what was measured stands far from this machine's kinematics{left}",
-            "Look for a wrong unit (degrees or radians), sign, column or machine; `errormodel diagnose` tries these",
-        )
+        raise InputError(str(fit.survey.source), "no parameter can be identified", far_off(fit.nominal))
+
+
+def far_off(nominal: Spread) -> str:
+    """What to do about a survey that does not look like the machine's."""
+    return (
+        f"What was measured lies {1e-3 * nominal.rms_um:.3g} mm rms beside the nominal machine, further than errors of "
+        "a machine go: look for a wrong unit (degrees or radians), sign, column, tool or machine; "
+        "`errormodel diagnose` tries these"
+    )
 
 
 def check_redundant(survey: Survey, problem: Problem) -> None:
