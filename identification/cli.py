@@ -195,7 +195,8 @@ def fit(machine: str, survey: Path, out: Path, robust: bool, bayes: bool, priors
     from errormodel.schema import read_machine
     from errormodel.survey import read_survey
     from identification.cli_bayes import beforehand, with_posterior
-    from identification.fit.run import check_identified, fit_machine
+    from identification.fit.checks import looked_over
+    from identification.fit.run import fit_machine
 
     model = read_machine(machine)
     with working("Reading"):
@@ -204,8 +205,7 @@ def fit(machine: str, survey: Path, out: Path, robust: bool, bayes: bool, priors
     given, document = beforehand(priors, bayes)
     bounds = {} if bayes else given
     with working("Fitting"):
-        result = fit_machine(model, data, robust, bounds, document)
-        check_identified(result)
+        result = looked_over(fit_machine(model, data, robust, bounds, document))
     if bayes:
         result = with_posterior(result, lambda m: fit_machine(m, data, robust), given, document, robust, seed, out)
     show_notes(tuple(n for n in result.notes if n not in data.notes))

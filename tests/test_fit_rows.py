@@ -12,6 +12,8 @@ from errormodel.conventions import MOTIONS
 from errormodel.exceptions import InputError
 from errormodel.machine import Machine
 from errormodel.schema import read_machine
+from errormodel.simulate import random_points
+from identification.fit.checks import looked_over
 from identification.fit.run import fit_machine
 from tests.chains import Array, errors
 from tests.surveys import measured, positions, prediction_error, survey
@@ -201,3 +203,29 @@ def test_everything_in_one_fit() -> None:
     alone = fit_machine(machine, survey(positions(six.assign(joint=""))))
     assert prediction_error(fit, p) < prediction_error(fit_machine(machine, survey(table)), p) * 1.1 < 4
     assert prediction_error(fit, p) < prediction_error(alone, p) + 4
+
+
+def test_poses_that_leave_a_joint_out_are_told() -> None:
+    machine = read_machine(THREE_AXIS)
+    p = errors(Chain(machine), 1)
+    whole = looked_over(fit_machine(machine, survey(positions(measured(machine, p, 60, noise=2e-3)))))
+    assert not any("rank-deficient" in note for note in whole.notes)
+    still = random_points(machine, 60, 0).assign(X=100.0)
+    fit = fit_machine(machine, survey(positions(measured(machine, p, 60, noise=2e-3, points=still))))
+    (note,) = looked_over(fit).notes
+    assert "X covers 0 % of its travel" in note
+    assert "X.dx.1" in note
+    assert "errormodel plan" in note
+
+
+def test_a_survey_of_another_machine_is_told() -> None:
+    """Radians where degrees stand: the rotary axes hardly seem to move."""
+    machine = read_machine("trunnion_five_axis")
+    table = positions(measured(machine, errors(Chain(machine), 1), 80, noise=2e-3))
+    table[["A", "C"]] = np.radians(table[["A", "C"]])
+    fit = fit_machine(machine, survey(table))
+    if fit.solution.groups.rank:
+        assert any("mm rms beside the nominal machine" in note for note in fit.notes)
+    else:
+        with pytest.raises(InputError, match="mm rms beside the nominal machine"):
+            looked_over(fit)

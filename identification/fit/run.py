@@ -10,14 +10,15 @@ from threadpoolctl import threadpool_limits
 
 from errormodel.arrays import Array
 from errormodel.chain import Chain
-from errormodel.exceptions import InputError, nearest
+from errormodel.exceptions import InputError
 from errormodel.machine import Machine
 from errormodel.survey import Survey
 from errormodel.yamlfile import Document
 from identification.alignment import IDENTITY, Pose
 from identification.bayes.settings import PriorForm
 from identification.fit.bounded import bounded
-from identification.fit.least_squares import Solution, identifiable, solve
+from identification.fit.checks import check_enough, check_redundant, check_runs, far_off
+from identification.fit.least_squares import Solution, solve
 from identification.fit.noise import Noise, correlated
 from identification.fit.outliers import sort_rows
 from identification.fit.result import Fit, Spread, TestFile, residuals_of
@@ -25,9 +26,8 @@ from identification.fit.robust import first_judgement, settle
 from identification.fit.weights import Judgement
 from identification.problem import Problem, build, frame_columns, frame_labels
 from identification.sums import accumulate, total
-from identification.views import OrientationView, PositionView, View, anywhere
+from identification.views import OrientationView, PositionView, View
 
-REDUNDANT = 2  # equations a group, of a robust fit
 FAR = 0.02  # of the machine's size: no error motions, but a blunder
 BLOCK_ROWS = 600  # consecutive rows left out together, in large surveys; a tenth of the rows in small ones
 
@@ -218,66 +218,6 @@ def placed(problem: Problem, poses: dict[str, Pose]) -> Problem:
         for v in problem.views
     )
     return replace(problem, views=views)
-
-
-def check_runs(chain: Chain, survey: Survey) -> None:
-    """InputError if an effect is that of a run which was not fitted."""
-    runs = dict.fromkeys(survey.table["run"].astype(str))
-    for name in chain.channels:
-        if name.startswith("run(") and name[4:-1] not in runs:
-            found = f"an effect of this machine goes with {name}, a run that no fitted row is of"
-            raise InputError(str(survey.source), found, nearest(name[4:-1], runs))
-
-
-def check_identified(fit: Fit) -> None:
-    """InputError if no parameter stands above what the model leaves."""
-    if not fit.solution.groups.rank:
-        raise InputError(str(fit.survey.source), "no parameter can be identified", far_off(fit.nominal))
-
-
-def far_off(nominal: Spread) -> str:
-    """What to do about a survey that does not look like the machine's."""
-    return (
-        f"What was measured lies {1e-3 * nominal.rms_um:.3g} mm rms beside the nominal machine, further than errors of "
-        "a machine go: look for a wrong unit (degrees or radians), sign, column, tool or machine; "
-        "`errormodel diagnose` tries these"
-    )
-
-
-def check_redundant(survey: Survey, problem: Problem) -> None:
-    """InputError if a robust fit has too few equations to tell a wrong row from a wrong parameter."""
-    equations = sum(v.count for v in problem.views)
-    rank = identifiable(problem.chain, problem.views, problem.unknowns).rank
-    if equations < REDUNDANT * rank:
-        rows = -(-REDUNDANT * rank * len(survey) // max(equations, 1))
-        raise InputError(
-            str(survey.source),
-            f"{equations} measured values for {rank} groups of parameters: too few to say which rows are wrong",
-            f"Measure at least {rows} rows like these, or fit without --robust",
-        )
-
-
-def check_enough(survey: Survey, problem: Problem, solution: Solution) -> None:
-    """InputError if there are no more equations than groups that such rows, all over the travels, can tell apart."""
-    equations, rows = sum(s.count for s in solution.sums.values()), len(survey.fit)
-    whole = identifiable(problem.chain, [anywhere(v, 600) for v in problem.views], problem.unknowns)
-    reached = {solution.groups.ids[j] for j in solution.groups.base}
-    lost = [whole.name(k) for k in range(whole.rank) if whole.ids[whole.base[k]] not in reached]
-    known = solution.declared == set(solution.sums)  # then just enough will do
-    if equations > whole.rank or (equations == whole.rank and known and not lost):
-        return
-    need = -(-(whole.rank + 1) * rows // max(equations, 1))
-    found = (
-        f"{rows} row{'s' if rows > 1 else ''} with {equations} measured values where {whole.rank} groups of parameters "
-        "can be told apart"
-    )
-    if lost:
-        more = f" and {len(lost) - 3} more" if len(lost) > 3 else ""
-        found += f"; {len(lost)} fall: {', '.join(lost[:3])}{more}"
-    else:
-        found += ", with nothing left to judge the residuals by"
-    cure = f"Measure at least {need} rows like these, better {2 * need}, or declare fewer errors in machine.yaml"
-    raise InputError(str(survey.source), found, cure)
 
 
 def _notes(survey: Survey, solution: Solution, noise: Noise | None, longest: int) -> tuple[str, ...]:
