@@ -15,6 +15,7 @@ from errormodel.exceptions import InputError
 from errormodel.machine import EffectSpec, Machine
 from errormodel.schema import read_machine, write_machine
 from errormodel.survey import Survey
+from identification.bayes.applied import with_posterior
 from identification.bayes.run import drawn, model_of
 from identification.bayes.settings import PriorForm
 from identification.fit import run as stage
@@ -145,6 +146,10 @@ def test_the_posterior_keeps_what_physics_allows() -> None:
         if whole is not None:
             out, _ = drawn(fit, linear, whole, seed=0)
             assert out.values[:, :, out.names.index(name)].min() >= 0
+            after = with_posterior(fit, out)
+            assert after.solution.named()[name] > 0
+            assert not after.at_bound
+            assert not any("held at" in note for note in after.notes)
 
 
 def feeds(machine: Machine, rng: np.random.Generator) -> pd.DataFrame:

@@ -13,7 +13,7 @@ from identification.fit.least_squares import Solution, identifiable
 from identification.fit.result import Fit, Spread
 from identification.groups import Groups
 from identification.problem import Problem
-from identification.views import anywhere
+from identification.views import PositionView, anywhere
 
 REDUNDANT = 2  # equations a group, of a robust fit
 COVERED = 0.5  # of a travel: less is told where something stays unknown
@@ -79,7 +79,8 @@ def looked_over(fit: Fit) -> Fit:
     """
     if not fit.solution.groups.rank:
         raise InputError(str(fit.survey.source), "no parameter can be identified", far_off(fit.nominal))
-    _, lost = out_of_reach(fit.problem, fit.solution)
+    volumetric = any(isinstance(v, PositionView) for v in fit.problem.views)  # who reads one joint means no other
+    lost = out_of_reach(fit.problem, fit.solution)[1] if volumetric else []
     if not lost:
         return fit
     more = f" and {len(lost) - 3} more" if len(lost) > 3 else ""
