@@ -7,6 +7,7 @@ five-axis paper's Eqs. 4 and 5; the others are the contract's definitions.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
@@ -26,6 +27,7 @@ class Term:
     unit: str
     column: ca.SX  # (6, 1): dx dy dz ea eb ec
     prior: float | None = None  # standard deviation about zero that is known beforehand, in the unit
+    low: float = -math.inf  # the least that physics allows
 
 
 def constant_terms(motions: tuple[Motion, ...]) -> list[Term]:

@@ -8,6 +8,7 @@ the axes of the reference on the workpiece side, mm; orientation is that of the 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -44,6 +45,7 @@ class Parameter:
     unit: str
     symbol: str  # ISO 230-1 name where there is one, else ""
     prior: float | None = None  # standard deviation about zero, where it is known beforehand
+    low: float = -math.inf  # the least that physics allows
 
     @property
     def source(self) -> str:
@@ -85,7 +87,9 @@ class Chain:
                 while any(p.id == identity for p in parameters):  # the same effect twice at one place
                     identity += "'"
                 symbol = conventions.iso_symbol(name, term.motion) if joint else ""
-                parameters.append(Parameter(identity, name, term.motion, term.label, term.unit, symbol, term.prior))
+                parameters.append(
+                    Parameter(identity, name, term.motion, term.label, term.unit, symbol, term.prior, term.low)
+                )
                 self._columns.append((place, term))
                 if number is not None:
                     of_effects[number].append(identity)
@@ -111,7 +115,7 @@ class Chain:
                 column[MOTIONS.index(motion)] = value
             label = f"{spec.effect}-{term.label}" if term.label else spec.effect
             prior = term.size if effect.tied else None
-            out.append((term.element, Term(next(iter(term.motion)), label, term.unit, column, prior)))
+            out.append((term.element, Term(next(iter(term.motion)), label, term.unit, column, prior, term.low)))
         return out
 
     def _symbol(self, name: str) -> ca.SX:

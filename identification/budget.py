@@ -24,6 +24,7 @@ from errormodel.survey import Survey
 from errormodel.survey_schema import BudgetEntry
 from identification.fit.result import Fit
 from identification.predict import predict
+from identification.problem import marginal_whitener
 from identification.store import parameters, stored
 from identification.sums import design_rows, total
 from identification.views import PositionView
@@ -212,7 +213,7 @@ def _parts(instrument: Instrument) -> Iterator[tuple[str, tuple[Instrument, floa
 def _rows(fit: Fit) -> Iterator[tuple[PositionView, Array]]:
     """Position rows in pieces, and their whitened M (3, m, p) in units of the noise."""
     base, place = fit.solution.groups.base, fit.problem.place()
-    for view in fit.problem.views:
+    for view in fit.counted:
         if isinstance(view, PositionView):
             for k in range(0, len(view), CHUNK):
                 part = view.part(slice(k, k + CHUNK))
@@ -224,10 +225,12 @@ def _caused(fit: Fit, instrument: Instrument) -> Array:
     """``M'W S W M`` (p, p) of the covariance S that an instrument's one error gives to the rows."""
     out = np.zeros((len(fit.solution.groups.base),) * 2)
     for view, rows in _rows(fit):
-        covariance = instrument.covariance(view.measured)
+        covariance, whole = (i.covariance(view.measured) for i in (instrument, fit.survey.instrument))
         assert covariance is not None
-        white = view.whitener if view.whitener.ndim == 3 else view.whitener[:, None, None] * np.eye(3)
-        turned = white @ covariance @ white.transpose(0, 2, 1) / fit.solution.sigma["position"] ** 2
+        assert whole is not None
+        # in units of the noise; what a robust fit takes off a row stands in M, so that the parts add up to the whole
+        white = marginal_whitener(whole, ~np.isfinite(fit.survey.measured[view.index]))
+        turned = white @ covariance @ white.transpose(0, 2, 1)
         out += np.einsum("imp,mij,jmq->pq", rows, turned, rows, optimize=True)
     return out
 

@@ -190,23 +190,26 @@ def _noise(text: str, instrument: Any) -> Any:
 @click.option("--out", type=FOLDER, required=True, help="Folder for fit.json, the tables and report.html.")
 @click.option("--robust", is_flag=True, help="Weigh rows by how far they lie from the others; outliers are named.")
 @click.option("--bayes", is_flag=True, help="The posterior: unknown noise, shapes of effects, with --robust outliers.")
-@click.option("--priors", type=FILE, help="YAML: what is known beforehand, for --bayes.")
+@click.option("--priors", type=FILE, help="YAML: what is known beforehand: bounds; with --bayes priors too.")
 def fit(machine: str, survey: Path, out: Path, robust: bool, bayes: bool, priors: Path | None, seed: int) -> None:
     """Fit the machine's parameters to a SURVEY: values, uncertainties, residuals, a report."""
     from errormodel.schema import read_machine
     from errormodel.survey import read_survey
+    from identification.cli_bayes import beforehand, with_posterior
+    from identification.fit.checks import looked_over
     from identification.fit.run import fit_machine
 
     model = read_machine(machine)
     with working("Reading"):
         data = read_survey(survey, model)
     show_notes(data.notes)
+    given, document = beforehand(priors, bayes)
+    bounds = {} if bayes else given
     with working("Fitting"):
-        result = fit_machine(model, data, robust)
-    if bayes or priors:
-        from identification.cli_bayes import with_posterior
-
-        result = with_posterior(result, lambda m: fit_machine(m, data, robust), bayes, priors, robust, seed, out)
+        result = looked_over(fit_machine(model, data, robust, bounds, document))
+    if bayes:
+        result = with_posterior(result, lambda m: fit_machine(m, data, robust), given, document, robust, seed, out)
+    show_notes(tuple(n for n in result.notes if n not in data.notes))
     _save(result, out)
     _say_fit(result, out)
 

@@ -75,6 +75,7 @@ def as_json(fit: Fit) -> dict[str, Any]:
         "budget": fit.budgets.as_json(),
         "posterior": fit.posterior.as_json() if fit.posterior else None,
         "notes": list(fit.notes),
+        "at_bound": [asdict(b) for b in fit.at_bound],
         "robust": fit.sorting is not None,
         "outliers": [o.as_json() for o in fit.outliers],
         "correlations": correlations(fit),

@@ -64,6 +64,10 @@ def rms(gap: Array) -> float:
 
 def prediction_error(fit: Fit, p: Array, seed: int = 99, **how: object) -> float:
     """Error of predictions at fresh poses, um."""
-    fresh = measured(fit.chain.machine, p, 100, seed, **how)  # type: ignore[arg-type]
+    return prediction_of(fit, measured(fit.chain.machine, p, 100, seed, **how))  # type: ignore[arg-type]
+
+
+def prediction_of(fit: Fit, fresh: pd.DataFrame) -> float:
+    """Error of predictions where the truth is known, um."""
     out = predict(stored(fit), survey(fresh))
     return rms((out[["mx", "my", "mz"]] - fresh[["mx", "my", "mz"]]).to_numpy())

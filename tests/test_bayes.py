@@ -265,7 +265,7 @@ def priors(folder: Path, text: str) -> Path:
         ("  X.dx.1: {mean: 1.0, std: 1.0e-5, low: 0, high: 1.0e-4}\n", "outside its own bounds", "Move the mean"),
         ("  X.dy.1: {std: 1.0e-5}\n", "no such", "Did you mean"),
         ("  X.dx.1: {mean: 0.1, std: 1.0e-9}\n", "standard deviations apart", "Widen its std"),
-        ("  X.dx.1: {low: 0.1}\n", "walkers", "Widen the bounds"),
+        ("  X.dx.1: {low: 0.1}\n", "no walker fits in", "Widen the bounds"),
         ("  X.pitch-cyclic.period: {low: 20}\n", "no walker fits", "Widen the bounds"),
         ("  noise.position: {mean: 1, std: 0.001}\n", "data say", "Widen its std"),
     ],

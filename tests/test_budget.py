@@ -95,6 +95,10 @@ def test_parts_of_a_tracker_add_up():
     assert all(i.type == "B" for i in budgets.prediction.inputs[:3])
     std = np.sqrt(np.diag(fit.solution.covariance)) * fit.inflation
     np.testing.assert_allclose([b.std for b in budgets.groups], std, rtol=1e-6)
+    table.loc[[3, 30, 44, 61, 70, 71], "my"] += 5.0
+    robust = fit_machine(MACHINE, _survey(table, instrument=TRACKER), robust=True)
+    std = np.sqrt(np.diag(robust.solution.covariance)) * robust.inflation
+    np.testing.assert_allclose([b.std for b in robust.budgets.groups], std, rtol=1e-6)  # wrong rows are no source
 
 
 @pytest.mark.parametrize(

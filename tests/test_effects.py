@@ -317,8 +317,9 @@ def test_simulated_effect_is_fitted(word: str) -> None:
     ids = own_ids(machine)
     if not ids:
         return
-    sizes = [term.size for term, _ in numeric(effect, machine, arrays(machine.name))]
-    sign = np.resize([1.0, -0.7], len(ids))
+    terms = [term for term, _ in numeric(effect, machine, arrays(machine.name))]
+    sizes = [term.size for term in terms]
+    sign = np.maximum(np.resize([1.0, -0.7], len(ids)), [0.0 if t.low == 0 else -1.0 for t in terms])
     truth = base_errors(machine.name) | {i: s * z for i, s, z in zip(ids, sign, sizes, strict=True)}
     fit = recovered(machine, truth)
     assert fit.solution.converged

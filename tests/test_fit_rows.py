@@ -12,6 +12,8 @@ from errormodel.conventions import MOTIONS
 from errormodel.exceptions import InputError
 from errormodel.machine import Machine
 from errormodel.schema import read_machine
+from errormodel.simulate import random_points
+from identification.fit.checks import looked_over
 from identification.fit.run import fit_machine
 from tests.chains import Array, errors
 from tests.surveys import measured, positions, prediction_error, survey
@@ -169,3 +171,59 @@ def test_the_callers_arithmetic_is_left_alone() -> None:
     machine = read_machine(THREE_AXIS)
     fit_machine(machine, survey(positions(measured(machine, errors(Chain(machine), 7), 60))))
     assert np.geterr() == before
+
+
+def test_everything_in_one_fit() -> None:
+    """6-D rows, heights alone, an interferometer's lengths and a level's angles, each at its own noise."""
+    machine = read_machine(FIVE_AXIS)
+    chain = Chain(machine)
+    p = errors(chain, 4)
+    rng = np.random.default_rng(5)
+    six = measured(machine, p, 80, 1)
+    turn = Rotation.from_rotvec(rng.normal(0, 4e-6, (80, 3)))
+    six[["mrx", "mry", "mrz"]] = (turn * Rotation.from_rotvec(np.array(six[["mrx", "mry", "mrz"]]))).as_rotvec()
+    heights = positions(measured(machine, p, 60, 2)).assign(mx=np.nan, my=np.nan)
+    joint = next(j for j in machine.joints if j.type == "prismatic")
+    own = "xyz"[int(np.argmax(np.abs(joint.axis)))]
+    across = [f"e{c}" for c, k in zip("abc", "xyz", strict=True) if k != own]
+    motions = motion_rows(machine, p, joint.name, (f"d{own}", *across), 40)
+    motions[f"d{own}"] += rng.normal(0, 3e-4, 40)
+    motions[across] += rng.normal(0, 1e-6, (40, len(across)))
+    table = pd.concat([six, heights]).assign(joint="")
+    table[["mx", "my", "mz"]] += rng.normal(0, 2e-3, (140, 3))
+    fit = fit_machine(machine, survey(table, motions))
+    sigma = fit.solution.sigma
+    assert sigma["position"] == pytest.approx(2e-3, rel=0.15)
+    assert sigma["orientation"] == pytest.approx(4e-6, rel=0.15)
+    assert sigma["displacement"] == pytest.approx(3e-4, rel=0.4)
+    assert sigma["angle"] == pytest.approx(1e-6, rel=0.3)
+    assert {k: s.count for k, s in fit.solution.sums.items()} == {
+        "position": 300, "orientation": 240, "displacement": 40, "angle": 80,
+    }  # fmt: skip
+    alone = fit_machine(machine, survey(positions(six.assign(joint=""))))
+    assert prediction_error(fit, p) < prediction_error(fit_machine(machine, survey(table)), p) * 1.1 < 4
+    assert prediction_error(fit, p) < prediction_error(alone, p) + 4
+
+
+def test_poses_that_leave_a_joint_out_are_told() -> None:
+    machine = read_machine(THREE_AXIS)
+    p = errors(Chain(machine), 1)
+    whole = looked_over(fit_machine(machine, survey(positions(measured(machine, p, 60, noise=2e-3)))))
+    assert not any("rank-deficient" in note for note in whole.notes)
+    still = random_points(machine, 60, 0).assign(X=100.0)
+    fit = fit_machine(machine, survey(positions(measured(machine, p, 60, noise=2e-3, points=still))))
+    (note,) = looked_over(fit).notes
+    assert "X covers 0 % of its travel" in note
+    assert "X.dx.1" in note
+    assert "errormodel plan" in note
+
+
+def test_a_survey_of_another_machine_is_told() -> None:
+    """Radians where degrees stand: the rotary axes hardly seem to move."""
+    machine = read_machine("trunnion_five_axis")
+    table = positions(measured(machine, errors(Chain(machine), 1), 80, noise=2e-3))
+    table[["A", "C"]] = np.radians(table[["A", "C"]])
+    fit = fit_machine(machine, survey(table))
+    assert any("mm rms beside the nominal machine" in note for note in fit.notes)
+    with pytest.raises(InputError, match="mm rms beside the nominal machine"):
+        looked_over(fit)

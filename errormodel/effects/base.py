@@ -40,6 +40,7 @@ class EffectTerm:
     unit : of the parameter.
     motion : what the element does per unit of the parameter, mm and rad.
     size : how large the parameter can physically be (one standard deviation), in its unit.
+    low : the least that it can physically be: 0 where the form has its sign and nature no other.
     """
 
     element: str
@@ -47,6 +48,7 @@ class EffectTerm:
     unit: str
     motion: Mapping[Motion, Value]
     size: float
+    low: float = -math.inf
 
 
 class Effect(BaseModel, ABC):

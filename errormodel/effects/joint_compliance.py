@@ -43,18 +43,20 @@ class JointCompliance(JointEffect):
         number, frames = machine.elements.index(joint), places(machine, channel)
         axis = apply(frames[number].turn, joint.axis)
         tip = self._lever(axis, frames[number], frames[-1])
-        out, levers = [EffectTerm(self.joint, "tool", "rad/mm", along(joint, tip), 1e-6)], [tip]
+        out, levers = [EffectTerm(self.joint, "tool", "rad/mm", along(joint, tip), 1e-6, low=0.0)], [tip]
         for k, member in enumerate(machine.elements[number + 1 : -1], start=number + 2):
             if isinstance(member, Shape) and any(member.offset):
                 lever = self._lever(axis, frames[number], frames[k])
-                out.append(EffectTerm(self.joint, member.name, "rad/mm", along(joint, lever), 1e-6))
+                out.append(EffectTerm(self.joint, member.name, "rad/mm", along(joint, lever), 1e-6, low=0.0))
                 levers.append(lever)
         behind = [e for e in machine.elements[number + 1 :] if isinstance(e, Shape)]
         reach = sum(hypot(*e.offset) for e in behind) + hypot(*machine.tool) or 1.0
         mean = sum(levers) / len(levers)
         out.append(EffectTerm(self.joint, "hardening", "rad/mm", along(joint, mean * (mean / reach) ** 2), 1e-6))
         if self.payload:
-            out.append(EffectTerm(self.joint, "payload", "rad/(kg mm)", along(joint, tip * channel("load")), 3e-8))
+            out.append(
+                EffectTerm(self.joint, "payload", "rad/(kg mm)", along(joint, tip * channel("load")), 3e-8, low=0.0)
+            )
         return out
 
     def _lever(self, axis: Triple, joint: Place, weight: Place) -> Value:

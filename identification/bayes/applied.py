@@ -37,7 +37,11 @@ def with_posterior(fit: Fit, posterior: Posterior) -> Fit:
     solution = replace(fit.solution, values=values, covariance=posterior.covariance / fit.inflation**2)
     zero = np.zeros(len(fit.chain.ids))
     residuals = residuals_of(fit.problem.views, fit.problem.place(), values, zero, len(fit.survey))
-    out = replace(fit, solution=solution, residuals=residuals, fitted=Spread.of(residuals))
+    held = {b.statement for b in fit.at_bound}  # of the least squares that it began with: means lie within
+    notes = tuple(n for n in fit.notes if n not in held)
+    out = replace(
+        fit, solution=solution, residuals=residuals, fitted=Spread.of(residuals), at_bound=(), notes=notes,
+    )  # fmt: skip
     return replace(out, tests=tuple(look_at(out, t.survey) for t in fit.tests))
 
 

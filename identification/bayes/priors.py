@@ -14,13 +14,14 @@ import numpy as np
 
 from errormodel import effects
 from errormodel.arrays import Array, Index
-from errormodel.exceptions import InputError, nearest
 from errormodel.yamlfile import Document
 from identification.bayes.settings import PriorForm
+from identification.fit.bounded import limits
 from identification.fit.result import Fit
 from identification.predict import PLAUSIBLE
 
 WIDE = 10.0  # times what is usual
+DOUBT = 6.0  # standard deviations within which a bound of physics matters
 LOOSE = {"mm": 100.0, "rad": 0.1}  # small parameters of frames, zeros and targets, after their alignment
 
 
@@ -74,19 +75,16 @@ def prior_of(fit: Fit, given: Mapping[str, PriorForm], document: Document | None
     place = {name: k for k, name in enumerate(unknowns)}
     base = {unknowns[j]: k for k, j in enumerate(groups.base)}
     std, mean = _widths(fit), np.zeros(len(unknowns))
-    low, high = np.full(len(base), -np.inf), np.full(len(base), np.inf)
+    low, high = limits(chain, unknowns, groups, given, document)
+    # what physics allows counts where the data leave doubt
+    error = np.sqrt(np.diag(solution.covariance)) * fit.inflation
+    value = solution.values[groups.base]
+    known = np.array([unknowns[j] in given for j in groups.base], dtype=bool)
+    low[~known & (value - DOUBT * error > low)] = -np.inf
+    high[~known & (value + DOUBT * error < high)] = np.inf
     for name, form in given.items():
-        error = document.error if document is not None else None
-        if name not in place:
-            raise _error(error, name, "the fit has no such parameter", nearest(name, unknowns))
         if form.std is not None:
             std[place[name]], mean[place[name]] = form.std, form.mean
-        if form.low is not None or form.high is not None:
-            if name not in base:
-                cure = "Bound a group's first parameter, as parameters.csv lists them, or give {mean, std} instead"
-                raise _error(error, name, "bounds on a parameter that this survey does not tell from others", cure)
-            low[base[name]] = -np.inf if form.low is None else form.low
-            high[base[name]] = np.inf if form.high is None else form.high
     tied = [np.array([base[i] for i in ids if i in base], dtype=np.intp) for ids in chain.effect_ids]
     ties = [(t, n) for n, t in enumerate(tied) if len(t) and effects.make(chain.machine.effects[n]).tied]
     sizes = [float(chain.parameters[chain.index[unknowns[groups.base[t[0]]]]].prior or 1.0) for t, _ in ties]
@@ -98,14 +96,6 @@ def prior_of(fit: Fit, given: Mapping[str, PriorForm], document: Document | None
     unit = spread[np.ix_(free, free)] * np.outer(scale, scale)
     precision[np.ix_(free, free)] = np.linalg.inv(unit) * np.outer(scale, scale)
     return Prior(mix @ mean, precision, low, high, tuple(t for t, _ in ties), tuple(sizes), np.sqrt(np.diag(spread)))
-
-
-def _error(located: object, name: str, found: str, cure: str) -> InputError:
-    if callable(located):
-        error = located(("priors", name), found, cure)
-        assert isinstance(error, InputError)
-        return error
-    return InputError(f"prior {name}", found, cure)
 
 
 def _widths(fit: Fit) -> Array:

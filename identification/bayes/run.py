@@ -22,7 +22,7 @@ from identification.bayes.outliers import in_doubt, mixture_of, squares_of
 from identification.bayes.posterior import Method, Posterior
 from identification.bayes.priors import prior_of
 from identification.bayes.sampling import Chains, Reference, Target, inside, sample, walkers_for
-from identification.bayes.settings import PriorForm
+from identification.bayes.settings import PriorForm, prior_error
 from identification.bayes.shapes import find_bends
 from identification.bayes.statistics import gather
 from identification.bayes.unknowns import (
@@ -30,7 +30,6 @@ from identification.bayes.unknowns import (
     coordinates_of,
     counted,
     free_kinds,
-    prior_error,
     with_prior,
 )
 from identification.bayes.whole import Whole

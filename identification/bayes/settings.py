@@ -8,6 +8,7 @@ from typing import Annotated
 from pydantic import Field
 
 from errormodel import yamlfile
+from errormodel.exceptions import InputError
 from errormodel.yamlfile import Document, FileModel, Number, VersionedModel
 
 
@@ -53,3 +54,8 @@ def read_priors(path: Path) -> tuple[dict[str, PriorForm], Document]:
             found = f"mean {prior.mean:g} ± {prior.std:g} lies over 5 standard deviations outside its own bounds"
             raise document.error(keys, found, "Move the mean, or widen the bounds or std")
     return form.priors, document
+
+
+def prior_error(document: Document | None, name: str, found: str, cure: str) -> InputError:
+    """About a prior, with its line where there is a file."""
+    return document.error(("priors", name), found, cure) if document else InputError(f"prior {name}", found, cure)

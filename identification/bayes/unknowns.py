@@ -7,11 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from errormodel.exceptions import InputError
 from errormodel.yamlfile import Document
 from identification.bayes.coordinates import Coordinate
 from identification.bayes.priors import Prior
-from identification.bayes.settings import PriorForm
+from identification.bayes.settings import PriorForm, prior_error
 from identification.bayes.statistics import Statistics
 from identification.fit.result import Fit
 from identification.sums import total
@@ -37,6 +36,10 @@ def check_against_data(fit: Fit, prior: Prior, given: Mapping[str, PriorForm], d
     std = np.sqrt(np.diag(s.covariance)) * fit.inflation
     for k, j in enumerate(s.groups.base):
         name, value = s.unknowns[j], float(s.values[j])
+        if name in given and not prior.low[k] - APART * std[k] < value < prior.high[k] + APART * std[k]:
+            within = f"bounds {prior.low[k]:g} to {prior.high[k]:g}"
+            found = f"{within}, the data say {value:.3g} ± {std[k]:.2g}: no walker fits in"
+            raise prior_error(document, name, found, "Widen the bounds, or look for a mistake of unit or sign in them")
         if not any(member in given for member in s.groups.members(k)):
             continue
         name = next(m for m in s.groups.members(k) if m in given)
@@ -47,11 +50,6 @@ def check_against_data(fit: Fit, prior: Prior, given: Mapping[str, PriorForm], d
                 f"{std[k]:.2g}: {apart:.0f} standard deviations apart"
             )
             raise prior_error(document, name, found, "Widen its std, or look for a mistake of unit or sign in it")
-
-
-def prior_error(document: Document | None, name: str, found: str, cure: str) -> InputError:
-    """About a prior, with its line where there is a file."""
-    return document.error(("priors", name), found, cure) if document else InputError(f"prior {name}", found, cure)
 
 
 def free_kinds(fit: Fit, statistics: Statistics) -> tuple[int, ...]:

@@ -99,7 +99,9 @@ def likeliest(residual: Array, design: Array, edges: Array) -> tuple[Noise | Non
         both = np.vstack([design, residual])
         both = both if noise is None else noise.whitened(both, edges)
         triangle = np.abs(np.diag(np.linalg.qr(both.T, mode="r")))
-        minus = free * float(np.log(triangle[-1])) + float(np.log(triangle[:-1]).sum()) + CLEAR * (noise is not None)
+        minus = free * float(np.log(triangle[-1])) + float(np.log(triangle[:-1]).sum())
+        # beforehand, any scale of length is as likely as any other: one as long as the run hardly shows in residuals
+        minus += 0.0 if noise is None else CLEAR + float(np.log(noise.length))
         if minus < least:
             news = 1.0 if noise is None else noise.news
             # beyond the grid the innovations say too little: never less than the residual itself

@@ -13,6 +13,7 @@ from errormodel.arrays import Array
 from errormodel.chain import Chain
 from errormodel.survey import Survey
 from identification.alignment import Pose
+from identification.fit.bounded import AtBound
 from identification.fit.least_squares import Solution
 from identification.fit.outliers import Outlier, Sorting
 from identification.problem import Problem
@@ -79,6 +80,8 @@ class Fit:
     notes: tuple[str, ...] = field(default=())
     posterior: Posterior | None = None
     sorting: Sorting | None = None  # of a robust fit; residuals are then NaN for its outliers
+    at_bound: tuple[AtBound, ...] = ()  # groups that are held where physics or the user ends them
+    counted: tuple[View, ...] = ()  # the problem's views as they count: weighted by a robust fit
 
     @property
     def outliers(self) -> tuple[Outlier, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,8 +13,12 @@ from errormodel.chain import Chain
 from errormodel.exceptions import InputError
 from errormodel.machine import Machine
 from errormodel.survey import Survey
+from errormodel.yamlfile import Document
 from identification.alignment import IDENTITY, Pose
-from identification.fit.least_squares import Solution, identifiable, solve
+from identification.bayes.settings import PriorForm
+from identification.fit.bounded import bounded
+from identification.fit.checks import check_enough, check_redundant, check_runs, far_off
+from identification.fit.least_squares import Solution, solve
 from identification.fit.noise import Noise, correlated
 from identification.fit.outliers import sort_rows
 from identification.fit.result import Fit, Spread, TestFile, residuals_of
@@ -22,18 +26,25 @@ from identification.fit.robust import first_judgement, settle
 from identification.fit.weights import Judgement
 from identification.problem import Problem, build, frame_columns, frame_labels
 from identification.sums import accumulate, total
-from identification.views import OrientationView, PositionView, View, anywhere
+from identification.views import OrientationView, PositionView, View
 
-REDUNDANT = 2  # equations a group, of a robust fit
+FAR = 0.02  # of the machine's size: no error motions, but a blunder
 BLOCK_ROWS = 600  # consecutive rows left out together, in large surveys; a tenth of the rows in small ones
 
 
-def fit_machine(machine: Machine, survey: Survey, robust: bool = False) -> Fit:
+def fit_machine(
+    machine: Machine,
+    survey: Survey,
+    robust: bool = False,
+    bounds: Mapping[str, PriorForm] | None = None,
+    document: Document | None = None,
+) -> Fit:
     """Fit all parameters, frames and noise levels to the survey's fit rows; then look at its test files.
 
     Parameters
     ----------
     robust : rows far from what the others agree on count less or nothing, and are named.
+    bounds : of parameters, in place of what physics says of them; `document`: the file they stand in, for messages.
 
     Raises
     ------
@@ -42,13 +53,14 @@ def fit_machine(machine: Machine, survey: Survey, robust: bool = False) -> Fit:
         outliers.
     """
     with threadpool_limits(1, "blas"):  # blocks are small: two threads would wait for each other
-        return _fit(Chain(machine), survey, robust)
+        return _fit(Chain(machine), survey, robust, bounds or {}, document)
 
 
-def _fit(chain: Chain, survey: Survey, robust: bool) -> Fit:
+def _fit(chain: Chain, survey: Survey, robust: bool, bounds: Mapping[str, PriorForm], document: Document | None) -> Fit:
     rows = survey.fit
     if not len(rows):
         raise InputError(str(survey.source), "no file has role: fit", "Give at least one file the role fit")
+    check_runs(chain, rows)
     problem = build(chain, rows)
     judged = None
     if robust:
@@ -63,17 +75,23 @@ def _fit(chain: Chain, survey: Survey, robust: bool) -> Fit:
     solution, noise = correlated(weighted, solution)
     if sum(s.count for s in solution.sums.values()) <= len(problem.unknowns):
         check_enough(survey, problem, solution)
+    solution, at_bound = bounded(chain, solution, bounds, document)
     place, zero = problem.place(), np.zeros(len(chain.ids))
     residuals = residuals_of(problem.views, place, solution.values, zero, len(rows))
-    heldout, folds = held_out(weighted, solution, len(rows))
+    heldout, folds = held_out(weighted, solution, len(rows), [b.id for b in at_bound])
     sorting = None
     if judged is not None:
         sorting = sort_rows(rows, problem.views, judged, residuals, nominal_residuals)
         residuals, nominal_residuals, heldout = map(sorting.without, (residuals, nominal_residuals, heldout))
     notes = _notes(survey, solution, noise, max(map(len, problem.views)))
+    nominal = Spread.of(nominal_residuals)
+    if nominal.n and 1e-3 * nominal.rms_um > FAR * chain.size:
+        notes = (*notes, far_off(nominal))
+    notes = (*notes, *(b.statement for b in at_bound))
     fit = Fit(
-        chain, rows, problem, solution, Spread.of(nominal_residuals), Spread.of(residuals), Spread.of(heldout), folds,
-        residuals, nominal_residuals, heldout, notes=notes, sorting=sorting,
+        chain, rows, problem, solution, nominal, Spread.of(residuals), Spread.of(heldout), folds,
+        residuals, nominal_residuals, heldout, notes=notes, sorting=sorting, at_bound=at_bound,
+        counted=weighted.views,
     )  # fmt: skip
     tests, more = [], []
     for test in survey.test:
@@ -122,13 +140,15 @@ def moved(chain: Chain, pose: Pose, values: dict[str, float], label: str) -> Pos
     return pose.then_small(small[:3], Rotation.from_euler("XYZ", small[3:]).as_matrix())
 
 
-def held_out(problem: Problem, solution: Solution, rows: int) -> tuple[Array, int]:
+def held_out(problem: Problem, solution: Solution, rows: int, fixed: Sequence[str] = ()) -> tuple[Array, int]:
     """Residuals (rows, 3) of blocks of consecutive rows, each predicted by a fit without it; and how many blocks.
 
-    Leaving a block out takes its sums away from the whole's: no data is streamed twice.
+    Leaving a block out takes its sums away from the whole's: no data is streamed twice. What is `fixed` (at a bound)
+    stays.
     """
     blocks = np.array_split(np.arange(rows), min(max(10, round(rows / BLOCK_ROWS)), rows))
     zero, place, base = np.zeros(len(problem.chain.ids)), problem.place(), solution.groups.base
+    base = base[~np.isin(np.array(solution.unknowns)[base], fixed)]
     pick = np.ix_(base, base)
     gram = total(solution.sums, solution.sigma)[0][pick] + np.diag(solution.precision[base])
     scale = 1 / np.sqrt(np.diag(gram))
@@ -198,42 +218,6 @@ def placed(problem: Problem, poses: dict[str, Pose]) -> Problem:
         for v in problem.views
     )
     return replace(problem, views=views)
-
-
-def check_redundant(survey: Survey, problem: Problem) -> None:
-    """InputError if a robust fit has too few equations to tell a wrong row from a wrong parameter."""
-    equations = sum(v.count for v in problem.views)
-    rank = identifiable(problem.chain, problem.views, problem.unknowns).rank
-    if equations < REDUNDANT * rank:
-        rows = -(-REDUNDANT * rank * len(survey) // max(equations, 1))
-        raise InputError(
-            str(survey.source),
-            f"{equations} measured values for {rank} groups of parameters: too few to say which rows are wrong",
-            f"Measure at least {rows} rows like these, or fit without --robust",
-        )
-
-
-def check_enough(survey: Survey, problem: Problem, solution: Solution) -> None:
-    """InputError if there are no more equations than groups that such rows, all over the travels, can tell apart."""
-    equations, rows = sum(s.count for s in solution.sums.values()), len(survey.fit)
-    whole = identifiable(problem.chain, [anywhere(v, 600) for v in problem.views], problem.unknowns)
-    reached = {solution.groups.ids[j] for j in solution.groups.base}
-    lost = [whole.name(k) for k in range(whole.rank) if whole.ids[whole.base[k]] not in reached]
-    known = solution.declared == set(solution.sums)  # then just enough will do
-    if equations > whole.rank or (equations == whole.rank and known and not lost):
-        return
-    need = -(-(whole.rank + 1) * rows // max(equations, 1))
-    found = (
-        f"{rows} row{'s' if rows > 1 else ''} with {equations} measured values where {whole.rank} groups of parameters "
-        "can be told apart"
-    )
-    if lost:
-        more = f" and {len(lost) - 3} more" if len(lost) > 3 else ""
-        found += f"; {len(lost)} fall: {', '.join(lost[:3])}{more}"
-    else:
-        found += ", with nothing left to judge the residuals by"
-    cure = f"Measure at least {need} rows like these, better {2 * need}, or declare fewer errors in machine.yaml"
-    raise InputError(str(survey.source), found, cure)
 
 
 def _notes(survey: Survey, solution: Solution, noise: Noise | None, longest: int) -> tuple[str, ...]:

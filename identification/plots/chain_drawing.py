@@ -66,7 +66,11 @@ def _columns(chain: Chain) -> list[_Column]:
     columns: list[_Column] = [_Column("workpiece", ["chain starts", "here"], [], symbols.workpiece)]
     for element in chain.machine.elements:
         if isinstance(element, Shape):
-            model = [f"{counts[element.name]} constants"] if element.motions else ["no errors"]
+            model = (
+                [f"{counts[element.name]} constant{'s' * (counts[element.name] > 1)}"]
+                if element.motions
+                else ["no errors"]
+            )
             columns.append(_Column(element.name, _dimensions(element.offset, element.rotation), model, symbols.shape))
         else:
             symbol = partial(symbols.prismatic if element.type == "prismatic" else symbols.rotary, axis=element.axis)
@@ -96,7 +100,7 @@ def _model(chain: Chain, joint: Joint, count: int) -> list[str]:
     halves = (TRANSLATIONS, MOTIONS[len(TRANSLATIONS) :])
     names = [line for half in halves for line in textwrap.wrap(" ".join(symbol[m] for m in half if m in symbol), 18)]
     bases = dict.fromkeys(b.kind if b.kind == "first-order" else f"{b.kind} {b.n}" for b in joint.models.values())
-    return [*names, *bases, f"{count} parameters"]
+    return [*names, *bases, f"{count} parameter{'s' * (count > 1)}"]
 
 
 def _number(value: float) -> str:

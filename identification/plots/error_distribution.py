@@ -47,7 +47,7 @@ def draw_error_distribution(fit: Fit) -> Figure:
             axes.set_xscale("log")
             axes.xaxis.set_major_formatter(LogFormatter())
     right.axhline(95, color=style.MUTED, lw=0.8, ls=":")
-    right.text(edges[0], 95, " 95 %", size=style.SMALL, color=style.MUTED, va="bottom")
+    right.text(edges[-1], 95, "95 % ", size=style.SMALL, color=style.MUTED, va="top", ha="right")
     right.set_ylim(0, 104)
     handles, labels = right.get_legend_handles_labels()
     across = [k for column in range(columns) for k in range(column, len(curves), columns)]  # a legend fills columns

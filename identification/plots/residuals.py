@@ -92,7 +92,7 @@ def _panel(fit: Fit, axes: Axes, x: Array, component: int, limit: float) -> None
     some = np.unique(np.linspace(0, len(x) - 1, MOST).astype(int))
     size, alpha = (4.5, 0.55) if len(some) < 600 else (2.5, 0.4)
     inside = np.clip(y[some], -limit, limit)
-    axes.plot(x[some], inside, ".", ms=size, mew=0, color=colour, alpha=alpha, rasterized=True)
+    axes.plot(x[some], inside, ".", ms=size, mew=0, color=colour, alpha=alpha, rasterized=True, clip_on=False)
     middle, low, median, high = _quantiles(x, y)
     if len(middle) > 1:
         axes.plot(middle, low, middle, high, color=colour, lw=0.9, ls=(0, (3, 1.5)))

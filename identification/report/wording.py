@@ -12,6 +12,7 @@ from identification.fit.result import Fit
 from identification.plots.correlation import correlation
 
 WORSE = 1.5  # rms on other rows over rms on fitted ones, from which the difference is worth a warning
+RARE = 0.001  # probability of so small a sum of squares, by which the declared uncertainty is too large
 ROUND_OFF_UM = 1e-3  # smaller errors are not worth a word
 
 
@@ -69,11 +70,19 @@ def judgements(fit: Fit) -> list[Judgement]:
             text = "Rows that were left out of the fit are predicted about as well as those that were fitted."
         out.append(Judgement(ratio <= WORSE, text))
     if fit.solution.declared:
+        from scipy.special import chdtr
+
         if fit.inflation > 1:
             text = (
                 f"The residuals are {fit.inflation:.2g} times as large as the declared uncertainty allows: the model "
                 "misses something, or the instrument was worse than declared. All standard uncertainties are "
                 "multiplied by this factor."
+            )
+        elif chdtr(fit.solution.dof, fit.solution.chi2) < RARE:
+            text = (
+                f"The residuals are only {np.sqrt(fit.solution.chi2 / fit.solution.dof):.2g} times as large as the "
+                "declared uncertainty lets expect: the instrument was better than declared. Standard uncertainties "
+                "are those declared."
             )
         else:
             text = "The residuals agree with the declared uncertainty."

@@ -98,7 +98,8 @@ def main() -> None:
         f"{case}: {len(done)} posteriors by {done[0].method}, {failed} not converged, "
         f"{time.perf_counter() - began:.0f} s"
     )
-    print(f"  within 2 standard deviations: {100 * inside.mean():.1f} %")
+    error = inside.mean(axis=1).std() / np.sqrt(len(inside))
+    print(f"  within 2 standard deviations: {100 * inside.mean():.1f} ± {100 * error:.1f} %")
     for name, own, spread in zip(done[0].names, inside.T, z.T, strict=True):
         print(
             f"  {name:28} {100 * own.mean():5.1f} %   mean of z {spread.mean():+.2f}, its deviation {spread.std():.2f}"

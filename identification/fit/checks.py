@@ -1,0 +1,108 @@
+"""What a survey must hold before a fit of it can be signed, and what is said of one that does not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from errormodel.chain import Chain
+from errormodel.exceptions import InputError, nearest
+from errormodel.survey import Survey
+from identification.fit.least_squares import Solution, identifiable
+from identification.fit.result import Fit, Spread
+from identification.groups import Groups
+from identification.problem import Problem
+from identification.views import PositionView, anywhere
+
+REDUNDANT = 2  # equations a group, of a robust fit
+COVERED = 0.5  # of a travel: less is told where something stays unknown
+
+
+def check_runs(chain: Chain, survey: Survey) -> None:
+    """InputError if an effect is that of a run which was not fitted."""
+    runs = dict.fromkeys(survey.table["run"].astype(str))
+    for name in chain.channels:
+        if name.startswith("run(") and name[4:-1] not in runs:
+            found = f"an effect of this machine goes with {name}, a run that no fitted row is of"
+            raise InputError(str(survey.source), found, nearest(name[4:-1], runs))
+
+
+def check_redundant(survey: Survey, problem: Problem) -> None:
+    """InputError if a robust fit has too few equations to tell a wrong row from a wrong parameter."""
+    equations = sum(v.count for v in problem.views)
+    rank = identifiable(problem.chain, problem.views, problem.unknowns).rank
+    if equations < REDUNDANT * rank:
+        rows = -(-REDUNDANT * rank * len(survey) // max(equations, 1))
+        raise InputError(
+            str(survey.source),
+            f"{equations} measured values for {rank} groups of parameters: too few to say which rows are wrong",
+            f"Measure at least {rows} rows like these, or fit without --robust",
+        )
+
+
+def check_enough(survey: Survey, problem: Problem, solution: Solution) -> None:
+    """InputError if there are no more equations than groups that such rows, all over the travels, can tell apart."""
+    equations, rows = sum(s.count for s in solution.sums.values()), len(survey.fit)
+    whole, lost = out_of_reach(problem, solution)
+    known = solution.declared == set(solution.sums)  # then just enough will do
+    if equations > whole.rank or (equations == whole.rank and known and not lost):
+        return
+    need = -(-(whole.rank + 1) * rows // max(equations, 1))
+    found = (
+        f"{rows} row{'s' if rows > 1 else ''} with {equations} measured values where {whole.rank} groups of parameters "
+        "can be told apart"
+    )
+    if lost:
+        more = f" and {len(lost) - 3} more" if len(lost) > 3 else ""
+        found += f"; {len(lost)} fall: {', '.join(lost[:3])}{more}"
+    else:
+        found += ", with nothing left to judge the residuals by"
+    cure = f"Measure at least {need} rows like these, better {2 * need}, or declare fewer errors in machine.yaml"
+    raise InputError(str(survey.source), found, cure)
+
+
+def out_of_reach(problem: Problem, solution: Solution) -> tuple[Groups, list[str]]:
+    """The groups that such rows, all over the travels, can tell apart; and of these the ones that the fit could not."""
+    whole = identifiable(problem.chain, [anywhere(v, 600) for v in problem.views], problem.unknowns)
+    reached = {solution.groups.ids[j] for j in solution.groups.base}
+    return whole, [whole.name(k) for k in range(whole.rank) if whole.ids[whole.base[k]] not in reached]
+
+
+def looked_over(fit: Fit) -> Fit:
+    """The fit with a note on what its poses do not identify, for those who read it rather than build on it.
+
+    Raises
+    ------
+    InputError
+        No parameter stands above what the model leaves.
+    """
+    if not fit.solution.groups.rank:
+        raise InputError(str(fit.survey.source), "no parameter can be identified", far_off(fit.nominal))
+    volumetric = any(isinstance(v, PositionView) for v in fit.problem.views)  # who reads one joint means no other
+    lost = out_of_reach(fit.problem, fit.solution)[1] if volumetric else []
+    if not lost:
+        return fit
+    more = f" and {len(lost) - 3} more" if len(lost) > 3 else ""
+    several = f"{len(lost)} groups" if len(lost) > 1 else "a group"
+    short = [
+        f"{j.name} covers {100 * share:.0f} %"
+        for j in fit.chain.machine.joints
+        if (share := float(np.ptp(fit.survey.table[j.name].dropna())) / (j.travel[1] - j.travel[0])) < COVERED
+    ]
+    where = f" ({', '.join(short)} of its travel)" if short else ""
+    note = (
+        f"rank-deficient: {several} of parameters that poses all over the travels would identify cannot be told from "
+        f"others here{where}: {', '.join(lost[:3])}{more}. Predictions away from these poses count that as unknown. "
+        "Measure where the joints have not been (`errormodel plan`), or declare fewer errors in machine.yaml"
+    )
+    return replace(fit, notes=(*fit.notes, note))
+
+
+def far_off(nominal: Spread) -> str:
+    """What to do about a survey that does not look like the machine's."""
+    return (
+        f"What was measured lies {1e-3 * nominal.rms_um:.3g} mm rms beside the nominal machine, further than errors of "
+        "a machine go: look for a wrong unit (degrees or radians), sign, column, tool or machine; "
+        "`errormodel diagnose` tries these"
+    )
