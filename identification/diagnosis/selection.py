@@ -360,7 +360,14 @@ def _refined(growth: Growth, step: Step) -> int | None:
             return k
         if not (one.tied or other.tied) and likeness(bench, bench.columns(one)[0], mine) > ALIKE:
             return k
+        if one.generic and len(roots(one)) > 1 and roots(other) <= roots(one) and _motions(bench, one, other):
+            return k  # what a product leaves over goes with either of the two, wherever between them
     return None
+
+
+def _motions(bench: Workbench, one: Effect, other: Effect) -> set[str]:
+    """Motions that both make, at whatever elements."""
+    return {m for _, m in moves(bench, one)} & {m for _, m in moves(bench, other)}
 
 
 def _apart(one: Effect, other: Effect) -> bool:
