@@ -146,7 +146,8 @@ def _part(diagnosed: Diagnosed, count: int, finding: Finding, group: Sequence[St
     if group:
         facts.append(("Hidden by the geometry", f"{100 * finding.absorbed:.0f} % of it"))
     if len(group or ()) > 1:
-        facts.append(("Form", f"refined by {_count(len(group or ()) - 1)} further terms of the same cause"))
+        more = len(group or ()) - 1
+        facts.append(("Form", f"refined by {_count(more)} further term{'s' * (more > 1)} of the same cause"))
     facts.append(("Next measurement", finding.next_measurement))
     return FindingPart(
         count,
