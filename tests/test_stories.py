@@ -69,6 +69,7 @@ def test_pulses_become_a_curve_over_their_period() -> None:
     assert (found.effect, found.driver) == ("unnamed", ["time"])
     assert found.period is not None
     assert abs(found.period - 900) < 5
+    assert "with a period of 15 min" in found.statement
     assert [(s.refines, s.effect.tied) for s in told.growth.steps] == [(None, False), (0, True)]
 
 

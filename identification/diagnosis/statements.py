@@ -120,7 +120,8 @@ def shape(effect: Effect, machine: Machine) -> str:
     if period := getattr(effect, "period", None):
         turning = joint is not None and joint.type == "rotary"
         turns = f" ({2 * math.pi / period:.4g} a turn)" if turning else ""
-        words.append(f"with a period of {position(joint, period)}{turns}")
+        size = duration(period) if effect.drivers[0] == "time" else position(joint, period)
+        words.append(f"with a period of {size}{turns}")
     if (at := getattr(effect, "at", None)) is not None:
         words.append(f"from {at:.5g} s on" if "time" in effect.drivers else f"at {position(joint, at)}")
     if width := getattr(effect, "width", None):

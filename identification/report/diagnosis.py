@@ -140,7 +140,8 @@ def _part(diagnosed: Diagnosed, count: int, finding: Finding, group: Sequence[St
         facts.append(("Motion", ", ".join(finding.motion)))
     if finding.period:
         turning = any(j.name in finding.driver and j.type == "rotary" for j in diagnosed.final.chain.machine.joints)
-        facts.append(("Period", f"{finding.period:.4g}{'°' if turning else ' mm'}"))
+        unit = "°" if turning else " s" if finding.driver[0] == "time" else " mm"
+        facts.append(("Period", f"{finding.period:.4g}{unit}"))
     if finding.size_um:
         facts.append(("Size at the tip", f"{three(finding.size_um)} µm rms over the survey's rows"))
     if group:
