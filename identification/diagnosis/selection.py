@@ -168,6 +168,9 @@ def _likely(bench: Workbench, candidates: Candidates) -> Likely:
     best = choose(bench, steps)
     if "temperature" in roots(best.effect) and (best.effect.generic or not convincing(bench, best)):
         best = _by_two_causes(bench, candidates, steps, best) or best
+    if not convincing(bench, best):  # what bends to two effects at once is neither; one of them may be
+        able = [s for s in steps if convincing(bench, s)]
+        return (able, choose(bench, able)) if able else (steps, best)
     return steps, best
 
 
