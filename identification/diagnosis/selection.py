@@ -72,6 +72,7 @@ def grow(bench: Workbench, candidates: Candidates, tell: Tell = silent, begin: S
         with tell(f"Looking further than {last.effect} of {last.where}" if last else "Looking for what was left out"):
             likely = _likely(growth.bench, candidates)
             further = grown(growth, likely) or together(growth, likely, candidates)
+            further = further or grown(growth, _able(growth.bench, likely))
         if further is None:
             break
         new = [s for s in further.steps[len(growth.steps) :] if s.refines is None]
@@ -168,10 +169,13 @@ def _likely(bench: Workbench, candidates: Candidates) -> Likely:
     best = choose(bench, steps)
     if "temperature" in roots(best.effect) and (best.effect.generic or not convincing(bench, best)):
         best = _by_two_causes(bench, candidates, steps, best) or best
-    if not convincing(bench, best):  # what bends to two effects at once is neither; one of them may be
-        able = [s for s in steps if convincing(bench, s)]
-        return (able, choose(bench, able)) if able else (steps, best)
     return steps, best
+
+
+def _able(bench: Workbench, likely: Likely) -> Likely:
+    """Those that are convincing by themselves: what bends to two effects at once is neither, one of them may be."""
+    able = [s for s in likely[0] if convincing(bench, s)] if likely else []
+    return (able, choose(bench, able)) if able else None
 
 
 def _shortlist(candidates: Candidates, ranked: Sequence[tuple[float, int]], first: int) -> list[int]:
