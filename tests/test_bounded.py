@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from errormodel.chain import Chain
+from errormodel.effects.servo_lag import ServoLag
 from errormodel.exceptions import InputError
 from errormodel.machine import EffectSpec, Machine
 from errormodel.schema import read_machine, write_machine
@@ -133,8 +135,10 @@ def test_a_group_has_what_its_members_leave(arm: tuple[Machine, Array, Survey]) 
         limits(chain, s.unknowns, s.groups, {"J2.dxx": PriorForm(low=0.0)}, None)
 
 
-def test_the_posterior_keeps_what_physics_allows() -> None:
+def test_the_posterior_keeps_what_physics_allows(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where the data leave doubt; elsewhere a bound changes nothing and the closed form stays."""
+    free = ServoLag.terms  # as if a lag could not be negative
+    monkeypatch.setattr(ServoLag, "terms", lambda *of: [replace(term, low=0.0) for term in free(*of)])
     for lag, sampled in ((1e-7, True), (1e-5, False)):
         machine, _, p, name = with_effect(two_axes((EffectSpec("servo-lag", {"joint": "X"}),)), lag)
         rng = np.random.default_rng(0)

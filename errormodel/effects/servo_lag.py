@@ -28,7 +28,7 @@ class ServoLag(JointEffect):
         joint = joint_of(machine, self.joint)
         unit, size = ("min", 5e-6) if joint.type == "prismatic" else ("rad min/mm", 1e-8)
         late = -channel("feed") * channel(f"dir_{self.joint}")
-        return [EffectTerm(self.joint, "", unit, along(joint, late), size, low=0.0)]
+        return [EffectTerm(self.joint, "", unit, along(joint, late), size)]  # too much feedforward makes it negative
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
