@@ -298,9 +298,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Entry point: one message and exit code 2 for wrong input, never a traceback for it."""
     if isinstance(sys.stdout, io.TextIOWrapper):  # a code page that lacks a letter of somebody's machine
         sys.stdout.reconfigure(errors="replace")
-    gc.set_threshold(
-        50_000, 50, 50
-    )  # thousands of effects and artists live long: looking for their cycles takes a tenth
+    # thousands of effects and artists live long: looking for cycles among them as often as usual takes a tenth
+    gc.set_threshold(50_000, 50, 50)
     try:
         app(arguments, prog_name="errormodel", standalone_mode=False)
     except InputError as error:

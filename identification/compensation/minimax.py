@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from errormodel.arrays import Array, Index
+from identification.convex import optimise
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
@@ -148,14 +149,10 @@ def _programme(
 
 
 def _optimum(problem: Any, x: Any) -> Array | None:
-    import warnings
-
     import cvxpy as cp
 
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of a solution less exact than asked for: it is checked by its residuals
-        try:
-            problem.solve(solver=cp.CLARABEL)
-        except cp.error.SolverError:
-            return None
+    try:
+        optimise(problem)
+    except cp.error.SolverError:
+        return None
     return None if x.value is None or not np.isfinite(x.value).all() else np.asarray(x.value)

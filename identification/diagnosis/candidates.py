@@ -22,6 +22,7 @@ from identification.diagnosis.workbench import Workbench
 
 AT_ONCE = 16  # columns made in one go: they stay within the processor's cache
 Columns = NDArray[np.floating[Any]]
+Part = tuple[Index, Columns, Array]  # proposals' numbers, columns and sizes
 BLOCK = 250  # proposals scored in one go
 SIZES = {1.0: 0.6, 3.0: 0.3, 10.0: 0.1}  # times the usual one: how often
 SINGLE = np.float32  # of the columns that are kept: what is left of one, a thousandth at least, is known to 1e-4
@@ -153,7 +154,7 @@ class _Stack:
 
     def __init__(self, parameters: int, observations: int) -> None:
         self._shape = parameters, observations
-        self._full: list[tuple[Index, Columns, Array]] = []
+        self._full: list[Part] = []
         self._count, self._numbers, self._columns, self._sizes = self._empty()
 
     def add(self, first: int, columns: Array, size: Array) -> None:
@@ -166,15 +167,15 @@ class _Stack:
         self._sizes[own], self._numbers[own] = size, np.arange(first, first + len(columns))
         self._count = own.stop
 
-    def parts(self) -> list[tuple[Index, Columns, Array]]:
-        """Numbers, columns and sizes of the proposals, a part for each block."""
+    def parts(self) -> list[Part]:
+        """A part for each block."""
         return self._full + self._last()
 
     def _empty(self) -> tuple[int, Index, Columns, Array]:
         columns = np.empty((BLOCK, *self._shape), SINGLE)
         return 0, np.empty(BLOCK, dtype=np.intp), columns, np.empty((BLOCK, self._shape[0]))
 
-    def _last(self) -> list[tuple[Index, Columns, Array]]:
+    def _last(self) -> list[Part]:
         m = self._count
         return [(self._numbers[:m], self._columns[:m], self._sizes[:m])] if m else []
 

@@ -25,14 +25,12 @@ def with_form(final: Fit, growth: Growth, first: int) -> Fit:
     place = {solution.unknowns[j]: k for k, j in enumerate(solution.groups.base)}
     more = np.zeros(len(place))
     for group in growth.findings:
-        relative, sizes, columns = np.zeros(0), np.zeros(0), np.zeros((0, len(growth.start.index)))
-        names: list[str] = []
-        for step in group:
-            own = final.chain.effect_ids[first + growth.steps.index(step)]
-            names += own
-            sizes = np.append(sizes, [solution.values[solution.unknowns.index(i)] for i in own])
-            relative = np.append(relative, np.full(len(own), _relative(step) / (1 if len(group) == 1 else 2)))
-            columns = np.vstack([columns, growth.start.columns(step.effect)[0][:, : columns.shape[1]]])
+        ids = [final.chain.effect_ids[first + growth.steps.index(step)] for step in group]
+        names = [name for own in ids for name in own]
+        sizes = np.array([solution.values[solution.unknowns.index(name)] for name in names])
+        doubts = [_relative(step) / (1 if len(group) == 1 else 2) for step in group]
+        relative = np.repeat(doubts, [len(own) for own in ids])
+        columns = np.vstack([growth.start.columns(step.effect)[0] for step in group])[:, : len(growth.start.index)]
         # two lags that nearly cancel are each much larger than what they make: it is that which is in doubt
         alone = np.sum(sizes**2 * np.sum(columns**2, axis=1))
         part = np.sum((sizes @ columns) ** 2) / alone if alone else 0.0

@@ -71,8 +71,11 @@ def grow(bench: Workbench, candidates: Candidates, tell: Tell = silent, begin: S
         last = growth.steps[-1].effect if growth.steps else None
         with tell(f"Looking further than {last.effect} of {last.where}" if last else "Looking for what was left out"):
             likely = _likely(growth.bench, candidates)
-            further = grown(growth, likely) or together(growth, likely, candidates)
-            further = further or grown(growth, _able(growth.bench, likely))
+            further = (
+                grown(growth, likely)
+                or together(growth, likely, candidates)
+                or grown(growth, _able(growth.bench, likely))
+            )
         if further is None:
             break
         new = [s for s in further.steps[len(growth.steps) :] if s.refines is None]

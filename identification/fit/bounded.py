@@ -8,7 +8,6 @@ uncertainties therefore stay those of the free estimate: at a bound they are cau
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -19,6 +18,7 @@ from errormodel.chain import Chain
 from errormodel.exceptions import nearest
 from errormodel.yamlfile import Document
 from identification.bayes.settings import PriorForm, prior_error
+from identification.convex import optimise
 from identification.fit.least_squares import Solution, scaled_inverse
 from identification.groups import Groups
 from identification.sums import total
@@ -131,10 +131,7 @@ def _nearest(correlation: Array, low: Array, high: Array) -> Array:
     step = factor @ z
     rules = [step[k] >= low[k] for k in np.flatnonzero(np.isfinite(low))]
     rules += [step[k] <= high[k] for k in np.flatnonzero(np.isfinite(high))]
-    problem = cp.Problem(cp.Minimize(sum_squares(z)), rules)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # which bounds hold is all that is asked of it
-        problem.solve(solver=cp.CLARABEL)  # type: ignore[no-untyped-call]
+    optimise(cp.Problem(cp.Minimize(sum_squares(z)), rules))  # which bounds hold is all that is asked of it
     return np.asarray(factor @ np.asarray(z.value))
 
 

@@ -7,7 +7,6 @@ problem, already resists a large minority of them of any size. From there rows a
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -16,6 +15,7 @@ from threadpoolctl import threadpool_limits
 
 from errormodel.arrays import Array, Index
 from errormodel.chain import Chain
+from identification.convex import optimise
 from identification.fit.least_squares import (
     Solution,
     identifiable,
@@ -213,10 +213,7 @@ def _smallest_sum(
     for a, end in zip(aims, ends, strict=True):
         rest = b[end - a.size : end] - (unit * Q[end - a.size : end]) @ x
         goal += norm(reshape(rest, a.shape, order="C"), 2, axis=0).sum()
-    problem = cp.Problem(cp.Minimize(goal))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # an inexact start is a start all the same
-        problem.solve(solver=cp.CLARABEL)  # type: ignore[no-untyped-call]
+    optimise(cp.Problem(cp.Minimize(goal)))  # an inexact start is a start all the same
     start = unit * (Q.T @ b) / len(Q) if x.value is None else x.value
     return np.asarray(inverse @ start)
 

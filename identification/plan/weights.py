@@ -8,12 +8,12 @@ as the equivalence theorem asks for them (J. Kiefer & J. Wolfowitz, Canad. J. Ma
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 
 import numpy as np
 
 from errormodel.arrays import Array, Index
+from identification.convex import optimise
 from identification.plan.design import Space
 
 MOST_STEPS = 12
@@ -83,11 +83,7 @@ def _quadratic(weights: Array, curve: Array, planes: list[Array]) -> Array:
     scale = unit * float(np.abs(slopes).max())
     limits = [top >= (values - values.max()) / scale + (unit / scale * slopes) @ step, new.sum() == len(weights)]
     bend = sum_squares((unit / np.sqrt(scale) * factor) @ step)
-    problem = cp.Problem(cp.Minimize(top + 0.5 * bend), limits)
-    with warnings.catch_warnings():
-        # an inexact step is a step all the same: the line search judges it
-        warnings.simplefilter("ignore", UserWarning)
-        problem.solve(solver=cp.CLARABEL)  # type: ignore[no-untyped-call]
+    optimise(cp.Problem(cp.Minimize(top + 0.5 * bend), limits))  # inexact or not: the line search judges it
     if new.value is None:
         return weights
     found = np.maximum(np.asarray(new.value, dtype=np.float64), 0.0)
