@@ -24,6 +24,7 @@ from identification.fit.run import moved
 from identification.gain import leverages
 
 SCHEMA = "errormodel.fit/1"
+PARAMETERS = ("id", "group", "symbol", "value", "std", "std_after_10_more", "std_after_10_best", "unit")  # columns
 CURE = "Give the folder that `errormodel fit ... --out DIR` wrote"
 
 
@@ -126,7 +127,7 @@ def save(fit: Fit, folder: Path) -> None:
     import pandas as pd
 
     write_machine(fit.chain.machine, folder / "machine.yaml")
-    table = pd.DataFrame(parameters(fit)).drop(columns="members")
+    table = pd.DataFrame(parameters(fit), columns=list(PARAMETERS))
     write_csv(table, folder / "parameters.csv")
     write_csv(_residual_table(fit), folder / "residuals.csv")
     names = [fit.solution.unknowns[j] for j in fit.solution.groups.base]

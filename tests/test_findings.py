@@ -188,7 +188,7 @@ def test_causes_in_words() -> None:
 def test_what_cannot_be_told_apart_is_named() -> None:
     backlash, lost = made("backlash", joint="X"), made("lost-motion", joint="X")
     far = made("hysteresis", joint="X", width=20.0)
-    step = Step(backlash, 50.0, 60.0, 0.3, rivals=((lost, 48.0), (far, 20.0)))
+    step = Step(backlash, 50.0, 60.0, 0.3, rivals=(Step(lost, 48.0, 58.0, 0.3), Step(far, 20.0, 30.0, 0.3)))
     table = battery.table("gantry").drop(columns=["run", "file", "role", "row"])
     bench = set_up(fit_machine(battery.GANTRY, survey_of(battery.GANTRY, table, {})))
     first, second = alternatives_of(step, bench)

@@ -22,8 +22,8 @@ from errormodel.survey import Survey, read_survey
 from identification.diagnosis.candidates import Candidates
 from identification.diagnosis.choosing import Step
 from identification.diagnosis.findings import Alternative, Finding, HeldOut, Untestable
+from identification.diagnosis.growth import Growth
 from identification.diagnosis.run import Diagnosed, diagnose
-from identification.diagnosis.selection import Growth
 from identification.diagnosis.workbench import set_up
 from identification.fit.result import Fit
 from identification.fit.run import fit_machine

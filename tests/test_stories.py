@@ -12,8 +12,8 @@ from errormodel.machine import EffectSpec
 from errormodel.schema import read_machine
 from errormodel.simulate import Truth, simulate
 from identification.diagnosis.choosing import Step
+from identification.diagnosis.growth import replayed
 from identification.diagnosis.run import diagnose
-from identification.diagnosis.selection import replayed
 from identification.diagnosis.stories import story
 from identification.diagnosis.workbench import set_up
 from identification.fit.run import fit_machine

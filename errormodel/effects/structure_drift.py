@@ -7,12 +7,12 @@ from typing import ClassVar
 
 from pydantic import Field
 
-from errormodel.conventions import MOTIONS, Motion, unit_of
+from errormodel.conventions import FRAME, MOTIONS, ROTATIONS, Motion, unit_of
 from errormodel.effects.base import Channels, Effect, EffectTerm
 from errormodel.effects.scene import Scene
 from errormodel.effects.shared import Lag, Positive, lags, members, settling, settling_times, start_of, thermal, warmth
 from errormodel.effects.travel import polynomials, scaled
-from errormodel.machine import Machine, joint_of
+from errormodel.machine import Machine, Shape, joint_of
 
 
 class StructureDrift(Effect):
@@ -77,8 +77,26 @@ class StructureDrift(Effect):
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
         for element in members(scene.machine):
             for motion in MOTIONS:
-                for sensor in scene.sensors:
-                    for tau in lags(scene):
-                        yield cls(element=element, motion=motion, sensor=sensor, tau=tau)
+                yield from _by_sensors(scene, element, motion)
                 for tau in settling_times(scene):
                     yield cls(element=element, motion=motion, sensor="time", tau=tau, start=start_of(scene))
+        for motion in _base(scene.machine):
+            yield from _by_sensors(scene, FRAME, motion)
+
+
+def _by_sensors(scene: Scene, element: str, motion: Motion) -> Iterator[Effect]:
+    for sensor in scene.sensors:
+        for tau in lags(scene):
+            yield StructureDrift(element=element, motion=motion, sensor=sensor, tau=tau)
+
+
+def _base(machine: Machine) -> tuple[Motion, ...]:
+    """How a base moves that is no member of the chain, or the stand of the instrument, which looks the same.
+
+    Ahead of a slide its displacements are those of the next member, which is where they are looked for; by time alone
+    it is the instrument that drifts.
+    """
+    first = machine.elements[0]
+    if isinstance(first, Shape):
+        return ()
+    return ROTATIONS if first.type == "prismatic" else MOTIONS

@@ -25,7 +25,7 @@ class Step:
     ----------
     evidence : nats against nothing, given what was accepted before; `drop`: of the residual sum of squares, in noise
         variances; `absorbed`: the part of it that the geometry hides.
-    rivals : other explanations at that step with their evidence, best first.
+    rivals : other explanations at that step, best first.
     count : its parameters; `bend`: the part of the drop that is a departure from its textbook form, and
         `worth`: that of the evidence.
     partner : a second cause of the same motion that was accepted with it.
@@ -39,7 +39,7 @@ class Step:
     count: int = 1
     bend: float = 0.0
     worth: float = 0.0
-    rivals: tuple[tuple[Effect, float], ...] = ()
+    rivals: tuple[Step, ...] = ()
     partner: tuple[Effect, ...] = ()
     refines: int | None = None
     searched: int = 0

@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 
 from errormodel.arrays import Array
-from errormodel.effects import registry
 from errormodel.effects.base import Effect
-from identification.diagnosis.choosing import Step
+from identification.diagnosis.choosing import FORM, Step
 from identification.diagnosis.sizes import Amount
 from identification.diagnosis.workbench import Workbench
 
@@ -120,12 +119,13 @@ def alternatives_of(step: Step, bench: Workbench, most: int = 5) -> list[Alterna
     """The best other explanations: one for each effect and place."""
     seen = {(step.effect.effect, step.effect.where)}
     out = []
-    for effect, evidence in step.rivals:
+    for rival in step.rivals:
+        effect = rival.effect
         key = (effect.effect, effect.where)
         if key in seen:
             continue
         seen.add(key)
-        factor = log10_factor(step, evidence)
+        factor = log10_factor(step, rival)
         more = motions_of(effect, bench), list(effect.drivers)
         out.append(Alternative(*key, factor, abs(factor) > SEPARABLE, *more))
     return out[:most]
@@ -134,16 +134,17 @@ def alternatives_of(step: Step, bench: Workbench, most: int = 5) -> list[Alterna
 def look_alikes(step: Step) -> list[Effect]:
     """Physics of other names that the data do not separate from a step, the likeliest first, each name once."""
     best: dict[str, Effect] = {}
-    for effect, evidence in step.rivals:
+    for rival in step.rivals:
+        effect = rival.effect
         other = effect.effect != step.effect.effect and not effect.generic
-        if other and abs(log10_factor(step, evidence)) <= SEPARABLE:
+        if other and abs(log10_factor(step, rival)) <= SEPARABLE:
             best.setdefault(effect.effect, effect)
     return list(best.values())
 
 
-def log10_factor(step: Step, evidence: float) -> float:
+def log10_factor(step: Step, rival: Step) -> float:
     """Decimal logarithm of the Bayes factor of a rival against a step."""
-    return float((evidence - step.evidence) / np.log(10))
+    return float((rival.evidence - step.evidence) / np.log(10))
 
 
 def probability_of(step: Step) -> float:
@@ -152,14 +153,18 @@ def probability_of(step: Step) -> float:
     Evidence is tempered: no form is exact, so that a difference counts for less the more is explained.
     """
     temper = min(1.0 + 0.02 * max(step.drop, 0.0), TEMPER)
-    best: dict[str, float] = {step.effect.effect: step.evidence, "none": np.log(max(step.searched, 1))}
-    for effect, evidence in step.rivals:
-        best[effect.effect] = max(best.get(effect.effect, -np.inf), evidence)
-    values = np.array(list(best.values())) / temper
-    kinds = [registry().get(name) for name in best]
-    values -= [0.0 if k is None else FORM_ODDS * k.generic + PLIANT_ODDS * k.pliant for k in kinds]
-    weights = np.exp(values - values.max())
-    return float(np.clip(weights[0] / weights.sum(), 0.0, 0.999))
+    best = {"none": float(np.log(max(step.searched, 1))) / temper}
+    for one in (step, *step.rivals):
+        name = one.effect.effect
+        best[name] = max(best.get(name, -np.inf), one.evidence / temper - _odds(one))
+    weights = {name: np.exp(value - max(best.values())) for name, value in best.items()}
+    return float(np.clip(weights[step.effect.effect] / sum(weights.values()), 0.0, 0.999))
+
+
+def _odds(step: Step) -> float:
+    """Nats by which physics of a form of its own, as textbooks have it, is the likelier beforehand."""
+    bends = step.effect.pliant or step.drop - step.bend < FORM * step.drop
+    return FORM_ODDS if step.effect.generic else PLIANT_ODDS if bends else 0.0
 
 
 def p_value_of(step: Step) -> float:

@@ -11,7 +11,8 @@ from dataclasses import replace
 import numpy as np
 
 from identification.diagnosis.choosing import Step
-from identification.diagnosis.selection import SHAPES, Growth
+from identification.diagnosis.growth import Growth
+from identification.diagnosis.selection import SHAPES
 from identification.fit.result import Fit
 
 INEXACT = {"thermal": 0.06, "gravity": 0.06, "periodic": 0.03, "geometric": 0.06, "none of these": 0.10}

@@ -14,13 +14,17 @@ from errormodel.effects.travel import legendre
 from errormodel.effects.unnamed import Unnamed
 from errormodel.features import root
 from errormodel.machine import Joint
-from identification.diagnosis.judging import moves
+from identification.diagnosis.choosing import Step
+from identification.diagnosis.growth import Growth
+from identification.diagnosis.judging import likeness, moves, roots
 from identification.diagnosis.workbench import Workbench
 
 PIECES = 10  # of each joint's range, of a surface; of a period
 FORMS = ("linear", "square", "cubic")
 OVERTONES = (1, 2, 3, 5)  # steps have the odd ones
 SMOOTH = 8  # functions of one position
+ALIKE = 0.6  # correlation beyond which a later effect is a further form of an earlier finding
+OWN = 0.3  # of the drop of the earlier finding: as much of another kind of form is no departure from it
 BENT = {0.03: 1.0, 0.1: 3.0, 0.3: 8.0}  # part of an effect's size by which its form departs, and nats for it
 
 
@@ -128,3 +132,54 @@ def _range(bench: Workbench, name: str) -> tuple[float, float]:
     values = bench.channel(name)
     low, high = float(values.min()), float(values.max())
     return float(f"{(low + high) / 2:.4g}"), float(f"{(high - low) / 2:.4g}")
+
+
+def refined(growth: Growth, step: Step) -> int | None:
+    """The finding that this effect is another form of, if there is one.
+
+    The same effect or the same motion at the same place by the same driver, or two that do much the same to the data
+    once the geometry is taken out: what a sensor's lag or another exponent leaves over.
+    """
+    bench = growth.start
+    for k, earlier in enumerate(growth.steps):
+        if earlier.refines is not None:
+            continue
+        one, other = earlier.effect, step.effect
+        if one.tied and not (one.generic or other.generic) and other.family != one.family:
+            continue  # a curve of the joint's own position leaves nothing of that kind: this is something else
+        there = one.where == other.where and roots(one) & roots(other)
+        if there and (one.effect == other.effect or moves(bench, one) & moves(bench, other)):
+            if _apart(one, other) and step.drop >= OWN * earlier.drop:
+                continue
+            return k
+        if not (one.tied or other.tied) and _much_the_same(growth, one, other):
+            return k
+        if one.generic and len(roots(one)) > 1 and roots(other) <= roots(one) and _motions(bench, one, other):
+            return k  # what a product leaves over goes with either of the two, wherever between them
+    return None
+
+
+def _much_the_same(growth: Growth, one: Effect, other: Effect) -> bool:
+    """Whether a further effect does to the data what an accepted one does, each as large as all together make it.
+
+    Of many parameters (six of a frame that moves) some combination is like almost anything: it is what they are that
+    counts.
+    """
+    bench = growth.start
+    effects = [*(s.effect for s in growth.steps if not s.effect.tied), other]
+    columns, values = bench.estimates(effects)
+    owner = np.repeat(np.arange(len(effects)), [len(bench.columns(e)[1]) for e in effects])
+    made = [(values * (owner == k)) @ columns for k in (effects.index(one), len(effects) - 1)]
+    return likeness(bench, *(m[None] for m in made)) > ALIKE
+
+
+def _motions(bench: Workbench, one: Effect, other: Effect) -> set[str]:
+    """Motions that both make, at whatever elements."""
+    return {m for _, m in moves(bench, one)} & {m for _, m in moves(bench, other)}
+
+
+def _apart(one: Effect, other: Effect) -> bool:
+    """Whether two effects at a place are known by different signs: a wave, a bump or a form; a clock or a sensor."""
+    named = not (one.generic or other.generic) and one.effect != other.effect
+    by_clock = ("time" in one.drivers) != ("time" in other.drivers)
+    return named and (type(one).shape != type(other).shape or by_clock or not (one.pliant or other.pliant))

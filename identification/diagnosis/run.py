@@ -28,10 +28,11 @@ from identification.diagnosis.findings import (
     probability_of,
 )
 from identification.diagnosis.form import with_form
+from identification.diagnosis.growth import Growth
 from identification.diagnosis.judging import heldout_rms
 from identification.diagnosis.outliers import gross_rows
 from identification.diagnosis.sanity import find_blunders, without
-from identification.diagnosis.selection import Growth, grow
+from identification.diagnosis.selection import grow
 from identification.diagnosis.sensors import dead_sensors
 from identification.diagnosis.sides import contrary_sides
 from identification.diagnosis.sizes import Amount, whole_of

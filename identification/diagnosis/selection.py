@@ -7,7 +7,7 @@ modelled at the same place and driver as a refinement of the same finding; it is
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,17 +15,16 @@ from errormodel.effects.base import Effect
 from identification.diagnosis import coloured
 from identification.diagnosis.candidates import Candidates, Scores
 from identification.diagnosis.choosing import DETECT, FORM, Step, choose, convincing
-from identification.diagnosis.judging import heldout_rms, likeness, moves, roots
+from identification.diagnosis.growth import Growth, of_groups, replayed, with_step
+from identification.diagnosis.judging import heldout_rms, roots
 from identification.diagnosis.pairs import best_pair
-from identification.diagnosis.refinements import bent, forms
+from identification.diagnosis.refinements import bent, forms, refined
 from identification.diagnosis.workbench import Workbench
 from identification.progress import Tell, silent
 
 LEAK = 0.06  # of what is already explained: less than this elsewhere may be the shape of what was found
 WORTH = 7.0  # nats below which nothing is looked at further
-ALIKE = 0.6  # canonical correlation beyond which a later effect is a further form of an earlier finding
 HARDLY = 1.05  # times the held-out error: what no evidence asks for gains as much by chance
-OWN = 0.3  # of the drop of the earlier finding: as much of another kind of form is no departure from it
 ROUNDED = 0.01  # nats, in scores from columns in single precision
 MAYBE = 0.5  # of the best evidence
 MOST_FINDINGS = 12
@@ -37,29 +36,6 @@ SHAPES = ("period", "by_period", "per_turn", "tau", "at", "width", "exponent", "
 
 
 Likely = tuple[list[Step], Step] | None
-
-
-@dataclass(frozen=True)
-class Growth:
-    """The accepted steps, and the bench with all of them fitted."""
-
-    start: Workbench
-    bench: Workbench
-    steps: tuple[Step, ...] = field(default=())
-
-    @property
-    def findings(self) -> list[list[Step]]:
-        """Each finding with its refinements."""
-        main = [k for k, s in enumerate(self.steps) if s.refines is None]
-        return [[self.steps[k], *(s for s in self.steps if s.refines == k)] for k in main]
-
-    def without(self, group: Sequence[Step]) -> Workbench:
-        """The bench with all steps fitted but those of a group."""
-        bench = self.start
-        for step in self.steps:
-            if step not in group:
-                bench = bench.with_effect(step.effect)
-        return bench
 
 
 def grow(bench: Workbench, candidates: Candidates, tell: Tell = silent, begin: Sequence[Step] = ()) -> Growth:
@@ -110,7 +86,7 @@ def still_needed(growth: Growth) -> Growth:
     for group in sorted(growth.findings, key=lambda g: g[0].drop):
         others = [g for g in growth.findings if g[0] is not group[0]]
         if others and not _beside(growth.without(group), group):
-            fewer = _of_groups(growth.start, others)
+            fewer = of_groups(growth.start, others)
             if heldout_rms(fewer.bench) < HARDLY * heldout_rms(growth.bench):
                 growth = fewer
     return growth
@@ -133,13 +109,12 @@ def grown(growth: Growth, likely: Likely, *, judged: bool = True) -> Growth | No
         return None
     steps, best = likely
     explained = sum(s.drop for s in growth.steps if not s.effect.tied)  # a curve has no shape of its own to miss
-    own = _refined(growth, best)
+    own = refined(growth, best)
     if own is None:  # what was found before explains it as well, in another form: that is the simpler story
-        others = [s for s in steps if s.evidence > 0.7 * best.evidence and _refined(growth, s) is not None]
+        others = [s for s in steps if s.evidence > 0.7 * best.evidence and refined(growth, s) is not None]
         best = max(others, key=lambda s: s.evidence, default=best)
-        own = _refined(growth, best)
-    rivals = tuple((s.effect, s.evidence) for s in sorted(steps, key=lambda s: -s.evidence) if s is not best)
-    best = replace(best, rivals=rivals)
+        own = refined(growth, best)
+    best = replace(best, rivals=_others(steps, best))
     if own is not None:
         best = replace(best, refines=own)
     elif (
@@ -148,16 +123,16 @@ def grown(growth: Growth, likely: Likely, *, judged: bool = True) -> Growth | No
         or len(growth.findings) >= MOST_FINDINGS
     ):
         # not enough for a finding: perhaps a refinement among what follows
-        further = [s for s in steps if s.evidence > WORTH and _refined(growth, s) is not None]
+        further = [s for s in steps if s.evidence > WORTH and refined(growth, s) is not None]
         if not further:
             return None
-        best = replace(further[0], refines=_refined(growth, further[0]))
+        best = replace(further[0], refines=refined(growth, further[0]))
     tries = [best]
     if best.refines is not None:  # of what else the finding may be made of, the best together with what it is now
         near = [s for s in steps if s is not best and s.evidence > max(WORTH, 0.3 * best.evidence)]
-        tries += [replace(s, refines=best.refines) for s in near if _refined(growth, s) == best.refines][:4]
+        tries += [replace(s, refines=best.refines) for s in near if refined(growth, s) == best.refines][:4]
     error, _, best_growth = min(
-        (heldout_rms(g.bench), k, g) for k, g in enumerate(lags_settled(_with(growth, s)) for s in tries)
+        (heldout_rms(g.bench), k, g) for k, g in enumerate(lags_settled(with_step(growth, s)) for s in tries)
     )
     return best_growth if error < heldout_rms(bench) else None
 
@@ -248,18 +223,8 @@ def paired(growth: Growth, candidates: Candidates) -> Growth:
         return growth
     one, other, evidence = found
     pair = [replace(group[0], effect=one), Step(other, evidence, 0.0, group[0].absorbed)]
-    trial = lags_settled(_of_groups(growth.start, [*others, pair]))
+    trial = lags_settled(of_groups(growth.start, [*others, pair]))
     return trial if heldout_rms(trial.bench) < heldout_rms(growth.bench) else growth
-
-
-def _of_groups(start: Workbench, groups: Sequence[Sequence[Step]]) -> Growth:
-    """A growth of findings, each with its refinements."""
-    growth = Growth(start, start)
-    for main, *more in groups:
-        number = len(growth.steps)
-        for step in (replace(main, refines=None), *(replace(s, refines=number) for s in more)):
-            growth = _with(growth, step)
-    return growth
 
 
 def _with_tau(effect: Effect, logarithm: float) -> Effect:
@@ -267,7 +232,10 @@ def _with_tau(effect: Effect, logarithm: float) -> Effect:
 
 
 def second_look(growth: Growth, candidates: Candidates) -> Growth:
-    """Each finding once more, with the others in place: another explanation may now be the better one, or none."""
+    """Each finding once more, with the others in place: another explanation may now be the better one, or none.
+
+    One that stays has from then on the rivals that it has there: what the others explained is no longer theirs.
+    """
     for number in [k for k, s in enumerate(growth.steps) if s.refines is None]:
         mine = [s for k, s in enumerate(growth.steps) if number in (k, s.refines)]
         others = [s for s in growth.steps if s not in mine]
@@ -277,32 +245,22 @@ def second_look(growth: Growth, candidates: Candidates) -> Growth:
         steps = [_polished(candidates, scores, bench, n, len(ranked)) for n in _shortlist(candidates, ranked, 8)]
         best = choose(bench, steps)
         old = growth.steps[number]
-        if best.effect == old.effect or best.drop < 1.02 * bench.drop(bench.with_effect(old.effect)):
+        as_good = best.effect == old.effect or best.drop < 1.02 * bench.drop(bench.with_effect(old.effect))
+        if as_good or not convincing(bench, best):
+            own = next((s for s in steps if s.effect.key == old.effect.key), None)
+            if own is not None and len(mine) == 1:
+                kept = replace(old, evidence=own.evidence, rivals=_others(steps, own))
+                growth = replace(growth, steps=tuple(kept if s is old else s for s in growth.steps))
             continue
-        if not convincing(bench, best):
-            continue
-        rivals = tuple((s.effect, s.evidence) for s in steps if s is not best)
         # refinements whose finding has gone, or whose number has changed, stand or fall with the next search
-        kept = [s for s in others if s.refines is None]
-        return replayed(growth.start, [*kept, replace(best, rivals=rivals)])
+        mains = [s for s in others if s.refines is None]
+        return replayed(growth.start, [*mains, replace(best, rivals=_others(steps, best))])
     return growth
 
 
-def replayed(start: Workbench, steps: Sequence[Step]) -> Growth:
-    """A growth of these steps."""
-    growth = Growth(start, start)
-    for step in steps:
-        growth = _with(growth, step)
-    return growth
-
-
-def _with(growth: Growth, step: Step) -> Growth:
-    alone = replace(step, partner=())
-    out = Growth(growth.start, growth.bench.with_effect(step.effect), (*growth.steps, alone))
-    number = len(growth.steps) if step.refines is None else step.refines
-    for effect in step.partner:
-        out = _with(out, Step(effect, 0.0, 0.0, step.absorbed, refines=number))
-    return out
+def _others(steps: Sequence[Step], one: Step) -> tuple[Step, ...]:
+    """The rivals of a step: the others, best first."""
+    return tuple(s for s in sorted(steps, key=lambda s: -s.evidence) if s is not one)
 
 
 def _polished(candidates: Candidates, scores: Scores, bench: Workbench, number: int, searched: int) -> Step:
@@ -347,41 +305,3 @@ def _polished(candidates: Candidates, scores: Scores, bench: Workbench, number: 
     return Step(
         effect, evidence + worth - np.log(same), drop + bend, absorbed, count, bend=bend, worth=worth, searched=searched
     )
-
-
-def _refined(growth: Growth, step: Step) -> int | None:
-    """The finding that this effect is another form of, if there is one.
-
-    The same effect or the same motion at the same place by the same driver, or columns that look much alike once
-    the geometry is taken out: what a sensor's lag or another exponent leaves over.
-    """
-    bench = growth.start
-    mine, _ = bench.columns(step.effect)
-    for k, earlier in enumerate(growth.steps):
-        if earlier.refines is not None:
-            continue
-        one, other = earlier.effect, step.effect
-        if one.tied and not (one.generic or other.generic) and other.family != one.family:
-            continue  # a curve of the joint's own position leaves nothing of that kind: this is something else
-        there = one.where == other.where and roots(one) & roots(other)
-        if there and (one.effect == other.effect or moves(bench, one) & moves(bench, other)):
-            if _apart(one, other) and step.drop >= OWN * earlier.drop:
-                continue
-            return k
-        if not (one.tied or other.tied) and likeness(bench, bench.columns(one)[0], mine) > ALIKE:
-            return k
-        if one.generic and len(roots(one)) > 1 and roots(other) <= roots(one) and _motions(bench, one, other):
-            return k  # what a product leaves over goes with either of the two, wherever between them
-    return None
-
-
-def _motions(bench: Workbench, one: Effect, other: Effect) -> set[str]:
-    """Motions that both make, at whatever elements."""
-    return {m for _, m in moves(bench, one)} & {m for _, m in moves(bench, other)}
-
-
-def _apart(one: Effect, other: Effect) -> bool:
-    """Whether two effects at a place are known by different signs: a wave, a bump or a form; a clock or a sensor."""
-    named = not (one.generic or other.generic) and one.effect != other.effect
-    by_clock = ("time" in one.drivers) != ("time" in other.drivers)
-    return named and (type(one).shape != type(other).shape or by_clock or not (one.pliant or other.pliant))

@@ -145,6 +145,8 @@ def _figures(whole: Whole, machine: Machine) -> Iterator[str]:
         rms = whole.amounts[0]
         yield f"{plus_minus(rms.value, rms.std, rms.unit)} rms"
     ranked = sorted(whole.tip, key=lambda place: -whole.tip[place])
+    if not ranked:  # beside all the others the data no longer tell it from the geometry
+        return
     if _steady(whole):
         amount = whole.amounts[0]
         yield f"{spoken(ranked[0], machine)} is off by {plus_minus(amount.value, amount.std, amount.unit)}"

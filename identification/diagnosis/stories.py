@@ -8,14 +8,16 @@ compared as wholes.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
 from identification.diagnosis import coloured
 from identification.diagnosis.candidates import Candidates
 from identification.diagnosis.choosing import CLEARLY, Step
+from identification.diagnosis.growth import Growth
 from identification.diagnosis.judging import heldout_rms
-from identification.diagnosis.selection import Growth, grow
+from identification.diagnosis.selection import grow
 from identification.progress import Tell, silent
 
 SERIOUS = 7.0  # nats by which a rival may be behind
@@ -61,13 +63,14 @@ def _rivals(growth: Growth) -> Iterator[tuple[Step, list[Step]]]:
         seen = {main.effect.effect}
         others = [g[0] for g in groups if g[0] is not main]
         bench = growth.without(group)
-        for effect, evidence in sorted(main.rivals, key=lambda r: -r[1]):
-            if effect.generic or effect.effect in seen or evidence < main.evidence - SERIOUS:
+        for rival in sorted(main.rivals, key=lambda r: -r.evidence):
+            effect = rival.effect
+            if effect.generic or effect.effect in seen or rival.evidence < main.evidence - SERIOUS:
                 continue
             seen.add(effect.effect)
             if len(seen) > MOST_RIVALS + 1:
                 break
             own = Candidates.of(bench, [effect]).scores(bench)
-            rivals = tuple(r for r in ((main.effect, main.evidence), *main.rivals) if r[0] is not effect)
             drop, absorbed = float(own.drop[0]), float(own.absorbed[0])
-            yield Step(effect, evidence, drop, absorbed, rivals=rivals, searched=main.searched), others
+            rivals = (replace(main, rivals=()), *(r for r in main.rivals if r is not rival))
+            yield replace(rival, drop=drop, absorbed=absorbed, partner=(), rivals=rivals), others

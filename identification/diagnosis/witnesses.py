@@ -23,7 +23,7 @@ from errormodel.features import root
 from errormodel.machine import Joint, Machine
 from errormodel.units import factor, is_unit
 from identification.diagnosis.choosing import Step
-from identification.diagnosis.selection import Growth
+from identification.diagnosis.growth import Growth, of_groups
 from identification.diagnosis.statements import subject
 from identification.diagnosis.workbench import Workbench
 
@@ -119,7 +119,7 @@ def heard(growth: Growth) -> tuple[Growth, dict[Effect, list[Account]]]:
         said[new[0].effect] = told
         groups.append(new)
     heeded = any(t.against for told in said.values() for t in told) or len(groups) < len(growth.findings)
-    return (_grown(start, groups) if heeded else growth), said
+    return (of_groups(start, groups) if heeded else growth), said
 
 
 def weighed(probability: float, told: Sequence[Account]) -> float:
@@ -191,24 +191,11 @@ def _share(bench: Workbench, element: str, claim: Array, values: Array, rows: In
 def _instead(bench: Workbench, step: Step, seen: Sequence[Witness]) -> list[Step]:
     """The best rival of a contradicted step that no witness contradicts, names before mere forms; or nothing."""
     for generic in (False, True):
-        for effect, evidence in step.rivals:
-            if effect.generic is not generic or evidence < max(WORTH, step.evidence / 2):
+        for rival in step.rivals:
+            if rival.effect.generic is not generic or rival.evidence < max(WORTH, step.evidence / 2):
                 continue
-            after = bench.with_effect(effect)
-            rival = replace(step, effect=effect, evidence=evidence, drop=bench.drop(after), partner=())
-            if any(t.word == "contradicts" for t in _told(bench, [rival], seen)):
+            alone = replace(rival, drop=bench.drop(bench.with_effect(rival.effect)), partner=())
+            if any(t.word == "contradicts" for t in _told(bench, [alone], seen)):
                 continue
-            rest = tuple(r for r in step.rivals if r[0] is not effect)
-            return [replace(rival, rivals=rest, count=len(bench.columns(effect)[1]))]
+            return [replace(alone, rivals=tuple(r for r in step.rivals if r is not rival))]
     return []
-
-
-def _grown(start: Workbench, groups: Sequence[Sequence[Step]]) -> Growth:
-    """A growth of findings, each with its refinements."""
-    bench, steps = start, list[Step]()
-    for main, *more in groups:
-        number = len(steps)
-        for step in (main, *(replace(s, refines=number) for s in more)):
-            bench = bench.with_effect(step.effect)
-            steps.append(step)
-    return Growth(start, bench, tuple(steps))

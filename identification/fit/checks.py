@@ -16,6 +16,8 @@ from identification.problem import Problem
 from identification.views import PositionView, anywhere
 
 REDUNDANT = 2  # equations a group, of a robust fit
+FAR = 0.02  # of the machine's size: no error motions, but a blunder
+UNEXPLAINED = 0.5  # of what was measured beside the nominal machine: a fit that leaves more of so much is none
 COVERED = 0.5  # of a travel: less is told where something stays unknown
 
 
@@ -75,9 +77,10 @@ def looked_over(fit: Fit) -> Fit:
     Raises
     ------
     InputError
-        No parameter stands above what the model leaves.
+        No parameter stands above what the model leaves, or it was another machine.
     """
-    if not fit.solution.groups.rank:
+    other = another(fit.chain, fit.nominal) and fit.fitted.rms_um > UNEXPLAINED * fit.nominal.rms_um
+    if other or not fit.solution.groups.rank:
         raise InputError(str(fit.survey.source), "no parameter can be identified", far_off(fit.nominal))
     volumetric = any(isinstance(v, PositionView) for v in fit.problem.views)  # who reads one joint means no other
     lost = out_of_reach(fit.problem, fit.solution)[1] if volumetric else []
@@ -97,6 +100,11 @@ def looked_over(fit: Fit) -> Fit:
         "Measure where the joints have not been (`errormodel plan`), or declare fewer errors in machine.yaml"
     )
     return replace(fit, notes=(*fit.notes, note))
+
+
+def another(chain: Chain, nominal: Spread) -> bool:
+    """Whether what was measured lies so far from the nominal machine that it can hardly be this one."""
+    return bool(nominal.n) and 1e-3 * nominal.rms_um > FAR * chain.size
 
 
 def far_off(nominal: Spread) -> str:

@@ -9,7 +9,7 @@ Where no uncertainty is declared, each kind of observation gets its own noise le
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -26,6 +26,7 @@ FINEST = 1e-4  # of the coarsest kind of observation, by what it moves at the fa
 SHAKY = 1e4  # condition from which normal equations give fewer than eight digits
 MOST_PASSES = 30
 MOST_RETREATS = 6
+LARGEST = 0.003  # error of a machine, of its size: where the fit runs away, what is not seen is no larger
 
 
 @dataclass(frozen=True)
@@ -41,6 +42,8 @@ class Solution:
     sums : sufficient statistics of each kind, the residual taken at `values`.
     passes : streams through the data; `converged`: the last step was negligible.
     precision : (u,) of what is known beforehand, about zero.
+    within : of the machine's size, the standard deviation by which rigid error motions are tied to zero, so that what
+        the poses hardly show does not run away; inf where nothing did.
     left : of a linear fit, the residual of each view whose weights are alike in all directions, (outputs, n).
     kept : mean square of the weighted residuals of positions, in noise variances: not 1 if rows are weighted robustly.
     """
@@ -57,6 +60,7 @@ class Solution:
     passes: int
     converged: bool
     precision: Array
+    within: float = np.inf
     left: tuple[Array, ...] = ()
     kept: float = 1.0
 
@@ -144,13 +148,16 @@ class _Solver:
             groups = find_groups(*seen)
         self.update_noise(start, groups)
         floors = self.floors(start)
+        beforehand, whole, within = self.precision, self.of_its_size(seen[2]), np.inf
         for _ in range(MOST_RETREATS):
             groups = find_groups(*seen, floors)
             values, sums, passes, converged = self.iterate(groups, start)
             if converged and self.misfit(sums) <= (1 + 1e-9) * self.misfit(start):
                 break
-            # a direction that hardly shows was stepped along so far that the kinematics bent: it is left out
-            floors = replace(floors, direction=10 * floors.direction)
+            # along a direction that hardly shows the step was so far that the kinematics bent: errors are tied to
+            # what they can be, and ever more tightly
+            within = min(0.3 * within, LARGEST)
+            self.precision = beforehand + whole / within**2
             self.taken = np.zeros(len(self.unknowns))
             self.update_noise(start, groups)
         base = groups.base
@@ -169,6 +176,7 @@ class _Solver:
             passes,
             converged,
             self.precision,
+            within,
             tuple(v.gap for v in self.views if isinstance(v, GapView)),
         )
 
@@ -221,9 +229,18 @@ class _Solver:
         if "position" not in sums or not sums["position"].count:
             return Floors()
         views = [v for v in self.views if v.kind == "position"]
-        weight = np.sqrt(sum(float(np.square(v.whitener).reshape(len(v), -1).max(axis=1).sum()) for v in views))
+        weight = np.sqrt(sum(map(_weight, views)))
         shift = self.sigma["position"] / weight  # standard uncertainty, mm, of a shift of everything
         return Floors(direction=shift / (0.1 * self.chain.size), lever=min(1e-3, shift))
+
+    def of_its_size(self, full: Array) -> Array:
+        """Precision (unknowns,) of the rigid error motions if each could move the tip by the machine's size.
+
+        `full` are the norms that their columns would have with a full lever.
+        """
+        reach = full / np.sqrt(sum(map(_weight, self.views)))  # mm that a unit of each moves
+        rigid = np.isin(self.unknowns, [*{*self.chain.machine_ids} - self.chain.of_effects])
+        return np.where(rigid, np.square(reach / self.chain.size), 0.0)
 
     def round_off(self) -> float:
         """Size of a step that moves what is measured by 1e-13 of the machine."""
@@ -299,6 +316,11 @@ class _Solver:
             self.sigma |= {kind: max(self.sigma[kind], least / reach[kind]) for kind in open_kinds}
             if all(abs(self.sigma[k] / before[k] - 1) < 1e-6 for k in open_kinds):
                 break
+
+
+def _weight(view: View) -> float:
+    """Sum over a view's rows of the squared weight, the largest of each row's components."""
+    return float(np.square(view.whitener).reshape(len(view), -1).max(axis=1).sum())
 
 
 def known_beforehand(chain: Chain, unknowns: Sequence[str]) -> Array:

@@ -142,7 +142,7 @@ def correlated(problem: Problem, solution: Solution) -> tuple[Solution, Noise | 
         return solution, None
     design = np.vstack([design_rows(v, place, most=len(v))[live][:, base] / level for v, live in parts]).T
     norms = np.linalg.norm(design, axis=1)
-    free = (norms > 0) & (solution.precision[base] == 0)
+    free = (norms > 0) & (solution.precision[base] * np.diag(solution.covariance) < 0.5)  # known by the data
     noise, variance = likeliest(residual, design[free] / norms[free, None], np.array(edges))
     if noise is None:
         return solution, None

@@ -17,7 +17,7 @@ from errormodel.yamlfile import Document
 from identification.alignment import IDENTITY, Pose
 from identification.bayes.settings import PriorForm
 from identification.fit.bounded import bounded
-from identification.fit.checks import check_enough, check_redundant, check_runs, far_off
+from identification.fit.checks import another, check_enough, check_redundant, check_runs, far_off
 from identification.fit.least_squares import Solution, solve
 from identification.fit.noise import Noise, correlated
 from identification.fit.outliers import sort_rows
@@ -28,7 +28,6 @@ from identification.problem import Problem, build, frame_columns, frame_labels
 from identification.sums import accumulate, total
 from identification.views import OrientationView, PositionView, View
 
-FAR = 0.02  # of the machine's size: no error motions, but a blunder
 BLOCK_ROWS = 600  # consecutive rows left out together, in large surveys; a tenth of the rows in small ones
 
 
@@ -85,7 +84,7 @@ def _fit(chain: Chain, survey: Survey, robust: bool, bounds: Mapping[str, PriorF
         residuals, nominal_residuals, heldout = map(sorting.without, (residuals, nominal_residuals, heldout))
     notes = _notes(survey, solution, noise, max(map(len, problem.views)))
     nominal = Spread.of(nominal_residuals)
-    if nominal.n and 1e-3 * nominal.rms_um > FAR * chain.size:
+    if another(chain, nominal):
         notes = (*notes, far_off(nominal))
     notes = (*notes, *(b.statement for b in at_bound))
     fit = Fit(
@@ -234,6 +233,12 @@ def _notes(survey: Survey, solution: Solution, noise: Noise | None, longest: int
                 "told from an offset or a drift: standard uncertainties are lower limits. Measure longer or repeat the "
                 "run, or let `errormodel diagnose` look for a drift"
             )
+    if np.isfinite(solution.within):
+        notes.append(
+            "the poses leave some error motions so open that the fit ran away along them: all are held to zero within "
+            f"{1e3 * solution.within:.2g} mm a metre of the machine, which changes nothing that was seen. Measure "
+            "where the joints have not been (`errormodel plan`), or declare fewer errors in machine.yaml"
+        )
     if not solution.converged:
         notes.append(
             "the iteration has not settled: errors are too large for this model, or rows contradict each other"

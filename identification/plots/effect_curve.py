@@ -14,7 +14,7 @@ from errormodel.conventions import MOTIONS, Motion, unit_of
 from errormodel.effects import make
 from errormodel.effects.base import Effect
 from errormodel.features import CALL, root
-from identification.diagnosis.selection import Growth
+from identification.diagnosis.growth import Growth
 from identification.estimates import printed
 from identification.fit.result import Fit
 from identification.plots import style

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogFormatter
 
 from errormodel.arrays import Array
 from identification.fit.result import Fit
@@ -45,7 +44,7 @@ def draw_error_distribution(fit: Fit) -> Figure:
         axes.set_ylim(0)
         if logarithmic:
             axes.set_xscale("log")
-            axes.xaxis.set_major_formatter(LogFormatter())
+            style.decades(axes.xaxis, edges[0], edges[-1])
     right.axhline(95, color=style.MUTED, lw=0.8, ls=":")
     right.text(edges[-1], 95, "95 % ", size=style.SMALL, color=style.MUTED, va="top", ha="right")
     right.set_ylim(0, 104)

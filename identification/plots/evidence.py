@@ -12,7 +12,7 @@ from errormodel.conventions import MOTIONS, Motion, iso_symbol
 from errormodel.effects.base import Effect
 from errormodel.features import CALL, POINT, root
 from identification.diagnosis.choosing import Step
-from identification.diagnosis.selection import Growth
+from identification.diagnosis.growth import Growth
 from identification.diagnosis.workbench import Workbench
 from identification.plots import style
 

@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
-from matplotlib.ticker import AutoLocator, FuncFormatter, MaxNLocator, MultipleLocator, NullFormatter
+from matplotlib.ticker import AutoLocator, FixedLocator, FuncFormatter, MaxNLocator, MultipleLocator, NullLocator
 from numpy.typing import NDArray
 
 from errormodel.machine import Joint
@@ -59,7 +59,7 @@ def dress(axes: Axes, x: str = "", y: str = "", title: str = "") -> None:
     axes.set_xlabel(x, size=BODY, color=INK)
     axes.set_ylabel(y, size=BODY, color=INK)
     if title:
-        axes.set_title(title, size=BODY, weight="bold", color=INK, loc="left")
+        axes.set_title(title, size=BODY, weight="bold", color=INK, loc="left", y=1.0)  # nothing above to make way for
     axes.tick_params(labelsize=SMALL, labelcolor=INK, left=False, bottom=False)
     for axis in (axes.xaxis, axes.yaxis):
         if isinstance(axis.get_major_locator(), AutoLocator):
@@ -91,7 +91,17 @@ def dress_position(axes: Axes, joint: Joint, label: bool = True, ticks: int = 7)
 def powers(axis: Axis) -> None:
     """Ticks of a logarithmic axis as plain text: matplotlib's own are formulas, and slow to set."""
     axis.set_major_formatter(FuncFormatter(lambda x, _: "10" + f"{np.log10(x):.0f}".translate(RAISED)))
-    axis.set_minor_formatter(NullFormatter())
+    axis.set_minor_locator(NullLocator())
+
+
+def decades(axis: Axis, low: float, high: float) -> None:
+    """Ticks of a logarithmic axis from `low` to `high`: few, and plain numbers."""
+    steps = (1, 2, 5) if high < 300 * low else (1,)
+    powers_of_ten = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)))
+    ticks = [step * power for power in powers_of_ten for step in steps]
+    axis.set_major_locator(FixedLocator([t for t in ticks if low <= t <= high]))
+    axis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+    axis.set_minor_locator(NullLocator())
 
 
 def plain(text: str, most: int = 40) -> str:

@@ -16,7 +16,7 @@ from errormodel.conventions import MOTIONS, Motion, iso_symbol
 from errormodel.features import root
 from identification.diagnosis.candidates import Scores
 from identification.diagnosis.choosing import Step
-from identification.diagnosis.selection import Growth
+from identification.diagnosis.growth import Growth
 from identification.plots import style
 from identification.plots.evidence import motions
 
@@ -108,12 +108,10 @@ def draw_where_map(growth: Growth, scores: Scores, numbered: Sequence[tuple[int,
     axes = style.panel(figure, left, height - top - tall, m * wide, tall)
     style.dress(axes)
     image = axes.imshow(found.share, cmap="Blues", vmin=0, vmax=1, aspect="auto", interpolation="nearest")
-    axes.set_xticks(np.arange(m + 1) - 0.5, minor=True)
-    axes.set_yticks(np.arange(n + 1) - 0.5, minor=True)
-    axes.grid(which="major", visible=False)
-    axes.grid(which="minor", color=style.FAINT, lw=0.6)
-    axes.tick_params(which="minor", length=0)
-    axes.tick_params(which="major", length=0, labeltop=True, labelbottom=False)
+    axes.grid(visible=False)
+    axes.vlines(np.arange(m + 1) - 0.5, -0.5, n - 0.5, color=style.FAINT, lw=0.6)
+    axes.hlines(np.arange(n + 1) - 0.5, -0.5, m - 0.5, color=style.FAINT, lw=0.6)
+    axes.tick_params(length=0, labeltop=True, labelbottom=False)
     axes.set_yticks(range(n), [_row(growth, cell) for cell in found.rows], size=style.SMALL)
     turned: dict[str, Any] = {"rotation": 40, "ha": "left", "rotation_mode": "anchor"} if slanted else {}
     axes.set_xticks(range(m), names, size=style.SMALL, **turned)

@@ -34,16 +34,17 @@ class Picture(NamedTuple):
     alt: str
 
 
-def pictures(fit: Fit) -> dict[str, list[Picture]]:
-    """Figures by the section of the report they belong to."""
+def pictures(fit: Fit, short: bool = False) -> dict[str, list[Picture]]:
+    """Figures by the section of the report they belong to; `short`: without those of what tables say as well."""
     points = bool(np.isfinite(fit.residuals).any())
+    whole = bool(fit.solution.groups.rank) and not short
     return {
         "result": _errors(fit) if points else [],
         "chain": [_chain(fit)],
         "motions": [_motions(fit, joint) for joint in moving_joints(fit)],
         "residuals": _residuals(fit) if points else [],
-        "parameters": _parameters(fit) if fit.solution.groups.rank else [],
-        "rank": _rank(fit) if fit.solution.groups.rank else [],
+        "parameters": _parameters(fit) if whole else [],
+        "rank": _rank(fit) if whole else [],
     }
 
 

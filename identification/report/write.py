@@ -53,7 +53,7 @@ def write_report(fit: Fit, path: Path, diagnosed: Diagnosed | None = None, therm
             judgements=wording.judgements(fit),
             notes=fit.notes,
             results=tables.results(fit),
-            pictures=pictures(fit),
+            pictures=pictures(fit, short=diagnosed is not None),
             sections=tables.group_sections(groups),
             counts=tables.counts(fit),
             dependent=tables.dependent(fit),
