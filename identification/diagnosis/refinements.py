@@ -24,7 +24,7 @@ FORMS = ("linear", "square", "cubic")
 OVERTONES = (1, 2, 3, 5)  # steps have the odd ones
 SMOOTH = 8  # functions of one position
 ALIKE = 0.6  # correlation beyond which a later effect is a further form of an earlier finding
-OWN = 0.3  # of the drop of the earlier finding: as much of another kind of form is no departure from it
+OWN = 0.3  # of what a finding explains: as much is no departure from its form
 BENT = {0.03: 1.0, 0.1: 3.0, 0.3: 8.0}  # part of an effect's size by which its form departs, and nats for it
 
 
@@ -149,7 +149,7 @@ def refined(growth: Growth, step: Step) -> int | None:
             continue  # a curve of the joint's own position leaves nothing of that kind: this is something else
         there = one.where == other.where and roots(one) & roots(other)
         if there and (one.effect == other.effect or moves(bench, one) & moves(bench, other)):
-            if _apart(one, other) and step.drop >= OWN * earlier.drop:
+            if _apart(one, other) and not is_departure(growth, k, other):
                 continue
             return k
         if not (one.tied or other.tied) and _much_the_same(growth, one, other):
@@ -157,6 +157,13 @@ def refined(growth: Growth, step: Step) -> int | None:
         if one.generic and len(roots(one)) > 1 and roots(other) <= roots(one) and _motions(bench, one, other):
             return k  # what a product leaves over goes with either of the two, wherever between them
     return None
+
+
+def is_departure(growth: Growth, number: int, effect: Effect) -> bool:
+    """Whether a further effect explains so little beside a finding that it may be what its form does not fit."""
+    group = [s for k, s in enumerate(growth.steps) if number in (k, s.refines)]
+    explained = growth.without(group).square - growth.bench.square
+    return growth.bench.square - growth.bench.with_effect(effect).square < OWN * explained
 
 
 def _much_the_same(growth: Growth, one: Effect, other: Effect) -> bool:

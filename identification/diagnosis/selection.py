@@ -18,7 +18,7 @@ from identification.diagnosis.choosing import DETECT, FORM, Step, choose, convin
 from identification.diagnosis.growth import Growth, of_groups, replayed, with_step
 from identification.diagnosis.judging import heldout_rms, roots
 from identification.diagnosis.pairs import best_pair
-from identification.diagnosis.refinements import bent, forms, refined
+from identification.diagnosis.refinements import bent, forms, is_departure, refined
 from identification.diagnosis.workbench import Workbench
 from identification.progress import Tell, silent
 
@@ -110,8 +110,9 @@ def grown(growth: Growth, likely: Likely, *, judged: bool = True) -> Growth | No
     steps, best = likely
     explained = sum(s.drop for s in growth.steps if not s.effect.tied)  # a curve has no shape of its own to miss
     own = refined(growth, best)
-    if own is None:  # what was found before explains it as well, in another form: that is the simpler story
-        others = [s for s in steps if s.evidence > 0.7 * best.evidence and refined(growth, s) is not None]
+    if own is None:  # what little there is a finding explains as well, in another form: that is the simpler story
+        could = [(s, refined(growth, s)) for s in steps if s.evidence > 0.7 * best.evidence]
+        others = [s for s, k in could if k is not None and is_departure(growth, k, best.effect)]
         best = max(others, key=lambda s: s.evidence, default=best)
         own = refined(growth, best)
     best = replace(best, rivals=_others(steps, best))
