@@ -80,6 +80,22 @@ def test_a_weight_never_lifts(arm: tuple[Machine, Array, Survey]) -> None:
     assert fit.heldout.rms_um < 1.02 * free.heldout.rms_um
 
 
+def test_what_the_data_contradict_is_dropped(arm: tuple[Machine, Array, Survey]) -> None:
+    """A weight that lifts, beyond all doubt: no bound of physics bends the fit, and it is said."""
+    machine, p, _ = arm
+    chain, lifts = Chain(machine), p.copy()
+    name = chain.effect_ids[0][0]
+    lifts[chain.index[name]] = -1e-5
+    data = survey(positions(measured(machine, lifts, 90, noise=NOISE)))
+    fit = fit_machine(machine, data)
+    assert fit.solution.named()[name] == pytest.approx(-1e-5, rel=0.3)
+    assert not fit.at_bound
+    assert any(name in note and "beyond what physics allows" in note for note in fit.notes)
+    held = fit_machine(machine, data, bounds={name: PriorForm(low=0.0)})  # a user knows what he says
+    assert held.solution.named()[name] == 0
+    assert name in {b.id for b in held.at_bound}
+
+
 def test_it_is_the_optimum_of_the_convex_problem(arm: tuple[Machine, Array, Survey]) -> None:
     """Against an active-set solver of another library on the same normal equations."""
     machine, _, data = arm
@@ -91,7 +107,7 @@ def test_it_is_the_optimum_of_the_convex_problem(arm: tuple[Machine, Array, Surv
     root = np.linalg.cholesky(gram).T
     scale = np.linalg.norm(root, axis=0)
     found = lsq_linear(root / scale, root @ s.values[base], (low * scale, high * scale), method="bvls", tol=1e-14)
-    ours, _ = bounded(Chain(machine), s, {}, None)
+    ours, _, _ = bounded(Chain(machine), s, {}, None)
     std = np.sqrt(np.diag(s.covariance))
     np.testing.assert_allclose((ours.values[base] - found.x / scale) / std, 0, atol=1e-6)
 

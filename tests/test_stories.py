@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import casadi as ca
 import numpy as np
+import pytest
 
 from errormodel.chain import Chain
 from errormodel.effects import make
+from errormodel.effects.unnamed import Unnamed, switch
 from errormodel.machine import EffectSpec
 from errormodel.schema import read_machine
 from errormodel.simulate import Truth, simulate
@@ -73,17 +76,58 @@ def test_pulses_become_a_curve_over_their_period() -> None:
     assert [(s.refines, s.effect.tied) for s in told.growth.steps] == [(None, False), (0, True)]
 
 
-def test_steps_over_two_joints_get_overtones() -> None:
-    """A table whose plates lie higher and lower in turn: one pair of waves leaves 12 um held out, 9 of them noise."""
+@pytest.mark.parametrize("steps", [(True, True), (True, False), (False, True), (False, False)])
+def test_what_switches_over_two_joints_gets_its_edges(steps: tuple[bool, bool]) -> None:
+    """A table whose plates lie higher and lower in turn, at once or gently, along one joint or the other."""
     machine = read_machine("vertical_three_axis")
     survey = empty_survey(machine, 450, 7, channels=True, grid=False)
     moved = survey.table.copy()
-    x, y = (
-        np.sin(3 * np.pi * (moved[j.name] - j.travel[0]) / (j.travel[1] - j.travel[0]) + 0.4)
-        for j in machine.joints[:2]
-    )
-    moved["mz"] += 0.015 * np.sign(x) * np.sign(y)
-    [found] = diagnose(machine, replace(survey, table=moved)).diagnosis.findings
+    joints = machine.joints[:2]
+    waves = {
+        j.name: np.sin(3 * np.pi * (moved[j.name] - j.travel[0]) / (j.travel[1] - j.travel[0]) + 0.4) for j in joints
+    }
+    made = [np.sign(w) if step else w for w, step in zip(waves.values(), steps, strict=True)]
+    moved["mz"] += 0.015 * made[0] * made[1]
+    told = diagnose(machine, replace(survey, table=moved))
+    [found] = told.diagnosis.findings
     assert found.effect == "unnamed"
-    assert set(found.driver) == {j.name for j in machine.joints[:2]}
-    assert found.heldout_rms_um.after < 11.0
+    assert set(found.driver) == set(waves)
+    assert found.heldout_rms_um.after < 9.4  # 9 of them noise; waves leave 12
+    main = told.growth.findings[0][0].effect
+    assert isinstance(main, Unnamed)
+    edges = dict(zip(main.drivers, (main.edge, main.by_edge), strict=True))
+    assert [edges[j.name] is not None for j in joints] == list(steps)
+    for joint in joints:
+        if (edge := edges[joint.name]) is None:
+            continue
+        low, high = joint.travel
+        assert abs(np.sin(3 * np.pi * (edge - low) / (high - low) + 0.4)) < 0.15  # there it crosses zero
+        assert f"switching where {joint.name} passes {edge:.4g} mm" in found.statement
+
+
+def test_a_switch_is_a_wave_of_two_values() -> None:
+    """Up at the edge, down half a period later; the symbols agree."""
+    x = np.array([10.0, 29.0, 31.0, 34.0, 36.0, 50.1])
+    np.testing.assert_allclose(switch(x, 10.0, 30.0), [0, -1, 1, 1, -1, 0.9], atol=0.1)
+    symbol = ca.SX.sym("x")
+    assert float(ca.Function("f", [symbol], [switch(symbol, 10.0, 30.0)])(31.0)) == pytest.approx(switch(31.0, 10, 30))
+
+
+def test_a_frame_that_drifts_is_no_refinement_of_a_scale_that_grows() -> None:
+    """Six motions together are like almost anything: what counts is which of them there are."""
+    machine = read_machine("vertical_three_axis")
+    survey = empty_survey(machine, 450, 7, channels=True, grid=False)
+    names = [c for c in survey.table.columns if str(c).startswith("T_")]
+    joint = machine.joints[-1].name
+    specs = (
+        EffectSpec("scale-expansion", {"joint": joint, "sensor": names[0]}),
+        EffectSpec("tracker-drift", {"start": 0.0, "duration": float(survey.table["time"].max()), "tau": 3000.0}),
+    )
+    chain = Chain(replace(machine, effects=specs))
+    scale, frame = chain.effect_ids
+    values = dict(zip(scale, [1.5e-5] * len(scale), strict=True)) | dict.fromkeys(frame[:3], 0.03)
+    table = survey.table.copy()
+    seen = simulate(chain.machine, table, Truth(values, (500.0, -200.0, 100.0), (0.1, 0.2, 0.5)), 0.003, 3)
+    table[MEASURED] = seen[MEASURED]
+    told = diagnose(machine, replace(survey, table=table)).diagnosis.findings
+    assert {f.effect for f in told} == {"scale-expansion", "tracker-drift"}

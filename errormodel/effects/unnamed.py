@@ -12,13 +12,14 @@ from pydantic import Field
 from errormodel.conventions import ROTATIONS, Motion, unit_of
 from errormodel.effects.base import Channels, Effect, EffectTerm
 from errormodel.effects.lattice import lattice
-from errormodel.effects.ops import Value
+from errormodel.effects.ops import Value, sin, sqrt
 from errormodel.effects.scene import Scene
 from errormodel.effects.shared import Positive, closed_splines, splines, waves
 from errormodel.effects.travel import legendre, usual_size
 from errormodel.machine import Machine
 
 Form = Literal["affine", "linear", "square", "cubic"]
+SHARP = 0.02  # of an amplitude: an edge takes a little way, so that a model has a slope everywhere
 ORDER = {"affine": (0, 1), "linear": (1,), "square": (1, 2), "cubic": (1, 2, 3)}  # affine: with a constant, beside `by`
 
 
@@ -27,7 +28,8 @@ class Unnamed(Effect):
 
     With a second channel `by`, products of the one's shapes with the other's (`affine`: with a constant too). With
     `pieces` a curve, or a surface over both channels: cubic splines on so many pieces of the range (of each), or of the
-    period where there is one, tied to zero with the standard deviation `size` (mm, rad).
+    period where there is one, tied to zero with the standard deviation `size` (mm, rad). With an `edge` a wave switches
+    between -1 and 1, there and every half period.
     """
 
     effect: ClassVar[str] = "unnamed"
@@ -44,11 +46,13 @@ class Unnamed(Effect):
     center: float = 0.0  # in the channel's internal unit, as half_range and period
     half_range: Positive = 1.0
     period: Positive | None = None  # makes it a sine and a cosine, or the curve one that repeats
+    edge: float | None = None  # where it switches upwards
     by: str | None = None
     by_form: Form = "linear"
     by_center: float = 0.0
     by_half_range: Positive = 1.0
     by_period: Positive | None = None
+    by_edge: float | None = None
     pieces: Annotated[int, Field(ge=2, le=16)] | None = None
     size: Positive | None = None  # None: that of usual error motions
 
@@ -75,9 +79,11 @@ class Unnamed(Effect):
         return 0.5 * (self.motion in ROTATIONS)
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
-        shapes = self._shapes(channel(self.driver), self.form, self.center, self.half_range, self.period)
+        own = (self.form, self.center, self.half_range, self.period, self.edge)
+        shapes = self._shapes(channel(self.driver), *own)
         if self.by:
-            second = self._shapes(channel(self.by), self.by_form, self.by_center, self.by_half_range, self.by_period)
+            own = (self.by_form, self.by_center, self.by_half_range, self.by_period, self.by_edge)
+            second = self._shapes(channel(self.by), *own)
             shapes = {f"{k}-{n}": a * b for (k, a), (n, b) in product(shapes.items(), second.items())}
         unit, size = unit_of(self.motion), self.size or usual_size(self.motion)
         return [EffectTerm(self.element, label, unit, {self.motion: value}, size) for label, value in shapes.items()]
@@ -86,12 +92,22 @@ class Unnamed(Effect):
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
         return (cls.model_validate(fields) for fields in lattice(scene))
 
-    def _shapes(self, x: Value, form: Form, center: float, half: float, period: float | None) -> dict[str, Value]:
+    def _shapes(
+        self, x: Value, form: Form, center: float, half: float, period: float | None, edge: float | None
+    ) -> dict[str, Value]:
         u = (x - center) / half
         if self.pieces:
             turn = 2 * math.pi * x / period if period else None
             curve = splines((u + 1) / 2, self.pieces) if turn is None else closed_splines(turn, max(self.pieces, 5))
             return {str(k): s for k, s in enumerate(curve)}
+        if period and edge is not None:
+            return {"step": switch(x, period, edge)}
         if period:
             return waves(x, 2 * math.pi / period)
         return {str(n): legendre(n, u) if n else 0 * u + 1 for n in ORDER[form]}
+
+
+def switch(x: Value, period: float, edge: float) -> Value:
+    """1 for half a period from the edge on, then -1, and so on."""
+    swing = sin((x - edge) * (2 * math.pi / period))
+    return swing / sqrt(swing * swing + SHARP**2)

@@ -19,6 +19,7 @@ from identification.diagnosis.growth import Growth, of_groups, replayed, with_st
 from identification.diagnosis.judging import heldout_rms, roots
 from identification.diagnosis.pairs import best_pair
 from identification.diagnosis.refinements import bent, forms, is_departure, refined
+from identification.diagnosis.switching import switched
 from identification.diagnosis.workbench import Workbench
 from identification.progress import Tell, silent
 
@@ -32,7 +33,7 @@ MOST_STEPS = 24
 MOST_TOGETHER = 3
 SHAPES_TRIED = 3.0  # nats for the shapes of one effect
 SWEEPS = 4  # over all time constants
-SHAPES = ("period", "by_period", "per_turn", "tau", "at", "width", "exponent", "overlap")
+SHAPES = ("period", "by_period", "edge", "by_edge", "per_turn", "tau", "at", "width", "exponent", "overlap")
 
 
 Likely = tuple[list[Step], Step] | None
@@ -55,7 +56,7 @@ def grow(bench: Workbench, candidates: Candidates, tell: Tell = silent, begin: S
         if further is None:
             break
         new = [s for s in further.steps[len(growth.steps) :] if s.refines is None]
-        growth = paired(further, candidates)
+        growth = switched(paired(further, candidates))
         for step in new:
             candidates = candidates.joined(Candidates.of(bench, list(forms(bench, step.effect))))
         if new and len(growth.findings) > 1:

@@ -109,7 +109,7 @@ def period_of(effect: Effect, machine: Machine) -> float | None:
     """An effect's period as files have it: mm, or degrees of a rotary joint."""
     period = getattr(effect, "period", None)
     joint = driving(effect, machine)
-    if period is None:
+    if period is None or (joint is None and getattr(effect, "edge", None) is not None):  # switches once
         return None
     return math.degrees(period) if joint is not None and joint.type == "rotary" else float(period)
 
@@ -117,11 +117,15 @@ def period_of(effect: Effect, machine: Machine) -> float | None:
 def shape(effect: Effect, machine: Machine) -> str:
     """Period, place, width and the like, in words; empty where an effect has none."""
     joint, words = driving(effect, machine), []
-    if period := getattr(effect, "period", None):
+    if period_of(effect, machine) and (period := getattr(effect, "period", None)):
         turning = joint is not None and joint.type == "rotary"
         turns = f" ({2 * math.pi / period:.4g} a turn)" if turning else ""
         size = duration(period) if effect.drivers[0] == "time" else position(joint, period)
         words.append(f"with a period of {size}{turns}")
+    joints = {j.name: j for j in machine.joints}
+    for driver, name in zip(effect.drivers, ("edge", "by_edge"), strict=False):
+        if (edge := getattr(effect, name, None)) is not None:
+            words.append(f"switching where {driver} passes {position(joints.get(driver), edge)}")
     if (at := getattr(effect, "at", None)) is not None:
         words.append(f"from {at:.5g} s on" if "time" in effect.drivers else f"at {position(joint, at)}")
     if width := getattr(effect, "width", None):

@@ -82,11 +82,15 @@ class Workbench:
         if len(effects) > 1:
             one = one.model_copy(update={one.shape: np.array([[getattr(e, one.shape)] for e in effects])})
         terms = one.terms(self.channel, self.chain.machine)
-        out, seen = np.zeros((len(effects), len(terms), self.size)), len(self.index)
+        out, seen = np.empty((len(effects), len(terms), self.size)), len(self.index)
+        out[:, :, seen:] = 0.0
         for k, term in enumerate(terms):
-            lever = self.levers[term.element]
-            for motion, value in term.motion.items():
-                out[:, k, :seen] += lever[MOTIONS.index(motion)] * value
+            lever, own = self.levers[term.element], out[:, k, :seen]
+            for n, (motion, value) in enumerate(term.motion.items()):
+                if n:
+                    own += lever[MOTIONS.index(motion)] * value
+                else:
+                    np.multiply(lever[MOTIONS.index(motion)], value, out=own)
         return out, np.array([t.size for t in terms])
 
     def project(self, columns: Array) -> Array:

@@ -4,6 +4,9 @@ The bounded estimate is the point within the bounds that is nearest to the free 
 convex quadratic problem over the few groups that have bounds; the others follow as the data tie them to these. In that
 distance it is never further from the truth than the free estimate, if the truth is within the bounds. Standard
 uncertainties therefore stay those of the free estimate: at a bound they are cautious, and said to be.
+
+Where the data contradict what physics allows of an effect, it is not that effect, or not with that sign: then its
+bounds would only bend all the rest, and they are dropped, which is said. What the user gives is kept.
 """
 
 from __future__ import annotations
@@ -25,6 +28,10 @@ from identification.sums import total
 
 CLOSE = 1e-5  # standard uncertainties (of the farthest step): at the bound
 CONTRADICTED = 3.0  # standard uncertainties beyond the bound: chance no longer explains it
+NO_CHANCE = (
+    "standard uncertainties beyond a bound are no chance: look for a wrong sign or unit, another cause "
+    "(`errormodel diagnose`)"
+)
 
 
 @dataclass(frozen=True)
@@ -49,10 +56,7 @@ class AtBound:
         )
         if beyond < CONTRADICTED:
             return said
-        return (
-            f"{said}. {beyond:.0f} standard uncertainties beyond a bound are no chance: look for a wrong sign or unit, "
-            "another cause (`errormodel diagnose`), or write other bounds in --priors"
-        )
+        return f"{said}. {beyond:.0f} {NO_CHANCE}, or write other bounds in --priors"
 
 
 def limits(
@@ -88,13 +92,14 @@ def limits(
 
 def bounded(
     chain: Chain, solution: Solution, given: Mapping[str, PriorForm], document: Document | None
-) -> tuple[Solution, tuple[AtBound, ...]]:
-    """The solution within its bounds, and what is held at one."""
+) -> tuple[Solution, tuple[AtBound, ...], tuple[str, ...]]:
+    """The solution within its bounds, what is held at one, and what is to be said of bounds that were dropped."""
     base = solution.groups.base
     low, high = limits(chain, solution.unknowns, solution.groups, given, document)
     free = solution.values[base]
+    low, dropped = _believable(chain, solution, low, given)
     if ((low <= free) & (free <= high)).all():
-        return solution, ()
+        return solution, (), dropped
     gram = total(solution.sums, solution.sigma)[0] + np.diag(solution.precision)
     inverse = scaled_inverse(gram[np.ix_(base, base)])
     some = np.flatnonzero(np.isfinite(low) | np.isfinite(high))
@@ -118,7 +123,29 @@ def bounded(
         for name in [solution.unknowns[base[k]]]
     )
     out = replace(solution, values=values, sums=sums, chi2=solution.chi2 + worse, dof=solution.dof + len(active))
-    return out, told
+    return out, told, dropped
+
+
+def _believable(
+    chain: Chain, solution: Solution, low: Array, given: Mapping[str, PriorForm]
+) -> tuple[Array, tuple[str, ...]]:
+    """Least values without those of effects that the data contradict, and what is said of these."""
+    names = [solution.unknowns[j] for j in solution.groups.base]
+    std = np.sqrt(np.diag(solution.covariance))
+    beyond = (low - solution.values[solution.groups.base]) / std
+    low, notes = low.copy(), []
+    for ids in chain.effect_ids:
+        own = [k for k, name in enumerate(names) if name in ids and name not in given]
+        worst = max(own, key=lambda k: beyond[k], default=None)
+        if worst is None or beyond[worst] < CONTRADICTED:
+            continue
+        low[own] = -np.inf
+        unit = _unit(chain, names[worst])
+        notes.append(
+            f"{names[worst]} is {solution.values[solution.groups.base[worst]]:.3g} ± {std[worst]:.2g} {unit} (k = 1), "
+            f"beyond what physics allows: {beyond[worst]:.0f} {NO_CHANCE}. The bounds of this effect were dropped"
+        )
+    return low, tuple(notes)
 
 
 def _nearest(correlation: Array, low: Array, high: Array) -> Array:

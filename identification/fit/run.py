@@ -74,7 +74,7 @@ def _fit(chain: Chain, survey: Survey, robust: bool, bounds: Mapping[str, PriorF
     solution, noise = correlated(weighted, solution)
     if sum(s.count for s in solution.sums.values()) <= len(problem.unknowns):
         check_enough(survey, problem, solution)
-    solution, at_bound = bounded(chain, solution, bounds, document)
+    solution, at_bound, dropped = bounded(chain, solution, bounds, document)
     place, zero = problem.place(), np.zeros(len(chain.ids))
     residuals = residuals_of(problem.views, place, solution.values, zero, len(rows))
     heldout, folds = held_out(weighted, solution, len(rows), [b.id for b in at_bound])
@@ -82,7 +82,7 @@ def _fit(chain: Chain, survey: Survey, robust: bool, bounds: Mapping[str, PriorF
     if judged is not None:
         sorting = sort_rows(rows, problem.views, judged, residuals, nominal_residuals)
         residuals, nominal_residuals, heldout = map(sorting.without, (residuals, nominal_residuals, heldout))
-    notes = _notes(survey, solution, noise, max(map(len, problem.views)))
+    notes = (*_notes(survey, solution, noise, max(map(len, problem.views))), *dropped)
     nominal = Spread.of(nominal_residuals)
     if another(chain, nominal):
         notes = (*notes, far_off(nominal))
