@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import combinations, product
 
 import numpy as np
@@ -15,7 +16,7 @@ from errormodel.effects.unnamed import Unnamed
 from errormodel.features import root
 from errormodel.machine import Joint
 from identification.diagnosis.choosing import Step
-from identification.diagnosis.growth import Growth
+from identification.diagnosis.growth import Growth, of_groups
 from identification.diagnosis.judging import likeness, moves, roots
 from identification.diagnosis.workbench import Workbench
 
@@ -24,6 +25,7 @@ FORMS = ("linear", "square", "cubic")
 OVERTONES = (1, 2, 3, 5)  # steps have the odd ones
 SMOOTH = 8  # functions of one position
 ALIKE = 0.6  # correlation beyond which a later effect is a further form of an earlier finding
+LEFT = 0.05  # the same for what goes with the same drivers at the same place
 OWN = 0.3  # of what a finding explains: as much is no departure from its form
 BENT = {0.03: 1.0, 0.1: 3.0, 0.3: 8.0}  # part of an effect's size by which its form departs, and nats for it
 
@@ -152,6 +154,9 @@ def refined(growth: Growth, step: Step) -> int | None:
             if _apart(one, other) and not is_departure(growth, k, other):
                 continue
             return k
+        near = one.where == other.where and roots(other) <= roots(one) | {one.where}
+        if near and is_departure(growth, k, other, LEFT):
+            return k
         if not (one.tied or other.tied) and _much_the_same(growth, one, other):
             return k
         if one.generic and len(roots(one)) > 1 and roots(other) <= roots(one) and _motions(bench, one, other):
@@ -159,11 +164,34 @@ def refined(growth: Growth, step: Step) -> int | None:
     return None
 
 
-def is_departure(growth: Growth, number: int, effect: Effect) -> bool:
+def is_departure(growth: Growth, number: int, effect: Effect, share: float = OWN) -> bool:
     """Whether a further effect explains so little beside a finding that it may be what its form does not fit."""
     group = [s for k, s in enumerate(growth.steps) if number in (k, s.refines)]
     explained = growth.without(group).square - growth.bench.square
-    return growth.bench.square - growth.bench.with_effect(effect).square < OWN * explained
+    return growth.bench.square - growth.bench.with_effect(effect).square < share * explained
+
+
+def truly_named(growth: Growth) -> Growth:
+    """Findings of which a mere form explains a good part are that form's: what has the name is no more than like it.
+
+    But warmth by whatever sensor and lag is one cause, and what lags is no other physics.
+    """
+    groups = []
+    for main, *more in growth.findings:
+        bench = growth.without([main, *more])
+        explained, own = bench.square - growth.bench.square, bench
+        forms = [s for s in more if s.effect.generic and "temperature" not in roots(s.effect)]
+        for step in (s for s in (main, *more) if s not in forms):
+            own = own.with_effect(step.effect)
+        gained = {id(s): own.square - own.with_effect(s.effect).square for s in forms}
+        best = max(forms, key=lambda s: gained[id(s)], default=main)
+        if main.effect.generic or best is main or gained[id(best)] < OWN * explained:
+            groups.append([main, *more])
+            continue
+        rivals = (replace(main, rivals=()), *main.rivals)
+        mine = replace(best, evidence=main.evidence + best.evidence, drop=main.drop, rivals=rivals, refines=None)
+        groups.append([mine, *(s for s in (main, *more) if s is not best)])
+    return of_groups(growth.start, groups)
 
 
 def _much_the_same(growth: Growth, one: Effect, other: Effect) -> bool:

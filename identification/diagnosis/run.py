@@ -21,6 +21,7 @@ from identification.diagnosis.findings import (
     Finding,
     HeldOut,
     alternatives_of,
+    as_one,
     look_alikes,
     motions_of,
     moved_by,
@@ -199,13 +200,14 @@ def _finding(
 ) -> Finding:
     """A finding from its steps: the effect, and the refinements of its form."""
     main, machine = group[0].effect, final.chain.machine
+    step = as_one(group)
     bench = growth.without(group)  # geometry and the other findings fitted, this one not
     columns, values = bench.estimates([s.effect for s in group])
     noise = 1e3 * before.sigma_mm
     numbers = [first + k for k, step in enumerate(growth.steps) if any(step is s for s in group)]
     whole = whole_of(final, [s.effect for s in group], numbers)
-    probability = weighed(probability_of(group[0]), told)
-    alike = look_alikes(group[0])
+    probability = weighed(probability_of(step), told)
+    alike = look_alikes(step)
     statement = statement_of(whole, machine, group[0].absorbed, probability, [subject(e) for e in alike])
     at = getattr(main, "at", None) if "time" in main.drivers else None
     return Finding(
@@ -223,7 +225,7 @@ def _finding(
         heldout_rms_um=HeldOut(*(float(np.sqrt(3)) * noise * heldout_rms(b) for b in (bench, growth.bench))),
         absorbed=group[0].absorbed,
         moved=_moved(before, growth.start, columns[:, : len(bench.index)], values),
-        alternatives=alternatives_of(group[0], bench),
+        alternatives=alternatives_of(step, bench),
         next_measurement=next_measurement(main, alike[0] if alike else None),
         size_um=whole.size_um,
     )

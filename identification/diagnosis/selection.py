@@ -18,7 +18,7 @@ from identification.diagnosis.choosing import DETECT, FORM, Step, choose, convin
 from identification.diagnosis.growth import Growth, of_groups, replayed, with_step
 from identification.diagnosis.judging import heldout_rms, roots
 from identification.diagnosis.pairs import best_pair
-from identification.diagnosis.refinements import bent, forms, is_departure, refined
+from identification.diagnosis.refinements import bent, forms, is_departure, refined, truly_named
 from identification.diagnosis.switching import switched
 from identification.diagnosis.workbench import Workbench
 from identification.progress import Tell, silent
@@ -61,7 +61,7 @@ def grow(bench: Workbench, candidates: Candidates, tell: Tell = silent, begin: S
             candidates = candidates.joined(Candidates.of(bench, list(forms(bench, step.effect))))
         if new and len(growth.findings) > 1:
             growth = second_look(growth, candidates)
-    return still_needed(growth)
+    return truly_named(still_needed(growth))
 
 
 def together(growth: Growth, likely: Likely, candidates: Candidates) -> Growth | None:
