@@ -158,8 +158,9 @@ def test_scores_are_what_they_say() -> None:
     assert scored.named(effect)
     assert not scored.placed(effect)
     assert [f["effect"] for f in scored.false] == ["wobble"]
-    error, brier, count = calibration([scored])
+    error, chance, brier, count = calibration([scored])
     assert (error, brier, count) == pytest.approx((0.4, 0.41, 2))
+    assert chance == pytest.approx(0.18, abs=0.03)  # 0.1, 0.4 and 0.9 with 0.81, 0.18 and 0.01
 
 
 def outcome(name: str, root: Path) -> Scored:

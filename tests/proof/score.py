@@ -132,8 +132,8 @@ def share(hits: int, n: int) -> str:
     return f"{hits}/{n} = {100 * hits / n:.1f} % ({100 * low:.1f} to {100 * high:.1f})"
 
 
-def calibration(scored: Iterable[Scored], bins: int = 10) -> tuple[float, float, int]:
-    """Expected calibration error, Brier score and number of findings that have a probability."""
+def calibration(scored: Iterable[Scored], bins: int = 10) -> tuple[float, float, float, int]:
+    """Expected calibration error, what so many findings show of it by chance if all is right, Brier score, number."""
     said, were = [], []
     for s in scored:
         for f in s.findings:
@@ -141,11 +141,16 @@ def calibration(scored: Iterable[Scored], bins: int = 10) -> tuple[float, float,
                 said.append(float(f["probability"]))
                 were.append(float(s.right(f)))
     if not said:
-        return 0.0, 0.0, 0
+        return 0.0, 0.0, 0.0, 0
     p, y = np.array(said), np.array(were)
     place = np.minimum((p * bins).astype(int), bins - 1)
-    error = sum(abs(p[place == b].mean() - y[place == b].mean()) * np.mean(place == b) for b in np.unique(place))
-    return float(error), float(np.mean((p - y) ** 2)), len(said)
+
+    def error(right: Array) -> float:
+        return sum(abs(float((p - right)[place == b].sum())) for b in np.unique(place)) / len(p)
+
+    rng = np.random.default_rng(0)
+    chance = np.mean([error((rng.random(len(p)) < p).astype(float)) for _ in range(200)])
+    return error(y), float(chance), float(np.mean((p - y) ** 2)), len(said)
 
 
 def told_apart(scored: Sequence[Scored]) -> list[tuple[Scored, dict[str, Any]]]:
@@ -169,7 +174,7 @@ def table(scored: Sequence[Scored]) -> list[tuple[str, str]]:
     excess = np.array([x for s in scored if (x := s.excess) is not None])
     inside = np.concatenate([s.inside.ravel() for s in sound]) if sound else np.zeros(0)
     values = [v for s in sound for v in s.value_inside]
-    ece, brier, count = calibration(scored)
+    ece, chance, brier, count = calibration(scored)
     seconds = [s.result["seconds"] for s in scored]
     spurious = sum(len(s.false) for s in scored)
     return [
@@ -189,7 +194,10 @@ def table(scored: Sequence[Scored]) -> list[tuple[str, str]]:
         ("worse than a plain fit", share(sum(s.worse for s in sound), len(sound))),
         ("coverage of 2 sigma, predictions", f"{100 * inside.mean():.1f} % of {inside.size}" if inside.size else "-"),
         ("coverage of 2 sigma, parameters", share(sum(values), len(values))),
-        ("calibration of probability", f"ECE {ece:.3f}, Brier {brier:.3f} of {count} findings"),
+        (
+            "calibration of probability",
+            f"ECE {ece:.3f} (by chance {chance:.3f}), Brier {brier:.3f} of {count} findings",
+        ),
         ("seconds a case, median; most", f"{np.median(seconds):.1f}; {max(seconds):.1f}" if seconds else "-"),
         ("broken", share(sum(s.broken for s in scored), len(scored))),
     ]
