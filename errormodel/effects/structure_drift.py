@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from itertools import combinations, product
 from typing import ClassVar
 
+import numpy as np
 from pydantic import Field
 
-from errormodel.conventions import FRAME, MOTIONS, ROTATIONS, Motion, unit_of
+from errormodel.conventions import FRAME, MOTIONS, ROTATIONS, TRANSLATIONS, Motion, unit_of
 from errormodel.effects.base import Channels, Effect, EffectTerm
+from errormodel.effects.ops import Value
 from errormodel.effects.scene import Scene
 from errormodel.effects.shared import Lag, Positive, lags, members, settling, settling_times, start_of, thermal, warmth
 from errormodel.effects.travel import polynomials, scaled
-from errormodel.machine import Machine, Shape, joint_of
+from errormodel.machine import Machine, Shape, Vector, joint_of
 
 
 class StructureDrift(Effect):
@@ -21,7 +24,8 @@ class StructureDrift(Effect):
     With `sensor` ``time`` the drift (mm, rad) settles as ``1 - exp(-(t - start)/tau)``. `tau` (s) is else the member's
     lag behind the sensor, and `minus` another sensor in place of 20 degC. Of a joint, `order` lets the drift differ
     along the travel: Legendre polynomials up to that degree, over -1 to 1. `std` ties the drifts to zero, as far as
-    they are not seen: their standard deviation beforehand, for several sensors that say nearly the same.
+    they are not seen: their standard deviation beforehand, for several sensors that say nearly the same. A rotation is
+    `about` a point (mm, in the reference's axes), if not about the element's own.
     """
 
     effect: ClassVar[str] = "structure-drift"
@@ -39,6 +43,7 @@ class StructureDrift(Effect):
     minus: str | None = None
     tau: Lag = 0.0
     start: float = 0.0
+    about: Vector | None = None
     order: int = Field(0, ge=0, le=5)
     std: Positive | None = None
 
@@ -65,13 +70,21 @@ class StructureDrift(Effect):
         # several at one place are told apart by what they follow
         name = f"{self.sensor}{f'-{self.tau:g}s' if self.tau else ''}" if self.tied else ""
         if not self.order:
-            return [EffectTerm(self.element, name, unit, {self.motion: warm}, size)]
+            return [EffectTerm(self.element, name, unit, self._turned(warm), size)]
         joint = joint_of(machine, self.element)
         shapes = polynomials(self.order, scaled(joint, channel(joint.name)))
         return [
             EffectTerm(self.element, f"{name}-{n}" if name else str(n), unit, {self.motion: warm * shape}, size)
             for n, shape in enumerate(shapes)
         ]
+
+    def _turned(self, angle: Value) -> dict[Motion, Value]:
+        """The motion, and for a rotation about a point elsewhere what it displaces the origin by."""
+        if self.about is None or self.motion not in ROTATIONS:
+            return {self.motion: angle}
+        axis = np.array([float(m == self.motion) for m in ROTATIONS])
+        away = np.cross(self.about, axis)
+        return {self.motion: angle} | {m: angle * float(d) for m, d in zip(TRANSLATIONS, away, strict=True) if d}
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
@@ -82,12 +95,21 @@ class StructureDrift(Effect):
                     yield cls(element=element, motion=motion, sensor="time", tau=tau, start=start_of(scene))
         for motion in _base(scene.machine):
             yield from _by_sensors(scene, FRAME, motion)
+            if motion in ROTATIONS:  # a stand tilts when one of its sides is warmer, the machine's or the instrument's
+                for about, (sensor, minus) in product(
+                    (None, *filter(any, scene.stations)), combinations(scene.sensors, 2)
+                ):
+                    yield from _lagging(scene, element=FRAME, motion=motion, about=about, sensor=sensor, minus=minus)
 
 
 def _by_sensors(scene: Scene, element: str, motion: Motion) -> Iterator[Effect]:
     for sensor in scene.sensors:
-        for tau in lags(scene):
-            yield StructureDrift(element=element, motion=motion, sensor=sensor, tau=tau)
+        yield from _lagging(scene, element=element, motion=motion, sensor=sensor)
+
+
+def _lagging(scene: Scene, **fields: object) -> Iterator[Effect]:
+    for tau in lags(scene):
+        yield StructureDrift.model_validate({**fields, "tau": tau})
 
 
 def _base(machine: Machine) -> tuple[Motion, ...]:

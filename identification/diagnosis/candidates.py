@@ -25,6 +25,7 @@ Columns = NDArray[np.floating[Any]]
 Part = tuple[Index, Columns, Array]  # proposals' numbers, columns and sizes
 BLOCK = 250  # proposals scored in one go
 SIZES = {1.0: 0.6, 3.0: 0.3, 10.0: 0.1}  # times the usual one: how often
+NOTHING = 1e-300  # length squared of a column
 SINGLE = np.float32  # of the columns that are kept: what is left of one, a thousandth at least, is known to 1e-4
 ABSORBED = 0.999  # of a column's length squared: beyond it an effect cannot be told from the geometry
 FORM_ABSORBED = 0.99  # the same for a form that has no size of its own
@@ -53,9 +54,11 @@ class Block(NamedTuple):
     @classmethod
     def of(cls, bench: Workbench, numbers: Index, columns: Columns, sizes: Array) -> Block:
         m, k, n = columns.shape
-        inner = (columns.reshape(m * k, n) @ bench.basis[:n].astype(columns.dtype)).reshape(m, k, -1).astype(float)
         whole = (columns @ columns.transpose(0, 2, 1)).astype(float)
-        square = np.maximum(np.diagonal(whole, axis1=1, axis2=2), 1e-300)
+        undefined = ~np.isfinite(whole).all(axis=(1, 2))
+        columns[undefined], whole[undefined] = 0.0, 0.0
+        inner = (columns.reshape(m * k, n) @ bench.basis[:n].astype(columns.dtype)).reshape(m, k, -1).astype(float)
+        square = np.maximum(np.diagonal(whole, axis1=1, axis2=2), NOTHING)
         return cls(numbers, columns, sizes, whole - inner @ inner.transpose(0, 2, 1), square, bench.basis.shape[1])
 
 
@@ -80,18 +83,42 @@ class Candidates:
             scene = bench.scene
             effects = [e for kind in registry().values() for e in kind.proposals(scene) if scene.shows(e.where)]
         stacks: dict[tuple[bool, int], _Stack] = {}
-        kept: list[Effect] = []
+        listed: list[Effect] = []
         for alike in _alike(effects):
-            columns, size = bench.swept(alike)
-            lengths = np.einsum("mkn,mkn->m", columns, columns)
-            good = np.isfinite(lengths) & (lengths > 0)
-            kind = (alike[0].tied, len(size))
+            terms = bench.terms(alike)
+            kind = (alike[0].tied, len(terms))
             if kind not in stacks:
-                stacks[kind] = _Stack(len(size), bench.size)
-            stacks[kind].add(len(kept), columns if good.all() else columns[good], size)
-            kept += [alike[k] for k in np.flatnonzero(good)]
+                stacks[kind] = _Stack(len(terms), bench.size)
+            sizes = np.array([t.size for t in terms])
+            room = stacks[kind].room(len(listed), len(alike), sizes)
+            bench.fill(terms, room)
+            room *= sizes[:, None].astype(SINGLE)
+            listed += alike
         blocks = [Block.of(bench, *parts) for _, stack in sorted(stacks.items()) for parts in stack.parts()]
-        return cls(kept, blocks, [e.key for e in kept])
+        return cls(listed, blocks, [e.key for e in listed])._that_move()
+
+    def _that_move(self) -> Candidates:
+        """Without proposals that move nothing in these rows, or are not defined in some."""
+        moves = [block.square.max(axis=1) > NOTHING for block in self.blocks]
+        if all(m.all() for m in moves):
+            return self
+        kept = np.zeros(len(self.effects), dtype=bool)
+        for block, some in zip(self.blocks, moves, strict=True):
+            kept[block.numbers[some]] = True
+        number = np.cumsum(kept) - 1
+        blocks = [
+            b._replace(
+                numbers=number[b.numbers[some]],
+                columns=b.columns[some],
+                sizes=b.sizes[some],
+                gram=b.gram[some],
+                square=b.square[some],
+            )
+            for b, some in zip(self.blocks, moves, strict=True)
+            if some.any()
+        ]
+        effects = [e for e, keep in zip(self.effects, kept, strict=True) if keep]
+        return Candidates(effects, blocks, [e.key for e in effects])
 
     @cached_property
     def of_key(self) -> dict[tuple[object, ...], list[int]]:
@@ -157,15 +184,15 @@ class _Stack:
         self._full: list[Part] = []
         self._count, self._numbers, self._columns, self._sizes = self._empty()
 
-    def add(self, first: int, columns: Array, size: Array) -> None:
-        """Columns (m, k, N) of the proposals from number `first` on, and their sizes (k,)."""
-        if self._count + len(columns) > BLOCK:
+    def room(self, first: int, count: int, size: Array) -> Columns:
+        """Where the columns (count, k, N) of the proposals from number `first` on go; their sizes are (k,)."""
+        if self._count + count > BLOCK:
             self._full += self._last()
             self._count, self._numbers, self._columns, self._sizes = self._empty()
-        own = slice(self._count, self._count + len(columns))
-        np.multiply(columns, size[:, None], out=self._columns[own], casting="same_kind")
-        self._sizes[own], self._numbers[own] = size, np.arange(first, first + len(columns))
+        own = slice(self._count, self._count + count)
+        self._sizes[own], self._numbers[own] = size, np.arange(first, first + count)
         self._count = own.stop
+        return self._columns[own]
 
     def parts(self) -> list[Part]:
         """A part for each block."""

@@ -8,13 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from errormodel.arrays import Array, Index, Mask
 from errormodel.chain import TOOL_CHANNELS, Chain
 from errormodel.conventions import MOTIONS
-from errormodel.effects.base import Effect
+from errormodel.effects.base import Effect, EffectTerm
 from errormodel.effects.scene import Scene
 from errormodel.features import POINT, columns
 from errormodel.machine import Vector
@@ -78,11 +80,21 @@ class Workbench:
 
     def swept(self, effects: Sequence[Effect]) -> tuple[Array, Array]:
         """Columns (n, k, N + ties) and sizes (k,) of effects that are alike but for the field `Effect.shape`."""
+        terms = self.terms(effects)
+        out = np.empty((len(effects), len(terms), self.size))
+        self.fill(terms, out)
+        return out, np.array([t.size for t in terms])
+
+    def terms(self, effects: Sequence[Effect]) -> list[EffectTerm]:
+        """The terms (k) of effects that are alike but for the field `Effect.shape`, of all of them at once."""
         one = effects[0]
         if len(effects) > 1:
             one = one.model_copy(update={one.shape: np.array([[getattr(e, one.shape)] for e in effects])})
-        terms = one.terms(self.channel, self.chain.machine)
-        out, seen = np.empty((len(effects), len(terms), self.size)), len(self.index)
+        return one.terms(self.channel, self.chain.machine)
+
+    def fill(self, terms: Sequence[EffectTerm], out: NDArray[np.floating[Any]]) -> None:
+        """Write the whitened columns of some terms (k) into `out` (n, k, N + ties)."""
+        seen = len(self.index)
         out[:, :, seen:] = 0.0
         for k, term in enumerate(terms):
             lever, own = self.levers[term.element], out[:, k, :seen]
@@ -90,8 +102,7 @@ class Workbench:
                 if n:
                     own += lever[MOTIONS.index(motion)] * value
                 else:
-                    np.multiply(lever[MOTIONS.index(motion)], value, out=own)
-        return out, np.array([t.size for t in terms])
+                    np.multiply(lever[MOTIONS.index(motion)], value, out=own, casting="same_kind")
 
     def project(self, columns: Array) -> Array:
         """Columns (k, N + ties) without what the basis spans."""
