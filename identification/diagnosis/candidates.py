@@ -61,6 +61,11 @@ class Block(NamedTuple):
         square = np.maximum(np.diagonal(whole, axis1=1, axis2=2), NOTHING)
         return cls(numbers, columns, sizes, whole - inner @ inner.transpose(0, 2, 1), square, bench.basis.shape[1])
 
+    def part(self, some: Mask) -> Block:
+        """Some of its proposals."""
+        numbers, sizes = self.numbers[some], self.sizes[some]
+        return Block(numbers, self.columns[some], sizes, self.gram[some], self.square[some], self.rank)
+
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
@@ -106,17 +111,11 @@ class Candidates:
         for block, some in zip(self.blocks, moves, strict=True):
             kept[block.numbers[some]] = True
         number = np.cumsum(kept) - 1
-        blocks = [
-            b._replace(
-                numbers=number[b.numbers[some]],
-                columns=b.columns[some],
-                sizes=b.sizes[some],
-                gram=b.gram[some],
-                square=b.square[some],
-            )
-            for b, some in zip(self.blocks, moves, strict=True)
-            if some.any()
-        ]
+        blocks = []
+        for block, some in zip(self.blocks, moves, strict=True):
+            own = block if some.all() else block.part(some)  # most stay as they are: a copy would be of gigabytes
+            if some.any():
+                blocks.append(own._replace(numbers=number[own.numbers]))
         effects = [e for e, keep in zip(self.effects, kept, strict=True) if keep]
         return Candidates(effects, blocks, [e.key for e in effects])
 

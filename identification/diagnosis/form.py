@@ -15,7 +15,9 @@ from identification.diagnosis.growth import Growth
 from identification.diagnosis.selection import SHAPES
 from identification.fit.result import Fit
 
-INEXACT = {"thermal": 0.06, "gravity": 0.06, "periodic": 0.03, "geometric": 0.06, "none of these": 0.10}
+INEXACT = {
+    "thermal": 0.09, "gravity": 0.06, "periodic": 0.05, "geometric": 0.06, "instrument": 0.03, "none of these": 0.10,
+}  # fmt: skip
 """By family, of an effect's size; what has no form (a play, a step) has none to miss. From recordings whose truth is
 known: what a fit by the best form leaves of an effect that is not of the library's form."""
 

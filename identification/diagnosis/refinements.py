@@ -25,7 +25,7 @@ FORMS = ("linear", "square", "cubic")
 OVERTONES = (1, 2, 3, 5)  # steps have the odd ones
 SMOOTH = 8  # functions of one position
 ALIKE = 0.6  # correlation beyond which a later effect is a further form of an earlier finding
-LEFT = 0.05  # the same for what goes with the same drivers at the same place
+LEFT = 0.05  # of what a finding explains: no more is no other effect with its drivers at its place
 OWN = 0.3  # of what a finding explains: as much is no departure from its form
 BENT = {0.03: 1.0, 0.1: 3.0, 0.3: 8.0}  # part of an effect's size by which its form departs, and nats for it
 
@@ -154,13 +154,20 @@ def refined(growth: Growth, step: Step) -> int | None:
             if _apart(one, other) and not is_departure(growth, k, other):
                 continue
             return k
-        near = one.where == other.where and roots(other) <= roots(one) | {one.where}
-        if near and is_departure(growth, k, other, LEFT):
-            return k
         if not (one.tied or other.tied) and _much_the_same(growth, one, other):
             return k
         if one.generic and len(roots(one)) > 1 and roots(other) <= roots(one) and _motions(bench, one, other):
             return k  # what a product leaves over goes with either of the two, wherever between them
+    return None
+
+
+def left_over(growth: Growth, step: Step) -> int | None:
+    """The finding with whose drivers, at whose place, a further effect explains so little that it is left of it."""
+    for k, earlier in enumerate(growth.steps):
+        one, other = earlier.effect, step.effect
+        near = one.where == other.where and roots(other) <= roots(one) | {one.where}
+        if earlier.refines is None and near and is_departure(growth, k, other, LEFT):
+            return k
     return None
 
 

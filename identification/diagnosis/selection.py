@@ -18,7 +18,7 @@ from identification.diagnosis.choosing import DETECT, FORM, Step, choose, convin
 from identification.diagnosis.growth import Growth, of_groups, replayed, with_step
 from identification.diagnosis.judging import heldout_rms, roots
 from identification.diagnosis.pairs import best_pair
-from identification.diagnosis.refinements import bent, forms, is_departure, refined, truly_named
+from identification.diagnosis.refinements import bent, forms, is_departure, left_over, refined, truly_named
 from identification.diagnosis.switching import switched
 from identification.diagnosis.workbench import Workbench
 from identification.progress import Tell, silent
@@ -115,7 +115,7 @@ def grown(growth: Growth, likely: Likely, *, judged: bool = True) -> Growth | No
         could = [(s, refined(growth, s)) for s in steps if s.evidence > 0.7 * best.evidence]
         others = [s for s, k in could if k is not None and is_departure(growth, k, best.effect)]
         best = max(others, key=lambda s: s.evidence, default=best)
-        own = refined(growth, best)
+        own = refined(growth, best) if others else left_over(growth, best)
     best = replace(best, rivals=_others(steps, best))
     if own is not None:
         best = replace(best, refines=own)
