@@ -80,7 +80,12 @@ class Floors:
 
 
 def find_groups(
-    design: Array, ids: Sequence[str], scale: Array, order: Sequence[int], floors: Floors | None = None
+    design: Array,
+    ids: Sequence[str],
+    scale: Array,
+    order: Sequence[int],
+    floors: Floors | None = None,
+    least: float = ROUND_OFF,
 ) -> Groups:
     """Groups of the columns of a design matrix.
 
@@ -93,6 +98,7 @@ def find_groups(
         What each column's norm would be with a full lever (see `full_norms`): decides "no effect".
     order : columns in the order in which they may stand for a group.
     floors : where the noise is known.
+    least : singular value of unit columns up to which a direction is a dependence.
     """
     floors = floors or Floors()
     norms = np.linalg.norm(design, axis=0)
@@ -107,7 +113,7 @@ def find_groups(
     # what hardly shows is independent all the same; but it should not stand for a group, nor outlast the noise
     strength = norms[order] / np.maximum(scale[order], norms[order])
     above = np.linalg.svd(unit * strength, compute_uv=False) > floors.direction
-    rank = min(int((singular > ROUND_OFF).sum()), int(above.sum()))
+    rank = min(int((singular > least).sum()), int(above.sum()))
     chosen = _first_independent(unit, strength, rank)
     # a_dependent = A_base K, column by column
     mix, *_ = np.linalg.lstsq(unit[:, chosen], unit, rcond=None)

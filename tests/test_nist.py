@@ -25,6 +25,7 @@ SETS: dict[str, dict[str, Any]] = json.loads((Path(__file__).parent / "nist_strd
 DIGITS = {
     "Norris": (12, 12), "Pontius": (12, 12), "NoInt1": (13, 13), "NoInt2": (13, 13), "Longley": (10, 11),
     "Wampler1": (9, 0), "Wampler2": (12, 0), "Wampler3": (9, 10), "Wampler4": (7, 10), "Wampler5": (5, 10),
+    "Filip": (7, 7),  # of degree ten: its scaled columns are alike to nine digits
 }  # fmt: skip
 
 
@@ -62,8 +63,6 @@ def regressed(name: str) -> tuple[Array, Array, Fit]:
     names = [s.unknowns[j] for j in s.groups.base]
     order = np.argsort([not n.startswith("zero") for n in names], kind="stable")
     beta, covariance = s.values[s.groups.base][order], s.covariance[np.ix_(order, order)]
-    if len(beta) < len(turn):  # not all of them can be told apart
-        return np.zeros(0), np.zeros(0), fit
     return turn @ beta, np.sqrt(np.diag(turn @ covariance @ turn.T)), fit
 
 
@@ -85,10 +84,3 @@ def test_certified_values(name: str) -> None:
         assert digits(np.array([noise]), np.array([data["residual_sd"]])) > of_deviation
     else:
         assert noise < 1e-13 * max(data["y"])
-
-
-def test_a_polynomial_that_double_precision_hardly_holds() -> None:
-    """Filip: of degree ten, its scaled columns alike to nine digits. What can be told apart is fitted."""
-    _, _, fit = regressed("Filip")
-    assert fit.solution.groups.rank < 11
-    assert fit.solution.sigma["displacement"] == pytest.approx(SETS["Filip"]["residual_sd"], rel=0.25)

@@ -149,7 +149,7 @@ def test_report_is_accessible(page: str) -> None:
 
 
 def test_doubts_are_said(fit: Fit, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(write, "pictures", lambda _: defaultdict(list))
+    monkeypatch.setattr(write, "pictures", lambda *_, short: defaultdict(list))
     worse = Spread(3 * fit.fitted.rms_um, 3 * fit.fitted.mean_um, 5 * fit.fitted.max_um, fit.fitted.n)
     doubtful = replace(fit, heldout=worse, tests=(replace(fit.tests[0], fitted=worse),), notes=("look <here>",))
     write_report(doubtful, tmp_path / "report.html")

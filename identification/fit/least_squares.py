@@ -17,9 +17,9 @@ from threadpoolctl import threadpool_limits
 from errormodel.arrays import Array
 from errormodel.chain import Chain
 from errormodel.kernel import BLOCK
-from identification.groups import Floors, Groups, find_groups
+from identification.groups import ROUND_OFF, Floors, Groups, find_groups
 from identification.problem import group_order
-from identification.sums import SAMPLE, Sums, accumulate, design_rows, full_norms, sampled, total
+from identification.sums import SAMPLE, Sums, accumulate, design_rows, full_norms, sampled, total, view_vector
 from identification.views import GapView, Kind, View
 
 FINEST = 1e-4  # of the coarsest kind of observation, by what it moves at the far end
@@ -142,16 +142,19 @@ class _Solver:
     def run(self) -> Solution:
         start = self.pass_(np.zeros(len(self.unknowns)), None, gram=True)
         seen = self.observed(thorough=False)
-        groups = find_groups(*seen)
+        # the normal equations of positions need what can be told apart to be so clearly; of readings a factor will do
+        least = ROUND_OFF if any(v.kind == "position" for v in self.views) else 1e-5 * ROUND_OFF
+        groups = find_groups(*seen, least=least)
         if self.missed(groups, start):
             seen = self.observed(thorough=True)
-            groups = find_groups(*seen)
+            groups = find_groups(*seen, least=least)
         self.update_noise(start, groups)
         floors = self.floors(start)
         beforehand, whole, within = self.precision, self.of_its_size(seen[2]), np.inf
         for _ in range(MOST_RETREATS):
-            groups = find_groups(*seen, floors)
-            values, sums, passes, converged = self.iterate(groups, start)
+            groups = find_groups(*seen, floors, least)
+            solve = self.iterate if groups.condition < 1 / ROUND_OFF else self.by_factor
+            values, sums, passes, converged = solve(groups, start)
             if converged and self.misfit(sums) <= (1 + 1e-9) * self.misfit(start):
                 break
             # along a direction that hardly shows the step was so far that the kinematics bent: errors are tied to
@@ -280,6 +283,23 @@ class _Solver:
                     fresh[kind].gram = old.gram
             sums = fresh
         return values, sums, MOST_PASSES, False
+
+    def by_factor(self, groups: Groups, sums: dict[Kind, Sums]) -> tuple[Array, dict[Kind, Sums], int, bool]:
+        """As `iterate`, of a linear problem whose columns are so much alike that only orthogonal steps keep digits."""
+        values, base, nothing = np.zeros(len(self.unknowns)), groups.base, np.zeros(len(self.unknowns))
+        factor = np.zeros((0, len(base) + 1))
+        for view in self.views:
+            vector = view_vector(view, self.place, nothing, self.held)
+            gap = np.hstack([view.whiten(part, g) for part, g in view.gaps(vector)])
+            for start in range(0, len(view), BLOCK):
+                part = slice(start, start + BLOCK)
+                rows = design_rows(view.part(part), self.place, BLOCK)[:, base]
+                both = np.column_stack([rows, gap[:, part].ravel()]) / self.sigma[view.kind]
+                factor = np.asarray(np.linalg.qr(np.vstack([factor, both]), mode="r"))
+        values[base] = np.linalg.solve(factor[: len(base), :-1], factor[: len(base), -1])
+        sums = self.pass_(values, None, gram=True)
+        self.update_noise(sums, groups)
+        return values, sums, 1, True
 
     def pass_(self, values: Array, at: Array | None, gram: bool) -> dict[Kind, Sums]:
         taken, self.taken = self.taken, values

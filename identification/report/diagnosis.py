@@ -178,7 +178,7 @@ def _probability(finding: Finding) -> str:
 def sure(finding: Finding) -> str:
     """How far to trust the name."""
     if finding.effect == "unnamed":
-        return "none: no effect of the library fits; it is modelled as a smooth motion"
+        return "none: no effect of the library fits; it is modelled by its form alone"
     p = finding.probability
     word = "sure" if p >= SURE else "likely" if p >= LIKELY else "one of several that fit about as well, see below"
     return f"{finding.effect}: {word} (probability {_probability(finding)})"
