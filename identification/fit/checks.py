@@ -79,8 +79,8 @@ def looked_over(fit: Fit) -> Fit:
     InputError
         No parameter stands above what the model leaves, or it was another machine.
     """
-    other = another(fit.chain, fit.nominal) and fit.fitted.rms_um > UNEXPLAINED * fit.nominal.rms_um
-    if other or not fit.solution.groups.rank:
+    ran_away = np.isfinite(fit.solution.within) and another(fit.chain, fit.nominal)
+    if not fit.solution.groups.rank or (ran_away and fit.fitted.rms_um > UNEXPLAINED * fit.nominal.rms_um):
         raise InputError(str(fit.survey.source), "no parameter can be identified", far_off(fit.nominal))
     volumetric = any(isinstance(v, PositionView) for v in fit.problem.views)  # who reads one joint means no other
     lost = out_of_reach(fit.problem, fit.solution)[1] if volumetric else []
