@@ -17,7 +17,7 @@ from identification.views import PositionView, anywhere
 
 REDUNDANT = 2  # equations a group, of a robust fit
 FAR = 0.02  # of the machine's size: no error motions, but a blunder
-UNEXPLAINED = 0.5  # of what was measured beside the nominal machine: a fit that leaves more of so much is none
+UNEXPLAINED = 0.5  # of so much, of most rows: a fit that leaves more is none
 COVERED = 0.5  # of a travel: less is told where something stays unknown
 
 
@@ -79,8 +79,9 @@ def looked_over(fit: Fit) -> Fit:
     InputError
         No parameter stands above what the model leaves, or it was another machine.
     """
-    ran_away = np.isfinite(fit.solution.within) and another(fit.chain, fit.nominal)
-    if not fit.solution.groups.rank or (ran_away and fit.fitted.rms_um > UNEXPLAINED * fit.nominal.rms_um):
+    before, after = (float(np.median(np.linalg.norm(r, axis=1))) for r in (fit.nominal_residuals, fit.residuals))
+    other = before > FAR * fit.chain.size and after > UNEXPLAINED * before  # nan where rows measured one component
+    if other or not fit.solution.groups.rank:
         raise InputError(str(fit.survey.source), "no parameter can be identified", far_off(fit.nominal))
     volumetric = any(isinstance(v, PositionView) for v in fit.problem.views)  # who reads one joint means no other
     lost = out_of_reach(fit.problem, fit.solution)[1] if volumetric else []
