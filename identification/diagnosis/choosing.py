@@ -14,6 +14,7 @@ from identification.diagnosis.workbench import Workbench
 DETECT = 7.0  # nats beyond the number of places looked at: one false alarm in a thousand
 CLEARLY = 6.0  # nats
 NEAR = 0.1  # of the best evidence
+ODDS = 2.3  # nats: ten to one for physics of a form of its own against what follows any smooth curve
 FORM = 0.85  # a name may explain this much less than the best mere form: forms bend to anything
 
 
@@ -76,8 +77,9 @@ def _names(bench: Workbench, ranked: Sequence[Step]) -> list[Step]:
         left = [s.evidence * max(nats, 0.0) / max(white, 1.0) for s, (white, nats) in zip(near, both, strict=True)]
         near = [s for s, nats in zip(near, left, strict=True) if nats > max(left) - reach]
     near = [s for s in near if s.evidence > near[0].evidence - CLEARLY]
-    most = max(s.drop - s.bend for s in near)
-    first = [s for s in near if not s.effect.pliant and s.drop - s.bend >= FORM * most] or near
+    most, least = max(s.drop - s.bend for s in near), near[0].evidence - ODDS
+    own = [s for s in near if not s.effect.pliant and s.evidence > least]
+    first = [s for s in own if s.drop - s.bend >= FORM * most] or near
     return [*first, *(s for s in ranked if s not in first)]
 
 
