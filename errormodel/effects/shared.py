@@ -24,7 +24,6 @@ Rotation = Literal["ea", "eb", "ec"]
 REFERENCE = 20.0  # degC, ISO 1
 STEEL = 12e-6  # expansion, 1/K
 MOST_WAVES = 4000  # frequencies of one grid
-EVEN = 1e-9  # relative: rates that differ by the same step but for rounding
 
 
 def joint_as(machine: Machine, name: str, kind: Literal["prismatic", "rotary"], effect: str) -> Joint:
@@ -60,14 +59,11 @@ def settling(channel: Channels, tau: float, start: float) -> Value:
 
 
 def waves(q: Value, rate: float | NDArray[np.float64]) -> dict[str, Value]:
-    """``sin(rate q)`` and ``cos(rate q)``, by label; many rates as (n, 1)."""
+    """``sin(rate q)`` and ``cos(rate q)``, by label; many rates as (n, 1), to six digits."""
     if isinstance(rate, np.ndarray) and len(rate) > 1:
-        steps = np.diff(rate, axis=0)
-        if np.ptp(steps) <= EVEN * np.abs(steps).max():  # each turns the one before by the same angle: products will do
-            turns = np.repeat(np.exp(1j * steps.mean() * q)[None], len(rate), axis=0)
-            turns[0] = np.exp(1j * rate[0] * q)
-            turned = np.cumprod(turns, axis=0)
-            return {"sin": turned.imag, "cos": turned.real}
+        turns = rate / (2 * np.pi) * q
+        phase = (turns - np.rint(turns)).astype(np.float32) * np.float32(2 * np.pi)  # of which sines are quick
+        return {"sin": np.sin(phase), "cos": np.cos(phase)}
     return {"sin": sin(rate * q), "cos": cos(rate * q)}
 
 

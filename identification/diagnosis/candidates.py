@@ -227,14 +227,19 @@ class Scores:
 
     def by_key(self) -> list[tuple[float, int]]:
         """(evidence of the key with its shapes integrated out, its best proposal), best first."""
-        out = []
-        for numbers in self.candidates.of_key.values():
-            values = self.evidence[numbers]
-            best = int(np.argmax(values))
-            if np.isfinite(values[best]):
-                mean = values[best] + np.log(np.mean(np.exp(values - values[best])))
-                out.append((float(mean), numbers[best]))
-        return sorted(out, reverse=True)
+        lists = list(self.candidates.of_key.values())
+        if not lists:
+            return []
+        numbers, counts = np.concatenate([np.array(n) for n in lists]), np.array([len(n) for n in lists])
+        first = np.cumsum(counts) - counts
+        values = self.evidence[numbers]
+        most = np.maximum.reduceat(values, first)
+        finite = np.isfinite(most)
+        above = np.repeat(np.where(finite, most, 0.0), counts)
+        share = np.add.reduceat(np.exp(values - above), first) / counts
+        mean = above[first] + np.log(np.where(finite, share, 1.0))
+        best = np.minimum.reduceat(np.where(values == above, np.arange(len(values)), len(values)), first)
+        return sorted(zip(mean[finite].tolist(), numbers[best[finite]].tolist(), strict=True), reverse=True)
 
 
 def _block_scores(bench: Workbench, block: Block, generic: Mask) -> tuple[Array, Array, Array, Array]:

@@ -9,16 +9,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from identification.diagnosis import coloured
 from identification.diagnosis.candidates import Candidates
 from identification.diagnosis.choosing import CLEARLY, Step
-from identification.diagnosis.growth import Growth
+from identification.diagnosis.growth import Growth, replayed
 from identification.diagnosis.judging import heldout_rms
 from identification.diagnosis.selection import grow
+from identification.diagnosis.workbench import Workbench
 from identification.progress import Tell, silent
+from identification.side_by_side import side_by_side
 
 SERIOUS = 7.0  # nats by which a rival may be behind
 MOST_RIVALS = 2  # of a finding
@@ -31,12 +34,18 @@ def retold(growth: Growth, candidates: Candidates, tell: Tell = silent) -> Growt
     if not rivals:
         return growth
     best, worth = growth, story(growth)
-    for rival, others in rivals:
-        other = grow(growth.start, candidates, tell, [*others, rival])
+    with tell("Telling it from its rivals' side"):
+        told = side_by_side([partial(_told, growth.start, candidates, [*others, rival]) for rival, others in rivals])
+    for steps in told:
+        other = replayed(growth.start, steps)
         value = story(other)
         if value > worth + CLEARLY and heldout_rms(other.bench) < NO_WORSE * heldout_rms(best.bench):
             best, worth = other, value
     return best
+
+
+def _told(start: Workbench, candidates: Candidates, begin: list[Step]) -> tuple[Step, ...]:
+    return grow(start, candidates, begin=begin).steps
 
 
 def story(growth: Growth) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from math import log10
 
 import numpy as np
@@ -218,7 +219,7 @@ def _unit(diagnosed: Diagnosed, name: str) -> str:
 
 def _where(diagnosed: Diagnosed, groups: dict[int, Sequence[Step]]) -> Picture:
     return picture(
-        draw_where_map(diagnosed.growth, diagnosed.scores, list(groups.items())),
+        partial(draw_where_map, diagnosed.growth, diagnosed.scores, list(groups.items())),
         "Where: each cell is a motion of an element (row) that goes with a channel (column; side: from which side the "
         "joint arrived). Figures and colour are the share, in per cent, of the error beyond noise that the best single "
         "effect there would explain before anything is accepted; empty cells explain nothing, rows and columns below "
@@ -243,7 +244,7 @@ def _pictures(diagnosed: Diagnosed, count: int, evidence: Evidence) -> list[Pict
     )
     return [
         picture(
-            draw_residuals_along_driver(evidence, final.sigma_mm),
+            partial(draw_residuals_along_driver, evidence, final.sigma_mm),
             f"Residuals in the direction in which {evidence.symbol} moves the tip, against {driver}{split}: on the "
             "left of a fit of everything but this finding (the geometry has taken what it can of it), on the right "
             f"with it. Dots are rows, at most {MOST}; marks are means of bins with their standard error; grey is ± 2 "
@@ -251,7 +252,7 @@ def _pictures(diagnosed: Diagnosed, count: int, evidence: Evidence) -> list[Pict
             f"Residuals against {driver} without and with {name}",
         ),
         picture(
-            draw_effect_curve(evidence, diagnosed.growth, final),
+            partial(draw_effect_curve, evidence, diagnosed.growth, final),
             f"What the finding adds to the machine's motions over the recorded range of {driver.split(' within')[0]}"
             f"{split}, with bands of ± 2 standard uncertainties. All else stands at its median.{rest}{periods}",
             f"Curves of the motions of {name}, against {driver}, with their uncertainty",

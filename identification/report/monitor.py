@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,20 +12,21 @@ from errormodel.files import write_text_atomic
 from identification.monitor.run import Monitored
 from identification.monitor.words import value_text
 from identification.plots.history import draw_history
+from identification.report.page import page
 from identification.report.pictures import Picture, picture
-from identification.report.write import environment
 
 
 def write_monitor_page(result: Monitored, path: Path) -> None:
     """Write ``monitor.html``: HTML that holds all it shows."""
-    text = environment().get_template("monitor.html").render(
+    text = page(
+        "monitor.html",
         machine=result.stored.chain.machine.name,
         result=result,
         headline=_headline(result),
         history=_history(result),
         rows=_rows(result),
         version=__version__,
-    )  # fmt: skip
+    )
     write_text_atomic(text, path)
 
 
@@ -42,7 +44,7 @@ def _headline(result: Monitored) -> str:
 
 def _history(result: Monitored) -> Picture:
     return picture(
-        draw_history(result.what, result.records, result.judged),
+        partial(draw_history, result.what, result.records, result.judged),
         "Every watched quantity over the cycles, with bars of ± 2 standard uncertainties; the band is the range that "
         f"cycle {result.record.number} was judged by, cut where it is far wider than the values. Diamonds left their "
         "range; hollow marks are cycles that do not belong to it.",

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import base64
 import tempfile
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -27,9 +29,9 @@ PNG_DPI = 190
 
 
 class Picture(NamedTuple):
-    """A data URI, the caption below it and the alternative text."""
+    """What draws the data URI, the caption below it and the alternative text."""
 
-    source: str
+    source: Callable[[], str]
     caption: str
     alt: str
 
@@ -51,13 +53,13 @@ def pictures(fit: Fit, short: bool = False) -> dict[str, list[Picture]]:
 def _errors(fit: Fit) -> list[Picture]:
     return [
         picture(
-            draw_error_distribution(fit),
+            partial(draw_error_distribution, fit),
             "How many rows have an error of which size: the further the fitted curve lies to the left of the nominal "
             "one, the more of the error the model removes; held-out and test curves show rows it has not seen.",
             "Histogram and cumulative distribution of the size of the error, before and after the fit",
         ),
         picture(
-            draw_volumetric_error(fit),
+            partial(draw_volumetric_error, fit),
             "Where in the working volume the errors are and where they point, before and after the fit, both enlarged "
             "alike, in the axes of the machine's reference.",
             "Arrows in space along the error of each measured point, nominal on the left, fitted on the right",
@@ -68,7 +70,7 @@ def _errors(fit: Fit) -> list[Picture]:
 
 def _motions(fit: Fit, joint: Joint) -> Picture:
     return picture(
-        draw_error_motions(fit, joint),
+        partial(draw_error_motions, fit, joint),
         f"Joint {joint.name}: its identified error motions over the travel, with bands of ± 2 standard uncertainties.",
         f"Curves of the translations and rotations of joint {joint.name} over its travel",
     )
@@ -77,13 +79,13 @@ def _motions(fit: Fit, joint: Joint) -> Picture:
 def _residuals(fit: Fit) -> list[Picture]:
     return [
         picture(
-            draw_residuals_by_position(fit),
+            partial(draw_residuals_by_position, fit),
             "What is left over against the position of each joint: a dark line that wanders shows an error of that "
             "joint that the model does not have.",
             "Residuals x, y, z against each joint's position, with median and spread",
         ),
         picture(
-            draw_residuals_by_order(fit),
+            partial(draw_residuals_by_order, fit),
             "What is left over in the order of measuring: a drift here is warming up, or a frame that moved.",
             "Residuals x, y, z in the order of measuring, with median and spread",
         ),
@@ -93,7 +95,7 @@ def _residuals(fit: Fit) -> list[Picture]:
 def _parameters(fit: Fit) -> list[Picture]:
     return [
         picture(
-            draw_parameters(fit),
+            partial(draw_parameters, fit),
             "The machine's parameters with ± 2 standard uncertainties, the most significant first; a hollow dot is "
             "not significant: its bar holds zero. A name ending in … stands for a group.",
             "Values of all parameters with their uncertainty, as in the table below",
@@ -104,13 +106,13 @@ def _parameters(fit: Fit) -> list[Picture]:
 def _rank(fit: Fit) -> list[Picture]:
     return [
         picture(
-            draw_singular_values(fit),
+            partial(draw_singular_values, fit),
             "How clearly the poses tell the parameters apart: every dot above the line is one identified "
             "combination, the lower the less certain.",
             f"Singular values in falling order; {fit.solution.groups.rank} lie above the threshold",
         ),
         picture(
-            draw_correlation(fit),
+            partial(draw_correlation, fit),
             "Which groups the survey can hardly tell apart: dark squares off the diagonal are pairs of which only "
             "a sum (blue) or a difference (red) is known well.",
             "Heat map of the correlation coefficients of the groups",
@@ -118,21 +120,28 @@ def _rank(fit: Fit) -> list[Picture]:
     ]
 
 
-def picture(figure: Figure, caption: str, alt: str, kind: Literal["svg", "png"] = "svg") -> Picture:
-    """A figure as it is embedded."""
-    data = base64.b64encode(style.render(figure, kind, PNG_DPI)).decode("ascii")
-    return Picture(f"data:image/{'svg+xml' if kind == 'svg' else kind};base64,{data}", caption, alt)
+def picture(draw: Callable[[], Figure], caption: str, alt: str, kind: Literal["svg", "png"] = "svg") -> Picture:
+    """A figure as it is to be embedded; drawn when its source is asked for."""
+    return Picture(lambda: _embedded(style.render(draw(), kind, PNG_DPI), kind), caption, alt)
+
+
+def _embedded(data: bytes, kind: str) -> str:
+    media = "svg+xml" if kind == "svg" else kind
+    return f"data:image/{media};base64,{base64.b64encode(data).decode('ascii')}"
 
 
 def _chain(fit: Fit) -> Picture:
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "chain.svg"
-        draw_chain(fit.chain.machine, path)
-        data = base64.b64encode(path.read_bytes()).decode("ascii")
     names = ", ".join(e.name for e in fit.chain.machine.elements)
     return Picture(
-        f"data:image/svg+xml;base64,{data}",
+        partial(_chain_drawn, fit),
         "The chain from workpiece to tool: linear and rotary joints, the members between them, and the error motions "
         "that each may have.",
         f"Drawing of the chain: workpiece, {names}, tool point",
     )
+
+
+def _chain_drawn(fit: Fit) -> str:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "chain.svg"
+        draw_chain(fit.chain.machine, path)
+        return _embedded(path.read_bytes(), "svg")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from math import floor, log10
 from typing import NamedTuple
 
@@ -97,7 +98,7 @@ def _outliers(p: Posterior) -> str:
 def _figures(p: Posterior) -> list[Picture]:
     out = [
         picture(
-            draw_posterior_corner(p),
+            partial(draw_posterior_corner, p),
             "Unknowns by pairs (contours hold 68 and 95 % of the draws) and each by itself; dashed: the closed form at "
             "the most likely noise and shapes.",
             "Corner plot of the posterior",
@@ -108,10 +109,10 @@ def _figures(p: Posterior) -> list[Picture]:
         text = (
             "The chain after its burn-in: some walkers (grey), their median and middle 68 %. Level bands have settled."
         )
-        out.append(picture(draw_posterior_trace(p), text, "Trace of the walkers over the draws", "png"))
+        out.append(picture(partial(draw_posterior_trace, p), text, "Trace of the walkers over the draws", "png"))
     return out
 
 
 def _predictive(p: Posterior) -> Picture:
     text = "Figures of the residuals (line and band) beside those of data drawn from the model (grey)."
-    return picture(draw_predictive_checks(p), text, "Histograms of posterior predictive checks")
+    return picture(partial(draw_predictive_checks, p), text, "Histograms of posterior predictive checks")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import NamedTuple
 
 from errormodel.conventions import unit_of
@@ -38,7 +39,7 @@ def thermal_part(result: Thermal) -> ThermalPart:
         [_row(m) for m in result.motions],
         [
             picture(
-                draw_thermal_drift(result),
+                partial(draw_thermal_drift, result),
                 "Predicted minus measured in the cycle that was not fitted, each recording from its own zero. A motion "
                 "is predicted when its dots fill the grey band and no more.",
                 "One panel an error motion: what the thermal model and the regressions miss over the hours",

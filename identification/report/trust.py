@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -41,7 +42,7 @@ def outliers_part(fit: Fit) -> OutliersPart | None:
         "None is so far that it takes no part."
     )
     drawn = picture(
-        draw_distances(fit),
+        partial(draw_distances, fit),
         "How far each row lies from the fit, in robust standard deviations, in the order of measuring: marked rows "
         "take no part. Marks in a row are a jump or a lost beam, a cloud that thins out upwards is a noise with "
         "heavy tails, and a curve that climbs to the marks is an error of the machine that the model does not have.",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from errormodel import __version__
 from errormodel.files import write_text_atomic
@@ -13,27 +12,12 @@ from identification.fit.result import Fit
 from identification.report import tables, wording
 from identification.report.budget import budget_part
 from identification.report.diagnosis import diagnosis_part
+from identification.report.page import page
 from identification.report.pictures import pictures
 from identification.report.posterior import posterior_part
 from identification.report.thermal import thermal_part
 from identification.report.trust import gain_part, outliers_part
 from identification.thermal.run import Thermal
-
-if TYPE_CHECKING:
-    import jinja2
-
-
-def environment() -> jinja2.Environment:
-    """The templates, as every page takes them."""
-    import jinja2
-
-    return jinja2.Environment(
-        loader=jinja2.PackageLoader("identification.report"),
-        autoescape=True,  # names of machines, elements, runs and files are anybody's
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
 
 
 def write_report(fit: Fit, path: Path, diagnosed: Diagnosed | None = None, thermal: Thermal | None = None) -> None:
@@ -42,34 +26,31 @@ def write_report(fit: Fit, path: Path, diagnosed: Diagnosed | None = None, therm
     With a diagnosis or a thermal model, `fit` is that of the extended machine, and what was found comes first.
     """
     groups = estimates(fit)
-    text = (
-        environment()
-        .get_template("report.html")
-        .render(
-            machine=fit.chain.machine.name,
-            headline=wording.headline(fit),
-            diagnosis=diagnosis_part(diagnosed) if diagnosed else None,
-            thermal=thermal_part(thermal) if thermal else None,
-            judgements=wording.judgements(fit),
-            notes=fit.notes,
-            results=tables.results(fit),
-            pictures=pictures(fit, short=diagnosed is not None),
-            sections=tables.group_sections(groups),
-            counts=tables.counts(fit),
-            dependent=tables.dependent(fit),
-            no_effect=tables.no_effect(fit),
-            correlated=wording.strongest_correlation(fit),
-            effects=bool(fit.chain.machine.effects),
-            posterior=posterior_part(fit),
-            budget=budget_part(fit),
-            outliers=outliers_part(fit),
-            gain=gain_part(fit),
-            frames=tables.frames(fit),
-            frame_mode=fit.survey.frame,
-            noise=tables.noise(fit),
-            noise_text=wording.noise(fit),
-            inputs=tables.inputs(fit),
-            version=__version__,
-        )
+    text = page(
+        "report.html",
+        machine=fit.chain.machine.name,
+        headline=wording.headline(fit),
+        diagnosis=diagnosis_part(diagnosed) if diagnosed else None,
+        thermal=thermal_part(thermal) if thermal else None,
+        judgements=wording.judgements(fit),
+        notes=fit.notes,
+        results=tables.results(fit),
+        pictures=pictures(fit, short=diagnosed is not None),
+        sections=tables.group_sections(groups),
+        counts=tables.counts(fit),
+        dependent=tables.dependent(fit),
+        no_effect=tables.no_effect(fit),
+        correlated=wording.strongest_correlation(fit),
+        effects=bool(fit.chain.machine.effects),
+        posterior=posterior_part(fit),
+        budget=budget_part(fit),
+        outliers=outliers_part(fit),
+        gain=gain_part(fit),
+        frames=tables.frames(fit),
+        frame_mode=fit.survey.frame,
+        noise=tables.noise(fit),
+        noise_text=wording.noise(fit),
+        inputs=tables.inputs(fit),
+        version=__version__,
     )
     write_text_atomic(text, path)

@@ -1,0 +1,52 @@
+"""A page from its template, with the figures in it: all are drawn last, side by side."""
+
+from __future__ import annotations
+
+import secrets
+from typing import TYPE_CHECKING
+
+from identification.report.pictures import Picture
+from identification.side_by_side import side_by_side
+
+if TYPE_CHECKING:
+    import jinja2
+
+
+def page(template: str, **parts: object) -> str:
+    """HTML that holds all it shows."""
+    album = Album()
+    return album.filled(_environment().get_template(template).render(album=album, **parts))
+
+
+class Album:
+    """The figures of a page: a word stands for each until it is drawn."""
+
+    def __init__(self) -> None:
+        self._word = secrets.token_hex(8)  # what no user's text has
+        self._placed: list[Picture] = []
+
+    def place(self, picture: Picture) -> str:
+        """The word that stands for a figure."""
+        self._placed.append(picture)
+        return self._stand_in(len(self._placed) - 1)
+
+    def filled(self, text: str) -> str:
+        """The text with all figures."""
+        for k, source in enumerate(side_by_side([p.source for p in self._placed])):
+            text = text.replace(self._stand_in(k), source)
+        return text
+
+    def _stand_in(self, number: int) -> str:
+        return f"{self._word}-{number}."
+
+
+def _environment() -> jinja2.Environment:
+    import jinja2
+
+    return jinja2.Environment(
+        loader=jinja2.PackageLoader("identification.report"),
+        autoescape=True,  # names of machines, elements, runs and files are anybody's
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )

@@ -1,0 +1,53 @@
+"""Jobs in workers: results in order, exceptions where they can be seen, workers that are lost."""
+
+from __future__ import annotations
+
+import os
+import signal
+from functools import partial
+
+import pytest
+
+from identification import side_by_side as module
+from identification.side_by_side import side_by_side
+
+HERE = os.getpid()
+
+
+@pytest.fixture(params=[1, 2, 4], autouse=True)
+def cores(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "_cores", lambda: request.param)
+
+
+def square(number: int) -> int:
+    return number**2
+
+
+def test_results_come_in_the_order_of_the_jobs() -> None:
+    assert side_by_side([partial(square, k) for k in range(50)]) == [k**2 for k in range(50)]
+
+
+def test_no_jobs() -> None:
+    assert side_by_side([]) == []
+
+
+def test_an_exception_rises_here() -> None:
+    def bad() -> int:
+        raise ValueError("the job says why")
+
+    with pytest.raises(ValueError, match="the job says why"):
+        side_by_side([partial(square, 2), bad, partial(square, 3), bad])
+
+
+def test_what_a_lost_worker_took_is_done_here() -> None:
+    def dangerous(number: int) -> int:
+        if os.getpid() != HERE:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return number
+
+    assert side_by_side([partial(dangerous, k) for k in range(8)]) == list(range(8))
+
+
+def test_a_result_that_cannot_travel_is_made_here() -> None:
+    made = side_by_side([lambda: lambda: 1, lambda: lambda: 2])
+    assert [f() for f in made] == [1, 2]
