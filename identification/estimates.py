@@ -18,6 +18,7 @@ PRINTED: dict[str, tuple[float, str]] = {
     "1/K": (1e6, "µm/m/K"),
     "1/(mm K)": (1e9, "µrad/m/K"),
     "s": (1e3, "ms"),
+    "rad s/mm": (1e6, "µrad s/mm"),
 }
 ARCSEC = 0.20626480624709636  # of a microradian
 

@@ -11,7 +11,7 @@ from errormodel.machine import Machine, joint_of
 
 
 class ServoLag(JointEffect):
-    """``-lag * feed * direction`` along the axis; min for a prismatic joint (mm per mm/min). Positive: late."""
+    """``-lag * feed * direction`` along the axis; s for a prismatic joint (the feed is in mm/min). Positive: late."""
 
     effect: ClassVar[str] = "servo-lag"
     family: ClassVar[str] = "dynamic"
@@ -26,8 +26,8 @@ class ServoLag(JointEffect):
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         joint = joint_of(machine, self.joint)
-        unit, size = ("min", 5e-6) if joint.type == "prismatic" else ("rad min/mm", 1e-8)
-        late = -channel("feed") * channel(f"dir_{self.joint}")
+        unit, size = ("s", 3e-4) if joint.type == "prismatic" else ("rad s/mm", 6e-7)
+        late = -channel("feed") / 60 * channel(f"dir_{self.joint}")
         return [EffectTerm(self.joint, "", unit, along(joint, late), size)]  # too much feedforward makes it negative
 
     @classmethod

@@ -15,7 +15,7 @@ import numpy as np
 
 from identification.diagnosis import coloured
 from identification.diagnosis.candidates import Candidates
-from identification.diagnosis.choosing import CLEARLY, Step
+from identification.diagnosis.choosing import CLEARLY, NEAR, Step
 from identification.diagnosis.growth import Growth, replayed
 from identification.diagnosis.judging import heldout_rms
 from identification.diagnosis.selection import grow
@@ -25,6 +25,7 @@ from identification.side_by_side import side_by_side
 
 SERIOUS = 7.0  # nats by which a rival may be behind
 MOST_RIVALS = 2  # of a finding
+OF_REFINED = 3  # of one that is not as its textbook says; then a rival may be behind by `NEAR` of the evidence too
 NO_WORSE = 1.02  # held-out error of a better story: blocks of rows tell such small differences by chance
 
 
@@ -72,12 +73,14 @@ def _rivals(growth: Growth) -> Iterator[tuple[Step, list[Step]]]:
         seen = {main.effect.effect}
         others = [g[0] for g in groups if g[0] is not main]
         bench = growth.without(group)
+        refined = len(group) > 1
+        least = main.evidence - (max(SERIOUS, NEAR * main.evidence) if refined else SERIOUS)
         for rival in sorted(main.rivals, key=lambda r: -r.evidence):
             effect = rival.effect
-            if effect.generic or effect.effect in seen or rival.evidence < main.evidence - SERIOUS:
+            if effect.generic or effect.effect in seen or rival.evidence < least:
                 continue
             seen.add(effect.effect)
-            if len(seen) > MOST_RIVALS + 1:
+            if len(seen) > (OF_REFINED if refined else MOST_RIVALS) + 1:
                 break
             own = Candidates.of(bench, [effect]).scores(bench)
             drop, absorbed = float(own.drop[0]), float(own.absorbed[0])
