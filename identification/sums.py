@@ -187,12 +187,17 @@ def full_norms(view: View, unknowns: Mapping[str, int]) -> Array:
     motions = terms.reshape(-1, 6, poses)[: len(view.columns)]
     shift, turn = (np.sqrt(np.square(m).sum(axis=1).mean(axis=1)) for m in (motions[:, :3], motions[:, 3:]))
     reach = shift + chain.size * turn if view.outputs[0] < 3 else turn
-    weight = np.sqrt(np.square(view.whitener).reshape(len(view), -1).max(axis=1).sum())
+    weight = np.sqrt(weight_of(view))
     out = np.zeros(len(unknowns))
     for column, length in zip(view.columns, reach * weight, strict=True):
         if column in unknowns:
             out[unknowns[column]] = length
     return out
+
+
+def weight_of(view: View) -> float:
+    """Sum over a view's rows of the squared weight, the largest of each row's components."""
+    return float(np.square(view.whitener).reshape(len(view), -1).max(axis=1).sum())
 
 
 def design_rows(view: View, unknowns: Mapping[str, int], most: int = SAMPLE) -> Array:

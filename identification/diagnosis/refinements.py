@@ -198,7 +198,7 @@ def truly_named(growth: Growth) -> Growth:
         rivals = (replace(main, rivals=()), *main.rivals)
         mine = replace(best, evidence=main.evidence + best.evidence, drop=main.drop, rivals=rivals, refines=None)
         groups.append([mine, *(s for s in (main, *more) if s is not best)])
-    return of_groups(growth.start, groups)
+    return of_groups(growth.start, groups) if groups != growth.findings else growth
 
 
 def _much_the_same(growth: Growth, one: Effect, other: Effect) -> bool:

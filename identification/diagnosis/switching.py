@@ -68,17 +68,16 @@ def switched(growth: Growth) -> Growth:
     bench = growth.without(group)
     spent = sum(len(bench.columns(s.effect)[1]) + _shapes(s.effect) for s in group)
     worth = _worth(growth.bench, spent) + CLEARLY
-    found = None
+    step = None
     for form in _switching(bench, main):
-        value = _worth(bench.with_effect(form), len(bench.columns(form)[1]) + _shapes(form))
+        after, count = bench.with_effect(form), len(bench.columns(form)[1])
+        value = _worth(after, count + _shapes(form))
         if value > worth:
-            found, worth = form, value
-    if found is None:
+            step, worth = replace(group[0], effect=form, drop=bench.drop(after), count=count), value
+    if step is None:
         return growth
-    count, drop = len(bench.columns(found)[1]), bench.drop(bench.with_effect(found))
     rivals = (replace(group[0], rivals=()), *group[0].rivals)
-    step = replace(group[0], effect=found, drop=drop, count=count, rivals=rivals)
-    return of_groups(growth.start, [*others, [step]])
+    return of_groups(growth.start, [*others, [replace(step, rivals=rivals)]])
 
 
 def _worth(bench: Workbench, parameters: int) -> float:

@@ -14,12 +14,22 @@ from dataclasses import dataclass
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from errormodel.arrays import Array
+from errormodel.arrays import Array, Index
 from errormodel.chain import Chain
 from errormodel.kernel import BLOCK
 from identification.groups import ROUND_OFF, Floors, Groups, find_groups
 from identification.problem import group_order
-from identification.sums import SAMPLE, Sums, accumulate, design_rows, full_norms, sampled, total, view_vector
+from identification.sums import (
+    SAMPLE,
+    Sums,
+    accumulate,
+    design_rows,
+    full_norms,
+    sampled,
+    total,
+    view_vector,
+    weight_of,
+)
 from identification.views import GapView, Kind, View
 
 FINEST = 1e-4  # of the coarsest kind of observation, by what it moves at the far end
@@ -189,11 +199,7 @@ class _Solver:
         if groups.condition < SHAKY or self.relinearised:
             gram, _ = self.total(sums)
             return scaled_inverse(gram[np.ix_(base, base)])
-        factor = np.diag(np.sqrt(self.precision[base]))
-        for view in self.views:
-            for start in range(0, len(view), BLOCK):
-                rows = design_rows(view.part(slice(start, start + BLOCK)), self.place, BLOCK)[:, base]
-                factor = np.asarray(np.linalg.qr(np.vstack([factor, rows / self.sigma[view.kind]]), mode="r"))
+        factor = self.triangle(base, np.diag(np.sqrt(self.precision[base])))
         norms = np.linalg.norm(factor, axis=0)
         inverse = np.linalg.solve(factor / norms, np.eye(len(base))) / norms[:, None]
         return np.asarray(inverse @ inverse.T)
@@ -232,7 +238,7 @@ class _Solver:
         if "position" not in sums or not sums["position"].count:
             return Floors()
         views = [v for v in self.views if v.kind == "position"]
-        weight = np.sqrt(sum(map(_weight, views)))
+        weight = np.sqrt(sum(map(weight_of, views)))
         shift = self.sigma["position"] / weight  # standard uncertainty, mm, of a shift of everything
         return Floors(direction=shift / (0.1 * self.chain.size), lever=min(1e-3, shift))
 
@@ -241,7 +247,7 @@ class _Solver:
 
         `full` are the norms that their columns would have with a full lever.
         """
-        reach = full / np.sqrt(sum(map(_weight, self.views)))  # mm that a unit of each moves
+        reach = full / np.sqrt(sum(map(weight_of, self.views)))  # mm that a unit of each moves
         rigid = np.isin(self.unknowns, [*{*self.chain.machine_ids} - self.chain.of_effects])
         return np.where(rigid, np.square(reach / self.chain.size), 0.0)
 
@@ -286,20 +292,27 @@ class _Solver:
 
     def by_factor(self, groups: Groups, sums: dict[Kind, Sums]) -> tuple[Array, dict[Kind, Sums], int, bool]:
         """As `iterate`, of a linear problem whose columns are so much alike that only orthogonal steps keep digits."""
-        values, base, nothing = np.zeros(len(self.unknowns)), groups.base, np.zeros(len(self.unknowns))
-        factor = np.zeros((0, len(base) + 1))
-        for view in self.views:
-            vector = view_vector(view, self.place, nothing, self.held)
-            gap = np.hstack([view.whiten(part, g) for part, g in view.gaps(vector)])
-            for start in range(0, len(view), BLOCK):
-                part = slice(start, start + BLOCK)
-                rows = design_rows(view.part(part), self.place, BLOCK)[:, base]
-                both = np.column_stack([rows, gap[:, part].ravel()]) / self.sigma[view.kind]
-                factor = np.asarray(np.linalg.qr(np.vstack([factor, both]), mode="r"))
+        values, base = np.zeros(len(self.unknowns)), groups.base
+        factor = self.triangle(base, np.zeros((0, len(base) + 1)), read=True)
         values[base] = np.linalg.solve(factor[: len(base), :-1], factor[: len(base), -1])
         sums = self.pass_(values, None, gram=True)
         self.update_noise(sums, groups)
         return values, sums, 1, True
+
+    def triangle(self, base: Index, above: Array, *, read: bool = False) -> Array:
+        """Triangular factor of the base's columns over all rows, below `above`; `read`: with the readings, last."""
+        factor = above
+        for view in self.views:
+            if read:
+                vector = view_vector(view, self.place, np.zeros(len(self.unknowns)), self.held)
+                gap = np.hstack([view.whiten(part, g) for part, g in view.gaps(vector)])
+            for start in range(0, len(view), BLOCK):
+                part = slice(start, start + BLOCK)
+                rows = design_rows(view.part(part), self.place, BLOCK)[:, base]
+                rows = np.column_stack([rows, gap[:, part].ravel()]) if read else rows
+                rows /= self.sigma[view.kind]
+                factor = np.asarray(np.linalg.qr(np.vstack([factor, rows]), mode="r"))
+        return factor
 
     def pass_(self, values: Array, at: Array | None, gram: bool) -> dict[Kind, Sums]:
         taken, self.taken = self.taken, values
@@ -336,11 +349,6 @@ class _Solver:
             self.sigma |= {kind: max(self.sigma[kind], least / reach[kind]) for kind in open_kinds}
             if all(abs(self.sigma[k] / before[k] - 1) < 1e-6 for k in open_kinds):
                 break
-
-
-def _weight(view: View) -> float:
-    """Sum over a view's rows of the squared weight, the largest of each row's components."""
-    return float(np.square(view.whitener).reshape(len(view), -1).max(axis=1).sum())
 
 
 def known_beforehand(chain: Chain, unknowns: Sequence[str]) -> Array:
