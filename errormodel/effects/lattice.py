@@ -17,6 +17,7 @@ from errormodel.machine import joint_of
 Fields = Mapping[str, object]
 WAVES = np.arange(1, 3.01, 0.25)  # a travel; longer ones are polynomials
 CYCLES, QUICKEST = 4, 240.0  # a recording, at least; s
+MOST_CYCLES = 10_000  # proposals: more fill the memory
 PIECES = 4  # of a travel: of a surface
 CHEQUERS = np.arange(0.5, 3.01, 0.5)
 
@@ -65,14 +66,19 @@ def _waves(scene: Scene) -> Iterator[Fields]:
 
 
 def _cycles(scene: Scene) -> Iterator[Fields]:
-    """Translations that come and go in time: what a cooler, a compressor or a lubricator does."""
+    """Translations that come and go in time: what a cooler, a compressor or a lubricator does.
+
+    In days of an arm's motion they are many: then only those at either end of the chain, the slower ones first.
+    """
     if not scene.duration:
         return
     shortest = max(QUICKEST, 4 * scene.duration / len(scene.columns["time"]))
     rates = frequencies(scene.duration, CYCLES / scene.duration, 1 / shortest)
-    for rate, (element, motion) in product(rates, places(scene, "time")):
-        if motion in TRANSLATIONS:
-            yield {"element": element, "motion": motion, "driver": "time", "period": float(f"{1 / rate:.6g}")}
+    spots = [(element, motion) for element, motion in places(scene, "time") if motion in TRANSLATIONS]
+    if len(rates) * len(spots) > MOST_CYCLES:
+        spots = [spot for spot in spots if spot[0] in (spots[0][0], spots[-1][0])]
+    for rate, (element, motion) in product(rates[: MOST_CYCLES // len(spots)], spots):
+        yield {"element": element, "motion": motion, "driver": "time", "period": float(f"{1 / rate:.6g}")}
 
 
 def _products(scene: Scene) -> Iterator[Fields]:

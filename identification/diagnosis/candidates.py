@@ -18,12 +18,15 @@ from numpy.typing import NDArray
 from errormodel.arrays import Array, Index, Mask
 from errormodel.effects import registry
 from errormodel.effects.base import Effect
+from errormodel.effects.scene import Scene
 from identification.diagnosis.workbench import Workbench
 
 AT_ONCE = 16  # columns made in one go: they stay within the processor's cache
 Columns = NDArray[np.floating[Any]]
 Part = tuple[Index, Columns, Array]  # proposals' numbers, columns and sizes
 BLOCK = 250  # proposals scored in one go
+MEMORY = 2_400_000_000  # bytes of all proposals' columns
+USUAL = 2  # parameters of a proposal
 SIZES = {1.0: 0.6, 3.0: 0.3, 10.0: 0.1}  # times the usual one: how often
 NOTHING = 1e-300  # length squared of a column
 SINGLE = np.float32  # of the columns that are kept: what is left of one, a thousandth at least, is known to 1e-4
@@ -85,8 +88,7 @@ class Candidates:
     def of(cls, bench: Workbench, effects: Sequence[Effect] | None = None) -> Candidates:
         """All proposals of the library (or the given ones) whose channels the survey has."""
         if effects is None:
-            scene = bench.scene
-            effects = [e for kind in registry().values() for e in kind.proposals(scene) if scene.shows(e.where)]
+            effects = proposed(bench.scene)
         stacks: dict[tuple[bool, int], _Stack] = {}
         listed: list[Effect] = []
         for alike in _alike(effects):
@@ -157,6 +159,16 @@ class Candidates:
             scores = _block_scores(bench, block, generic)
             evidence[numbers], drop[numbers], absorbed[numbers], reach[numbers] = scores
         return Scores(self, evidence - np.array([e.cost for e in self.effects]), drop, absorbed, reach)
+
+
+def proposed(scene: Scene) -> list[Effect]:
+    """Every effect of the library at every place that a survey shows, by what it recorded."""
+    return [e for kind in registry().values() for e in kind.proposals(scene) if scene.shows(e.where)]
+
+
+def enough_rows(effects: Sequence[Effect]) -> int:
+    """Rows of a survey of which all these proposals' columns fit into memory: an arm has many times as many."""
+    return MEMORY // (USUAL * 3 * np.dtype(SINGLE).itemsize * max(len(effects), 1))
 
 
 def _alike(effects: Sequence[Effect]) -> Iterator[list[Effect]]:

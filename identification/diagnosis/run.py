@@ -13,7 +13,7 @@ from errormodel.exceptions import InputError
 from errormodel.machine import EffectSpec, Machine
 from errormodel.survey import Survey
 from identification.diagnosis.blunder import Blunder, listed
-from identification.diagnosis.candidates import Candidates, Scores
+from identification.diagnosis.candidates import Candidates, Scores, enough_rows, proposed
 from identification.diagnosis.carried import as_points
 from identification.diagnosis.choosing import Step
 from identification.diagnosis.findings import (
@@ -42,7 +42,7 @@ from identification.diagnosis.stories import retold
 from identification.diagnosis.unseen import unseen
 from identification.diagnosis.verdict import judge
 from identification.diagnosis.witnesses import Account, heard, weighed
-from identification.diagnosis.workbench import Workbench, set_up
+from identification.diagnosis.workbench import MOST_ROWS, Workbench, set_up
 from identification.fit.result import Fit
 from identification.fit.run import fit_machine
 from identification.progress import Tell, silent
@@ -141,7 +141,10 @@ def _explained(fit: Fit, survey: Survey, changes: Sequence[Effect], tell: Tell) 
     """What explains a fit's residuals, and the survey fitted with it; `changes` are effects that mend blunders."""
     with tell("Trying all effects at all places"):
         bench = set_up(fit)
-        candidates = Candidates.of(bench)
+        library = proposed(bench.scene)
+        if (most := enough_rows(library)) < MOST_ROWS:
+            bench = set_up(fit, most)
+        candidates = Candidates.of(bench, library)
         scores = candidates.scores(bench)
     growth, said = heard(retold(grow(bench, candidates, tell), candidates, tell))
     effects = [*changes, *(s.effect for s in growth.steps)]

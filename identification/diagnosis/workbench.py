@@ -27,7 +27,7 @@ from identification.fit.result import Fit
 from identification.sums import design_rows, view_vector
 from identification.views import PositionView
 
-MOST_ROWS = 2500  # of a survey: more are thinned out, so that all candidates' columns fit into memory
+MOST_ROWS = 2500  # of a survey: more are thinned out
 MOST_RUNS = 12  # labels; more are no runs of one survey
 MOST_STATIONS = 3
 LEAST_RUN = 8  # rows of a run that may differ
@@ -182,8 +182,8 @@ class _Channels(dict[str, Array]):
         return self[name]
 
 
-def set_up(fit: Fit) -> Workbench:
-    """The workbench of a fit, in units of its noise."""
+def set_up(fit: Fit, most: int = MOST_ROWS) -> Workbench:
+    """The workbench of a fit, in units of its noise, of at most so many rows."""
     chain, problem, solution = fit.chain, fit.problem, fit.solution
     place = problem.place()
     base = solution.groups.base
@@ -193,8 +193,8 @@ def set_up(fit: Fit) -> Workbench:
     residuals, designs, levers, index = [], [], [], []
     views = [v for v in problem.views if isinstance(v, PositionView)]
     total = sum(len(v) for v in views)
-    if total > MOST_ROWS:
-        views = [v.part(np.unique(np.linspace(0, len(v) - 1, MOST_ROWS * len(v) // total).astype(int))) for v in views]
+    if total > most:
+        views = [v.part(np.unique(np.linspace(0, len(v) - 1, most * len(v) // total).astype(int))) for v in views]
     level = solution.sigma["position"]  # 1 where the survey declares its noise
     for view in views:
         gap = np.hstack([view.whiten(p, g) for p, g in view.gaps(view_vector(view, place, solution.values, zero))])
