@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Protocol
 
 import numpy as np
 
@@ -72,7 +73,38 @@ class Pull:
         return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]) @ vectors.transpose(0, 2, 1))
 
 
-def pull(u: Array, m: Index, axes: Array | None) -> Pull:
+class Scale(Protocol):
+    """What explanations of a row cost: `price` of one wrong component, `sharp` as the cheapest is preferred."""
+
+    @property
+    def price(self) -> float: ...
+
+    @property
+    def sharp(self) -> float: ...
+
+    def whole(self, u: Array, m: Index) -> tuple[Array, Array, Array]:
+        """Cost, weight and divergence of the pull of rows as they are: residuals (components, n), how many (n,)."""
+
+    def rest(self, distance: Array, m: Index) -> tuple[Array, Array, Array]:
+        """The same of what one wrong component leaves, by its distance (n,)."""
+
+
+class ByDistance:
+    """Bisquares of distances."""
+
+    price, sharp = PRICE, SHARP
+
+    def whole(self, u: Array, m: Index) -> tuple[Array, Array, Array]:
+        return bisquare(np.linalg.norm(u, axis=0), m)
+
+    def rest(self, distance: Array, m: Index) -> tuple[Array, Array, Array]:
+        return bisquare(distance, m)
+
+
+BY_DISTANCE = ByDistance()
+
+
+def pull(u: Array, m: Index, axes: Array | None, scale: Scale = BY_DISTANCE) -> Pull:
     """How rows pull.
 
     Parameters
@@ -80,30 +112,31 @@ def pull(u: Array, m: Index, axes: Array | None) -> Pull:
     u : (components, n) whitened residuals in units of the noise.
     m : (n,) components that were measured.
     axes : (3, 3, n) direction of each component in whitened units; None: they are not read one by one.
+    scale : by which rows are judged.
     """
     n, square = len(m), np.square(u).sum(axis=0)
-    cost, weight, slope = _bisquare(np.sqrt(square), m)
+    cost, weight, slope = scale.whole(u, m)
     likely, bare = np.zeros((4, n)), np.zeros((4, n))
     likely[0], bare[0] = 1.0, weight
     out = Pull(
         np.sqrt(square), np.where(weight > 0, m, 0.0), weight * m, weight * square, weight**2 * square, slope,
         likely, bare, np.zeros((3, 3, n)) if axes is None else axes, np.zeros(n),
     )  # fmt: skip
-    doubtful = np.flatnonzero((SHARP * (cost - PRICE) > np.log(FAINT)) & (m > 1))
+    doubtful = np.flatnonzero((scale.sharp * (cost - scale.price) > np.log(FAINT)) & (m > 1))
     if axes is not None and len(doubtful):
-        _explain(out, doubtful, u[:, doubtful], m[doubtful], cost[doubtful])
+        _explain(out, doubtful, u[:, doubtful], m[doubtful], cost[doubtful], scale)
     return out
 
 
-def _explain(out: Pull, rows: Index, u: Array, m: Index, cost: Array) -> None:
+def _explain(out: Pull, rows: Index, u: Array, m: Index, cost: Array, scale: Scale) -> None:
     """Ask of doubtful rows whether one component alone is wrong, and put what follows into `out`."""
     axes = out.axes[:, :, rows]
     parts = np.einsum("jan,an->jn", axes, u)
     rest = np.maximum(np.square(u).sum(axis=0) - parts**2, 0.0)
-    costs, weights, slopes = _bisquare(np.sqrt(rest), m - 1)
+    costs, weights, slopes = scale.rest(np.sqrt(rest), m - 1)
     measured = np.abs(axes).sum(axis=1) > 0
-    every = np.vstack([cost, np.where(measured, costs + PRICE, np.inf)])
-    p = np.exp(-SHARP * (every - every.min(axis=0)))
+    every = np.vstack([cost, np.where(measured, costs + scale.price, np.inf)])
+    p = np.exp(-scale.sharp * (every - every.min(axis=0)))
     p[1:][p[1:] < FAINT * p.sum(axis=0)] = 0.0
     p /= p.sum(axis=0)
     bare, slope = np.vstack([out.bare[0, rows], weights]), np.vstack([out.slope[rows], slopes])
@@ -115,11 +148,11 @@ def _explain(out: Pull, rows: Index, u: Array, m: Index, cost: Array) -> None:
     out.trace[rows] = (p * counts * bare).sum(axis=0)
     out.along[rows] = (psi * u).sum(axis=0)
     out.square[rows] = np.square(psi).sum(axis=0)
-    out.slope[rows] = (p * slope).sum(axis=0) - SHARP * spread
+    out.slope[rows] = (p * slope).sum(axis=0) - scale.sharp * spread
     out.likely[:, rows], out.bare[:, rows], out.alone[rows] = p, bare, np.abs(parts).max(axis=0)
 
 
-def _bisquare(d: Array, m: Index) -> tuple[Array, Array, Array]:
+def bisquare(d: Array, m: Index) -> tuple[Array, Array, Array]:
     """Cost, weight and divergence of the pull, of rows of `m` components at distance `d`."""
     cut = CUTS[m]
     t = np.square(d / cut)
@@ -130,13 +163,21 @@ def _bisquare(d: Array, m: Index) -> tuple[Array, Array, Array]:
 @lru_cache
 def normal() -> Array:
     """Mean of ``u'psi`` a component that takes part, of normal rows, (4,) by components."""
-    out = np.ones(4)
+    return np.array([1.0, *(usual(m, BY_DISTANCE) for m in (1, 2, 3))])
+
+
+def usual(m: int, scale: Scale) -> float:
+    """Mean of ``u'psi`` a component that takes part, of normal rows of `m` components."""
+    w, u, axes = _normal_rows(m)
+    rows = pull(u, np.full(len(w), m), axes, scale)
+    return float(w @ rows.along) / float(w @ rows.live)
+
+
+@lru_cache
+def _normal_rows(m: int) -> tuple[Array, Array, Array]:
+    """Nodes of a mean over normal rows of `m` components: weights (n,), residuals (3, n), axes (3, 3, n)."""
     nodes, weights = np.polynomial.hermite_e.hermegauss(24)
-    for m in (1, 2, 3):
-        u = np.stack([a.ravel() for a in np.meshgrid(*[nodes] * m)])
-        w = np.prod([a.ravel() for a in np.meshgrid(*[weights] * m)], axis=0)
-        u = np.vstack([u, np.zeros((3 - m, len(w)))])
-        axes = np.repeat((np.eye(3) * (np.arange(3) < m))[:, :, None], len(w), axis=2)
-        rows = pull(u, np.full(len(w), m), axes)
-        out[m] = float(w @ rows.along) / float(w @ rows.live)
-    return out
+    u = np.stack([a.ravel() for a in np.meshgrid(*[nodes] * m)])
+    w = np.prod([a.ravel() for a in np.meshgrid(*[weights] * m)], axis=0)
+    axes = np.repeat((np.eye(3) * (np.arange(3) < m))[:, :, None], len(w), axis=2)
+    return w, np.vstack([u, np.zeros((3 - m, len(w)))]), axes

@@ -2,7 +2,8 @@
 
 Commands are known exactly, so only what was measured can be an outlier, and the smallest sum of distances, a convex
 problem, already resists a large minority of them of any size. From there rows are weighted by a bisquare
-(`identification.fit.bisquare`) until nothing moves: 93 % efficient where all is normal.
+(`identification.fit.bisquare`) until nothing moves: 93 % efficient where all is normal. Last, each row counts as likely
+as it is none of the outliers, by what these have in common (`identification.fit.mixture`).
 """
 
 from __future__ import annotations
@@ -71,9 +72,11 @@ def settle(
     rows = _Rows.of(chain, views, unknowns, held, declared)
     solution = rows.solution(judged)
     with threadpool_limits(1, "blas"):
+        _, judged, _ = rows.rounds(solution, judged, ROUNDS)
+        solution = rows.solution(judged)
         for _ in range(MOST_GROUPINGS):
             base = solution.groups.base
-            _, judged, settled = rows.rounds(solution, judged, ROUNDS)
+            _, judged, settled = rows.rounds(solution, judged, ROUNDS, sharply=True)
             solution = rows.solution(judged)
             if solution.groups.base.tolist() == base.tolist():
                 break
@@ -132,11 +135,12 @@ class _Rows:
         return solve(self.chain, views, self.unknowns, self.held, self.declared, levels=self.levels(judged))
 
     def rounds(
-        self, solution: Solution, judged: Judgement, most: int, moving: bool = False
+        self, solution: Solution, judged: Judgement, most: int, *, moving: bool = False, sharply: bool = False
     ) -> tuple[Array, Judgement, bool]:
         """From a solution, judge and step in turn until nothing moves: the values, their judgement, and whether.
 
-        `moving` takes noise levels from the nearer rows only, as long as the fit may still be far off.
+        `moving` takes noise levels from the nearer rows only, as long as the fit may still be far off; `sharply` judges
+        rows by what outliers have in common, once it no longer is.
         """
         base, values = solution.groups.base, solution.values
         pick, hold, sums, levels = np.ix_(base, base), np.diag(solution.precision), solution.sums, solution.sigma
@@ -144,7 +148,8 @@ class _Rows:
         for _ in range(most):
             used = {k: float(np.sum(inverse * own.gram[pick])) / levels[k] ** 2 for k, own in sums.items()}
             used = dict.fromkeys(self.floor, 0.0) | used
-            judged = judge(self.views, self.gaps(values), used, self.floor, None if moving else judged.sigma)
+            level, common = None if moving else judged.sigma, judged.common if sharply else None
+            judged = judge(self.views, self.gaps(values), used, self.floor, level, common)
             levels = self.levels(judged)
             sums = accumulate(judged.weigh(self.views), self.place, values, self.held)
             gram, slope = total(sums, levels)

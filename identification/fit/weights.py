@@ -7,12 +7,13 @@ finite-sample correction of P. J. Huber & E. M. Ronchetti, Robust Statistics, 20
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from errormodel.arrays import Array, Index, Mask
-from identification.fit.bisquare import Pull, normal, pull
+from identification.fit.bisquare import BY_DISTANCE, Pull, Scale, normal, pull, usual
+from identification.fit.mixture import Outliers
 from identification.views import Kind, PositionView, View
 
 LOW = 0.25  # of the rows set the first noise level: more than half of them may be out, and are then told of
@@ -67,12 +68,14 @@ class Judgement:
     sigma : robust noise level of each kind, in units of its whitener.
     count : scalar observations of each kind that take part.
     kept : for each kind, mean of the weighted squared residual of rows that take part, in noise variances.
+    common : what the outliers of each kind have in common, once that was asked for.
     """
 
     views: tuple[Judged, ...]
     sigma: dict[Kind, float]
     count: dict[Kind, float]
     kept: dict[Kind, float]
+    common: dict[Kind, Outliers] = field(default_factory=dict)
 
     def weigh(self, views: Sequence[View]) -> tuple[View, ...]:
         """The views, weighted; rows that take no part are left out."""
@@ -87,6 +90,7 @@ def judge(
     used: Mapping[Kind, float],
     floor: Mapping[Kind, float],
     start: Mapping[Kind, float] | None = None,
+    common: Mapping[Kind, Outliers] | None = None,
 ) -> Judgement:
     """Judge rows by what a fit leaves of them.
 
@@ -96,6 +100,7 @@ def judge(
     used : degrees of freedom that the fit took from each kind.
     floor : least noise level of each kind.
     start : noise levels to start from; None: those of the nearer rows, while the fit has still to move.
+    common : what the outliers were found to have in common; None: rows are judged by their distance alone.
     """
     judged: dict[int, Judged] = {}
     found = Judgement((), {}, {}, {})
@@ -105,9 +110,15 @@ def judge(
         level = _nearer(rows, used[kind]) if start is None else start[kind]
         for _ in range(1 if start is None else 4):
             level = max(level, floor[kind])
-            pulls = [pull(gap / level, m, axes) for gap, m, axes in rows]
+            scale: Scale = BY_DISTANCE
+            expect = normal()
+            if common is not None:
+                found.common[kind] = outliers = _common(rows, level, common.get(kind))
+                scale = outliers
+                expect = np.array([_usual(k, rows, outliers) for k in range(4)])
+            pulls = [pull(gap / level, m, axes, scale) for gap, m, axes in rows]
             live = sum(float(p.live.sum()) for p in pulls)
-            expected = sum(float(normal()[m] @ p.live) for (_, m, _), p in zip(rows, pulls, strict=True))
+            expected = sum(float(expect[m] @ p.live) for (_, m, _), p in zip(rows, pulls, strict=True))
             square = sum(float(p.along.sum()) for p in pulls) / max(expected * _left(live, used[kind]), 1e-300)
             if start is None or abs(square - 1) < STEADY or level * np.sqrt(square) <= floor[kind]:
                 break
@@ -119,6 +130,18 @@ def judge(
             out = p.out | (wrong >= 0)
             judged[k] = Judged(p.distance, factor * p.trace / m, out, wrong, p.mixed, p.roots(factor))
     return replace(found, views=tuple(judged[k] for k in range(len(views))))
+
+
+def _common(rows: Sequence[tuple[Array, Index, Array | None]], level: float, before: Outliers | None) -> Outliers:
+    """What outliers have in common; rows of which one component alone is wrong are none."""
+    outliers = before or Outliers.unseen(len(rows[0][0]))
+    sound = [pull(gap / level, m, axes).likely[0] > 0.5 for gap, m, axes in rows]
+    left = np.hstack([gap[:, own] / level for (gap, _, _), own in zip(rows, sound, strict=True)])
+    return outliers.among(left, np.concatenate([m[own] for (_, m, _), own in zip(rows, sound, strict=True)]))
+
+
+def _usual(m: int, rows: Sequence[tuple[Array, Index, Array | None]], outliers: Outliers) -> float:
+    return usual(m, outliers) if any(m in own for _, own, _ in rows) else 1.0
 
 
 def _components(view: View) -> Index:

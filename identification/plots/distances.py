@@ -38,6 +38,6 @@ def draw_distances(fit: Fit) -> Figure:
     top = float(np.nanmax(distance, initial=CUTS[3]))
     axes.set_ylim(0.1, 2 * max(top, 2 * CUTS[3]))
     style.dress(axes, "row, in the order of the survey", "distance / standard deviations")
-    text = "dots: rows that take part  ·  crosses: outliers  ·  grey: where a row of one to three components is out"
+    text = "dots: rows that take part  ·  crosses: outliers  ·  grey: from where a row is usually out"
     figure.text(0.75 / style.WIDTH, 1 - 0.25 / 3.2, text, size=style.SMALL, color=style.MUTED)
     return figure
