@@ -23,7 +23,7 @@ def rows(share: float, mean: tuple[float, float, float], spread: float, n: int =
 )
 def test_share_mean_and_spread_are_found(share: float, mean: tuple[float, float, float], spread: float) -> None:
     u, out = rows(share, mean, spread)
-    found = Outliers.unseen(3).among(u, np.full(u.shape[1], 3))
+    found = Outliers.unseen().among(u, np.full(u.shape[1], 3))
     assert found.share == pytest.approx(share, rel=0.12)
     np.testing.assert_allclose(found.mean, mean, atol=0.1 * spread + 5 * spread / np.sqrt(out.sum()))
     assert found.spread == pytest.approx(spread, rel=0.12)
@@ -33,7 +33,7 @@ def test_far_rows_do_not_hide_nearer_ones() -> None:
     """One at a metre leaves the others' mean and spread as they are."""
     u, _ = rows(0.1, (4, 0, -3), 1.0)
     u[:, 0] = 1e8
-    found = Outliers.unseen(3).among(u, np.full(u.shape[1], 3))
+    found = Outliers.unseen().among(u, np.full(u.shape[1], 3))
     assert found.spread < 1.3
     assert found.normal(u, np.full(u.shape[1], 3))[0] < 1e-100
 
@@ -41,7 +41,7 @@ def test_far_rows_do_not_hide_nearer_ones() -> None:
 def test_normal_rows_keep_their_weight() -> None:
     u, _ = rows(0.0, (0, 0, 0), 1.0)
     m = np.full(u.shape[1], 3)
-    found = Outliers.unseen(3).among(u, m)
+    found = Outliers.unseen().among(u, m)
     assert found.share < 2e-3
     assert np.mean(found.whole(u, m)[1]) > 0.998
 

@@ -24,7 +24,10 @@ ROUNDS, STILL = 100, 1e-4
 
 @dataclass(frozen=True)
 class Outliers:
-    """What they have in common: `share` of the rows, `mean` (components,) and `spread` in units of the noise."""
+    """What they have in common: `share` of the rows, `mean` (3,) and `spread` in units of the noise.
+
+    Residuals u (components, n) below are in units of the noise, 0 where nothing was measured; m (n,) are measured.
+    """
 
     share: float
     mean: Array
@@ -33,12 +36,12 @@ class Outliers:
     sharp: ClassVar[float] = 1.0
 
     @classmethod
-    def unseen(cls, components: int) -> Outliers:
+    def unseen(cls) -> Outliers:
         """Before any row has been looked at."""
-        return cls(SHARE, np.zeros(components), SPREAD)
+        return cls(SHARE, np.zeros(3), SPREAD)
 
     def among(self, u: Array, m: Index) -> Outliers:
-        """Of rows with residuals u (components, n) in units of the noise, `m` (n,) of which were measured."""
+        """As rows with residuals u (3, n) show it, from what was thought before."""
         u = u * np.minimum(1, FAR / np.maximum(np.linalg.norm(u, axis=0), 1e-300))
         out, before = self, np.full(len(m), np.nan)
         for _ in range(ROUNDS):
@@ -59,10 +62,11 @@ class Outliers:
 
     def whole(self, u: Array, m: Index) -> tuple[Array, Array, Array]:
         """Cost, weight and divergence of the pull of rows that count as likely as they are no outliers."""
-        u = u[: len(self.mean)]
         p, square = self.normal(u, m), np.square(u).sum(axis=0)
         p[p < FAINT] = 0.0
-        steep = square - (u * (u - self.mean[:, None])).sum(axis=0) / self.spread**2  # u times the slope of the odds
+        steep = (
+            square - (u * (u - self.mean[: len(u), None])).sum(axis=0) / self.spread**2
+        )  # u times the slope of the odds
         return np.minimum(square / 2, self._cost(u, m)), p, p * m - p * (1 - p) * steep
 
     def rest(self, distance: Array, m: Index) -> tuple[Array, Array, Array]:
@@ -72,5 +76,5 @@ class Outliers:
 
     def _cost(self, u: Array, m: Index) -> Array:
         """Of being an outlier: half a squared distance beyond which that is the likelier."""
-        apart = np.square((u - self.mean[:, None]) / self.spread).sum(axis=0)
+        apart = np.square((u - self.mean[: len(u), None]) / self.spread).sum(axis=0)
         return np.asarray(apart / 2 - np.log(self.share) + m * np.log(self.spread))

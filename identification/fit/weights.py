@@ -134,14 +134,19 @@ def judge(
 
 def _common(rows: Sequence[tuple[Array, Index, Array | None]], level: float, before: Outliers | None) -> Outliers:
     """What outliers have in common; rows of which one component alone is wrong are none."""
-    outliers = before or Outliers.unseen(len(rows[0][0]))
     sound = [pull(gap / level, m, axes).likely[0] > 0.5 for gap, m, axes in rows]
-    left = np.hstack([gap[:, own] / level for (gap, _, _), own in zip(rows, sound, strict=True)])
-    return outliers.among(left, np.concatenate([m[own] for (_, m, _), own in zip(rows, sound, strict=True)]))
+    left = [
+        np.pad(gap[:, own] / level, ((0, 3 - len(gap)), (0, 0))) for (gap, _, _), own in zip(rows, sound, strict=True)
+    ]
+    measured = np.concatenate([m[own] for (_, m, _), own in zip(rows, sound, strict=True)])
+    return (before or Outliers.unseen()).among(np.hstack(left), measured)
 
 
 def _usual(m: int, rows: Sequence[tuple[Array, Index, Array | None]], outliers: Outliers) -> float:
-    return usual(m, outliers) if any(m in own for _, own, _ in rows) else 1.0
+    if not any(m in own for _, own, _ in rows):
+        return 1.0
+    order = np.argsort(-np.abs(outliers.mean))  # what rows of fewer components have is where the mean is
+    return usual(m, replace(outliers, mean=outliers.mean[order]))
 
 
 def _components(view: View) -> Index:
