@@ -6,7 +6,7 @@ import multiprocessing
 import os
 import sys
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from multiprocessing.connection import Connection
 from typing import Any, TypeVar
@@ -19,62 +19,56 @@ PATIENCE = 60.0  # s: a worker that is silent for longer after all else is done 
 def side_by_side(jobs: Sequence[Callable[[], T]]) -> list[T]:
     """What each job returns, in their order; what a job changes may be lost with its worker.
 
-    Workers are for Linux, where a fork is safe and cheap; elsewhere all is done here, one after the other. What a
-    worker did not bring is done here too: an exception rises where it can be seen.
+    Workers are for Linux, where a fork is safe and cheap, and not for processes that are workers themselves (a pool's,
+    Dask's); elsewhere all is done here, one after the other. What a worker did not bring is done here too: an exception
+    rises where it can be seen.
     """
-    done: dict[int, T] = {}
-    helpers = min(len(jobs), _cores()) - 1 if sys.platform == "linux" else 0
-    if helpers > 0:
-        context = multiprocessing.get_context("fork")
-        following = context.Value("i", 0)
-        with warnings.catch_warnings():
-            # the threads that a library keeps are not forked: nothing of theirs is waited for in what workers do
-            warnings.filterwarnings("ignore", ".*multi-threaded.*fork", DeprecationWarning)
-            workers = [_started(context, jobs, following) for _ in range(helpers)]
-        for k in _taken(following, len(jobs)):
-            done[k] = jobs[k]()
-        for process, results in workers:
-            done |= _received(results)
-            process.kill()
-            process.join()
-    return [done[k] if k in done else job() for k, job in enumerate(jobs)]
+    count = min(len(jobs), _cores())
+    workers = [_started(jobs[k::count]) for k in range(1, count)]
+    done = {0: [job() for job in jobs[::count]]} if workers else {}
+    for k, worker in enumerate(workers, start=1):
+        done[k] = _received(worker)
+    parts = [done.get(k) or [job() for job in jobs[k::count]] for k in range(count)]
+    return [parts[k % count][k // count] for k in range(len(jobs))]
 
 
 def _cores() -> int:
+    if sys.platform != "linux" or multiprocessing.current_process().daemon:
+        return 1
     return len(os.sched_getaffinity(0))
 
 
-def _started(context: Any, jobs: Sequence[Callable[[], T]], following: Any) -> tuple[Any, Connection]:
-    """A worker, and where its results come from."""
+def _started(jobs: Sequence[Callable[[], Any]]) -> tuple[Any, Connection] | None:
+    """A worker, and where its results come from; None where the system has no room for one."""
+    context = multiprocessing.get_context("fork")
     here, there = context.Pipe(duplex=False)
-    process = context.Process(target=_work, args=(jobs, following, there), daemon=True)
-    process.start()
-    there.close()
+    process = context.Process(target=_work, args=(jobs, there), daemon=True)
+    with warnings.catch_warnings():
+        # the threads that a library keeps are not forked: nothing of theirs is waited for in what workers do
+        warnings.filterwarnings("ignore", ".*multi-threaded.*fork", DeprecationWarning)
+        try:
+            process.start()
+        except OSError:
+            return None
+        finally:
+            there.close()
     return process, here
 
 
-def _work(jobs: Sequence[Callable[[], T]], following: Any, results: Connection) -> None:
-    done: dict[int, T] = {}
+def _work(jobs: Sequence[Callable[[], Any]], results: Connection) -> None:
     with suppress(Exception):  # the parent meets it again, with all its handlers
-        for k in _taken(following, len(jobs)):
-            done[k] = jobs[k]()
-    with suppress(Exception):
-        results.send(done)
+        results.send([job() for job in jobs])
 
 
-def _taken(following: Any, count: int) -> Iterator[int]:
-    """Numbers of jobs that no other worker has taken."""
-    while True:
-        with following.get_lock():
-            k = following.value
-            following.value += 1
-        if k >= count:
-            return
-        yield k
-
-
-def _received(results: Connection) -> dict[int, Any]:
+def _received(worker: tuple[Any, Connection] | None) -> list[Any]:
+    """A worker's results; none of one that failed or was lost."""
+    if worker is None:
+        return []
+    process, results = worker
     try:
-        return dict(results.recv()) if results.poll(PATIENCE) else {}
+        return list(results.recv()) if results.poll(PATIENCE) else []
     except (EOFError, OSError):
-        return {}
+        return []
+    finally:
+        process.kill()
+        process.join()

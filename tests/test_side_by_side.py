@@ -16,7 +16,7 @@ HERE = os.getpid()
 
 @pytest.fixture(params=[1, 2, 4], autouse=True)
 def cores(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "_cores", lambda: request.param)
+    monkeypatch.setattr(module.os, "sched_getaffinity", lambda _: set(range(request.param)), raising=False)
 
 
 def square(number: int) -> int:
@@ -46,6 +46,15 @@ def test_what_a_lost_worker_took_is_done_here() -> None:
         return number
 
     assert side_by_side([partial(dangerous, k) for k in range(8)]) == list(range(8))
+
+
+def test_in_a_worker_all_is_done_there() -> None:
+    """Daemonic processes, as those of a pool or of Dask, may not have children."""
+
+    def nested() -> list[int]:
+        return side_by_side([partial(square, k) for k in range(5)])
+
+    assert side_by_side([nested] * 4) == [[k**2 for k in range(5)]] * 4
 
 
 def test_a_result_that_cannot_travel_is_made_here() -> None:
