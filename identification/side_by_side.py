@@ -23,12 +23,11 @@ def side_by_side(jobs: Sequence[Callable[[], T]]) -> list[T]:
     Dask's); elsewhere all is done here, one after the other. What a worker did not bring is done here too: an exception
     rises where it can be seen.
     """
-    count = min(len(jobs), _cores())
-    workers = [_started(jobs[k::count]) for k in range(1, count)]
-    done = {0: [job() for job in jobs[::count]]} if workers else {}
-    for k, worker in enumerate(workers, start=1):
-        done[k] = _received(worker)
-    parts = [done.get(k) or [job() for job in jobs[k::count]] for k in range(count)]
+    count = max(min(len(jobs), _cores()), 1)
+    shares = [jobs[k::count] for k in range(count)]
+    workers = [_started(share) for share in shares[1:]]
+    brought = [[job() for job in shares[0]], *map(_received, workers)]
+    parts = [done or [job() for job in share] for done, share in zip(brought, shares, strict=True)]
     return [parts[k % count][k // count] for k in range(len(jobs))]
 
 

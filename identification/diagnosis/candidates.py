@@ -242,7 +242,7 @@ class Scores:
         lists = list(self.candidates.of_key.values())
         if not lists:
             return []
-        numbers, counts = np.concatenate([np.array(n) for n in lists]), np.array([len(n) for n in lists])
+        numbers, counts = np.concatenate(lists), np.array([len(n) for n in lists])
         first = np.cumsum(counts) - counts
         values = self.evidence[numbers]
         most = np.maximum.reduceat(values, first)
