@@ -6,10 +6,12 @@ import os
 import signal
 from functools import partial
 
+import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from identification import side_by_side as module
-from identification.side_by_side import side_by_side
+from identification.side_by_side import Ground, side_by_side
 
 HERE = os.getpid()
 
@@ -60,3 +62,22 @@ def test_in_a_worker_all_is_done_there() -> None:
 def test_a_result_that_cannot_travel_is_made_here() -> None:
     made = side_by_side([lambda: lambda: 1, lambda: lambda: 2])
     assert [f() for f in made] == [1, 2]
+
+
+def test_arrays_on_the_ground_do_not_travel_and_are_the_same() -> None:
+    ground = Ground(1 << 20, 4)
+
+    def lay(part: int) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
+        room = ground.empty(part, (3, 50), np.float32)
+        room[:] = part + np.arange(50)
+        wide = ground.empty(part, (1 << 20,), np.float32)  # more than there is: laid elsewhere, and travels
+        wide[:] = part
+        return room, room[1:], wide[::1000]
+
+    for part, (room, some, wide) in enumerate(side_by_side([partial(lay, k) for k in range(4)], ground)):
+        assert np.array_equal(room, np.tile(part + np.arange(50, dtype=np.float32), (3, 1)))
+        assert np.array_equal(some, room[1:])
+        assert np.array_equal(wide, np.full(wide.shape, part))
+        assert (ground.place(room) is None) == (module._cores() == 1)
+        room[1] = -1  # one memory, not a copy
+        assert (some[0] == -1).all()

@@ -6,26 +6,30 @@ integrated over its grid, which pays for looking elsewhere. Nats throughout.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from errormodel.arrays import Array, Index, Mask
 from errormodel.effects import registry
 from errormodel.effects.base import Effect
 from errormodel.effects.scene import Scene
 from identification.diagnosis.workbench import Workbench
+from identification.side_by_side import Ground, side_by_side
 
 AT_ONCE = 16  # columns made in one go: they stay within the processor's cache
 Columns = NDArray[np.floating[Any]]
 Part = tuple[Index, Columns, Array]  # proposals' numbers, columns and sizes
+Empty = Callable[[tuple[int, ...], DTypeLike], Columns]
 BLOCK = 250  # proposals scored in one go
+MANY, PARTS = 1000, 4  # proposals beyond which columns are made side by side, in so many parts
 MEMORY = 2_400_000_000  # bytes of all proposals' columns
+GROUND = 4 * MEMORY  # what they may lie on: blocks begun are not full
 USUAL = 2  # parameters of a proposal
 SIZES = {1.0: 0.6, 3.0: 0.3, 10.0: 0.1}  # times the usual one: how often
 NOTHING = 1e-300  # length squared of a column
@@ -89,20 +93,16 @@ class Candidates:
         """All proposals of the library (or the given ones) whose channels the survey has."""
         if effects is None:
             effects = proposed(bench.scene)
-        stacks: dict[tuple[bool, int], _Stack] = {}
-        listed: list[Effect] = []
-        for alike in _alike(effects):
-            terms = bench.terms(alike)
-            kind = (alike[0].tied, len(terms))
-            if kind not in stacks:
-                stacks[kind] = _Stack(len(terms), bench.size)
-            sizes = np.array([t.size for t in terms])
-            room = stacks[kind].room(len(listed), len(alike), sizes)
-            bench.fill(terms, room)
-            room *= sizes[:, None].astype(SINGLE)
-            listed += alike
-        blocks = [Block.of(bench, *parts) for _, stack in sorted(stacks.items()) for parts in stack.parts()]
-        return cls(listed, blocks, [e.key for e in listed])._that_move()
+        lists = list(_alike(effects))
+        # not as many as there are cores: results must not depend on them
+        parts = [lists[k::PARTS] for k in range(PARTS)] if len(effects) > MANY else [lists]
+        listed = [[e for alike in part for e in alike] for part in parts]
+        first = np.cumsum([0, *map(len, listed)]).tolist()
+        ground = Ground(GROUND, len(parts))
+        jobs = [partial(_blocks, bench, part, first[k], partial(ground.empty, k)) for k, part in enumerate(parts)]
+        blocks = [block for made in side_by_side(jobs, ground) for block in made]
+        every = [e for part in listed for e in part]
+        return cls(every, blocks, [e.key for e in every])._that_move()
 
     def _that_move(self) -> Candidates:
         """Without proposals that move nothing in these rows, or are not defined in some."""
@@ -187,11 +187,26 @@ def _alike(effects: Sequence[Effect]) -> Iterator[list[Effect]]:
     yield from lists.values()
 
 
+def _blocks(bench: Workbench, lists: Sequence[Sequence[Effect]], first: int, empty: Empty) -> list[Block]:
+    """The effects of some lists, numbered from `first` on, in blocks."""
+    stacks: dict[tuple[bool, int], _Stack] = {}
+    for alike in lists:
+        terms = bench.terms(alike)
+        kind = (alike[0].tied, len(terms))
+        if kind not in stacks:
+            stacks[kind] = _Stack(len(terms), bench.size, empty)
+        sizes = np.array([t.size for t in terms])
+        room = stacks[kind].room(first, len(alike), sizes)
+        bench.fill(terms, room, scaled=True)
+        first += len(alike)
+    return [Block.of(bench, *parts) for _, stack in sorted(stacks.items()) for parts in stack.parts()]
+
+
 class _Stack:
     """Proposals of the same number of parameters, gathered in blocks that fit into a cache's neighbourhood."""
 
-    def __init__(self, parameters: int, observations: int) -> None:
-        self._shape = parameters, observations
+    def __init__(self, parameters: int, observations: int, empty: Empty) -> None:
+        self._shape, self._memory = (parameters, observations), empty
         self._full: list[Part] = []
         self._count, self._numbers, self._columns, self._sizes = self._empty()
 
@@ -210,7 +225,7 @@ class _Stack:
         return self._full + self._last()
 
     def _empty(self) -> tuple[int, Index, Columns, Array]:
-        columns = np.empty((BLOCK, *self._shape), SINGLE)
+        columns = self._memory((BLOCK, *self._shape), SINGLE)
         return 0, np.empty(BLOCK, dtype=np.intp), columns, np.empty((BLOCK, self._shape[0]))
 
     def _last(self) -> list[Part]:

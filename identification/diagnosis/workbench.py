@@ -92,17 +92,22 @@ class Workbench:
             one = one.model_copy(update={one.shape: np.array([[getattr(e, one.shape)] for e in effects])})
         return one.terms(self.channel, self.chain.machine)
 
-    def fill(self, terms: Sequence[EffectTerm], out: NDArray[np.floating[Any]]) -> None:
-        """Write the whitened columns of some terms (k) into `out` (n, k, N + ties)."""
-        seen = len(self.index)
+    def fill(self, terms: Sequence[EffectTerm], out: NDArray[np.floating[Any]], scaled: bool = False) -> None:
+        """Write the whitened columns of some terms (k) into `out` (n, k, N + ties), in units of their size if `scaled`.
+
+        All is computed in the precision of `out`: mixed ones take several times as long.
+        """
+        seen, kind = len(self.index), out.dtype
         out[:, :, seen:] = 0.0
         for k, term in enumerate(terms):
-            lever, own = self.levers[term.element], out[:, k, :seen]
+            levers, own = self.levers[term.element], out[:, k, :seen]
             for n, (motion, value) in enumerate(term.motion.items()):
+                lever = levers[MOTIONS.index(motion)] * (term.size if scaled else 1.0)
+                parts = lever.astype(kind, copy=False), np.asarray(value, kind)
                 if n:
-                    own += lever[MOTIONS.index(motion)] * value
+                    own += np.multiply(*parts)
                 else:
-                    np.multiply(lever[MOTIONS.index(motion)], value, out=own, casting="same_kind")
+                    np.multiply(*parts, out=own)
 
     def project(self, columns: Array) -> Array:
         """Columns (k, N + ties) without what the basis spans."""
