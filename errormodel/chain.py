@@ -99,6 +99,10 @@ class Chain:
         self.index = {identity: k for k, identity in enumerate(self.ids)}
         self.values = ca.SX.sym("p", len(parameters))
 
+    def __reduce__(self) -> tuple[type[Chain], tuple[Machine]]:
+        """To another process it goes as its machine: symbols stay at home, and kernels are made when asked for."""
+        return Chain, (self.machine,)
+
     def _effect_terms(self, spec: EffectSpec) -> list[tuple[str, Term]]:
         """An effect's parameters as terms of the elements they move."""
         try:

@@ -96,18 +96,17 @@ def settled(table: pd.DataFrame, names: Iterable[str]) -> pd.DataFrame:
 
 def _local_line(time: Array, values: Array) -> Array:
     """Local linear regression with Gaussian weights of standard deviation `SETTLE`, by convolution on an even grid."""
-    from scipy.ndimage import gaussian_filter1d
-
     start, end = float(time.min()), float(time.max())
     step = max(SETTLE / 8, (end - start) / 1_000_000)
     place = np.rint((time - start) / step).astype(np.intp)
     size, x = int(place.max()) + 1, place - place.max() / 2
     level = values.mean()
+    reach = np.arange(-int(5 * SETTLE / step), int(5 * SETTLE / step) + 1)
+    kernel = np.exp(-0.5 * (reach * step / SETTLE) ** 2)
 
     def moment(weights: Array) -> Array:
         sums = np.bincount(place, weights, minlength=size)
-        smooth = gaussian_filter1d(sums, SETTLE / step, mode="constant", truncate=5.0)
-        return np.asarray(smooth, dtype=np.float64)[place]
+        return np.convolve(sums, kernel)[len(kernel) // 2 :][place]
 
     count, first, second = moment(np.ones_like(x)), moment(x), moment(x**2)
     value, product = moment(values - level), moment(x * (values - level))

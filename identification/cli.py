@@ -7,6 +7,7 @@ import io
 import os
 import sys
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -16,6 +17,7 @@ from errormodel.exceptions import ErrorModelError, InputError
 from identification.console import ANY, FILE, FOLDER, app, command, one_line, say, show_notes, working
 
 if TYPE_CHECKING:
+    from identification.ahead import Ahead
     from identification.describe import Description
     from identification.diagnosis.run import Diagnosed
     from identification.fit.result import Fit
@@ -23,6 +25,7 @@ if TYPE_CHECKING:
 DRAWINGS = (".svg", ".png", ".pdf")
 MOST_POSES = 10_000_000  # simulated in one go
 MOST_PLANNED = 2000
+MOST_SENT = 200_000  # rows of a fit that is sent to another process: more would take longer than they save
 
 
 @command
@@ -194,6 +197,7 @@ def _noise(text: str, instrument: Any) -> Any:
 @click.option("--priors", type=FILE, help="YAML: what is known beforehand: bounds; with --bayes priors too.")
 def fit(machine: str, survey: Path, out: Path, robust: bool, bayes: bool, priors: Path | None, seed: int) -> None:
     """Fit the machine's parameters to a SURVEY: values, uncertainties, residuals, a report."""
+    elsewhere = _drawing_elsewhere()
     from errormodel.schema import read_machine
     from errormodel.survey import read_survey
     from identification.cli_bayes import beforehand, with_posterior
@@ -211,13 +215,33 @@ def fit(machine: str, survey: Path, out: Path, robust: bool, bayes: bool, priors
     if bayes:
         result = with_posterior(result, lambda m: fit_machine(m, data, robust), given, document, robust, seed, out)
     show_notes(tuple(n for n in result.notes if n not in data.notes))
-    _save(result, out)
+    _save(result, out, elsewhere)
     _say_fit(result, out)
 
 
-def _save(result: Fit, out: Path, diagnosed: Diagnosed | None = None) -> None:
+def _drawing_elsewhere() -> Ahead:
+    """A process for the report: it loads what that takes, which is as long as a fit, while the command is at work."""
+    from identification.ahead import Ahead
+
+    return click.get_current_context().with_resource(Ahead(_load_drawing))
+
+
+def _load_drawing() -> None:
+    from identification.report import load
+
+    load()
+
+
+def _write_report(result: Fit, path: Path, diagnosed: Diagnosed | None) -> None:
+    from identification.report import write_report
+
+    write_report(result, path, diagnosed)
+
+
+def _save(result: Fit, out: Path, elsewhere: Ahead, diagnosed: Diagnosed | None = None) -> None:
     from identification import store
 
+    elsewhere.begin(partial(_write_report, result, out / "report.html", diagnosed), len(result.survey) < MOST_SENT)
     with working("Writing tables"):
         store.save(result, out)
         if result.posterior is not None:
@@ -227,9 +251,7 @@ def _save(result: Fit, out: Path, diagnosed: Diagnosed | None = None) -> None:
         else:
             (out / "posterior.nc").unlink(missing_ok=True)  # of another fit
     with working("Drawing the report"):
-        from identification.report import write_report
-
-        write_report(result, out / "report.html", diagnosed)
+        elsewhere.finish()
 
 
 def _say_fit(result: Fit, out: Path) -> None:
@@ -248,6 +270,7 @@ def _say_fit(result: Fit, out: Path) -> None:
 )
 def diagnose(machine: str, survey: Path, out: Path) -> None:
     """Fit, then find the physics that was left out: where, what, how sure; the fit is that of the extended machine."""
+    elsewhere = _drawing_elsewhere()
     from errormodel.files import write_text_atomic
     from errormodel.schema import read_machine
     from errormodel.survey import read_survey
@@ -261,7 +284,7 @@ def diagnose(machine: str, survey: Path, out: Path) -> None:
     show_notes(data.notes)
     result = stage(model, data, working)
     show_notes(tuple(n for n in result.diagnosis.notes if n not in data.notes))
-    _save(result.final, out, result)
+    _save(result.final, out, elsewhere, result)
     write_text_atomic(dumps(result.diagnosis.as_json()), out / "diagnosis.json")
     for line in diagnosis_lines(result.diagnosis):
         say(line)

@@ -12,19 +12,23 @@ import os
 import pickle
 import sys
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from multiprocessing.connection import Connection
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
+
+if TYPE_CHECKING:
+    from multiprocessing.context import ForkProcess
 
 T = TypeVar("T")
 Place = tuple[int, tuple[int, ...], str]  # of an array: bytes from the start, shape, kind of number
 
 ALIGNED = 64  # bytes: every array begins at a multiple
 NO_RESERVE = 0x4000  # Linux: take no memory before it is written to
+MOST_DEALT = 10_000  # jobs: their numbers fit into a pipe
 PATIENCE = 60.0  # s: a worker that is silent for longer after all else is done has been lost
 
 
@@ -36,7 +40,7 @@ class Ground:
 
     def __init__(self, size: int, parts: int) -> None:
         self._memory = np.empty(0, np.uint8)
-        if parts > 1 and _cores() > 1:
+        if parts > 1 and cores() > 1:
             with suppress(OSError, ValueError):
                 flags = mmap.MAP_SHARED | mmap.MAP_ANONYMOUS | NO_RESERVE
                 self._memory = np.frombuffer(mmap.mmap(-1, size, flags=flags), np.uint8)
@@ -75,25 +79,52 @@ def side_by_side(jobs: Sequence[Callable[[], T]], ground: Ground = NO_GROUND) ->
     Dask's); elsewhere all is done here, one after the other. What a worker did not bring is done here too: an exception
     rises where it can be seen.
     """
-    count = max(min(len(jobs), _cores()), 1)
-    shares = [jobs[k::count] for k in range(count)]
-    workers = [_started(share, ground) for share in shares[1:]]
-    brought = [[job() for job in shares[0]], *(_received(worker, ground) for worker in workers)]
-    parts = [done or [job() for job in share] for done, share in zip(brought, shares, strict=True)]
-    return [parts[k % count][k // count] for k in range(len(jobs))]
+    if not jobs:
+        return []
+    deck, end = os.pipe()
+    try:
+        # a pipe hands each number to one reader: who is done early takes more, and no lock is lost with a worker
+        os.write(end, np.arange(1, min(len(jobs), MOST_DEALT), dtype=np.uint16).tobytes())
+        os.close(end)
+        workers = [_started(jobs, deck, ground) for _ in range(min(len(jobs), cores()) - 1)]
+        try:
+            done = {0: jobs[0](), **dict(_dealt(jobs, deck))}
+            for worker in workers:
+                done |= _received(worker, ground)
+        finally:
+            for process, _ in filter(None, workers):
+                process.kill()
+                process.join()
+    finally:
+        os.close(deck)
+    return [done[k] if k in done else jobs[k]() for k in range(len(jobs))]
 
 
-def _cores() -> int:
+def _dealt(jobs: Sequence[Callable[[], T]], deck: int) -> Iterator[tuple[int, T]]:
+    """Jobs that nobody has taken yet, done: their numbers and what they return."""
+    while number := os.read(deck, np.dtype(np.uint16).itemsize):
+        k = int(np.frombuffer(number, np.uint16)[0])
+        yield k, jobs[k]()
+
+
+def cores() -> int:
+    """Processes that may work at the same time, this one among them."""
     if sys.platform != "linux" or multiprocessing.current_process().daemon:
         return 1
     return len(os.sched_getaffinity(0))
 
 
-def _started(jobs: Sequence[Callable[[], Any]], ground: Ground) -> tuple[Any, Connection] | None:
+def _started(jobs: Sequence[Callable[[], Any]], deck: int, ground: Ground) -> tuple[ForkProcess, Connection] | None:
     """A worker, and where its results come from; None where the system has no room for one."""
-    context = multiprocessing.get_context("fork")
-    here, there = context.Pipe(duplex=False)
-    process = context.Process(target=_work, args=(jobs, ground, there), daemon=True)
+    here, there = multiprocessing.get_context("fork").Pipe(duplex=False)
+    process = forked(_work, (jobs, deck, ground, there))
+    there.close()
+    return (process, here) if process else None
+
+
+def forked(target: Callable[..., None], arguments: tuple[Any, ...], daemon: bool = True) -> ForkProcess | None:
+    """A fork of this process at work; None where the system has no room for one. A daemon may have none itself."""
+    process = multiprocessing.get_context("fork").Process(target=target, args=arguments, daemon=daemon)
     with warnings.catch_warnings():
         # the threads that a library keeps are not forked: nothing of theirs is waited for in what workers do
         warnings.filterwarnings("ignore", ".*multi-threaded.*fork", DeprecationWarning)
@@ -101,15 +132,13 @@ def _started(jobs: Sequence[Callable[[], Any]], ground: Ground) -> tuple[Any, Co
             process.start()
         except OSError:
             return None
-        finally:
-            there.close()
-    return process, here
+    return process
 
 
-def _work(jobs: Sequence[Callable[[], Any]], ground: Ground, results: Connection) -> None:
+def _work(jobs: Sequence[Callable[[], Any]], deck: int, ground: Ground, results: Connection) -> None:
     with suppress(Exception):  # the parent meets it again, with all its handlers
         message = io.BytesIO()
-        _Sender(message, ground).dump([job() for job in jobs])
+        _Sender(message, ground).dump(dict(_dealt(jobs, deck)))
         results.send_bytes(message.getbuffer())
 
 
@@ -131,15 +160,12 @@ class _Receiver(pickle.Unpickler):
         return self._ground.at(pid)
 
 
-def _received(worker: tuple[Any, Connection] | None, ground: Ground) -> list[Any]:
-    """A worker's results; none of one that failed or was lost."""
+def _received(worker: tuple[ForkProcess, Connection] | None, ground: Ground) -> dict[int, Any]:
+    """A worker's results by the jobs' numbers; none of one that failed or was lost."""
     if worker is None:
-        return []
-    process, results = worker
+        return {}
+    _, results = worker
     try:
-        return list(_Receiver(io.BytesIO(results.recv_bytes()), ground).load()) if results.poll(PATIENCE) else []
+        return dict(_Receiver(io.BytesIO(results.recv_bytes()), ground).load()) if results.poll(PATIENCE) else {}
     except (EOFError, OSError):
-        return []
-    finally:
-        process.kill()
-        process.join()
+        return {}

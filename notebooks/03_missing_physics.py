@@ -104,7 +104,7 @@ print(*diagnosis_lines(found.diagnosis), sep="\n")
 
 # %%
 groups = numbered(found)
-draw_where_map(found.growth, found.scores, list(groups.items()))
+draw_where_map(found.growth, found.ranking, list(groups.items()))
 
 # %% [markdown]
 # Residuals along the driver, without the finding and with it. The geometry had taken most of the effect, which is why

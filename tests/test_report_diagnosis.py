@@ -148,8 +148,8 @@ def test_bins_hold_all_rows_and_their_scatter() -> None:
 
 def test_the_map_shows_where() -> None:
     growth, _, _ = grown("backlash")
-    scores = Candidates.of(growth.start).scores(growth.start)
-    found = where_map(growth, scores, [(3, growth.findings[0])])
+    ranking = Candidates.of(growth.start).scores(growth.start).ranking()
+    found = where_map(growth, ranking, [(3, growth.findings[0])])
     row, column = found.rows.index(("X", "dx")), found.columns.index("dir_X")
     assert found.marks == {(row, column): [3]}
     assert found.share[row, column] > 0.9

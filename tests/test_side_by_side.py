@@ -78,6 +78,6 @@ def test_arrays_on_the_ground_do_not_travel_and_are_the_same() -> None:
         assert np.array_equal(room, np.tile(part + np.arange(50, dtype=np.float32), (3, 1)))
         assert np.array_equal(some, room[1:])
         assert np.array_equal(wide, np.full(wide.shape, part))
-        assert (ground.place(room) is None) == (module._cores() == 1)
+        assert (ground.place(room) is None) == (module.cores() == 1)
         room[1] = -1  # one memory, not a copy
         assert (some[0] == -1).all()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import lru_cache
 
 from errormodel.conventions import FRAME, ROTATIONS, TOOL, TRANSLATIONS, Motion
 from errormodel.effects.base import axis_motion
@@ -10,6 +11,7 @@ from errormodel.effects.scene import Scene
 from errormodel.effects.travel import direction, parallel
 
 
+@lru_cache(maxsize=32)
 def rotating(scene: Scene, motion: Motion | None = None) -> list[list[str]]:
     """Elements in groups in which a rotation (any, or one of them) acts alike, but for a lever that does not change."""
     groups, moving = [[FRAME]], {j.name: j for j in scene.moving}
@@ -24,6 +26,7 @@ def rotating(scene: Scene, motion: Motion | None = None) -> list[list[str]]:
     return groups
 
 
+@lru_cache(maxsize=8)
 def translating(scene: Scene) -> list[list[str]]:
     """Elements in groups in which a translation acts alike: between the joints that turn."""
     turns = {j.name for j in scene.rotary}

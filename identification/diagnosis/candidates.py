@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
+from math import log
 from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -146,18 +147,17 @@ class Candidates:
         drop = np.zeros(len(self.effects))
         absorbed = np.ones(len(self.effects))
         reach = np.full(len(self.effects), np.inf)
+        alike: dict[tuple[bool, int], list[Block]] = {}
         for block in self.blocks:
-            numbers = block.numbers
-            if self.effects[numbers[0]].tied:  # a block of its own
-                for k, n in enumerate(numbers):
-                    own = bench.tied(block.columns[k].astype(float))
-                    _, evidence[n], noise = own.best()
-                    drop[n] = bench.freedom * (1 - noise * bench.freedom / bench.square)
-                    absorbed[n] = own.absorbed
-                continue
-            generic = np.array([self.effects[n].generic for n in numbers])
-            scores = _block_scores(bench, block, generic)
-            evidence[numbers], drop[numbers], absorbed[numbers], reach[numbers] = scores
+            kind = self.effects[block.numbers[0]].tied, block.columns.shape[1]
+            alike.setdefault(kind, []).append(block)
+        for (tied, _), blocks in alike.items():
+            own = np.concatenate([block.numbers for block in blocks])
+            if tied:
+                scores = _tied_scores(bench, blocks)
+            else:
+                scores = _free_scores(bench, blocks, np.array([self.effects[n].generic for n in own]))
+            evidence[own], drop[own], absorbed[own], reach[own] = scores
         return Scores(self, evidence - np.array([e.cost for e in self.effects]), drop, absorbed, reach)
 
 
@@ -233,6 +233,14 @@ class _Stack:
         return [(self._numbers[:m], self._columns[:m], self._sizes[:m])] if m else []
 
 
+class Ranked(NamedTuple):
+    """The best proposal of a key: its evidence, with all shapes of the key, in nats, and its `Scores.drop`."""
+
+    effect: Effect
+    evidence: float
+    drop: float
+
+
 @dataclass(frozen=True)
 class Scores:
     """Of each proposal: evidence, drop of the residual sum of squares, and the part of it that the geometry absorbs.
@@ -268,22 +276,23 @@ class Scores:
         best = np.minimum.reduceat(np.where(values == above, np.arange(len(values)), len(values)), first)
         return sorted(zip(mean[finite].tolist(), numbers[best[finite]].tolist(), strict=True), reverse=True)
 
+    def ranking(self) -> list[Ranked]:
+        """The keys whose evidence outweighs how many there are, best first."""
+        ranked = self.by_key()
+        effects = self.candidates.effects
+        return [Ranked(effects[n], e, float(self.drop[n])) for e, n in ranked if e >= log(len(ranked))]
 
-def _block_scores(bench: Workbench, block: Block, generic: Mask) -> tuple[Array, Array, Array, Array]:
-    """Evidence, drop, absorbed part and reach of a block's proposals.
+
+def _free_scores(bench: Workbench, blocks: Sequence[Block], generic: Mask) -> tuple[Array, Array, Array, Array]:
+    """Evidence, drop, absorbed part and reach of the proposals of blocks of as many parameters each.
 
     A physical effect is weighed with its usual size, more seldom with a larger one; a mere form has none and gets the
     scale that suits it best (one nat is paid for the choice).
     """
     from scipy.special import logsumexp
 
-    m, k, n = block.columns.shape
-    # what is left of a column, and its product with the residual, without forming it: R is a projector
-    accepted = np.column_stack([bench.basis[:n, block.rank :], bench.residual[:n]])  # behind them may be ties
-    products = (block.columns.reshape(m * k, n) @ accepted.astype(block.columns.dtype)).reshape(m, k, -1).astype(float)
-    inner, slope = products[..., :-1], products[..., -1]
-    gram = block.gram - inner @ inner.transpose(0, 2, 1)
-    norm = np.sqrt(block.square)
+    gram, slope = map(np.concatenate, zip(*(_left(bench, block) for block in blocks), strict=True))
+    norm = np.sqrt(np.concatenate([block.square for block in blocks]))
     unit = gram / norm[:, :, None] / norm[:, None, :]
     values, vectors = np.linalg.eigh(unit)
     seen = values > 1 - np.where(generic, FORM_ABSORBED, ABSORBED)[:, None]
@@ -302,6 +311,29 @@ def _block_scores(bench: Workbench, block: Block, generic: Mask) -> tuple[Array,
     evidence = logsumexp(by_size, axis=0, b=np.array([*SIZES.values()])[:, None]) - generic
     absorbed = 1 - np.where(seen.any(axis=1), values.mean(axis=1), values.max(axis=1))
     return np.where(seen.any(axis=1), evidence, -np.inf), drop.sum(axis=1), np.clip(absorbed, 0.0, 1.0), reach
+
+
+def _left(bench: Workbench, block: Block) -> tuple[Array, Array]:
+    """What is left of a block's columns, as products with each other (m, k, k) and with the residual (m, k).
+
+    The columns without what the bench spans are never formed: it is a projection.
+    """
+    m, k, n = block.columns.shape
+    accepted = np.column_stack([bench.basis[:n, block.rank :], bench.residual[:n]])  # behind them may be ties
+    products = (block.columns.reshape(m * k, n) @ accepted.astype(block.columns.dtype)).reshape(m, k, -1).astype(float)
+    inner = products[..., :-1]
+    return block.gram - inner @ inner.transpose(0, 2, 1), products[..., -1]
+
+
+def _tied_scores(bench: Workbench, blocks: Sequence[Block]) -> tuple[Array, Array, Array, Array]:
+    """The same of proposals whose parameters are tied; however large, they have no reach."""
+    rows = []
+    for columns in (c for block in blocks for c in block.columns):
+        own = bench.tied(columns.astype(float))
+        _, evidence, noise = own.best()
+        rows.append((evidence, bench.freedom * (1 - noise * bench.freedom / bench.square), own.absorbed, np.inf))
+    evidence, drop, absorbed, reach = np.array(rows).T
+    return evidence, drop, absorbed, reach
 
 
 def _weighed(bench: Workbench, drop: Array, gain: Array) -> Array:

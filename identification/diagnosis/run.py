@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -13,13 +14,14 @@ from errormodel.exceptions import InputError
 from errormodel.machine import EffectSpec, Machine
 from errormodel.survey import Survey
 from identification.diagnosis.blunder import Blunder, listed
-from identification.diagnosis.candidates import Candidates, Scores, enough_rows, proposed
+from identification.diagnosis.candidates import Candidates, Ranked, enough_rows, proposed
 from identification.diagnosis.carried import as_points
 from identification.diagnosis.choosing import Step
 from identification.diagnosis.findings import (
     Diagnosis,
     Finding,
     HeldOut,
+    Untestable,
     alternatives_of,
     as_one,
     look_alikes,
@@ -46,6 +48,7 @@ from identification.diagnosis.workbench import MOST_ROWS, Workbench, set_up
 from identification.fit.result import Fit
 from identification.fit.run import fit_machine
 from identification.progress import Tell, silent
+from identification.side_by_side import side_by_side
 from identification.sums import design_rows
 from identification.views import PositionView
 
@@ -54,14 +57,14 @@ from identification.views import PositionView
 class Diagnosed:
     """The diagnosis, the fits before it and of the extended machine, and how it was found.
 
-    `scores` are those of all candidates before anything was accepted.
+    `ranking` is that of all candidates before anything was accepted.
     """
 
     diagnosis: Diagnosis
     baseline: Fit
     final: Fit
     growth: Growth
-    scores: Scores
+    ranking: list[Ranked]
 
 
 def diagnose(machine: Machine, survey: Survey, tell: Tell = silent) -> Diagnosed:
@@ -100,7 +103,7 @@ def diagnose(machine: Machine, survey: Survey, tell: Tell = silent) -> Diagnosed
             bad, sound = still, _without_fit_rows(survey, still)
             fit = fit_machine(machine, sound)
             found = _explained(fit, sound, changes, tell)
-    growth, final, scores, first = found.growth, found.final, found.scores, found.first
+    growth, final, first = found.growth, found.final, found.first
     fits = [*before, mended]
     findings = [_blunder_finding(b, *fits[k : k + 2]) for k, b in enumerate(blunders)]
     causes = [_finding(g, growth, final, fit, first, found.said.get(g[0].effect, [])) for g in growth.findings]
@@ -116,24 +119,25 @@ def diagnose(machine: Machine, survey: Survey, tell: Tell = silent) -> Diagnosed
         _summary(baseline),
         _summary(final),
         tuple(findings),
-        tuple(unseen(growth.start.scene, scores.beside(growth.start, growth.bench))),
+        tuple(found.untestable),
         verdict.unexplained,
         (*final.notes, *dead, *contrary_sides(survey), *verdict.notes),
     )
-    return Diagnosed(diagnosis, baseline, final, growth, scores)
+    return Diagnosed(diagnosis, baseline, final, growth, found.ranking)
 
 
 @dataclass(frozen=True)
 class _Found:
-    """What explains a fit's residuals, the fit with it, what witnesses said, and the scores before all.
+    """What explains a fit's residuals, the fit with it, what witnesses said, and what could not be seen.
 
-    `first` is the number of the first effect that was found, among those of the final machine.
+    `ranking` is that before all; `first` the number of the first effect that was found, among the final machine's.
     """
 
     growth: Growth
     final: Fit
     said: dict[Effect, list[Account]]
-    scores: Scores
+    untestable: list[Untestable]
+    ranking: list[Ranked]
     first: int
 
 
@@ -150,11 +154,17 @@ def _explained(fit: Fit, survey: Survey, changes: Sequence[Effect], tell: Tell) 
     effects = [*changes, *(s.effect for s in growth.steps)]
     machine = fit.chain.machine
     first = len(machine.effects) + len(changes)
-    if not effects:
-        return _Found(growth, fit, said, scores, first)
+
+    def fitted() -> Fit:
+        return with_form(fit_machine(_extended(machine, effects), survey), growth, first) if effects else fit
+
+    def hidden() -> list[Untestable]:
+        return unseen(growth.start.scene, scores.beside(growth.start, growth.bench))
+
+    jobs: list[Callable[[], Any]] = [fitted, hidden]
     with tell("Fitting the extended machine"):
-        final = fit_machine(_extended(machine, effects), survey)
-    return _Found(growth, with_form(final, growth, first), said, scores, first)
+        final, untestable = side_by_side(jobs)
+    return _Found(growth, final, said, untestable, scores.ranking(), first)
 
 
 def _try(machine: Machine, survey: Survey) -> Fit | None:

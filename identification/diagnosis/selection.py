@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from identification.diagnosis.refinements import bent, forms, is_departure, left
 from identification.diagnosis.switching import switched
 from identification.diagnosis.workbench import Workbench
 from identification.progress import Tell, silent
+from identification.side_by_side import side_by_side
 
 LEAK = 0.06  # of what is already explained: less than this elsewhere may be the shape of what was found
 WORTH = 7.0  # nats below which nothing is looked at further
@@ -145,7 +147,7 @@ def _likely(bench: Workbench, candidates: Candidates) -> Likely:
     ranked = scores.by_key()
     if not ranked or ranked[0][0] < WORTH:
         return None
-    steps = [_polished(candidates, scores, bench, n, len(ranked)) for n in _shortlist(candidates, ranked, 12)]
+    steps = _all_polished(bench, candidates, scores, ranked, 12)
     best = choose(bench, steps)
     if "temperature" in roots(best.effect) and (best.effect.generic or not convincing(bench, best)):
         best = _by_two_causes(bench, candidates, steps, best) or best
@@ -244,7 +246,7 @@ def second_look(growth: Growth, candidates: Candidates) -> Growth:
         bench = growth.without(mine)
         scores = candidates.scores(bench)
         ranked = scores.by_key()
-        steps = [_polished(candidates, scores, bench, n, len(ranked)) for n in _shortlist(candidates, ranked, 8)]
+        steps = _all_polished(bench, candidates, scores, ranked, 8)
         best = choose(bench, steps)
         old = growth.steps[number]
         as_good = best.effect == old.effect or best.drop < 1.02 * bench.drop(bench.with_effect(old.effect))
@@ -263,6 +265,14 @@ def second_look(growth: Growth, candidates: Candidates) -> Growth:
 def _others(steps: Sequence[Step], one: Step) -> tuple[Step, ...]:
     """The rivals of a step: the others, best first."""
     return tuple(s for s in sorted(steps, key=lambda s: -s.evidence) if s is not one)
+
+
+def _all_polished(
+    bench: Workbench, candidates: Candidates, scores: Scores, ranked: Sequence[tuple[float, int]], first: int
+) -> list[Step]:
+    """The shortlist's proposals, polished."""
+    numbers = _shortlist(candidates, ranked, first)
+    return side_by_side([partial(_polished, candidates, scores, bench, n, len(ranked)) for n in numbers])
 
 
 def _polished(candidates: Candidates, scores: Scores, bench: Workbench, number: int, searched: int) -> Step:

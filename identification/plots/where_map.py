@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import log
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,7 @@ from matplotlib.patches import Rectangle
 from errormodel.arrays import Array
 from errormodel.conventions import MOTIONS, Motion, iso_symbol
 from errormodel.features import root
-from identification.diagnosis.candidates import Scores
+from identification.diagnosis.candidates import Ranked
 from identification.diagnosis.choosing import Step
 from identification.diagnosis.growth import Growth
 from identification.plots import style
@@ -38,23 +37,19 @@ class WhereMap:
     marks: dict[tuple[int, int], list[int]]
 
 
-def where_map(growth: Growth, scores: Scores, numbered: Sequence[tuple[int, Sequence[Step]]]) -> WhereMap:
+def where_map(growth: Growth, ranking: Sequence[Ranked], numbered: Sequence[tuple[int, Sequence[Step]]]) -> WhereMap:
     """The best proposal of each cell before anything is accepted, as a share of the excess over noise.
 
-    `scores` are those of the growth's start, `numbered` its findings by their number in the report. A proposal with
-    several motions or channels counts in all their cells, where its evidence outweighs the number of places looked at;
-    a channel that adds nothing to the proposal's others does not count.
+    `ranking` is that of the growth's start, `numbered` its findings by their number in the report. A proposal with
+    several motions or channels counts in all their cells; a channel that adds nothing to the proposal's others does
+    not count.
     """
     start, end = growth.start, growth.bench
     excess = start.square - start.freedom * end.square / end.freedom
     unit = start.square / start.freedom
     shares: dict[Cell, dict[frozenset[str], float]] = {}
-    ranked = scores.by_key()
-    for evidence, number in ranked:
-        if evidence < log(len(ranked)):
-            break
-        effect = scores.candidates.effects[number]
-        share = float(np.clip(scores.drop[number] * unit / max(excess, 1e-300), 0.0, 1.0))
+    for effect, _, drop in ranking:
+        share = float(np.clip(drop * unit / max(excess, 1e-300), 0.0, 1.0))
         drivers = frozenset(map(root, effect.drivers))
         for cell in motions(start, [effect]):
             here = shares.setdefault(cell, {})
@@ -94,9 +89,9 @@ def _laid_out(
     return WhereMap(rows, columns, shares.reshape(len(rows), len(columns)), marks)
 
 
-def draw_where_map(growth: Growth, scores: Scores, numbered: Sequence[tuple[int, Sequence[Step]]]) -> Figure:
+def draw_where_map(growth: Growth, ranking: Sequence[Ranked], numbered: Sequence[tuple[int, Sequence[Step]]]) -> Figure:
     """Heat map of :func:`where_map`: the darker, the more one effect there would explain; findings are framed."""
-    found = where_map(growth, scores, numbered)
+    found = where_map(growth, ranking, numbered)
     n, m = found.share.shape
     left, wide = 1.55, min(MOST_WIDE, 4.7 / m)
     tall = n * HIGH

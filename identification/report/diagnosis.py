@@ -219,7 +219,7 @@ def _unit(diagnosed: Diagnosed, name: str) -> str:
 
 def _where(diagnosed: Diagnosed, groups: dict[int, Sequence[Step]]) -> Picture:
     return picture(
-        partial(draw_where_map, diagnosed.growth, diagnosed.scores, list(groups.items())),
+        partial(draw_where_map, diagnosed.growth, diagnosed.ranking, list(groups.items())),
         "Where: each cell is a motion of an element (row) that goes with a channel (column; side: from which side the "
         "joint arrived). Figures and colour are the share, in per cent, of the error beyond noise that the best single "
         "effect there would explain before anything is accepted; empty cells explain nothing, rows and columns below "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import secrets
+from functools import cache
 from typing import TYPE_CHECKING
 
 from identification.report.pictures import Picture
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
 def page(template: str, **parts: object) -> str:
     """HTML that holds all it shows."""
     album = Album()
-    return album.filled(_environment().get_template(template).render(album=album, **parts))
+    return album.filled(environment().get_template(template).render(album=album, **parts))
 
 
 class Album:
@@ -32,7 +33,8 @@ class Album:
 
     def filled(self, text: str) -> str:
         """The text with all figures."""
-        for k, source in enumerate(side_by_side([p.source for p in self._placed])):
+        backwards = side_by_side([p.source for p in reversed(self._placed)])  # the last ones take longest
+        for k, source in enumerate(reversed(backwards)):
             text = text.replace(self._stand_in(k), source)
         return text
 
@@ -40,7 +42,9 @@ class Album:
         return f"{self._word}-{number}."
 
 
-def _environment() -> jinja2.Environment:
+@cache
+def environment() -> jinja2.Environment:
+    """The templates, compiled when first used."""
     import jinja2
 
     return jinja2.Environment(
