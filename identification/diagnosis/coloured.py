@@ -26,17 +26,23 @@ LONGEST, LARGEST = 60.0, 2.0  # rows and white variances: beyond them it is no n
 def evidence(bench: Workbench, groups: Sequence[Sequence[Effect]]) -> list[tuple[float, float]]:
     """Nats for each group of effects beside what the bench has accepted: in white noise, and in any of this kind."""
     parts = [[bench.columns(e) for e in group] for group in groups]
-    blocks = [(np.vstack([c for c, _ in own]), np.concatenate([s for _, s in own])) for own in parts]
+    scaled = [np.vstack([c * s[:, None] for c, s in own]) for own in parts]
+    sizes = [np.concatenate([s for _, s in own]) for own in parts]
+    mains = [main for main, *_ in groups]
+    kinds: dict[tuple[bool, int], list[int]] = {}
+    for k, (main, size) in enumerate(zip(mains, sizes, strict=True)):
+        kinds.setdefault((main.tied, len(size)), []).append(k)
     best, rows = -np.inf, []
     for likelihood, filtered, noise in _benches(bench):
         best = max(best, likelihood)
-        gains = []
-        for (main, *_), (columns, size) in zip(groups, blocks, strict=True):
-            own = columns if noise is None else noise.whitened(columns, _edges(bench))
-            block = Block.of(filtered, np.array([0]), (own * size[:, None])[None], size[None])
-            scores = Candidates([main], [block], [main.key]).scores(filtered)
-            gains.append(float(scores.evidence[0]))
-        rows.append([*gains, *(likelihood + g for g in gains)])
+        blocks = []
+        for own in kinds.values():
+            columns = np.array([scaled[k] for k in own])
+            if noise is not None:
+                columns = noise.whitened(columns.reshape(-1, bench.size), _edges(bench)).reshape(columns.shape)
+            blocks.append(Block.of(filtered, np.array(own), columns, np.array([sizes[k] for k in own])))
+        gains = Candidates(mains, blocks, [main.key for main in mains]).scores(filtered).evidence
+        rows.append([*gains, *(likelihood + gains)])
     white, any_noise = np.array(rows[0][: len(groups)]), np.max(rows, axis=0)[len(groups) :] - best
     return list(zip(white.tolist(), any_noise.tolist(), strict=True))
 

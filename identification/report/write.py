@@ -9,7 +9,6 @@ from errormodel.files import write_text_atomic
 from identification.diagnosis.run import Diagnosed
 from identification.estimates import estimates
 from identification.fit.result import Fit
-from identification.plots.rehearsal import rehearsal
 from identification.report import tables, wording
 from identification.report.budget import budget_part
 from identification.report.diagnosis import diagnosis_part
@@ -22,17 +21,13 @@ from identification.thermal.run import Thermal
 
 
 def load() -> None:
-    """Load what is else loaded while the first page is made: libraries, templates, fonts."""
+    """Load what is else loaded while the first page is made: libraries and templates."""
     import GTC  # noqa: F401
     import scipy.spatial.transform
     import scipy.special  # noqa: F401
 
-    from identification.plots import style
-
     for name in environment().list_templates():
         environment().get_template(name)
-    for kind in ("svg", "png"):
-        style.render(rehearsal(), kind)
 
 
 def write_report(fit: Fit, path: Path, diagnosed: Diagnosed | None = None, thermal: Thermal | None = None) -> None:
