@@ -212,7 +212,8 @@ class Chain:
 
     @cached_property
     def _design(self) -> ca.SX:
-        return ca.substitute(self._derivative, self.values, ca.SX.zeros(len(self.ids)))
+        """M: what the tip does per unit of an element's motion, times what the motion is per unit of a parameter."""
+        return ca.horzcat(*(self._levers[:, 6 * k : 6 * k + 6] @ term.column for k, term in self._columns))
 
     @property
     def element_names(self) -> tuple[str, ...]:
@@ -221,12 +222,18 @@ class Chain:
 
     @cached_property
     def _levers(self) -> ca.SX:
-        motions = [ca.SX.sym(f"m{k}", 6) for k in range(len(self.element_names))]
-        every = ca.vertcat(*motions)
-        point, turn = self.pose(motions)
-        here = self.pose()[1]
-        turned = sum((ca.cross(here[:, k], turn[:, k]) for k in range(3)), ca.SX.zeros(3)) / 2
-        return ca.substitute(ca.jacobian(ca.vertcat(point, turned), every), every, ca.SX.zeros(every.numel()))
+        """(6, 6 * elements): a motion shifts the tip along its axis, or turns it about the element's own place."""
+        zero, tip = ca.SX.zeros(6), self.pose()[0]
+        point, turn = _move(zero)
+        places, turns = [point], [turn]
+        for element in self.machine.elements:
+            step, rotation = self._transform(element, zero)
+            point = point + turn @ step
+            places.append(point)
+            turns.append(turn)
+            turn = turn @ rotation
+        out = [_lever(axes, tip - place) for place, axes in zip(places, turns, strict=True)]
+        return ca.horzcat(*out, _lever(turn, ca.SX.zeros(3)))
 
     def expression(self, what: What, ids: tuple[str, ...] = ()) -> ca.SX:
         """The expression behind a kernel.
@@ -309,6 +316,12 @@ def rotation_about(axis: ca.SX, angle: ca.SX) -> ca.SX:
         return ca.SX.eye(3)
     cross = ca.skew(axis)
     return ca.SX.eye(3) + ca.sin(angle) * cross + (1 - ca.cos(angle)) * (axis @ axis.T - ca.SX.eye(3))
+
+
+def _lever(axes: ca.SX, arm: ca.SX) -> ca.SX:
+    """(6, 6): shift and turn of a point at `arm` per unit of translation along and rotation about three axes."""
+    swing = ca.horzcat(*(ca.cross(axes[:, k], arm) for k in range(3)))
+    return ca.vertcat(ca.horzcat(axes, swing), ca.horzcat(ca.SX.zeros(3, 3), axes))
 
 
 def _move(motion: ca.SX) -> tuple[ca.SX, ca.SX]:
