@@ -197,13 +197,13 @@ def _noise(text: str, instrument: Any) -> Any:
 @click.option("--priors", type=FILE, help="YAML: what is known beforehand: bounds; with --bayes priors too.")
 def fit(machine: str, survey: Path, out: Path, robust: bool, bayes: bool, priors: Path | None, seed: int) -> None:
     """Fit the machine's parameters to a SURVEY: values, uncertainties, residuals, a report."""
-    elsewhere = _drawing_elsewhere()
     from errormodel.schema import read_machine
     from errormodel.survey import read_survey
     from identification.cli_bayes import beforehand, with_posterior
     from identification.fit.checks import looked_over
     from identification.fit.run import fit_machine
 
+    elsewhere = _drawing_elsewhere()
     model = read_machine(machine)
     with working("Reading"):
         data = read_survey(survey, model)
@@ -220,7 +220,10 @@ def fit(machine: str, survey: Path, out: Path, robust: bool, bayes: bool, priors
 
 
 def _drawing_elsewhere() -> Ahead:
-    """A process for the report: it loads what that takes, which is as long as a fit, while the command is at work."""
+    """A process for the report: it loads what that takes, which is as long as a fit, while the command is at work.
+
+    What both need is to be loaded before.
+    """
     from identification.ahead import Ahead
 
     return click.get_current_context().with_resource(Ahead(_load_drawing))
@@ -270,7 +273,6 @@ def _say_fit(result: Fit, out: Path) -> None:
 )
 def diagnose(machine: str, survey: Path, out: Path) -> None:
     """Fit, then find the physics that was left out: where, what, how sure; the fit is that of the extended machine."""
-    elsewhere = _drawing_elsewhere()
     from errormodel.files import write_text_atomic
     from errormodel.schema import read_machine
     from errormodel.survey import read_survey
@@ -278,6 +280,7 @@ def diagnose(machine: str, survey: Path, out: Path) -> None:
     from identification.store import dumps
     from identification.tables import diagnosis_lines
 
+    elsewhere = _drawing_elsewhere()
     model = read_machine(machine)
     with working("Reading"):
         data = read_survey(survey, model)

@@ -25,7 +25,7 @@ from identification.plots.singular_values import draw_singular_values
 from identification.plots.volumetric_error import draw_volumetric_error
 
 MOST_ARROWS = 120  # beyond it a PNG is the smaller picture
-PNG_DPI = 190
+DPI = {"png": 190, "svg": 144}  # in an SVG only dots are pixels
 
 
 class Picture(NamedTuple):
@@ -122,7 +122,7 @@ def _rank(fit: Fit) -> list[Picture]:
 
 def picture(draw: Callable[[], Figure], caption: str, alt: str, kind: Literal["svg", "png"] = "svg") -> Picture:
     """A figure as it is to be embedded; drawn when its source is asked for."""
-    return Picture(lambda: _embedded(style.render(draw(), kind, PNG_DPI), kind), caption, alt)
+    return Picture(lambda: _embedded(style.render(draw(), kind, DPI[kind]), kind), caption, alt)
 
 
 def _embedded(data: bytes, kind: str) -> str:
