@@ -214,7 +214,7 @@ def test_symbolic_terms_are_the_numeric_ones(word: str) -> None:
 def test_many_shapes_at_once_are_those_one_by_one(word: str) -> None:
     machine, effect = example(word)
     channels, name = arrays(machine.name), type(effect).shape
-    values = getattr(effect, name) * np.array([0.8, 1.0, 1.3])
+    values = (getattr(effect, name) or 10.0) * np.array([0.8, 1.0, 1.3])
     many = numeric_many(effect.model_copy(update={name: values[:, None]}), machine, channels)
     for k, value in enumerate(values):
         one = np.array([m for _, m in numeric(effect.model_copy(update={name: float(value)}), machine, channels)])

@@ -48,9 +48,9 @@ class LocalDefect(JointEffect):
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
         for joint, part in product(scene.moving, WIDTHS):
-            width, positions = length(joint) * part, scene.columns[joint.name]
+            width, positions = length(joint) * part, np.sort(scene.columns[joint.name])
             low, high = scene.span(joint)
-            for at in np.arange(low + width / 2, high, STEP * width).tolist():
-                if np.sum(np.abs(positions - at) < width) >= LEAST:
-                    for motion in MOTIONS:
-                        yield cls(joint=joint.name, motion=motion, at=at, width=width)
+            places = np.arange(low + width / 2, high, STEP * width)
+            near = np.searchsorted(positions, places + width) - np.searchsorted(positions, places - width, "right")
+            for at, motion in product(places[near >= LEAST].tolist(), MOTIONS):
+                yield cls(joint=joint.name, motion=motion, at=at, width=width)

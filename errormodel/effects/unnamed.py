@@ -38,6 +38,7 @@ class Unnamed(Effect):
     separate: ClassVar[str] = "only the driver varied, all else kept; the motion measured directly at the element"
     example: ClassVar[Mapping[str, object]] = {"element": "X", "motion": "dx", "driver": "w_level", "form": "square"}
     generic: ClassVar[bool] = True
+    shape: ClassVar[str] = "period"
 
     element: str
     motion: Motion
@@ -97,12 +98,12 @@ class Unnamed(Effect):
     ) -> dict[str, Value]:
         u = (x - center) / half
         if self.pieces:
-            turn = 2 * math.pi * x / period if period else None
+            turn = None if period is None else 2 * math.pi * x / period
             curve = splines((u + 1) / 2, self.pieces) if turn is None else closed_splines(turn, max(self.pieces, 5))
             return {str(k): s for k, s in enumerate(curve)}
-        if period and edge is not None:
+        if period is not None and edge is not None:
             return {"step": switch(x, period, edge)}
-        if period:
+        if period is not None:
             return waves(x, 2 * math.pi / period)
         return {str(n): legendre(n, u) if n else 0 * u + 1 for n in ORDER[form]}
 

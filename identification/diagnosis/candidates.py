@@ -179,7 +179,7 @@ def _alike(effects: Sequence[Effect]) -> Iterator[list[Effect]]:
         if not shape:
             yield [effect]
             continue
-        key = (type(effect), *(v for k, v in vars(effect).items() if k != shape))
+        key = (type(effect), getattr(effect, shape) is None, *(v for k, v in vars(effect).items() if k != shape))
         own = lists.setdefault(key, [])
         own.append(effect)
         if len(own) == AT_ONCE:
