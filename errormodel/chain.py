@@ -222,18 +222,22 @@ class Chain:
 
     @cached_property
     def _levers(self) -> ca.SX:
-        """(6, 6 * elements): a motion shifts the tip along its axis, or turns it about the element's own place."""
-        zero, tip = ca.SX.zeros(6), self.pose()[0]
-        point, turn = _move(zero)
-        places, turns = [point], [turn]
-        for element in self.machine.elements:
-            step, rotation = self._transform(element, zero)
-            point = point + turn @ step
-            places.append(point)
-            turns.append(turn)
-            turn = turn @ rotation
-        out = [_lever(axes, tip - place) for place, axes in zip(places, turns, strict=True)]
-        return ca.horzcat(*out, _lever(turn, ca.SX.zeros(3)))
+        """(6, 6 * elements): a motion shifts the tip along its element's axes, or turns it about the element's place.
+
+        Arms are summed from the tip back, never as differences of positions: what has no arm has exactly none.
+        """
+        steps = [self._transform(element, ca.SX.zeros(6)) for element in self.machine.elements]
+        turns = [ca.SX.eye(3)]
+        arm = ca.vertcat(*(self._channel[c] for c in TOOL_CHANNELS))
+        arms = [ca.SX.zeros(3)]  # a motion of the tool turns about the tip
+        for _, rotation in steps:
+            turns.append(turns[-1] @ rotation)
+        for step, rotation in reversed(steps):
+            arms.append(rotation @ arm)
+            arm = step + arms[-1]
+        arms.append(arm)
+        # an element's motion stands behind its step and before its turn; the frame's before all
+        return ca.horzcat(*(_lever(t, a) for t, a in zip([turns[0], *turns], reversed(arms), strict=True)))
 
     def expression(self, what: What, ids: tuple[str, ...] = ()) -> ca.SX:
         """The expression behind a kernel.
@@ -319,9 +323,8 @@ def rotation_about(axis: ca.SX, angle: ca.SX) -> ca.SX:
 
 
 def _lever(axes: ca.SX, arm: ca.SX) -> ca.SX:
-    """(6, 6): shift and turn of a point at `arm` per unit of translation along and rotation about three axes."""
-    swing = ca.horzcat(*(ca.cross(axes[:, k], arm) for k in range(3)))
-    return ca.vertcat(ca.horzcat(axes, swing), ca.horzcat(ca.SX.zeros(3, 3), axes))
+    """(6, 6): shift and turn of what is at `arm`, along `axes`, per unit of translation along and rotation about them."""
+    return ca.vertcat(ca.horzcat(axes, -axes @ ca.skew(arm)), ca.horzcat(ca.SX.zeros(3, 3), axes))
 
 
 def _move(motion: ca.SX) -> tuple[ca.SX, ca.SX]:
