@@ -323,7 +323,7 @@ def rotation_about(axis: ca.SX, angle: ca.SX) -> ca.SX:
 
 
 def _lever(axes: ca.SX, arm: ca.SX) -> ca.SX:
-    """(6, 6): shift and turn of what is at `arm`, along `axes`, per unit of translation along and rotation about them."""
+    """(6, 6): shift and turn of what is at `arm`, per unit of translation along and rotation about some axes."""
     return ca.vertcat(ca.horzcat(axes, -axes @ ca.skew(arm)), ca.horzcat(ca.SX.zeros(3, 3), axes))
 
 
