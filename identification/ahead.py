@@ -10,6 +10,7 @@ import os
 import pickle
 import signal
 from collections.abc import Callable
+from contextlib import suppress
 from multiprocessing.connection import Connection
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
@@ -21,11 +22,14 @@ if TYPE_CHECKING:
 
 
 class Ahead:
-    """A context: loads at once, then does one job beside the command, and ends with it."""
+    """A context: loads at once, then does one job beside the command, and ends with it.
+
+    A job has a result and no other effect, so that it may be given up at any time.
+    """
 
     def __init__(self, load: Callable[[], object]) -> None:
         self._process: ForkProcess | None = None
-        self._job: Callable[[], object] | None = None
+        self._job: Callable[[], Any] | None = None
         self._sent = False
         self._line, there = multiprocessing.Pipe()
         if cores() > 1:
@@ -43,26 +47,22 @@ class Ahead:
             self._process.kill()
             self._process.join()
 
-    def begin(self, job: Callable[[], object], there: bool = True) -> None:
+    def begin(self, job: Callable[[], Any], there: bool = True) -> None:
         """Start a job, `there` or at the `finish` here."""
         self._job, self._sent = job, False
         if self._process is not None and there:
-            try:
+            # whatever a job is made of may refuse to travel: it is done here then
+            with suppress(Exception):
                 self._line.send_bytes(pickle.dumps(job, pickle.HIGHEST_PROTOCOL))
                 self._sent = True
-            except Exception:  # noqa: BLE001  whatever a job is made of may refuse to travel: it is done here
-                pass
 
-    def finish(self) -> None:
-        """Wait for the job; what was not done there is done here: an exception rises where it can be seen."""
-        if self._job is not None and not (self._sent and self._came()):
-            self._job()
-
-    def _came(self) -> bool:
-        try:
-            return bool(self._line.recv())
-        except (EOFError, OSError):
-            return False
+    def finish(self) -> Any:
+        """The job's result; what was not done there is done here: an exception rises where it can be seen."""
+        assert self._job is not None
+        if self._sent:
+            with suppress(EOFError, OSError):
+                return self._line.recv()
+        return self._job()
 
 
 def _serve(load: Callable[[], object], there: Connection, here: Connection) -> None:
@@ -72,7 +72,6 @@ def _serve(load: Callable[[], object], there: Connection, here: Connection) -> N
         load()
         while True:
             job: Callable[[], Any] = pickle.loads(here.recv_bytes())
-            job()
-            here.send(True)
+            here.send(job())
     except BaseException:  # noqa: BLE001  the command notices that nothing came, and meets the error itself
         os._exit(1)

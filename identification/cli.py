@@ -235,16 +235,17 @@ def _load_drawing() -> None:
     load()
 
 
-def _write_report(result: Fit, path: Path, diagnosed: Diagnosed | None) -> None:
-    from identification.report import write_report
+def _report(result: Fit, diagnosed: Diagnosed | None) -> str:
+    from identification.report import report
 
-    write_report(result, path, diagnosed)
+    return report(result, diagnosed)
 
 
 def _save(result: Fit, out: Path, elsewhere: Ahead, diagnosed: Diagnosed | None = None) -> None:
+    from errormodel.files import write_text_atomic
     from identification import store
 
-    elsewhere.begin(partial(_write_report, result, out / "report.html", diagnosed), len(result.survey) < MOST_SENT)
+    elsewhere.begin(partial(_report, result, diagnosed), len(result.survey) < MOST_SENT)
     with working("Writing tables"):
         store.save(result, out)
         if result.posterior is not None:
@@ -254,7 +255,7 @@ def _save(result: Fit, out: Path, elsewhere: Ahead, diagnosed: Diagnosed | None 
         else:
             (out / "posterior.nc").unlink(missing_ok=True)  # of another fit
     with working("Drawing the report"):
-        elsewhere.finish()
+        write_text_atomic(elsewhere.finish(), out / "report.html")
 
 
 def _say_fit(result: Fit, out: Path) -> None:

@@ -17,9 +17,10 @@ from tests.commands import done, tree
 GANTRY = Path(__file__).parents[1] / "machines/examples/gantry"
 
 
-def note(path: Path) -> None:
+def note(path: Path) -> int:
     with path.open("a") as file:
-        file.write(f"{os.getpid()}\n")
+        file.write("done\n")
+    return os.getpid()
 
 
 def fail(path: Path) -> None:
@@ -45,10 +46,10 @@ def of_cores(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) ->
 def test_a_job_is_done_once_and_elsewhere(tmp_path: Path, of_cores: int) -> None:
     with Ahead(nothing) as elsewhere:
         elsewhere.begin(partial(note, tmp_path / "n"))
-        elsewhere.finish()
+        where = elsewhere.finish()
         children = multiprocessing.active_children()
-    (where,) = (tmp_path / "n").read_text().split()
-    assert (int(where) != os.getpid()) == (of_cores > 1)
+    assert (tmp_path / "n").read_text() == "done\n"
+    assert (where != os.getpid()) == (of_cores > 1)
     assert len(children) == (of_cores > 1)
     assert not multiprocessing.active_children()
 
@@ -66,18 +67,17 @@ def test_an_error_rises_here(tmp_path: Path, of_cores: int) -> None:
 def test_what_cannot_travel_or_is_too_large_is_done_here(tmp_path: Path) -> None:
     with Ahead(nothing) as elsewhere:
         elsewhere.begin(lambda: note(tmp_path / "n"))
-        elsewhere.finish()
+        assert elsewhere.finish() == os.getpid()
         elsewhere.begin(partial(note, tmp_path / "n"), there=False)
-        elsewhere.finish()
-    assert (tmp_path / "n").read_text().split() == 2 * [str(os.getpid())]
+        assert elsewhere.finish() == os.getpid()
+    assert (tmp_path / "n").read_text() == "done\ndone\n"
 
 
 @pytest.mark.usefixtures("of_cores")
 def test_a_process_that_could_not_load_is_not_missed(tmp_path: Path) -> None:
     with Ahead(lost) as elsewhere:
         elsewhere.begin(partial(note, tmp_path / "n"))
-        elsewhere.finish()
-    assert (tmp_path / "n").read_text().split() == [str(os.getpid())]
+        assert elsewhere.finish() == os.getpid()
 
 
 @pytest.mark.skipif(cores() == 1, reason="one core, or no fork: there is no other process")

@@ -1,4 +1,4 @@
-"""`write_report`: figures, tables and words of a fit, put into the template."""
+"""`report`: figures, tables and words of a fit, put into the template."""
 
 from __future__ import annotations
 
@@ -31,12 +31,17 @@ def load() -> None:
 
 
 def write_report(fit: Fit, path: Path, diagnosed: Diagnosed | None = None, thermal: Thermal | None = None) -> None:
-    """Write the report of `fit` to `path`: HTML that holds all it shows; same fit, same bytes.
+    """Write the :func:`report` of `fit` to `path`."""
+    write_text_atomic(report(fit, diagnosed, thermal), path)
+
+
+def report(fit: Fit, diagnosed: Diagnosed | None = None, thermal: Thermal | None = None) -> str:
+    """The report of `fit`: HTML that holds all it shows; same fit, same text.
 
     With a diagnosis or a thermal model, `fit` is that of the extended machine, and what was found comes first.
     """
     groups = estimates(fit)
-    text = page(
+    return page(
         "report.html",
         machine=fit.chain.machine.name,
         headline=wording.headline(fit),
@@ -63,4 +68,3 @@ def write_report(fit: Fit, path: Path, diagnosed: Diagnosed | None = None, therm
         inputs=tables.inputs(fit),
         version=__version__,
     )
-    write_text_atomic(text, path)
