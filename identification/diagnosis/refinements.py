@@ -154,6 +154,8 @@ def refined(growth: Growth, step: Step) -> int | None:
             if _apart(one, other) and not is_departure(growth, k, other):
                 continue
             return k
+        if there and _of_one_weight(one, other) and is_departure(growth, k, other):
+            return k  # a weight that twists a beam also bends it a little: the finding's form in other motions
         if not (one.tied or other.tied) and _much_the_same(growth, one, other):
             return k
         if one.generic and len(roots(one)) > 1 and roots(other) <= roots(one) and _motions(bench, one, other):
@@ -218,6 +220,11 @@ def _much_the_same(growth: Growth, one: Effect, other: Effect) -> bool:
 def _motions(bench: Workbench, one: Effect, other: Effect) -> set[str]:
     """Motions that both make, at whatever elements."""
     return {m for _, m in moves(bench, one)} & {m for _, m in moves(bench, other)}
+
+
+def _of_one_weight(one: Effect, other: Effect) -> bool:
+    """Whether the second of two effects may be the same weight's on the same member: nothing else need move for it."""
+    return one.family == other.family == "gravity" and roots(other) <= roots(one)
 
 
 def _apart(one: Effect, other: Effect) -> bool:
