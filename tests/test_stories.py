@@ -16,6 +16,7 @@ from errormodel.schema import read_machine
 from errormodel.simulate import Truth, simulate
 from identification.diagnosis.choosing import Step
 from identification.diagnosis.growth import replayed
+from identification.diagnosis.refinements import refined
 from identification.diagnosis.run import diagnose
 from identification.diagnosis.stories import story
 from identification.diagnosis.workbench import set_up
@@ -45,6 +46,23 @@ def test_a_story_gains_by_what_is_there_and_loses_by_what_is_not() -> None:
     assert told(truth) > 50
     assert told(play) < 0
     assert told(truth, play) < told(truth)
+
+
+@pytest.mark.parametrize(("bend", "refines"), [(0.01, 0), (0.1, None)])
+def test_a_beam_that_twists_also_bends_a_little(bend: float, refines: int | None) -> None:
+    """And is one finding; what bends it more than it twists it is another."""
+    machine = read_machine("bridge_cmm")
+    survey = empty_survey(machine, 400, 11, channels=True, grid=False)
+    twist = EffectSpec("beam-torsion", {"joint": "X", "load_joint": "Z"})
+    sag = EffectSpec("beam-sag", {"joint": "X", "motion": "dy"})
+    chain = Chain(replace(machine, effects=(twist, sag)))
+    values = {chain.effect_ids[0][0]: 1e-4, chain.effect_ids[1][0]: bend}
+    table = survey.table.copy()
+    seen = simulate(chain.machine, table, Truth(values, (500.0, -200.0, 100.0), (0.1, 0.2, 0.5)), 0.002, 3)
+    table[MEASURED] = seen[MEASURED]
+    bench = set_up(fit_machine(machine, replace(survey, table=table)))
+    growth = replayed(bench, [Step(make(twist), 100.0, 100.0, 0.9)])
+    assert refined(growth, Step(make(sag), 20.0, 40.0, 0.9)) == refines
 
 
 def test_a_surface_over_two_joints_that_turn_is_found() -> None:
