@@ -15,6 +15,7 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from multiprocessing.connection import Connection
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -29,7 +30,7 @@ Place = tuple[int, tuple[int, ...], str]  # of an array: bytes from the start, s
 ALIGNED = 64  # bytes: every array begins at a multiple
 NO_RESERVE = 0x4000  # Linux: take no memory before it is written to
 MOST_DEALT = 10_000  # jobs: their numbers fit into a pipe
-PATIENCE = 60.0  # s: a worker that is silent for longer after all else is done has been lost
+PATIENCE = 60.0  # s: a worker that has done nothing for so long, after all else is done, has been lost
 
 
 class Ground:
@@ -164,8 +165,19 @@ def _received(worker: tuple[ForkProcess, Connection] | None, ground: Ground) -> 
     """A worker's results by the jobs' numbers; none of one that failed or was lost."""
     if worker is None:
         return {}
-    _, results = worker
+    process, results = worker
+    spent = -1
     try:
-        return dict(_Receiver(io.BytesIO(results.recv_bytes()), ground).load()) if results.poll(PATIENCE) else {}
+        while not results.poll(PATIENCE):
+            before, spent = spent, _ticks(process.pid)
+            if spent == before:
+                return {}
+        return dict(_Receiver(io.BytesIO(results.recv_bytes()), ground).load())
     except (EOFError, OSError):
         return {}
+
+
+def _ticks(process: int | None) -> int:
+    """Processor time that a process has used, in ticks of the system's clock."""
+    fields = Path(f"/proc/{process}/stat").read_text(encoding="ascii", errors="replace").rpartition(")")[2].split()
+    return int(fields[11]) + int(fields[12])  # in user mode and in the kernel's

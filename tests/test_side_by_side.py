@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import time
 from functools import partial
 
 import numpy as np
@@ -48,6 +49,26 @@ def test_what_a_lost_worker_took_is_done_here() -> None:
         return number
 
     assert side_by_side([partial(dangerous, k) for k in range(8)]) == list(range(8))
+
+
+def test_who_is_busy_is_waited_for_and_who_sleeps_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "PATIENCE", 0.5)
+
+    def busy(number: int) -> int:
+        if os.getpid() == HERE:
+            time.sleep(1.0)  # workers have begun by then
+        end = time.process_time() + 1.5 * (os.getpid() != HERE)
+        while time.process_time() < end:
+            pass
+        return os.getpid()
+
+    def asleep(number: int) -> int:
+        time.sleep(1.0 if os.getpid() == HERE else 600.0)
+        return number
+
+    workers = set(side_by_side([partial(busy, k) for k in range(2)]))
+    assert len(workers) == min(module.cores(), 2)
+    assert side_by_side([partial(asleep, k) for k in range(3)]) == [0, 1, 2]
 
 
 def test_in_a_worker_all_is_done_there() -> None:
