@@ -227,7 +227,7 @@ class Chain:
         Arms are summed from the tip back, never as differences of positions: what has no arm has exactly none.
         """
         steps = [self._transform(element, ca.SX.zeros(6)) for element in self.machine.elements]
-        turns = [ca.SX.eye(3)]
+        turns = [ca.SX.eye(3), ca.SX.eye(3)]  # before the frame's motion, and before the first element's
         arm = ca.vertcat(*(self._channel[c] for c in TOOL_CHANNELS))
         arms = [ca.SX.zeros(3)]  # a motion of the tool turns about the tip
         for _, rotation in steps:
@@ -237,7 +237,7 @@ class Chain:
             arm = step + arms[-1]
         arms.append(arm)
         # an element's motion stands behind its step and before its turn; the frame's before all
-        return ca.horzcat(*(_lever(t, a) for t, a in zip([turns[0], *turns], reversed(arms), strict=True)))
+        return ca.horzcat(*(_lever(t, a) for t, a in zip(turns, reversed(arms), strict=True)))
 
     def expression(self, what: What, ids: tuple[str, ...] = ()) -> ca.SX:
         """The expression behind a kernel.

@@ -101,12 +101,12 @@ def _local_line(time: Array, values: Array) -> Array:
     place = np.rint((time - start) / step).astype(np.intp)
     size, x = int(place.max()) + 1, place - place.max() / 2
     level = values.mean()
-    reach = np.arange(-int(5 * SETTLE / step), int(5 * SETTLE / step) + 1)
-    kernel = np.exp(-0.5 * (reach * step / SETTLE) ** 2)
+    reach = int(5 * SETTLE / step)
+    kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) * step / SETTLE) ** 2)
 
     def moment(weights: Array) -> Array:
         sums = np.bincount(place, weights, minlength=size)
-        return np.convolve(sums, kernel)[len(kernel) // 2 :][place]
+        return np.convolve(sums, kernel)[reach:][place]
 
     count, first, second = moment(np.ones_like(x)), moment(x), moment(x**2)
     value, product = moment(values - level), moment(x * (values - level))

@@ -56,7 +56,7 @@ class Ground:
         if start + size > self._end[part]:
             return np.empty(shape, kind)
         self._free[part] += -(-size // ALIGNED) * ALIGNED
-        return self._memory[start : start + size].view(kind).reshape(shape)
+        return self.at((start, shape, np.dtype(kind).str))
 
     def place(self, array: NDArray[Any]) -> Place | None:
         """Where an array lies; None where that is elsewhere."""
@@ -67,7 +67,7 @@ class Ground:
     def at(self, place: Place) -> NDArray[Any]:
         """The array of a place."""
         start, shape, kind = place
-        return self._memory[start : start + int(np.prod(shape)) * np.dtype(kind).itemsize].view(kind).reshape(shape)
+        return np.ndarray(shape, kind, self._memory, start)
 
 
 NO_GROUND = Ground(0, 1)

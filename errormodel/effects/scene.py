@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 MOVED = 0.003  # of the travel
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)  # what is derived from a scene is kept by which one it is
 class Scene:
     """A machine and the columns of a survey of it, each (n,), in mm, rad, s, degC.
 

@@ -32,6 +32,7 @@ def evidence(bench: Workbench, groups: Sequence[Sequence[Effect]]) -> list[tuple
     kinds: dict[tuple[bool, int], list[int]] = {}
     for k, (main, size) in enumerate(zip(mains, sizes, strict=True)):
         kinds.setdefault((main.tied, len(size)), []).append(k)
+    edges = _edges(bench)
     best, rows = -np.inf, []
     for likelihood, filtered, noise in _benches(bench):
         best = max(best, likelihood)
@@ -39,7 +40,7 @@ def evidence(bench: Workbench, groups: Sequence[Sequence[Effect]]) -> list[tuple
         for own in kinds.values():
             columns = np.array([scaled[k] for k in own])
             if noise is not None:
-                columns = noise.whitened(columns.reshape(-1, bench.size), _edges(bench)).reshape(columns.shape)
+                columns = noise.whitened(columns.reshape(-1, bench.size), edges).reshape(columns.shape)
             blocks.append(Block.of(filtered, np.array(own), columns, np.array([sizes[k] for k in own])))
         gains = Candidates(mains, blocks, [main.key for main in mains]).scores(filtered).evidence
         rows.append([*gains, *(likelihood + gains)])

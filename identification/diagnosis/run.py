@@ -162,7 +162,7 @@ def _explained(fit: Fit, survey: Survey, changes: Sequence[Effect], tell: Tell) 
         return unseen(growth.start.scene, scores.beside(growth.start, growth.bench))
 
     jobs: list[Callable[[], Any]] = [fitted, hidden]
-    with tell("Fitting the extended machine"):
+    with (tell if effects else silent)("Fitting the extended machine"):
         final, untestable = side_by_side(jobs)
     return _Found(growth, final, said, untestable, scores.ranking(), first)
 
