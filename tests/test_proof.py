@@ -22,10 +22,11 @@ from tests.proof import files, machines, physics_beams, physics_drives, world
 from tests.proof.cases import make, write
 from tests.proof.catalogue import BUILDERS
 from tests.proof.kinematics import geometry, position
+from tests.proof.noise import Noise
 from tests.proof.plans import PLANS, walk
 from tests.proof.rivals import FORMS
 from tests.proof.run import run_case
-from tests.proof.score import Scored, calibration, wilson
+from tests.proof.score import Scored, calibration, says, wilson
 from tests.proof.seal import BrokenSealError, opened, sealed
 from tests.proof.specs import all_specs
 
@@ -161,6 +162,31 @@ def test_scores_are_what_they_say() -> None:
     error, chance, brier, count = calibration([scored])
     assert (error, brier, count) == pytest.approx((0.4, 0.41, 2))
     assert chance == pytest.approx(0.18, abs=0.03)  # 0.1, 0.4 and 0.9 with 0.81, 0.18 and 0.01
+
+
+def test_a_name_that_cannot_be_told_from_the_truth_is_right_only_beside_it() -> None:
+    effect = {"effect": "ram-sag", "accept": ["ram-sag"], "undecided": ["beam-sag"], "where": ["Y"]}
+    said = {"effect": "beam-sag", "where": "Y", "alternatives": []}
+    assert not says(said, effect)
+    assert says(said | {"alternatives": [{"effect": "ram-sag", "where": "Y"}]}, effect)
+    assert not says(said | {"effect": "wobble", "alternatives": [{"effect": "ram-sag", "where": "Y"}]}, effect)
+    assert says(said | {"effect": "ram-sag"}, effect)
+
+
+def test_coloured_noise_is_whitened_by_its_covariance() -> None:
+    """A slow part of 300 s and a white one, drawn: white once whitened; a shift that lasts counts for less than in
+    white noise of that size, one that comes and goes for more."""
+    rng = np.random.default_rng(11)
+    time, points = np.sort(rng.uniform(0, 6000, 300)), np.zeros((300, 3))
+    noise = Noise("coloured", 0.002, tau=300.0, share=0.3)
+    course = noise.course(time)
+    white = [noise.whiten(points, course, noise.draw(points, time, rng)) for _ in range(40)]
+    lags = [float(np.mean([w[k:] * w[: len(w) - k] for w in white])) for k in (0, 1, 5)]
+    assert lags == pytest.approx([1, 0, 0], abs=0.02)  # 36000 values: three deviations
+    lasting, coming = np.ones((300, 3)), np.where(np.arange(300) % 2, 1.0, -1.0)[:, None] * np.ones(3)
+    size = [np.linalg.norm(noise.whiten(points, course, c)) * noise.sigma / 30 for c in (lasting, coming)]
+    assert size[0] < 0.5
+    assert size[1] > 1.1
 
 
 def outcome(name: str, root: Path) -> Scored:

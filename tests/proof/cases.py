@@ -24,7 +24,7 @@ from tests.proof.world import draw_world
 Rng = np.random.Generator
 HELD_OUT = 150
 DRAWS = 50  # of a machine
-UNSEEN_AT_LEAST = 0.99  # of an effect that the geometry absorbs
+NAMES_A_CAUSE = ("single", "weak", "mixture", "pair")  # and could name another one
 
 
 @dataclass(frozen=True)
@@ -137,15 +137,14 @@ def _entry(case: Case, hidden: Hidden, amplitude: float) -> dict[str, Any]:
     delta = float(np.linalg.norm(left))
     absorbed = 1 - float(left @ left) / float(white @ white)
     others = [here.off(here.whitened(here.shift_of(h, a))) for h, a in case.effects if h is not hidden]
-    joint = delta
-    if others:
-        mix = np.column_stack(others)
-        joint = float(np.linalg.norm(left - mix @ np.linalg.lstsq(mix, left, rcond=None)[0]))
-    alike = lookalike.Alike(here, hidden, left)
-    names = alike.names()
+    mix = np.column_stack(others) if others else np.zeros((len(left), 0))
+    joint = float(np.linalg.norm(left - mix @ np.linalg.lstsq(mix, left, rcond=None)[0])) if others else delta
+    alike = lookalike.Alike(here, hidden, left, mix)
+    names = alike.names() if case.spec.kind in NAMES_A_CAUSE else {}
     return {
         "effect": hidden.effect,
-        "accept": [*hidden.accept, *names],
+        "accept": [*hidden.accept, *(n for n in hidden.also if n in names)],
+        "undecided": sorted(names.keys() - {*hidden.accept, *hidden.also}),
         "where": list(dict.fromkeys([*alike.places(), *(at for where in names.values() for at in where)])),
         "amplitude": amplitude,
         "value": None if hidden.factor is None else amplitude * hidden.factor,

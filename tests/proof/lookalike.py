@@ -1,6 +1,6 @@
 """What a survey cannot tell from the truth: other places, and other names in their textbook forms.
 
-A rival is accepted where what it leaves of the projected effect is too small to decide: less than `VISIBLE` in
+A rival cannot be told where what it leaves of the projected effect is too small to decide: less than `VISIBLE` in
 chi-squared, of the size that the effect has in that recording. Two models whose fits differ by D in chi-squared are put
 in the wrong order by noise with probability Phi(-sqrt(D)/2), 0.6 % for 25; a penalty for a parameter takes 7 of it.
 """
@@ -21,11 +21,12 @@ VISIBLE = 25.0
 
 @dataclass(frozen=True)
 class Alike:
-    """The projected, whitened effect `left` (3 n,) of the amplitude that it has."""
+    """The projected, whitened effect `left` (3 n,) of the amplitude that it has, `beside` (3 n, k) other effects."""
 
     bench: Bench
     hidden: Hidden
     left: Array
+    beside: Array
 
     def places(self) -> list[str]:
         """Elements whose motions, with the effect's own course, look the same."""
@@ -43,14 +44,14 @@ class Alike:
 
     def unseen(self, block: Array) -> bool:
         """Whether columns (n, 3, k) fit the effect so well that what is left cannot be seen."""
-        u = span(self.bench.off(self.bench.whitened(block)))
+        u = span(np.column_stack([self.bench.off(self.bench.whitened(block)), self.beside]))
         rest = self.left - u @ (u.T @ self.left)
         return bool(rest @ rest < VISIBLE)
 
     def names(self) -> dict[str, list[str]]:
-        """Of the names that could be right, those that fit as well in their textbook form, and where."""
+        """The other names that fit as well in their textbook form, and where."""
         out = {}
-        for name in self.hidden.also:
+        for name in FORMS.keys() - {self.hidden.effect}:
             where = list(dict.fromkeys(at for at, block in FORMS[name](self.bench) if self.unseen(block)))
             if where:
                 out[name] = where

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from tests.proof.kinematics import Array
 
@@ -23,9 +24,11 @@ class Noise:
     share: float = 0.0  # of the variance that is coloured
     declared: bool = False  # the survey says what the instrument is
 
-    def whiten(self, points: Array, columns: Array) -> Array:
-        """Columns (n, 3) or (n, 3, p) in the measuring frame over the noise's standard deviations."""
+    def whiten(self, points: Array, course: Array | None, columns: Array) -> Array:
+        """Columns (n, 3) or (n, 3, p) in the measuring frame over the noise's standard deviations, its course known."""
         flat = columns.reshape(len(points), 3, -1)
+        if course is not None:
+            return (course @ flat.reshape(len(points), -1) / self.sigma).reshape(columns.shape)
         if self.kind != "tracker":
             return (flat / self.sigma).reshape(columns.shape)
         away = np.linalg.norm(points, axis=1)
@@ -35,6 +38,15 @@ class Noise:
         extra = beam[:, :, None] * (on * (1 / along - 1 / across)[:, None])[:, None, :]
         out: Array = flat / across[:, None, None] + extra
         return out.reshape(columns.shape)
+
+    def course(self, time: Array) -> Array | None:
+        """What makes coloured noise at these times white, (n, n): the simulator may, its recordings are small."""
+        if self.kind != "coloured":
+            return None
+        slow = np.exp(-np.abs(time[:, None] - time) / self.tau)
+        root = np.linalg.cholesky(self.share * slow + (1 - self.share) * np.eye(len(time)))
+        out: Array = solve_triangular(root, np.eye(len(time)), lower=True)
+        return out
 
     def draw(self, points: Array, time: Array, rng: Rng) -> Array:
         """Noise (n, 3) of measured points, mm."""

@@ -62,9 +62,13 @@ class Bench:
         """(n, 3, p), in the measuring frame."""
         return design(self.sit.chain, self.sit.path.q, self.sit.path.tool, self.levers)
 
+    @cached_property
+    def course(self) -> Array | None:
+        return self.noise.course(self.sit.path.time)
+
     def whitened(self, columns: Array) -> Array:
         """Columns (n, 3, p) or (n, 3) whitened, (3 n, p) or (3 n,)."""
-        white = self.noise.whiten(self.seen(self.clean), columns)
+        white = self.noise.whiten(self.seen(self.clean), self.course, columns)
         return white.reshape(3 * len(self.sit), *columns.shape[2:])
 
     @cached_property

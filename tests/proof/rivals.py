@@ -181,7 +181,7 @@ def ground_compliance(bench: Bench) -> Blocks:
     for e in bench.sit.chain.prismatic:
         v = 2 * bench.sit.share(e.name) - 1
         for name in _structure(bench)[:2]:
-            yield from _each(bench, name, [v], range(3, 6))
+            yield from _each(bench, name, [v, v**2, v**3], range(3, 6))
 
 
 def beam_torsion(bench: Bench) -> Blocks:

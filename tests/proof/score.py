@@ -24,6 +24,13 @@ def wilson(hits: int, n: int) -> tuple[float, float]:
     return max(0.0, (centre - half) / (1 + z2 / n)), min(1.0, (centre + half) / (1 + z2 / n))
 
 
+def says(finding: Finding, effect: dict[str, Any]) -> bool:
+    """Whether a finding names an effect; or what cannot be told from it there, the effect among the alternatives."""
+    if finding["effect"] in effect.get("undecided", ()):
+        return any(a["effect"] in effect["accept"] for a in finding["alternatives"])
+    return finding["effect"] in effect["accept"]
+
+
 @dataclass(frozen=True)
 class Scored:
     """One case: counts of effects and findings, errors at later poses, and what each finding was worth."""
@@ -52,17 +59,21 @@ class Scored:
         return [] if self.kind == "unseen" else list(self.truth["effects"])
 
     def named(self, effect: dict[str, Any]) -> bool:
-        return any(f["effect"] in effect["accept"] for f in self.findings)
+        return any(says(f, effect) for f in self.findings)
 
     def placed(self, effect: dict[str, Any]) -> bool:
-        return any(f["effect"] in effect["accept"] and f["where"] in effect["where"] for f in self.findings)
+        return any(says(f, effect) and f["where"] in effect["where"] for f in self.findings)
+
+    def outright(self, effect: dict[str, Any]) -> bool:
+        """Named without help from its alternatives."""
+        return any(f["effect"] in effect["accept"] for f in self.findings)
 
     def located(self, effect: dict[str, Any]) -> bool:
         """Something was found in the right place, whatever its name."""
         return any(f["where"] in effect["where"] for f in self.findings)
 
     def right(self, finding: Finding) -> bool:
-        return any(finding["effect"] in e["accept"] for e in self.effects)
+        return any(says(finding, e) for e in self.effects)
 
     @property
     def false(self) -> list[Finding]:
@@ -180,6 +191,7 @@ def table(scored: Sequence[Scored]) -> list[tuple[str, str]]:
     return [
         ("false alarms on empty data", share(sum(bool(s.findings) for s in empty), len(empty))),
         ("named, where it can be told apart", share(sum(s.named(e) for s, e in large), len(large))),
+        ("of these outright, not as an alternative", share(sum(s.outright(e) for s, e in large), len(large))),
         ("named and placed", share(sum(s.placed(e) for s, e in large), len(large))),
         ("something found in the right place", share(sum(s.located(e) for s, e in large), len(large))),
         ("false findings a case", f"{spurious / max(len(scored), 1):.3f} ({spurious} in {len(scored)})"),
