@@ -14,10 +14,12 @@ from errormodel.effects.unnamed import Unnamed, switch
 from errormodel.machine import EffectSpec
 from errormodel.schema import read_machine
 from errormodel.simulate import Truth, simulate
+from identification.diagnosis.candidates import Candidates
 from identification.diagnosis.choosing import Step
 from identification.diagnosis.growth import replayed
 from identification.diagnosis.refinements import refined
 from identification.diagnosis.run import diagnose
+from identification.diagnosis.selection import second_look
 from identification.diagnosis.stories import story
 from identification.diagnosis.workbench import set_up
 from identification.fit.run import fit_machine
@@ -63,6 +65,25 @@ def test_a_beam_that_twists_also_bends_a_little(bend: float, refines: int | None
     bench = set_up(fit_machine(machine, replace(survey, table=table)))
     growth = replayed(bench, [Step(make(twist), 100.0, 100.0, 0.9)])
     assert refined(growth, Step(make(sag), 20.0, 40.0, 0.9)) == refines
+
+
+def test_a_refinement_that_is_what_the_finding_should_be_called() -> None:
+    """A head that drifts, first taken for air that bends the beam: of the two only the one remains."""
+    machine = read_machine("vertical_three_axis")
+    survey = empty_survey(machine, 400, 5, channels=True, grid=False)
+    spec = EffectSpec("structure-drift", {"element": "head", "motion": "dz", "sensor": "T_0"})
+    chain = Chain(replace(machine, effects=(spec,)))
+    table = survey.table.copy()
+    truth = Truth({chain.effect_ids[0][0]: 0.02}, (500.0, -200.0, 100.0), (0.1, 0.2, 0.5))
+    table[MEASURED] = simulate(chain.machine, table, truth, 0.003, 3)[MEASURED]
+    bench = set_up(fit_machine(machine, replace(survey, table=table)))
+    candidates = Candidates.of(bench)
+    ranked = candidates.scores(bench).by_key()
+    air = next(e for _, n in ranked if (e := candidates.effects[n]).effect == "refraction")
+    taken = [Step(air, 50.0, 100.0, 0.5), Step(make(spec), 50.0, 100.0, 0.5, refines=0)]
+    looked = second_look(replayed(bench, taken), candidates)
+    assert [s.effect.effect for s in looked.steps] == ["structure-drift"]
+    assert second_look(looked, candidates).steps[0].effect.key == looked.steps[0].effect.key
 
 
 def test_a_surface_over_two_joints_that_turn_is_found() -> None:

@@ -46,6 +46,7 @@ def grow(bench: Workbench, candidates: Candidates, tell: Tell = silent, begin: S
     growth = replayed(bench, begin)
     for step in begin:
         candidates = candidates.joined(Candidates.of(bench, list(forms(bench, step.effect))))
+    seen = {_causes(growth)}
     while len(growth.steps) < MOST_STEPS:
         last = growth.steps[-1].effect if growth.steps else None
         with tell(f"Looking further than {last.effect} of {last.where}" if last else "Looking for what was left out"):
@@ -57,12 +58,16 @@ def grow(bench: Workbench, candidates: Candidates, tell: Tell = silent, begin: S
             )
         if further is None:
             break
-        new = [s for s in further.steps[len(growth.steps) :] if s.refines is None]
+        added = further.steps[len(growth.steps) :]
         growth = switched(paired(further, candidates))
-        for step in new:
-            candidates = candidates.joined(Candidates.of(bench, list(forms(bench, step.effect))))
-        if new and len(growth.findings) > 1:
-            growth = second_look(growth, candidates)
+        for step in added:
+            if step.refines is None:
+                candidates = candidates.joined(Candidates.of(bench, list(forms(bench, step.effect))))
+        if any(s.refines is None or _otherwise_named(growth, s) for s in added) and len(growth.steps) > 1:
+            looked = second_look(growth, candidates)
+            if _causes(looked) == _causes(growth) or _causes(looked) not in seen:  # never in a circle
+                growth = looked
+            seen.add(_causes(growth))
     return truly_named(still_needed(growth))
 
 
@@ -235,6 +240,17 @@ def _with_tau(effect: Effect, logarithm: float) -> Effect:
     return effect.model_copy(update={"tau": float(f"{np.exp(logarithm):.6g}")})
 
 
+def _causes(growth: Growth) -> frozenset[object]:
+    """What each finding is and where."""
+    return frozenset(main.effect.key for main, *_ in growth.findings)
+
+
+def _otherwise_named(growth: Growth, step: Step) -> bool:
+    """Whether a refinement has a name of its own: perhaps it is what the finding should be called."""
+    main = growth.steps[step.refines or 0].effect
+    return not step.effect.generic and step.effect.effect != main.effect
+
+
 def second_look(growth: Growth, candidates: Candidates) -> Growth:
     """Each finding once more, with the others in place: another explanation may now be the better one, or none.
 
@@ -249,7 +265,8 @@ def second_look(growth: Growth, candidates: Candidates) -> Growth:
         steps = _all_polished(bench, candidates, scores, ranked, 8)
         best = choose(bench, steps)
         old = growth.steps[number]
-        as_good = best.effect == old.effect or best.drop < 1.02 * bench.drop(bench.with_effect(old.effect))
+        same = best.effect == old.effect or (len(mine) > 1 and best.effect.key == old.effect.key)
+        as_good = same or best.drop < 1.02 * bench.drop(bench.with_effect(old.effect))
         if as_good or not convincing(bench, best):
             own = next((s for s in steps if s.effect.key == old.effect.key), None)
             if own is not None and len(mine) == 1:
