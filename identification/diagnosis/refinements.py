@@ -27,6 +27,7 @@ SMOOTH = 8  # functions of one position
 ALIKE = 0.6  # correlation beyond which a later effect is a further form of an earlier finding
 LEFT = 0.05  # of what a finding explains: no more is no other effect with its drivers at its place
 OWN = 0.3  # of what a finding explains: as much is no departure from its form
+DISTINCT = {"feed", "load", "point_x", "point_y", "point_z"}  # what follows them is no form of what does not
 BENT = {0.03: 1.0, 0.1: 3.0, 0.3: 8.0}  # part of an effect's size by which its form departs, and nats for it
 
 
@@ -149,6 +150,8 @@ def refined(growth: Growth, step: Step) -> int | None:
         one, other = earlier.effect, step.effect
         if one.tied and not (one.generic or other.generic) and other.family != one.family:
             continue  # a curve of the joint's own position leaves nothing of that kind: this is something else
+        if (roots(other) - roots(one)) & DISTINCT:
+            continue
         there = one.where == other.where and roots(one) & roots(other)
         if there and (one.effect == other.effect or moves(bench, one) & moves(bench, other)):
             if _apart(one, other) and not is_departure(growth, k, other):
