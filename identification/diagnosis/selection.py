@@ -246,9 +246,9 @@ def _causes(growth: Growth) -> frozenset[object]:
 
 
 def _otherwise_named(growth: Growth, step: Step) -> bool:
-    """Whether a refinement has a name of its own: perhaps it is what the finding should be called."""
+    """Whether a refinement has a name of its own, and no curve's: perhaps it is what the finding should be called."""
     main = growth.steps[step.refines or 0].effect
-    return not step.effect.generic and step.effect.effect != main.effect
+    return not (step.effect.generic or step.effect.pliant) and step.effect.effect != main.effect
 
 
 def second_look(growth: Growth, candidates: Candidates) -> Growth:
