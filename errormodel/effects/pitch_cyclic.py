@@ -13,6 +13,9 @@ from errormodel.effects.scene import Scene
 from errormodel.effects.shared import Positive, frequencies, joint_as, resolved, waves
 from errormodel.machine import Machine
 
+SHORTEST = 4.0  # period, mm
+PERIODS = 50  # may fit into any travel: those of a small machine are shorter
+
 
 class PitchCyclic(JointEffect):
     """``sin * sin(2 pi q/period) + cos * cos(2 pi q/period)`` along the axis, mm; `period` in mm."""
@@ -40,5 +43,5 @@ class PitchCyclic(JointEffect):
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
         for joint in scene.prismatic:
             span = float(np.ptp(scene.span(joint)))
-            for rate in frequencies(span, 3 / span, 1 / resolved(scene, joint, 4.0)):
+            for rate in frequencies(span, 3 / span, 1 / resolved(scene, joint, min(SHORTEST, span / PERIODS))):
                 yield cls(joint=joint.name, period=1 / rate)

@@ -14,6 +14,9 @@ from errormodel.effects.scene import Scene
 from errormodel.effects.shared import Positive, frequencies, joint_as, resolved, waves
 from errormodel.machine import Machine
 
+SHORTEST = 20.0  # period, mm
+PERIODS = 10  # may fit into any travel: those of a small machine are shorter
+
 
 class RailWaviness(JointEffect):
     """``sin * sin(2 pi q/period) + cos * cos(2 pi q/period)`` in one motion that is not positioning; `period` in mm."""
@@ -44,7 +47,7 @@ class RailWaviness(JointEffect):
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
         for joint in scene.prismatic:
             span = float(np.ptp(scene.span(joint)))
-            for rate in frequencies(span, 2 / span, 1 / resolved(scene, joint, 20.0)):
+            for rate in frequencies(span, 2 / span, 1 / resolved(scene, joint, min(SHORTEST, span / PERIODS))):
                 for motion in MOTIONS:
                     if motion != axis_motion(joint):
                         yield cls(joint=joint.name, motion=motion, period=1 / rate)

@@ -32,7 +32,7 @@ MANY, PARTS = 1000, 4  # proposals beyond which columns are made side by side, i
 MEMORY = 2_400_000_000  # bytes of all proposals' columns
 GROUND = 4 * MEMORY  # what they may lie on: blocks begun are not full
 USUAL = 2  # parameters of a proposal
-SIZES = {1.0: 0.6, 3.0: 0.3, 10.0: 0.1}  # times the usual one: how often
+SIZES = {0.1: 0.1, 0.3: 0.2, 1.0: 0.4, 3.0: 0.2, 10.0: 0.1}  # times the usual one: how often
 NOTHING = 1e-300  # length squared of a column
 SINGLE = np.float32  # of the columns that are kept: what is left of one, a thousandth at least, is known to 1e-4
 ABSORBED = 0.999  # of a column's length squared: beyond it an effect cannot be told from the geometry
@@ -286,8 +286,8 @@ class Scores:
 def _free_scores(bench: Workbench, blocks: Sequence[Block], generic: Mask) -> tuple[Array, Array, Array, Array]:
     """Evidence, drop, absorbed part and reach of the proposals of blocks of as many parameters each.
 
-    A physical effect is weighed with its usual size, more seldom with a larger one; a mere form has none and gets the
-    scale that suits it best (one nat is paid for the choice).
+    A physical effect is weighed with its usual size, more seldom with others: machines are small and large. A mere form
+    has none and gets the scale that suits it best (one nat is paid for the choice).
     """
     from scipy.special import logsumexp
 
