@@ -8,8 +8,10 @@ from __future__ import annotations
 import ast
 import json
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -18,7 +20,7 @@ import pytest
 from errormodel.chain import Chain
 from errormodel.schema import read_machine
 from errormodel.simulate import Truth, simulate
-from tests.proof import files, machines, physics_beams, physics_drives, world
+from tests.proof import files, kinematics, machines, physics_beams, physics_drives, world
 from tests.proof.cases import make, write
 from tests.proof.catalogue import BUILDERS
 from tests.proof.kinematics import geometry, position
@@ -28,7 +30,7 @@ from tests.proof.rivals import FORMS
 from tests.proof.run import run_case
 from tests.proof.score import Scored, calibration, says, wilson
 from tests.proof.seal import BrokenSealError, opened, sealed
-from tests.proof.specs import all_specs
+from tests.proof.specs import Spec, all_specs
 
 PROOF = Path(__file__).parent / "proof"
 OUTSIDE = ("run", "score", "__main__")  # all else is the simulator
@@ -217,6 +219,31 @@ def test_a_selection_of_the_cases(tmp_path: Path) -> None:
     assert all(found["blunder-000"].named(e) for e in found["blunder-000"].effects)
     inside = np.concatenate([found[n].inside.ravel() for n in EMPTY])
     assert 0.9 < inside.mean() < 0.99
+
+
+@pytest.mark.parametrize("effect", ["tracker-drift", "rail-waviness"])
+def test_a_machine_of_fifty_millimetres_is_a_machine(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, effect: str
+) -> None:
+    """Its effects are a twentieth of what is usual; six motions or waves are no worse an explanation for it."""
+    small = 0.05
+
+    def scaled(values: tuple[float, ...]) -> tuple[Any, ...]:
+        return tuple(round(small * v, 6) for v in values)
+
+    def build(rng: np.random.Generator) -> kinematics.Chain:
+        chain = machines.bridge(rng)
+        elements = [
+            replace(e, offset=scaled(e.offset), travel=scaled(e.travel) if e.kind == "prismatic" else e.travel)
+            for e in chain.elements
+        ]
+        return replace(chain, elements=tuple(elements), tools=tuple(map(scaled, chain.tools)))
+
+    monkeypatch.setitem(machines.BUILDERS, "bridge-cmm", build)
+    monkeypatch.setitem(machines.NOISE, "bridge-cmm", small * machines.NOISE["bridge-cmm"])
+    monkeypatch.setitem(SPECS, effect, Spec(effect, "single", "bridge-cmm", "random", "white", (effect,), (30, 40), 7))
+    told = outcome(effect, tmp_path)
+    assert [f["effect"] for f in told.findings] == [effect]
 
 
 def test_every_look_alike_has_a_form() -> None:
