@@ -37,6 +37,11 @@ class ClockOffset(Effect):
     def drivers(self) -> tuple[str, ...]:
         return ("feed",)
 
+    @property
+    def cost(self) -> float:
+        """Nats of prior odds against it: late for one joint only, it is that joint's lag rather than a clock's."""
+        return 4.0 if len(self.joints) == 1 else 0.0
+
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         joints = self.joints or tuple(j.name for j in machine.joints if j.type == "prismatic")
         moving = [joint_as(machine, name, "prismatic", self.effect) for name in joints]
