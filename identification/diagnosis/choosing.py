@@ -15,6 +15,7 @@ DETECT = 4.6  # nats beyond the number of places looked at, a hundred to one: of
 CLEARLY = 6.0  # nats
 NEAR = 0.1  # of the best evidence
 ODDS = 2.3  # nats: ten to one for physics of a form of its own against what follows any smooth curve
+STIFF = 2  # parameters of a form that can hardly bend: a line, or a product of two
 FORM = 0.85  # a name may explain this much less than the best mere form: forms bend to anything
 
 
@@ -56,7 +57,8 @@ def choose(bench: Workbench, steps: Sequence[Step]) -> Step:
 
     def explains_as_much(name: Step) -> bool:
         idle = name.count - forms[0].count  # parameters that the name has and the form does without
-        as_much = name.drop >= FORM * forms[0].drop
+        bends = name.bend if forms[0].count <= STIFF else 0.0  # what bends may not be said to explain what does not
+        as_much = name.drop - bends >= FORM * forms[0].drop
         return as_much and (idle <= 1 or name.drop - forms[0].drop >= 2 * idle)
 
     return next(filter(explains_as_much, names), forms[0])

@@ -150,7 +150,7 @@ def refined(growth: Growth, step: Step) -> int | None:
         one, other = earlier.effect, step.effect
         if one.tied and not (one.generic or other.generic) and other.family != one.family:
             continue  # a curve of the joint's own position leaves nothing of that kind: this is something else
-        if (roots(other) - roots(one)) & DISTINCT:
+        if ((roots(other) - roots(one)) | (set() if other.generic else roots(one) - roots(other))) & DISTINCT:
             continue
         there = one.where == other.where and roots(one) & roots(other)
         if there and (one.effect == other.effect or moves(bench, one) & moves(bench, other)):
