@@ -63,7 +63,8 @@ def grow(bench: Workbench, candidates: Candidates, tell: Tell = silent, begin: S
         for step in added:
             if step.refines is None:
                 candidates = candidates.joined(Candidates.of(bench, list(forms(bench, step.effect))))
-        if any(s.refines is None or _otherwise_named(growth, s) for s in added) and len(growth.steps) > 1:
+        beside = len(growth.findings) > 1 and any(s.refines is None for s in added)
+        if beside or any(_otherwise_named(growth, s) for s in added if s.refines is not None):
             looked = second_look(growth, candidates)
             if _causes(looked) == _causes(growth) or _causes(looked) not in seen:  # never in a circle
                 growth = looked
