@@ -28,7 +28,7 @@ from tests.proof.noise import Noise
 from tests.proof.plans import PLANS, walk
 from tests.proof.rivals import FORMS
 from tests.proof.run import run_case
-from tests.proof.score import Scored, calibration, says, wilson
+from tests.proof.score import Scored, at, calibration, says, wilson
 from tests.proof.seal import BrokenSealError, opened, sealed
 from tests.proof.specs import Spec, all_specs
 
@@ -167,12 +167,15 @@ def test_scores_are_what_they_say() -> None:
 
 
 def test_a_name_that_cannot_be_told_from_the_truth_is_right_only_beside_it() -> None:
-    effect = {"effect": "ram-sag", "accept": ["ram-sag"], "undecided": ["beam-sag"], "where": ["Y"]}
+    effect = {"effect": "ram-sag", "accept": ["ram-sag"], "undecided": {"beam-sag": ["X"]}, "where": ["Y"]}
     said = {"effect": "beam-sag", "where": "Y", "alternatives": []}
     assert not says(said, effect)
     assert says(said | {"alternatives": [{"effect": "ram-sag", "where": "Y"}]}, effect)
     assert not says(said | {"effect": "wobble", "alternatives": [{"effect": "ram-sag", "where": "Y"}]}, effect)
     assert says(said | {"effect": "ram-sag"}, effect)
+    assert not at(said, effect)  # as the truth is; beam-sag would be another member's
+    assert at(said | {"where": "X"}, effect)
+    assert not at(said | {"effect": "ram-sag", "where": "X"}, effect)
 
 
 def test_coloured_noise_is_whitened_by_its_covariance() -> None:

@@ -6,11 +6,9 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import ClassVar
 
-import numpy as np
-
 from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect, along
 from errormodel.effects.scene import Scene
-from errormodel.effects.shared import Positive, frequencies, joint_as, resolved, waves
+from errormodel.effects.shared import Positive, joint_as, periods, waves
 from errormodel.machine import Machine
 
 SHORTEST = 4.0  # period, mm
@@ -42,6 +40,5 @@ class PitchCyclic(JointEffect):
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
         for joint in scene.prismatic:
-            span = float(np.ptp(scene.span(joint)))
-            for rate in frequencies(span, 3 / span, 1 / resolved(scene, joint, min(SHORTEST, span / PERIODS))):
-                yield cls(joint=joint.name, period=1 / rate)
+            for period in periods(scene, joint, 3, SHORTEST, PERIODS):
+                yield cls(joint=joint.name, period=period)

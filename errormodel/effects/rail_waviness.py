@@ -6,12 +6,10 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import ClassVar
 
-import numpy as np
-
 from errormodel.conventions import MOTIONS, Motion, unit_of
 from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect, axis_motion
 from errormodel.effects.scene import Scene
-from errormodel.effects.shared import Positive, frequencies, joint_as, resolved, waves
+from errormodel.effects.shared import Positive, joint_as, periods, waves
 from errormodel.machine import Machine
 
 SHORTEST = 20.0  # period, mm
@@ -46,8 +44,7 @@ class RailWaviness(JointEffect):
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
         for joint in scene.prismatic:
-            span = float(np.ptp(scene.span(joint)))
-            for rate in frequencies(span, 2 / span, 1 / resolved(scene, joint, min(SHORTEST, span / PERIODS))):
+            for period in periods(scene, joint, 2, SHORTEST, PERIODS):
                 for motion in MOTIONS:
                     if motion != axis_motion(joint):
-                        yield cls(joint=joint.name, motion=motion, period=1 / rate)
+                        yield cls(joint=joint.name, motion=motion, period=period)

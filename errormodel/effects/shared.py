@@ -118,6 +118,16 @@ def resolved(scene: Scene, joint: Joint, shortest: float) -> float:
     return max(shortest, 2 * float(gaps.min())) if len(gaps) else np.inf
 
 
+def periods(scene: Scene, joint: Joint, fewest: int, shortest: float, most: int) -> list[float]:
+    """Periods along a travel, mm: from `fewest` of them in it to what positions tell apart.
+
+    None is shorter than `shortest`, or in a short travel than its `most`-th part.
+    """
+    span = float(np.ptp(scene.span(joint)))
+    least = resolved(scene, joint, min(shortest, span / most))
+    return [1 / rate for rate in frequencies(span, fewest / span, 1 / least)]
+
+
 def closed_splines(turn: Value, n: int) -> Iterator[Value]:
     """The ``n`` cubic B-splines of n pieces around a circle, of an angle in rad; n is 5 or more."""
     u = atan2(sin(turn), cos(turn)) * (n / (2 * np.pi))  # -n/2 to n/2, where the ends are one place

@@ -111,7 +111,7 @@ def _truth(case: Case) -> dict[str, Any]:
     if len(case.wild):
         base = oracle = None
     else:
-        base, oracle = heldout_errors(here, case.there, case.effects, case.noise)
+        base, oracle = map(_printed, heldout_errors(here, case.there, case.effects, case.noise))
     return {
         "case": spec.name,
         "kind": spec.kind,
@@ -119,7 +119,7 @@ def _truth(case: Case) -> dict[str, Any]:
         "plan": spec.plan,
         "noise": spec.noise,
         "order": spec.order,
-        "sigma_mm": float(np.std(case.noise[clean])),
+        "sigma_mm": _printed(np.std(case.noise[clean])),
         "n": len(case.noise),
         "effects": [_entry(case, h, a) for h, a in case.effects] + _blunder(case),
         "blunder": spec.blunder or None,
@@ -138,23 +138,28 @@ def _entry(case: Case, hidden: Hidden, amplitude: float) -> dict[str, Any]:
     delta = float(np.linalg.norm(left))
     absorbed = 1 - float(left @ left) / float(white @ white)
     others = [here.off(here.whitened(here.shift_of(h, a))) for h, a in case.effects if h is not hidden]
-    mix = np.column_stack(others) if others else np.zeros((len(left), 0))
-    joint = float(np.linalg.norm(left - mix @ np.linalg.lstsq(mix, left, rcond=None)[0])) if others else delta
-    alike = lookalike.Alike(here, hidden, left, mix)
+    alike = lookalike.Alike(here, hidden, left, np.array(others).reshape(len(others), len(left)).T)
     names = alike.names() if case.spec.kind in NAMES_A_CAUSE else {}
+    accept = [*hidden.accept, *(n for n in hidden.also if n in names)]
+    where = [*alike.places(), *(at for name in accept for at in names.get(name, ()))]
     return {
         "effect": hidden.effect,
-        "accept": [*hidden.accept, *(n for n in hidden.also if n in names)],
-        "undecided": sorted(names.keys() - {*hidden.accept, *hidden.also}),
-        "where": list(dict.fromkeys([*alike.places(), *(at for where in names.values() for at in where)])),
-        "amplitude": amplitude,
-        "value": None if hidden.factor is None else amplitude * hidden.factor,
-        "delta": delta,
-        "delta_joint": joint,
-        "absorbed": absorbed,
-        "rms_um": 1e3 * float(np.sqrt(np.mean(np.sum(shift**2, axis=1)))),
+        "accept": accept,
+        "undecided": {name: at for name, at in names.items() if name not in accept},
+        "where": list(dict.fromkeys(where)),
+        "amplitude": _printed(amplitude),
+        "value": None if hidden.factor is None else _printed(amplitude * hidden.factor),
+        "delta": _printed(delta),
+        "delta_joint": _printed(alike.delta),
+        "absorbed": _printed(absorbed),
+        "rms_um": _printed(1e3 * np.sqrt(np.mean(np.sum(shift**2, axis=1)))),
         "period": hidden.period,
     }
+
+
+def _printed(value: float | np.floating[Any]) -> float:
+    """To seven digits: a truth is the same bytes whatever processor adds up its sums."""
+    return float(f"{value:.7g}")
 
 
 def _blunder(case: Case) -> list[dict[str, Any]]:

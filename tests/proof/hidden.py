@@ -49,7 +49,8 @@ class Hidden:
     """A concealed effect of unit amplitude.
 
     `accept` are the names that count as right, `also` names that count as right where this survey cannot tell them from
-    the truth (decided by the size that the difference has); `where` the places by its nature, to which those are added
+    the truth (decided by the size that the difference has): experts use both for one thing. Any other name that cannot
+    be told from it counts only with the truth beside it. `where` are the places by its nature, to which those are added
     that the survey cannot tell apart.
     """
 

@@ -7,7 +7,9 @@ in the wrong order by noise with probability Phi(-sqrt(D)/2), 0.6 % for 25; a pe
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -17,6 +19,8 @@ from tests.proof.projection import Bench, span
 from tests.proof.rivals import FORMS
 
 VISIBLE = 25.0
+NOTHING = 1e-7  # of a column's length
+RANK = 1e-10  # of a Gram matrix of unit columns
 
 
 @dataclass(frozen=True)
@@ -28,6 +32,25 @@ class Alike:
     left: Array
     beside: Array
 
+    @cached_property
+    def _others(self) -> Array:
+        """Orthonormal basis of the other effects."""
+        return span(self.beside)
+
+    def _alone(self, columns: Array) -> Array:
+        """Columns (3 n,) or (3 n, k) without what the other effects may be."""
+        out: Array = columns - self._others @ (self._others.T @ columns)
+        return out
+
+    @cached_property
+    def _rest(self) -> Array:
+        return self._alone(self.left)
+
+    @property
+    def delta(self) -> float:
+        """Length of what neither geometry nor the other effects explain."""
+        return float(np.linalg.norm(self._rest))
+
     def places(self) -> list[str]:
         """Elements whose motions, with the effect's own course, look the same."""
         out = list(self.hidden.where)
@@ -36,23 +59,35 @@ class Alike:
         motions = self.hidden.field(self.bench.sit)
         scalars = np.unique(np.concatenate(list(motions.values()), axis=1).round(12), axis=1)
         scalars = scalars[:, np.ptp(scalars, axis=0) + np.abs(scalars).max(axis=0) > 0]
-        for name, lever in self.bench.levers.items():
-            block = np.concatenate([lever * s[:, None, None] for s in scalars.T], axis=2)
-            if name not in out and self.unseen(block):
-                out.append(name)
-        return out
-
-    def unseen(self, block: Array) -> bool:
-        """Whether columns (n, 3, k) fit the effect so well that what is left cannot be seen."""
-        u = span(np.column_stack([self.bench.off(self.bench.whitened(block)), self.beside]))
-        rest = self.left - u @ (u.T @ self.left)
-        return bool(rest @ rest < VISIBLE)
+        blocks = [
+            (name, np.concatenate([lever * s[:, None, None] for s in scalars.T], axis=2))
+            for name, lever in self.bench.levers.items()
+            if name not in out
+        ]
+        return out + self.unseen(blocks)
 
     def names(self) -> dict[str, list[str]]:
         """The other names that fit as well in their textbook form, and where."""
-        out = {}
-        for name in FORMS.keys() - {self.hidden.effect}:
-            where = list(dict.fromkeys(at for at, block in FORMS[name](self.bench) if self.unseen(block)))
-            if where:
-                out[name] = where
-        return out
+        found = {name: self.unseen(FORMS[name](self.bench)) for name in FORMS.keys() - {self.hidden.effect}}
+        return {name: where for name, where in sorted(found.items()) if where}
+
+    def unseen(self, blocks: Iterable[tuple[str, Array]]) -> list[str]:
+        """The places, each once, of columns (n, 3, k) that fit the effect so well that what is left cannot be seen."""
+        listed = list(blocks)
+        if not listed:
+            return []
+        columns = self.bench.whitened(np.concatenate([block for _, block in listed], axis=2))
+        own = self._alone(self.bench.off(columns))
+        whole, length = np.linalg.norm(columns, axis=0), np.linalg.norm(own, axis=0)
+        own = own / np.where(length > NOTHING * whole, length, np.inf)
+        counts = np.array([block.shape[2] for _, block in listed])
+        first = np.cumsum(counts) - counts
+        seen = np.ones(len(listed), dtype=bool)
+        for k in np.unique(counts):
+            some = np.flatnonzero(counts == k)
+            parts = own[:, first[some][:, None] + np.arange(k)]  # (3 n, m, k)
+            values, vectors = np.linalg.eigh(np.einsum("nmi,nmj->mij", parts, parts))
+            along = np.einsum("mij,mi->mj", vectors, np.einsum("nmi,n->mi", parts, self._rest))
+            fitted = np.where(values > RANK, along**2 / np.maximum(values, RANK), 0.0).sum(axis=1)
+            seen[some] = self.delta**2 - fitted >= VISIBLE
+        return list(dict.fromkeys(place for (place, _), s in zip(listed, seen, strict=True) if not s))

@@ -26,9 +26,14 @@ def wilson(hits: int, n: int) -> tuple[float, float]:
 
 def says(finding: Finding, effect: dict[str, Any]) -> bool:
     """Whether a finding names an effect; or what cannot be told from it there, the effect among the alternatives."""
-    if finding["effect"] in effect.get("undecided", ()):
+    if finding["effect"] in effect.get("undecided", {}):
         return any(a["effect"] in effect["accept"] for a in finding["alternatives"])
     return finding["effect"] in effect["accept"]
+
+
+def at(finding: Finding, effect: dict[str, Any]) -> bool:
+    """Whether a finding is where an effect is, or where it is under the name that the survey allows as well."""
+    return finding["where"] in effect.get("undecided", {}).get(finding["effect"], effect["where"])
 
 
 @dataclass(frozen=True)
@@ -62,7 +67,7 @@ class Scored:
         return any(says(f, effect) for f in self.findings)
 
     def placed(self, effect: dict[str, Any]) -> bool:
-        return any(says(f, effect) and f["where"] in effect["where"] for f in self.findings)
+        return any(says(f, effect) and at(f, effect) for f in self.findings)
 
     def outright(self, effect: dict[str, Any]) -> bool:
         """Named without help from its alternatives."""
@@ -70,7 +75,7 @@ class Scored:
 
     def located(self, effect: dict[str, Any]) -> bool:
         """Something was found in the right place, whatever its name."""
-        return any(f["where"] in effect["where"] for f in self.findings)
+        return any(at(f, effect) for f in self.findings)
 
     def right(self, finding: Finding) -> bool:
         return any(says(finding, e) for e in self.effects)
