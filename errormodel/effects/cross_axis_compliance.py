@@ -19,6 +19,7 @@ SHAPES = {  # degree, along
     "prismatic": ((1, False), (2, False), (3, False), (5, False), (1, True), (2, True)),
     "rotary": ((1, False), (2, False), (1, True)),
 }
+PARALLEL = 1 - 1e-6  # component of an axis: no turn about it changes a translation along it
 
 
 class CrossAxisCompliance(JointEffect):
@@ -59,7 +60,8 @@ class CrossAxisCompliance(JointEffect):
         for joint, other in permutations(scene.moving, 2):
             # with no turn between the two, a translation of one is an error motion of the other: geometry
             first, last = sorted(scene.machine.elements.index(j) for j in (joint, other))
-            turns = any(j.type == "rotary" for j in scene.moving if j in scene.machine.elements[first:last])
-            for motion in (*(TRANSLATIONS if turns else ()), *ROTATIONS):
+            turns = [j for j in scene.moving if j.type == "rotary" and j in scene.machine.elements[first:last]]
+            turned = [t for k, t in enumerate(TRANSLATIONS) if any(abs(j.axis[k]) < PARALLEL for j in turns)]
+            for motion in (*turned, *ROTATIONS):
                 for degree, along in SHAPES[other.type]:
                     yield cls(joint=joint.name, motion=motion, other=other.name, degree=degree, along=along)

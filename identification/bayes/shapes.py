@@ -18,7 +18,7 @@ from annotated_types import Ge, Gt, Le, Lt
 from errormodel import effects
 from errormodel.arrays import Array
 from errormodel.effects.base import Effect
-from identification.diagnosis.selection import SHAPES
+from identification.diagnosis.polishing import SHAPES
 from identification.diagnosis.workbench import Workbench, set_up
 from identification.fit.result import Fit
 from identification.views import PositionView

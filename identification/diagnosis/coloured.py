@@ -2,7 +2,7 @@
 
 Air that moves and an instrument that drifts leave residuals which go along with anything that changes slowly. Evidence
 for an effect is therefore what remains when the noise may be of that kind: the likelihood of the geometry with the
-effect, at the noise that suits it best, over that of the geometry alone, at the noise that suits *it* best. Neither
+effect, in all noises, each as likely as it is beforehand, over that of the geometry alone, in all noises. Neither
 side's noise is estimated from what the other would explain.
 """
 
@@ -20,11 +20,14 @@ from identification.diagnosis.candidates import Block, Candidates
 from identification.diagnosis.workbench import Workbench
 from identification.fit.noise import Noise, noises
 
+WHITE = 0.5  # how likely noise is to be white
 LONGEST, LARGEST = 60.0, 2.0  # rows and white variances: beyond them it is no noise any more, but a drift with a cause
 
 
 def evidence(bench: Workbench, groups: Sequence[Sequence[Effect]]) -> list[tuple[float, float]]:
     """Nats for each group of effects beside what the bench has accepted: in white noise, and in any of this kind."""
+    from scipy.special import logsumexp
+
     parts = [[bench.columns(e) for e in group] for group in groups]
     scaled = [np.vstack([c * s[:, None] for c, s in own]) for own in parts]
     sizes = [np.concatenate([s for _, s in own]) for own in parts]
@@ -33,9 +36,8 @@ def evidence(bench: Workbench, groups: Sequence[Sequence[Effect]]) -> list[tuple
     for k, (main, size) in enumerate(zip(mains, sizes, strict=True)):
         kinds.setdefault((main.tied, len(size)), []).append(k)
     edges = _edges(bench)
-    best, rows = -np.inf, []
+    rows = []
     for likelihood, filtered, noise in _benches(bench):
-        best = max(best, likelihood)
         blocks = []
         for own in kinds.values():
             columns = np.array([scaled[k] for k in own])
@@ -43,9 +45,15 @@ def evidence(bench: Workbench, groups: Sequence[Sequence[Effect]]) -> list[tuple
                 columns = noise.whitened(columns.reshape(-1, bench.size), edges).reshape(columns.shape)
             blocks.append(Block.of(filtered, np.array(own), columns, np.array([sizes[k] for k in own])))
         gains = Candidates(mains, blocks, [main.key for main in mains]).scores(filtered).evidence
-        rows.append([*gains, *(likelihood + gains)])
-    white, any_noise = np.array(rows[0][: len(groups)]), np.max(rows, axis=0)[len(groups) :] - best
-    return list(zip(white.tolist(), any_noise.tolist(), strict=True))
+        rows.append([likelihood, *(likelihood + gains)])
+    without, *with_each = logsumexp(rows, axis=0, b=_beforehand(len(rows))).tolist()
+    white = np.array(rows[0][1:]) - rows[0][0]
+    return [(float(w), each - without) for w, each in zip(white, with_each, strict=True)]
+
+
+def _beforehand(count: int) -> Array:
+    """How likely each noise is before anything was seen (count, 1): white as likely as all others together."""
+    return np.array([WHITE, *[(1 - WHITE) / (count - 1)] * (count - 1)])[:, None]
 
 
 def _edges(bench: Workbench) -> Array:

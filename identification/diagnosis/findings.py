@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -115,14 +115,6 @@ PLIANT_ODDS = 2.5  # nats by which physics of a form of its own is likelier than
 def motions_of(effect: Effect, bench: Workbench) -> list[str]:
     """Motions that an effect makes, in the order of its terms."""
     return list(dict.fromkeys(m for t in effect.terms(bench.channel, bench.chain.machine) for m in t.motion))
-
-
-def as_one(group: Sequence[Step]) -> Step:
-    """A finding's step with the evidence of its further causes of the same name, such as a second sensor."""
-    main = group[0]
-    return replace(
-        main, evidence=main.evidence + sum(s.evidence for s in group[1:] if s.effect.effect == main.effect.effect)
-    )
 
 
 def alternatives_of(step: Step, bench: Workbench, most: int = 5) -> list[Alternative]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from identification.diagnosis.choosing import Step
 from identification.diagnosis.growth import Growth
-from identification.diagnosis.selection import SHAPES
+from identification.diagnosis.polishing import SHAPES
 from identification.fit.result import Fit
 
 INEXACT = {

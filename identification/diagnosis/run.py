@@ -23,7 +23,6 @@ from identification.diagnosis.findings import (
     HeldOut,
     Untestable,
     alternatives_of,
-    as_one,
     look_alikes,
     motions_of,
     moved_by,
@@ -212,8 +211,8 @@ def _finding(
     group: Sequence[Step], growth: Growth, final: Fit, before: Fit, first: int, told: Sequence[Account]
 ) -> Finding:
     """A finding from its steps: the effect, and the refinements of its form."""
-    main, machine = group[0].effect, final.chain.machine
-    step = as_one(group)
+    step, machine = group[0], final.chain.machine
+    main = step.effect
     bench = growth.without(group)  # geometry and the other findings fitted, this one not
     columns, values = bench.estimates([s.effect for s in group])
     noise = 1e3 * before.sigma_mm
@@ -221,7 +220,7 @@ def _finding(
     whole = whole_of(final, [s.effect for s in group], numbers)
     probability = weighed(probability_of(step), told)
     alike = look_alikes(step)
-    statement = statement_of(whole, machine, group[0].absorbed, probability, [subject(e) for e in alike])
+    statement = statement_of(whole, machine, step.absorbed, probability, [subject(e) for e in alike])
     at = getattr(main, "at", None) if "time" in main.drivers else None
     return Finding(
         effect=main.effect,
@@ -234,9 +233,9 @@ def _finding(
         statement=" ".join((statement, *(f"{t}." for t in told))),
         parameters=whole.amounts,
         probability=probability,
-        p_value=p_value_of(group[0]),
+        p_value=p_value_of(step),
         heldout_rms_um=HeldOut(*(float(np.sqrt(3)) * noise * heldout_rms(b) for b in (bench, growth.bench))),
-        absorbed=group[0].absorbed,
+        absorbed=step.absorbed,
         moved=_moved(before, growth.start, columns[:, : len(bench.index)], values),
         alternatives=alternatives_of(step, bench),
         next_measurement=next_measurement(main, alike[0] if alike else None),

@@ -8,34 +8,30 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
 from errormodel.effects.base import Effect
 from identification.diagnosis import coloured
-from identification.diagnosis.candidates import Candidates, Scores
+from identification.diagnosis.candidates import Candidates
 from identification.diagnosis.choosing import DETECT, FORM, Step, choose, convincing
 from identification.diagnosis.growth import Growth, of_groups, replayed, with_step
 from identification.diagnosis.judging import heldout_rms, roots
 from identification.diagnosis.pairs import best_pair
-from identification.diagnosis.refinements import bent, forms, is_departure, left_over, refined, truly_named
+from identification.diagnosis.polishing import polished, rivals_of
+from identification.diagnosis.refinements import forms, is_departure, left_over, refined, truly_named
 from identification.diagnosis.switching import switched
 from identification.diagnosis.workbench import Workbench
 from identification.progress import Tell, silent
-from identification.side_by_side import side_by_side
 
 LEAK = 0.06  # of what is already explained: less than this elsewhere may be the shape of what was found
 WORTH = 7.0  # nats below which nothing is looked at further
 HARDLY = 1.05  # times the held-out error: what no evidence asks for gains as much by chance
-ROUNDED = 0.01  # nats, in scores from columns in single precision
-MAYBE = 0.5  # of the best evidence
 MOST_FINDINGS = 12
 MOST_STEPS = 24
 MOST_TOGETHER = 3
 SHAPES_TRIED = 3.0  # nats for the shapes of one effect
 SWEEPS = 4  # over all time constants
-SHAPES = ("period", "by_period", "edge", "by_edge", "per_turn", "tau", "at", "width", "exponent", "overlap")
 
 
 Likely = tuple[list[Step], Step] | None
@@ -69,7 +65,7 @@ def grow(bench: Workbench, candidates: Candidates, tell: Tell = silent, begin: S
             if _causes(looked) == _causes(growth) or _causes(looked) not in seen:  # never in a circle
                 growth = looked
             seen.add(_causes(growth))
-    return truly_named(still_needed(growth))
+    return in_place(truly_named(still_needed(growth)), candidates)
 
 
 def together(growth: Growth, likely: Likely, candidates: Candidates) -> Growth | None:
@@ -124,7 +120,7 @@ def grown(growth: Growth, likely: Likely, *, judged: bool = True) -> Growth | No
         others = [s for s, k in could if k is not None and is_departure(growth, k, best.effect)]
         best = max(others, key=lambda s: s.evidence, default=best)
         own = refined(growth, best) if others else left_over(growth, best)
-    best = replace(best, rivals=_others(steps, best))
+    best = replace(best, rivals=rivals_of(steps, best))
     if own is not None:
         best = replace(best, refines=own)
     elif (
@@ -149,11 +145,9 @@ def grown(growth: Growth, likely: Likely, *, judged: bool = True) -> Growth | No
 
 def _likely(bench: Workbench, candidates: Candidates) -> Likely:
     """The best proposals beside what the bench has, polished, and the one to be preferred among them."""
-    scores = candidates.scores(bench)
-    ranked = scores.by_key()
-    if not ranked or ranked[0][0] < WORTH:
+    steps = polished(bench, candidates, 12, WORTH)
+    if not steps:
         return None
-    steps = _all_polished(bench, candidates, scores, ranked, 12)
     best = choose(bench, steps)
     if "temperature" in roots(best.effect) and (best.effect.generic or not convincing(bench, best)):
         best = _by_two_causes(bench, candidates, steps, best) or best
@@ -164,19 +158,6 @@ def _able(bench: Workbench, likely: Likely) -> Likely:
     """Those that are convincing by themselves: what bends to two effects at once is neither, one of them may be."""
     able = [s for s in likely[0] if convincing(bench, s)] if likely else []
     return (able, choose(bench, able)) if able else None
-
-
-def _shortlist(candidates: Candidates, ranked: Sequence[tuple[float, int]], first: int) -> list[int]:
-    """The first proposals, and the best of each further name that may yet prove the better one when bent a little."""
-    names = {candidates.effects[n].effect for _, n in ranked[:first]}
-    out = [n for _, n in ranked[:first]]
-    for evidence, n in ranked[first:]:
-        if evidence < MAYBE * ranked[0][0]:
-            break
-        if candidates.effects[n].effect not in names:
-            names.add(candidates.effects[n].effect)
-            out.append(n)
-    return out
 
 
 def _by_two_causes(bench: Workbench, candidates: Candidates, steps: Sequence[Step], form: Step) -> Step | None:
@@ -253,85 +234,38 @@ def _otherwise_named(growth: Growth, step: Step) -> bool:
 
 
 def second_look(growth: Growth, candidates: Candidates) -> Growth:
-    """Each finding once more, with the others in place: another explanation may now be the better one, or none.
-
-    One that stays has from then on the rivals that it has there: what the others explained is no longer theirs.
-    """
-    for number in [k for k, s in enumerate(growth.steps) if s.refines is None]:
-        mine = [s for k, s in enumerate(growth.steps) if number in (k, s.refines)]
-        others = [s for s in growth.steps if s not in mine]
-        bench = growth.without(mine)
-        scores = candidates.scores(bench)
-        ranked = scores.by_key()
-        steps = _all_polished(bench, candidates, scores, ranked, 8)
+    """Each finding once more, with the others in place: another explanation may now be the better one, or none."""
+    groups = growth.findings
+    for group in groups:
+        old, *more = group
+        bench = growth.without(group)
+        steps = polished(bench, candidates, 8)
         best = choose(bench, steps)
-        old = growth.steps[number]
-        same = best.effect == old.effect or (len(mine) > 1 and best.effect.key == old.effect.key)
+        same = best.effect == old.effect or (bool(more) and best.effect.key == old.effect.key)
         as_good = same or best.drop < 1.02 * bench.drop(bench.with_effect(old.effect))
         if as_good or not convincing(bench, best):
-            own = next((s for s in steps if s.effect.key == old.effect.key), None)
-            if own is not None and len(mine) == 1:
-                kept = replace(old, evidence=own.evidence, rivals=_others(steps, own))
-                growth = replace(growth, steps=tuple(kept if s is old else s for s in growth.steps))
             continue
         # refinements whose finding has gone, or whose number has changed, stand or fall with the next search
-        mains = [s for s in others if s.refines is None]
-        return replayed(growth.start, [*mains, replace(best, rivals=_others(steps, best))])
+        mains = [g[0] for g in groups if g is not group]
+        return replayed(growth.start, [*mains, replace(best, rivals=rivals_of(steps, best))])
     return growth
 
 
-def _others(steps: Sequence[Step], one: Step) -> tuple[Step, ...]:
-    """The rivals of a step: the others, best first."""
-    return tuple(s for s in sorted(steps, key=lambda s: -s.evidence) if s is not one)
-
-
-def _all_polished(
-    bench: Workbench, candidates: Candidates, scores: Scores, ranked: Sequence[tuple[float, int]], first: int
-) -> list[Step]:
-    """The shortlist's proposals, polished."""
-    numbers = _shortlist(candidates, ranked, first)
-    return side_by_side([partial(_polished, candidates, scores, bench, n, len(ranked)) for n in numbers])
-
-
-def _polished(candidates: Candidates, scores: Scores, bench: Workbench, number: int, searched: int) -> Step:
-    """The proposal with its shape parameters moved off the grid to where they fit best."""
-    from scipy.optimize import minimize_scalar
-
-    effect = candidates.effects[number]
-    if effect.tied:
-        ratio, _, noise = bench.tied(bench.columns(effect)[0]).best()
-        effect = effect.model_copy(update={"size": float(f"{np.sqrt(ratio * noise):.3g}")})
-    family = [candidates.effects[n] for n in candidates.of_key[effect.key]]
-    for name in SHAPES:
-        value = getattr(effect, name, None) if name in type(effect).model_fields else None
-        if not isinstance(value, float) or value == 0 or effect.tied:  # a curve repeats with the wave that it refines
-            continue
-        grid = sorted({float(getattr(e, name)) for e in family})
-        edge = 0.3 * abs(value)
-        below = max((g for g in grid if g < value and g != 0), default=value - edge)
-        above = min((g for g in grid if g > value and g != 0), default=value + edge)
-        lowest, highest = type(effect).bounds(name)
-        below, above = max(below, lowest), min(above, highest)
-
-        def left(x: float, name: str = name, effect: Effect = effect) -> float:
-            return bench.with_effect(effect.model_copy(update={name: float(x)})).square
-
-        found = minimize_scalar(left, bounds=(below, above), method="bounded", options={"maxiter": 20})
-        if found.fun < left(value):
-            effect = effect.model_copy(update={name: float(found.x)})
-    alone = Candidates.of(bench, [effect])
-    own = alone.scores(bench)
-    if not len(own.evidence):
-        evidence, drop, absorbed = (float(v[number]) for v in (scores.evidence, scores.drop, scores.absorbed))
-        effect = candidates.effects[number]
-        return Step(effect, evidence, drop, absorbed, len(bench.columns(effect)[1]), searched=searched)
-    same = len(family)
-    evidence, drop, absorbed = (float(v[0]) for v in (own.evidence, own.drop, own.absorbed))
-    if scores.evidence[number] > evidence + ROUNDED:  # where the squares are least a size may be beyond what is usual
-        effect = candidates.effects[number]
-        evidence, drop, absorbed = (float(v[number]) for v in (scores.evidence, scores.drop, scores.absorbed))
-    worth, bend = bent(bench, effect)
-    count = len(bench.columns(effect)[1])
-    return Step(
-        effect, evidence + worth - np.log(same), drop + bend, absorbed, count, bend=bend, worth=worth, searched=searched
-    )
+def in_place(growth: Growth, candidates: Candidates) -> Growth:
+    """Each finding's evidence and rivals as they are beside the others: what these explain is no longer theirs."""
+    groups = growth.findings
+    for k, (main, *more) in enumerate(groups):
+        if len(groups) == 1 and not more:
+            break
+        bench = growth.without([main, *more])
+        steps = polished(bench, candidates, 8)
+        own = next((s for s in steps if s.effect.key == main.effect.key), main)
+        shapes = len(candidates.of_key.get(main.effect.key, [0]))
+        # as it is: with further causes of its name, such as a second sensor
+        evidence, beside = main.worth - float(np.log(shapes)), bench
+        for step in (main, *(s for s in more if s.effect.effect == main.effect.effect)):
+            evidence += max(Candidates.of(beside, [step.effect]).scores(beside).evidence, default=0.0)
+            beside = beside.with_effect(step.effect)
+        rivals = rivals_of(steps, own)
+        groups[k] = [replace(main, evidence=max(evidence, own.evidence), rivals=rivals), *more]
+    return of_groups(growth.start, groups)
