@@ -19,7 +19,7 @@ from identification.diagnosis.choosing import Step
 from identification.diagnosis.growth import replayed
 from identification.diagnosis.refinements import refined
 from identification.diagnosis.run import diagnose
-from identification.diagnosis.selection import second_look
+from identification.diagnosis.selection import in_place, second_look
 from identification.diagnosis.stories import story
 from identification.diagnosis.workbench import set_up
 from identification.fit.run import fit_machine
@@ -84,6 +84,32 @@ def test_a_refinement_that_is_what_the_finding_should_be_called() -> None:
     looked = second_look(replayed(bench, taken), candidates)
     assert [s.effect.effect for s in looked.steps] == ["structure-drift"]
     assert second_look(looked, candidates).steps[0].effect.key == looked.steps[0].effect.key
+
+
+def test_findings_are_weighed_beside_each_other() -> None:
+    """What one was worth before the other was known, and its rivals then, are forgotten."""
+    machine = read_machine("bridge_cmm")
+    survey = empty_survey(machine, 400, 11, channels=True, grid=False)
+    specs = (
+        EffectSpec("structure-drift", {"element": "carriage", "motion": "dx", "sensor": "T_0"}),
+        EffectSpec("backlash", {"joint": "X"}),
+    )
+    chain = Chain(replace(machine, effects=specs))
+    values = {chain.effect_ids[0][0]: 0.006, chain.effect_ids[1][0]: 0.004}
+    table = survey.table.copy()
+    seen = simulate(chain.machine, table, Truth(values, (500.0, -200.0, 100.0), (0.1, 0.2, 0.5)), 0.003, 3)
+    table[MEASURED] = seen[MEASURED]
+    bench = set_up(fit_machine(machine, replace(survey, table=table)))
+    candidates = Candidates.of(bench)
+    drift, play = map(make, specs)
+    stale = Step(play, 1e4, 100.0, 0.1, rivals=(Step(drift, 1e5, 1.0, 0.1),))
+    weighed = in_place(replayed(bench, [Step(drift, 1e4, 100.0, 0.1), stale]), candidates)
+    for step, other in zip(weighed.steps, (play, drift), strict=True):
+        beside = bench.with_effect(other)
+        [alone] = Candidates.of(beside, [step.effect]).scores(beside).evidence
+        assert alone - 5 < step.evidence < alone + 50  # less for its shapes, more for a bend
+        assert 0 < max(r.evidence for r in step.rivals) < 1e3
+        assert step.effect.key not in {r.effect.key for r in step.rivals}
 
 
 def test_a_surface_over_two_joints_that_turn_is_found() -> None:

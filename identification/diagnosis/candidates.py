@@ -245,8 +245,8 @@ class Ranked(NamedTuple):
 class Scores:
     """Of each proposal: evidence, drop of the residual sum of squares, and the part of it that the geometry absorbs.
 
-    Evidence in nats against nothing; the drop in noise variances, as `reach`: what it would be at thrice the size that
-    is usual for the effect.
+    Evidence in nats against nothing; the drop in noise variances, as `reach`: what it would be at the effect's usual
+    size.
     """
 
     candidates: Candidates
@@ -300,7 +300,7 @@ def _free_scores(bench: Workbench, blocks: Sequence[Block], generic: Mask) -> tu
     variance = bench.square / bench.freedom
     # directions of the scaled columns have prior sizes of their own: those of the columns, taken along them
     prior = np.einsum("aij,ai->aj", np.square(vectors), np.square(norm))
-    reach = 9 * np.sum(np.maximum(values, 0.0) / variance * prior, axis=1)
+    reach = np.sum(np.maximum(values, 0.0) / variance * prior, axis=1)
     gain = np.where(seen, values / variance * prior, 0.0)
     count = np.maximum(seen.sum(axis=1), 1)
     safe = np.where(seen, values, 1.0)

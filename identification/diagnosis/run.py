@@ -158,7 +158,8 @@ def _explained(fit: Fit, survey: Survey, changes: Sequence[Effect], tell: Tell) 
         return with_form(fit_machine(_extended(machine, effects), survey), growth, first) if effects else fit
 
     def hidden() -> list[Untestable]:
-        return unseen(growth.start.scene, scores.beside(growth.start, growth.bench))
+        beside = scores.beside(growth.start, growth.bench)
+        return unseen(growth.start.scene, beside, [s.effect for s in growth.steps])
 
     jobs: list[Callable[[], Any]] = [fitted, hidden]
     with (tell if effects else silent)("Fitting the extended machine"):

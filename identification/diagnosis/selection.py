@@ -259,13 +259,14 @@ def in_place(growth: Growth, candidates: Candidates) -> Growth:
             break
         bench = growth.without([main, *more])
         steps = polished(bench, candidates, 8)
-        own = next((s for s in steps if s.effect.key == main.effect.key), main)
+        mine = [s for s in steps if s.effect.key == main.effect.key]
         shapes = len(candidates.of_key.get(main.effect.key, [0]))
         # as it is: with further causes of its name, such as a second sensor
         evidence, beside = main.worth - float(np.log(shapes)), bench
         for step in (main, *(s for s in more if s.effect.effect == main.effect.effect)):
             evidence += max(Candidates.of(beside, [step.effect]).scores(beside).evidence, default=0.0)
             beside = beside.with_effect(step.effect)
-        rivals = rivals_of(steps, own)
-        groups[k] = [replace(main, evidence=max(evidence, own.evidence), rivals=rivals), *more]
+        evidence = max([evidence, *(s.evidence for s in mine)])
+        rivals = tuple(s for s in rivals_of(steps, main) if s not in mine)
+        groups[k] = [replace(main, evidence=evidence, rivals=rivals), *more]
     return of_groups(growth.start, groups)

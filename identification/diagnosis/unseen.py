@@ -7,7 +7,7 @@ where the geometry takes up all that the effect does, it is untestable; what the
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache
 
@@ -29,13 +29,17 @@ Variant = tuple[str, str, bool]
 ROWS = 400  # of the full survey
 
 
-def unseen(scene: Scene, scores: Scores) -> list[Untestable]:
-    """Effects, with their places, that a survey cannot show, from the `scores` of what it lets be looked for."""
+def unseen(scene: Scene, scores: Scores, found: Collection[Effect]) -> list[Untestable]:
+    """Effects, with their places, that a survey cannot show, from the `scores` of what it lets be looked for.
+
+    What was `found` was large enough.
+    """
     least: dict[Variant, tuple[float, float]] = {}
     for numbers in scores.candidates.of_key.values():
         place = variant_of(scores.candidates.effects[numbers[0]])
         before = least.get(place, (1.0, 0.0))
         least[place] = min(before[0], *scores.absorbed[numbers]), max(before[1], *scores.reach[numbers])
+    shown = set(map(variant_of, found))
     out = []
     for name, kind in sorted(registry().items()):
         if kind.generic or kind.family == "blunder":
@@ -51,8 +55,8 @@ def unseen(scene: Scene, scores: Scores) -> list[Untestable]:
             part, reach = least.get(variant, (None, np.inf))
             if part is None:
                 reasons.setdefault(_missing(effects, scene), []).append(where)
-            elif reach < HARDLY and part > MOSTLY:
-                reason = "what the geometry leaves of it stays within the noise, even at three times its usual size"
+            elif reach < HARDLY and part > MOSTLY and variant not in shown:
+                reason = "what the geometry leaves of it at its usual size stays within the noise"
                 reasons.setdefault(reason, []).append(where)
             elif part > ABSORBED:
                 reasons.setdefault(f"the geometry absorbs {100 * part:.0f} % of it", []).append(where)
