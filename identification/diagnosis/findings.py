@@ -104,10 +104,11 @@ class Diagnosis:
 
 
 SEPARABLE = 2.0  # decimal logarithm of the Bayes factor beyond which the data tell two explanations apart
-# Calibrated on findings of the proof by their Brier score, the first on 267 (seeds 20261121, 8128, 27182 and 14142),
-# the second on 389 (seeds 69069 and 271828):
+# Calibrated on findings of the proof by their Brier score or likelihood, the first on 267 (seeds 20261121, 8128, 27182
+# and 14142), the others on 588 (seeds 141421, 17320508 and 2236067):
 TEMPER = 2.0
-CHOSEN = 1.0  # nats for what was preferred among equals: it needs least bending and no correlated noise
+CHOSEN = 2.0  # nats for what was preferred among equals: it needs least bending and no correlated noise
+UNKNOWN = 0.015  # odds that it is something else which no catalogue has, and which looks like the name
 FORM_ODDS = 6.0  # nats by which physics that has a name is the likelier story than a form that can bend to anything
 PLIANT_ODDS = 2.5  # nats by which physics of a form of its own is likelier than what follows any smooth curve
 
@@ -161,7 +162,8 @@ def probability_of(step: Step) -> float:
         best[name] = max(best.get(name, -np.inf), one.evidence / temper - _odds(one))
     best[step.effect.effect] += CHOSEN
     weights = {name: np.exp(value - max(best.values())) for name, value in best.items()}
-    return float(np.clip(weights[step.effect.effect] / sum(weights.values()), 0.0, 0.999))
+    named = weights[step.effect.effect]
+    return float(named / (sum(weights.values()) + UNKNOWN * named))
 
 
 def _odds(step: Step) -> float:
