@@ -14,7 +14,7 @@ from identification.diagnosis.workbench import Workbench
 DETECT = 4.6  # nats beyond the number of places looked at, a hundred to one: of 300 empty surveys the best had 3.4
 CLEARLY = 6.0  # nats
 NEAR = 0.1  # of the best evidence
-ODDS = 2.3  # nats: ten to one for physics of a form of its own against what follows any smooth curve
+ODDS = 1.0  # nats for physics of a form of its own, unbent, against what follows any smooth curve (63 close calls)
 STIFF = 2  # parameters of a form that can hardly bend: a line, or a product of two
 FORM = 0.85  # a name may explain this much less than the best mere form: forms bend to anything
 
@@ -68,7 +68,7 @@ def _names(bench: Workbench, ranked: Sequence[Step]) -> list[Step]:
     """Names in the order in which they are to be considered.
 
     Of what is nearly alike, first what leaves residuals that need no correlated noise to be explained; and physics of
-    a form of its own that needs little bending before what follows any smooth curve.
+    a form of its own that needs little bending before what follows any smooth curve: that need not be bent.
     """
     if not ranked:
         return []
@@ -79,8 +79,9 @@ def _names(bench: Workbench, ranked: Sequence[Step]) -> list[Step]:
         left = [s.evidence * max(nats, 0.0) / max(white, 1.0) for s, (white, nats) in zip(near, both, strict=True)]
         near = [s for s, nats in zip(near, left, strict=True) if nats > max(left) - reach]
     near = [s for s in near if s.evidence > near[0].evidence - CLEARLY]
-    most, least = max(s.drop - s.bend for s in near), near[0].evidence - ODDS
-    own = [s for s in near if not s.effect.pliant and s.evidence > least]
+    most = max(s.drop - s.bend for s in near)
+    least = max((s.evidence - s.worth for s in near if s.effect.pliant), default=-np.inf) - ODDS
+    own = [s for s in near if not s.effect.pliant and s.evidence - s.worth > least]
     first = [s for s in own if s.drop - s.bend >= FORM * most] or near
     return [*first, *(s for s in ranked if s not in first)]
 
