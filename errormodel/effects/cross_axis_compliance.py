@@ -12,6 +12,7 @@ from errormodel.conventions import ROTATIONS, TRANSLATIONS, Motion, unit_of
 from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect
 from errormodel.effects.ops import cos, sin
 from errormodel.effects.scene import Scene
+from errormodel.effects.shared import own_axes
 from errormodel.effects.travel import legendre, scaled
 from errormodel.machine import Machine, joint_of
 
@@ -57,11 +58,13 @@ class CrossAxisCompliance(JointEffect):
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
+        axes = own_axes(scene.machine)
         for joint, other in permutations(scene.moving, 2):
             # with no turn between the two, a translation of one is an error motion of the other: geometry
             first, last = sorted(scene.machine.elements.index(j) for j in (joint, other))
             turns = [j for j in scene.moving if j.type == "rotary" and j in scene.machine.elements[first:last]]
-            turned = [t for k, t in enumerate(TRANSLATIONS) if any(abs(j.axis[k]) < PARALLEL for j in turns)]
+            seen = [axes[joint.name].T @ axes[j.name] @ j.axis for j in turns]  # in the joint's own axes
+            turned = [t for k, t in enumerate(TRANSLATIONS) if any(abs(axis[k]) < PARALLEL for axis in seen)]
             for motion in (*turned, *ROTATIONS):
                 for degree, along in SHAPES[other.type]:
                     yield cls(joint=joint.name, motion=motion, other=other.name, degree=degree, along=along)

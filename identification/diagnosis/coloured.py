@@ -1,4 +1,4 @@
-"""Noise that is correlated from row to row: white plus first-order, by its best parameters with and without an effect.
+"""Noise that is correlated from row to row: white plus first-order, averaged over with and without an effect.
 
 Air that moves and an instrument that drifts leave residuals which go along with anything that changes slowly. Evidence
 for an effect is therefore what remains when the noise may be of that kind: the likelihood of the geometry with the
@@ -52,7 +52,7 @@ def evidence(bench: Workbench, groups: Sequence[Sequence[Effect]]) -> list[tuple
 
 
 def _beforehand(count: int) -> Array:
-    """How likely each noise is before anything was seen (count, 1): white as likely as all others together."""
+    """How likely each noise is before anything was seen (count, 1): the first is white, the others alike."""
     return np.array([WHITE, *[(1 - WHITE) / (count - 1)] * (count - 1)])[:, None]
 
 

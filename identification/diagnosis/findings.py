@@ -104,13 +104,14 @@ class Diagnosis:
 
 
 SEPARABLE = 2.0  # decimal logarithm of the Bayes factor beyond which the data tell two explanations apart
-# Calibrated on findings of the proof by their Brier score or likelihood, the first on 267 (seeds 20261121, 8128, 27182
-# and 14142), the others on 588 (seeds 141421, 17320508 and 2236067):
+# Calibrated on findings of the proof: by their Brier score the first on 267 (seeds 20261121, 8128, 27182 and 14142),
+# the next two on 389 (seeds 69069 and 271828); by their likelihood the last two on 588 (seeds 141421, 17320508 and
+# 2236067).
 TEMPER = 2.0
-CHOSEN = 2.0  # nats for what was preferred among equals: it needs least bending and no correlated noise
-UNKNOWN = 0.015  # odds that it is something else which no catalogue has, and which looks like the name
 FORM_ODDS = 6.0  # nats by which physics that has a name is the likelier story than a form that can bend to anything
 PLIANT_ODDS = 2.5  # nats by which physics of a form of its own is likelier than what follows any smooth curve
+CHOSEN = 2.0  # nats for what was preferred among equals: it needs least bending and no correlated noise
+UNKNOWN = 0.015  # odds that it is something else which no catalogue has, and which looks like the name
 
 
 def motions_of(effect: Effect, bench: Workbench) -> list[str]:
@@ -151,7 +152,7 @@ def log10_factor(step: Step, rival: Step) -> float:
 
 
 def probability_of(step: Step) -> float:
-    """Of the named effect against other effects, a mere form and nothing.
+    """Of the named effect against other effects, a mere form, nothing, and what no catalogue has.
 
     Evidence is tempered: no form is exact, so that a difference counts for less the more is explained.
     """
@@ -163,7 +164,8 @@ def probability_of(step: Step) -> float:
     best[step.effect.effect] += CHOSEN
     weights = {name: np.exp(value - max(best.values())) for name, value in best.items()}
     named = weights[step.effect.effect]
-    return float(named / (sum(weights.values()) + UNKNOWN * named))
+    unknown = 0.0 if step.effect.generic else UNKNOWN * named
+    return float(min(named / (sum(weights.values()) + unknown), 0.999))
 
 
 def _odds(step: Step) -> float:

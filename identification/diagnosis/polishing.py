@@ -20,18 +20,20 @@ SHAPES = ("period", "by_period", "edge", "by_edge", "per_turn", "tau", "at", "wi
 
 
 def polished(bench: Workbench, candidates: Candidates, first: int, least: float = -np.inf) -> list[Step]:
-    """The first proposals beside what the bench has, and some that follow; none where all have less than `least`."""
+    """The first proposals beside what the bench has, and some that follow.
+
+    Parameters
+    ----------
+    first : how many, at least.
+    least : nats; nothing is returned where no proposal has as much.
+    """
     scores = candidates.scores(bench)
     ranked = scores.by_key()
     if not ranked or ranked[0][0] < least:
         return []
     numbers = _shortlist(candidates, ranked, first)
-    return side_by_side([partial(_polished, candidates, scores, bench, n, len(ranked)) for n in numbers])
-
-
-def rivals_of(steps: Sequence[Step], one: Step) -> tuple[Step, ...]:
-    """The rivals of a step: the others, best first."""
-    return tuple(s for s in sorted(steps, key=lambda s: -s.evidence) if s is not one)
+    steps = side_by_side([partial(_polished, candidates, scores, bench, n, len(ranked)) for n in numbers])
+    return [step for step in steps if step is not None]
 
 
 def _shortlist(candidates: Candidates, ranked: Sequence[tuple[float, int]], first: int) -> list[int]:
@@ -47,7 +49,7 @@ def _shortlist(candidates: Candidates, ranked: Sequence[tuple[float, int]], firs
     return out
 
 
-def _polished(candidates: Candidates, scores: Scores, bench: Workbench, number: int, searched: int) -> Step:
+def _polished(candidates: Candidates, scores: Scores, bench: Workbench, number: int, searched: int) -> Step | None:
     """The proposal with its shape parameters moved off the grid to where they fit best."""
     from scipy.optimize import minimize_scalar
 
@@ -73,19 +75,33 @@ def _polished(candidates: Candidates, scores: Scores, bench: Workbench, number: 
         found = minimize_scalar(left, bounds=(below, above), method="bounded", options={"maxiter": 20})
         if found.fun < left(value):
             effect = effect.model_copy(update={name: float(found.x)})
-    alone = Candidates.of(bench, [effect])
-    own = alone.scores(bench)
+    step = weighed(bench, effect, len(family), searched)
+    if step is None or scores.evidence[number] > step.evidence - step.worth + np.log(len(family)) + ROUNDED:
+        # where the squares are least a size may be beyond what is usual
+        step = weighed(bench, candidates.effects[number], len(family), searched)
+    return step
+
+
+def weighed(bench: Workbench, effect: Effect, shapes: int, searched: int) -> Step | None:
+    """An effect as a step beside what the bench has; None where it moves nothing.
+
+    Parameters
+    ----------
+    shapes : how many of it were tried, for which its evidence pays.
+    searched : places looked at.
+    """
+    own = Candidates.of(bench, [effect]).scores(bench)
     if not len(own.evidence):
-        evidence, drop, absorbed = (float(v[number]) for v in (scores.evidence, scores.drop, scores.absorbed))
-        effect = candidates.effects[number]
-        return Step(effect, evidence, drop, absorbed, len(bench.columns(effect)[1]), searched=searched)
-    same = len(family)
+        return None
     evidence, drop, absorbed = (float(v[0]) for v in (own.evidence, own.drop, own.absorbed))
-    if scores.evidence[number] > evidence + ROUNDED:  # where the squares are least a size may be beyond what is usual
-        effect = candidates.effects[number]
-        evidence, drop, absorbed = (float(v[number]) for v in (scores.evidence, scores.drop, scores.absorbed))
     worth, bend = bent(bench, effect)
-    count = len(bench.columns(effect)[1])
     return Step(
-        effect, evidence + worth - np.log(same), drop + bend, absorbed, count, bend=bend, worth=worth, searched=searched
+        effect,
+        evidence + worth - float(np.log(shapes)),
+        drop + bend,
+        absorbed,
+        len(bench.columns(effect)[1]),
+        bend=bend,
+        worth=worth,
+        searched=searched,
     )

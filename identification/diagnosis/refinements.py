@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from itertools import combinations, product
 
 import numpy as np
@@ -200,9 +199,7 @@ def truly_named(growth: Growth) -> Growth:
         if main.effect.generic or best is main or gained[id(best)] < OWN * explained:
             groups.append([main, *more])
             continue
-        rivals = (replace(main, rivals=()), *main.rivals)
-        mine = replace(best, evidence=main.evidence + best.evidence, drop=main.drop, rivals=rivals, refines=None)
-        groups.append([mine, *(s for s in (main, *more) if s is not best)])
+        groups.append([best, *(s for s in (main, *more) if s is not best)])
     return of_groups(growth.start, groups) if groups != growth.findings else growth
 
 

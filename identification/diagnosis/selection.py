@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from identification.diagnosis.choosing import DETECT, FORM, Step, choose, convin
 from identification.diagnosis.growth import Growth, of_groups, replayed, with_step
 from identification.diagnosis.judging import heldout_rms, roots
 from identification.diagnosis.pairs import best_pair
-from identification.diagnosis.polishing import polished, rivals_of
+from identification.diagnosis.polishing import polished, weighed
 from identification.diagnosis.refinements import forms, is_departure, left_over, refined, truly_named
 from identification.diagnosis.switching import switched
 from identification.diagnosis.workbench import Workbench
@@ -32,7 +33,7 @@ MOST_STEPS = 24
 MOST_TOGETHER = 3
 SHAPES_TRIED = 3.0  # nats for the shapes of one effect
 SWEEPS = 4  # over all time constants
-
+LIKELY, RIVALS = 12, 8  # proposals that are looked at closely: to be accepted next, and beside a finding
 
 Likely = tuple[list[Step], Step] | None
 
@@ -120,7 +121,6 @@ def grown(growth: Growth, likely: Likely, *, judged: bool = True) -> Growth | No
         others = [s for s, k in could if k is not None and is_departure(growth, k, best.effect)]
         best = max(others, key=lambda s: s.evidence, default=best)
         own = refined(growth, best) if others else left_over(growth, best)
-    best = replace(best, rivals=rivals_of(steps, best))
     if own is not None:
         best = replace(best, refines=own)
     elif (
@@ -145,7 +145,7 @@ def grown(growth: Growth, likely: Likely, *, judged: bool = True) -> Growth | No
 
 def _likely(bench: Workbench, candidates: Candidates) -> Likely:
     """The best proposals beside what the bench has, polished, and the one to be preferred among them."""
-    steps = polished(bench, candidates, 12, WORTH)
+    steps = polished(bench, candidates, LIKELY, WORTH)
     if not steps:
         return None
     best = choose(bench, steps)
@@ -239,7 +239,9 @@ def second_look(growth: Growth, candidates: Candidates) -> Growth:
     for group in groups:
         old, *more = group
         bench = growth.without(group)
-        steps = polished(bench, candidates, 8)
+        steps = polished(bench, candidates, RIVALS)
+        if not steps:
+            continue
         best = choose(bench, steps)
         same = best.effect == old.effect or (bool(more) and best.effect.key == old.effect.key)
         as_good = same or best.drop < 1.02 * bench.drop(bench.with_effect(old.effect))
@@ -247,7 +249,7 @@ def second_look(growth: Growth, candidates: Candidates) -> Growth:
             continue
         # refinements whose finding has gone, or whose number has changed, stand or fall with the next search
         mains = [g[0] for g in groups if g is not group]
-        return replayed(growth.start, [*mains, replace(best, rivals=rivals_of(steps, best))])
+        return replayed(growth.start, [*mains, best])
     return growth
 
 
@@ -255,18 +257,16 @@ def in_place(growth: Growth, candidates: Candidates) -> Growth:
     """Each finding's evidence and rivals as they are beside the others: what these explain is no longer theirs."""
     groups = growth.findings
     for k, (main, *more) in enumerate(groups):
-        if len(groups) == 1 and not more:
-            break
         bench = growth.without([main, *more])
-        steps = polished(bench, candidates, 8)
-        mine = [s for s in steps if s.effect.key == main.effect.key]
-        shapes = len(candidates.of_key.get(main.effect.key, [0]))
-        # as it is: with further causes of its name, such as a second sensor
-        evidence, beside = main.worth - float(np.log(shapes)), bench
-        for step in (main, *(s for s in more if s.effect.effect == main.effect.effect)):
-            evidence += max(Candidates.of(beside, [step.effect]).scores(beside).evidence, default=0.0)
-            beside = beside.with_effect(step.effect)
-        evidence = max([evidence, *(s.evidence for s in mine)])
-        rivals = tuple(s for s in rivals_of(steps, main) if s not in mine)
-        groups[k] = [replace(main, evidence=evidence, rivals=rivals), *more]
+        steps = polished(bench, candidates, RIVALS)
+        own = weighed(bench, main.effect, len(candidates.of_key.get(main.effect.key, [0])), main.searched) or main
+        # with what is said of it: further causes of its name, such as a second sensor; without a name, all of it
+        evidence, beside = own.evidence, bench
+        for before, step in pairwise([main, *more]):
+            beside = beside.with_effect(before.effect)
+            if main.effect.generic or step.effect.effect == main.effect.effect:
+                evidence += max([0.0, *Candidates.of(beside, [step.effect]).scores(beside).evidence.tolist()])
+        evidence = max([evidence, *(s.evidence for s in steps if s.effect.key == main.effect.key)])
+        rivals = tuple(s for s in sorted(steps, key=lambda s: -s.evidence) if s.effect.key != main.effect.key)
+        groups[k] = [replace(own, evidence=evidence, rivals=rivals), *more]
     return of_groups(growth.start, groups)

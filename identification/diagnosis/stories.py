@@ -84,5 +84,4 @@ def _rivals(growth: Growth) -> Iterator[tuple[Step, list[Step]]]:
                 break
             own = Candidates.of(bench, [effect]).scores(bench)
             drop, absorbed = float(own.drop[0]), float(own.absorbed[0])
-            rivals = (replace(main, rivals=()), *(r for r in main.rivals if r is not rival))
-            yield replace(rival, drop=drop, absorbed=absorbed, partner=(), rivals=rivals), others
+            yield replace(rival, drop=drop, absorbed=absorbed), others

@@ -76,8 +76,7 @@ def switched(growth: Growth) -> Growth:
             step, worth = replace(group[0], effect=form, drop=bench.drop(after), count=count), value
     if step is None:
         return growth
-    rivals = (replace(group[0], rivals=()), *group[0].rivals)
-    return of_groups(growth.start, [*others, [replace(step, rivals=rivals)]])
+    return of_groups(growth.start, [*others, [step]])
 
 
 def _worth(bench: Workbench, parameters: int) -> float:

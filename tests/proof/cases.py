@@ -158,7 +158,7 @@ def _entry(case: Case, hidden: Hidden, amplitude: float) -> dict[str, Any]:
 
 
 def _printed(value: float | np.floating[Any]) -> float:
-    """To seven digits: a truth is the same bytes whatever processor adds up its sums."""
+    """To seven digits: processors add up sums differently beyond them, and a truth is to be the same bytes."""
     return float(f"{value:.7g}")
 
 

@@ -75,7 +75,7 @@ class Scored:
 
     def located(self, effect: dict[str, Any]) -> bool:
         """Something was found in the right place, whatever its name."""
-        return any(at(f, effect) for f in self.findings)
+        return any(f["where"] in effect["where"] or at(f, effect) for f in self.findings)
 
     def right(self, finding: Finding) -> bool:
         return any(says(finding, e) for e in self.effects)
