@@ -31,7 +31,7 @@ class BeamSag(Effect):
 
     joint: str  # that travels along the beam
     motion: Translation | None = None  # None: dz, or dy of a beam along z
-    exponent: float = Field(2.0, ge=1, le=4)  # 1.2 dead weight, 2 travelling load, 3 travelling load and clamped ends
+    exponent: float = Field(2.0, ge=1, le=3)  # 1.2 dead weight, 2 travelling load, 3 clamped ends: no ends are stiffer
 
     @property
     def where(self) -> str:
