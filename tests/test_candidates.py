@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from errormodel.chain import Chain
 from errormodel.conventions import MOTIONS
+from errormodel.effects import make
 from errormodel.effects.cross_axis_compliance import CrossAxisCompliance
+from errormodel.machine import EffectSpec, Joint
 from errormodel.schema import read_machine
+from errormodel.simulate import Truth, simulate
 from errormodel.survey import read_survey
 from identification import side_by_side
+from identification.diagnosis import coloured
 from identification.diagnosis.candidates import MANY, Candidates
+from identification.diagnosis.unseen import unseen
 from identification.diagnosis.workbench import set_up
 from identification.fit.run import fit_machine
 from tests.test_diagnosis_empty import empty_survey
@@ -55,9 +62,13 @@ def test_candidates_are_columns_of_their_effects_at_their_usual_sizes() -> None:
 
 
 @pytest.mark.parametrize("name", ["trunnion_five_axis", "fork_head_five_axis", "five_axis_table_quill"])
-def test_no_compliance_is_another_joints_geometry(name: str) -> None:
+@pytest.mark.parametrize("turned", [False, True])
+def test_no_compliance_is_another_joints_geometry(name: str, turned: bool) -> None:
     """A translation that no turn between two joints changes is an error motion of either; one that is turned is not."""
     machine = read_machine(name)
+    if turned:  # the members between the joints
+        elements = [e if isinstance(e, Joint) else replace(e, rotation=(0.5, 0.3, -0.2)) for e in machine.elements]
+        machine = replace(machine, elements=tuple(elements))
     bench = set_up(fit_machine(machine, empty_survey(machine, 300, 3, channels=False, grid=False)))
     said = {(e.joint, e.other, e.motion) for e in CrossAxisCompliance.proposals(bench.scene)}
     names = [j.name for j in machine.joints]
@@ -67,3 +78,33 @@ def test_no_compliance_is_another_joints_geometry(name: str) -> None:
             lever = np.asarray(bench.levers[joint][k])
             same = np.linalg.lstsq(own.T, lever, rcond=None)[0] @ own
             assert ((joint, other, MOTIONS[k]) in said) == (not np.allclose(same, lever, atol=1e-6))
+
+
+def test_correlated_noise_that_is_not_there_costs_a_drift_little() -> None:
+    """White noise is as likely beforehand as all noises that are not, which would make much of a drift as well."""
+    machine = read_machine("vertical_three_axis")
+    worth = []
+    for seed in range(3):
+        survey = empty_survey(machine, 365, seed, channels=True, grid=False)
+        last = float(survey.table["time"].max())
+        spec = EffectSpec("tracker-drift", {"start": 0.0, "duration": last, "tau": 3000.0})
+        chain = Chain(replace(machine, effects=(spec,)))
+        truth = Truth(dict.fromkeys(chain.effect_ids[0][:3], 0.008), (500.0, -200.0, 100.0), (0.1, 0.2, 0.5))
+        seen = simulate(chain.machine, survey.table, truth, 0.005, seed)
+        table = survey.table.assign(**{c: seen[c] for c in ("mx", "my", "mz")})
+        bench = set_up(fit_machine(machine, replace(survey, table=table)))
+        [(white, any_noise)] = coloured.evidence(bench, [[make(spec)]])
+        assert white > 50
+        worth.append(any_noise)
+    assert min(worth) > 13.5  # 11.8 where each side has the noise that suits it best
+
+
+def test_what_was_found_was_large_enough_to_be_seen() -> None:
+    """A scale of the instrument is hidden by the axes' own at its usual size; a finding says that this one was not."""
+    machine = read_machine("vertical_three_axis")
+    bench = set_up(fit_machine(machine, empty_survey(machine, 300, 3, channels=True, grid=False)))
+    scores = Candidates.of(bench).scores(bench)
+    scale = make(EffectSpec("scale-ppm", {}))
+    said = {u.effect: u.reason for u in unseen(bench.scene, scores, [])}
+    assert "at its usual size stays within the noise" in said[scale.effect]
+    assert scale.effect not in {u.effect for u in unseen(bench.scene, scores, [scale])}

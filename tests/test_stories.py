@@ -16,6 +16,7 @@ from errormodel.schema import read_machine
 from errormodel.simulate import Truth, simulate
 from identification.diagnosis.candidates import Candidates
 from identification.diagnosis.choosing import Step
+from identification.diagnosis.findings import probability_of
 from identification.diagnosis.growth import replayed
 from identification.diagnosis.refinements import refined
 from identification.diagnosis.run import diagnose
@@ -102,14 +103,23 @@ def test_findings_are_weighed_beside_each_other() -> None:
     bench = set_up(fit_machine(machine, replace(survey, table=table)))
     candidates = Candidates.of(bench)
     drift, play = map(make, specs)
-    stale = Step(play, 1e4, 100.0, 0.1, rivals=(Step(drift, 1e5, 1.0, 0.1),))
+    stale = Step(play, 1e4, 100.0, 0.1, worth=300.0, rivals=(Step(drift, 1e5, 1.0, 0.1),))
     weighed = in_place(replayed(bench, [Step(drift, 1e4, 100.0, 0.1), stale]), candidates)
     for step, other in zip(weighed.steps, (play, drift), strict=True):
         beside = bench.with_effect(other)
         [alone] = Candidates.of(beside, [step.effect]).scores(beside).evidence
-        assert alone - 5 < step.evidence < alone + 50  # less for its shapes, more for a bend
+        assert alone - 5 < step.evidence < alone + 25  # less for its shapes, more for a bend
+        assert step.worth < 25
         assert 0 < max(r.evidence for r in step.rivals) < 1e3
         assert step.effect.key not in {r.effect.key for r in step.rivals}
+    [lone] = in_place(replayed(bench, [stale]), candidates).steps
+    assert 0 < lone.evidence < 1e3
+    form = Unnamed(element="carriage", motion="dx", driver="T_0", center=21.0, half_range=2.0)
+    named_after_its_form = [Step(form, 1.0, 1.0, 0.1), Step(play, 1.0, 1.0, 0.1, refines=0)]
+    [main, _] = in_place(replayed(bench, named_after_its_form), candidates).steps
+    [alone] = Candidates.of(bench, [form]).scores(bench).evidence
+    assert main.evidence > alone + 30  # with the play, which is part of it
+    assert probability_of(main) > 0.9
 
 
 def test_a_surface_over_two_joints_that_turn_is_found() -> None:

@@ -51,11 +51,13 @@ def unseen(scene: Scene, scores: Scores, found: Collection[Effect]) -> list[Unte
         reasons: dict[str, list[str]] = {}
         both = len({changes for _, _, changes in possible}) > 1
         for variant, effects in possible.items():
+            if variant in shown:
+                continue
             where = variant[1] if not both else f"{variant[1]} {'as it changes' if variant[2] else 'if constant'}"
             part, reach = least.get(variant, (None, np.inf))
             if part is None:
                 reasons.setdefault(_missing(effects, scene), []).append(where)
-            elif reach < HARDLY and part > MOSTLY and variant not in shown:
+            elif reach < HARDLY and part > MOSTLY:
                 reason = "what the geometry leaves of it at its usual size stays within the noise"
                 reasons.setdefault(reason, []).append(where)
             elif part > ABSORBED:
