@@ -228,7 +228,7 @@ print(*(line for line in "\n".join(lines).split("\n") if "target-offset" in line
 # ## All twelve
 #
 # A dozen is a story and no proof. The whole is `python -m tests.proof`: 330 machines of ten kinds, 100 of them empty,
-# ten to thirty minutes on two cores; `--quick` runs 40. It prints this table with its intervals, then every case that went
+# ten to thirty minutes on two cores; `--quick` runs 40. It prints this table with its intervals, then all that went
 # wrong.
 
 # %%

@@ -14,7 +14,7 @@ from errormodel.conventions import MOTIONS, Motion, unit_of
 from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect, axis_motion
 from errormodel.effects.ops import Value
 from errormodel.effects.scene import Scene
-from errormodel.effects.shared import Positive, closed_splines, resolved, splines, waves
+from errormodel.effects.shared import A_PERIOD, Positive, closed_splines, resolved, splines, waves
 from errormodel.effects.travel import fraction, legendre, length, scaled, usual_size
 from errormodel.machine import Joint, Machine, joint_of
 
@@ -92,7 +92,7 @@ class HigherOrderGeometry(JointEffect):
         for joint in scene.moving:
             rows, span = len(scene.columns[joint.name]), float(np.ptp(scene.span(joint)))
             for every in FINE if joint.type == "rotary" else (length(joint) / n for n in PIECES):
-                if resolved(scene, joint, every) <= 2 * every and span / every < rows / ROWS_A_KNOT:
+                if resolved(scene, joint, every) <= A_PERIOD * every and span / every < rows / ROWS_A_KNOT:
                     yield cls(joint=joint.name, motion=axis_motion(joint), every=every)
             for motion in MOTIONS:
                 yield cls(joint=joint.name, motion=motion, every=BROAD if joint.type == "rotary" else length(joint) / 8)

@@ -24,6 +24,7 @@ Rotation = Literal["ea", "eb", "ec"]
 REFERENCE = 20.0  # degC, ISO 1
 STEEL = 12e-6  # expansion, 1/K
 MOST_WAVES = 4000  # frequencies of one grid
+A_PERIOD = 3  # positions that show a wave
 
 
 def joint_as(machine: Machine, name: str, kind: Literal["prismatic", "rotary"], effect: str) -> Joint:
@@ -112,10 +113,13 @@ def frequencies(span: float, low: float, high: float) -> list[float]:
 
 
 def resolved(scene: Scene, joint: Joint, shortest: float) -> float:
-    """Shortest period that positions tell from a longer one; `shortest` where they are scattered, not on a grid."""
+    """Shortest period that positions tell from others; `shortest` where they are scattered, not on a grid.
+
+    Of a wave with two positions a period, the size and the phase are one: between them it could be of any size.
+    """
     gaps = np.diff(np.sort(scene.columns[joint.name]))
     gaps = gaps[gaps > shortest / 8]  # nearer ones are the same place
-    return max(shortest, 2 * float(gaps.min())) if len(gaps) else np.inf
+    return max(shortest, A_PERIOD * float(gaps.min())) if len(gaps) else np.inf
 
 
 def periods(scene: Scene, joint: Joint, fewest: int, shortest: float, most: int) -> list[float]:
