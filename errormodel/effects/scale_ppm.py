@@ -36,7 +36,7 @@ class ScalePpm(Effect):
     @property
     def cost(self) -> float:
         """Instruments measure the weather: what looks like their scale is most often the machine's, or the tool's."""
-        return 0.0 if self.sensor else 2.0
+        return 0.0 if self.sensor else 4.0
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         factor = warmth(channel, self.sensor) if self.sensor else 1.0
