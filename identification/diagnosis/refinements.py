@@ -149,7 +149,7 @@ def refined(growth: Growth, step: Step) -> int | None:
         one, other = earlier.effect, step.effect
         if one.tied and not (one.generic or other.generic) and other.family != one.family:
             continue  # a curve of the joint's own position leaves nothing of that kind: this is something else
-        if ((roots(other) - roots(one)) | (set() if other.generic else roots(one) - roots(other))) & DISTINCT:
+        if distinct(one, other):
             continue
         there = one.where == other.where and roots(one) & roots(other)
         if there and (one.effect == other.effect or moves(bench, one) & moves(bench, other)):
@@ -163,6 +163,11 @@ def refined(growth: Growth, step: Step) -> int | None:
         if one.generic and len(roots(one)) > 1 and roots(other) <= roots(one) and _motions(bench, one, other):
             return k  # what a product leaves over goes with either of the two, wherever between them
     return None
+
+
+def distinct(one: Effect, other: Effect) -> bool:
+    """Whether something drives one of two effects, but not the other, whose forms nobody takes for each other's."""
+    return bool(((roots(other) - roots(one)) | (set() if other.generic else roots(one) - roots(other))) & DISTINCT)
 
 
 def left_over(growth: Growth, step: Step) -> int | None:

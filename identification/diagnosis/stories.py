@@ -18,7 +18,9 @@ from identification.diagnosis.candidates import Candidates
 from identification.diagnosis.choosing import CLEARLY, NEAR, Step
 from identification.diagnosis.growth import Growth, replayed
 from identification.diagnosis.judging import heldout_rms
-from identification.diagnosis.selection import grow
+from identification.diagnosis.polishing import polished
+from identification.diagnosis.refinements import distinct
+from identification.diagnosis.selection import RIVALS, grow
 from identification.diagnosis.workbench import Workbench
 from identification.progress import Tell, silent
 from identification.side_by_side import side_by_side
@@ -31,12 +33,13 @@ NO_WORSE = 1.02  # held-out error of a better story: blocks of rows tell such sm
 
 def retold(growth: Growth, candidates: Candidates, tell: Tell = silent) -> Growth:
     """The best of a growth and those that begin with a rival of one of its findings instead."""
-    rivals = list(_rivals(growth))
-    if not rivals:
+    begin = [[*others, rival] for rival, others in _rivals(growth)]
+    begin += _seconds(growth, candidates)
+    if not begin:
         return growth
     best, worth = growth, story(growth)
     with tell("Telling it from its rivals' side"):
-        told = side_by_side([partial(_told, growth.start, candidates, [*others, rival]) for rival, others in rivals])
+        told = side_by_side([partial(_told, growth.start, candidates, steps) for steps in begin])
     for steps in told:
         other = replayed(growth.start, steps)
         value = story(other)
@@ -85,3 +88,20 @@ def _rivals(growth: Growth) -> Iterator[tuple[Step, list[Step]]]:
             own = Candidates.of(bench, [effect]).scores(bench)
             drop, absorbed = float(own.drop[0]), float(own.absorbed[0])
             yield replace(rival, drop=drop, absorbed=absorbed), others
+
+
+def _seconds(growth: Growth, candidates: Candidates) -> Iterator[list[Step]]:
+    """Beginnings in which what is taken for a finding's own form is a second cause, by the likeliest other name.
+
+    At the same place it must be driven by something else.
+    """
+    groups = growth.findings
+    for main, *more in groups:
+        if sum(s.evidence for s in more) < SERIOUS:
+            continue
+        steps = polished(growth.without(more), candidates, RIVALS)
+        names = [s for s in steps if not s.effect.generic and s.effect.effect != main.effect.effect]
+        apart = [s for s in names if s.effect.where != main.effect.where or distinct(main.effect, s.effect)]
+        if apart:
+            others = [g[0] for g in groups if g[0] is not main]
+            yield [*others, main, max(apart, key=lambda s: s.evidence)]
