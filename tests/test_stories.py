@@ -21,7 +21,7 @@ from identification.diagnosis.growth import replayed
 from identification.diagnosis.refinements import refined
 from identification.diagnosis.run import diagnose
 from identification.diagnosis.selection import in_place, second_look
-from identification.diagnosis.stories import story
+from identification.diagnosis.stories import retold, story
 from identification.diagnosis.workbench import set_up
 from identification.fit.run import fit_machine
 from tests.test_diagnosis_empty import empty_survey
@@ -120,6 +120,30 @@ def test_findings_are_weighed_beside_each_other() -> None:
     [alone] = Candidates.of(bench, [form]).scores(bench).evidence
     assert main.evidence > alone + 30  # with the play, which is part of it
     assert probability_of(main) > 0.9
+
+
+def test_what_looked_like_a_findings_own_form_is_a_second_cause() -> None:
+    """A screw that grows and a head that drifts: the drift had been taken for what the growth is in other sensors."""
+    machine = read_machine("vertical_three_axis")
+    survey = empty_survey(machine, 400, 5, channels=True, grid=False)
+    specs = (
+        EffectSpec("scale-expansion", {"joint": "X", "sensor": "T_0"}),
+        EffectSpec("structure-drift", {"element": "head", "motion": "dz", "sensor": "T_1"}),
+    )
+    chain = Chain(replace(machine, effects=specs))
+    values = {chain.effect_ids[0][0]: 2e-5, chain.effect_ids[1][0]: 0.01}
+    table = survey.table.copy()
+    seen = simulate(chain.machine, table, Truth(values, (500.0, -200.0, 100.0), (0.1, 0.2, 0.5)), 0.003, 3)
+    table[MEASURED] = seen[MEASURED]
+    bench = set_up(fit_machine(machine, replace(survey, table=table)))
+    candidates = Candidates.of(bench)
+    form = Unnamed(element="X", motion="dx", driver="T_1", center=21.0, half_range=2.0)
+    taken = [Step(make(specs[0]), 100.0, 100.0, 0.5), Step(form, 50.0, 50.0, 0.5, refines=0)]
+    told = retold(replayed(bench, taken), candidates)
+    assert {(main.effect.effect, main.effect.where) for main, *_ in told.findings} >= {
+        ("scale-expansion", "X"),
+        ("structure-drift", "head"),
+    }
 
 
 def test_a_surface_over_two_joints_that_turn_is_found() -> None:

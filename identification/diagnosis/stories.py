@@ -1,8 +1,8 @@
 """Whole explanations beside each other: the name that came first may not be part of the best story.
 
 What two effects do together can look most like a third one, whose refinements then take up the rest. Where a name has
-a serious rival and did not explain all by itself, the search goes on from the rival as well, and the stories are
-compared as wholes.
+a serious rival and did not explain all by itself, the search goes on from the rival as well, and where much is taken
+for its own form, from a second cause; the stories are compared as wholes.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ NO_WORSE = 1.02  # held-out error of a better story: blocks of rows tell such sm
 
 
 def retold(growth: Growth, candidates: Candidates, tell: Tell = silent) -> Growth:
-    """The best of a growth and those that begin with a rival of one of its findings instead."""
+    """The best of a growth and those that begin with a rival of one of its findings instead, or with a second cause."""
     begin = [[*others, rival] for rival, others in _rivals(growth)]
     begin += _seconds(growth, candidates)
     if not begin:
