@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 Mask = NDArray[np.bool_]
+Columns = NDArray[np.floating[Any]]  # of single precision too, where there are many
 Rows = slice | Index | Mask  # what picks rows
 Numbers = Sequence[float] | Array
 

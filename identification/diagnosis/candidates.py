@@ -10,25 +10,27 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from math import log
-from typing import Any, NamedTuple
+from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import DTypeLike
 
-from errormodel.arrays import Array, Index, Mask
+from errormodel.arrays import Array, Columns, Index, Mask
 from errormodel.effects import registry
 from errormodel.effects.base import Effect
 from errormodel.effects.scene import Scene
+from identification.diagnosis.directions import Directions
+from identification.diagnosis.tied import Tied
 from identification.diagnosis.workbench import Workbench
 from identification.side_by_side import Ground, side_by_side
 
 AT_ONCE = 16  # columns made in one go: they stay within the processor's cache
-Columns = NDArray[np.floating[Any]]
 Part = tuple[Index, Columns, Array]  # proposals' numbers, columns and sizes
+Scored = tuple[Array, Array, Array, Array]  # evidence, drop, absorbed part and reach of proposals
 Empty = Callable[[tuple[int, ...], DTypeLike], Columns]
 BLOCK = 250  # proposals scored in one go
-MANY, PARTS = 1000, 4  # proposals beyond which columns are made side by side, in so many parts
+MANY, PARTS = 1000, 4  # proposals beyond which products are kept, and columns made side by side, in so many parts
 MEMORY = 2_400_000_000  # bytes of all proposals' columns
 GROUND = 4 * MEMORY  # what they may lie on: blocks begun are not full
 USUAL = 2  # parameters of a proposal
@@ -58,21 +60,41 @@ class Block(NamedTuple):
     gram: Array
     square: Array
     rank: int
+    exact: bool
 
     @classmethod
-    def of(cls, bench: Workbench, numbers: Index, columns: Columns, sizes: Array) -> Block:
+    def of(cls, bench: Workbench, numbers: Index, columns: Columns, sizes: Array, exact: bool = False) -> Block:
+        """A block; products of tied parameters' columns are to be `exact`: much is known of very little of them."""
         m, k, n = columns.shape
-        whole = (columns @ columns.transpose(0, 2, 1)).astype(float)
+        rank = bench.basis.shape[1]
+        plain = cls(numbers, columns, sizes, np.empty((m, k, 0)), np.empty((m, k)), rank, exact)
+        gram = np.array([c @ c.T for c in plain.parts()], float) if exact else (columns @ columns.transpose(0, 2, 1))
+        whole = gram.astype(float)
         undefined = ~np.isfinite(whole).all(axis=(1, 2))
         columns[undefined], whole[undefined] = 0.0, 0.0
-        inner = (columns.reshape(m * k, n) @ bench.basis[:n].astype(columns.dtype)).reshape(m, k, -1).astype(float)
+        inner = plain.times(bench.basis[:n])
         square = np.maximum(np.diagonal(whole, axis1=1, axis2=2), NOTHING)
-        return cls(numbers, columns, sizes, whole - inner @ inner.transpose(0, 2, 1), square, bench.basis.shape[1])
+        return plain._replace(gram=whole - inner @ inner.transpose(0, 2, 1), square=square)
+
+    def parts(self) -> Iterator[Array]:
+        """The columns (k, N) of each proposal, in double precision."""
+        return (own.astype(float) for own in self.columns)
+
+    def times(self, vectors: Array) -> Array:
+        """Products (m, k, r) of the columns with vectors (N, r)."""
+        m, k, n = self.columns.shape
+        if self.exact:
+            return np.array([own @ vectors for own in self.parts()]).reshape(m, k, -1)
+        flat = self.columns.reshape(m * k, n) @ vectors.astype(self.columns.dtype)
+        return flat.reshape(m, k, -1).astype(float)
 
     def part(self, some: Mask) -> Block:
         """Some of its proposals."""
-        numbers, sizes = self.numbers[some], self.sizes[some]
-        return Block(numbers, self.columns[some], sizes, self.gram[some], self.square[some], self.rank)
+        gram, square = self.gram[some], self.square[some]
+        return Block(self.numbers[some], self.columns[some], self.sizes[some], gram, square, self.rank, self.exact)
+
+
+Products = Callable[[Block], Array]  # of a block's columns with some vectors: (m, k, vectors)
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +110,7 @@ class Candidates:
     blocks: list[Block]
     keys: list[tuple[object, ...]] = field(default_factory=list)
     _known: WeakKeyDictionary[Workbench, Scores] = field(default_factory=WeakKeyDictionary, repr=False)
+    _directions: Directions = field(default_factory=Directions, repr=False)
 
     @classmethod
     def of(cls, bench: Workbench, effects: Sequence[Effect] | None = None) -> Candidates:
@@ -134,7 +157,8 @@ class Candidates:
         """Both lists as one."""
         shift = len(self.effects)
         blocks = [*self.blocks, *(block._replace(numbers=block.numbers + shift) for block in other.blocks)]
-        return Candidates([*self.effects, *other.effects], blocks, [*self.keys, *other.keys])
+        keys = [*self.keys, *other.keys]
+        return Candidates([*self.effects, *other.effects], blocks, keys, _directions=self._directions)
 
     def scores(self, bench: Workbench) -> Scores:
         """Evidence of each proposal beside what the bench has accepted."""
@@ -147,6 +171,7 @@ class Candidates:
         drop = np.zeros(len(self.effects))
         absorbed = np.ones(len(self.effects))
         reach = np.full(len(self.effects), np.inf)
+        products = self._products(bench)
         alike: dict[tuple[bool, int], list[Block]] = {}
         for block in self.blocks:
             kind = self.effects[block.numbers[0]].tied, block.columns.shape[1]
@@ -154,11 +179,23 @@ class Candidates:
         for (tied, _), blocks in alike.items():
             own = np.concatenate([block.numbers for block in blocks])
             if tied:
-                scores = _tied_scores(bench, blocks)
+                scores = _tied_scores(bench, blocks, products)
             else:
-                scores = _free_scores(bench, blocks, np.array([self.effects[n].generic for n in own]))
+                scores = _free_scores(bench, blocks, products, np.array([self.effects[n].generic for n in own]))
             evidence[own], drop[own], absorbed[own], reach[own] = scores
         return Scores(self, evidence - np.array([e.cost for e in self.effects]), drop, absorbed, reach)
+
+    def _products(self, bench: Workbench) -> Products:
+        """Products of a block's columns with what the bench has accepted beyond the geometry, and with the residual.
+
+        All blocks were made beside one bench.
+        """
+        rank, n = next(((b.rank, b.columns.shape[-1]) for b in self.blocks), (0, 0))
+        beyond = np.column_stack([bench.basis[:n, rank:], bench.residual[:n]])  # behind them may be ties
+        if len(self.effects) > MANY:
+            coordinates = self._directions.coordinates(beyond)
+            return lambda block: self._directions.products(block.columns, block.times, coordinates)
+        return lambda block: block.times(beyond)
 
 
 def proposed(scene: Scene) -> list[Effect]:
@@ -199,7 +236,7 @@ def _blocks(bench: Workbench, lists: Sequence[Sequence[Effect]], first: int, emp
         room = stacks[kind].room(first, len(alike), sizes)
         bench.fill(terms, room, scaled=True)
         first += len(alike)
-    return [Block.of(bench, *parts) for _, stack in sorted(stacks.items()) for parts in stack.parts()]
+    return [Block.of(bench, *part, tied) for (tied, _), stack in sorted(stacks.items()) for part in stack.parts()]
 
 
 class _Stack:
@@ -283,7 +320,7 @@ class Scores:
         return [Ranked(effects[n], e, float(self.drop[n])) for e, n in ranked if e >= log(len(ranked))]
 
 
-def _free_scores(bench: Workbench, blocks: Sequence[Block], generic: Mask) -> tuple[Array, Array, Array, Array]:
+def _free_scores(bench: Workbench, blocks: Sequence[Block], products: Products, generic: Mask) -> Scored:
     """Evidence, drop, absorbed part and reach of the proposals of blocks of as many parameters each.
 
     A physical effect is weighed with its usual size, more seldom with others: machines are small and large. A mere form
@@ -291,7 +328,7 @@ def _free_scores(bench: Workbench, blocks: Sequence[Block], generic: Mask) -> tu
     """
     from scipy.special import logsumexp
 
-    gram, slope = map(np.concatenate, zip(*(_left(bench, block) for block in blocks), strict=True))
+    gram, slope = _left(blocks, products)
     norm = np.sqrt(np.concatenate([block.square for block in blocks]))
     unit = gram / norm[:, :, None] / norm[:, None, :]
     values, vectors = np.linalg.eigh(unit)
@@ -313,23 +350,22 @@ def _free_scores(bench: Workbench, blocks: Sequence[Block], generic: Mask) -> tu
     return np.where(seen.any(axis=1), evidence, -np.inf), drop.sum(axis=1), np.clip(absorbed, 0.0, 1.0), reach
 
 
-def _left(bench: Workbench, block: Block) -> tuple[Array, Array]:
-    """What is left of a block's columns, as products with each other (m, k, k) and with the residual (m, k).
+def _left(blocks: Sequence[Block], products: Products) -> tuple[Array, Array]:
+    """What is left of the columns of blocks, as products with each other (m, k, k) and with the residual (m, k).
 
     The columns without what the bench spans are never formed: it is a projection.
     """
-    m, k, n = block.columns.shape
-    accepted = np.column_stack([bench.basis[:n, block.rank :], bench.residual[:n]])  # behind them may be ties
-    products = (block.columns.reshape(m * k, n) @ accepted.astype(block.columns.dtype)).reshape(m, k, -1).astype(float)
-    inner = products[..., :-1]
-    return block.gram - inner @ inner.transpose(0, 2, 1), products[..., -1]
+    gram, all_products = (np.concatenate(a) for a in zip(*((b.gram, products(b)) for b in blocks), strict=True))
+    inner = all_products[..., :-1]
+    return gram - inner @ inner.transpose(0, 2, 1), all_products[..., -1]
 
 
-def _tied_scores(bench: Workbench, blocks: Sequence[Block]) -> tuple[Array, Array, Array, Array]:
+def _tied_scores(bench: Workbench, blocks: Sequence[Block], products: Products) -> Scored:
     """The same of proposals whose parameters are tied; however large, they have no reach."""
     rows = []
-    for columns in (c for block in blocks for c in block.columns):
-        own = bench.tied(columns.astype(float))
+    wholes = np.concatenate([block.square for block in blocks]).sum(axis=1)
+    for gram, slopes, whole in zip(*_left(blocks, products), wholes.tolist(), strict=True):
+        own = Tied.from_products(gram, slopes, whole, bench.square, bench.freedom)
         _, evidence, noise = own.best()
         rows.append((evidence, bench.freedom * (1 - noise * bench.freedom / bench.square), own.absorbed, np.inf))
     evidence, drop, absorbed, reach = np.array(rows).T

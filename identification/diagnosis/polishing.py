@@ -70,7 +70,7 @@ def _polished(candidates: Candidates, scores: Scores, bench: Workbench, number: 
         below, above = max(below, lowest), min(above, highest)
 
         def left(x: float, name: str = name, effect: Effect = effect) -> float:
-            return bench.with_effect(effect.model_copy(update={name: float(x)})).square
+            return bench.square_with(effect.model_copy(update={name: float(x)}))
 
         found = minimize_scalar(left, bounds=(below, above), method="bounded", options={"maxiter": 20})
         if found.fun < left(value):

@@ -184,7 +184,7 @@ def is_departure(growth: Growth, number: int, effect: Effect, share: float = OWN
     """Whether a further effect explains so little beside a finding that it may be what its form does not fit."""
     group = [s for k, s in enumerate(growth.steps) if number in (k, s.refines)]
     explained = growth.without(group).square - growth.bench.square
-    return growth.bench.square - growth.bench.with_effect(effect).square < share * explained
+    return growth.bench.square - growth.bench.square_with(effect) < share * explained
 
 
 def truly_named(growth: Growth) -> Growth:
@@ -199,7 +199,7 @@ def truly_named(growth: Growth) -> Growth:
         forms = [s for s in more if s.effect.generic and "temperature" not in roots(s.effect)]
         for step in (s for s in (main, *more) if s not in forms):
             own = own.with_effect(step.effect)
-        gained = {id(s): own.square - own.with_effect(s.effect).square for s in forms}
+        gained = {id(s): own.square - own.square_with(s.effect) for s in forms}
         best = max(forms, key=lambda s: gained[id(s)], default=main)
         if main.effect.generic or best is main or gained[id(best)] < OWN * explained:
             groups.append([main, *more])

@@ -188,13 +188,13 @@ def lags_settled(growth: Growth) -> Growth:
             rest = growth.without([step])
 
             def left(x: float, effect: Effect = step.effect, rest: Workbench = rest) -> float:
-                return rest.with_effect(_with_tau(effect, x)).square
+                return rest.square_with(_with_tau(effect, x))
 
             middle = float(np.log(tau or 6 * quickest))  # none at all: from hardly any to the shortest that was tried
             reach = 1.0 if tau else 1.8
             bounds = (middle - reach, middle + reach)
             found = minimize_scalar(left, bounds=bounds, method="bounded", options={"maxiter": 12})
-            if found.fun < rest.with_effect(step.effect).square - 1e-9:
+            if found.fun < rest.square_with(step.effect) - 1e-9:
                 steps = list(growth.steps)
                 steps[k] = replace(step, effect=_with_tau(step.effect, float(found.x)))
                 growth = replayed(growth.start, steps)

@@ -12,6 +12,7 @@ import numpy as np
 
 from errormodel.arrays import Array
 
+ROUNDED = 1e-14  # of the columns' lengths squared, in double precision
 SCALES = np.logspace(-3, 6, 91)  # of a parameter's effect over all rows, in noise variances
 
 
@@ -35,13 +36,16 @@ class Tied:
     def of(cls, columns: Array, basis: Array, residual: Array, freedom: int) -> Tied:
         """From columns (k, N), an orthonormal basis (N + ties, r) and the residual (N + ties,) that it leaves."""
         seen = columns.shape[1]
-        square, basis, residual = float(residual @ residual), basis[:seen], residual[:seen]
-        inner = columns @ basis
-        gram = columns @ columns.T
-        values, vectors = np.linalg.eigh(gram - inner @ inner.T)
-        left = values > 1e-9 * values[-1]
-        slopes = vectors[:, left].T @ (columns @ residual)
-        return cls(values[left], slopes, float(np.trace(gram)), square, freedom)
+        inner, gram = columns @ basis[:seen], columns @ columns.T
+        left, slopes = gram - inner @ inner.T, columns @ residual[:seen]
+        return cls.from_products(left, slopes, float(np.trace(gram)), float(residual @ residual), freedom)
+
+    @classmethod
+    def from_products(cls, gram: Array, slopes: Array, whole: float, square: float, freedom: int) -> Tied:
+        """From products of what the geometry leaves of the columns: with each other (k, k), with the residual (k,)."""
+        values, vectors = np.linalg.eigh(gram)
+        left = values > max(1e-9 * values[-1], ROUNDED * whole)
+        return cls(values[left], vectors[:, left].T @ slopes, whole, square, freedom)
 
     @property
     def absorbed(self) -> float:
@@ -50,8 +54,8 @@ class Tied:
     def left(self, ratio: Array | float) -> Array:
         """Residual sum of squares (with the ties') for variances of `ratio` noise variances."""
         r = np.asarray(ratio)[..., None]
-        out: Array = self.square - np.sum(self.slopes**2 * r / (1 + r * self.values), axis=-1)
-        return out
+        out = self.square - np.sum(self.slopes**2 * r / (1 + r * self.values), axis=-1)
+        return np.asarray(np.maximum(out, ROUNDED * self.square))
 
     def best(self) -> tuple[float, float, float]:
         """The likeliest ratio of a parameter's variance to the noise's, its evidence (nats), and the noise variance."""

@@ -30,6 +30,7 @@ from identification.views import PositionView
 MOST_ROWS = 2500  # of a survey: more are thinned out
 MOST_RUNS = 12  # labels; more are no runs of one survey
 MOST_STATIONS = 3
+UNSEEN = 1e-9  # of a column's length squared: less than this of it the basis has not spanned by rounding only
 LEAST_RUN = 8  # rows of a run that may differ
 
 
@@ -132,6 +133,19 @@ class Workbench:
         more = np.zeros((len(columns), self.basis.shape[1])), np.zeros(len(columns))
         wider = replace(self, basis=np.vstack([self.basis, more[0]]), residual=np.append(self.residual, more[1]))
         return wider.with_columns(np.hstack([columns, np.diag(self._hold(effect, columns, size))]))
+
+    def square_with(self, effect: Effect) -> float:
+        """Residual sum of squares after an effect has been fitted: that of `with_effect`, without making it."""
+        if effect.tied:
+            return self.with_effect(effect).square
+        columns, _ = self.columns(effect)
+        norms = np.linalg.norm(columns, axis=1)
+        scaled = columns[norms > 0] / norms[norms > 0, None]
+        inner = scaled @ self.basis
+        values, vectors = np.linalg.eigh(scaled @ scaled.T - inner @ inner.T)
+        kept = values > UNSEEN
+        slopes = vectors[:, kept].T @ (scaled @ self.residual)
+        return self.square - float(np.sum(slopes**2 / values[kept]))
 
     def tied(self, columns: Array) -> Tied:
         """Columns (k, N) or (k, N + ties) as those of tied parameters."""

@@ -76,10 +76,11 @@ class Noise:
 
 def _recursion(series: Array, kept: float) -> Array:
     """``y[k] = kept y[k-1] + x[k]`` along series (k, n), as a bidiagonal system."""
-    from scipy.linalg import solve_banded
+    from scipy.linalg.lapack import dtbtrs
 
     bands = np.vstack([np.ones(series.shape[1]), np.full(series.shape[1], -kept)])
-    return np.asarray(solve_banded((1, 0), bands, series.T, check_finite=False)).T
+    solved, _ = dtbtrs(bands, series.T, uplo="L", diag="U")
+    return np.asarray(solved).T
 
 
 def noises() -> Iterator[Noise]:
