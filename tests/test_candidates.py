@@ -108,3 +108,29 @@ def test_what_was_found_was_large_enough_to_be_seen() -> None:
     said = {u.effect: u.reason for u in unseen(bench.scene, scores, [])}
     assert "at its usual size stays within the noise" in said[scale.effect]
     assert scale.effect not in {u.effect for u in unseen(bench.scene, scores, [scale])}
+
+
+def test_products_that_are_known_score_as_well_as_those_made_anew() -> None:
+    """Beside any few accepted effects, curves and mere forms among them, whatever was looked at before."""
+    machine = read_machine(GANTRY)
+    bench = set_up(fit_machine(machine, read_survey(GANTRY / "survey.csv", machine)))
+    candidates = Candidates.of(bench)
+    rng = np.random.default_rng(3)
+    curves = [k for k, e in enumerate(candidates.effects) if e.tied]
+    for _ in range(3):
+        beside = bench
+        for k in (*rng.choice(len(candidates.effects), 3), rng.choice(curves)):
+            beside = beside.with_effect(candidates.effects[k])
+        kept = candidates.scores(beside)
+        for k in (*rng.choice(len(candidates.effects), 20), *rng.choice(curves, 3)):
+            own = Candidates.of(bench, [candidates.effects[k]]).scores(beside)
+            if len(own.evidence) and np.isfinite(own.evidence[0]):
+                assert kept.evidence[k] == pytest.approx(own.evidence[0], abs=0.05)
+                assert kept.drop[k] == pytest.approx(own.drop[0], abs=0.05)
+
+
+def test_what_an_effect_would_leave_is_what_it_leaves() -> None:
+    machine = read_machine(GANTRY)
+    bench = set_up(fit_machine(machine, read_survey(GANTRY / "survey.csv", machine)))
+    for effect in Candidates.of(bench).effects[::97]:
+        assert bench.square_with(effect) == pytest.approx(bench.with_effect(effect).square, rel=1e-7)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import casadi as ca
@@ -11,17 +12,18 @@ import pytest
 from errormodel.chain import Chain
 from errormodel.effects import make
 from errormodel.effects.unnamed import Unnamed, switch
-from errormodel.machine import EffectSpec
+from errormodel.machine import EffectSpec, Machine
 from errormodel.schema import read_machine
 from errormodel.simulate import Truth, simulate
+from errormodel.survey import Survey
 from identification.diagnosis.candidates import Candidates
 from identification.diagnosis.choosing import Step
 from identification.diagnosis.findings import probability_of
 from identification.diagnosis.growth import replayed
 from identification.diagnosis.refinements import refined
 from identification.diagnosis.run import diagnose
-from identification.diagnosis.selection import in_place, second_look
-from identification.diagnosis.stories import retold, story
+from identification.diagnosis.selection import grow, in_place, second_look
+from identification.diagnosis.stories import borrowed, retold, story
 from identification.diagnosis.workbench import set_up
 from identification.fit.run import fit_machine
 from tests.test_diagnosis_empty import empty_survey
@@ -29,17 +31,26 @@ from tests.test_diagnosis_empty import empty_survey
 MEASURED = ["mx", "my", "mz"]
 
 
+Shown = Sequence[tuple[EffectSpec, Sequence[float]]]  # effects and their first parameters
+
+
+def showing(survey: Survey, machine: Machine, effects: Shown, sigma: float) -> Survey:
+    """A survey as the machine would have measured it with some effects."""
+    chain = Chain(replace(machine, effects=tuple(spec for spec, _ in effects)))
+    pairs = zip(chain.effect_ids, effects, strict=True)
+    values = {n: v for names, (_, first) in pairs for n, v in zip(names, first, strict=False)}
+    table = survey.table.copy()
+    seen = simulate(chain.machine, table, Truth(values, (500.0, -200.0, 100.0), (0.1, 0.2, 0.5)), sigma, 3)
+    table[MEASURED] = seen[MEASURED]
+    return replace(survey, table=table)
+
+
 def test_a_story_gains_by_what_is_there_and_loses_by_what_is_not() -> None:
     """Warmth moves the carriage; a play that it does not have is one place more that was looked at."""
     machine = read_machine("bridge_cmm")
     survey = empty_survey(machine, 400, 11, channels=True, grid=False)
     truth = EffectSpec("structure-drift", {"element": "carriage", "motion": "dx", "sensor": "T_0"})
-    chain = Chain(replace(machine, effects=(truth,)))
-    values = {chain.effect_ids[0][0]: 0.005}
-    table = survey.table.copy()
-    seen = simulate(chain.machine, table, Truth(values, (500.0, -200.0, 100.0), (0.1, 0.2, 0.5)), 0.003, 3)
-    table[MEASURED] = seen[MEASURED]
-    bench = set_up(fit_machine(machine, replace(survey, table=table)))
+    bench = set_up(fit_machine(machine, showing(survey, machine, [(truth, [0.005])], 0.003)))
 
     def told(*specs: EffectSpec) -> float:
         return story(replayed(bench, [Step(make(s), 0.0, 0.0, 0.0, searched=1000) for s in specs]))
@@ -58,12 +69,7 @@ def test_a_beam_that_twists_also_bends_a_little(bend: float, refines: int | None
     survey = empty_survey(machine, 400, 11, channels=True, grid=False)
     twist = EffectSpec("beam-torsion", {"joint": "X", "load_joint": "Z"})
     sag = EffectSpec("beam-sag", {"joint": "X", "motion": "dy"})
-    chain = Chain(replace(machine, effects=(twist, sag)))
-    values = {chain.effect_ids[0][0]: 1e-4, chain.effect_ids[1][0]: bend}
-    table = survey.table.copy()
-    seen = simulate(chain.machine, table, Truth(values, (500.0, -200.0, 100.0), (0.1, 0.2, 0.5)), 0.002, 3)
-    table[MEASURED] = seen[MEASURED]
-    bench = set_up(fit_machine(machine, replace(survey, table=table)))
+    bench = set_up(fit_machine(machine, showing(survey, machine, [(twist, [1e-4]), (sag, [bend])], 0.002)))
     growth = replayed(bench, [Step(make(twist), 100.0, 100.0, 0.9)])
     assert refined(growth, Step(make(sag), 20.0, 40.0, 0.9)) == refines
 
@@ -73,11 +79,7 @@ def test_a_refinement_that_is_what_the_finding_should_be_called() -> None:
     machine = read_machine("vertical_three_axis")
     survey = empty_survey(machine, 400, 5, channels=True, grid=False)
     spec = EffectSpec("structure-drift", {"element": "head", "motion": "dz", "sensor": "T_0"})
-    chain = Chain(replace(machine, effects=(spec,)))
-    table = survey.table.copy()
-    truth = Truth({chain.effect_ids[0][0]: 0.02}, (500.0, -200.0, 100.0), (0.1, 0.2, 0.5))
-    table[MEASURED] = simulate(chain.machine, table, truth, 0.003, 3)[MEASURED]
-    bench = set_up(fit_machine(machine, replace(survey, table=table)))
+    bench = set_up(fit_machine(machine, showing(survey, machine, [(spec, [0.02])], 0.003)))
     candidates = Candidates.of(bench)
     ranked = candidates.scores(bench).by_key()
     air = next(e for _, n in ranked if (e := candidates.effects[n]).effect == "refraction")
@@ -95,12 +97,8 @@ def test_findings_are_weighed_beside_each_other() -> None:
         EffectSpec("structure-drift", {"element": "carriage", "motion": "dx", "sensor": "T_0"}),
         EffectSpec("backlash", {"joint": "X"}),
     )
-    chain = Chain(replace(machine, effects=specs))
-    values = {chain.effect_ids[0][0]: 0.006, chain.effect_ids[1][0]: 0.004}
-    table = survey.table.copy()
-    seen = simulate(chain.machine, table, Truth(values, (500.0, -200.0, 100.0), (0.1, 0.2, 0.5)), 0.003, 3)
-    table[MEASURED] = seen[MEASURED]
-    bench = set_up(fit_machine(machine, replace(survey, table=table)))
+    effects = list(zip(specs, ([0.006], [0.004]), strict=True))
+    bench = set_up(fit_machine(machine, showing(survey, machine, effects, 0.003)))
     candidates = Candidates.of(bench)
     drift, play = map(make, specs)
     stale = Step(play, 1e4, 100.0, 0.1, worth=300.0, rivals=(Step(drift, 1e5, 1.0, 0.1),))
@@ -130,12 +128,8 @@ def test_what_looked_like_a_findings_own_form_is_a_second_cause() -> None:
         EffectSpec("scale-expansion", {"joint": "X", "sensor": "T_0"}),
         EffectSpec("structure-drift", {"element": "head", "motion": "dz", "sensor": "T_1"}),
     )
-    chain = Chain(replace(machine, effects=specs))
-    values = {chain.effect_ids[0][0]: 2e-5, chain.effect_ids[1][0]: 0.01}
-    table = survey.table.copy()
-    seen = simulate(chain.machine, table, Truth(values, (500.0, -200.0, 100.0), (0.1, 0.2, 0.5)), 0.003, 3)
-    table[MEASURED] = seen[MEASURED]
-    bench = set_up(fit_machine(machine, replace(survey, table=table)))
+    effects = list(zip(specs, ([2e-5], [0.01]), strict=True))
+    bench = set_up(fit_machine(machine, showing(survey, machine, effects, 0.003)))
     candidates = Candidates.of(bench)
     form = Unnamed(element="X", motion="dx", driver="T_1", center=21.0, half_range=2.0)
     taken = [Step(make(specs[0]), 100.0, 100.0, 0.5), Step(form, 50.0, 50.0, 0.5, refines=0)]
@@ -144,6 +138,38 @@ def test_what_looked_like_a_findings_own_form_is_a_second_cause() -> None:
         ("scale-expansion", "X"),
         ("structure-drift", "head"),
     }
+
+
+def test_two_names_before_a_form_that_does_for_both() -> None:
+    """Play and lag of one joint: what both do goes with the product of direction and feed, and a little beside it."""
+    machine = read_machine("vertical_three_axis")
+    survey = empty_survey(machine, 400, 5, channels=True, grid=False)
+    table = survey.table.copy()
+    table["feed"] = np.random.default_rng(4).choice([500.0, 1500.0, 4000.0], len(table))
+    play, lag = EffectSpec("backlash", {"joint": "Z"}), EffectSpec("servo-lag", {"joint": "Z"})
+    shown = showing(replace(survey, table=table), machine, [(play, [0.01]), (lag, [1e-4])], 0.003)
+    bench = set_up(fit_machine(machine, shown))
+    candidates = Candidates.of(bench)
+    growth = grow(bench, candidates)
+    assert growth.steps[0].effect.generic  # it explains more than either of the two
+    assert borrowed(growth) > 100
+    told = retold(growth, candidates)
+    assert {main.effect.effect for main, *_ in told.findings} == {"backlash", "servo-lag"}
+    assert borrowed(told) == 0
+
+
+@pytest.mark.parametrize(("shift", "refines"), [(0.001, 0), (0.01, None)])
+def test_what_has_a_name_and_explains_much_is_no_form_of_another_finding(shift: float, refines: int | None) -> None:
+    """A head that drifts does much the same as a column that tilts: a little of it may be the tilt's own form."""
+    machine = read_machine("vertical_three_axis")
+    survey = empty_survey(machine, 400, 5, channels=True, grid=False)
+    tilt, drift = (
+        EffectSpec("structure-drift", {"element": element, "motion": motion, "sensor": "T_0"})
+        for element, motion in (("column", "eb"), ("head", "dx"))
+    )
+    bench = set_up(fit_machine(machine, showing(survey, machine, [(tilt, [2e-5]), (drift, [shift])], 0.002)))
+    growth = replayed(bench, [Step(make(tilt), 100.0, 100.0, 0.9)])
+    assert refined(growth, Step(make(drift), 20.0, 40.0, 0.9)) == refines
 
 
 def test_a_surface_over_two_joints_that_turn_is_found() -> None:
@@ -222,11 +248,6 @@ def test_a_frame_that_drifts_is_no_refinement_of_a_scale_that_grows() -> None:
         EffectSpec("scale-expansion", {"joint": joint, "sensor": names[0]}),
         EffectSpec("tracker-drift", {"start": 0.0, "duration": float(survey.table["time"].max()), "tau": 3000.0}),
     )
-    chain = Chain(replace(machine, effects=specs))
-    scale, frame = chain.effect_ids
-    values = dict(zip(scale, [1.5e-5] * len(scale), strict=True)) | dict.fromkeys(frame[:3], 0.03)
-    table = survey.table.copy()
-    seen = simulate(chain.machine, table, Truth(values, (500.0, -200.0, 100.0), (0.1, 0.2, 0.5)), 0.003, 3)
-    table[MEASURED] = seen[MEASURED]
-    told = diagnose(machine, replace(survey, table=table)).diagnosis.findings
+    effects = list(zip(specs, ([1.5e-5], [0.03] * 3), strict=True))
+    told = diagnose(machine, showing(survey, machine, effects, 0.003)).diagnosis.findings
     assert {f.effect for f in told} == {"scale-expansion", "tracker-drift"}

@@ -160,6 +160,10 @@ class Candidates:
         keys = [*self.keys, *other.keys]
         return Candidates([*self.effects, *other.effects], blocks, keys, _directions=self._directions)
 
+    def branch(self) -> Candidates:
+        """The same for a search of its own: in what order searches are made must not round their scores otherwise."""
+        return Candidates(self.effects, self.blocks, self.keys, _directions=self._directions.copy())
+
     def scores(self, bench: Workbench) -> Scores:
         """Evidence of each proposal beside what the bench has accepted."""
         if bench not in self._known:

@@ -23,6 +23,12 @@ class Directions:
         self._basis = np.zeros((0, 0))
         self._known: dict[int, tuple[Columns, Array]] = {}
 
+    def copy(self) -> Directions:
+        """One that begins with what is known here."""
+        other = Directions()
+        other._basis, other._known = self._basis, dict(self._known)
+        return other
+
     def coordinates(self, vectors: Array) -> Array:
         """Coordinates (u, r) of vectors (n, r) along the directions, of which there may be more now."""
         from scipy.linalg import qr

@@ -153,12 +153,14 @@ def refined(growth: Growth, step: Step) -> int | None:
             continue
         there = one.where == other.where and roots(one) & roots(other)
         if there and (one.effect == other.effect or moves(bench, one) & moves(bench, other)):
-            if _apart(one, other) and not is_departure(growth, k, other):
+            if apart(one, other) and not is_departure(growth, k, other):
                 continue
             return k
         if there and _of_one_weight(one, other) and is_departure(growth, k, other):
             return k  # a weight that twists a beam also bends it a little: the finding's form in other motions
         if not (one.tied or other.tied) and _much_the_same(growth, one, other):
+            if not other.generic and not is_departure(growth, k, other):
+                continue  # too much of it has a name of its own
             return k
         if one.generic and len(roots(one)) > 1 and roots(other) <= roots(one) and _motions(bench, one, other):
             return k  # what a product leaves over goes with either of the two, wherever between them
@@ -232,7 +234,7 @@ def _of_one_weight(one: Effect, other: Effect) -> bool:
     return one.family == other.family == "gravity" and roots(other) <= roots(one)
 
 
-def _apart(one: Effect, other: Effect) -> bool:
+def apart(one: Effect, other: Effect) -> bool:
     """Whether two effects at a place are known by different signs: a wave, a bump or a form; a clock or a sensor."""
     named = not (one.generic or other.generic) and one.effect != other.effect
     by_clock = ("time" in one.drivers) != ("time" in other.drivers)

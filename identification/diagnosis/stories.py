@@ -7,7 +7,7 @@ for its own form, from a second cause; the stories are compared as wholes.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -15,11 +15,11 @@ import numpy as np
 
 from identification.diagnosis import coloured
 from identification.diagnosis.candidates import Candidates
-from identification.diagnosis.choosing import CLEARLY, NEAR, Step
+from identification.diagnosis.choosing import CLEARLY, NEAR, Step, choose
 from identification.diagnosis.growth import Growth, replayed
 from identification.diagnosis.judging import heldout_rms
 from identification.diagnosis.polishing import polished
-from identification.diagnosis.refinements import distinct
+from identification.diagnosis.refinements import apart, distinct
 from identification.diagnosis.selection import RIVALS, grow
 from identification.diagnosis.workbench import Workbench
 from identification.progress import Tell, silent
@@ -28,6 +28,7 @@ from identification.side_by_side import side_by_side
 SERIOUS = 7.0  # nats by which a rival may be behind
 MOST_RIVALS = 2  # of a finding
 OF_REFINED = 3  # of one that is not as its textbook says; then a rival may be behind by `NEAR` of the evidence too
+OF_A_FORM = 0.3  # the same of a form, in place of `NEAR`: it may be two names at once
 NO_WORSE = 1.02  # held-out error of a better story: blocks of rows tell such small differences by chance
 
 
@@ -39,11 +40,13 @@ def retold(growth: Growth, candidates: Candidates, tell: Tell = silent) -> Growt
         return growth
     best, worth = growth, story(growth)
     with tell("Telling it from its rivals' side"):
-        told = side_by_side([partial(_told, growth.start, candidates, steps) for steps in begin])
+        told = side_by_side([partial(_told, growth.start, candidates.branch(), steps) for steps in begin])
     for steps in told:
         other = replayed(growth.start, steps)
         value = story(other)
-        if value > worth + CLEARLY and heldout_rms(other.bench) < NO_WORSE * heldout_rms(best.bench):
+        # of two that are nearly as good, the one of which half as much rests on forms
+        least = worth + (CLEARLY if 2 * borrowed(other) + CLEARLY > borrowed(best) else -CLEARLY)
+        if value > least and heldout_rms(other.bench) < NO_WORSE * heldout_rms(best.bench):
             best, worth = other, value
     return best
 
@@ -66,6 +69,16 @@ def story(growth: Growth) -> float:
     return total - len(growth.steps) * float(np.log(max(searched, 1)))
 
 
+def borrowed(growth: Growth) -> float:
+    """Nats of what has no name, and of what is taken for the form of a finding without having its name."""
+    return sum(
+        step.evidence
+        for group in growth.findings
+        for step in group
+        if step.effect.generic or step.effect.effect != group[0].effect.effect
+    )
+
+
 def _rivals(growth: Growth) -> Iterator[tuple[Step, list[Step]]]:
     """Serious rivals, each as a step of its own, with the findings beside which it is to be tried."""
     groups = growth.findings
@@ -77,7 +90,8 @@ def _rivals(growth: Growth) -> Iterator[tuple[Step, list[Step]]]:
         others = [g[0] for g in groups if g[0] is not main]
         bench = growth.without(group)
         refined = len(group) > 1
-        least = main.evidence - (max(SERIOUS, NEAR * main.evidence) if refined else SERIOUS)
+        near = OF_A_FORM if main.effect.generic else NEAR
+        least = main.evidence - (max(SERIOUS, near * main.evidence) if refined else SERIOUS)
         for rival in sorted(main.rivals, key=lambda r: -r.evidence):
             effect = rival.effect
             if effect.generic or effect.effect in seen or rival.evidence < least:
@@ -91,17 +105,33 @@ def _rivals(growth: Growth) -> Iterator[tuple[Step, list[Step]]]:
 
 
 def _seconds(growth: Growth, candidates: Candidates) -> Iterator[list[Step]]:
-    """Beginnings in which what is taken for a finding's own form is a second cause, by the likeliest other name.
+    """Beginnings in which what is taken for a finding's own form is a second cause.
 
-    At the same place it must be driven by something else.
+    By the likeliest other name at another place, or by something else that drives it; or as it is named already.
     """
     groups = growth.findings
     for main, *more in groups:
         if sum(s.evidence for s in more) < SERIOUS:
             continue
-        steps = polished(growth.without(more), candidates, RIVALS)
-        names = [s for s in steps if not s.effect.generic and s.effect.effect != main.effect.effect]
-        apart = [s for s in names if s.effect.where != main.effect.where or distinct(main.effect, s.effect)]
-        if apart:
-            others = [g[0] for g in groups if g[0] is not main]
-            yield [*others, main, max(apart, key=lambda s: s.evidence)]
+        others = [g[0] for g in groups if g[0] is not main]
+        likely = polished(growth.without(more), candidates, RIVALS)
+        elsewhere = [s for s in likely if s.effect.where != main.effect.where or distinct(main.effect, s.effect)]
+        named = [s for s in more if s.effect.where != main.effect.where or apart(main.effect, s.effect)]
+        begun: set[object] = {main.effect.key}
+        for steps in (elsewhere, named):
+            # a curve that bends to anything is no cause of its own
+            able = [s for s in steps if not (s.effect.generic or s.effect.pliant)]
+            names = [s for s in able if s.effect.effect != main.effect.effect]
+            second = max(names, key=lambda s: s.evidence, default=main)
+            if second.evidence < SERIOUS or second.effect.key in begun:
+                continue
+            begun.add(second.effect.key)
+            first = _named(main, growth.start, [*others, second], candidates) if main.effect.generic else main
+            yield [*others, first, replace(second, refines=None)]
+
+
+def _named(main: Step, start: Workbench, others: Sequence[Step], candidates: Candidates) -> Step:
+    """What a finding without a name is beside others."""
+    bench = replayed(start, [replace(s, refines=None) for s in others]).bench
+    steps = polished(bench, candidates, RIVALS)
+    return choose(bench, steps) if steps else main
