@@ -20,7 +20,7 @@ from identification.diagnosis.candidates import Candidates
 from identification.diagnosis.choosing import Step
 from identification.diagnosis.findings import probability_of
 from identification.diagnosis.growth import replayed
-from identification.diagnosis.refinements import refined
+from identification.diagnosis.refinements import refined, with_sections
 from identification.diagnosis.run import diagnose
 from identification.diagnosis.selection import grow, in_place, second_look
 from identification.diagnosis.stories import borrowed, retold, story
@@ -170,6 +170,21 @@ def test_what_has_a_name_and_explains_much_is_no_form_of_another_finding(shift: 
     bench = set_up(fit_machine(machine, showing(survey, machine, [(tilt, [2e-5]), (drift, [shift])], 0.002)))
     growth = replayed(bench, [Step(make(tilt), 100.0, 100.0, 0.9)])
     assert refined(growth, Step(make(drift), 20.0, 40.0, 0.9)) == refines
+
+
+def test_sections_of_a_surface_are_no_findings_of_their_own() -> None:
+    """What goes with one of the two joints that a finding without a name follows; another motion is another matter."""
+    machine = read_machine("vertical_three_axis")
+    survey = empty_survey(machine, 400, 5, channels=True, grid=False)
+    bench = set_up(fit_machine(machine, survey))
+    (one, _), (_, half) = ((j.name, 0.5 * j.travel[1]) for j in machine.joints[:2])
+    surface = Unnamed(element="Y", motion="dz", driver=one, half_range=500.0, by="Y", by_half_range=500.0)
+    dent = make(EffectSpec("local-defect", {"joint": "Y", "motion": "dz", "at": half, "width": 30.0}))
+    tilt = make(EffectSpec("local-defect", {"joint": "Y", "motion": "dx", "at": half, "width": 30.0}))
+    found = with_sections(replayed(bench, [Step(e, 50.0, 100.0, 0.5) for e in (dent, surface, tilt)]))
+    assert [[s.effect for s in group] for group in found.findings] == [[surface, dent], [tilt]]
+    lone = replayed(bench, [Step(e, 50.0, 100.0, 0.5) for e in (dent, tilt)])
+    assert with_sections(lone) is lone
 
 
 def test_a_surface_over_two_joints_that_turn_is_found() -> None:

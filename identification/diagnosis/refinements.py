@@ -210,6 +210,22 @@ def truly_named(growth: Growth) -> Growth:
     return of_groups(growth.start, groups) if groups != growth.findings else growth
 
 
+def with_sections(growth: Growth) -> Growth:
+    """Findings without a name that follow two joints take what goes with one of the two: sections of one surface."""
+    bench, groups = growth.start, growth.findings
+
+    def of(section: list[Step]) -> list[Step] | None:
+        part = section[0].effect
+        wide = (g for g in groups if g[0].effect.generic and roots(part) < roots(g[0].effect))
+        return next((g for g in wide if not part.tied and _motions(bench, g[0].effect, part)), None)
+
+    surfaces = {id(g): [*g] for g in groups if of(g) is None}
+    for group in groups:
+        if (surface := of(group)) is not None:
+            surfaces[id(surface)] += group
+    return of_groups(bench, [*surfaces.values()]) if len(surfaces) < len(groups) else growth
+
+
 def _much_the_same(growth: Growth, one: Effect, other: Effect) -> bool:
     """Whether a further effect does to the data what an accepted one does, each as large as all together make it.
 

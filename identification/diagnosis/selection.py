@@ -20,7 +20,7 @@ from identification.diagnosis.growth import Growth, of_groups, replayed, with_st
 from identification.diagnosis.judging import heldout_rms, roots
 from identification.diagnosis.pairs import best_pair
 from identification.diagnosis.polishing import polished, weighed
-from identification.diagnosis.refinements import forms, is_departure, left_over, refined, truly_named
+from identification.diagnosis.refinements import forms, is_departure, left_over, refined, truly_named, with_sections
 from identification.diagnosis.switching import switched
 from identification.diagnosis.workbench import Workbench
 from identification.progress import Tell, silent
@@ -66,7 +66,7 @@ def grow(bench: Workbench, candidates: Candidates, tell: Tell = silent, begin: S
             if _causes(looked) == _causes(growth) or _causes(looked) not in seen:  # never in a circle
                 growth = looked
             seen.add(_causes(growth))
-    return in_place(truly_named(still_needed(growth)), candidates)
+    return in_place(with_sections(truly_named(still_needed(growth))), candidates)
 
 
 def together(growth: Growth, likely: Likely, candidates: Candidates) -> Growth | None:

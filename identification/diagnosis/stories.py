@@ -62,7 +62,8 @@ def story(growth: Growth) -> float:
     for curve in (e for e in effects if e.tied):
         total += bench.tied(bench.columns(curve)[0]).best()[1]
         bench = bench.with_effect(curve)
-    if rest := [e for e in effects if not e.tied]:
+    # names first: what comes first says whether the usual sizes of the parameters count
+    if rest := sorted((e for e in effects if not e.tied), key=lambda e: e.generic):
         [(_, evidence)] = coloured.evidence(bench, [rest])
         total += evidence
     searched = max((s.searched for s in growth.steps), default=1)
