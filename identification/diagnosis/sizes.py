@@ -76,8 +76,12 @@ class Whole:
         return self._spread(rows[:, int(np.argmax(curve))] - rows[:, int(np.argmin(curve))])
 
     def rms(self, place: tuple[str, Motion], ids: Sequence[str]) -> tuple[float, float]:
-        """Root mean square (mm, rad) of a motion over the survey's rows, with its standard uncertainty."""
+        """Root mean square (mm, rad) of a motion about its mean over the survey's rows, with its standard uncertainty.
+
+        A constant is the geometry's as well, and not known apart.
+        """
         rows = self._rows(place, ids)
+        rows = rows - rows.mean(axis=1, keepdims=True)
         curve = self.values @ rows
         rms = float(np.sqrt(np.mean(curve**2)))
         return rms, self._spread(rows @ curve / (len(curve) * max(rms, 1e-300)))[1]

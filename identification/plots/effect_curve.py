@@ -45,7 +45,7 @@ def draw_effect_curve(evidence: Evidence, growth: Growth, fit: Fit) -> Figure:
 
     `fit` is that of the extended machine. What the finding depends on beside the abscissa is a family of curves, or
     two branches by the side of arrival; all else stands at its median. Along time a motion counts from the first row,
-    a wave from its mean.
+    a wave or a free curve from its mean.
     """
     panels = curves(evidence, growth, fit)
     lines = -(-len(panels) // 2)
@@ -114,10 +114,13 @@ def curves(evidence: Evidence, growth: Growth, fit: Fit) -> dict[tuple[str, Moti
 
 
 def _zero(evidence: Evidence, rates: Array) -> Array:
-    """What a motion is counted from, (parameters, 1): the first row in time, the mean of a wave, else nothing."""
+    """What a motion is counted from, (parameters, 1): the first row in time, the mean of a wave or a free curve.
+
+    The mean of a curve is the geometry's as well, and not known apart. Else from nothing.
+    """
     if evidence.abscissa.name == "time":
         return rates[:, :1]
-    return rates.mean(axis=1, keepdims=True) if evidence.waves else np.zeros((len(rates), 1))
+    return rates.mean(axis=1, keepdims=True) if evidence.from_mean else np.zeros((len(rates), 1))
 
 
 def _effects(evidence: Evidence, growth: Growth, fit: Fit) -> Iterator[tuple[Effect, list[str]]]:

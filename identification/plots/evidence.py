@@ -94,6 +94,11 @@ class Evidence:
         return span / float(period) if period and self.abscissa.name == self.effect.drivers[0] else 0.0
 
     @property
+    def from_mean(self) -> bool:
+        """Whether its motions count from their mean along the abscissa: waves, and free curves."""
+        return bool(self.waves) or any(s.effect.tied for s in self.group)
+
+    @property
     def looks(self) -> Sequence[tuple[str, str]]:
         """Colour and line style of each level, or of the one curve there is."""
         return self.split.looks if self.split else LOOKS[:1]

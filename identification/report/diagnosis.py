@@ -233,7 +233,7 @@ def _pictures(diagnosed: Diagnosed, count: int, evidence: Evidence) -> list[Pict
     final, driver = diagnosed.final, evidence.abscissa.label.split(" / ")[0]
     name = f"finding {count}, {evidence.effect.effect} at {evidence.effect.where}"
     split = f", by {_by(evidence)}" if evidence.split else ""
-    periods = " The motion counts from its mean." if evidence.waves else ""
+    periods = " The motion counts from its mean." if evidence.from_mean else ""
     if evidence.abscissa.period:
         span = np.ptp(evidence.channel(evidence.abscissa.name)) / evidence.abscissa.period
         periods += f" {_count(PERIODS).capitalize()} of the {span:.0f} periods in the recorded range are drawn."
