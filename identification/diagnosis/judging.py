@@ -37,6 +37,12 @@ def roots(effect: Effect) -> frozenset[str]:
     return frozenset("temperature" if n.startswith("T_") or n == "time" else n for n in names)
 
 
+def one_sensor(one: Effect, other: Effect) -> bool:
+    """Whether one temperature drives both of two effects: what one source of heat does in two ways is one cause."""
+    both = set(map(root, one.drivers)) & set(map(root, other.drivers))
+    return any(n.startswith("T_") for n in both)
+
+
 def heldout_rms(bench: Workbench, blocks: int = 12) -> float:
     """Root mean square of blocks of consecutive rows, each predicted without it, in units of the noise.
 

@@ -16,7 +16,7 @@ from errormodel.features import root
 from errormodel.machine import Joint
 from identification.diagnosis.choosing import Step
 from identification.diagnosis.growth import Growth, of_groups
-from identification.diagnosis.judging import likeness, moves, roots
+from identification.diagnosis.judging import likeness, moves, one_sensor, roots
 from identification.diagnosis.workbench import Workbench
 
 PIECES = 10  # of each joint's range, of a surface; of a period
@@ -159,9 +159,9 @@ def refined(growth: Growth, step: Step) -> int | None:
         if there and _of_one_weight(one, other) and is_departure(growth, k, other):
             return k  # a weight that twists a beam also bends it a little: the finding's form in other motions
         if not (one.tied or other.tied) and _much_the_same(growth, one, other):
-            if not other.generic and not is_departure(growth, k, other):
-                continue  # too much of it has a name of its own
-            return k
+            if other.generic or one_sensor(one, other) or is_departure(growth, k, other):
+                return k
+            continue  # too much of it has a name and a cause of its own
         if one.generic and len(roots(one)) > 1 and roots(other) <= roots(one) and _motions(bench, one, other):
             return k  # what a product leaves over goes with either of the two, wherever between them
     return None

@@ -17,7 +17,7 @@ from identification.diagnosis import coloured
 from identification.diagnosis.candidates import Candidates
 from identification.diagnosis.choosing import CLEARLY, NEAR, Step, choose
 from identification.diagnosis.growth import Growth, replayed
-from identification.diagnosis.judging import heldout_rms
+from identification.diagnosis.judging import heldout_rms, one_sensor
 from identification.diagnosis.polishing import polished
 from identification.diagnosis.refinements import apart, distinct
 from identification.diagnosis.selection import RIVALS, grow
@@ -122,7 +122,8 @@ def _seconds(growth: Growth, candidates: Candidates) -> Iterator[list[Step]]:
         for steps in (elsewhere, named):
             # a curve that bends to anything is no cause of its own
             able = [s for s in steps if not (s.effect.generic or s.effect.pliant)]
-            names = [s for s in able if s.effect.effect != main.effect.effect]
+            other = [s for s in able if s.effect.effect != main.effect.effect]
+            names = [s for s in other if not one_sensor(main.effect, s.effect)]
             second = max(names, key=lambda s: s.evidence, default=main)
             if second.evidence < SERIOUS or second.effect.key in begun:
                 continue
