@@ -19,7 +19,7 @@ from identification.diagnosis.choosing import CLEARLY, NEAR, Step, choose
 from identification.diagnosis.growth import Growth, replayed
 from identification.diagnosis.judging import heldout_rms, one_sensor
 from identification.diagnosis.polishing import polished
-from identification.diagnosis.refinements import apart, distinct
+from identification.diagnosis.refinements import OWN, apart, distinct
 from identification.diagnosis.selection import RIVALS, grow
 from identification.diagnosis.workbench import Workbench
 from identification.progress import Tell, silent
@@ -117,7 +117,9 @@ def _seconds(growth: Growth, candidates: Candidates) -> Iterator[list[Step]]:
         others = [g[0] for g in groups if g[0] is not main]
         likely = polished(growth.without(more), candidates, RIVALS)
         elsewhere = [s for s in likely if s.effect.where != main.effect.where or distinct(main.effect, s.effect)]
-        named = [s for s in more if s.effect.where != main.effect.where or apart(main.effect, s.effect)]
+        # of what has been named already, what is too much for a departure from the finding's form
+        much = [s for s in more if main.effect.generic or s.drop > OWN * main.drop]
+        named = [s for s in much if s.effect.where != main.effect.where or apart(main.effect, s.effect)]
         begun: set[object] = {main.effect.key}
         for steps in (elsewhere, named):
             # a curve that bends to anything is no cause of its own
