@@ -8,13 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from errormodel.chain import Chain
 from errormodel.conventions import MOTIONS
 from errormodel.effects import make
 from errormodel.effects.cross_axis_compliance import CrossAxisCompliance
 from errormodel.machine import EffectSpec, Joint
 from errormodel.schema import read_machine
-from errormodel.simulate import Truth, simulate
 from errormodel.survey import read_survey
 from identification import side_by_side
 from identification.diagnosis import coloured
@@ -22,7 +20,7 @@ from identification.diagnosis.candidates import MANY, Candidates
 from identification.diagnosis.unseen import unseen
 from identification.diagnosis.workbench import set_up
 from identification.fit.run import fit_machine
-from tests.test_diagnosis_empty import empty_survey
+from tests.test_diagnosis_empty import empty_survey, showing
 
 GANTRY = Path(__file__).parents[1] / "machines/examples/gantry"
 
@@ -88,11 +86,7 @@ def test_correlated_noise_that_is_not_there_costs_a_drift_little() -> None:
         survey = empty_survey(machine, 365, seed, channels=True, grid=False)
         last = float(survey.table["time"].max())
         spec = EffectSpec("tracker-drift", {"start": 0.0, "duration": last, "tau": 3000.0})
-        chain = Chain(replace(machine, effects=(spec,)))
-        truth = Truth(dict.fromkeys(chain.effect_ids[0][:3], 0.008), (500.0, -200.0, 100.0), (0.1, 0.2, 0.5))
-        seen = simulate(chain.machine, survey.table, truth, 0.005, seed)
-        table = survey.table.assign(**{c: seen[c] for c in ("mx", "my", "mz")})
-        bench = set_up(fit_machine(machine, replace(survey, table=table)))
+        bench = set_up(fit_machine(machine, showing(survey, machine, [(spec, [0.008] * 3)], 0.005, seed)))
         [(white, any_noise)] = coloured.evidence(bench, [[make(spec)]])
         assert white > 50
         worth.append(any_noise)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,12 +13,14 @@ import pytest
 from errormodel.chain import Chain
 from errormodel.exceptions import InputError
 from errormodel.instruments.plain import Plain
-from errormodel.machine import Machine
+from errormodel.machine import EffectSpec, Machine
 from errormodel.schema import read_machine
 from errormodel.simulate import Truth, random_points, simulate
 from errormodel.survey import Survey
 from identification.diagnosis.run import diagnose
 
+FRAME = (500.0, -200.0, 100.0), (0.1, 0.2, 0.5)  # of the instrument: mm, rad
+Shown = Sequence[tuple[EffectSpec, Sequence[float]]]  # effects and their first parameters
 SIZES = {"mm": 0.01, "rad": 2e-5, "1": 2e-5, "rad/mm": 2e-8}
 
 
@@ -40,9 +43,18 @@ def empty_survey(machine: Machine, rows: int, seed: int, *, channels: bool, grid
         )
     chain = Chain(machine)
     errors = {p.id: rng.normal(0, SIZES[p.unit]) for p in chain.parameters if p.id in chain.machine_ids}
-    measured = simulate(machine, table, Truth(errors, (500.0, -200.0, 100.0), (0.1, 0.2, 0.5)), 0.005, seed)
+    measured = simulate(machine, table, Truth(errors, *FRAME), 0.005, seed)
     table = pd.concat([table, measured[["mx", "my", "mz"]]], axis=1)
     return Survey(table, "shared", ("frame",), Plain(type="plain"), Path("a.csv"))
+
+
+def showing(survey: Survey, machine: Machine, effects: Shown, sigma: float, seed: int = 3) -> Survey:
+    """The survey as the machine would have measured it with some effects and no error of geometry, in noise (mm)."""
+    chain = Chain(replace(machine, effects=tuple(spec for spec, _ in effects)))
+    pairs = zip(chain.effect_ids, effects, strict=True)
+    values = {n: v for names, (_, first) in pairs for n, v in zip(names, first, strict=False)}
+    seen = simulate(chain.machine, survey.table, Truth(values, *FRAME), sigma, seed)
+    return replace(survey, table=survey.table.assign(**{c: seen[c] for c in ("mx", "my", "mz")}))
 
 
 def test_rows_about_one_joint_alone_are_refused() -> None:

@@ -7,12 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from errormodel.chain import Chain
 from errormodel.machine import EffectSpec
 from errormodel.schema import read_machine
-from errormodel.simulate import Truth, simulate
 from identification.diagnosis.run import diagnose
-from tests.test_diagnosis_empty import empty_survey
+from tests.test_diagnosis_empty import empty_survey, showing
 
 MEASURED = ["mx", "my", "mz"]
 
@@ -47,11 +45,8 @@ def test_two_temperatures_of_one_motion() -> None:
         EffectSpec("structure-drift", {**common, "sensor": "T_0", "tau": 300.0}),
         EffectSpec("structure-drift", {**common, "sensor": "T_1", "tau": 2400.0}),
     )
-    chain = Chain(replace(machine, effects=truth))
-    values = dict(zip([ids[0] for ids in chain.effect_ids], (0.006, -0.009), strict=True))
-    seen = simulate(chain.machine, table, Truth(values, (500.0, -200.0, 100.0), (0.1, 0.2, 0.5)), 0.004, 3)
-    table[MEASURED] = seen[MEASURED]
-    result = diagnose(machine, replace(survey, table=table))
+    effects = list(zip(truth, ([0.006], [-0.009]), strict=True))
+    result = diagnose(machine, showing(replace(survey, table=table), machine, effects, 0.004))
     (finding,) = result.diagnosis.findings
     assert finding.effect in ("structure-drift", "tracker-drift", "thermal-squareness", "warm-up")
     causes = {getattr(s.effect, "sensor", ""): getattr(s.effect, "tau", 0.0) for s in result.growth.steps}

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import casadi as ca
 import numpy as np
 import pytest
 
-from errormodel.chain import Chain
 from errormodel.effects import make
 from errormodel.effects.unnamed import Unnamed, switch
-from errormodel.machine import EffectSpec, Machine
+from errormodel.machine import EffectSpec
 from errormodel.schema import read_machine
-from errormodel.simulate import Truth, simulate
-from errormodel.survey import Survey
 from identification.diagnosis.candidates import Candidates
 from identification.diagnosis.choosing import Step
 from identification.diagnosis.findings import probability_of
@@ -26,23 +22,7 @@ from identification.diagnosis.selection import grow, in_place, second_look
 from identification.diagnosis.stories import borrowed, retold, story
 from identification.diagnosis.workbench import set_up
 from identification.fit.run import fit_machine
-from tests.test_diagnosis_empty import empty_survey
-
-MEASURED = ["mx", "my", "mz"]
-
-
-Shown = Sequence[tuple[EffectSpec, Sequence[float]]]  # effects and their first parameters
-
-
-def showing(survey: Survey, machine: Machine, effects: Shown, sigma: float) -> Survey:
-    """A survey as the machine would have measured it with some effects."""
-    chain = Chain(replace(machine, effects=tuple(spec for spec, _ in effects)))
-    pairs = zip(chain.effect_ids, effects, strict=True)
-    values = {n: v for names, (_, first) in pairs for n, v in zip(names, first, strict=False)}
-    table = survey.table.copy()
-    seen = simulate(chain.machine, table, Truth(values, (500.0, -200.0, 100.0), (0.1, 0.2, 0.5)), sigma, 3)
-    table[MEASURED] = seen[MEASURED]
-    return replace(survey, table=table)
+from tests.test_diagnosis_empty import empty_survey, showing
 
 
 def test_a_story_gains_by_what_is_there_and_loses_by_what_is_not() -> None:
@@ -190,6 +170,12 @@ def test_sections_of_a_surface_are_no_findings_of_their_own() -> None:
     assert [[s.effect for s in group] for group in found.findings] == [[surface, dent], [tilt]]
     lone = replayed(bench, [Step(e, 50.0, 100.0, 0.5) for e in (dent, tilt)])
     assert with_sections(lone) is lone
+    level = make(EffectSpec("higher-order-geometry", {"joint": "Y", "motion": "dz", "degrees": [0]}))
+    line = Unnamed(element="Y", motion="dz", driver=one, half_range=500.0)
+    found = with_sections(replayed(bench, [Step(e, 50.0, 100.0, 0.5) for e in (level, line, surface)]))
+    assert [[s.effect for s in group] for group in found.findings] == [[surface, level, line]]
+    lone = replayed(bench, [Step(e, 50.0, 100.0, 0.5) for e in (level, line)])
+    assert with_sections(lone) is lone  # a curve of one joint is no surface
 
 
 def test_a_surface_over_two_joints_that_turn_is_found() -> None:

@@ -162,7 +162,7 @@ def refined(growth: Growth, step: Step) -> int | None:
             if other.generic or one_sensor(one, other) or is_departure(growth, k, other):
                 return k
             continue  # too much of it has a name and a cause of its own
-        if one.generic and len(roots(one)) > 1 and roots(other) <= roots(one) and _motions(bench, one, other):
+        if _is_surface(one) and roots(other) <= roots(one) and _motions(bench, one, other):
             return k  # what a product leaves over goes with either of the two, wherever between them
     return None
 
@@ -213,17 +213,22 @@ def truly_named(growth: Growth) -> Growth:
 def with_sections(growth: Growth) -> Growth:
     """Findings without a name that follow two joints take what goes with one of the two: sections of one surface."""
     bench, groups = growth.start, growth.findings
+    surfaces = [k for k, (main, *_) in enumerate(groups) if _is_surface(main.effect)]
+    taken: dict[int, int] = {}  # section -> surface; none of these is one itself, as no form follows more than two
+    for k, (main, *_) in enumerate(groups):
+        part = main.effect
+        wide = (n for n in surfaces if roots(part) < roots(groups[n][0].effect) and not part.tied)
+        if (n := next((n for n in wide if _motions(bench, groups[n][0].effect, part)), None)) is not None:
+            taken[k] = n
+    if not taken:
+        return growth
+    kept = [k for k in range(len(groups)) if k not in taken]
+    return of_groups(bench, [[*groups[k], *(s for n, w in taken.items() if w == k for s in groups[n])] for k in kept])
 
-    def of(section: list[Step]) -> list[Step] | None:
-        part = section[0].effect
-        wide = (g for g in groups if g[0].effect.generic and roots(part) < roots(g[0].effect))
-        return next((g for g in wide if not part.tied and _motions(bench, g[0].effect, part)), None)
 
-    surfaces = {id(g): [*g] for g in groups if of(g) is None}
-    for group in groups:
-        if (surface := of(group)) is not None:
-            surfaces[id(surface)] += group
-    return of_groups(bench, [*surfaces.values()]) if len(surfaces) < len(groups) else growth
+def _is_surface(effect: Effect) -> bool:
+    """Whether an effect is a form over two channels."""
+    return effect.generic and len(roots(effect)) > 1
 
 
 def _much_the_same(growth: Growth, one: Effect, other: Effect) -> bool:

@@ -13,6 +13,7 @@ from functools import partial
 
 import numpy as np
 
+from errormodel.effects.base import Effect
 from identification.diagnosis import coloured
 from identification.diagnosis.candidates import Candidates
 from identification.diagnosis.choosing import CLEARLY, NEAR, Step, choose
@@ -40,7 +41,7 @@ def retold(growth: Growth, candidates: Candidates, tell: Tell = silent) -> Growt
         return growth
     best, worth = growth, story(growth)
     with tell("Telling it from its rivals' side"):
-        told = side_by_side([partial(_told, growth.start, candidates.branch(), steps) for steps in begin])
+        told = side_by_side([partial(_told, growth.start, candidates, steps) for steps in begin])
     for steps in told:
         other = replayed(growth.start, steps)
         value = story(other)
@@ -52,7 +53,7 @@ def retold(growth: Growth, candidates: Candidates, tell: Tell = silent) -> Growt
 
 
 def _told(start: Workbench, candidates: Candidates, begin: list[Step]) -> tuple[Step, ...]:
-    return grow(start, candidates, begin=begin).steps
+    return grow(start, candidates.branch(), begin=begin).steps
 
 
 def story(growth: Growth) -> float:
@@ -122,20 +123,23 @@ def _seconds(growth: Growth, candidates: Candidates) -> Iterator[list[Step]]:
         named = [s for s in much if s.effect.where != main.effect.where or apart(main.effect, s.effect)]
         begun: set[object] = {main.effect.key}
         for steps in (elsewhere, named):
-            # a curve that bends to anything is no cause of its own
-            able = [s for s in steps if not (s.effect.generic or s.effect.pliant)]
-            other = [s for s in able if s.effect.effect != main.effect.effect]
-            names = [s for s in other if not one_sensor(main.effect, s.effect)]
-            second = max(names, key=lambda s: s.evidence, default=main)
+            able = (s for s in steps if _another_cause(main.effect, s.effect))
+            second = replace(max(able, key=lambda s: s.evidence, default=main), refines=None)
             if second.evidence < SERIOUS or second.effect.key in begun:
                 continue
             begun.add(second.effect.key)
             first = _named(main, growth.start, [*others, second], candidates) if main.effect.generic else main
-            yield [*others, first, replace(second, refines=None)]
+            yield [*others, first, second]
+
+
+def _another_cause(one: Effect, other: Effect) -> bool:
+    """Whether an effect is another cause by its name; a curve that bends to anything is none of its own."""
+    named = not (other.generic or other.pliant) and other.effect != one.effect
+    return named and not one_sensor(one, other)
 
 
 def _named(main: Step, start: Workbench, others: Sequence[Step], candidates: Candidates) -> Step:
     """What a finding without a name is beside others."""
-    bench = replayed(start, [replace(s, refines=None) for s in others]).bench
+    bench = replayed(start, others).bench
     steps = polished(bench, candidates, RIVALS)
     return choose(bench, steps) if steps else main
