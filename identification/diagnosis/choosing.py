@@ -9,6 +9,7 @@ import numpy as np
 
 from errormodel.effects.base import Effect
 from identification.diagnosis import coloured
+from identification.diagnosis.judging import roots
 from identification.diagnosis.workbench import Workbench
 
 DETECT = 4.6  # nats beyond the number of places looked at, a hundred to one: of 300 empty surveys the best had 3.4
@@ -20,6 +21,7 @@ ODDS = 1.0
 AS_GOOD = 2.3  # nats: less than ten to one
 STIFF = 2  # parameters of a form that can hardly bend: a line, or a product of two
 FORM = 0.85  # a name may explain this much less than the best mere form: forms bend to anything
+ANOTHER_CAUSE = 0.95  # the same of a line that something else drives
 
 
 @dataclass(frozen=True)
@@ -61,8 +63,11 @@ def choose(bench: Workbench, steps: Sequence[Step]) -> Step:
 
     def explains_as_much(name: Step) -> bool:
         idle = name.count - forms[0].count  # parameters that the name has and the form does without
-        bends = name.bend if forms[0].count <= STIFF else 0.0  # what bends may not be said to explain what does not
+        stiff = forms[0].count <= STIFF
+        bends = name.bend if stiff else 0.0  # what bends may not be said to explain what does not
         as_much = name.drop - bends >= FORM * forms[0].drop
+        if stiff and not roots(forms[0].effect) <= roots(name.effect):  # nor what follows another cause
+            as_much = as_much and name.drop >= ANOTHER_CAUSE * forms[0].drop
         return as_much and (idle <= 1 or name.drop - forms[0].drop >= 2 * idle)
 
     return next(filter(explains_as_much, names), forms[0])
@@ -77,18 +82,23 @@ def _names(bench: Workbench, ranked: Sequence[Step]) -> list[Step]:
     if not ranked:
         return []
     reach = max(CLEARLY, NEAR * ranked[0].evidence)
-    near = [s for s in ranked if s.evidence > ranked[0].evidence - reach]
-    if len(near) > 1:
-        both = coloured.evidence(bench, [[s.effect] for s in near])
-        left = [s.evidence * max(nats, 0.0) / max(white, 1.0) for s, (white, nats) in zip(near, both, strict=True)]
-        near = [s for s, nats in zip(near, left, strict=True) if nats > max(left) - reach]
-    near = [s for s in near if s.evidence > near[0].evidence - CLEARLY]
+    able = [s for s in ranked if s.evidence > ranked[0].evidence - reach]
+    left = dict(zip(map(id, able), in_any_noise(bench, able), strict=True))
+    near = sorted((s for s in able if left[id(s)] > max(left.values()) - CLEARLY), key=lambda s: -left[id(s)])
     most = max(s.drop - s.bend for s in near)
     least = max((s.evidence - s.worth for s in near if s.effect.pliant), default=-np.inf) - ODDS
     own = [s for s in near if not s.effect.pliant and s.evidence - s.worth > least]
-    own = [s for s in own if s.evidence > own[0].evidence - AS_GOOD]
+    own = [s for s in own if left[id(s)] > left[id(own[0])] - AS_GOOD]
     first = [s for s in own if s.drop - s.bend >= FORM * most] or near
     return [*first, *(s for s in ranked if s not in first)]
+
+
+def in_any_noise(bench: Workbench, steps: Sequence[Step]) -> list[float]:
+    """Nats of each step where noise may go along from row to row: bends take their share of what that leaves."""
+    if len(steps) < 2:
+        return [s.evidence for s in steps]
+    both = coloured.evidence(bench, [[s.effect] for s in steps])
+    return [s.evidence * max(nats, 0.0) / max(white, 1.0) for s, (white, nats) in zip(steps, both, strict=True)]
 
 
 def convincing(bench: Workbench, step: Step, *, judged: bool = True) -> bool:

@@ -211,14 +211,24 @@ def truly_named(growth: Growth) -> Growth:
 
 
 def with_sections(growth: Growth) -> Growth:
-    """Findings without a name that follow two joints take what goes with one of the two: sections of one surface."""
+    """Findings without a name that follow two joints take what goes with one of the two: sections of one surface.
+
+    In the same motion, or as slight as a departure from the surface's form: what its pieces miss at an edge looks like
+    a dent or a knee in whatever motion has a lever there. Waves in other motions are none.
+    """
     bench, groups = growth.start, growth.findings
     surfaces = [k for k, (main, *_) in enumerate(groups) if _is_surface(main.effect)]
+    explained = [growth.without(g).square - growth.bench.square if surfaces else 0.0 for g in groups]
+
+    def section(k: int, n: int) -> bool:
+        part, wide = groups[k][0].effect, groups[n][0].effect
+        if not roots(part) < roots(wide) or (part.tied and not wide.tied):
+            return False
+        return bool(_motions(bench, wide, part)) or (part.shape != "period" and explained[k] < OWN * explained[n])
+
     taken: dict[int, int] = {}  # section -> surface; none of these is one itself, as no form follows more than two
-    for k, (main, *_) in enumerate(groups):
-        part = main.effect
-        wide = (n for n in surfaces if roots(part) < roots(groups[n][0].effect) and not part.tied)
-        if (n := next((n for n in wide if _motions(bench, groups[n][0].effect, part)), None)) is not None:
+    for k in range(len(groups)):
+        if (n := next((n for n in surfaces if section(k, n)), None)) is not None:
             taken[k] = n
     if not taken:
         return growth
