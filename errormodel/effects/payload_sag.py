@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from itertools import product
-from typing import ClassVar
+from typing import Annotated, ClassVar
+
+from pydantic import Field
 
 from errormodel.conventions import MOTIONS, TRANSLATIONS, Motion, unit_of
 from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect
@@ -15,9 +17,9 @@ from errormodel.machine import Machine, joint_of
 
 
 class PayloadSag(JointEffect):
-    """`motion` per kg of the column ``load`` (mm/kg, rad/kg): constant, and Legendre polynomials of the travel.
+    """`motion` per kg of the column ``load`` (mm/kg, rad/kg): Legendre polynomials of the travel up to `degree`.
 
-    Of a rotary joint: a constant, and the sine and cosine of its angle.
+    Of a rotary joint: a constant, and unless the `degree` is 0 the sine and cosine of its angle.
     """
 
     effect: ClassVar[str] = "payload-sag"
@@ -28,6 +30,7 @@ class PayloadSag(JointEffect):
     example: ClassVar[Mapping[str, object]] = {"joint": "Y"}
 
     motion: Motion | None = None  # None: dz, or dy of a joint along z
+    degree: Annotated[int, Field(ge=0, le=2)] = 2
 
     @property
     def drivers(self) -> tuple[str, ...]:
@@ -36,14 +39,18 @@ class PayloadSag(JointEffect):
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         joint, q, load = joint_of(machine, self.joint), channel(self.joint), channel("load")
         motion = self.motion or sag_direction(joint, None)
-        shapes = {"": 1.0, "sin": sin(q), "cos": cos(q)}
         if joint.type == "prismatic":
-            shapes = {"": 1.0, **{str(n): legendre(n, scaled(joint, q)) for n in (1, 2)}}
+            bends = {str(n): legendre(n, scaled(joint, q)) for n in range(1, self.degree + 1)}
+        else:
+            bends = {"sin": sin(q), "cos": cos(q)} if self.degree else {}
+        shapes = {"": 1.0, **bends}
         unit, size = f"{unit_of(motion)}/kg", 5e-4 if motion in TRANSLATIONS else 1e-6
         return [EffectTerm(self.joint, k, unit, {motion: load * shape}, size) for k, shape in shapes.items()]
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
         if scene.varies("load"):
-            for joint, motion in product(scene.moving, MOTIONS):
-                yield cls(joint=joint.name, motion=motion)
+            for joint, motion, degree in product(
+                scene.moving, MOTIONS, (0, 2)
+            ):  # what sinks alike everywhere, or bends
+                yield cls(joint=joint.name, motion=motion, degree=degree)

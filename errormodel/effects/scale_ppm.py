@@ -14,7 +14,7 @@ from errormodel.machine import Machine
 
 
 class ScalePpm(Effect):
-    """All lengths longer by one fraction (1); with a `sensor`, per K of its temperature over 20 degC (1/K)."""
+    """All lengths longer by one fraction (1), or in one `run`; with a `sensor`, per K over 20 degC (1/K)."""
 
     effect: ClassVar[str] = "scale-ppm"
     family: ClassVar[str] = "instrument"
@@ -24,6 +24,7 @@ class ScalePpm(Effect):
     example: ClassVar[Mapping[str, object]] = {"sensor": "T_amb"}
 
     sensor: str | None = None  # of the air
+    run: str | None = None
 
     @property
     def where(self) -> str:
@@ -31,18 +32,20 @@ class ScalePpm(Effect):
 
     @property
     def drivers(self) -> tuple[str, ...]:
-        return (*POINT, self.sensor) if self.sensor else POINT
+        return (*POINT, *filter(None, (self.sensor, self.run and f"run({self.run})")))
 
     @property
     def cost(self) -> float:
         """Instruments measure the weather: what looks like their scale is most often the machine's, or the tool's."""
-        return 0.0 if self.sensor else 4.0
+        return 0.0 if self.sensor or self.run else 4.0
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         factor = warmth(channel, self.sensor) if self.sensor else 1.0
+        factor = factor * channel(f"run({self.run})") if self.run else factor
         motion = {name: factor * channel(p) for name, p in zip(TRANSLATIONS, POINT, strict=True)}
         return [EffectTerm(FRAME, "", "1/K" if self.sensor else "1", motion, 1e-6 if self.sensor else 5e-6)]
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
-        return (cls(sensor=sensor) for sensor in (None, *scene.sensors))
+        yield from (cls(sensor=sensor) for sensor in (None, *scene.sensors))
+        yield from (cls(run=name[4:-1]) for name in scene.runs)

@@ -19,7 +19,10 @@ BREAKS = 10  # the longest times without a row: between runs
 
 
 class StationShift(Effect):
-    """Six motions of the measuring frame (mm, rad) from the time `at` on, within a second; or in one `run`."""
+    """Six motions of the measuring frame (mm, rad) from the time `at` on, within a second; or in one `run`.
+
+    Unless it is `turned`, only the three displacements: a foot or a fixture that slid.
+    """
 
     effect: ClassVar[str] = "station-shift"
     family: ClassVar[str] = "instrument"
@@ -30,6 +33,7 @@ class StationShift(Effect):
 
     at: float | None = None  # s
     run: str | None = None
+    turned: bool = True
 
     @model_validator(mode="after")
     def _one_of_them(self) -> Self:
@@ -47,16 +51,17 @@ class StationShift(Effect):
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         after = fmin(fmax(channel("time") - self.at + 0.5, 0), 1) if self.run is None else channel(f"run({self.run})")
-        sizes = {m: 0.02 if m in TRANSLATIONS else 2e-5 for m in MOTIONS}
+        sizes = {m: 0.02 if m in TRANSLATIONS else 2e-5 for m in (MOTIONS if self.turned else TRANSLATIONS)}
         return [EffectTerm(FRAME, "", unit_of(m), {m: after}, size) for m, size in sizes.items()]
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
-        yield from (cls(run=name[4:-1]) for name in scene.runs)
+        yield from (cls(run=name[4:-1], turned=turned) for name in scene.runs for turned in (True, False))
         if not scene.duration:
             return
         time = np.unique(scene.columns["time"])
         gaps = np.diff(time)
         spread = np.linspace(0, len(gaps) - 1, MOMENTS + 2)[1:-1].astype(int)
         for k in np.union1d(spread, np.argsort(gaps)[-BREAKS:]):
-            yield cls(at=round(float(time[k] + time[k + 1]) / 2, 3))
+            at = round(float(time[k] + time[k + 1]) / 2, 3)
+            yield from (cls(at=at, turned=turned) for turned in (True, False))

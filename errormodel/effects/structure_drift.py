@@ -1,4 +1,4 @@
-"""Structure drift: a member of the machine moves or tilts with a temperature, or with time."""
+"""Structure drift: a member of the machine moves or tilts with a temperature."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from errormodel.conventions import FRAME, MOTIONS, ROTATIONS, TRANSLATIONS, Moti
 from errormodel.effects.base import Channels, Effect, EffectTerm
 from errormodel.effects.ops import Value
 from errormodel.effects.scene import Scene
-from errormodel.effects.shared import Lag, Positive, lags, members, settling, settling_times, start_of, thermal, warmth
+from errormodel.effects.shared import Lag, Positive, lags, members, thermal, warmth
 from errormodel.effects.travel import polynomials, scaled
 from errormodel.machine import Machine, Shape, Vector, joint_of
 
@@ -21,11 +21,10 @@ from errormodel.machine import Machine, Shape, Vector, joint_of
 class StructureDrift(Effect):
     """``drift * (temperature - 20)`` in one motion of a member, mm/K or rad/K.
 
-    With `sensor` ``time`` the drift (mm, rad) settles as ``1 - exp(-(t - start)/tau)``. `tau` (s) is else the member's
-    lag behind the sensor, and `minus` another sensor in place of 20 degC. Of a joint, `order` lets the drift differ
-    along the travel: Legendre polynomials up to that degree, over -1 to 1. `std` ties the drifts to zero, as far as
-    they are not seen: their standard deviation beforehand, for several sensors that say nearly the same. A rotation is
-    `about` a point (mm, in the reference's axes), if not about the element's own.
+    `tau` (s) is the member's lag behind the sensor, and `minus` another sensor in place of 20 degC. Of a joint, `order`
+    lets the drift differ along the travel: Legendre polynomials up to that degree, over -1 to 1. `std` ties the drifts
+    to zero, as far as they are not seen: their standard deviation beforehand, for several sensors that say nearly the
+    same. A rotation is `about` a point (mm, in the reference's axes), if not about the element's own.
     """
 
     effect: ClassVar[str] = "structure-drift"
@@ -42,7 +41,6 @@ class StructureDrift(Effect):
     sensor: str
     minus: str | None = None
     tau: Lag = 0.0
-    start: float = 0.0
     about: Vector | None = None
     order: int = Field(0, ge=0, le=5)
     std: Positive | None = None
@@ -60,13 +58,9 @@ class StructureDrift(Effect):
         return self.std is not None
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
-        unit = unit_of(self.motion)
-        if self.sensor == "time":
-            warm, size = settling(channel, self.tau or 3600.0, self.start), 0.03 if unit == "mm" else 3e-5
-        else:
-            warm, size = warmth(channel, self.sensor, self.minus, self.tau), 0.01 if unit == "mm" else 1e-5
-            unit += "/K"
-        size = self.std or size
+        unit = f"{unit_of(self.motion)}/K"
+        warm = warmth(channel, self.sensor, self.minus, self.tau)
+        size = self.std or (0.01 if self.motion in TRANSLATIONS else 1e-5)
         # several at one place are told apart by what they follow
         name = f"{self.sensor}{f'-{self.tau:g}s' if self.tau else ''}" if self.tied else ""
         if not self.order:
@@ -91,8 +85,6 @@ class StructureDrift(Effect):
         for element in members(scene.machine):
             for motion in MOTIONS:
                 yield from _by_sensors(scene, element, motion)
-                for tau in settling_times(scene):
-                    yield cls(element=element, motion=motion, sensor="time", tau=tau, start=start_of(scene))
         for motion in _base(scene.machine):
             yield from _by_sensors(scene, FRAME, motion)
             if motion in ROTATIONS:  # a stand tilts when one of its sides is warmer, the machine's or the instrument's

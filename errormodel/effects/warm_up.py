@@ -1,17 +1,17 @@
-"""Warm-up: a joint's screw, or the tool, grows and settles with time; no temperature need be recorded."""
+"""Warm-up: a joint's screw, the tool or a member moves and settles with time; no temperature need be recorded."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from itertools import product
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
-from errormodel.conventions import MOTIONS, Motion, unit_of
+from errormodel.conventions import MOTIONS, TRANSLATIONS, Motion, unit_of
 from errormodel.effects.base import Channels, Effect, EffectTerm, along
 from errormodel.effects.scene import Scene
-from errormodel.effects.shared import STEEL, Positive, joint_as, outward, settling, settling_times, start_of
+from errormodel.effects.shared import STEEL, Positive, joint_as, members, outward, settling, settling_times, start_of
 from errormodel.effects.travel import polynomials, scaled, usual_size
 from errormodel.machine import Machine
 
@@ -21,7 +21,7 @@ class WarmUp(Effect):
 
     `tau` (s) is how fast it settles, `start` (s, as ``time`` counts) when it began. Positive: longer. With a `motion`
     that one (mm, rad) grows, or all six do, in Legendre polynomials of the joint's travel, -1 to 1, from the constant
-    to `degree`.
+    to `degree`; of an `element`, a member that moves or tilts as a whole, it is that one.
     """
 
     effect: ClassVar[str] = "warm-up"
@@ -32,14 +32,25 @@ class WarmUp(Effect):
     example: ClassVar[Mapping[str, object]] = {"joint": "X", "tau": 1800.0}
 
     joint: str | None = None
+    element: str | None = None
     tau: Positive = 1800.0
     start: float = 0.0
     motion: Motion | Literal["all"] | None = None
     degree: Annotated[int, Field(ge=0, le=8)] = 1
 
+    @model_validator(mode="after")
+    def _one_of_them(self) -> Self:
+        if self.element is not None and (self.joint is not None or self.motion in (None, "all")):
+            raise ValueError("a member that warms up has one motion and is no joint: element: T1, motion: ea")
+        return self
+
     @property
     def where(self) -> str:
-        return self.joint or "tool"
+        return self.joint or self.element or "tool"
+
+    @property
+    def key(self) -> tuple[object, ...]:
+        return (*super().key, self.element)
 
     @property
     def drivers(self) -> tuple[str, ...]:
@@ -47,6 +58,9 @@ class WarmUp(Effect):
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         warm = settling(channel, self.tau, self.start)
+        if self.element is not None and self.motion is not None and self.motion != "all":
+            size = 0.03 if self.motion in TRANSLATIONS else 3e-5
+            return [EffectTerm(self.element, "", unit_of(self.motion), {self.motion: warm}, size)]
         if self.joint is None:
             motion = {name: value * warm for name, value in outward(machine).items()}
             return [EffectTerm("tool", "growth", "mm", motion, 0.02)]
@@ -72,3 +86,5 @@ class WarmUp(Effect):
             if scene.motions_of in {j.name for j in scene.prismatic}:  # beside its cold state, at the time 0
                 for tau, degree in product(settling_times(scene), range(4)):
                     yield cls(joint=scene.motions_of, tau=tau, motion="all", degree=degree)
+            for element, motion, tau in product(members(scene.machine), MOTIONS, settling_times(scene)):
+                yield cls(element=element, motion=motion, tau=tau, start=start_of(scene))

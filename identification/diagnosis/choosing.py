@@ -31,8 +31,8 @@ class Step:
     Attributes
     ----------
     evidence : nats against nothing, beside what was accepted before, and of a growth that is done beside all other
-        findings; `drop`: of the residual sum of squares, in noise variances; `absorbed`: the part of it that the
-        geometry hides.
+        findings; `alone`: that of it by itself, as its rivals have theirs; `drop`: of the residual sum of squares, in
+        noise variances; `absorbed`: the part of it that the geometry hides.
     rivals : other explanations beside all other findings, best first.
     count : its parameters; `bend`: the part of the drop that is a departure from its textbook form, and
         `worth`: that of the evidence.
@@ -51,6 +51,7 @@ class Step:
     partner: tuple[Effect, ...] = ()
     refines: int | None = None
     searched: int = 0
+    alone: float = 0.0
 
 
 def choose(bench: Workbench, steps: Sequence[Step]) -> Step:
@@ -79,8 +80,8 @@ def _names(bench: Workbench, ranked: Sequence[Step]) -> list[Step]:
     Of what is nearly alike, first what leaves residuals that need no correlated noise to be explained; and physics of
     a form of its own that needs little bending before what follows any smooth curve: that need not be bent.
     """
-    if not ranked:
-        return []
+    if len(ranked) < 2:
+        return list(ranked)
     reach = max(CLEARLY, NEAR * ranked[0].evidence)
     able = [s for s in ranked if s.evidence > ranked[0].evidence - reach]
     left = dict(zip(map(id, able), in_any_noise(bench, able), strict=True))
@@ -95,8 +96,6 @@ def _names(bench: Workbench, ranked: Sequence[Step]) -> list[Step]:
 
 def in_any_noise(bench: Workbench, steps: Sequence[Step]) -> list[float]:
     """Nats of each step where noise may go along from row to row: bends take their share of what that leaves."""
-    if len(steps) < 2:
-        return [s.evidence for s in steps]
     both = coloured.evidence(bench, [[s.effect] for s in steps])
     return [s.evidence * max(nats, 0.0) / max(white, 1.0) for s, (white, nats) in zip(steps, both, strict=True)]
 

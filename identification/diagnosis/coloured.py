@@ -21,7 +21,9 @@ from identification.diagnosis.workbench import Workbench
 from identification.fit.noise import Noise, noises
 
 WHITE = 0.5  # how likely noise is to be white
-LONGEST, LARGEST = 60.0, 2.0  # rows and white variances: beyond them it is no noise any more, but a drift with a cause
+# rows, part of the longest series (but never less than the first) and white variances: beyond them it is no noise any
+# more, but a drift with a cause
+LONGEST, PART, LARGEST = (20.0, 60.0), 1 / 15, 2.0
 
 
 def evidence(bench: Workbench, groups: Sequence[Sequence[Effect]]) -> list[tuple[float, float]]:
@@ -69,9 +71,10 @@ def _benches(bench: Workbench) -> list[tuple[float, Workbench, Noise | None]]:
     """
     from scipy.linalg.blas import dtrsm
 
+    longest = np.clip(PART * np.diff(_edges(bench)).max(), *LONGEST)
     out: list[tuple[float, Workbench, Noise | None]] = [(_likelihood(bench, 0.0), bench, None)]
     for noise in noises():
-        if noise.length > LONGEST or noise.part > LARGEST:
+        if noise.length > longest or noise.part > LARGEST:
             continue
         both = noise.whitened(np.vstack([bench.basis.T, bench.residual]), _edges(bench))
         # what was orthonormal before is nearly so behind the filter: its products are well conditioned

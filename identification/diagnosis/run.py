@@ -34,7 +34,7 @@ from identification.diagnosis.growth import Growth
 from identification.diagnosis.judging import heldout_rms
 from identification.diagnosis.outliers import gross_rows
 from identification.diagnosis.sanity import find_blunders, without
-from identification.diagnosis.selection import grow
+from identification.diagnosis.selection import grow, in_noise
 from identification.diagnosis.sensors import dead_sensors
 from identification.diagnosis.sides import contrary_sides
 from identification.diagnosis.sizes import Amount, whole_of
@@ -149,7 +149,7 @@ def _explained(fit: Fit, survey: Survey, changes: Sequence[Effect], tell: Tell) 
             bench = set_up(fit, most)
         candidates = Candidates.of(bench, library)
         scores = candidates.scores(bench)
-    growth, said = heard(retold(grow(bench, candidates, tell), candidates, tell))
+    growth, said = heard(in_noise(retold(grow(bench, candidates, tell), candidates, tell)))
     effects = [*changes, *(s.effect for s in growth.steps)]
     machine = fit.chain.machine
     first = len(machine.effects) + len(changes)

@@ -15,7 +15,7 @@ import numpy as np
 from errormodel.effects.base import Effect
 from identification.diagnosis import coloured
 from identification.diagnosis.candidates import Candidates
-from identification.diagnosis.choosing import DETECT, FORM, Step, choose, convincing
+from identification.diagnosis.choosing import DETECT, FORM, Step, choose, convincing, in_any_noise
 from identification.diagnosis.growth import Growth, of_groups, replayed, with_step
 from identification.diagnosis.judging import heldout_rms, roots
 from identification.diagnosis.pairs import best_pair
@@ -260,13 +260,25 @@ def in_place(growth: Growth, candidates: Candidates) -> Growth:
         bench = growth.without([main, *more])
         steps = polished(bench, candidates, RIVALS)
         own = weighed(bench, main.effect, len(candidates.of_key.get(main.effect.key, [0])), main.searched) or main
+        alone = max([own.evidence, *(s.evidence for s in steps if s.effect.key == main.effect.key)])
         # with what is said of it: further causes of its name, such as a second sensor; without a name, all of it
         evidence, beside = own.evidence, bench
         for before, step in pairwise([main, *more]):
             beside = beside.with_effect(before.effect)
             if main.effect.generic or step.effect.effect == main.effect.effect:
                 evidence += max([0.0, *Candidates.of(beside, [step.effect]).scores(beside).evidence.tolist()])
-        evidence = max([evidence, *(s.evidence for s in steps if s.effect.key == main.effect.key)])
         rivals = tuple(s for s in sorted(steps, key=lambda s: -s.evidence) if s.effect.key != main.effect.key)
-        groups[k] = [replace(own, evidence=evidence, rivals=rivals), *more]
+        groups[k] = [replace(own, evidence=max(evidence, alone), alone=alone, rivals=rivals), *more]
+    return of_groups(growth.start, groups)
+
+
+def in_noise(growth: Growth) -> Growth:
+    """Each finding's evidence and its rivals' as noise that goes along from row to row leaves them."""
+    groups = growth.findings
+    for k, (main, *more) in enumerate(groups):
+        steps = [main, *main.rivals]
+        nats = in_any_noise(growth.without([main, *more]), steps)
+        best, *rivals = (replace(s, evidence=min(s.evidence, n)) for s, n in zip(steps, nats, strict=True))
+        rivals.sort(key=lambda r: -r.evidence)
+        groups[k] = [replace(best, rivals=tuple(rivals)), *more]
     return of_groups(growth.start, groups)

@@ -93,7 +93,7 @@ def _rivals(growth: Growth) -> Iterator[tuple[Step, list[Step]]]:
         bench = growth.without(group)
         refined = len(group) > 1
         near = OF_A_FORM if main.effect.generic else NEAR
-        least = main.evidence - (max(SERIOUS, near * main.evidence) if refined else SERIOUS)
+        least = main.alone - (max(SERIOUS, near * main.alone) if refined else SERIOUS)
         for rival in sorted(main.rivals, key=lambda r: -r.evidence):
             effect = rival.effect
             if effect.generic or effect.effect in seen or rival.evidence < least:

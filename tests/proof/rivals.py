@@ -57,7 +57,7 @@ def _structure(bench: Bench) -> list[str]:
 
 
 def structure_drift(bench: Bench) -> Blocks:
-    for scalar in (*_temperatures(bench), *_settling(bench)):
+    for scalar in _temperatures(bench):
         for name in _structure(bench)[1:]:
             yield from _each(bench, name, [scalar])
 
@@ -84,7 +84,8 @@ def warm_up(bench: Bench) -> Blocks:
         for e in bench.sit.chain.prismatic:
             grown = [along(e, scalar), along(e, scalar * bench.sit.share(e.name))]
             yield e.name, np.concatenate([_moved(bench, e.name, g) for g in grown], axis=2)
-        yield from _each(bench, bench.sit.chain.elements[-1].name, [scalar], range(3))
+        for name in _structure(bench)[1:]:
+            yield from _each(bench, name, [scalar])
 
 
 def scale_expansion(bench: Bench) -> Blocks:
