@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from itertools import product
 from typing import Annotated, ClassVar
 
-import numpy as np
 from pydantic import Field
 
 from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect, along
@@ -19,8 +17,7 @@ from errormodel.machine import Machine, joint_of
 class CompensationActive(JointEffect):
     """The table's value at each inner one of `points` points, even over the travel; mm along the axis, or rad.
 
-    At the ends it is zero: a straight line belongs to the scale. Positive: what the table adds. Where it was at work
-    in one `run` only, another than in the others, the ends count too.
+    At the ends it is zero: a straight line belongs to the scale. Positive: what the table adds.
     """
 
     effect: ClassVar[str] = "compensation-active"
@@ -31,33 +28,26 @@ class CompensationActive(JointEffect):
     example: ClassVar[Mapping[str, object]] = {"joint": "X", "points": 5}
 
     points: Annotated[int, Field(ge=3)]
-    run: str | None = None
 
     @property
     def cost(self) -> float:
-        return 0.0 if self.run else 5.0  # so many straight pieces follow any smooth curve; but what else is of one run?
+        return 5.0  # so many straight pieces follow any smooth curve
 
     @property
     def drivers(self) -> tuple[str, ...]:
-        return (self.joint, f"run({self.run})") if self.run else (self.joint,)
+        return (self.joint,)
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         joint = joint_of(machine, self.joint)
         unit, size = ("mm", 0.01) if joint.type == "prismatic" else ("rad", 3e-5)
         u = fraction(joint, channel(self.joint)) * (self.points - 1)
-        here = channel(f"run({self.run})") if self.run else 1.0
-        inner = range(self.points) if self.run else range(1, self.points - 1)
-        tents = {str(k): here * fmax(1 - absolute(u - k), 0) for k in inner}
+        tents = {str(k): fmax(1 - absolute(u - k), 0) for k in range(1, self.points - 1)}
         return [EffectTerm(self.joint, label, unit, along(joint, tent), size) for label, tent in tents.items()]
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
-        """Tables with twenty rows or more an interval, or ten of the one run that they belong to."""
-        runs = {name[4:-1]: int(np.sum(scene.columns[name])) for name in scene.runs}
+        """Tables with twenty rows or more an interval."""
         for joint in scene.moving:
             for points in (5, 6, 7, 8, 9, 11, 13, 16, 21):
                 if 20 * points <= len(scene.columns[joint.name]):
                     yield cls(joint=joint.name, points=points)
-            for points, (run, rows) in product((5, 8, 11, 16, 21), runs.items()):
-                if 10 * points <= rows:
-                    yield cls(joint=joint.name, points=points, run=run)

@@ -85,7 +85,8 @@ def _names(bench: Workbench, ranked: Sequence[Step]) -> list[Step]:
     reach = max(CLEARLY, NEAR * ranked[0].evidence)
     able = [s for s in ranked if s.evidence > ranked[0].evidence - reach]
     left = dict(zip(map(id, able), in_any_noise(bench, able), strict=True))
-    near = sorted((s for s in able if left[id(s)] > max(left.values()) - CLEARLY), key=lambda s: -left[id(s)])
+    near = [s for s in able if left[id(s)] > max(left.values()) - reach]
+    near = sorted((s for s in near if s.evidence > near[0].evidence - CLEARLY), key=lambda s: -left[id(s)])
     most = max(s.drop - s.bend for s in near)
     least = max((s.evidence - s.worth for s in near if s.effect.pliant), default=-np.inf) - ODDS
     own = [s for s in near if not s.effect.pliant and s.evidence - s.worth > least]
