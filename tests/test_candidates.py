@@ -128,3 +128,12 @@ def test_what_an_effect_would_leave_is_what_it_leaves() -> None:
     bench = set_up(fit_machine(machine, read_survey(GANTRY / "survey.csv", machine)))
     for effect in Candidates.of(bench).effects[::97]:
         assert bench.square_with(effect) == pytest.approx(bench.with_effect(effect).square, rel=1e-7)
+
+
+def test_a_column_that_depends_on_others_takes_nothing_of_later_ones() -> None:
+    machine = read_machine(GANTRY)
+    bench = set_up(fit_machine(machine, read_survey(GANTRY / "survey.csv", machine)))
+    a, b, c = np.random.default_rng(0).normal(size=(3, bench.size))
+    both = bench.with_columns(np.array([a, 2 * a, b, a - b, c]))
+    assert both.square == pytest.approx(bench.with_columns(np.array([a, b, c])).square, rel=1e-12)
+    assert both.basis.shape[1] == bench.basis.shape[1] + 3

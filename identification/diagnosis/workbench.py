@@ -30,6 +30,7 @@ from identification.views import PositionView
 MOST_ROWS = 2500  # of a survey: more are thinned out
 MOST_RUNS = 12  # labels; more are no runs of one survey
 MOST_STATIONS = 3
+DEPENDENT = 1e-9  # of a column's length: what the columns before it leave of it, by rounding only
 UNSEEN = 1e-9  # of a column's length squared: less than this of it the basis has not spanned by rounding only
 LEAST_RUN = 8  # rows of a run that may differ
 
@@ -121,8 +122,14 @@ class Workbench:
         keep = norms > 1e-6 * np.linalg.norm(columns, axis=1)
         if not keep.any():
             return self
-        q, r = np.linalg.qr((left[keep] / norms[keep, None]).T)
-        q = q[:, np.abs(np.diag(r)) > 1e-9]
+        scaled = (left[keep] / norms[keep, None]).T
+        q, r = np.linalg.qr(scaled)
+        if (np.abs(np.diag(r)) < DEPENDENT).any():
+            # a column that depends on those before it leaves its direction to chance, in which later ones lie as well
+            from scipy.linalg import qr
+
+            q, r, _ = qr(scaled, mode="economic", pivoting=True)
+            q = q[:, np.abs(np.diag(r)) >= DEPENDENT]
         return replace(self, basis=np.hstack([self.basis, q]), residual=self.residual - q @ (q.T @ self.residual))
 
     def with_effect(self, effect: Effect) -> Workbench:
