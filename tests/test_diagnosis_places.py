@@ -85,3 +85,34 @@ def test_noise_that_hangs_together_is_no_effect(tau: float, size: float) -> None
         table[MEASURED] += size * drift
         findings = diagnose(machine, replace(survey, table=table)).diagnosis.findings
         assert not findings, [f.statement for f in findings]
+
+
+ONE_CAUSE = {
+    "scale of one run": (EffectSpec("scale-ppm", {"run": "2"}), [4e-5], "frame"),
+    "load that sinks alike everywhere": (
+        EffectSpec("payload-sag", {"joint": "Z", "motion": "dz", "degree": 0}),
+        [5e-5],
+        "",
+    ),
+    "member by the clock": (
+        EffectSpec("warm-up", {"element": "column", "motion": "ea", "tau": 1800.0}),
+        [6e-5],
+        "column",
+    ),
+    "station that slid": (EffectSpec("station-shift", {"at": 4200.0, "turned": False}), [0.01, -0.006, 0.004], "frame"),
+}
+
+
+@pytest.mark.parametrize("name", ONE_CAUSE)
+def test_one_cause_has_its_name(name: str) -> None:
+    spec, values, where = ONE_CAUSE[name]
+    machine = read_machine("vertical_three_axis")
+    survey = empty_survey(machine, 300, 9, channels=True, grid=False)
+    table = survey.table.assign(run=np.repeat(["1", "2", "3"], 100), load=np.tile(np.repeat([0.0, 300.0], 25), 6))
+    result = diagnose(machine, showing(replace(survey, table=table), machine, [(spec, values)], 0.004))
+    (finding,) = result.diagnosis.findings
+    assert finding.effect == spec.effect
+    assert finding.where == where or not where
+    main = result.growth.findings[0][0]
+    assert main.evidence <= main.alone  # what noise that goes along from row to row leaves of it
+    assert finding.probability > 0.5
