@@ -160,7 +160,10 @@ def probability_of(step: Step) -> float:
     best = {"none": float(np.log(max(step.searched, 1))) / temper}
     for one in (step, *step.rivals):
         name = one.effect.effect
-        best[name] = max(best.get(name, -np.inf), one.evidence / temper - _odds(one))
+        # what was passed over for a name counts for no more than that: of 47 such names 45 were right (seeds 86602540
+        # and 10488088)
+        evidence = min(one.evidence, step.evidence)
+        best[name] = max(best.get(name, -np.inf), evidence / temper - _odds(one))
     best[step.effect.effect] += CHOSEN
     weights = {name: np.exp(value - max(best.values())) for name, value in best.items()}
     named = weights[step.effect.effect]
