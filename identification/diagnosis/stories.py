@@ -30,6 +30,7 @@ SERIOUS = 7.0  # nats by which a rival may be behind
 MOST_RIVALS = 2  # of a finding
 OF_REFINED = 3  # of one that is not as its textbook says; then a rival may be behind by `NEAR` of the evidence too
 OF_A_FORM = 0.3  # the same of a form, in place of `NEAR`: it may be two names at once
+SLIGHT = 0.03  # of a finding's evidence: what is left of a very large one is large too, and no second cause
 NO_WORSE = 1.02  # held-out error of a better story: blocks of rows tell such small differences by chance
 
 
@@ -113,7 +114,7 @@ def _seconds(growth: Growth, candidates: Candidates) -> Iterator[list[Step]]:
     """
     groups = growth.findings
     for main, *more in groups:
-        if sum(s.evidence for s in more) < SERIOUS:
+        if sum(s.evidence for s in more) < max(SERIOUS, SLIGHT * main.evidence):
             continue
         others = [g[0] for g in groups if g[0] is not main]
         likely = polished(growth.without(more), candidates, RIVALS)
