@@ -54,6 +54,8 @@ class Survey:
     refit : tuple of {"frame", "tool"}
         What a test file estimates for itself.
     instrument : Instrument
+    sized : bool
+        Whether the instrument's uncertainties are known with their size; else only beside each other, 1 in the mean.
     source : Path
         What the user gave.
     notes : tuple of str
@@ -72,6 +74,7 @@ class Survey:
     notes: tuple[str, ...] = ()
     budget: tuple[BudgetEntry, ...] = ()
     motions_of: str = ""
+    sized: bool = True
 
     def __len__(self) -> int:
         return len(self.table)

@@ -135,7 +135,7 @@ def build(
     if len(stated) > 1:
         found = "standard uncertainties in some measuring frames and none in others"
         raise InputError(str(survey.source), found, "Give sigma in every row or in none, or declare the instrument")
-    declared: frozenset[Kind] = frozenset({"position"} if True in stated else ())
+    declared: frozenset[Kind] = frozenset({"position"} if True in stated and survey.sized else ())
     if mounts:
         mount = mean_rotation(np.concatenate(mounts)) if mount is None else mount
         views = [replace(v, mount=mount) if isinstance(v, OrientationView) else v for v in views]

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from errormodel.instruments.base import Array, Instrument, Pair, Positive
+from errormodel.instruments.base import Array, Instrument, NotNegative, Pair, Positive
 from errormodel.yamlfile import Vector3
 
 
@@ -20,13 +20,17 @@ class LaserTracker(Instrument):
         description="[a, b] of the standard uncertainty hypot(a, b r) in mm and mm/mm (k = 1), such as [0.5e-3, 3.0e-6]"
     )
     angle: Positive = Field(description="the standard uncertainty of both angles in rad (k = 1), such as 1.2e-6")
+    target: NotNegative = Field(
+        0.0, description="the standard uncertainty of the target in its seat, alike in all directions, mm (k = 1)"
+    )
 
     def covariance(self, points: Array) -> Array:
         sight = np.nan_to_num(points - self.station)  # what was not measured adds nothing to the line of sight
         r2 = np.einsum("ni,ni->n", sight, sight)[:, None, None]
         a, b = self.range
-        across = self.angle**2 * r2
-        along = a**2 + b**2 * r2
+        seat = self.target**2
+        across = seat + self.angle**2 * r2
+        along = seat + a**2 + b**2 * r2
         with np.errstate(invalid="ignore"):  # in the station itself there is no line of sight
             direction = np.where(r2 > 0, sight[:, :, None] * sight[:, None, :] / r2, np.eye(3))
         covariance: Array = across * np.eye(3) + (along - across) * direction

@@ -43,18 +43,22 @@ def one_sensor(one: Effect, other: Effect) -> bool:
     return any(n.startswith("T_") for n in both)
 
 
-def heldout_rms(bench: Workbench, blocks: int = 12) -> float:
-    """Root mean square of blocks of consecutive rows, each predicted without it, in units of the noise.
+def heldout_rms(bench: Workbench) -> float:
+    """Root mean square of what blocks of rows leave, each predicted without it, in units of the noise."""
+    return float(np.sqrt(np.mean(left_out(bench) ** 2)))
+
+
+def left_out(bench: Workbench, blocks: int = 12) -> Array:
+    """Residuals (N,) of blocks of consecutive rows, each predicted without it, in units of the noise.
 
     With an orthonormal basis Q, leaving block b out turns its residual r into ``r + Q_b (I - Q_b'Q_b)^-1 Q_b' r``.
     """
-    total = 0.0
     number = bench.blocks(blocks)
+    out = np.empty(len(number))
     for b in np.unique(number):
         rows = np.flatnonzero(number == b)
         q, r = bench.basis[rows], bench.residual[rows]
         # what only this block determines has no part in its residual: a trace of the identity keeps that solvable
         inner = (1 + 1e-9) * np.eye(q.shape[1]) - q.T @ q
-        left = r + q @ np.linalg.solve(inner, q.T @ r)
-        total += float(left @ left)
-    return float(np.sqrt(total / len(number)))
+        out[rows] = r + q @ np.linalg.solve(inner, q.T @ r)
+    return out

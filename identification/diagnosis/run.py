@@ -14,6 +14,7 @@ from errormodel.exceptions import InputError
 from errormodel.machine import EffectSpec, Machine
 from errormodel.survey import Survey
 from identification.diagnosis.blunder import Blunder, listed
+from identification.diagnosis.by_rows import heldout_um, views_of
 from identification.diagnosis.candidates import Candidates, Ranked, enough_rows, proposed
 from identification.diagnosis.carried import as_points
 from identification.diagnosis.choosing import Step
@@ -31,12 +32,12 @@ from identification.diagnosis.findings import (
 )
 from identification.diagnosis.form import with_form
 from identification.diagnosis.growth import Growth
-from identification.diagnosis.judging import heldout_rms
 from identification.diagnosis.outliers import gross_rows
 from identification.diagnosis.sanity import find_blunders, without
 from identification.diagnosis.selection import grow, in_noise
 from identification.diagnosis.sensors import dead_sensors
 from identification.diagnosis.sides import contrary_sides
+from identification.diagnosis.sighted import sighted
 from identification.diagnosis.sizes import Amount, whole_of
 from identification.diagnosis.statements import length, next_measurement, period_of, statement_of, subject
 from identification.diagnosis.stories import retold
@@ -49,7 +50,6 @@ from identification.fit.run import fit_machine
 from identification.progress import Tell, silent
 from identification.side_by_side import side_by_side
 from identification.sums import design_rows
-from identification.views import PositionView
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,7 @@ def diagnose(machine: Machine, survey: Survey, tell: Tell = silent) -> Diagnosed
     growth, final, first = found.growth, found.final, found.first
     fits = [*before, mended]
     findings = [_blunder_finding(b, *fits[k : k + 2]) for k, b in enumerate(blunders)]
-    causes = [_finding(g, growth, final, fit, first, found.said.get(g[0].effect, [])) for g in growth.findings]
+    causes = [_finding(g, growth, final, found.before, first, found.said.get(g[0].effect, [])) for g in growth.findings]
     findings += sorted(causes, key=lambda f: -f.heldout_rms_um.before)
     if bad.any():
         findings.append(_outlier_finding(bad, mended, fit))
@@ -129,9 +129,11 @@ def diagnose(machine: Machine, survey: Survey, tell: Tell = silent) -> Diagnosed
 class _Found:
     """What explains a fit's residuals, the fit with it, what witnesses said, and what could not be seen.
 
-    `ranking` is that before all; `first` the number of the first effect that was found, among the final machine's.
+    `before` is the fit without, its rows weighed as in the `final` one. `ranking` is that before all; `first` the
+    number of the first effect that was found, among the final machine's.
     """
 
+    before: Fit
     growth: Growth
     final: Fit
     said: dict[Effect, list[Account]]
@@ -142,13 +144,11 @@ class _Found:
 
 def _explained(fit: Fit, survey: Survey, changes: Sequence[Effect], tell: Tell) -> _Found:
     """What explains a fit's residuals, and the survey fitted with it; `changes` are effects that mend blunders."""
-    with tell("Trying all effects at all places"):
-        bench = set_up(fit)
-        library = proposed(bench.scene)
-        if (most := enough_rows(library)) < MOST_ROWS:
-            bench = set_up(fit, most)
-        candidates = Candidates.of(bench, library)
-        scores = candidates.scores(bench)
+    bench, candidates = _tried(fit, tell)
+    if (seen := sighted(fit, bench, candidates, survey)) is not None:
+        survey, fit = seen, fit_machine(fit.chain.machine, seen)
+        bench, candidates = _tried(fit, tell)
+    scores = candidates.scores(bench)
     growth, said = heard(in_noise(retold(grow(bench, candidates, tell), candidates, tell)))
     effects = [*changes, *(s.effect for s in growth.steps)]
     machine = fit.chain.machine
@@ -164,7 +164,19 @@ def _explained(fit: Fit, survey: Survey, changes: Sequence[Effect], tell: Tell) 
     jobs: list[Callable[[], Any]] = [fitted, hidden]
     with (tell if effects else silent)("Fitting the extended machine"):
         final, untestable = side_by_side(jobs)
-    return _Found(growth, final, said, untestable, scores.ranking(), first)
+    return _Found(fit, growth, final, said, untestable, scores.ranking(), first)
+
+
+def _tried(fit: Fit, tell: Tell) -> tuple[Workbench, Candidates]:
+    """The workbench of a fit, and every effect at every place that its survey shows."""
+    with tell("Trying all effects at all places"):
+        bench = set_up(fit)
+        library = proposed(bench.scene)
+        if (most := enough_rows(library)) < MOST_ROWS:
+            bench = set_up(fit, most)
+        candidates = Candidates.of(bench, library)
+        candidates.scores(bench)
+    return bench, candidates
 
 
 def _try(machine: Machine, survey: Survey) -> Fit | None:
@@ -216,7 +228,6 @@ def _finding(
     main = step.effect
     bench = growth.without(group)  # geometry and the other findings fitted, this one not
     columns, values = bench.estimates([s.effect for s in group])
-    noise = 1e3 * before.sigma_mm
     numbers = [first + k for k, step in enumerate(growth.steps) if any(step is s for s in group)]
     whole = whole_of(final, [s.effect for s in group], numbers)
     probability = weighed(probability_of(step), told)
@@ -235,7 +246,7 @@ def _finding(
         parameters=whole.amounts,
         probability=probability,
         p_value=p_value_of(step),
-        heldout_rms_um=HeldOut(*(float(np.sqrt(3)) * noise * heldout_rms(b) for b in (bench, growth.bench))),
+        heldout_rms_um=HeldOut(*(heldout_um(before, b) for b in (bench, growth.bench))),
         absorbed=step.absorbed,
         moved=_moved(before, growth.start, columns[:, : len(bench.index)], values),
         alternatives=alternatives_of(step, bench),
@@ -248,12 +259,9 @@ def _moved(before: Fit, bench: Workbench, columns: Array, values: Array) -> dict
     """How far the missing effect had pushed the geometry's parameters, by the bench's own rows."""
     base, place = before.solution.groups.base, before.problem.place()
     designs = []
-    for view in before.problem.views:
-        if isinstance(view, PositionView) and (own := np.isin(view.index, bench.index)).any():
-            part = view.part(own)
-            rows = design_rows(part, place, most=len(part))[:, base]
-            live = np.abs(part.whitener).sum(axis=2) > 0 if part.whitener.ndim == 3 else np.ones((len(part), 3), bool)
-            designs.append(rows[live.T.ravel()])  # components that were measured, component by component
+    for part, measured in views_of(before, bench):
+        rows = design_rows(part, place, most=len(part))[:, base]
+        designs.append(rows[measured.T.ravel()])  # component by component
     design = np.vstack(designs) / before.solution.sigma["position"]
     return moved_by(design, [before.solution.unknowns[j] for j in base], columns, values)
 
