@@ -33,6 +33,7 @@ MOST_STEPS = 24
 MOST_TOGETHER = 3
 SHAPES_TRIED = 3.0  # nats for the shapes of one effect
 SWEEPS = 4  # over all time constants
+SLOWEST = 1.6  # of them, in durations of the recording
 LIKELY, RIVALS = 12, 8  # proposals that are looked at closely: to be accepted next, and beside a finding
 
 Likely = tuple[list[Step], Step] | None
@@ -49,9 +50,7 @@ def grow(bench: Workbench, candidates: Candidates, tell: Tell = silent, begin: S
         with tell(f"Looking further than {last.effect} of {last.where}" if last else "Looking for what was left out"):
             likely = _likely(growth.bench, candidates)
             further = (
-                grown(growth, likely)
-                or together(growth, likely, candidates)
-                or grown(growth, _able(growth.bench, likely))
+                grown(growth, likely) or together(growth, likely, candidates) or grown(growth, _able(growth, likely))
             )
         if further is None:
             break
@@ -154,9 +153,16 @@ def _likely(bench: Workbench, candidates: Candidates) -> Likely:
     return steps, best
 
 
-def _able(bench: Workbench, likely: Likely) -> Likely:
-    """Those that are convincing by themselves: what bends to two effects at once is neither, one of them may be."""
+def _able(growth: Growth, likely: Likely) -> Likely:
+    """Those that are convincing by themselves and in left-out rows, where the best one was not.
+
+    What bends to two effects at once is neither, one of them may be; of two sensors alike, one predicts what the other
+    does not.
+    """
+    bench = growth.bench
     able = [s for s in likely[0] if convincing(bench, s)] if likely else []
+    before = heldout_rms(bench) if able else 0.0
+    able = [s for s in able if heldout_rms(with_step(growth, s).bench) < before]
     return (able, choose(bench, able)) if able else None
 
 
@@ -182,17 +188,18 @@ def lags_settled(growth: Growth) -> Growth:
     for _ in range(SWEEPS if len(growth.steps) > 1 else 0):
         before = growth.bench.square
         for k, step in enumerate(growth.steps):
-            tau, quickest = getattr(step.effect, "tau", None), growth.start.scene.duration / 1000
-            if tau is None or not quickest:
+            tau, duration = getattr(step.effect, "tau", None), growth.start.scene.duration
+            if tau is None or not duration:
                 continue
             rest = growth.without([step])
 
             def left(x: float, effect: Effect = step.effect, rest: Workbench = rest) -> float:
                 return rest.square_with(_with_tau(effect, x))
 
-            middle = float(np.log(tau or 6 * quickest))  # none at all: from hardly any to the shortest that was tried
+            middle = float(np.log(tau or 0.006 * duration))  # of none at all: from hardly any
             reach = 1.0 if tau else 1.8
-            bounds = (middle - reach, middle + reach)
+            # beyond the recording a lag only adds up: whatever goes on growing would have a sensor
+            bounds = (middle - reach, max(min(middle + reach, float(np.log(SLOWEST * duration))), middle))
             found = minimize_scalar(left, bounds=bounds, method="bounded", options={"maxiter": 12})
             if found.fun < rest.square_with(step.effect) - 1e-9:
                 steps = list(growth.steps)

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from scipy.optimize import OptimizeResult
 
 FEWEST = 60  # points with three components
-MOST = 12  # proposals that are taken out first
+MOST = 12  # proposals that are taken out first: what so many do not explain is not yet noise
 CLEAR = 25.0  # nats: seven parameters gain three or four by chance, ten in noise with heavy tails
 NEAREST, FARTHEST = 1e-3, 30.0  # of the points' extent: how far the instrument may be from their middle, and deviations
 AWAY = 0.7  # of the extent: where stations are looked for first
@@ -40,13 +40,16 @@ LEAST = 0.1  # of the noise: what a target's seat has in any case
 def sighted(fit: Fit, bench: Workbench, candidates: Candidates, survey: Survey) -> Survey | None:
     """The survey as a tracker's, weighed by what its residuals show of it; None where they show none, or it is known.
 
+    None as well where they are not noise yet: an arm's joints, each with a curve of its own, leave more than that.
+
     Parameters
     ----------
     bench, candidates : of the fit; what explains the residuals best is taken out of them, whatever its name.
     """
     if not isinstance(survey.instrument, Plain) or any(name in survey.table for name in SIGMA):
         return None
-    parts = [*_triples(fit, _explained(bench, candidates))]
+    explained = _explained(bench, candidates)
+    parts = [] if explained is None else [*_triples(fit, explained)]
     points, residuals = (np.vstack(p) for p in zip(*parts, strict=True)) if parts else (np.empty((0, 3)),) * 2
     if len(points) < FEWEST:
         return None
@@ -58,14 +61,14 @@ def sighted(fit: Fit, bench: Workbench, candidates: Candidates, survey: Survey) 
     return replace(survey, instrument=relative, sized=False, notes=(*survey.notes, _note(tracker, points)))
 
 
-def _explained(bench: Workbench, candidates: Candidates) -> Workbench:
-    """The bench with the best proposals fitted, one after the other, while there is evidence for them."""
+def _explained(bench: Workbench, candidates: Candidates) -> Workbench | None:
+    """The bench with the best proposals fitted until there is evidence for no more; None where there always is."""
     for _ in range(MOST):
         ranked = candidates.scores(bench).by_key()
         if not ranked or ranked[0][0] - np.log(len(ranked)) < DETECT:
-            break
+            return bench
         bench = bench.with_effect(candidates.effects[ranked[0][1]])
-    return bench
+    return None
 
 
 def _triples(fit: Fit, bench: Workbench) -> Iterator[tuple[Array, Array]]:
