@@ -183,4 +183,5 @@ def inputs(fit: Fit) -> list[tuple[str, str]]:
     counts = fit.survey.table["file"].value_counts(sort=False)
     rows += [("Fitted file", f"{file_name(str(file))}, {n} rows") for file, n in counts.items()]
     rows += [("Test file", f"{file_name(test.path)}, {len(test.survey)} rows") for test in fit.tests]
-    return [*rows, ("Instrument", fit.survey.instrument.type)]
+    instrument = fit.survey.instrument.type
+    return [*rows, ("Instrument", instrument if fit.survey.sized else f"{instrument}, as its residuals show it")]
