@@ -27,6 +27,7 @@ from identification.progress import Tell, silent
 
 LEAK = 0.06  # of what is already explained: less than this elsewhere may be the shape of what was found
 WORTH = 7.0  # nats below which nothing is looked at further
+SLIGHT = 0.03  # of a finding's evidence: what is left of a very large one is large too, and no second cause
 HARDLY = 1.05  # times the held-out error: what no evidence asks for gains as much by chance
 MOST_FINDINGS = 12
 MOST_STEPS = 24
@@ -160,7 +161,8 @@ def _able(growth: Growth, likely: Likely) -> Likely:
     does not.
     """
     bench = growth.bench
-    able = [s for s in likely[0] if convincing(bench, s)] if likely else []
+    least = SLIGHT * max((s.evidence for s in growth.steps), default=0.0)
+    able = [s for s in likely[0] if s.evidence > least and convincing(bench, s)] if likely else []
     before = heldout_rms(bench) if able else 0.0
     able = [s for s in able if heldout_rms(with_step(growth, s).bench) < before]
     return (able, choose(bench, able)) if able else None
