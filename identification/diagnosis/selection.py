@@ -161,7 +161,7 @@ def _able(growth: Growth, likely: Likely) -> Likely:
     does not.
     """
     bench = growth.bench
-    least = SLIGHT * max((s.evidence for s in growth.steps), default=0.0)
+    least = SLIGHT * sum(s.evidence for s in growth.steps)
     able = [s for s in likely[0] if s.evidence > least and convincing(bench, s)] if likely else []
     before = heldout_rms(bench) if able else 0.0
     able = [s for s in able if heldout_rms(with_step(growth, s).bench) < before]
