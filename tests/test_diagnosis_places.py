@@ -116,14 +116,3 @@ def test_one_cause_has_its_name(name: str) -> None:
     main = result.growth.findings[0][0]
     assert main.evidence <= main.alone  # what noise that goes along from row to row leaves of it
     assert finding.probability > 0.5
-
-
-def test_what_happened_once_within_the_machine_is_no_shift_of_the_station() -> None:
-    machine = read_machine("vertical_three_axis")
-    survey = empty_survey(machine, 300, 9, channels=True, grid=False)
-    spec = EffectSpec("unnamed", {"element": "Y", "motion": "ea", "driver": "time", "at": 4200.0})
-    (finding,) = diagnose(machine, showing(survey, machine, [(spec, [4e-5])], 0.004)).diagnosis.findings
-    assert finding.effect == "unnamed"
-    assert finding.motion == ["ea"]
-    assert finding.time == [pytest.approx(4200.0, abs=120.0)]  # rows are a quarter to five sixths of a minute apart
-    assert "s on" in finding.statement

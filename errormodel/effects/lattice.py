@@ -10,14 +10,13 @@ import numpy as np
 from errormodel.conventions import MOTIONS, ROTATIONS, TRANSLATIONS
 from errormodel.effects.scene import Scene
 from errormodel.effects.sections import places, translating
-from errormodel.effects.shared import frequencies, moments
+from errormodel.effects.shared import frequencies
 from errormodel.effects.travel import length
 from errormodel.machine import joint_of
 
 Fields = Mapping[str, object]
 WAVES = np.arange(1, 3.01, 0.25)  # a travel; longer ones are polynomials
 CYCLES, QUICKEST = 4, 240.0  # a recording, at least; s
-EVERY = 3  # moment: between them the likeliest is looked for
 MOST_CYCLES = 10_000  # proposals: more fill the memory
 PIECES = 4  # of a travel: of a surface
 CHEQUERS = np.arange(0.5, 3.01, 0.5)
@@ -29,7 +28,6 @@ def lattice(scene: Scene) -> Iterator[Fields]:
     yield from _runs(scene)
     yield from _waves(scene)
     yield from _cycles(scene)
-    yield from _steps(scene)
     yield from _products(scene)
     yield from _chequers(scene)
     yield from _surfaces(scene)
@@ -81,12 +79,6 @@ def _cycles(scene: Scene) -> Iterator[Fields]:
         spots = [spot for spot in spots if spot[0] in (spots[0][0], spots[-1][0])]
     for rate, (element, motion) in product(rates[: MOST_CYCLES // len(spots)], spots):
         yield {"element": element, "motion": motion, "driver": "time", "period": float(f"{1 / rate:.6g}")}
-
-
-def _steps(scene: Scene) -> Iterator[Fields]:
-    """Once and for all, at some moment: what a collision, a lost count or a coupling that slipped does."""
-    for at, (element, motion) in product(moments(scene)[::EVERY], places(scene, "time")):
-        yield {"element": element, "motion": motion, "driver": "time", "at": at}
 
 
 def _products(scene: Scene) -> Iterator[Fields]:

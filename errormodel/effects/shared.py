@@ -23,8 +23,6 @@ Rotation = Literal["ea", "eb", "ec"]
 
 REFERENCE = 20.0  # degC, ISO 1
 STEEL = 12e-6  # expansion, 1/K
-MOMENTS = 40  # evenly among the rows
-BREAKS = 10  # the longest times without a row: between runs
 MOST_WAVES = 4000  # frequencies of one grid
 A_PERIOD = 3  # positions that show a wave
 
@@ -169,18 +167,3 @@ def outward(machine: Machine) -> dict[Motion, Value]:
             k = int(np.argmax(np.abs(vector)))
             return {TRANSLATIONS[k]: float(np.sign(vector[k]))}
     return {"dz": 1.0}
-
-
-def since(time: Value, moment: float) -> Value:
-    """0 before a moment, 1 after it, s; the step takes a second, so that a model has a slope everywhere."""
-    return fmin(fmax(time - moment + 0.5, 0), 1)
-
-
-def moments(scene: Scene) -> list[float]:
-    """When something may have happened once, s: evenly among the rows, and in the longest times without one."""
-    if not scene.duration:
-        return []
-    time = np.unique(scene.columns["time"])
-    gaps = np.diff(time)
-    spread = np.linspace(0, len(gaps) - 1, MOMENTS + 2)[1:-1].astype(int)
-    return [round(float(time[k] + time[k + 1]) / 2, 3) for k in np.union1d(spread, np.argsort(gaps)[-BREAKS:])]

@@ -5,13 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import ClassVar, Self
 
+import numpy as np
 from pydantic import model_validator
 
 from errormodel.conventions import FRAME, MOTIONS, TRANSLATIONS, unit_of
 from errormodel.effects.base import Channels, Effect, EffectTerm
+from errormodel.effects.ops import fmax, fmin
 from errormodel.effects.scene import Scene
-from errormodel.effects.shared import moments, since
 from errormodel.machine import Machine
+
+MOMENTS = 40  # evenly among the rows
+BREAKS = 10  # the longest times without a row: between runs
 
 
 class StationShift(Effect):
@@ -46,11 +50,18 @@ class StationShift(Effect):
         return ("time",) if self.run is None else (f"run({self.run})",)
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
-        after = since(channel("time"), self.at) if self.at is not None else channel(f"run({self.run})")
+        after = fmin(fmax(channel("time") - self.at + 0.5, 0), 1) if self.run is None else channel(f"run({self.run})")
         sizes = {m: 0.02 if m in TRANSLATIONS else 2e-5 for m in (MOTIONS if self.turned else TRANSLATIONS)}
         return [EffectTerm(FRAME, "", unit_of(m), {m: after}, size) for m, size in sizes.items()]
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
         yield from (cls(run=name[4:-1], turned=turned) for name in scene.runs for turned in (True, False))
-        yield from (cls(at=at, turned=turned) for at in moments(scene) for turned in (True, False))
+        if not scene.duration:
+            return
+        time = np.unique(scene.columns["time"])
+        gaps = np.diff(time)
+        spread = np.linspace(0, len(gaps) - 1, MOMENTS + 2)[1:-1].astype(int)
+        for k in np.union1d(spread, np.argsort(gaps)[-BREAKS:]):
+            at = round(float(time[k] + time[k + 1]) / 2, 3)
+            yield from (cls(at=at, turned=turned) for turned in (True, False))

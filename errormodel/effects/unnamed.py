@@ -14,7 +14,7 @@ from errormodel.effects.base import Channels, Effect, EffectTerm
 from errormodel.effects.lattice import lattice
 from errormodel.effects.ops import Value, sin, sqrt
 from errormodel.effects.scene import Scene
-from errormodel.effects.shared import Positive, closed_splines, since, splines, waves
+from errormodel.effects.shared import Positive, closed_splines, splines, waves
 from errormodel.effects.travel import legendre, usual_size
 from errormodel.machine import Machine
 
@@ -29,7 +29,7 @@ class Unnamed(Effect):
     With a second channel `by`, products of the one's shapes with the other's (`affine`: with a constant too). With
     `pieces` a curve, or a surface over both channels: cubic splines on so many pieces of the range (of each), or of the
     period where there is one, tied to zero with the standard deviation `size` (mm, rad). With an `edge` a wave switches
-    between -1 and 1, there and every half period. With a moment `at`, of the driver `time`, a step.
+    between -1 and 1, there and every half period.
     """
 
     effect: ClassVar[str] = "unnamed"
@@ -56,7 +56,6 @@ class Unnamed(Effect):
     by_edge: float | None = None
     pieces: Annotated[int, Field(ge=2, le=16)] | None = None
     size: Positive | None = None  # None: that of usual error motions
-    at: float | None = None  # s: since then, of the driver `time`
 
     @property
     def where(self) -> str:
@@ -69,14 +68,7 @@ class Unnamed(Effect):
     @property
     def key(self) -> tuple[object, ...]:
         """Each motion is a place; waves apart from polynomials: a period is a shape of the ones only."""
-        return (
-            *super().key,
-            self.motion,
-            self.period is None,
-            self.by_period is None,
-            self.pieces is None,
-            self.at is None,
-        )
+        return (*super().key, self.motion, self.period is None, self.by_period is None, self.pieces is None)
 
     @property
     def tied(self) -> bool:
@@ -89,8 +81,7 @@ class Unnamed(Effect):
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         own = (self.form, self.center, self.half_range, self.period, self.edge)
-        driver = channel(self.driver)
-        shapes = self._shapes(driver, *own) if self.at is None else {"since": since(driver, self.at)}
+        shapes = self._shapes(channel(self.driver), *own)
         if self.by:
             own = (self.by_form, self.by_center, self.by_half_range, self.by_period, self.by_edge)
             second = self._shapes(channel(self.by), *own)

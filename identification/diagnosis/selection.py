@@ -27,14 +27,12 @@ from identification.progress import Tell, silent
 
 LEAK = 0.06  # of what is already explained: less than this elsewhere may be the shape of what was found
 WORTH = 7.0  # nats below which nothing is looked at further
-SLIGHT = 0.03  # of a finding's evidence: what is left of a very large one is large too, and no second cause
 HARDLY = 1.05  # times the held-out error: what no evidence asks for gains as much by chance
 MOST_FINDINGS = 12
 MOST_STEPS = 24
 MOST_TOGETHER = 3
 SHAPES_TRIED = 3.0  # nats for the shapes of one effect
 SWEEPS = 4  # over all time constants
-SLOWEST = 1.6  # of them, in durations of the recording
 LIKELY, RIVALS = 12, 8  # proposals that are looked at closely: to be accepted next, and beside a finding
 
 Likely = tuple[list[Step], Step] | None
@@ -51,7 +49,10 @@ def grow(bench: Workbench, candidates: Candidates, tell: Tell = silent, begin: S
         with tell(f"Looking further than {last.effect} of {last.where}" if last else "Looking for what was left out"):
             likely = _likely(growth.bench, candidates)
             further = (
-                grown(growth, likely) or together(growth, likely, candidates) or grown(growth, _able(growth, likely))
+                grown(growth, likely)
+                or together(growth, likely, candidates)
+                or grown(growth, _able(growth.bench, likely))
+                or grown(growth, _predicting(growth, likely))
             )
         if further is None:
             break
@@ -154,18 +155,21 @@ def _likely(bench: Workbench, candidates: Candidates) -> Likely:
     return steps, best
 
 
-def _able(growth: Growth, likely: Likely) -> Likely:
-    """Those that are convincing by themselves and in left-out rows, where the best one was not.
-
-    What bends to two effects at once is neither, one of them may be; of two sensors alike, one predicts what the other
-    does not.
-    """
-    bench = growth.bench
-    least = SLIGHT * sum(s.evidence for s in growth.steps)
-    able = [s for s in likely[0] if s.evidence > least and convincing(bench, s)] if likely else []
-    before = heldout_rms(bench) if able else 0.0
-    able = [s for s in able if heldout_rms(with_step(growth, s).bench) < before]
+def _able(bench: Workbench, likely: Likely) -> Likely:
+    """Those that are convincing by themselves: what bends to two effects at once is neither, one of them may be."""
+    able = [s for s in likely[0] if convincing(bench, s)] if likely else []
     return (able, choose(bench, able)) if able else None
+
+
+def _predicting(growth: Growth, likely: Likely) -> Likely:
+    """Those that also predict left-out rows better: of two sensors alike, one predicts what the other does not.
+
+    Only before anything was found: what is slight beside a finding, and predicts a little, is no further one.
+    """
+    able = [] if growth.steps or likely is None else [s for s in likely[0] if convincing(growth.bench, s)]
+    before = heldout_rms(growth.bench) if able else 0.0
+    able = [s for s in able if heldout_rms(with_step(growth, s).bench) < before]
+    return (able, choose(growth.bench, able)) if able else None
 
 
 def _by_two_causes(bench: Workbench, candidates: Candidates, steps: Sequence[Step], form: Step) -> Step | None:
@@ -190,18 +194,17 @@ def lags_settled(growth: Growth) -> Growth:
     for _ in range(SWEEPS if len(growth.steps) > 1 else 0):
         before = growth.bench.square
         for k, step in enumerate(growth.steps):
-            tau, duration = getattr(step.effect, "tau", None), growth.start.scene.duration
-            if tau is None or not duration:
+            tau, quickest = getattr(step.effect, "tau", None), growth.start.scene.duration / 1000
+            if tau is None or not quickest:
                 continue
             rest = growth.without([step])
 
             def left(x: float, effect: Effect = step.effect, rest: Workbench = rest) -> float:
                 return rest.square_with(_with_tau(effect, x))
 
-            middle = float(np.log(tau or 0.006 * duration))  # of none at all: from hardly any
+            middle = float(np.log(tau or 6 * quickest))  # none at all: from hardly any to the shortest that was tried
             reach = 1.0 if tau else 1.8
-            # beyond the recording a lag only adds up: whatever goes on growing would have a sensor
-            bounds = (middle - reach, max(min(middle + reach, float(np.log(SLOWEST * duration))), middle))
+            bounds = (middle - reach, middle + reach)
             found = minimize_scalar(left, bounds=bounds, method="bounded", options={"maxiter": 12})
             if found.fun < rest.square_with(step.effect) - 1e-9:
                 steps = list(growth.steps)

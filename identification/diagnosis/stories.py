@@ -21,7 +21,7 @@ from identification.diagnosis.growth import Growth, replayed
 from identification.diagnosis.judging import heldout_rms, one_sensor
 from identification.diagnosis.polishing import polished
 from identification.diagnosis.refinements import OWN, apart, distinct
-from identification.diagnosis.selection import RIVALS, SLIGHT, grow
+from identification.diagnosis.selection import RIVALS, grow
 from identification.diagnosis.workbench import Workbench
 from identification.progress import Tell, silent
 from identification.side_by_side import side_by_side
@@ -30,6 +30,7 @@ SERIOUS = 7.0  # nats by which a rival may be behind
 MOST_RIVALS = 2  # of a finding
 OF_REFINED = 3  # of one that is not as its textbook says; then a rival may be behind by `NEAR` of the evidence too
 OF_A_FORM = 0.3  # the same of a form, in place of `NEAR`: it may be two names at once
+SLIGHT = 0.03  # of a finding's evidence: what is left of a very large one is large too, and no second cause
 NO_WORSE = 1.02  # held-out error of a better story: blocks of rows tell such small differences by chance
 
 
