@@ -14,7 +14,7 @@ from typing import Literal, Self
 
 import numpy as np
 
-from errormodel.arrays import Array, Index, Rows, as_rows
+from errormodel.arrays import Array, Index, Mask, Rows, as_rows
 from errormodel.chain import TOOL_CHANNELS, Chain, What
 from errormodel.kernel import BLOCK, Kernel
 from identification.alignment import IDENTITY, Pose
@@ -58,7 +58,14 @@ class View(ABC):
         """Scalar observations."""
         if self.whitener.ndim == 1:
             return int((self.whitener > 0).sum()) * len(self.outputs)
-        return int((np.abs(self.whitener).sum(axis=2) > 0).sum())
+        return int(self.components.sum())
+
+    @property
+    def components(self) -> Mask:
+        """Which were measured, (n, outputs); of a view with one weight a row all."""
+        if self.whitener.ndim == 1:
+            return np.ones((len(self), len(self.outputs)), dtype=bool)
+        return np.asarray(np.abs(self.whitener).sum(axis=2) > 0)
 
     def part(self, rows: Rows) -> Self:
         """The same view with some of its rows."""

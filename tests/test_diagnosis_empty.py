@@ -12,6 +12,7 @@ import pytest
 
 from errormodel.chain import Chain
 from errormodel.exceptions import InputError
+from errormodel.instruments.base import Instrument
 from errormodel.instruments.plain import Plain
 from errormodel.machine import EffectSpec, Machine
 from errormodel.schema import read_machine
@@ -48,12 +49,12 @@ def empty_survey(machine: Machine, rows: int, seed: int, *, channels: bool, grid
     return Survey(table, "shared", ("frame",), Plain(type="plain"), Path("a.csv"))
 
 
-def showing(survey: Survey, machine: Machine, effects: Shown, sigma: float, seed: int = 3) -> Survey:
+def showing(survey: Survey, machine: Machine, effects: Shown, noise: float | Instrument, seed: int = 3) -> Survey:
     """The survey as the machine would have measured it with some effects and no error of geometry, in noise (mm)."""
     chain = Chain(replace(machine, effects=tuple(spec for spec, _ in effects)))
     pairs = zip(chain.effect_ids, effects, strict=True)
     values = {n: v for names, (_, first) in pairs for n, v in zip(names, first, strict=False)}
-    seen = simulate(chain.machine, survey.table, Truth(values, *FRAME), sigma, seed)
+    seen = simulate(chain.machine, survey.table, Truth(values, *FRAME), noise, seed)
     return replace(survey, table=survey.table.assign(**{c: seen[c] for c in ("mx", "my", "mz")}))
 
 

@@ -7,17 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from errormodel.chain import Chain
 from errormodel.instruments.laser_tracker import LaserTracker
 from errormodel.machine import EffectSpec
 from errormodel.schema import read_machine
-from errormodel.simulate import Truth, simulate
 from errormodel.survey import Survey
 from identification.diagnosis.outliers import CHANCE, gross_rows
 from identification.diagnosis.run import diagnose
 from identification.diagnosis.sighted import seen_in
 from identification.fit.run import fit_machine
-from tests.test_diagnosis_empty import FRAME, empty_survey
+from tests.test_diagnosis_empty import empty_survey, showing
 
 MILL = "vertical_three_axis"
 ELSEWHERE = LaserTracker(
@@ -66,17 +64,9 @@ def tracked() -> Survey:
     """Backlash of 20 um on a mill, seen by a tracker that the survey does not name."""
     machine = read_machine(MILL)
     survey = empty_survey(machine, 300, 5, channels=True, grid=False)
-    spec = EffectSpec("backlash", {"joint": "X"})
-    chain = Chain(replace(machine, effects=(spec,)))
     station = np.add(survey.measured.mean(axis=0), (900.0, 700.0, 300.0)).tolist()
-    seen = simulate(
-        chain.machine,
-        survey.table,
-        Truth({chain.effect_ids[0][0]: 0.02}, *FRAME),
-        ELSEWHERE.model_copy(update={"station": station}),
-        5,
-    )
-    return replace(survey, table=survey.table.assign(**{c: seen[c] for c in ("mx", "my", "mz")}))
+    backlash = EffectSpec("backlash", {"joint": "X"}), [0.02]
+    return showing(survey, machine, [backlash], ELSEWHERE.model_copy(update={"station": station}), 5)
 
 
 def test_rows_are_weighed_by_a_tracker_that_was_not_named(tracked: Survey) -> None:

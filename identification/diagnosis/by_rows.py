@@ -6,31 +6,27 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from errormodel.arrays import Array, Mask
+from errormodel.arrays import Array
 from identification.diagnosis.judging import left_out
 from identification.diagnosis.workbench import Workbench
 from identification.fit.result import Fit
 from identification.views import PositionView
 
 
-def views_of(fit: Fit, bench: Workbench) -> Iterator[tuple[PositionView, Mask]]:
-    """The rows of each view of the bench's fit that the bench has, and what was measured of them (m, 3)."""
+def views_of(fit: Fit, bench: Workbench) -> Iterator[PositionView]:
+    """The rows of each view of the bench's fit that the bench has."""
     for view in fit.problem.views:
         if isinstance(view, PositionView) and (own := np.isin(view.index, bench.index)).any():
-            part = view.part(own)
-            yield (
-                part,
-                np.abs(part.whitener).sum(axis=2) > 0 if part.whitener.ndim == 3 else np.ones((len(part), 3), bool),
-            )
+            yield view.part(own)
 
 
 def by_rows(fit: Fit, bench: Workbench, values: Array) -> Iterator[tuple[PositionView, Array]]:
     """Values (N,) of the bench's observations as (m, 3) a view, NaN where nothing was measured."""
     first = 0
-    for part, measured in views_of(fit, bench):
-        out = np.full(measured.T.shape, np.nan)
-        last = first + int(measured.sum())
-        out[measured.T] = values[first:last]  # component by component
+    for part in views_of(fit, bench):
+        last = first + part.count
+        out = np.full((3, len(part)), np.nan)
+        out[part.components.T] = values[first:last]  # component by component
         first = last
         yield part, out.T
 

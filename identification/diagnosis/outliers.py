@@ -9,18 +9,8 @@ from identification.fit.result import Fit
 
 GROSS = 10.0  # standard deviations of one component: Gaussian noise never gets there, knees and local defects rarely
 MOST = 0.15  # of the rows: more is not a handful of accidents
-TAILS = (
-    2.0,
-    2.5,
-    3.0,
-    4.0,
-    5.0,
-    6.0,
-    8.0,
-    12.0,
-    30.0,
-    1000.0,
-)  # degrees of freedom of Student's noise; the last is Gaussian
+# degrees of freedom of Student's noise; the last is Gaussian
+TAILS = (2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 12.0, 30.0, 1000.0)
 NEARLY = 2.0  # nats by which a heavier tail may be less likely
 CHANCE = 0.02  # rows of a survey that noise with such tails throws as far as what is called gross
 

@@ -100,9 +100,7 @@ def whitened(fit: Fit) -> tuple[Array, Index]:
         if not isinstance(view, PositionView):
             continue
         gap = np.hstack([view.whiten(p, g) for p, g in view.gaps(view_vector(view, place, s.values, zero))]).T
-        if view.whitener.ndim == 3:
-            gap = np.where(np.abs(view.whitener).sum(axis=2) > 0, gap, np.nan)
-        parts.append(gap)
+        parts.append(np.where(view.components, gap, np.nan))
         index.append(view.index)
     return np.vstack(parts), np.concatenate(index)
 

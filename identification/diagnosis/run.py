@@ -259,9 +259,9 @@ def _moved(before: Fit, bench: Workbench, columns: Array, values: Array) -> dict
     """How far the missing effect had pushed the geometry's parameters, by the bench's own rows."""
     base, place = before.solution.groups.base, before.problem.place()
     designs = []
-    for part, measured in views_of(before, bench):
+    for part in views_of(before, bench):
         rows = design_rows(part, place, most=len(part))[:, base]
-        designs.append(rows[measured.T.ravel()])  # component by component
+        designs.append(rows[part.components.T.ravel()])  # component by component
     design = np.vstack(designs) / before.solution.sigma["position"]
     return moved_by(design, [before.solution.unknowns[j] for j in base], columns, values)
 

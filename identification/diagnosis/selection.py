@@ -51,8 +51,8 @@ def grow(bench: Workbench, candidates: Candidates, tell: Tell = silent, begin: S
             further = (
                 grown(growth, likely)
                 or together(growth, likely, candidates)
-                or grown(growth, _able(growth.bench, likely))
-                or grown(growth, _predicting(growth, likely))
+                or grown(growth, able := _able(growth.bench, likely))
+                or grown(growth, _predicting(growth, able))
             )
         if further is None:
             break
@@ -161,15 +161,16 @@ def _able(bench: Workbench, likely: Likely) -> Likely:
     return (able, choose(bench, able)) if able else None
 
 
-def _predicting(growth: Growth, likely: Likely) -> Likely:
-    """Those that also predict left-out rows better: of two sensors alike, one predicts what the other does not.
+def _predicting(growth: Growth, able: Likely) -> Likely:
+    """Of the convincing ones those that predict left-out rows better: of two sensors alike, one may and one may not.
 
     Only before anything was found: what is slight beside a finding, and predicts a little, is no further one.
     """
-    able = [] if growth.steps or likely is None else [s for s in likely[0] if convincing(growth.bench, s)]
-    before = heldout_rms(growth.bench) if able else 0.0
-    able = [s for s in able if heldout_rms(with_step(growth, s).bench) < before]
-    return (able, choose(growth.bench, able)) if able else None
+    if able is None or growth.steps:
+        return None
+    before = heldout_rms(growth.bench)
+    better = [s for s in able[0] if heldout_rms(with_step(growth, s).bench) < before]
+    return (better, choose(growth.bench, better)) if better else None
 
 
 def _by_two_causes(bench: Workbench, candidates: Candidates, steps: Sequence[Step], form: Step) -> Step | None:

@@ -6,7 +6,7 @@ What is to be explained must be out of the residuals by then: an effect that mov
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from itertools import product
 from typing import TYPE_CHECKING
@@ -48,8 +48,8 @@ def sighted(fit: Fit, bench: Workbench, candidates: Candidates, survey: Survey) 
     """
     if not isinstance(survey.instrument, Plain) or any(name in survey.table for name in SIGMA):
         return None
-    explained = _explained(bench, candidates)
-    parts = [] if explained is None else [*_triples(fit, explained)]
+    cleared = _cleared(bench, candidates)
+    parts = [] if cleared is None else [*_triples(fit, cleared)]
     points, residuals = (np.vstack(p) for p in zip(*parts, strict=True)) if parts else (np.empty((0, 3)),) * 2
     if len(points) < FEWEST:
         return None
@@ -57,11 +57,11 @@ def sighted(fit: Fit, bench: Workbench, candidates: Candidates, survey: Survey) 
     if tracker is None:
         return None
     mean = float(np.sqrt(np.trace(tracker.covariance(points).mean(axis=0)) / 3))
-    relative = _tracker(tracker.station, tracker.range[0], tracker.range[1], tracker.angle, tracker.target, mean)
+    relative = _tracker(tracker.station, np.array([*tracker.range, tracker.angle, tracker.target]) / mean)
     return replace(survey, instrument=relative, sized=False, notes=(*survey.notes, _note(tracker, points)))
 
 
-def _explained(bench: Workbench, candidates: Candidates) -> Workbench | None:
+def _cleared(bench: Workbench, candidates: Candidates) -> Workbench | None:
     """The bench with the best proposals fitted until there is evidence for no more; None where there always is."""
     for _ in range(MOST):
         ranked = candidates.scores(bench).by_key()
@@ -107,15 +107,13 @@ def seen_in(points: Array, residuals: Array) -> LaserTracker | None:
     origin = -middle / extent
     usual = likeliest(origin, [*((float(x), float(x)) for x in origin), *bounds[3:]])
     best = usual if usual.fun < best.fun + ORIGIN else best
-    target, fixed, growing, angle = noise * np.exp(best.x[3:] / 2) / [1, 1, extent, extent]
-    return _tracker([*(middle + extent * best.x[:3])], fixed, growing, angle, target)
+    target, *others = noise * np.exp(best.x[3:] / 2) / [1, 1, extent, extent]
+    return _tracker(middle + extent * best.x[:3], [*others, target])
 
 
-def _tracker(
-    station: Sequence[float], fixed: float, growing: float, angle: float, target: float, unit: float = 1.0
-) -> LaserTracker:
-    """Its uncertainties in some unit, to four figures."""
-    fixed, growing, angle, target = (float(f"{x / unit:.4g}") for x in (fixed, growing, angle, target))
+def _tracker(station: Iterable[float], uncertainties: Iterable[float]) -> LaserTracker:
+    """A tracker by its two of the range, its angle's and its target's, in any unit, to four figures."""
+    fixed, growing, angle, target = (float(f"{x:.4g}") for x in uncertainties)
     at = [float(f"{x:.6g}") for x in station]
     return LaserTracker(type="laser-tracker", station=at, range=[fixed, growing], angle=angle, target=target)
 

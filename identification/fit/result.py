@@ -146,8 +146,5 @@ def residuals_of(views: Sequence[View], unknowns: Mapping[str, int], values: Arr
             gaps = np.empty((3, len(view)))
             for part, gap in view.gaps(view_vector(view, unknowns, values, held)):
                 gaps[:, part] = gap
-            out[view.index] = (view.pose.rotation @ gaps).T
-            if view.whitener.ndim == 3:
-                missing = np.abs(view.whitener).sum(axis=2) == 0
-                out[view.index] = np.where(missing, np.nan, out[view.index])
+            out[view.index] = np.where(view.components, (view.pose.rotation @ gaps).T, np.nan)
     return out

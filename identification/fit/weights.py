@@ -151,9 +151,7 @@ def _usual(m: int, rows: Sequence[tuple[Array, Index, Array | None]], outliers: 
 
 def _components(view: View) -> Index:
     """How many scalar observations each row holds, (n,)."""
-    if view.whitener.ndim == 1:
-        return np.full(len(view), len(view.outputs))
-    return np.asarray((np.abs(view.whitener).sum(axis=2) > 0).sum(axis=1))
+    return np.asarray(view.components.sum(axis=1))
 
 
 def _axes(view: View) -> Array | None:
