@@ -62,6 +62,8 @@ class Survey:
         Warnings to print.
     budget : tuple of BudgetEntry
         What the user knows of uncertainties that the data do not show.
+    frame_rotation : tuple of float, or None
+        Rotation ``Rx Ry Rz`` (rad) of the machine's reference into the measuring frame, for what the points leave open.
     motions_of : str
         The joint whose error motions the points of this survey stand for; empty where they were measured as points.
     """
@@ -75,6 +77,7 @@ class Survey:
     budget: tuple[BudgetEntry, ...] = ()
     motions_of: str = ""
     sized: bool = True
+    frame_rotation: tuple[float, float, float] | None = None
 
     def __len__(self) -> int:
         return len(self.table)
@@ -149,7 +152,14 @@ def read_survey(path: Path | str, machine: Machine, measured: bool = True) -> Su
     table = mended(_assemble(parts, machine), machine)
     notes |= dict.fromkeys(travel_notes(table, machine))
     _check_budget(form, document, machine, [str(c) for c in table.columns])
-    return Survey(table, form.frame, tuple(form.refit), form.instrument, path, tuple(notes), tuple(form.budget))
+    rotation = None
+    if form.frame_rotation is not None:
+        x, y, z = np.radians(form.frame_rotation).tolist()
+        rotation = (x, y, z)
+    return Survey(
+        table, form.frame, tuple(form.refit), form.instrument, path, tuple(notes), tuple(form.budget),
+        frame_rotation=rotation,
+    )  # fmt: skip
 
 
 def _check_budget(form: SurveyForm, document: Document, machine: Machine, columns: list[str]) -> None:

@@ -12,7 +12,7 @@ from errormodel.instruments import instruments
 from errormodel.instruments.base import Instrument, Positive
 from errormodel.instruments.plain import Plain
 from errormodel.units import UnitsBlock
-from errormodel.yamlfile import Document, FileModel, VersionedModel, load, validate
+from errormodel.yamlfile import Document, FileModel, Vector3, VersionedModel, load, validate
 
 FILE_NAME = "survey.yaml"
 
@@ -85,6 +85,10 @@ class SurveyForm(VersionedModel):
 
     files: list[FileEntry] = Field(min_length=1, description="a list such as [{path: data.csv, role: fit}]")
     frame: Frame = Field("shared", description="which rows share a measuring frame")
+    frame_rotation: Vector3 | None = Field(
+        None,
+        description="three angles in degrees such as [0, 0, 90], for what the points leave open",
+    )
     refit: list[Refit] = Field(["frame"], description="what a test file estimates for itself, such as [frame, tool]")
     columns: dict[str, str] = Field({}, description='our column name: the name in your files, such as {mx: "X meas"}')
     units: SurveyUnits = Field(SurveyUnits(), description="a block such as {length: mm, angle: deg}")

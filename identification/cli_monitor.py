@@ -24,6 +24,7 @@ def monitor(folder: Path, survey: Path, accept: bool, rate: float) -> None:
     from errormodel.files import write_text_atomic
     from errormodel.survey import read_survey
     from identification import store
+    from identification.alignment import rotation_notes
     from identification.monitor.lines import monitor_lines
     from identification.monitor.run import monitored
     from identification.report.monitor import write_monitor_page
@@ -33,7 +34,7 @@ def monitor(folder: Path, survey: Path, accept: bool, rate: float) -> None:
     stored = store.load(folder)
     with working("Reading"):
         data = read_survey(survey, stored.chain.machine)
-    show_notes(data.notes)
+    show_notes((*data.notes, *rotation_notes(stored.frames)))
     with working("Fitting"), monitored(folder, stored, data, rate, accept) as result:
         write_text_atomic(store.dumps(result.as_json()), folder / "monitor.json")
         write_monitor_page(result, folder / "monitor.html")

@@ -118,6 +118,7 @@ def find_groups(
     # a_dependent = A_base K, column by column
     mix, *_ = np.linalg.lstsq(unit[:, chosen], unit, rcond=None)
     mix[np.abs(mix) < 1e-7] = 0.0
+    mix[np.abs(mix) * strength < floors.direction] = 0.0  # a share that the noise hides is none
     coefficients = np.zeros((rank, len(ids)))
     base = np.array([order[c] for c in chosen], dtype=np.intp)
     coefficients[:, order] = mix * norms[order] / norms[base][:, None]

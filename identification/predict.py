@@ -8,7 +8,7 @@ import numpy as np
 
 from errormodel.arrays import Array, as_rows
 from errormodel.survey import Survey
-from identification.alignment import IDENTITY, Pose
+from identification.alignment import IDENTITY, Pose, rotation_notes
 from identification.problem import frame_columns, frame_labels
 from identification.store import StoredFit
 
@@ -47,6 +47,11 @@ def _labels(fit: StoredFit, points: Survey) -> Array:
 
 
 def frame_notes(fit: StoredFit, points: Survey) -> tuple[str, ...]:
+    """Notes on measuring frames: rotations that are assumed, and rows predicted in another one's frame."""
+    return (*rotation_notes(fit.frames), *_unfitted(fit, points))
+
+
+def _unfitted(fit: StoredFit, points: Survey) -> tuple[str, ...]:
     """A note on rows whose run (or file) was not fitted: they are predicted in the first one's frame."""
     what = {"per-run": "run", "per-file": "file"}.get(fit.frame_mode)
     unknown = [label for label in dict.fromkeys(_labels(fit, points)) if label not in fit.frames]

@@ -61,6 +61,17 @@ def frame_columns(chain: Chain, label: str) -> tuple[str, ...]:
     return tuple(f"frame[{label}].{m}" for m in MOTIONS) if label else chain.frame_ids
 
 
+def determined_columns(chain: Chain, label: str, pose: Pose) -> tuple[str, ...]:
+    """Those of a frame's six unknowns that its points determine.
+
+    Where a line leaves the rotation about itself open, the rotation about the nearest axis of the reference stays out:
+    with the two others it makes all rotations but that one.
+    """
+    columns = frame_columns(chain, label)
+    open_axes = {int(np.argmax(np.abs(axis))) for axis in pose.undetermined}
+    return tuple(c for k, c in enumerate(columns) if k - 3 not in open_axes)
+
+
 def build(
     chain: Chain,
     survey: Survey,
@@ -97,7 +108,7 @@ def build(
         pose = IDENTITY
         if survey.frame != "fixed":
             nominal = chain.kernel(exact, (), fixed, (0, 1, 2))(rows, p)
-            pose = align(nominal.T, survey.measured[index], _row_weights(survey, index))
+            pose = align(nominal.T, survey.measured[index], _row_weights(survey, index), assumed=_assumed(survey))
             frames[label] = pose
             free += frame_columns(chain, label)
         rest = (*own, *(i for i in chain.tool_ids if i not in own))
@@ -149,6 +160,15 @@ def build(
     if not views:
         raise InputError(str(survey.source), "no row holds a measured value", "Give mx my mz in at least one row")
     return Problem(chain, tuple(views), (*free, *own), frames, labels, declared, mount)
+
+
+def _assumed(survey: Survey) -> Array | None:
+    """The rotation (3, 3) that the survey states for its measuring frames, if it does."""
+    if survey.frame_rotation is None:
+        return None
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_euler("XYZ", survey.frame_rotation).as_matrix())
 
 
 def _rotations(survey: Survey) -> Array | None:

@@ -152,13 +152,13 @@ def _plain(value: Any) -> Any:
 
 
 def _pose_json(pose: Pose) -> dict[str, list[float]]:
-    """Translation in mm and rotation vector in rad: reference into measuring frame."""
+    """Translation in mm and rotation vector in rad, reference into measuring frame; axes it is not determined about."""
     from scipy.spatial.transform import Rotation
 
     return {
         "translation": pose.translation.tolist(),
         "rotation": Rotation.from_matrix(pose.rotation).as_rotvec().tolist(),
-    }
+    } | ({"undetermined": pose.undetermined.tolist()} if len(pose.undetermined) else {})
 
 
 def _residual_table(fit: Fit) -> Any:
@@ -268,6 +268,7 @@ def _poses(entries: list[dict[str, Any]]) -> dict[str, Pose]:
         str(f["label"]): Pose(
             Rotation.from_rotvec(f["alignment"]["rotation"]).as_matrix(),
             np.array(f["alignment"]["translation"], dtype=float),
+            np.array(f["alignment"].get("undetermined", []), dtype=float).reshape(-1, 3),
         )
         for f in entries
     }

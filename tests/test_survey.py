@@ -590,7 +590,9 @@ def test_writing_is_all_or_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 
 def recordings(folder: Path) -> list[tuple[Path, Path]]:
-    tables = [p for p in sorted(folder.glob("*/*.csv")) if "truth" not in p.name]
+    tables = [
+        p for p in sorted(folder.glob("*/*.csv")) if "truth" not in p.name and (p.parent / "machine.yaml").exists()
+    ]
     assert tables
     return [(p, p.parent / "machine.yaml") for p in tables]
 

@@ -22,6 +22,7 @@ from errormodel.exceptions import InputError
 from errormodel.features import root
 from errormodel.machine import Vector
 from identification import store
+from identification.alignment import rotation_notes
 from identification.compensation.advice import Advice, mechanical_advice
 from identification.compensation.assessment import Correct, Figures, assess, emulated
 from identification.compensation.field import Field
@@ -208,7 +209,11 @@ def compensate(
         own,
         probing,
         advice,
-        (*notes, *_notes(volume, setup, [c for c in channels if c not in states[0]], held)),
+        (
+            *notes,
+            *rotation_notes(fit.frames),
+            *_notes(volume, setup, [c for c in channels if c not in states[0]], held),
+        ),
     )
 
 

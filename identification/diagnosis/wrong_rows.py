@@ -69,6 +69,11 @@ class _Part:
     def small(self) -> float:
         return SMALL * self.chain.size
 
+    @property
+    def plausible(self) -> float:
+        """Distance (mm) from the nominal points that rows of this machine keep; no less where these do not spread."""
+        return max(NEAR * self.points.spread, self.small)
+
     @cached_property
     def seen(self) -> Mask:
         """Rows with all components."""
@@ -77,14 +82,14 @@ class _Part:
     def wrong(self, others: dict[str, _Part]) -> Blunder | None:
         distance = self.points.shifted(0).distances()
         usual = float(np.median(distance))
-        if distance.max() < max(self.small, FAR * usual) and usual < NEAR * self.points.spread:
+        if distance.max() < max(self.small, FAR * usual) and usual < self.plausible:
             return None
         late, pose = self._agreed()
         if pose is None:
             return None
         distance = self.points.distances(pose)
         fit = self.points.shifted(late).distances(pose)
-        near = max(self.small, FAR * float(np.median(fit[fit < NEAR * self.points.spread])))
+        near = max(self.small, FAR * float(np.median(fit[fit < self.plausible])))
         off = np.flatnonzero(self.seen & (distance > near))
         if len(off) < 2:
             return None
@@ -100,7 +105,7 @@ class _Part:
         Stretches of consecutive rows are aligned and the others asked whether they agree; as commanded, unless
         clearly more agree otherwise.
         """
-        every, near = -(-len(self.points) // THINNED), max(NEAR * self.points.spread, self.small)
+        every, near = -(-len(self.points) // THINNED), self.plausible
         agreed, best, found = MOST, 0, None
         for late in sorted(range(-LATEST, LATEST + 1), key=abs):
             pairs = self.points.shifted(late)

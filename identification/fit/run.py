@@ -14,7 +14,7 @@ from errormodel.exceptions import InputError
 from errormodel.machine import Machine
 from errormodel.survey import Survey
 from errormodel.yamlfile import Document
-from identification.alignment import IDENTITY, Pose
+from identification.alignment import IDENTITY, Pose, rotation_notes
 from identification.bayes.settings import PriorForm
 from identification.fit.bounded import bounded
 from identification.fit.checks import another, check_enough, check_redundant, check_runs, far_off
@@ -24,7 +24,7 @@ from identification.fit.outliers import sort_rows
 from identification.fit.result import Fit, Spread, TestFile, residuals_of
 from identification.fit.robust import first_judgement, settle
 from identification.fit.weights import Judgement
-from identification.problem import Problem, build, frame_columns, frame_labels
+from identification.problem import Problem, build, determined_columns, frame_columns, frame_labels
 from identification.sums import accumulate, total
 from identification.views import OrientationView, PositionView, View
 
@@ -82,7 +82,7 @@ def _fit(chain: Chain, survey: Survey, robust: bool, bounds: Mapping[str, PriorF
     if judged is not None:
         sorting = sort_rows(rows, problem.views, judged, residuals, nominal_residuals)
         residuals, nominal_residuals, heldout = map(sorting.without, (residuals, nominal_residuals, heldout))
-    notes = (*_notes(survey, solution, noise, max(map(len, problem.views))), *dropped)
+    notes = (*_notes(survey, solution, noise, max(map(len, problem.views))), *dropped, *rotation_notes(problem.frames))
     nominal = Spread.of(nominal_residuals)
     if another(chain, nominal):
         notes = (*notes, far_off(nominal))
@@ -116,7 +116,7 @@ def anchored(
     weighted = problem.views if judged is None else judged.weigh(problem.views)
     positions = [v for v in weighted if isinstance(v, PositionView)]
     poses = dict(problem.frames)
-    free = [c for label in poses for c in frame_columns(problem.chain, label)]
+    free = [c for label, pose in poses.items() for c in determined_columns(problem.chain, label, pose)]
     if free:
         best = solve(problem.chain, positions, free, held, problem.declared & {"position"}).named()
         poses = {label: moved(problem.chain, pose, best, label) for label, pose in poses.items()}
