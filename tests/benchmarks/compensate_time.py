@@ -127,7 +127,7 @@ class Line:
         """Run ``compensate`` in a process of its own that ends after `most` seconds of CPU."""
         limit = f'ulimit -t {most:.0f}; exec "$0" "$@"'
         arguments = ["compensate", str(fit), "--controller", controller, "--out", str(out), "--quiet"]
-        one = {n: "1" for n in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "RAYON_NUM_THREADS")}
+        one = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "RAYON_NUM_THREADS"), "1")
         process = Popen(
             ["/bin/sh", "-c", limit, sys.executable, "-c", CALL, *arguments],
             env={**os.environ, **one}, stdout=DEVNULL, stderr=PIPE, text=True,
