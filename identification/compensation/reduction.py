@@ -19,6 +19,7 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.controllers.base import Controller
+from errormodel.controllers.grids import hats, nodes
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Table, Tables, Term
 from identification.compensation.minimax import Ball, Slopes, least_worst
@@ -31,6 +32,9 @@ SHARE = 0.02  # of the root mean square error that can be removed, given up for 
 COST = 0.05  # but never more than this of what must be left
 RIDGE = 1e-8  # of the mean square, for values that no pose determines
 SMOOTH = 0.1  # of the mean square, for kinks: what few poses determine goes on straight
+PIECES = 8  # straight ones in which a curve may leave its least squares for the worst pose, of two intervals at least:
+FEW = 3  # (or so many) else the last value alone runs away with the pose in the corner
+PLANES = 2  # of a lattice along each axis, where poses have two sides: nearly all of them are then nearly the worst
 IDLE = 1e-3  # of the largest: a table that moves less is left out
 
 
@@ -45,6 +49,7 @@ class Sample:
     motion : (n, 3, movers) mm of the nominal tip per unit of each mover (the actual tip's would let millimetres of a
         shift of the frame turn the axes' own errors into corrections).
     frame : (n, 3, 6) mm of the tip per unit of the frame's motions; (n, 3, 0) where the frame is fixed.
+    sides : 2 where the second half are the poses of the first, reached from the other side.
     """
 
     q: Array
@@ -52,6 +57,7 @@ class Sample:
     errors: Array
     motion: Array
     frame: Array
+    sides: int = 1
 
 
 def frame_motion(points: Array, free: bool) -> Array:
@@ -135,6 +141,7 @@ class _Task:
     equal: csr_matrix
     slopes: Slopes
     kinks: csr_matrix
+    sides: int
 
     @classmethod
     def of(cls, controller: Controller, setup: Setup, columns: Mapping[Term, csr_matrix], sample: Sample) -> _Task:
@@ -158,6 +165,7 @@ class _Task:
             equal,
             Slopes(slopes.rows, slopes.bounds / unit),
             _kinks(terms, scale),
+            sample.sides,
         )
 
     def split(self, x: Array) -> list[Array]:
@@ -197,8 +205,30 @@ class _Task:
         # the frame stays that of least squares, after which errors are judged
         motions = self.design[:, sum(t.size for t in self.terms) :]
         held = csr_matrix(vstack([self.equal, motions.T @ self.design]))
-        ball = Ball.of(self.least, self.gram.toarray(), held)
+        ball = Ball.of(self.least, self.gram.toarray(), held, self.moves())
         return least_worst(self.design, self.errors, ball, self.slopes, self._room)
+
+    def moves(self) -> csr_matrix | None:
+        """(size, m): how values may leave their least squares, on coarser grids than their own; None: anyhow."""
+        from scipy.sparse import block_diag, diags, identity
+
+        coarse = [self._coarse(t) for t in self.terms]
+        if all(c == t.grids for c, t in zip(coarse, self.terms, strict=True)):
+            return None
+        parts = [hats(c, nodes(t.grids)) if c else identity(1) for c, t in zip(coarse, self.terms, strict=True)]
+        frame = identity(len(self.scale) - sum(t.size for t in self.terms))
+        return (diags(1 / self.scale) @ block_diag([*parts, frame])).tocsr()
+
+    def _coarse(self, term: Term) -> tuple[tuple[float, ...], ...]:
+        if len(term.grids) > 1 and self.sides == 1:
+            return term.grids
+        out = []
+        for grid in term.grids:
+            most = len(grid) - 1
+            pieces = min(PIECES, max(most // 2, FEW), most) if len(term.grids) == 1 else min(PLANES, most)
+            at = np.unique(np.rint(np.linspace(0, most, pieces + 1)).astype(int))
+            out.append(tuple(grid[k] for k in at))
+        return tuple(out)
 
     def _room(self, x: Array) -> float:
         """How much the sum of squares may grow over that of `x`, the least within the slopes."""

@@ -188,10 +188,11 @@ def compensate(
     for state in states:
         here = replace(volume, field=field.at(state))
         label = re.sub(r"[^\w.-]", "_", "_".join(f"{k}_{v:.1f}" for k, v in state.items()))
-        with tell(f"Tables for {controller.title}{f', {label}' if label else ''}"):
-            if isinstance(controller, Controller):
-                sets.append(_one_state(controller, setup, here, held, label, state, seed))
-            elif isinstance(controller, Rewriter):
+        what = f"{controller.title}{f', {label}' if label else ''}"
+        if isinstance(controller, Controller):
+            sets.append(_one_state(controller, setup, here, held, label, state, seed, what, tell))
+        elif isinstance(controller, Rewriter):
+            with tell(f"Commands for {what}"):
                 sets.append(_rewritten(controller, setup, here, held, label, state, program, seed))
     tests: dict[str, str] = {}
     own = None
@@ -231,11 +232,16 @@ def _one_state(
     label: str,
     state: Mapping[str, float],
     seed: int,
+    what: str,
+    tell: Tell,
 ) -> Stated:
-    tables = best_tables(controller, setup, volume)
-    files = controller.write(tables, setup)
-    back = controller.read(files, setup)
-    figures = assess(volume, emulated(controller, back, setup, volume), held, seed)
+    with tell(f"Tables for {what}"):
+        tables = best_tables(controller, setup, volume)
+    with tell("Writing and reading them back"):
+        files = controller.write(tables, setup)
+        back = controller.read(files, setup)
+    with tell("Judging what they leave"):
+        figures = assess(volume, emulated(controller, back, setup, volume), held, seed)
     return Stated(label, state, files, back, figures)
 
 

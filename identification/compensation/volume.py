@@ -110,15 +110,22 @@ class Volume:
         return [moved[:, setup.place(t.output)].reshape(t.shape) for t in terms]
 
     def sample(self, setup: Setup, count: int, seed: int = 1) -> Sample:
-        """Poses for the reduction: even ones, and corners."""
+        """Poses for the reduction: even ones, and corners; where the direction matters, each from both sides.
+
+        Tables without directions then see the mean of both. Were the sides drawn by chance, such a table would fit the
+        chance, and every pose would be nearly the worst one.
+        """
         field = self.field
         parts = [self.poses(count, seed), self.corners()]
         q, came = np.vstack([p[0] for p in parts]), np.vstack([p[1] for p in parts])
+        if field.reversing:
+            q, came = np.vstack([q, q]), np.vstack([came, -came])
         nominal = field.nominal(q)
         motion = field.levers(q)[1][:, :, list(field.movers)]
         wanted = nominal if self.pose is None else self.pose.apply(nominal)
         frame = frame_motion(nominal, self.free and self.pose is None)
-        return Sample(field.outward(q), came, field.actual(q, came) - wanted, motion, frame)
+        sides = 2 if field.reversing else 1
+        return Sample(field.outward(q), came, field.actual(q, came) - wanted, motion, frame, sides)
 
     @cached_property
     def intervals(self) -> list[int]:
