@@ -25,7 +25,9 @@ from errormodel.survey_columns import (
     SIGMA,
     TOOL,
     UNCERTAINTY,
+    Plan,
     check_map,
+    check_units,
     plan_columns,
 )
 from errormodel.survey_schema import BudgetEntry, FileEntry, Frame, Refit, SurveyForm, read_form
@@ -139,8 +141,10 @@ def read_survey(path: Path | str, machine: Machine, measured: bool = True) -> Su
     check_map(document, machine, form.columns, [table for _, tables in opened for table in tables])
     notes: dict[str, None] = {}  # in order, and each once
     parts: list[Part] = []
-    for entry, tables in opened:
-        part = _read_file(entry, tables, machine, form, measured)
+    plans = [[plan_columns(table, machine, form.columns, measured) for table in tables] for _, tables in opened]
+    check_units(document, machine, form.units, (name for own in plans for plan in own for name in plan.ours))
+    for (entry, tables), own in zip(opened, plans, strict=True):
+        part = _read_file(entry, tables, own, machine, form, measured)
         notes |= dict.fromkeys(f"{entry.path}: {note}" for note in part.notes)
         notes |= dict.fromkeys(check_sizes(part.frame, machine, form.units, entry.path, measured))
         parts.append(part)
@@ -162,9 +166,10 @@ def _check_budget(form: SurveyForm, document: Document, machine: Machine, column
             raise document.error(("budget", k, "acts"), found, nearest(entry.acts, valid))
 
 
-def _read_file(entry: FileEntry, tables: list[Table], machine: Machine, form: SurveyForm, measured: bool) -> Part:
+def _read_file(
+    entry: FileEntry, tables: list[Table], plans: list[Plan], machine: Machine, form: SurveyForm, measured: bool
+) -> Part:
     """All parts of a file as one, its rows numbered through."""
-    plans = [plan_columns(table, machine, form.columns, measured) for table in tables]
     for table, plan in zip(tables, plans, strict=True):
         other = sorted(plan.ours.keys() ^ plans[0].ours.keys())
         if other:
