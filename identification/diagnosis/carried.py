@@ -22,6 +22,7 @@ from errormodel.features import direction
 from errormodel.machine import Basis, EffectSpec, Joint, Machine
 from errormodel.survey import Survey
 from errormodel.survey_columns import MEASURED, SIGMA, UNCERTAINTY
+from identification.progress import Tell
 
 ASIDE = 5000.0  # mm: far enough that the noise of a component is that of the angle that it shows
 POINTS = (((0.0, 0.0, 0.0), (0, 1, 2)), ((ASIDE, 0.0, 0.0), (1, 2)), ((0.0, ASIDE, 0.0), (2,)))
@@ -45,6 +46,13 @@ class Carried:
     turning: bool
     machine: Machine
     survey: Survey
+
+    def __str__(self) -> str:
+        return f"{'rotations' if self.turning else 'displacements'} of {self.joint}"
+
+    def telling(self, tell: Tell) -> Tell:
+        """What is done to this part, by its name."""
+        return lambda text: tell(f"{text}, {self}")
 
 
 def carried(machine: Machine, survey: Survey) -> list[Carried]:

@@ -84,7 +84,7 @@ def diagnose(machine: Machine, survey: Survey, tell: Tell = silent) -> Diagnosed
     if parts := carried(machine, survey):
         from identification.diagnosis.together import together
 
-        return together(machine, survey, [(p, diagnose_points(p.machine, p.survey, tell, read=True)) for p in parts])
+        return together(machine, survey, [(p, diagnose_points(p.machine, p.survey, p.telling(tell), True)) for p in parts])
     return diagnose_points(machine, survey, tell)
 
 
@@ -96,8 +96,10 @@ def diagnose_points(machine: Machine, survey: Survey, tell: Tell = silent, read:
             "Add rows with mx my mz; for error motions use `errormodel fit`, or `errormodel thermal` where they drift"
         )
         raise InputError(str(survey.source), nothing, cure)
-    with tell("Looking for mistakes in the columns"):
-        blunders = [] if read else find_blunders(machine, survey)
+    blunders = []
+    if not read:
+        with tell("Looking for mistakes in the columns"):
+            blunders = find_blunders(machine, survey)
     with tell("Fitting the machine"):
         before = [_try(machine, s) for s in (survey, *(b.survey for b in blunders))[: len(blunders)]]
         survey = blunders[-1].survey if blunders else survey

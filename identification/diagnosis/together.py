@@ -37,9 +37,9 @@ def together(machine: Machine, survey: Survey, parts: Sequence[tuple[Carried, Di
         first += len(own)
     parts = [(c, replace(d, diagnosis=replace(d.diagnosis, findings=_findings(c, d)))) for c, d in parts]
     findings = sorted((f for _, d in parts for f in d.diagnosis.findings), key=lambda f: -f.heldout_rms_um.before)
-    left = [f"{_what(c)}: {d.diagnosis.unexplained}" for c, d in parts if d.diagnosis.unexplained]
+    left = [f"{c}: {d.diagnosis.unexplained}" for c, d in parts if d.diagnosis.unexplained]
     word = ("partly-explained" if findings else "unexplained") if left else "explained" if findings else "adequate"
-    notes = [f"{_what(c)}: {n}" for c, d in parts for n in d.diagnosis.notes if n not in d.final.notes]
+    notes = [f"{c}: {n}" for c, d in parts for n in d.diagnosis.notes if n not in d.final.notes]
     diagnosis = Diagnosis(
         word,
         _mean([(d.diagnosis.noise_um, d.final.fitted.n) for _, d in _lengths(parts)]),
@@ -52,10 +52,6 @@ def together(machine: Machine, survey: Survey, parts: Sequence[tuple[Carried, Di
     )
     main = max((d for _, d in parts), key=lambda d: len(d.growth.steps))
     return Diagnosed(diagnosis, before, final, main.growth, main.ranking, tuple(d for _, d in parts))
-
-
-def _what(part: Carried) -> str:
-    return f"{'rotations' if part.turning else 'displacements'} of {part.joint}"
 
 
 def _findings(part: Carried, diagnosed: Diagnosed) -> tuple[Finding, ...]:
@@ -114,6 +110,6 @@ def _untestable(parts: Sequence[tuple[Carried, Diagnosed]]) -> list[Untestable]:
     said: dict[Untestable, list[str]] = {}
     for c, d in parts:
         for u in d.diagnosis.untestable:
-            said.setdefault(u, []).append(_what(c))
+            said.setdefault(u, []).append(str(c))
     every = len(parts)
     return [u if len(at) == every else replace(u, reason=f"{', '.join(at)}: {u.reason}") for u, at in said.items()]
