@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 CALL = re.compile(r"(lag|play)\(([^,()]+),([^,()]+)\)")
 SETTLE = 240.0  # s: the quickest members take some ten minutes to follow the air or a motor
 _GAPLESS = ("T_", "w_", "time", "feed", "load")  # positions may be missing in rows about another joint
-JUMP = 3.0  # of the usual step between targets: so far goes back who begins anew
+JUMP = 2.5  # of the usual step between targets: so far goes back who begins anew
 POINT = ("point_x", "point_y", "point_z")
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -152,8 +152,30 @@ def read_survey(path: Path | str, machine: Machine, measured: bool = True) -> Su
         raise document.error(("files",), "only test files", "Give at least one file the role fit")
     table = mended(_assemble(parts, machine), machine)
     notes |= dict.fromkeys(travel_notes(table, machine))
+    if measured:
+        notes |= dict.fromkeys(_side_notes(table, machine, form.frame))
     _check_budget(form, document, machine, [str(c) for c in table.columns])
     return Survey(table, form.frame, tuple(form.refit), form.instrument, path, tuple(notes), tuple(form.budget))
+
+
+def _side_notes(table: pd.DataFrame, machine: Machine, frame: Frame) -> Iterator[str]:
+    """Notes on the sides from which joints arrived in rows about their own error motions."""
+    for joint in (j.name for j in machine.joints if "joint" in table):
+        own = (table["joint"] == joint).to_numpy(dtype=bool)
+        side = direction(table, joint)[own]
+        if len(np.unique(side)) < 2:
+            continue
+        name = f"dir_{joint}"
+        if name not in table or table[name][own].isna().any():
+            yield (
+                f"no {name} in rows about {joint}: the side of arrival is taken from the order of the rows, as of a "
+                "test to and fro that overruns its last target (ISO 230-2)"
+            )
+        if frame != "fixed" and (pd.Series(side).groupby(table["run"][own].to_numpy()).nunique() == 1).all():
+            yield (
+                f"each run of {joint} goes one way only, and comes from a zero of its own: backlash cannot be told "
+                "from the zeros. Give the way there and back one label of run"
+            )
 
 
 def _check_budget(form: SurveyForm, document: Document, machine: Machine, columns: list[str]) -> None:

@@ -65,7 +65,7 @@ def record(
     """A table in um and urad; `step` is what the instrument displays, `warm` the rise of the bed in K."""
     position, side, run = passes(q, runs, both)
     time = pause * np.arange(1.0, len(position) + 1)
-    bed = 20.0 + warm * (1 - np.exp(-time / (0.4 * time[-1])))
+    bed = 20.0 + warm * np.sin(0.8 * np.pi * time / time[-1])
     table: dict[str, Any] = {"joint": joint, joint: position}
     for name, motion in motions.items():
         zero = rng.normal(0, zeros, runs + 1)[run.astype(int)] if "run" in columns else rng.normal(0, zeros)

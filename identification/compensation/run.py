@@ -180,7 +180,8 @@ def compensate(
     volume = Volume.of(field, table, fit.frame_mode != "fixed", turns=read is None)
     with tell("Following the errors along each axis"):
         setup, notes = volume.setup(points, resolution)
-    setup = replace(setup, probe=probe)
+    by_axis = None if read is None else {a.name: read.get(a.joint, ()) for a in setup.axes}
+    setup = replace(setup, probe=probe, read=by_axis)
     if isinstance(controller, Controller):
         controller.suits(setup)
     probing = _probing(controller, setup, volume) if probe else None
