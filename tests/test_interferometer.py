@@ -84,15 +84,15 @@ def test_millimetres_of_error_are_possible_where_they_are_stated(tmp_path: Path,
     machine, table = read_machine(str(mill)), positioning()
     path = written(tmp_path, table, dx="mm")
     np.testing.assert_array_equal(read_survey(path, machine).table["dx"], table["dx"])
+    q = np.linspace(0, 350, 8)
+    pd.DataFrame({"joint": "C", "C": q, "ec": 1e-2 * np.sin(q)}).to_csv(tmp_path / "level.csv", index=False)
     with pytest.raises(InputError, match=r"column ec: error motions of C that vary by .* rad.*units: \{ec: urad\}"):
-        q = np.linspace(0, 350, 8)
-        pd.DataFrame({"joint": "C", "C": q, "ec": 1e-2 * np.sin(q)}).to_csv(tmp_path / "level.csv", index=False)
         read_survey(tmp_path / "level.csv", machine)
 
 
 def test_positions_are_no_deviations(tmp_path: Path, mill: Path):
     table = positioning().assign(dx=lambda t: t["X"] + t["dx"] / 1e3)
-    with pytest.raises(InputError, match="column dx: it changes by 560 mm where X does.*measured minus commanded"):
+    with pytest.raises(InputError, match=r"column dx: it changes by 560 mm where X does.*measured minus commanded"):
         read_survey(written(tmp_path, table, dx="mm"), read_machine(str(mill)))
 
 
@@ -256,9 +256,25 @@ def test_angles_alone_make_no_tables(tmp_path: Path, mill: Path):
         compensate(fitted(tmp_path, mill, table), "csv")
 
 
+def test_runout_of_a_table(tmp_path: Path, mill: Path):
+    """Linear axes carry out what a rotary one needs; a format that has no such tables says so."""
+    rng = np.random.default_rng(4)
+    circle: dict[str, Motion] = {
+        "dx": lambda q, *_: 5 * np.sin(np.radians(q)),
+        "dy": lambda q, *_: 5 * np.cos(np.radians(q)),
+    }
+    folder = fitted(tmp_path, mill, record("C", circle, np.linspace(0, 350, 15), rng))
+    for name in ("csv", "isg"):
+        before, best, after = at(compensate(folder, name), "C")
+        assert after < 1.1 * best < 0.2 * before
+    for name in ("linuxcnc-type1", "klipper"):
+        with pytest.raises(InputError, match="read of C can be taken away by tables of this format"):
+            compensate(folder, name)
+
+
 def test_a_lattice_needs_all_axes(tmp_path: Path, mill: Path):
     folder = fitted(tmp_path, mill, positioning())
-    with pytest.raises(InputError, match="Y Z was not measured. Use --controller fanuc-pitch"):
+    with pytest.raises(InputError, match=r"Y Z was not measured. Use --controller fanuc-pitch"):
         compensate(folder, "fanuc-3d")
 
 

@@ -229,7 +229,8 @@ def _known_at_tip(folder: Path, read: Mapping[str, Sequence[str]]) -> list[str]:
     known = [joint for joint, motions in read.items() if any(m in TRANSLATIONS for m in motions)]
     if not known:
         found = f"angles of {' and '.join(read)} and no displacement: how far the tool moves by them is not known"
-        raise InputError(str(folder), found, "Read dx, dy or dz of these joints as well, or measure mx my mz, and fit")
+        cure = "Read dx, dy or dz of these joints as well, or measure mx my mz, and fit"
+        raise InputError(str(folder), found, f"{cure} (tables correct linear axes, and no rotary one)")
     return known
 
 
@@ -249,6 +250,12 @@ def _one_state(
     seed: int,
 ) -> Stated:
     tables = best_tables(controller, setup, volume)
+    if setup.read is not None and not any(
+        np.abs(t.values).max(initial=0.0) > controller.quantum(setup) for t in tables
+    ):
+        joints = " and ".join(a.joint for a in setup.axes if setup.read.get(a.name))
+        found = f"nothing of what was read of {joints} can be taken away by tables of this format"
+        raise InputError(f"--controller {controller.name}", found, "Use --controller csv, or siemens-cec, or gcode")
     files = controller.write(tables, setup)
     back = controller.read(files, setup)
     figures = assess(volume, emulated(controller, back, setup, volume), held, seed)

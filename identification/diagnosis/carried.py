@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 
-from errormodel.chain import TOOL_CHANNELS, Chain
 from errormodel import effects
+from errormodel.chain import TOOL_CHANNELS, Chain
 from errormodel.conventions import MOTIONS, ROTATIONS, TRANSLATIONS, Motion
 from errormodel.features import direction
 from errormodel.machine import Basis, EffectSpec, Joint, Machine
@@ -98,9 +98,7 @@ def _of_joint(machine: Machine, joint: Joint, motions: tuple[Motion, ...], surve
     alone = Machine(
         machine.name, (_turned(joint) if turning else joint,), (0.0, 0.0, 0.0), (*_effects_at(machine, joint), *zeros)
     )
-    return Carried(
-        joint.name, turning, alone, replace(survey, table=points, frame="fixed", motions_of=joint.name)
-    )
+    return Carried(joint.name, turning, alone, replace(survey, table=points, frame="fixed", motions_of=joint.name))
 
 
 def _behind(joint: Joint, q: np.ndarray, offset: np.ndarray) -> np.ndarray:

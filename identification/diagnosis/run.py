@@ -84,7 +84,9 @@ def diagnose(machine: Machine, survey: Survey, tell: Tell = silent) -> Diagnosed
     if parts := carried(machine, survey):
         from identification.diagnosis.together import together
 
-        return together(machine, survey, [(p, diagnose_points(p.machine, p.survey, p.telling(tell), True)) for p in parts])
+        return together(
+            machine, survey, [(p, diagnose_points(p.machine, p.survey, p.telling(tell), True)) for p in parts]
+        )
     return diagnose_points(machine, survey, tell)
 
 

@@ -81,7 +81,11 @@ def motions(fit: Fit) -> list[list[str]]:
     if fit.motions is None:
         return []
     return [
-        [f"{e.symbol} / {e.unit.replace('u', 'µ', 1)}", *(number(v, 2) for v in (e.nominal, e.fitted, e.heldout)), str(e.n)]
+        [
+            f"{e.symbol} / {e.unit.replace('u', 'µ', 1)}",
+            *(number(v, 2) for v in (e.nominal, e.fitted, e.heldout)),
+            str(e.n),
+        ]
         for e in fit.motions.errors(fit.survey)
     ]
 
