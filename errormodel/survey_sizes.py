@@ -99,7 +99,8 @@ def _check_motions(frame: pd.DataFrame, machine: Machine, units: SurveyUnits, na
         unit, other = unit_of_column(motion, "length" if linear else "angle", units), "um" if linear else "urad"
         size = (high - low) / factor(unit, "length" if linear else "angle")
         most = f"{usual:.2g} mm" if linear else f"{1e3 * usual:.2g} mrad"
-        found = f"error motions of {joint.name} that vary by {size:.3g} {unit}, where those of a machine vary by {most} at most"
+        found = f"error motions of {joint.name} that vary by {size:.3g} {unit}"
+        found += f", where those of a machine vary by {most} at most"
         cure = f"Write units: {{{motion}: {other}}} in a survey.yaml; if it is so, units: {{{motion}: {unit}}}"
         raise InputError(where, found, cure)
 

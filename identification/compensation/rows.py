@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,14 +10,13 @@ import numpy as np
 
 from errormodel.arrays import Array, Mask
 from errormodel.chain import TOOL_CHANNELS
-from errormodel.conventions import MOTIONS, TRANSLATIONS
 from errormodel.exceptions import InputError
 from errormodel.features import direction
 from errormodel.instruments.plain import Plain
 from errormodel.machine import Machine
 from errormodel.survey import Survey
 from identification.alignment import IDENTITY, Pose
-from identification.compensation.field import Field
+from identification.compensation.read_motions import joints_read, placed
 from identification.problem import frame_labels
 from identification.store import CURE, StoredFit
 
@@ -51,35 +49,9 @@ def read_rows(folder: Path, machine: Machine) -> pd.DataFrame:
         if joint.type == "rotary":
             table[joint.name] = np.radians(table[joint.name])
     if (about := joints_read(table)) is not None:
-        return _placed(table, machine, set(about))
+        return placed(table, machine, set(about))
     known = table[[j.name for j in machine.joints]].notna().all(axis=1)
     return table[known].reset_index(drop=True)
-
-
-def joints_read(table: pd.DataFrame) -> dict[str, list[str]] | None:
-    """Of a survey of error motions only, which motions of which joints were read; None of any other survey."""
-    if "joint" not in table or table["joint"].isna().any():
-        return None
-    out = {}
-    for name, rows in table[table["role"] == "fit"].groupby("joint", sort=False):
-        out[str(name)] = [m for m in MOTIONS if rows.filter(like=f"residual_{m}_").notna().to_numpy().any()]
-    return out
-
-
-def _placed(table: pd.DataFrame, machine: Machine, read: Collection[str]) -> pd.DataFrame:
-    """Rows about one joint each with positions of all: the others in the middle of what was read of them.
-
-    Joints of which nothing was read stand still, where most rows have them or in the middle of their travel.
-    """
-    table = table.copy()
-    for joint in machine.joints:
-        given = table[joint.name].to_numpy(dtype=np.float64)
-        own = given[(table["joint"] == joint.name).to_numpy()] if joint.name in read else given[np.isfinite(given)]
-        if joint.name in read:
-            table[joint.name] = np.where(np.isnan(given), (own.min() + own.max()) / 2, given)
-        else:
-            table[joint.name] = float(np.median(own)) if len(own) else sum(joint.travel) / 2
-    return table
 
 
 @dataclass(frozen=True)
@@ -148,30 +120,6 @@ def held_out(fit: StoredFit, table: pd.DataFrame) -> Rows | None:
             left[rows] = measured[rows] @ _pose(fit, part["file"].iloc[int(np.argmax(rows))], label, role).rotation
         return Rows(q[mask], came[mask], tools[mask], left, labels, f"{len(part)} {what}")
     return None
-
-
-def motion_rows(field: Field, table: pd.DataFrame, read: Mapping[str, Sequence[str]]) -> Rows | None:
-    """Readings of error motions that a fit without them predicted; what is `left` at the tool's tip.
-
-    Each run of a joint comes from a zero of its own, which is its frame. None if there are too few of each joint.
-    """
-    q, came, tools = commands(table, field.chain.machine)
-    left, known = np.zeros((len(table), 3)), np.zeros(len(table), dtype=bool)
-    for k, joint in enumerate(field.joints):
-        names = [f"heldout_{m}_{'um' if m in TRANSLATIONS else 'urad'}" for m in read.get(joint.name, ())]
-        keep = ((table["joint"] == joint.name) & table[names].notna().any(axis=1)).to_numpy(dtype=bool)
-        if not names or keep.sum() < FEWEST:
-            continue
-        known |= keep
-        motions = np.zeros((int(keep.sum()), 6))
-        for motion, name in zip(read[joint.name], names, strict=True):
-            factor = 1e-3 if motion in TRANSLATIONS else 1e-6
-            motions[:, MOTIONS.index(motion)] = factor * table[name].fillna(0.0).to_numpy(dtype=np.float64)[keep]
-        left[keep] = np.einsum("nim,nm->ni", field.levers(q[keep])[0][:, :, 6 * k : 6 * k + 6], motions)
-    runs, joints = (table[c].astype(str).to_numpy(dtype=object)[known] for c in ("run", "joint"))
-    what = f"{known.sum()} rows left out of the fit in blocks"
-    rows = Rows(q[known], came[known], tools[known], left[known], runs, what, joints)
-    return rows if len(rows) else None
 
 
 def _pose(fit: StoredFit, file: str, label: str, role: str) -> Pose:

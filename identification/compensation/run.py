@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,6 @@ from errormodel.controllers.klipper_probe import Probing
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.sign_test import sign_test
 from errormodel.controllers.tables import Table, Tables
-from errormodel.conventions import TRANSLATIONS
 from errormodel.exceptions import InputError
 from errormodel.features import root
 from errormodel.machine import Vector
@@ -26,8 +25,9 @@ from identification import store
 from identification.compensation.advice import Advice, mechanical_advice
 from identification.compensation.assessment import Correct, Figures, assess, emulated
 from identification.compensation.field import Field
+from identification.compensation.read_motions import joints_read, known_at_tip, motion_rows, notes_on_motions
 from identification.compensation.reduction import leftover, reduce
-from identification.compensation.rows import Rows, held_out, joints_read, motion_rows, read_rows
+from identification.compensation.rows import Rows, held_out, read_rows
 from identification.compensation.volume import Volume, levels
 from identification.progress import Tell, silent
 
@@ -175,7 +175,7 @@ def compensate(
             fit = replace(fit, chain=Chain(replace(fit.chain.machine, tool=tool)))
         field = Field.of(fit, table)
         if read is not None:
-            field = field.of_joints(_known_at_tip(folder, read))
+            field = field.of_joints(known_at_tip(folder, read))
             held = motion_rows(field, table, read)
     volume = Volume.of(field, table, fit.frame_mode != "fixed", turns=read is None)
     with tell("Following the errors along each axis"):
@@ -216,22 +216,6 @@ def compensate(
         advice,
         (*notes, *_notes(volume, setup, [c for c in channels if c not in states[0]], held is not None, read)),
     )
-
-
-def _known_at_tip(folder: Path, read: Mapping[str, Sequence[str]]) -> list[str]:
-    """The joints whose errors at the tool are known from readings of these error motions.
-
-    Raises
-    ------
-    InputError
-        None is.
-    """
-    known = [joint for joint, motions in read.items() if any(m in TRANSLATIONS for m in motions)]
-    if not known:
-        found = f"angles of {' and '.join(read)} and no displacement: how far the tool moves by them is not known"
-        cure = "Read dx, dy or dz of these joints as well, or measure mx my mz, and fit"
-        raise InputError(str(folder), found, f"{cure} (tables correct linear axes, and no rotary one)")
-    return known
 
 
 def _probing(controller: Target, setup: Setup, volume: Volume) -> Probing:
@@ -351,7 +335,7 @@ def _notes(
     loose = sorted({c for c in channels if c.startswith(STEADY)})
     reach = np.linalg.matrix_rank(field.jacobian(*volume.poses(1, 0))[0], tol=1e-3)
     return (
-        *(_notes_on_motions(setup, read) if read is not None else ()),
+        *(notes_on_motions(setup, read) if read is not None else ()),
         *(
             f"the survey did not move {name}: its errors are unknown, and are corrected as they were there"
             for name in still
@@ -367,20 +351,3 @@ def _notes(
         ),
         *(() if held else ("no rows were left out of the fit: the figures are those of the model itself",)),
     )
-
-
-def _notes_on_motions(setup: Setup, read: Mapping[str, Sequence[str]]) -> Iterator[str]:
-    """What readings of error motions do not say."""
-    for axis in setup.axes:
-        motions = read.get(axis.joint, ())
-        turns = [m for m in motions if m not in TRANSLATIONS]
-        if not motions:
-            yield f"nothing was read of {axis.joint}: no tables for its errors"
-        elif len(turns) == len(motions):
-            yield f"of {axis.joint} only angles were read ({' '.join(turns)}): no tables for them without dx, dy or dz"
-        elif turns:
-            yield (
-                f"{' '.join(turns)} of {axis.joint} act at the tool by the lever from the frame of {axis.joint}: dx dy "
-                "dz must have been read there"
-            )
-    yield "squareness does not show in error motions of single joints: it is not corrected"
