@@ -18,6 +18,7 @@ import pandas as pd
 from errormodel import effects
 from errormodel.chain import TOOL_CHANNELS, Chain
 from errormodel.conventions import MOTIONS, ROTATIONS, TRANSLATIONS, Motion
+from errormodel.effects.base import axis_motion
 from errormodel.features import direction
 from errormodel.machine import Basis, EffectSpec, Joint, Machine
 from errormodel.survey import Survey
@@ -78,7 +79,7 @@ def _of_joint(machine: Machine, joint: Joint, motions: tuple[Motion, ...], surve
     bare = table.assign(**{f"dir_{joint.name}": direction(table, joint.name)})[keep]
     own = bare.drop(columns=["joint", *MOTIONS, *UNCERTAINTY, *SIGMA, *others], errors="ignore")
     own[[*MEASURED]] = np.nan
-    turning = motions == ROTATIONS
+    turning, free = motions == ROTATIONS, survey.frame != "fixed"
     parts = []
     for offset, shown in AROUND if turning else (((0.0, 0.0, 0.0), TRANSLATIONS),):
         part = own.copy()
@@ -94,7 +95,7 @@ def _of_joint(machine: Machine, joint: Joint, motions: tuple[Motion, ...], surve
         parts.append(part)
     points = pd.concat(parts).sort_index(kind="stable")
     points = points[points[[*MEASURED]].notna().any(axis=1)].reset_index(drop=True)
-    zeros = _zeros(joint.name, bare[bare["role"] == "fit"], read) if survey.frame != "fixed" else ()
+    zeros = (*_zeros(joint.name, bare[bare["role"] == "fit"], read), *_slopes(joint, read)) if free else ()
     alone = Machine(
         machine.name, (_turned(joint) if turning else joint,), (0.0, 0.0, 0.0), (*_effects_at(machine, joint), *zeros)
     )
@@ -128,6 +129,17 @@ def _zeros(joint: str, rows: pd.DataFrame, read: list[Motion]) -> Iterator[Effec
                 yield EffectSpec("unnamed", {"element": joint, "motion": motion, "driver": f"run({run})"})
 
 
+def _slopes(joint: Joint, read: list[Motion]) -> Iterator[EffectSpec]:
+    """How a straightedge lay along a joint whose model has no such slope: it is in every reading across the joint."""
+    middle, half = sum(joint.travel) / 2, (joint.travel[1] - joint.travel[0]) / 2
+    for motion in read if joint.type == "prismatic" else ():
+        model = joint.models.get(motion)
+        across = motion in TRANSLATIONS and motion != axis_motion(joint)
+        if across and (model is None or model.kind == "first-order"):
+            options = {"element": joint.name, "motion": motion, "driver": joint.name, "center": middle}
+            yield EffectSpec("unnamed", {**options, "half_range": half})
+
+
 def _effects_at(machine: Machine, joint: Joint) -> Iterator[EffectSpec]:
     """The machine's effects that move this joint by itself."""
     for spec in machine.effects:
@@ -137,8 +149,14 @@ def _effects_at(machine: Machine, joint: Joint) -> Iterator[EffectSpec]:
 
 
 def as_points(machine: Machine, survey: Survey) -> Survey:
-    """A survey of all six motions of one joint as one of points; any other survey as it is."""
+    """A survey of all six motions of one joint from the machine's own zero as one of points; any other as it is.
+
+    That is their zero where the frame is fixed, or where each comes with its uncertainty, as a registration against the
+    cold machine gives them; an instrument starts every run from a zero of its own.
+    """
     table = survey.table
+    if survey.frame != "fixed" and not {*UNCERTAINTY} <= {*table.columns}:
+        return survey
     if not {"joint", *MOTIONS} <= {*table.columns} or table[list(MOTIONS)].isna().to_numpy().any():
         return survey
     joints = table["joint"].unique()
