@@ -341,15 +341,17 @@ def test_few_targets_do_not_name_what_they_cannot_tell(tmp_path: Path, mill: Pat
         assert not one.alternatives[0].separable
 
 
-@pytest.mark.parametrize("kind", ["zeros", "rounded", "angles", "one way"])
+@pytest.mark.parametrize("kind", ["zeros", "rounded", "angles", "one way", "six"])
 def test_quiet_records_hold_nothing(tmp_path: Path, mill: Path, kind: str):
     rng = np.random.default_rng(11)
     q = targets(20, 580, 11, rng)
     bow: Motion = lambda q, *_: 0.02 * q + 3e-5 * q**2  # noqa: E731
+    slope: Motion = lambda q, *_: 0.02 * q  # noqa: E731  of a straightedge, where it is across
     tables = {
         "zeros": lambda: record("X", {"dx": bow}, q, rng, zeros=2000.0),
         "rounded": lambda: record("X", {"dx": bow}, q, rng, noise=0.12, step=0.1),
         "angles": lambda: record("X", {"ea": bow, "eb": bow, "ec": bow}, q, rng, warm=3),
+        "six": lambda: record("Z", dict.fromkeys(("dx", "dy", "dz", "ea", "eb", "ec"), slope), q[q < 390], rng),
         "one way": lambda: record("X", {"dx": bow}, q, rng, both=False, runs=8),
     }
     assert found(tmp_path, mill, tables[kind]()) == []
