@@ -93,10 +93,8 @@ def diagnose(machine: Machine, survey: Survey, tell: Tell = silent) -> Diagnosed
 def diagnose_points(machine: Machine, survey: Survey, tell: Tell = silent, read: bool = False) -> Diagnosed:
     """The diagnosis of measured positions; `read`: they stand for error motions, in which no column can be wrong."""
     if not np.isfinite(survey.fit.measured).any():
-        nothing = "no row to fit has a measured position, which the diagnosis works on"
-        cure = (
-            "Add rows with mx my mz; for error motions use `errormodel fit`, or `errormodel thermal` where they drift"
-        )
+        nothing = "no row to fit has a measured position or error motion, which the diagnosis works on"
+        cure = "Add rows with mx my mz, or about a joint's error motions (joint, dx ... ec)"
         raise InputError(str(survey.source), nothing, cure)
     blunders = []
     if not read:
