@@ -94,7 +94,7 @@ def unit_of_column(name: str, quantity: Quantity, units: SurveyUnits) -> str:
     """The unit of a column: as stated for it, or for the reading it is the uncertainty of, else that of its kind."""
     for own in (name, _READING.get(name)):
         if own in units.of_columns:
-            return units.of_columns[own]
+            return str(units.of_columns[own])
     plain = name in ANGLES or quantity in ("speed", "mass")
     return INTERNAL[quantity] if plain else str(getattr(units, quantity))
 

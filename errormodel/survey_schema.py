@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias, Union
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, Union
 
 from pydantic import ConfigDict, Field, field_validator, model_validator
 
@@ -39,7 +39,7 @@ class SurveyUnits(UnitsBlock):
     temperature: str = Field("degC", description="a unit of temperature, such as degC, K or degF")
 
     @property
-    def of_columns(self) -> dict[str, str]:
+    def of_columns(self) -> dict[str, Any]:
         """What is said of single columns, by our name of each."""
         return self.model_extra or {}
 

@@ -24,7 +24,7 @@ def joints_read(table: pd.DataFrame) -> dict[str, list[str]] | None:
     """Of a survey of error motions only, which motions of which joints were read; None of any other survey."""
     if "joint" not in table or table["joint"].isna().any():
         return None
-    out = {}
+    out: dict[str, list[str]] = {}
     for name, rows in table[table["role"] == "fit"].groupby("joint", sort=False):
         out[str(name)] = [m for m in MOTIONS if rows.filter(like=f"residual_{m}_").notna().to_numpy().any()]
     return out
