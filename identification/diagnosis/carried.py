@@ -71,7 +71,8 @@ def carried(machine: Machine, survey: Survey) -> list[Carried]:
 
 def _of_joint(machine: Machine, joint: Joint, motions: tuple[Motion, ...], survey: Survey) -> Carried | None:
     table = survey.table
-    read = [m for m in motions if m in table]
+    about = table[table["joint"] == joint.name]
+    read = [m for m in motions if m in table and about[m].nunique() > 1]  # what never changes holds nothing
     keep = (table["joint"] == joint.name) & table[read].notna().any(axis=1)
     if not (keep & (table["role"] == "fit")).any():
         return None
