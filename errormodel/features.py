@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 CALL = re.compile(r"(lag|play)\(([^,()]+),([^,()]+)\)")
 SETTLE = 240.0  # s: the quickest members take some ten minutes to follow the air or a motor
 _GAPLESS = ("T_", "w_", "time", "feed", "load")  # positions may be missing in rows about another joint
+JUMP = 2.5  # of the usual step between targets: so far goes back who begins anew
 POINT = ("point_x", "point_y", "point_z")
 
 
@@ -129,7 +130,7 @@ def direction(table: pd.DataFrame, joint: str) -> Array:
 
     As the column ``dir_<joint>`` says; where it says nothing, by the order of a file's rows (of their times where a
     run's rows are not in order). A joint that stands still keeps its sign; before its first move it has the sign of
-    that move; one that never moves has +1.
+    that move; one that never moves has +1. In rows about the joint's own error motions see `passes`.
     """
     import pandas as pd
 
@@ -147,10 +148,47 @@ def direction(table: pd.DataFrame, joint: str) -> Array:
     derived = by_file.ffill().fillna(by_file.bfill()).fillna(1.0)
     result = np.empty(len(table))
     result[order] = derived.to_numpy()
+    if "joint" in table:
+        own = order[(table["joint"] == joint).to_numpy()[order]]
+        runs = _codes(table, ["run"])
+        for code in np.unique(file[own]):
+            rows = own[file[own] == code]
+            result[rows] = passes(table[joint].to_numpy(dtype=np.float64)[rows], runs[rows])
     if f"dir_{joint}" in table:
         given = table[f"dir_{joint}"].to_numpy(dtype=np.float64)
         result = np.where(np.isnan(given), result, given)
     return result
+
+
+def passes(position: Array, run: Index) -> Array:
+    """Side from which a joint came to the targets of a test to and fro, +-1, from positions (n,) and runs (n,).
+
+    ISO 230-2 has the joint overrun the last target, so that it comes back to it from the other side: of a target that
+    is read twice as often where the joint turns as it is elsewhere, the later half belongs to the way back. For the
+    same reason the first target of a run, and one that is jumped back to, is approached as the next ones are.
+    """
+    starts = np.flatnonzero(np.diff(position, prepend=np.nan) != 0)
+    counts = np.diff(np.append(starts, len(position)))
+    steps = np.diff(position[starts])
+    signs = np.sign(steps)
+    if not len(signs):
+        return np.ones(len(position))
+    before, after = np.append(signs[0], signs), np.append(signs, signs[-1])
+    inner = counts[1:-1][signs[1:] == signs[:-1]]
+    usual = float(np.median(inner)) if len(inner) else float(counts.min())
+    long = np.abs(steps) > JUMP * np.median(np.abs(steps))
+    out = np.repeat(before, counts)
+    for k in np.flatnonzero(before != after):
+        a, b = starts[k], starts[k] + counts[k]
+        fresh = np.flatnonzero(np.diff(run[a - 1 : b])) if a else np.zeros(0, dtype=np.intp)
+        around = signs[[k - 3, k - 2, k, k + 1]] if 2 < k < len(signs) - 1 else before[k : k + 1]
+        if long[k - 1] and (around == after[k]).all():
+            out[a:b] = after[k]
+        elif len(fresh):
+            out[a + fresh[-1] : b] = after[k]
+        elif counts[k] >= 2 * usual:
+            out[a + counts[k] // 2 : b] = after[k]
+    return out
 
 
 def _codes(table: pd.DataFrame, names: list[str]) -> Index:

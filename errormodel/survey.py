@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -25,7 +25,9 @@ from errormodel.survey_columns import (
     SIGMA,
     TOOL,
     UNCERTAINTY,
+    Plan,
     check_map,
+    check_units,
     plan_columns,
 )
 from errormodel.survey_schema import BudgetEntry, FileEntry, Frame, Refit, SurveyForm, read_form
@@ -142,8 +144,10 @@ def read_survey(path: Path | str, machine: Machine, measured: bool = True) -> Su
     check_map(document, machine, form.columns, [table for _, tables in opened for table in tables])
     notes: dict[str, None] = {}  # in order, and each once
     parts: list[Part] = []
-    for entry, tables in opened:
-        part = _read_file(entry, tables, machine, form, measured)
+    plans = [[plan_columns(table, machine, form.columns, measured) for table in tables] for _, tables in opened]
+    check_units(document, machine, form.units, (name for own in plans for plan in own for name in plan.ours))
+    for (entry, tables), own in zip(opened, plans, strict=True):
+        part = _read_file(entry, tables, own, machine, form, measured)
         notes |= dict.fromkeys(f"{entry.path}: {note}" for note in part.notes)
         notes |= dict.fromkeys(check_sizes(part.frame, machine, form.units, entry.path, measured))
         parts.append(part)
@@ -151,6 +155,8 @@ def read_survey(path: Path | str, machine: Machine, measured: bool = True) -> Su
         raise document.error(("files",), "only test files", "Give at least one file the role fit")
     table = mended(_assemble(parts, machine), machine)
     notes |= dict.fromkeys(travel_notes(table, machine))
+    if measured:
+        notes |= dict.fromkeys(_side_notes(table, machine, form.frame))
     _check_budget(form, document, machine, [str(c) for c in table.columns])
     rotation = None
     if form.frame_rotation is not None:
@@ -160,6 +166,26 @@ def read_survey(path: Path | str, machine: Machine, measured: bool = True) -> Su
         table, form.frame, tuple(form.refit), form.instrument, path, tuple(notes), tuple(form.budget),
         frame_rotation=rotation,
     )  # fmt: skip
+
+
+def _side_notes(table: pd.DataFrame, machine: Machine, frame: Frame) -> Iterator[str]:
+    """Notes on the sides from which joints arrived in rows about their own error motions."""
+    for joint in (j.name for j in machine.joints if "joint" in table):
+        own = (table["joint"] == joint).to_numpy(dtype=bool)
+        side = direction(table, joint)[own]
+        if len(np.unique(side)) < 2:
+            continue
+        name = f"dir_{joint}"
+        if name not in table or table[name][own].isna().any():
+            yield (
+                f"no {name} in rows about {joint}: the side of arrival is taken from the order of the rows, as of a "
+                "test to and fro that overruns its last target (ISO 230-2)"
+            )
+        if frame != "fixed" and (pd.Series(side).groupby(table["run"][own].to_numpy()).nunique() == 1).all():
+            yield (
+                f"each run of {joint} goes one way only, and comes from a zero of its own: backlash cannot be told "
+                "from the zeros. Give the way there and back one label of run"
+            )
 
 
 def _check_budget(form: SurveyForm, document: Document, machine: Machine, columns: list[str]) -> None:
@@ -172,9 +198,10 @@ def _check_budget(form: SurveyForm, document: Document, machine: Machine, column
             raise document.error(("budget", k, "acts"), found, nearest(entry.acts, valid))
 
 
-def _read_file(entry: FileEntry, tables: list[Table], machine: Machine, form: SurveyForm, measured: bool) -> Part:
+def _read_file(
+    entry: FileEntry, tables: list[Table], plans: list[Plan], machine: Machine, form: SurveyForm, measured: bool
+) -> Part:
     """All parts of a file as one, its rows numbered through."""
-    plans = [plan_columns(table, machine, form.columns, measured) for table in tables]
     for table, plan in zip(tables, plans, strict=True):
         other = sorted(plan.ours.keys() ^ plans[0].ours.keys())
         if other:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -26,6 +26,8 @@ from errormodel.survey_columns import (
     UNCERTAINTY,
     Plan,
     missing_joint,
+    quantity_of,
+    unit_of_column,
 )
 from errormodel.units import to_internal
 from errormodel.yamlfile import shown
@@ -116,7 +118,7 @@ def read_part(table: Table, plan: Plan, machine: Machine, units: SurveyUnits, me
         if wanted:
             raise missing_joint(table, wanted[0], ())
     _check_commands(offences, frame, joint, machine)
-    _check_measured(offences, frame)
+    _check_measured(offences, frame, units)
     _check_labels(offences, frame, machine)
     offences.raise_first()
     if measured:
@@ -160,16 +162,8 @@ def _seconds(column: pd.Series[str]) -> tuple[Array, Mask]:
 
 
 def _convert(name: str, values: Array, machine: Machine, units: SurveyUnits) -> Array:
-    kinds: dict[str, Literal["prismatic", "rotary"]] = {j.name: j.type for j in machine.joints}
-    if kinds.get(name) == "rotary":
-        return to_internal(values, units.angle, "angle")
-    if kinds.get(name) == "prismatic" or name in LENGTHS:
-        return to_internal(values, units.length, "length")
-    if name == "time":
-        return to_internal(values, units.time, "time")
-    if name.startswith("T_"):
-        return to_internal(values, units.temperature, "temperature")
-    return values
+    quantity = quantity_of(name, machine)
+    return values if quantity is None else to_internal(values, unit_of_column(name, quantity, units), quantity)
 
 
 def _check_commands(offences: _Offences, frame: pd.DataFrame, joint: NDArray[np.object_], machine: Machine) -> None:
@@ -186,7 +180,7 @@ def _check_commands(offences: _Offences, frame: pd.DataFrame, joint: NDArray[np.
         )
 
 
-def _check_measured(offences: _Offences, frame: pd.DataFrame) -> None:
+def _check_measured(offences: _Offences, frame: pd.DataFrame, units: SurveyUnits) -> None:
     if ORIENTATION[0] in frame:
         vector = frame[list(ORIENTATION)].to_numpy()
         absent = np.isnan(vector)
@@ -194,11 +188,14 @@ def _check_measured(offences: _Offences, frame: pd.DataFrame) -> None:
             partial = absent[:, k] & ~absent.all(axis=1)
             offences.add(name, partial, "an orientation with a component missing", "Give mrx mry mrz or none of them")
             turned = np.linalg.norm(np.nan_to_num(np.clip(vector, -99, 99)), axis=1) > 2 * math.pi * (1 + 1e-6)
-            offences.add(name, turned, "{} in a rotation vector longer than a turn", "Write mrx mry mrz in rad")
+            cure = "Write mrx mry mrz in rad, or say units: {mrx: deg, mry: deg, mrz: deg} in a survey.yaml"
+            offences.add(name, turned, "{} in a rotation vector longer than a turn", cure)
     for name in ROTATIONS:
         if name in frame:
             large = np.abs(frame[name].to_numpy()) > 1
-            offences.add(name, large, "{} rad as an error motion", f"Write {name} in rad (1 urad is 1e-6)")
+            found = f"{{}} {unit_of_column(name, 'angle', units)} as an error motion"
+            cure = f"Write {name} in rad (1 urad is 1e-6), or say units: {{{name}: urad}} in a survey.yaml"
+            offences.add(name, large, found, cure)
     for name in ("sigma", *SIGMA, *UNCERTAINTY):
         if name in frame:
             bad = frame[name].to_numpy() <= 0

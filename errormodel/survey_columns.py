@@ -6,12 +6,17 @@ import difflib
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from errormodel.conventions import MOTIONS
 from errormodel.exceptions import InputError, nearest
 from errormodel.formats.base import Table
 from errormodel.machine import Machine
-from errormodel.yamlfile import Document
+from errormodel.units import EXAMPLES, INTERNAL, Quantity, is_unit
+from errormodel.yamlfile import Document, shown
+
+if TYPE_CHECKING:
+    from errormodel.survey_schema import SurveyUnits
 
 MEASURED = ("mx", "my", "mz")
 ORIENTATION = ("mrx", "mry", "mrz")
@@ -21,6 +26,9 @@ UNCERTAINTY = tuple(f"u_{motion}" for motion in MOTIONS)  # of a joint's error m
 TEXTS = ("run", "joint")
 
 LENGTHS = frozenset((*MEASURED, *TOOL, *SIGMA, "sigma", *MOTIONS[:3], *UNCERTAINTY[:3]))
+ANGLES = frozenset((*ORIENTATION, *MOTIONS[3:], *UNCERTAINTY[3:]))  # in rad, whatever the unit of the joints' angles
+_OTHERS: Mapping[str, Quantity] = {"time": "time", "feed": "speed", "load": "mass"}
+_READING = dict(zip((*UNCERTAINTY, *SIGMA, "sigma"), (*MOTIONS, *MEASURED, MEASURED[0]), strict=True))
 _NAMES = (*MEASURED, *ORIENTATION, *TOOL, "time", "feed", "load", "sigma", *SIGMA, *MOTIONS, *UNCERTAINTY, *TEXTS)
 
 # What people write instead, in lower case without blanks and underscores.
@@ -70,6 +78,44 @@ def check_map(document: Document, machine: Machine, columns: Mapping[str, str], 
             raise document.error(("columns", ours), f"'{ours}' is not a column of a survey", cure)
         if theirs not in present:
             raise document.error(("columns", ours), f"no file has a column '{theirs}'", nearest(theirs, present))
+
+
+def quantity_of(name: str, machine: Machine) -> Quantity | None:
+    """What one of our columns measures; None for labels, directions and witnesses (whose names say their unit)."""
+    joint = next((j for j in machine.joints if j.name == name), None)
+    if joint is not None:
+        return "length" if joint.type == "prismatic" else "angle"
+    if name.startswith("T_"):
+        return "temperature"
+    return "length" if name in LENGTHS else "angle" if name in ANGLES else _OTHERS.get(name)
+
+
+def unit_of_column(name: str, quantity: Quantity, units: SurveyUnits) -> str:
+    """The unit of a column: as stated for it, or for the reading it is the uncertainty of, else that of its kind."""
+    for own in (name, _READING.get(name)):
+        if own in units.of_columns:
+            return str(units.of_columns[own])
+    plain = name in ANGLES or quantity in ("speed", "mass")
+    return INTERNAL[quantity] if plain else str(getattr(units, quantity))
+
+
+def check_units(document: Document, machine: Machine, units: SurveyUnits, columns: Iterable[str]) -> None:
+    """InputError if ``units:`` names a column that no file has or that has no unit, or a unit of another kind.
+
+    `columns` are those of all files, under our names.
+    """
+    kinds = {name: kind for name in columns if (kind := quantity_of(name, machine)) is not None}
+    for name, unit in units.of_columns.items():
+        at = ("units", name)
+        if name.startswith("w_"):
+            cure = f"Say it in the column's name, such as {name}_um, by columns: {{{name}_um: ...}}"
+            raise document.error(at, f"'{name}' is a witness, whose unit its name says", cure)
+        if name not in kinds:
+            cure = nearest(name, (*type(units).model_fields, *kinds))
+            raise document.error(at, f"'{name}' is neither a kind of unit nor a column that has one", cure)
+        if not isinstance(unit, str) or not is_unit(unit, kinds[name]):
+            cure = f"Write a unit of {kinds[name]}, such as {EXAMPLES[kinds[name]]}"
+            raise document.error(at, shown(unit), cure)
 
 
 def plan_columns(table: Table, machine: Machine, columns: Mapping[str, str], measured: bool) -> Plan:

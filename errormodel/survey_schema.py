@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias, Union
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, Union
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import ConfigDict, Field, field_validator, model_validator
 
 from errormodel.instruments import instruments
 from errormodel.instruments.base import Instrument, Positive
@@ -27,10 +27,21 @@ else:
 
 
 class SurveyUnits(UnitsBlock):
-    """Units of the positions, measured coordinates, tools and uncertainties; rotation vectors are always in rad."""
+    """Units by kind or by column: ``{length: mm, dx: um, T_bed: degF}``.
+
+    A kind is that of positions, measured coordinates, tools and uncertainties. Rotation vectors and angular error
+    motions are in rad, feeds in mm/min and payloads in kg where their column is not named.
+    """
+
+    model_config = ConfigDict(extra="allow")  # columns: `errormodel.survey_columns.check_units` looks at them
 
     time: str = Field("s", description="a unit of time, such as s, ms, min or h")
     temperature: str = Field("degC", description="a unit of temperature, such as degC, K or degF")
+
+    @property
+    def of_columns(self) -> dict[str, Any]:
+        """What is said of single columns, by our name of each."""
+        return self.model_extra or {}
 
 
 class FileEntry(FileModel):

@@ -9,15 +9,17 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from errormodel.conventions import MOTIONS, TRANSLATIONS
 from errormodel.exceptions import InputError
 from errormodel.machine import Joint, Machine
-from errormodel.survey_columns import MEASURED, TOOL
+from errormodel.survey_columns import MEASURED, TOOL, unit_of_column
 from errormodel.units import factor
 
 if TYPE_CHECKING:
@@ -32,6 +34,14 @@ _RESTING = 3600.0  # s
 _FEW = 10  # rows, that say nothing of a pace
 _ROWS = 1000  # tell as much as a million
 _CLEAR = 0.7  # part of the pairs that must agree on a factor
+_FEWEST = 3  # rows that have a range
+# Error motions of a machine as it is sold or worn: a rolled screw of the coarsest class in use (ISO 3408-3, T7) is off
+# by 52 um over 300 mm, a steel scale grows by 0.12 mm/m in 10 K, guideways tilt by 0.2 mrad at worst. Beyond several
+# times that a unit is wrong; below a tenth of a micrometre no instrument in a shop reads, so that no um pass for mm.
+_SLOPE = 5e-4  # mm of range a mm of travel,
+_LEAST_RANGE = 0.1  # but so much at least, mm
+_TURN = 1e-3  # rad
+_READING = 0.1  # of a travel: what changes by as much as the joint moves is its position
 
 
 def check_sizes(frame: pd.DataFrame, machine: Machine, units: SurveyUnits, name: str, measured: bool) -> list[str]:
@@ -49,6 +59,8 @@ def check_sizes(frame: pd.DataFrame, machine: Machine, units: SurveyUnits, name:
     measured : bool
         Whether measured coordinates count.
     """
+    if measured and "joint" in frame:
+        _check_motions(frame, machine, units, name)
     frame = frame[frame["joint"] == ""] if "joint" in frame else frame
     if frame.empty:
         return []
@@ -61,9 +73,41 @@ def check_sizes(frame: pd.DataFrame, machine: Machine, units: SurveyUnits, name:
     return [f"{name}: {note}" for note in notes if note]
 
 
+def _check_motions(frame: pd.DataFrame, machine: Machine, units: SurveyUnits, name: str) -> None:
+    """InputError if error motions vary by more than those of a machine do, and nobody says that their unit is right.
+
+    An instrument has a zero of its own in each run, so that only the range tells anything; of nine tenths of the
+    rows, which a wild one does not enter.
+    """
+    for joint, motion in product(machine.joints, MOTIONS):
+        if motion not in frame:
+            continue
+        rows = frame[(frame["joint"] == joint.name) & frame[motion].notna()]
+        if len(rows) < _FEWEST:
+            continue
+        values = rows[motion] - (rows.groupby("run")[motion].transform("median") if "run" in rows else 0.0)
+        low, high = np.quantile(values, (0.05, 0.95))
+        way = float(np.ptp(rows[joint.name].to_numpy()))
+        linear = motion in TRANSLATIONS
+        where = f"{name}, column {motion}"
+        if linear and joint.type == "prismatic" and abs(np.ptp(rows[motion].to_numpy()) - way) < _READING * way:
+            found = f"it changes by {way:.6g} mm where {joint.name} does: a position, not its deviation"
+            raise InputError(where, found, f"Write {motion} as measured minus commanded")
+        usual = max(_LEAST_RANGE, _SLOPE * way if joint.type == "prismatic" else 0.0) if linear else _TURN
+        if high - low <= usual or motion in units.of_columns:
+            continue
+        unit, other = unit_of_column(motion, "length" if linear else "angle", units), "um" if linear else "urad"
+        size = (high - low) / factor(unit, "length" if linear else "angle")
+        most = f"{usual:.2g} mm" if linear else f"{1e3 * usual:.2g} mrad"
+        found = f"error motions of {joint.name} that vary by {size:.3g} {unit}"
+        found += f", where those of a machine vary by {most} at most"
+        cure = f"Write units: {{{motion}: {other}}} in a survey.yaml; if it is so, units: {{{motion}: {unit}}}"
+        raise InputError(where, found, cure)
+
+
 def _temperatures(frame: pd.DataFrame, units: SurveyUnits) -> str | None:
     """A note if all temperatures look like kelvin or Fahrenheit."""
-    names = [str(n) for n in frame if str(n).startswith("T_")]
+    names = [str(n) for n in frame if str(n).startswith("T_") and n not in units.of_columns]
     if not names or units.temperature != "degC" or not (middle := frame[names].median()).notna().all():
         return None
     low, high = float(middle.min()), float(middle.max())
@@ -87,7 +131,7 @@ def _pace(frame: pd.DataFrame, joints: Sequence[Joint], units: SurveyUnits) -> s
     speed, step = float(np.median(way[late] / steps[late])), float(np.median(steps[late]))
     if speed > _FLYING:
         return f"slides at {speed / 1e3:.0f} m/s by the column time; if it is in min or h, write units: {{time: min}}"
-    if step > _RESTING and units.time == "s":
+    if step > _RESTING and unit_of_column("time", "time", units) == "s":
         return f"{step / 3600:.1f} h from row to row by the column time; if it is in ms, write units: {{time: ms}}"
     return None
 
@@ -115,7 +159,8 @@ def _check_commands(frame: pd.DataFrame, joints: Sequence[Joint], units: SurveyU
     Where they are not off but would fill all travels in inches, a note.
     """
     moving = [(j, frame[j.name].to_numpy()) for j in joints if np.ptp(frame[j.name].to_numpy()) > 0]
-    if not moving:
+    said = {unit_of_column(j.name, "length", units) for j, _ in moving}
+    if len(said) != 1:  # nothing moves; or columns whose units were looked at one by one
         return None
     names = " ".join(j.name for j, _ in moving)
     filled = np.array([np.ptp(q) / (j.travel[1] - j.travel[0]) for j, q in moving])
@@ -125,13 +170,14 @@ def _check_commands(frame: pd.DataFrame, joints: Sequence[Joint], units: SurveyU
 
     outside = min(inside(1.0)) < 0.05
     tiny = len(moving) > 1 and filled.max() < 0.002  # all poses in a thousandth of the machine: metres
-    for scale, unit in _other_units(units):
+    for scale, unit in _other_units(*said):
+        cure = _cure([j.name for j, _ in moving], unit, units)
         fits = min(inside(scale)) > 0.95 and (filled * scale).max() < 1.5
         if fits and (filled * scale).min() > 0.02 and (outside or (tiny and scale == 1000)):
             found = f"positions of {names} that fit the travels only if they are in {unit}"
-            raise InputError(f"{name}, columns {names}", found, f"Write units: {{length: {unit}}} in a survey.yaml")
+            raise InputError(f"{name}, columns {names}", found, f"Write {cure} in a survey.yaml")
         if fits and (filled * scale).min() > 0.7 and len(moving) > 1 and unit == "inch":
-            return f"{names} fill their travels if they are in inch; if so, write units: {{length: inch}}"
+            return f"{names} fill their travels if they are in inch; if so, write {cure}"
     return None
 
 
@@ -141,10 +187,16 @@ def _near_travel(joint: Joint, q: Array) -> NDArray[np.bool_]:
     return (q > low - slack) & (q < high + slack)
 
 
-def _other_units(units: SurveyUnits) -> Iterator[tuple[float, str]]:
-    """Other units of length that people use, each with its size in the one that `units` says."""
-    said = factor(units.length, "length")
-    return ((mm / said, unit) for unit, mm in _UNITS.items() if mm != said)
+def _other_units(unit: str) -> Iterator[tuple[float, str]]:
+    """Other units of length that people use, each with its size in the one that is said."""
+    said = factor(unit, "length")
+    return ((mm / said, other) for other, mm in _UNITS.items() if mm != said)
+
+
+def _cure(columns: Sequence[str], unit: str, units: SurveyUnits) -> str:
+    """What to write where columns are in another unit: of all lengths, or of these if they were stated singly."""
+    keys = columns if any(c in units.of_columns for c in columns) else ["length"]
+    return f"units: {{{', '.join(f'{key}: {unit}' for key in keys)}}}"
 
 
 @dataclass(frozen=True)
@@ -200,21 +252,24 @@ def _check_measured(sample: _Sample, prismatic: list[Joint], units: SurveyUnits,
     # metres measured and micrometres commanded give the same distances: what fits the travels is right
     believed = all(np.mean(_near_travel(j, row[j.name])) > 0.5 for j in prismatic)
     for measured in (believed, not believed):
-        for scale, unit in _other_units(units):
+        columns, others = [*MEASURED], [j.name for j in prismatic]
+        columns, others = (columns, others) if measured else (others, columns)
+        said = {unit_of_column(c, "length", units) for c in columns} or {units.length}
+        for scale, unit in _other_units(*said) if len(said) == 1 else ():
             fits = sample.agreement(measured=scale) if measured else sample.agreement(lengths=scale)
             if fits > _CLEAR:
-                columns, others = "mx my mz", " ".join(j.name for j in prismatic) or "the machine"
-                columns, others = (columns, others) if measured else (others, columns)
-                found = f"in {unit}, it seems, where {others} {'is' if not prismatic else 'are'} in {units.length}"
-                cure = f"Write all lengths in one unit; if it is {unit}, say units: {{length: {unit}}} in a survey.yaml"
-                raise InputError(f"{name}, columns {columns}", found, cure)
+                stated = ", ".join(dict.fromkeys(unit_of_column(c, "length", units) for c in others)) or units.length
+                where = " ".join(others) or "the machine"
+                found = f"in {unit}, it seems, where {where} {'are' if others else 'is'} in {stated}"
+                one = f"Write all lengths in one unit; if it is {unit}, say {_cure(columns, unit, units)}"
+                raise InputError(f"{name}, columns {' '.join(columns)}", found, f"{one} in a survey.yaml")
 
 
 def _radians(frame: pd.DataFrame, machine: Machine, units: SurveyUnits, sample: _Sample | None) -> str | None:
     """A note if rotary positions said to be in degrees look like radians."""
     degree = factor(units.angle, "angle")
     rotary = [j for j in machine.joints if j.type == "rotary" and j.travel[1] - j.travel[0] > math.pi / 2]
-    moving = [j.name for j in rotary if np.ptp(frame[j.name].to_numpy()) > 0]
+    moving = [j.name for j in rotary if np.ptp(frame[j.name].to_numpy()) > 0 and j.name not in units.of_columns]
     if not moving or degree == 1 or np.abs(frame[moving].to_numpy()).max() / degree > 2 * math.pi + 1e-3:
         return None
     if sample is not None:

@@ -16,14 +16,18 @@ from errormodel.yamlfile import FileModel
 if TYPE_CHECKING:
     import pint
 
-Quantity = Literal["length", "angle", "time", "temperature"]
+Quantity = Literal["length", "angle", "time", "temperature", "speed", "mass"]
 
-INTERNAL: dict[str, str] = {"length": "mm", "angle": "rad", "time": "s", "temperature": "degC"}
-_EXAMPLES: dict[str, str] = {
+INTERNAL: dict[str, str] = {
+    "length": "mm", "angle": "rad", "time": "s", "temperature": "degC", "speed": "mm/min", "mass": "kg",
+}  # fmt: skip
+EXAMPLES: dict[str, str] = {
     "length": "mm, um, m or inch",
     "angle": "deg, rad, mrad or arcsec",
     "time": "s, ms, min or h",
     "temperature": "degC, K or degF",
+    "speed": "mm/min, mm/s or m/min",
+    "mass": "kg, g or lb",
 }
 
 
@@ -35,10 +39,10 @@ def _registry() -> pint.UnitRegistry[float]:
 
 
 def is_unit(unit: str, quantity: str) -> bool:
-    """Whether a single word is a unit of that quantity."""
+    """Whether a word, or of a speed two words with a stroke between, is a unit of that quantity."""
     if unit == INTERNAL[quantity] or unit == "deg":  # the usual ones need no library
         return unit != "deg" or quantity == "angle"
-    if not re.fullmatch(r"[^\W\d_]+|°C?", unit):  # Pint would compute an expression such as 10**10**10
+    if not re.fullmatch(r"[^\W\d_]+(/[^\W\d_]+)?|°C?", unit):  # Pint would compute an expression such as 10**10**10
         return False
     import pint
 
@@ -52,20 +56,20 @@ def is_unit(unit: str, quantity: str) -> bool:
 class UnitsBlock(FileModel):
     """``units: {length: mm, angle: deg}``; each is any single unit that Pint knows."""
 
-    length: str = Field("mm", description=f"a unit of length, such as {_EXAMPLES['length']}")
-    angle: str = Field("deg", description=f"a unit of angle, such as {_EXAMPLES['angle']}")
+    length: str = Field("mm", description=f"a unit of length, such as {EXAMPLES['length']}")
+    angle: str = Field("deg", description=f"a unit of angle, such as {EXAMPLES['angle']}")
 
     @field_validator("*")
     @classmethod
     def _fits(cls, unit: str, info: ValidationInfo) -> str:
         quantity = str(info.field_name)
         if not is_unit(unit, quantity):
-            raise ValueError(f"Write a unit of {quantity}, such as {_EXAMPLES[quantity]}")
+            raise ValueError(f"Write a unit of {quantity}, such as {EXAMPLES[quantity]}")
         return unit
 
 
 def to_internal(values: NDArray[np.float64], unit: str, quantity: Quantity) -> NDArray[np.float64]:
-    """Convert an array from `unit` into mm, rad, s or degC; NaN stays NaN."""
+    """Convert an array from `unit` into mm, rad, s, degC, mm/min or kg; NaN stays NaN."""
     if unit == INTERNAL[quantity]:
         return values
     if unit == "deg":

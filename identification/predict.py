@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from errormodel.arrays import Array, as_rows
+from errormodel.conventions import MOTIONS
 from errormodel.survey import Survey
+from errormodel.survey_columns import UNCERTAINTY
 from identification.alignment import IDENTITY, Pose, rotation_notes
 from identification.problem import frame_columns, frame_labels
 from identification.store import StoredFit
@@ -26,6 +28,9 @@ def predict(fit: StoredFit, points: Survey) -> pd.DataFrame:
 
     The uncertainty is that of the model: estimated parameters with their covariance, and parameters that the survey
     could not identify (another tool may bring them in) with the size of the identified ones of their kind.
+
+    Rows about one joint (column ``joint``) get its error motions ``dx ... ec`` (mm, rad) from the joint's own zero, and
+    their standard uncertainties ``u_dx ... u_ec``.
     """
     import pandas as pd
 
@@ -38,7 +43,25 @@ def predict(fit: StoredFit, points: Survey) -> pd.DataFrame:
         index = np.flatnonzero(labels == label)
         for part in np.array_split(index, len(index) // BLOCK + 1):
             out[part] = _predict_frame(fit, as_rows(*(c[part] for c in channels)), used)
-    return pd.DataFrame(out, columns=["mx", "my", "mz", "ex", "ey", "ez", "ux", "uy", "uz"], index=points.table.index)
+    table = pd.DataFrame(out, columns=["mx", "my", "mz", "ex", "ey", "ez", "ux", "uy", "uz"], index=points.table.index)
+    if "joint" in points.table:
+        table[[*MOTIONS, *UNCERTAINTY]] = _motions(fit, points, channels)
+    return table
+
+
+def _motions(fit: StoredFit, points: Survey, channels: list[Array]) -> Array:
+    """Error motions and their standard uncertainties (n, 12) in rows about a joint; NaN in others."""
+    chain, out = fit.chain, np.full((len(points), 12), np.nan)
+    joint = points.table["joint"].to_numpy(dtype=object)
+    for name in dict.fromkeys(joint[joint != ""]):
+        index = np.flatnonzero(joint == name)
+        ids = tuple(i for i in chain.machine_ids if chain.parameters[chain.index[i]].element == name)
+        rows = as_rows(*(np.nan_to_num(c[index]) for c in channels))
+        terms = chain.kernel("terms", ids)(rows, np.zeros(len(chain.ids))).reshape(-1, 6, len(index))[: len(ids)]
+        values = np.array([fit.values.get(i, 0.0) for i in ids])
+        out[index, :6] = np.einsum("p,pim->mi", values, terms)
+        out[index, 6:] = np.sqrt(_variance(fit, [*ids], terms)).T
+    return out
 
 
 def _labels(fit: StoredFit, points: Survey) -> Array:

@@ -12,6 +12,7 @@ import numpy as np
 from errormodel import __version__
 from errormodel.arrays import Array
 from errormodel.chain import Chain
+from errormodel.conventions import MOTIONS, TRANSLATIONS
 from errormodel.exceptions import InputError
 from errormodel.features import root
 from errormodel.files import write_csv, write_text_atomic
@@ -19,6 +20,7 @@ from errormodel.schema import read_machine, write_machine
 from errormodel.simulate import outward
 from errormodel.survey import Survey
 from identification.alignment import Pose
+from identification.fit.motions import Motions
 from identification.fit.result import Fit, Spread
 from identification.fit.run import moved
 from identification.gain import leverages
@@ -55,6 +57,7 @@ def as_json(fit: Fit) -> dict[str, Any]:
         "nominal": asdict(fit.nominal),
         "fitted": asdict(fit.fitted),
         "heldout": asdict(fit.heldout) | {"blocks": fit.folds},
+        "motions": [asdict(e) | {"unit": e.unit} for e in fit.motions.errors(fit.survey)] if fit.motions else [],
         "test": [
             {
                 "path": t.path,
@@ -173,12 +176,14 @@ def _residual_table(fit: Fit) -> Any:
     tables = []
     for survey, nominal, fitted, heldout in parts:
         table = outward(survey.table, fit.chain.machine)
-        wanted = ("file", "role", "row", "run", "time", *fit.chain.channels, *map(root, fit.chain.channels))
+        wanted = ("file", "role", "row", "run", "time", "joint", *fit.chain.channels, *map(root, fit.chain.channels))
         table = table[[c for c in dict.fromkeys(wanted) if c in table]].copy()
         for name, values in (("nominal", nominal), ("residual", fitted), ("heldout", heldout)):
             if values is not None:
                 table[[f"{name}_{axis}_um" for axis in "xyz"]] = 1e3 * values
         tables.append(table)
+    if fit.motions is not None:
+        tables[0] = tables[0].join(_motion_columns(fit.motions))
     tables[0]["leverage"] = leverages(fit)
     if fit.sorting is not None:
         tables[0]["distance_sigma"], tables[0]["weight"] = fit.sorting.distance, fit.sorting.weight
@@ -187,6 +192,19 @@ def _residual_table(fit: Fit) -> Any:
             words[o.index].append(o.what)
         tables[0]["outlier"] = [" ".join(own) for own in words]
     return pd.concat(tables, ignore_index=True)
+
+
+def _motion_columns(motions: Motions) -> Any:
+    """The same of error motions that were read, um and urad: ``nominal_dx_um``, ``heldout_eb_urad``."""
+    import pandas as pd
+
+    columns = {}
+    for name, values in (("nominal", motions.nominal), ("residual", motions.fitted), ("heldout", motions.heldout)):
+        for k, motion in enumerate(MOTIONS):
+            if np.isfinite(motions.nominal[:, k]).any():
+                factor, unit = (1e3, "um") if motion in TRANSLATIONS else (1e6, "urad")
+                columns[f"{name}_{motion}_{unit}"] = factor * values[:, k]
+    return pd.DataFrame(columns)
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ import numpy as np
 from identification.describe import Description
 from identification.diagnosis.findings import Diagnosis
 from identification.estimates import printed
+from identification.fit.motions import Motions
 from identification.fit.result import Fit, Spread
 from identification.store import parameters
 
@@ -54,7 +55,12 @@ def description_lines(description: Description) -> Iterator[str]:
 def fit_lines(fit: Fit) -> Iterator[str]:
     """Residuals before and after, noise, and the groups that stand out."""
     yield f"{fit.chain.machine.name}: {len(fit.survey)} rows, {fit.solution.groups.rank} identifiable groups"
-    yield from _spread_lines(fit) if fit.fitted.n else _level_lines(fit)
+    if fit.fitted.n:
+        yield from _spread_lines(fit)
+    if fit.motions:
+        yield from _motion_lines(fit, fit.motions)
+    if not fit.fitted.n:
+        yield from _level_lines(fit)
     if fit.inflation > 1:
         yield f"residuals exceed the declared uncertainty: standard uncertainties are multiplied by {fit.inflation:.2f}"
     yield from _outlier_lines(fit)
@@ -67,7 +73,8 @@ def fit_lines(fit: Fit) -> Iterator[str]:
         value, std = factor * p["value"], factor * p["std"]
         yield f"  {p['symbol']:6} {value:11.3f} +- {std:8.3f} {unit.replace('µ', 'u'):7} {p['group']}"
     if any(framed):
-        yield f"  and {sum(framed)} groups of, or shared with, the measuring frame"
+        what = "the measuring frame" if fit.problem.frames else "the instrument's zeros"
+        yield f"  and {sum(framed)} groups of, or shared with, {what}"
 
 
 def _spread_lines(fit: Fit) -> Iterator[str]:
@@ -86,6 +93,14 @@ def _spread_lines(fit: Fit) -> Iterator[str]:
     tested = how == "declared" and fit.solution.dof > 0
     chi = f", reduced chi-square {fit.solution.chi2 / fit.solution.dof:.3f}" if tested else ""
     yield f"\nnoise of one coordinate {1e3 * fit.sigma_mm:.2f} um ({how}), {fit.solution.dof} degrees of freedom{chi}"
+
+
+def _motion_lines(fit: Fit, motions: Motions) -> Iterator[str]:
+    """Sizes of the readings of error motions, each motion of each joint by itself."""
+    yield f"\n{'error motions, rms':28}{'nominal':>9}{'fitted':>9}{'held out':>9}{'n':>8}"
+    for e in motions.errors(fit.survey):
+        yield f"  {f'{e.symbol}, {e.unit}':26}{e.nominal:9.2f}{e.fitted:9.2f}{e.heldout:9.2f}{e.n:8d}"
+    yield ""
 
 
 def _level_lines(fit: Fit) -> Iterator[str]:

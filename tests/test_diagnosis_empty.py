@@ -58,12 +58,14 @@ def showing(survey: Survey, machine: Machine, effects: Shown, noise: float | Ins
     return replace(survey, table=survey.table.assign(**{c: seen[c] for c in ("mx", "my", "mz")}))
 
 
-def test_rows_about_one_joint_alone_are_refused() -> None:
+def test_rows_without_any_reading_are_refused() -> None:
     machine = read_machine("vertical_three_axis")
     survey = empty_survey(machine, 20, 1, channels=False, grid=False)
-    table = survey.table.assign(joint="X", dx=0.0, mx=np.nan, my=np.nan, mz=np.nan)
-    with pytest.raises(InputError, match="no row to fit has a measured position"):
+    table = survey.table.assign(joint="X", dx=np.nan, mx=np.nan, my=np.nan, mz=np.nan)
+    with pytest.raises(InputError, match="no row to fit has a measured position or error motion"):
         diagnose(machine, replace(survey, table=table))
+    with pytest.raises(InputError, match="no row to fit has a measured position or error motion"):
+        diagnose(machine, replace(survey, table=table.assign(dx=0.0)))  # what never changes
 
 
 @pytest.mark.parametrize("name", ["vertical_three_axis", "bridge_cmm", "horizontal_three_axis", "h_gantry_dual_drive"])

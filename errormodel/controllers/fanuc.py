@@ -170,6 +170,10 @@ class Fanuc3d(Fanuc):
         if len(setup.linear) != 3:
             found = f"{len(setup.linear)} linear axes that correct, and the lattice has three"
             raise InputError(f"--controller {self.name}", found, "Use --controller fanuc-pitch or csv")
+        still = [m for m in setup.linear if m not in setup.moving]
+        if still:
+            found = f"errors along {' '.join(setup.linear)} are asked for, and {' '.join(still)} was not measured"
+            raise InputError(f"--controller {self.name}", found, "Use --controller fanuc-pitch")
 
     def terms(self, setup: Setup) -> list[Term]:
         self.suits(setup)

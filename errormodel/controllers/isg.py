@@ -92,9 +92,11 @@ class Isg(Volumetric):
         Those take what is no rigid motion of one axis: sag that depends on two positions.
         """
         linear = tuple(a for a in self.measured(setup) if not setup.axis(a).rotary)
+        plain = self.terms(setup)
+        if not linear:
+            return [plain]
         lattice = setup.lattice(linear, self.most_points, 160)
         last = linear[-1]
-        plain = self.terms(setup)
         more = [
             Term(t.output, linear, lattice) if t.output[:2] in ("EX", "EY", "EZ") and t.inputs == (last,) else t
             for t in plain

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -51,6 +51,7 @@ class Setup:
     points : points an axis asked for by the user, None: as many as the errors need.
     levers : motion of the tool tip, (n, 3, 6 axes), in mm per unit (mm, rad) of the six error motions of each axis, at
         positions (n, axes); and the tip's motion (n, 3, axes) per mm or deg of each axis.
+    read : by axis the error motions that were read for themselves, where no positions were; None: positions were.
     """
 
     machine: str
@@ -62,6 +63,7 @@ class Setup:
     points: int | None = None
     levers: Callable[[Array], tuple[Array, Array]] | None = None
     probe: tuple[float, float] | None = None
+    read: Mapping[str, Collection[str]] | None = None
 
     def place(self, name: str) -> int:
         """Column of an axis in positions (n, axes)."""

@@ -6,10 +6,12 @@ nominal kinematics from that axis to the tool tip. Only its position is correcte
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
 
+from errormodel import conventions
 from errormodel.arrays import Array
 from errormodel.controllers.base import Controller
 from errormodel.controllers.setup import Setup
@@ -63,8 +65,19 @@ class Volumetric(Controller):
         return [
             Term(parameter(m, a), (a,), (setup.grid(a, self.most_points),))
             for a in self.measured(setup)
-            for m in MOTIONS
+            for m in self.motions(setup, a)
         ]
+
+    def motions(self, setup: Setup, axis: str) -> Sequence[str]:
+        """Error parameters of an axis; of error motions that were read, these.
+
+        Unless all linear axes moved, the levers do not change, and a rotation is part of the displacement that it makes
+        there: as a parameter of its own it would act with other levers elsewhere.
+        """
+        if setup.read is None:
+            return MOTIONS
+        known = [m for m, name in zip(MOTIONS, conventions.MOTIONS, strict=True) if name in setup.read.get(axis, ())]
+        return known if {*setup.linear} <= {*setup.moving} else [m for m in known if m in MOTIONS[:3]]
 
     def influence(self, setup: Setup, output: str, q: Array) -> Array:
         if setup.levers is None:

@@ -28,6 +28,12 @@ class Scene:
     stations: tuple[Vector, ...] = ((0.0, 0.0, 0.0),)
     motions_of: str = ""
 
+    @cached_property
+    def all_motions(self) -> bool:
+        """Whether all six motions of the one joint were read: points in three places show them."""
+        tools = [self.columns[c] for c in ("tool_x", "tool_y", "tool_z") if c in self.columns]
+        return bool(self.motions_of) and len(tools) == 3 and len(np.unique(np.transpose(tools), axis=0)) > 2
+
     def shows(self, where: str) -> bool:
         """Whether an effect at this place would be seen."""
         return self.motions_of in ("", where)

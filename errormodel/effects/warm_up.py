@@ -83,7 +83,9 @@ class WarmUp(Effect):
             for joint in (*(j.name for j in scene.prismatic), None):
                 for tau in settling_times(scene):
                     yield cls(joint=joint, tau=tau, start=start_of(scene))
-            if scene.motions_of in {j.name for j in scene.prismatic}:  # beside its cold state, at the time 0
+            if scene.all_motions and scene.motions_of in {
+                j.name for j in scene.prismatic
+            }:  # beside its cold state, at the time 0
                 for tau, degree in product(settling_times(scene), range(4)):
                     yield cls(joint=scene.motions_of, tau=tau, motion="all", degree=degree)
             for element, motion, tau in product(members(scene.machine), MOTIONS, settling_times(scene)):

@@ -35,7 +35,8 @@ class Advice:
 
 def mechanical_advice(volume: Volume, before_um: float) -> list[Advice]:
     """Squareness of linear axes, tilt of rotary ones against them, twist and bow along the guides; largest first."""
-    found = [*_squareness(volume), *_twist(volume)]
+    # the slope of a straightness that was read for itself is that of the straightedge
+    found = [*(_squareness(volume) if volume.turns else ()), *_twist(volume)]
     least = max(WORTH_UM, WORTH_SHARE * before_um)
     return sorted((a for a in found if a.effect_um >= least), key=lambda a: -a.effect_um)
 

@@ -93,7 +93,15 @@ def assess(volume: Volume, correct: Correct, held: Rows | None, seed: int) -> li
         np.full(n, "", dtype=object),
         f"{n} poses over the measured volume, by the model",
     )
-    return [_figures(volume, correct, rows) for rows in (fresh, *_by_tool(volume, held))]
+    return [_figures(volume, correct, rows) for rows in (fresh, *_by_joint(held), *_by_tool(volume, held))]
+
+
+def _by_joint(held: Rows | None) -> list[Rows]:
+    """Held-out readings of error motions, joint by joint: those of one hold no errors of another."""
+    about = None if held is None else held.about
+    if held is None or about is None:
+        return []
+    return [held.part(about == joint, f"about {joint}") for joint in dict.fromkeys(about)]
 
 
 def _by_tool(volume: Volume, held: Rows | None) -> list[Rows]:
@@ -101,7 +109,7 @@ def _by_tool(volume: Volume, held: Rows | None) -> list[Rows]:
 
     They are judged apart, each after its best frame: a tool's own constant offset is set when it is measured.
     """
-    if held is None:
+    if held is None or held.about is not None:
         return []
     own = np.linalg.norm(held.tool - np.asarray(volume.field.chain.machine.tool), axis=1) < SAME_TOOL
     if own.all() or min(own.sum(), (~own).sum()) < FEWEST:
@@ -110,6 +118,8 @@ def _by_tool(volume: Volume, held: Rows | None) -> list[Rows]:
 
 
 def _figures(volume: Volume, correct: Correct, rows: Rows) -> Figures:
+    if rows.about is not None:
+        volume = replace(volume, field=volume.field.of_joints(rows.about[:1]))
     parts = [
         Error.of(remaining(volume, c, rows), volume.field.outward(rows.q)) for c in (nothing, volume.ideal, correct)
     ]
@@ -125,12 +135,13 @@ def remaining(volume: Volume, correct: Correct, rows: Rows) -> Array:
     if not volume.free or volume.pose is not None:
         return errors
     labels, counts = np.unique(rows.frames.astype(str), return_counts=True)
-    small = np.isin(rows.frames.astype(str), labels[counts < 2 * FEWEST])
+    fewest = 2 * FEWEST if volume.turns else 2
+    small = np.isin(rows.frames.astype(str), labels[counts < fewest])
     out = errors.copy()
-    for label in [*labels[counts >= 2 * FEWEST], None]:
+    for label in [*labels[counts >= fewest], None]:
         part = small if label is None else (rows.frames.astype(str) == label)
-        if part.sum() > 2:
-            frame = best_frame(errors[part], nominal[part])
+        if part.sum() > (2 if volume.turns else 1):
+            frame = best_frame(errors[part], nominal[part], volume.turns)
             out[part] = errors[part] - (frame.apply(nominal[part]) - nominal[part])
     return out
 

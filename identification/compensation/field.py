@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Literal
@@ -71,6 +71,11 @@ class Field:
     def at(self, state: Mapping[str, float]) -> Field:
         """The same machine in another state."""
         return Field(self.chain, self.values, self.movers, {**self.state, **state})
+
+    def of_joints(self, names: Collection[str]) -> Field:
+        """The same machine with the errors of these joints only."""
+        own = np.array([p.element in names for p in self.chain.parameters])
+        return Field(self.chain, np.where(own, self.values, 0.0), self.movers, self.state)
 
     @cached_property
     def reversing(self) -> frozenset[str]:

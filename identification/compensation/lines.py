@@ -11,6 +11,7 @@ from identification.compensation.assessment import OTHER_TOOLS, Error, Figures
 from identification.compensation.run import Compensation, Stated
 
 WIDTH = 110
+IDLE = 1e-3  # of the error: a change by less is none
 NEAR = 0.02  # of the travel: a survey that ends nearer to the end than this covers it
 
 
@@ -81,7 +82,9 @@ def figure_lines(figures: Figures, setup: Setup) -> Iterator[str]:
     for what, error in rows:
         yield f"  {what:52} {error.rms_um:8.2f} {error.worst_um:8.2f}"
     better = figures.after.rms_um < figures.before.rms_um
+    idle = abs(figures.after.rms_um - figures.before.rms_um) < IDLE * figures.before.rms_um
     share = f"{100 * figures.removed():.1f} % of what can be removed" if better else "WORSE THAN WITHOUT THEM"
+    share = "tables of this format take nothing away here" if idle else share
     yield f"  worst then at {worst_place(figures.after, setup)}; {share}"
     if figures.poses.endswith(OTHER_TOOLS):
         tip = " ".join(f"{v:g}" for v in setup.tool)

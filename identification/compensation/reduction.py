@@ -60,11 +60,16 @@ class Sample:
     sides: int = 1
 
 
-def frame_motion(points: Array, free: bool) -> Array:
-    """(n, 3, 6): what small motions of the frame do at points (n, 3); (n, 3, 0) where it is not free."""
+def frame_motion(points: Array, free: bool, turns: bool = True) -> Array:
+    """(n, 3, 6): what small motions of the frame do at points (n, 3); (n, 3, 0) where it is not free.
+
+    Without `turns` (n, 3, 3): it may be shifted only.
+    """
     n = len(points)
     if not free:
         return np.zeros((n, 3, 0))
+    if not turns:
+        return np.tile(np.eye(3), (n, 1, 1))
     out = np.zeros((n, 3, 6))
     out[:, :, :3] = np.eye(3)
     turn = -np.cross(points - points.mean(axis=0), np.eye(3)[:, None, :])  # (3, n, 3): e_k x r

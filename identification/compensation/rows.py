@@ -16,6 +16,7 @@ from errormodel.instruments.plain import Plain
 from errormodel.machine import Machine
 from errormodel.survey import Survey
 from identification.alignment import IDENTITY, Pose
+from identification.compensation.read_motions import joints_read, placed
 from identification.problem import frame_labels
 from identification.store import CURE, StoredFit
 
@@ -47,6 +48,8 @@ def read_rows(folder: Path, machine: Machine) -> pd.DataFrame:
     for joint in machine.joints:
         if joint.type == "rotary":
             table[joint.name] = np.radians(table[joint.name])
+    if (about := joints_read(table)) is not None:
+        return placed(table, machine, set(about))
     known = table[[j.name for j in machine.joints]].notna().all(axis=1)
     return table[known].reset_index(drop=True)
 
@@ -62,6 +65,7 @@ class Rows:
     left : (n, 3) measured minus predicted by a fit that did not see the row, mm, in the reference's axes.
     frames : (n,) label of the frame that a row was measured in.
     what : which rows these are, in words.
+    about : (n,) joint whose error motions a row reads, "" where it is a position; None: all are positions.
     """
 
     q: Array
@@ -70,6 +74,7 @@ class Rows:
     left: Array
     frames: Array
     what: str
+    about: Array | None = None
 
     def __len__(self) -> int:
         return len(self.q)
@@ -77,7 +82,8 @@ class Rows:
     def part(self, keep: Mask, of: str) -> Rows:
         """Some of the rows, and what tells them from the others."""
         q, came, tool, left, frames = (a[keep] for a in (self.q, self.direction, self.tool, self.left, self.frames))
-        return Rows(q, came, tool, left, frames, f"{len(q)} {self.what.partition(' ')[2]}, {of}")
+        about = None if self.about is None else self.about[keep]
+        return Rows(q, came, tool, left, frames, f"{len(q)} {self.what.partition(' ')[2]}, {of}", about)
 
 
 def commands(table: pd.DataFrame, machine: Machine) -> tuple[Array, Array, Array]:
@@ -92,7 +98,7 @@ def commands(table: pd.DataFrame, machine: Machine) -> tuple[Array, Array, Array
 
 
 def held_out(fit: StoredFit, table: pd.DataFrame) -> Rows | None:
-    """Rows that no fit saw: test files, or the blocks that were left out; None if there are too few."""
+    """Positions that no fit saw: test files, or the blocks that were left out; None if there are too few."""
     for role, column, what in (
         ("test", "residual", "test files"),
         ("fit", "heldout", "rows left out of the fit in blocks"),

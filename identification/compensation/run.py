@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,7 @@ from identification.alignment import rotation_notes
 from identification.compensation.advice import Advice, mechanical_advice
 from identification.compensation.assessment import Correct, Figures, assess, emulated
 from identification.compensation.field import Field
+from identification.compensation.read_motions import joints_read, known_at_tip, motion_rows, notes_on_motions
 from identification.compensation.reduction import leftover, reduce
 from identification.compensation.rows import Rows, held_out, read_rows
 from identification.compensation.volume import Volume, levels
@@ -169,14 +170,19 @@ def compensate(
     with tell("Reading"):
         fit = store.load(folder)
         table = read_rows(folder, fit.chain.machine)
+        read = joints_read(table)
         held = held_out(fit, table)
         if tool is not None:
             fit = replace(fit, chain=Chain(replace(fit.chain.machine, tool=tool)))
         field = Field.of(fit, table)
-    volume = Volume.of(field, table, fit.frame_mode != "fixed")
+        if read is not None:
+            field = field.of_joints(known_at_tip(folder, read))
+            held = motion_rows(field, table, read)
+    volume = Volume.of(field, table, fit.frame_mode != "fixed", turns=read is None)
     with tell("Following the errors along each axis"):
         setup, notes = volume.setup(points, resolution)
-    setup = replace(setup, probe=probe)
+    by_axis = None if read is None else {a.name: read.get(a.joint, ()) for a in setup.axes}
+    setup = replace(setup, probe=probe, read=by_axis)
     if isinstance(controller, Controller):
         controller.suits(setup)
     probing = _probing(controller, setup, volume) if probe else None
@@ -213,7 +219,7 @@ def compensate(
         (
             *notes,
             *rotation_notes(fit.frames),
-            *_notes(volume, setup, [c for c in channels if c not in states[0]], held),
+            *_notes(volume, setup, [c for c in channels if c not in states[0]], held is not None, read),
         ),
     )
 
@@ -237,6 +243,12 @@ def _one_state(
 ) -> Stated:
     with tell(f"Tables for {what}"):
         tables = best_tables(controller, setup, volume)
+    if setup.read is not None and not any(
+        np.abs(t.values).max(initial=0.0) > controller.quantum(setup) for t in tables
+    ):
+        joints = " and ".join(a.joint for a in setup.axes if setup.read.get(a.name))
+        found = f"nothing of what was read of {joints} can be taken away by tables of this format"
+        raise InputError(f"--controller {controller.name}", found, "Use --controller csv, or siemens-cec, or gcode")
     with tell("Writing and reading them back"):
         files = controller.write(tables, setup)
         back = controller.read(files, setup)
@@ -326,12 +338,15 @@ def best_tables(controller: Controller, setup: Setup, volume: Volume) -> Tables:
     return best
 
 
-def _notes(volume: Volume, setup: Setup, channels: list[str], held: Rows | None) -> tuple[str, ...]:
+def _notes(
+    volume: Volume, setup: Setup, channels: list[str], held: bool, read: Mapping[str, Sequence[str]] | None
+) -> tuple[str, ...]:
     field = volume.field
-    still = [a.joint for a in setup.axes if a.name not in setup.moving]
+    still = [a.joint for a in setup.axes if a.name not in setup.moving and read is None]
     loose = sorted({c for c in channels if c.startswith(STEADY)})
     reach = np.linalg.matrix_rank(field.jacobian(*volume.poses(1, 0))[0], tol=1e-3)
     return (
+        *(notes_on_motions(setup, read) if read is not None else ()),
         *(
             f"the survey did not move {name}: its errors are unknown, and are corrected as they were there"
             for name in still
@@ -345,5 +360,5 @@ def _notes(volume: Volume, setup: Setup, channels: list[str], held: Rows | None)
             if reach < 3
             else ()
         ),
-        *(("no rows were left out of the fit: the figures are those of the model itself",) if held is None else ()),
+        *(() if held else ("no rows were left out of the fit: the figures are those of the model itself",)),
     )

@@ -40,6 +40,8 @@ class Volume:
     free : whether the workpiece's frame is free (the survey's was), so that a small motion of it costs nothing.
     pose : where the workpiece already lies; then it is no longer free. What grows by a warmer spindle is no motion of
         the workpiece, so that all states of a machine share one.
+    turns : whether a free frame may turn as well. Error motions that were read for themselves come from an unknown
+        zero, but in the directions of the machine's own axes.
     """
 
     field: Field
@@ -47,16 +49,17 @@ class Volume:
     high: Array
     free: bool
     pose: Pose | None = None
+    turns: bool = True
 
     @classmethod
-    def of(cls, field: Field, table: pd.DataFrame, free: bool) -> Volume:
+    def of(cls, field: Field, table: pd.DataFrame, free: bool, turns: bool = True) -> Volume:
         """The hull of measured travels, within the machine's own."""
         q = table[[j.name for j in field.joints]].to_numpy(dtype=np.float64)
         travel = np.array([j.travel for j in field.joints])
         low, high = np.maximum(q.min(axis=0), travel[:, 0]), np.minimum(q.max(axis=0), travel[:, 1])
         still = high - low <= MOVED * (travel[:, 1] - travel[:, 0])
         middle = np.median(q, axis=0)
-        return cls(field, np.where(still, middle, low), np.where(still, middle, high), free)
+        return cls(field, np.where(still, middle, low), np.where(still, middle, high), free, turns=turns)
 
     def clamp(self, q: Array) -> Array:
         """The nearest command inside: what lies outside is corrected as the edge is."""
@@ -85,7 +88,7 @@ class Volume:
             return self.pose
         q, came = self.poses(512, 7)
         nominal = self.field.nominal(q)
-        return best_frame(self.field.actual(q, came) - nominal, nominal) if self.free else IDENTITY
+        return best_frame(self.field.actual(q, came) - nominal, nominal, self.turns) if self.free else IDENTITY
 
     def target(self, q: Array, tool: Array | None = None) -> Array:
         """Wanted points (n, 3) of commands."""
@@ -123,7 +126,7 @@ class Volume:
         nominal = field.nominal(q)
         motion = field.levers(q)[1][:, :, list(field.movers)]
         wanted = nominal if self.pose is None else self.pose.apply(nominal)
-        frame = frame_motion(nominal, self.free and self.pose is None)
+        frame = frame_motion(nominal, self.free and self.pose is None, self.turns)
         sides = 2 if field.reversing else 1
         return Sample(field.outward(q), came, field.actual(q, came) - wanted, motion, frame, sides)
 
@@ -210,10 +213,12 @@ def _bend(values: Array, intervals: int) -> float:
     return float(np.abs(values - pieces).max())
 
 
-def best_frame(errors: Array, points: Array) -> Pose:
-    """Small rigid motion nearest to errors (n, 3) at points (n, 3), by least squares."""
+def best_frame(errors: Array, points: Array, turns: bool = True) -> Pose:
+    """Small rigid motion (or mere shift) nearest to errors (n, 3) at points (n, 3), by least squares."""
     from scipy.spatial.transform import Rotation
 
+    if not turns:
+        return Pose(np.eye(3), errors.mean(axis=0))
     middle = points.mean(axis=0)
     small = np.linalg.lstsq(frame_motion(points, True).reshape(-1, 6), errors.ravel(), rcond=1e-9)[0]
     turn = Rotation.from_rotvec(small[3:]).as_matrix()

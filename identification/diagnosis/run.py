@@ -16,7 +16,7 @@ from errormodel.survey import Survey
 from identification.diagnosis.blunder import Blunder, listed
 from identification.diagnosis.by_rows import heldout_um, views_of
 from identification.diagnosis.candidates import Candidates, Ranked, enough_rows, proposed
-from identification.diagnosis.carried import as_points
+from identification.diagnosis.carried import as_points, carried
 from identification.diagnosis.choosing import Step
 from identification.diagnosis.findings import (
     Diagnosis,
@@ -56,7 +56,8 @@ from identification.sums import design_rows
 class Diagnosed:
     """The diagnosis, the fits before it and of the extended machine, and how it was found.
 
-    `ranking` is that of all candidates before anything was accepted.
+    `ranking` is that of all candidates before anything was accepted. `parts` are the diagnoses of single joints that
+    this one is put together from.
     """
 
     diagnosis: Diagnosis
@@ -64,6 +65,7 @@ class Diagnosed:
     final: Fit
     growth: Growth
     ranking: list[Ranked]
+    parts: tuple[Diagnosed, ...] = ()
 
 
 def diagnose(machine: Machine, survey: Survey, tell: Tell = silent) -> Diagnosed:
@@ -79,19 +81,31 @@ def diagnose(machine: Machine, survey: Survey, tell: Tell = silent) -> Diagnosed
         The survey has nothing to fit, or no row with a measured position.
     """
     survey = as_points(machine, survey)
-    if not np.isfinite(survey.fit.measured).any():
-        nothing = "no row to fit has a measured position, which the diagnosis works on"
-        cure = (
-            "Add rows with mx my mz; for error motions use `errormodel fit`, or `errormodel thermal` where they drift"
+    if parts := carried(machine, survey):
+        from identification.diagnosis.together import together
+
+        return together(
+            machine, survey, [(p, diagnose_points(p.machine, p.survey, p.telling(tell), True)) for p in parts]
         )
+    return diagnose_points(machine, survey, tell)
+
+
+def diagnose_points(machine: Machine, survey: Survey, tell: Tell = silent, read: bool = False) -> Diagnosed:
+    """The diagnosis of measured positions; `read`: they stand for error motions, in which no column can be wrong."""
+    if not np.isfinite(survey.fit.measured).any():
+        nothing = "no row to fit has a measured position or error motion, which the diagnosis works on"
+        cure = "Add rows with mx my mz, or about a joint's error motions (joint, dx ... ec)"
         raise InputError(str(survey.source), nothing, cure)
-    with tell("Looking for mistakes in the columns"):
-        blunders = find_blunders(machine, survey)
+    blunders = []
+    if not read:
+        with tell("Looking for mistakes in the columns"):
+            blunders = find_blunders(machine, survey)
     with tell("Fitting the machine"):
         before = [_try(machine, s) for s in (survey, *(b.survey for b in blunders))[: len(blunders)]]
         survey = blunders[-1].survey if blunders else survey
         mended = fit_machine(machine, survey)
-        sound, fit, bad = _without_outliers(machine, survey, mended)
+        judged = bool(survey.motions_of) and not read  # by the registration that they come from
+        sound, fit, bad = _without_outliers(machine, survey, mended, 0 if judged else 3)
     changes = [change for b in blunders for change in b.changes]
     found = _explained(fit, sound, changes, tell)
     if bad.any() and found.growth.steps:
@@ -187,10 +201,10 @@ def _try(machine: Machine, survey: Survey) -> Fit | None:
         return None
 
 
-def _without_outliers(machine: Machine, survey: Survey, fit: Fit) -> tuple[Survey, Fit, Mask]:
+def _without_outliers(machine: Machine, survey: Survey, fit: Fit, times: int = 3) -> tuple[Survey, Fit, Mask]:
     """The survey without what was measured in gross rows, its fit, and those rows (mask over the rows to fit)."""
     bad = np.zeros(len(fit.survey), dtype=bool)
-    for _ in range(0 if survey.motions_of else 3):  # gross rows hide smaller ones; error motions were judged before
+    for _ in range(times):  # gross rows hide smaller ones
         more = gross_rows(fit) & ~bad
         if not more.any():
             break

@@ -100,6 +100,8 @@ def _missing(effects: Sequence[Effect], scene: Scene) -> str:
     """What a survey lacks for the one of some effects that asks for least."""
     lacks = [list(dict.fromkeys(_lacking(effect.channels(scene.machine), scene))) for effect in effects]
     fewest = min(lacks, key=len)
+    if not fewest and scene.motions_of:
+        return "none of the motions that it makes was read, or at too few positions"
     return " and ".join(fewest) or "its positions are too few or too far apart"
 
 

@@ -15,6 +15,7 @@ from errormodel.survey import Survey
 from identification.alignment import Pose
 from identification.fit.bounded import AtBound
 from identification.fit.least_squares import Solution
+from identification.fit.motions import Motions
 from identification.fit.outliers import Outlier, Sorting
 from identification.problem import Problem
 from identification.sums import view_vector
@@ -79,6 +80,7 @@ class Fit:
     tests: tuple[TestFile, ...] = ()
     notes: tuple[str, ...] = field(default=())
     posterior: Posterior | None = None
+    motions: Motions | None = None  # of rows about error motions, if there are any
     sorting: Sorting | None = None  # of a robust fit; residuals are then NaN for its outliers
     at_bound: tuple[AtBound, ...] = ()  # groups that are held where physics or the user ends them
     counted: tuple[View, ...] = ()  # the problem's views as they count: weighted by a robust fit

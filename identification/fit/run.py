@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -19,6 +19,7 @@ from identification.bayes.settings import PriorForm
 from identification.fit.bounded import bounded
 from identification.fit.checks import another, check_enough, check_redundant, check_runs, far_off
 from identification.fit.least_squares import Solution, solve
+from identification.fit.motions import Motions, before_fit, motion_residuals
 from identification.fit.noise import Noise, correlated
 from identification.fit.outliers import sort_rows
 from identification.fit.result import Fit, Spread, TestFile, residuals_of
@@ -26,7 +27,7 @@ from identification.fit.robust import first_judgement, settle
 from identification.fit.weights import Judgement
 from identification.problem import Problem, build, determined_columns, frame_columns, frame_labels
 from identification.sums import accumulate, total
-from identification.views import OrientationView, PositionView, View
+from identification.views import MotionView, OrientationView, PositionView, View
 
 BLOCK_ROWS = 600  # consecutive rows left out together, in large surveys; a tenth of the rows in small ones
 
@@ -78,6 +79,14 @@ def _fit(chain: Chain, survey: Survey, robust: bool, bounds: Mapping[str, PriorF
     place, zero = problem.place(), np.zeros(len(chain.ids))
     residuals = residuals_of(problem.views, place, solution.values, zero, len(rows))
     heldout, folds = held_out(weighted, solution, len(rows), [b.id for b in at_bound])
+    motions = None
+    if any(isinstance(v, MotionView) for v in problem.views):
+        left_out, _ = held_out(weighted, solution, len(rows), [b.id for b in at_bound], motion_residuals)
+        motions = Motions(
+            before_fit(problem.views, place, zero, len(rows)),
+            motion_residuals(problem.views, place, solution.values, zero, len(rows)),
+            left_out,
+        ).without(problem.views, judged)
     sorting = None
     if judged is not None:
         sorting = sort_rows(rows, problem.views, judged, residuals, nominal_residuals)
@@ -90,7 +99,7 @@ def _fit(chain: Chain, survey: Survey, robust: bool, bounds: Mapping[str, PriorF
     fit = Fit(
         chain, rows, problem, solution, nominal, Spread.of(residuals), Spread.of(heldout), folds,
         residuals, nominal_residuals, heldout, notes=notes, sorting=sorting, at_bound=at_bound,
-        counted=weighted.views,
+        counted=weighted.views, motions=motions,
     )  # fmt: skip
     tests, more = [], []
     for test in survey.test:
@@ -139,11 +148,17 @@ def moved(chain: Chain, pose: Pose, values: dict[str, float], label: str) -> Pos
     return pose.then_small(small[:3], Rotation.from_euler("XYZ", small[3:]).as_matrix())
 
 
-def held_out(problem: Problem, solution: Solution, rows: int, fixed: Sequence[str] = ()) -> tuple[Array, int]:
+def held_out(
+    problem: Problem,
+    solution: Solution,
+    rows: int,
+    fixed: Sequence[str] = (),
+    residuals: Callable[[Sequence[View], Mapping[str, int], Array, Array, int], Array] = residuals_of,
+) -> tuple[Array, int]:
     """Residuals (rows, 3) of blocks of consecutive rows, each predicted by a fit without it; and how many blocks.
 
     Leaving a block out takes its sums away from the whole's: no data is streamed twice. What is `fixed` (at a bound)
-    stays.
+    stays. `residuals` says of what: `motion_residuals` are (rows, 6).
     """
     blocks = np.array_split(np.arange(rows), min(max(10, round(rows / BLOCK_ROWS)), rows))
     zero, place, base = np.zeros(len(problem.chain.ids)), problem.place(), solution.groups.base
@@ -151,7 +166,7 @@ def held_out(problem: Problem, solution: Solution, rows: int, fixed: Sequence[st
     pick = np.ix_(base, base)
     gram = total(solution.sums, solution.sigma)[0][pick] + np.diag(solution.precision[base])
     scale = 1 / np.sqrt(np.diag(gram))
-    out = np.full((rows, 3), np.nan)
+    out = residuals([], place, solution.values, zero, rows)
     for block in blocks:
         views = [v.part((v.index >= block[0]) & (v.index <= block[-1])) for v in problem.views]
         views = [v for v in views if len(v)]
@@ -164,7 +179,7 @@ def held_out(problem: Problem, solution: Solution, rows: int, fixed: Sequence[st
         # what the other blocks cannot determine stays as it was fitted
         step = np.linalg.pinv(less * np.outer(scale, scale), rcond=1e-13, hermitian=True) @ (scale * slope)
         values[base] += scale * step
-        part = residuals_of(views, place, values, zero, rows)
+        part = residuals(views, place, values, zero, rows)
         out[block] = part[block]
     return out, len(blocks)
 

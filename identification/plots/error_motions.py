@@ -27,15 +27,17 @@ def moving_joints(fit: Fit) -> list[Joint]:
 def draw_error_motions(fit: Fit, joint: Joint) -> Figure:
     """The identified error motions of one joint, with a band of twice their standard uncertainty.
 
-    Translations in um on the left, rotations in urad on the right, over the joint's travel. Dots are measurements of
-    the motion itself, their instrument's zero taken off; a shaded end of the travel holds no measured row.
+    Translations in um, then rotations in urad, as far as there are any, over the joint's travel. Dots are measurements
+    of the motion itself, their instrument's zero taken off; a shaded end of the travel holds no measured row.
     """
     q = np.linspace(*joint.travel, POINTS)
     value, deviation = _curves(fit, joint, q)
     along = style.shown(joint, q)
     figure = Figure(figsize=(style.WIDTH, 2.75), facecolor="white")
-    for side, (unit, factor) in enumerate((("µm", 1e3), ("µrad", 1e6))):
-        axes = style.panel(figure, 0.68 + 4.0 * side, 0.47, 3.08, 1.8)
+    sides = [side for side in (0, 1) if deviation[3 * side : 3 * side + 3].any()]
+    for place, side in enumerate(sides):
+        unit, factor = (("µm", 1e3), ("µrad", 1e6))[side]
+        axes = style.panel(figure, 0.68 + 4.0 * place, 0.47, 3.08, 1.8)
         style.dress(axes, "", f"{('translation', 'rotation')[side]} / {unit}")
         for k in range(3):
             row = 3 * side + k
@@ -51,15 +53,11 @@ def draw_error_motions(fit: Fit, joint: Joint) -> Figure:
         axes.set_xlim(along[0], along[-1])
         style.dress_position(axes, joint)
         _shade_unmeasured(fit, joint, axes)
-        if axes.get_legend_handles_labels()[0]:
-            size = style.BODY if len(joint.name) < 5 else style.SMALL
-            axes.legend(
-                loc="lower left", bbox_to_anchor=(-0.02, 0.98), ncols=3, frameon=False, labelcolor=style.INK,
-                fontsize=size, handlelength=1.9, columnspacing=1.1,
-            )  # fmt: skip
-        else:
-            inside = axes.transAxes
-            axes.text(0.5, 0.55, "none identified", transform=inside, size=style.BODY, color=style.MUTED, ha="center")
+        size = style.BODY if len(joint.name) < 5 else style.SMALL
+        axes.legend(
+            loc="lower left", bbox_to_anchor=(-0.02, 0.98), ncols=3, frameon=False, labelcolor=style.INK,
+            fontsize=size, handlelength=1.9, columnspacing=1.1,
+        )  # fmt: skip
     return figure
 
 

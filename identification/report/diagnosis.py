@@ -79,8 +79,12 @@ class DiagnosisPart:
 def diagnosis_part(diagnosed: Diagnosed) -> DiagnosisPart:
     """The words, tables and figures of a diagnosis; one that found nothing has no figures."""
     diagnosis = diagnosed.diagnosis
+    parts = diagnosed.parts or (diagnosed,)
     groups = numbered(diagnosed)
-    findings = [_part(diagnosed, n, f, groups.get(n)) for n, f in enumerate(diagnosis.findings, start=1)]
+    findings = []
+    for n, f in enumerate(diagnosis.findings, start=1):
+        part = next(p for p in parts if any(f is own for own in p.diagnosis.findings))
+        findings.append(_part(part, n, f, groups.get(n)))
     counts = {"effect{} found, and in the model": len(groups)}
     counts["fault{} of the recording found and put right"] = len(findings) - len(groups)
     found = ", ".join(f"{_count(n)} {text.format('s' * (n > 1))}" for text, n in counts.items() if n)
@@ -92,14 +96,14 @@ def diagnosis_part(diagnosed: Diagnosed) -> DiagnosisPart:
         _heldout(diagnosed),
         (*(n for n in diagnosis.notes if n not in diagnosed.final.notes), *(named if doubtful else ()), *left),
         findings,
-        [_where(diagnosed, groups)] if groups else [],
+        [_where(p, own) for p in parts if (own := {n: g for n, g in groups.items() if g[0] in p.growth.steps})],
         diagnosis.untestable,
     )
 
 
 def numbered(diagnosed: Diagnosed) -> dict[int, Sequence[Step]]:
     """The growth's steps behind each finding, by its number on the page; blunders and outliers have none."""
-    left = list(diagnosed.growth.findings)
+    left = [g for p in diagnosed.parts or (diagnosed,) for g in p.growth.findings]
     out: dict[int, Sequence[Step]] = {}
     for number_, finding in enumerate(diagnosed.diagnosis.findings, start=1):
         place = (finding.effect, finding.where, tuple(finding.driver))
@@ -117,7 +121,7 @@ def _count(count: int) -> str:
 
 def _heldout(diagnosed: Diagnosed) -> str:
     diagnosis = diagnosed.diagnosis
-    seen = np.isfinite(diagnosed.final.residuals)
+    seen = np.isfinite(np.vstack([p.final.residuals for p in diagnosed.parts or (diagnosed,)]))
     rows = max(int(seen.any(axis=1).sum()), 1)
     noise = diagnosis.noise_um * float(np.sqrt(seen.sum() / rows))
     before, after = (s["heldout_rms_um"] for s in (diagnosis.baseline, diagnosis.final))

@@ -76,6 +76,20 @@ def results(fit: Fit) -> list[Result]:
     return rows
 
 
+def motions(fit: Fit) -> list[list[str]]:
+    """Cells of each motion that was read for itself: its name and unit, nominal, fitted, held out, readings."""
+    if fit.motions is None:
+        return []
+    return [
+        [
+            f"{e.symbol} / {e.unit.replace('u', 'µ', 1)}",
+            *(number(v, 2) for v in (e.nominal, e.fitted, e.heldout)),
+            str(e.n),
+        ]
+        for e in fit.motions.errors(fit.survey)
+    ]
+
+
 def counts(fit: Fit) -> dict[str, int]:
     """How many parameters there are, and what becomes of them."""
     ids, groups = fit.chain.machine_ids, fit.solution.groups

@@ -11,6 +11,7 @@ import numpy as np
 from identification.fit.result import Fit
 from identification.plots.correlation import correlation
 
+SHOWN = 3  # error motions of a headline
 WORSE = 1.5  # rms on other rows over rms on fitted ones, from which the difference is worth a warning
 RARE = 0.001  # probability of so small a sum of squares, by which the declared uncertainty is too large
 ROUND_OFF_UM = 1e-3  # smaller errors are not worth a word
@@ -42,8 +43,15 @@ def file_name(path: Path | str) -> str:
 
 def headline(fit: Fit) -> str:
     """The verdict in one line."""
-    if not fit.fitted.n:
-        return f"Error motions fitted: {fit.solution.groups.rank} parameters identified; no positions were measured."
+    if not fit.fitted.n and fit.motions is not None:
+        sizes = sorted(fit.motions.errors(fit.survey), key=lambda e: -e.nominal)
+        shown = [
+            f"{e.symbol} {short(e.nominal)} → {short(e.fitted)} {e.unit.replace('u', 'µ', 1)} rms, held-out "
+            f"{short(e.heldout)}"
+            for e in sizes[:SHOWN]
+        ]
+        more = f"; and {len(sizes) - SHOWN} more" if len(sizes) > SHOWN else ""
+        return f"Error motions fitted: {'; '.join(shown)}{more}."
     return (
         f"Geometry fitted: mean error {short(fit.nominal.mean_um)} → {short(fit.fitted.mean_um)} µm; "
         f"held-out {short(fit.heldout.mean_um)} µm."

@@ -50,6 +50,7 @@ def report(fit: Fit, diagnosed: Diagnosed | None = None, thermal: Thermal | None
         judgements=wording.judgements(fit),
         notes=fit.notes,
         results=tables.results(fit),
+        motions=tables.motions(fit),
         pictures=pictures(fit, short=diagnosed is not None),
         sections=tables.group_sections(groups),
         counts=tables.counts(fit),
