@@ -140,7 +140,7 @@ def locked(folder: Path) -> Iterator[None]:
         while not taken(handle):
             if time.monotonic() > until:
                 raise ErrorModelError(f"{folder}: another run has held it for {PATIENCE:.0f} s. Try again")
-            time.sleep(0.02)
+            time.sleep(0.005)
         yield
     finally:
         os.close(handle)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import inspect
+import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -34,7 +35,7 @@ class _Out(click.Path):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         if not str(value):
             raise InputError(str(param.opts[0] if param else "--out"), "an empty name", "Give a name")
-        return self.make(super().convert(value, param, ctx))
+        return self.make(Path(os.fsdecode(super().convert(value, param, ctx))))
 
 
 OUT_FILE = _Out(OutputFile, dir_okay=False)
