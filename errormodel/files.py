@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import os
 import stat
@@ -108,8 +109,10 @@ def flush(path: Path) -> None:
         return  # a folder cannot be opened there
     handle = os.open(path, os.O_RDONLY if folder else os.O_RDWR)
     try:
-        with suppress(OSError):  # file systems that cannot do it say "invalid"
-            os.fsync(handle)
+        os.fsync(handle)
+    except OSError as error:
+        if error.errno not in (errno.EINVAL, errno.ENOTSUP, errno.ENOSYS):  # file systems that cannot do it
+            raise
     finally:
         os.close(handle)
 

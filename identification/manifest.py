@@ -81,12 +81,14 @@ def read(folder: Path) -> Manifest | None:
         raise InputError(str(path), found, CURE) from error
 
 
-def differing(folder: Path, manifest: Manifest) -> list[str]:
+def wrong(folder: Path) -> list[str]:
     """Files of `folder` that are not those of its manifest; what is missing is not among them."""
-    return [n for n, digest in manifest.files.items() if (folder / n).is_file() and sha256(folder / n) != digest]
+    manifest = read(folder)
+    files = {} if manifest is None else manifest.files
+    return [n for n, digest in files.items() if (folder / n).is_file() and sha256(folder / n) != digest]
 
 
-def check_whole(folder: Path) -> Manifest | None:
+def check_whole(folder: Path) -> None:
     """Before anything is read from a folder of results: whether its files belong together.
 
     Folders of versions before the manifest have none.
@@ -97,9 +99,8 @@ def check_whole(folder: Path) -> Manifest | None:
         A file was changed or is of another result.
     """
     manifest = read(folder)
-    if manifest is not None and (wrong := differing(folder, manifest)):
-        raise foreign(folder, wrong[0], manifest)
-    return manifest
+    if manifest is not None and (others := wrong(folder)):
+        raise foreign(folder, others[0], manifest)
 
 
 def foreign(folder: Path, name: str, manifest: Manifest) -> InputError:

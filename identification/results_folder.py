@@ -148,7 +148,13 @@ def whole(folder: Path) -> Iterator[None]:
     with suppress(OSError):
         recover(folder)
     with locked(folder.resolve().parent):
-        yield  # a damaged file is better named by its reader than by its digest
+        try:
+            yield
+        except InputError as error:
+            # its reader says best what is wrong with a file, its digest which of two that contradict each other
+            if not any(error.where.startswith(str(folder / name)) for name in manifest.wrong(folder)):
+                manifest.check_whole(folder)
+            raise
         manifest.check_whole(folder)
 
 
@@ -159,7 +165,7 @@ def _json(data: object) -> str:
 
 
 def _exchange(part: Path, target: Path) -> None:
-    """Put `part` in the place of `target`; what was there is then `part`."""
+    """Put `part` in the place of `target`; what was there is then `part`, or gone."""
     if not target.exists():
         part.rename(target)
     elif not _swapped(part, target):
@@ -170,7 +176,7 @@ def _exchange(part: Path, target: Path) -> None:
         except BaseException:
             aside.rename(target)
             raise
-        aside.rename(part)
+        shutil.rmtree(aside, ignore_errors=True)
 
 
 def _aside(target: Path) -> Path:

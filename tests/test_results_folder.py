@@ -216,7 +216,10 @@ def test_a_failure_at_any_step_leaves_a_whole_folder(place: Path, monkeypatch: p
         monkeypatch.setattr(results_folder, "_swapped", lambda *_: False)
     done("predict", "fit", "s.csv", "--out", "fit/p.csv")  # something to carry over
     old, failures = tree(Path("fit")), 0
+    shutil.copytree("fit", "kept")
     for step in range(60):
+        shutil.rmtree("fit")
+        shutil.copytree("kept", "fit")
         failing = Failing(step)
         with monkeypatch.context() as patch, suppress(InputError):
             for name in STEPS:
