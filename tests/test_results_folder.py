@@ -6,7 +6,6 @@ import json
 import os
 import random
 import shutil
-import signal
 import subprocess
 import sys
 import time
@@ -266,6 +265,14 @@ def saving(*arguments: object) -> subprocess.Popen[str]:
     return process
 
 
+def end(process: subprocess.Popen[str]) -> None:
+    """Kill it, whatever it is at."""
+    process.kill()
+    process.wait()
+    assert process.stdout is not None
+    process.stdout.close()
+
+
 def sorts(place: Path) -> list[dict[str, bytes]]:
     """The contents that a whole folder may have, manifests apart."""
     return [{n: b for n, b in tree(place / name).items() if n != "manifest.json"} for name in ("one", "two")]
@@ -283,11 +290,10 @@ def two(place: Path) -> Path:
 @pytest.mark.parametrize("swap", [(), ("plain",)])
 def test_killed_at_any_moment(two: Path, swap: tuple[str, ...]) -> None:
     whole, rng = sorts(two), random.Random(1)
-    for _ in range(12):
+    for _ in range(8):
         process = saving("one", "two", 0, *swap)
         time.sleep(rng.uniform(0.0, 0.06))
-        process.kill()
-        process.wait()
+        end(process)
         store.load(Path("fit"))  # which recovers a folder that was aside
         assert {n: b for n, b in tree(Path("fit")).items() if n != "manifest.json"} in whole
     done("fit", MILL, "s.csv", "--out", "fit")
@@ -303,8 +309,7 @@ def test_two_writers_and_a_reader(two: Path) -> None:
             assert store.load(Path("fit")).values in values
     finally:
         for process in processes:
-            process.send_signal(signal.SIGTERM)
-            process.wait()
+            end(process)
     assert {n: b for n, b in tree(Path("fit")).items() if n != "manifest.json"} in whole
 
 
