@@ -331,7 +331,7 @@ def predict(folder: Path, points: Path, out: OutputFile) -> None:
 
 
 # Importing these registers their commands, after the others.
-from identification import cli_compensate, cli_monitor, cli_register, cli_thermal  # noqa: E402, F401
+from identification import cli_compensate, cli_monitor, cli_register, cli_thermal, cli_verify  # noqa: E402, F401
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -91,6 +91,18 @@ def test_a_folder_of_two_fits_is_refused(place: Path, name: str, command: str) -
     assert tree(place) == before
 
 
+def test_verify_says_what_is_wrong(place: Path) -> None:
+    assert "all 6 files are as `errormodel fit` wrote them" in done("verify", "fit").out
+    shutil.copy("other/residuals.csv", "fit")
+    Path("fit/report.html").unlink()
+    result = run("verify", "fit")
+    assert result.code == 2
+    assert "residuals.csv: changed" in result.err
+    assert "report.html: missing" in result.err
+    Path("fit/manifest.json").unlink()
+    assert run("verify", "fit").code == 2
+
+
 def test_an_edited_machine_is_neither_used_nor_lost(place: Path) -> None:
     path = Path("fit/machine.yaml")
     write(path, path.read_text().replace("errors:", "# mine\nerrors:"))
