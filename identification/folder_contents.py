@@ -97,7 +97,8 @@ def _is_anothers(entry: Path) -> bool:
         return False
     if entry.name == CHAIN and all(PIECE.fullmatch(p.name) for p in entry.iterdir()):
         return True
-    return bool(UNFINISHED.fullmatch(entry.name)) or manifest.read(entry) is not None
+    tables = (entry / "compensation.json").is_file()  # of a version without manifests
+    return tables or bool(UNFINISHED.fullmatch(entry.name)) or manifest.read(entry) is not None
 
 
 def _check_before(folder: Path) -> None:
@@ -109,11 +110,11 @@ def _check_before(folder: Path) -> None:
         They are not, or that cannot be known.
     """
     from errormodel.schema import machine_text, read_machine
-    from identification.store import load
+    from identification.store import read_files
 
     path = folder / "machine.yaml"
     try:
-        load(folder)
+        read_files(folder)  # the folder may be locked already
         plain = path.read_text(encoding="utf-8") == machine_text(read_machine(path))
     except (ErrorModelError, OSError, ValueError) as error:
         name = next(n for n in BEFORE if (folder / n).exists())

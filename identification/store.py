@@ -249,10 +249,11 @@ def load(folder: Path) -> StoredFit:
         The folder holds no finished fit, or its files do not belong together.
     """
     with whole(folder):
-        return _read(folder)
+        return read_files(folder)
 
 
-def _read(folder: Path) -> StoredFit:
+def read_files(folder: Path) -> StoredFit:
+    """Like `load`, without the manifest and the lock."""
     path = noted(folder / "fit.json")
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
