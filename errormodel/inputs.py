@@ -55,8 +55,8 @@ def current() -> Run | None:
 
 
 @contextmanager
-def running(run: Run) -> Iterator[None]:
-    """Note what is read in the block."""
+def running(run: Run | None) -> Iterator[None]:
+    """Note what is read in the block as read by a command, or by none."""
     token = _run.set(run)
     try:
         yield

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from errormodel.exceptions import ErrorModelError, InputError
 from errormodel.files import LOCK, sha256
+from errormodel.inputs import running
 from identification import manifest
 from identification.manifest import Manifest
 from identification.output_file import RECORD, recorded
@@ -114,8 +115,9 @@ def _check_before(folder: Path) -> None:
 
     path = folder / "machine.yaml"
     try:
-        read_files(folder)  # the folder may be locked already
-        plain = path.read_text(encoding="utf-8") == machine_text(read_machine(path))
+        with running(None):  # this is no input, and the folder may be locked already
+            read_files(folder)
+            plain = path.read_text(encoding="utf-8") == machine_text(read_machine(path))
     except (ErrorModelError, OSError, ValueError) as error:
         name = next(n for n in BEFORE if (folder / n).exists())
         raise _not_ours(folder / name) from error
