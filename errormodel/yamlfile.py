@@ -20,6 +20,7 @@ from ruamel.yaml import YAML, MappingNode, Node, ScalarNode, SequenceNode
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 
 from errormodel.exceptions import InputError, nearest
+from errormodel.inputs import noted
 
 Keys: TypeAlias = tuple[str | int, ...]
 """The way to a value: keys of mappings, and places in lists counted from 0."""
@@ -124,7 +125,7 @@ def load(path: Path) -> Document:
         The file is missing, too long, not UTF-8, empty, not YAML, or holds tags or repeated keys.
     """
     try:
-        with path.open("rb") as file:
+        with noted(path).open("rb") as file:
             raw = file.read(MAX_BYTES + 1)
     except (OSError, ValueError) as error:  # ValueError: a NUL in the path
         reason = getattr(error, "strerror", None) or str(error)

@@ -14,13 +14,27 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import click
 
 from errormodel.exceptions import ErrorModelError, InputError
-from identification.console import ANY, FILE, FOLDER, app, command, one_line, say, show_notes, working
+from identification.console import (
+    ANY,
+    FILE,
+    FOLDER,
+    OUT_FILE,
+    OUT_FOLDER,
+    app,
+    command,
+    one_line,
+    say,
+    show_notes,
+    working,
+)
 
 if TYPE_CHECKING:
     from identification.ahead import Ahead
     from identification.describe import Description
     from identification.diagnosis.run import Diagnosed
     from identification.fit.result import Fit
+    from identification.output_file import OutputFile
+    from identification.results_folder import ResultsFolder
 
 DRAWINGS = (".svg", ".png", ".pdf")
 MOST_POSES = 10_000_000  # simulated in one go
@@ -40,9 +54,9 @@ def machines() -> None:
 @command
 @click.argument("machine")
 @click.argument("survey", type=ANY, required=False)
-@click.option("--json", "json_file", type=FILE, help="Write the description as JSON.")
-@click.option("--drawing", type=FILE, help="Draw the chain (.svg or .png).")
-def describe(machine: str, survey: Path | None, json_file: Path | None, drawing: Path | None) -> None:
+@click.option("--json", "json_file", type=OUT_FILE, help="Write the description as JSON.")
+@click.option("--drawing", type=OUT_FILE, help="Draw the chain (.svg or .png).")
+def describe(machine: str, survey: Path | None, json_file: OutputFile | None, drawing: OutputFile | None) -> None:
     """Show the chain, its parameters, and which of them can be identified.
 
     Without a SURVEY: by random poses over the travels with one tool, seen from a known measuring frame. With one: by
@@ -51,8 +65,8 @@ def describe(machine: str, survey: Path | None, json_file: Path | None, drawing:
     from errormodel.schema import read_machine
     from identification import describe as stage
 
-    if drawing is not None and drawing.suffix.lower() not in DRAWINGS:
-        found = f"a drawing of type '{drawing.suffix}'"
+    if drawing is not None and drawing.path.suffix.lower() not in DRAWINGS:
+        found = f"a drawing of type '{drawing.path.suffix}'"
         raise InputError(f"--drawing {drawing}", found, f"Write one of {', '.join(DRAWINGS)}")
     model = read_machine(machine)
     points = None
@@ -63,14 +77,14 @@ def describe(machine: str, survey: Path | None, json_file: Path | None, drawing:
         show_notes(points.notes)
     description = stage.describe(model, points)
     if json_file is not None:
-        from errormodel.files import write_text_atomic
         from identification.store import dumps
 
-        write_text_atomic(dumps(description.as_json()), json_file)
+        json_file.write_text(dumps(description.as_json()))
     if drawing is not None:
         from identification.plots.chain_drawing import draw_chain
 
-        draw_chain(model, drawing)
+        with drawing.replaced() as part:
+            draw_chain(model, part)
     _say_description(description)
 
 
@@ -93,16 +107,16 @@ def _say_description(description: Description) -> None:
     show_default=True,
     help="Largest predicted uncertainty in the volume, or determinant of the information (D-optimal).",
 )
-@click.option("--out", type=FILE, help="CSV of the rows to measure, in order.")
-@click.option("--json", "json_file", type=FILE, help="Write the plan's figures and verdicts as JSON.")
+@click.option("--out", type=OUT_FILE, help="CSV of the rows to measure, in order.")
+@click.option("--json", "json_file", type=OUT_FILE, help="Write the plan's figures and verdicts as JSON.")
 def plan(
     machine: str,
     points: int,
     setup: Path | None,
     noise: float | None,
     criterion: str,
-    out: Path | None,
-    json_file: Path | None,
+    out: OutputFile | None,
+    json_file: OutputFile | None,
     seed: int,
 ) -> None:
     """Plan poses by optimal design: how sure they make the model, and which physics they would show.
@@ -110,7 +124,6 @@ def plan(
     SETUP may hold travels {joint: [low, high]}, tools [[x, y, z], ...], boxes to avoid, sight {station, facing,
     incidence}, instrument, frame, pace and sensors; mm, degrees and seconds.
     """
-    from errormodel.files import write_csv, write_text_atomic
     from errormodel.schema import read_machine
     from identification.plan import run as stage
     from identification.plan.lines import plan_lines
@@ -122,9 +135,9 @@ def plan(
     sigma = noise_of(circumstances, noise)
     result = stage.plan(model, circumstances, points, sigma, seed, worst=criterion == "worst", tell=working)
     if out is not None:
-        write_csv(stage.as_file(result, circumstances), out)
+        out.write_csv(stage.as_file(result, circumstances))
     if json_file is not None:
-        write_text_atomic(dumps(result.as_json()), json_file)
+        json_file.write_text(dumps(result.as_json()))
     for line in plan_lines(result):
         say(line)
     if out is not None:
@@ -138,12 +151,11 @@ def plan(
 @click.option(
     "--noise", default="0", help="Standard deviation in mm, or 'instrument': that of the survey's instrument."
 )
-@click.option("--out", type=FILE, required=True, help="CSV to write.")
-def simulate(machine: str, points: str, parameters: Path | None, noise: str, out: Path, seed: int) -> None:
+@click.option("--out", type=OUT_FILE, required=True, help="CSV to write.")
+def simulate(machine: str, points: str, parameters: Path | None, noise: str, out: OutputFile, seed: int) -> None:
     """Simulate what would be measured at POINTS (a survey's commands, or a number of random poses)."""
     from errormodel import simulate as stage
     from errormodel.chain import Chain
-    from errormodel.files import write_csv
     from errormodel.instruments.base import Instrument
     from errormodel.instruments.plain import Plain
     from errormodel.schema import read_machine
@@ -164,7 +176,7 @@ def simulate(machine: str, points: str, parameters: Path | None, noise: str, out
     result = stage.outward(table, model).drop(columns=stale, errors="ignore")
     for name in measured.columns.difference(stale, sort=False):
         result[name] = measured[name]
-    write_csv(result, out)
+    out.write_csv(result)
     say(f"{len(result)} points written to {out}")
 
 
@@ -191,11 +203,13 @@ def _noise(text: str, instrument: Any) -> Any:
 @command
 @click.argument("machine")
 @click.argument("survey", type=ANY)
-@click.option("--out", type=FOLDER, required=True, help="Folder for fit.json, the tables and report.html.")
+@click.option("--out", type=OUT_FOLDER, required=True, help="Folder for fit.json, the tables and report.html.")
 @click.option("--robust", is_flag=True, help="Weigh rows by how far they lie from the others; outliers are named.")
 @click.option("--bayes", is_flag=True, help="The posterior: unknown noise, shapes of effects, with --robust outliers.")
 @click.option("--priors", type=FILE, help="YAML: what is known beforehand: bounds; with --bayes priors too.")
-def fit(machine: str, survey: Path, out: Path, robust: bool, bayes: bool, priors: Path | None, seed: int) -> None:
+def fit(
+    machine: str, survey: Path, out: ResultsFolder, robust: bool, bayes: bool, priors: Path | None, seed: int
+) -> None:
     """Fit the machine's parameters to a SURVEY: values, uncertainties, residuals, a report."""
     from errormodel.schema import read_machine
     from errormodel.survey import read_survey
@@ -241,44 +255,44 @@ def _report(result: Fit, diagnosed: Diagnosed | None) -> str:
     return report(result, diagnosed)
 
 
-def _save(result: Fit, out: Path, elsewhere: Ahead, diagnosed: Diagnosed | None = None) -> None:
+def _save(result: Fit, out: ResultsFolder, elsewhere: Ahead, diagnosed: Diagnosed | None = None) -> None:
     from errormodel.files import write_text_atomic
     from identification import store
 
     elsewhere.begin(partial(_report, result, diagnosed), len(result.survey) < MOST_SENT)
-    with working("Writing tables"):
-        store.save(result, out)
-        if result.posterior is not None:
-            from identification.bayes.netcdf import write_netcdf
+    with out.replaced() as part:
+        with working("Writing tables"):
+            store.write(result, part)
+            if result.posterior is not None:
+                from identification.bayes.netcdf import write_netcdf
 
-            write_netcdf(result, result.posterior, out / "posterior.nc")
-        else:
-            (out / "posterior.nc").unlink(missing_ok=True)  # of another fit
-    with working("Drawing the report"):
-        write_text_atomic(elsewhere.finish(), out / "report.html")
+                write_netcdf(result, result.posterior, part / "posterior.nc")
+            if diagnosed is not None:
+                write_text_atomic(store.dumps(diagnosed.diagnosis.as_json()), part / "diagnosis.json")
+        with working("Drawing the report"):
+            write_text_atomic(elsewhere.finish(), part / "report.html")
+    show_notes(out.notes)
 
 
-def _say_fit(result: Fit, out: Path) -> None:
+def _say_fit(result: Fit, out: ResultsFolder) -> None:
     from identification.tables import fit_lines
 
     for line in fit_lines(result):
         say(line)
-    say(f"\nReport: {out / 'report.html'}")
+    say(f"\nReport: {out.path / 'report.html'}")
 
 
 @command
 @click.argument("machine")
 @click.argument("survey", type=ANY)
 @click.option(
-    "--out", type=FOLDER, required=True, help="Folder for diagnosis.json, machine.yaml, the fit and report.html."
+    "--out", type=OUT_FOLDER, required=True, help="Folder for diagnosis.json, machine.yaml, the fit and report.html."
 )
-def diagnose(machine: str, survey: Path, out: Path) -> None:
+def diagnose(machine: str, survey: Path, out: ResultsFolder) -> None:
     """Fit, then find the physics that was left out: where, what, how sure; the fit is that of the extended machine."""
-    from errormodel.files import write_text_atomic
     from errormodel.schema import read_machine
     from errormodel.survey import read_survey
     from identification.diagnosis.run import diagnose as stage
-    from identification.store import dumps
     from identification.tables import diagnosis_lines
 
     elsewhere = _drawing_elsewhere()
@@ -289,19 +303,17 @@ def diagnose(machine: str, survey: Path, out: Path) -> None:
     result = stage(model, data, working)
     show_notes(tuple(n for n in result.diagnosis.notes if n not in data.notes))
     _save(result.final, out, elsewhere, result)
-    write_text_atomic(dumps(result.diagnosis.as_json()), out / "diagnosis.json")
     for line in diagnosis_lines(result.diagnosis):
         say(line)
-    say(f"\nReport: {out / 'report.html'}")
+    say(f"\nReport: {out.path / 'report.html'}")
 
 
 @command
 @click.argument("folder", type=FOLDER)
 @click.argument("points", type=ANY)
-@click.option("--out", type=FILE, required=True, help="CSV to write.")
-def predict(folder: Path, points: Path, out: Path) -> None:
+@click.option("--out", type=OUT_FILE, required=True, help="CSV to write.")
+def predict(folder: Path, points: Path, out: OutputFile) -> None:
     """Predict at POINTS from the FOLDER of a fit: position, volumetric error, standard uncertainty."""
-    from errormodel.files import write_csv
     from errormodel.simulate import outward
     from errormodel.survey import read_survey
     from identification import predict as stage
@@ -314,12 +326,12 @@ def predict(folder: Path, points: Path, out: Path) -> None:
     with working("Predicting"):
         result = stage.predict(stored, survey)
     table = outward(survey.table, machine).drop(columns=["file", "role", "row", *result.columns], errors="ignore")
-    write_csv(table.join(result), out)
+    out.write_csv(table.join(result))
     say(f"{len(result)} predictions written to {out}")
 
 
 # Importing these registers their commands, after the others.
-from identification import cli_compensate, cli_monitor, cli_register, cli_thermal  # noqa: E402, F401
+from identification import cli_compensate, cli_monitor, cli_register, cli_thermal, cli_verify  # noqa: E402, F401
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

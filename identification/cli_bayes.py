@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from errormodel.yamlfile import Document
     from identification.bayes.settings import PriorForm
     from identification.fit.result import Fit
+    from identification.results_folder import ResultsFolder
 
 
 def beforehand(priors: Path | None, bayes: bool) -> tuple[Mapping[str, PriorForm], Document | None]:
@@ -42,7 +43,7 @@ def with_posterior(
     document: Document | None,
     robust: bool,
     seed: int,
-    out: Path,
+    out: ResultsFolder,
 ) -> Fit:
     """The fit with its posterior; an unfinished chain is kept in ``out/chain``.
 
@@ -54,9 +55,10 @@ def with_posterior(
         The chain has not converged.
     """
     from identification.bayes.run import bayesian
+    from identification.folder_contents import CHAIN
 
     result = bayesian(
-        fit, refit, given, document, robust=robust, seed=seed, folder=out / "chain", tell=working, count=counting
+        fit, refit, given, document, robust=robust, seed=seed, folder=out.workspace(CHAIN), tell=working, count=counting
     )
     if result.posterior is not None:
         say(result.posterior.statement)

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from errormodel.exceptions import InputError
-from identification.console import FILE, FOLDER, command, say, show_notes, working
+from identification.console import FILE, FOLDER, OUT_TABLES, command, say, show_notes, working
+
+if TYPE_CHECKING:
+    from identification.results_folder import ResultsFolder
 
 
 @command
 @click.argument("folder", type=FOLDER, required=False)
 @click.option("--controller", "name", required=True, help="Name of the controller; 'list' names them all.")
-@click.option("--out", type=FOLDER, help="Folder for the controller's files, checklist.txt and compensation.json.")
+@click.option("--out", type=OUT_TABLES, help="Folder for the controller's files, checklist.txt and compensation.json.")
 @click.option("--points", type=click.IntRange(2), help="Points an axis. [default: as many as the errors need]")
 @click.option("--resolution", type=float, help="Least increment of the controller in mm. [default: the format's]")
 @click.option("--program", type=FILE, help="For gcode: the programme (or CSV of commands) to rewrite.")
@@ -24,7 +28,7 @@ from identification.console import FILE, FOLDER, command, say, show_notes, worki
 def compensate(
     folder: Path | None,
     name: str,
-    out: Path | None,
+    out: ResultsFolder | None,
     points: int | None,
     resolution: float | None,
     program: Path | None,
@@ -51,6 +55,7 @@ def compensate(
 
     result = stage(folder, name, points, resolution, program, probe, tool, seed, working)
     show_notes(result.notes)
-    write_compensation(result, out)
-    for line in lines.compensation_lines(result, out):
+    with out.replaced() as part:
+        write_compensation(result, part)
+    for line in lines.compensation_lines(result, out.path):
         say(line)

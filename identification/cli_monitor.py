@@ -21,23 +21,30 @@ def monitor(folder: Path, survey: Path, accept: bool, rate: float) -> None:
     The range is learned from the cycles before, which FOLDER/monitor.sqlite keeps; writes monitor.json and
     monitor.html there.
     """
-    from errormodel.files import write_text_atomic
+    from errormodel.files import locked
     from errormodel.survey import read_survey
     from identification import store
     from identification.alignment import rotation_notes
+    from identification.monitor.history import SCHEMA
     from identification.monitor.lines import monitor_lines
     from identification.monitor.run import monitored
-    from identification.report.monitor import write_monitor_page
+    from identification.output_file import OutputFile
+    from identification.report.monitor import monitor_page
 
     if not 0 < rate < 0.5:
         raise InputError("--rate", f"{rate:g}", "Write a share of cycles between 0 and 0.5, such as 0.01")
+    figures = OutputFile(folder / "monitor.json", mark=f'"schema": "{SCHEMA}"'.encode())
+    shown = OutputFile(folder / "monitor.html", mark=b'<p class="kind">Monitor: the machine beside its')
+    figures.check()
+    shown.check()
     stored = store.load(folder)
     with working("Reading"):
         data = read_survey(survey, stored.chain.machine)
     show_notes((*data.notes, *rotation_notes(stored.frames)))
-    with working("Fitting"), monitored(folder, stored, data, rate, accept) as result:
-        write_text_atomic(store.dumps(result.as_json()), folder / "monitor.json")
-        write_monitor_page(result, folder / "monitor.html")
+    # a fit that exchanges the folder waits until the history is closed
+    with working("Fitting"), locked(folder.resolve().parent), monitored(folder, stored, data, rate, accept) as result:
+        figures.write_text(store.dumps(result.as_json()))
+        shown.write_text(monitor_page(result))
     for line in monitor_lines(result):
         say(line)
     say(f"\nReport: {folder / 'monitor.html'}")

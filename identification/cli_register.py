@@ -3,30 +3,33 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
-from identification.console import FILE, FOLDER, command, say, show_notes, working
+from identification.console import FILE, FOLDER, OUT_FILE, command, say, show_notes, working
+
+if TYPE_CHECKING:
+    from identification.output_file import OutputFile
 
 
 @command
 @click.argument("cold", type=FOLDER)
 @click.argument("warm", type=FOLDER, nargs=-1, required=True)
 @click.option("--profiler", type=FILE, required=True, help="YAML: joint, positions, lever, mount or calibration.")
-@click.option("--out", type=FILE, required=True, help="CSV to write: a survey of the joint's error motions.")
-def register(cold: Path, warm: tuple[Path, ...], profiler: Path, out: Path) -> None:
+@click.option("--out", type=OUT_FILE, required=True, help="CSV to write: a survey of the joint's error motions.")
+def register(cold: Path, warm: tuple[Path, ...], profiler: Path, out: OutputFile) -> None:
     """Register point clouds of artefacts: from a COLD and each WARM folder to six thermal error motions.
 
     Each folder has one cloud an artefact (csv, xyz, ply, pcd), x y z in mm in the sensor's frame. A time in the name of
     a WARM folder (t_030min, 90s, 1.5h) becomes the column time.
     """
-    from errormodel.files import write_csv
     from identification.registration.lines import register_lines
     from identification.registration.run import register as stage
 
     result = stage(cold, warm, profiler, working)
     show_notes(result.notes)
-    write_csv(result.table, out)
+    out.write_csv(result.table)
     for line in register_lines(result):
         say(line)
     say(f"\n{len(result.table)} rows written to {out}")

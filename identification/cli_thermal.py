@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
-from identification.console import ANY, FOLDER, command, say, show_notes, working
+from identification.console import ANY, OUT_FOLDER, command, say, show_notes, working
+
+if TYPE_CHECKING:
+    from identification.results_folder import ResultsFolder
 
 
 @command
 @click.argument("machine")
 @click.argument("survey", type=ANY)
-@click.option("--out", type=FOLDER, required=True, help="Folder for thermal.json, machine.yaml and the fit.")
-def thermal(machine: str, survey: Path, out: Path) -> None:
+@click.option("--out", type=OUT_FOLDER, required=True, help="Folder for thermal.json, machine.yaml and the fit.")
+def thermal(machine: str, survey: Path, out: ResultsFolder) -> None:
     """Model how error motions drift with temperatures, and judge that on another thermal cycle.
 
     SURVEY holds error motions at a few positions of a joint, read again and again over a warm-up (columns joint, dx ...
@@ -35,10 +39,11 @@ def thermal(machine: str, survey: Path, out: Path) -> None:
     show_notes(data.notes)
     result = stage(model, data, working)
     show_notes(result.recordings.notes)
-    with working("Writing"):
-        store.save(result.fit, out)
-        write_report(result.fit, out / "report.html", thermal=result)
-        write_text_atomic(store.dumps(result.as_json()), out / "thermal.json")
-        style.save(draw_thermal_drift(result), out / "thermal_drift.png")
-    for line in thermal_lines(result, out):
+    with working("Writing"), out.replaced() as part:
+        store.write(result.fit, part)
+        write_report(result.fit, part / "report.html", thermal=result)
+        write_text_atomic(store.dumps(result.as_json()), part / "thermal.json")
+        style.save(draw_thermal_drift(result), part / "thermal_drift.png")
+    show_notes(out.notes)
+    for line in thermal_lines(result, out.path):
         say(line)

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import functools
 import inspect
+import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +16,31 @@ import click
 
 from errormodel import __version__
 from errormodel.exceptions import InputError
+from errormodel.inputs import Run, running
+from identification.output_file import OutputFile
+from identification.results_folder import ResultsFolder
 
-FOLDER = click.Path(path_type=Path, file_okay=False)
+FOLDER = click.Path(path_type=Path, file_okay=False)  # to read
 FILE = click.Path(path_type=Path, dir_okay=False)
 ANY = click.Path(path_type=Path)
+
+
+class _Out(click.Path):
+    """A place to write to, as the one object through which a command may write there."""
+
+    def __init__(self, make: Callable[[Path], OutputFile | ResultsFolder], **kinds: bool) -> None:
+        super().__init__(path_type=Path, **kinds)
+        self.make = make
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        if not str(value):
+            raise InputError(str(param.opts[0] if param else "--out"), "an empty name", "Give a name")
+        return self.make(Path(os.fsdecode(super().convert(value, param, ctx))))
+
+
+OUT_FILE = _Out(OutputFile, dir_okay=False)
+OUT_FOLDER = _Out(ResultsFolder, file_okay=False)  # a fit
+OUT_TABLES = _Out(partial(ResultsFolder, holds="tables"), file_okay=False)
 
 
 class Group(click.Group):
@@ -54,11 +77,48 @@ def command(function: Callable[..., None]) -> click.Command:
     def run(*args: Any, quiet: bool, seed: int, **kwargs: Any) -> None:
         global _quiet  # noqa: PLW0603  one process runs one command
         _quiet = quiet
-        function(*args, **kwargs, **({"seed": seed} if draws else {}))
+        given = kwargs | ({"seed": seed} if draws else {})
+        with running(_run_of(given)):
+            function(*args, **given)
 
     run = click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Random seed.")(run)
     run = click.option("--quiet", is_flag=True, help="Print nothing but errors.")(run)
     return app.command()(run)
+
+
+def _run_of(given: dict[str, Any]) -> Run:
+    """The command under way: what it writes is checked before it does anything.
+
+    Raises
+    ------
+    InputError
+        It would write over what it reads, over what errormodel did not write, or twice to one place.
+    """
+    context = click.get_current_context()
+    outputs = [v for v in given.values() if isinstance(v, OutputFile | ResultsFolder)]
+    options = {p.name: _plain(given[p.name]) for p in context.command.params if _changes_result(p, given)}
+    run = Run(str(context.info_name), options, outputs)
+    for k, output in enumerate(outputs):
+        if any(output.path.absolute() == other.path.absolute() for other in outputs[:k]):
+            raise InputError(str(output), "two results of this command in one file", "Give each a name of its own")
+    for param in context.command.params:
+        if type(param.type) is click.Path:
+            several = given.get(param.name or "")
+            for path in several if isinstance(several, tuple) else [several]:
+                if path is not None:
+                    run.refuse(path)
+    for output in outputs:
+        output.check()
+    return run
+
+
+def _changes_result(param: click.Parameter, given: dict[str, Any]) -> bool:
+    return isinstance(param, click.Option) and param.name in given and not isinstance(param.type, _Out)
+
+
+def _plain(value: Any) -> Any:
+    """An option as a manifest has it: of a file its name, wherever it stands."""
+    return value.name if isinstance(value, Path) else value
 
 
 _quiet = False

@@ -16,6 +16,7 @@ from errormodel.conventions import MOTIONS, TRANSLATIONS
 from errormodel.exceptions import InputError
 from errormodel.features import root
 from errormodel.files import write_csv, write_text_atomic
+from errormodel.inputs import noted
 from errormodel.schema import read_machine, write_machine
 from errormodel.simulate import outward
 from errormodel.survey import Survey
@@ -24,6 +25,7 @@ from identification.fit.motions import Motions
 from identification.fit.result import Fit, Spread
 from identification.fit.run import moved
 from identification.gain import leverages
+from identification.results_folder import ResultsFolder, whole
 
 SCHEMA = "errormodel.fit/1"
 PARAMETERS = ("id", "group", "symbol", "value", "std", "std_after_10_more", "std_after_10_best", "unit")  # columns
@@ -126,7 +128,19 @@ def correlations(fit: Fit, least: float = 0.9, most: int = 100) -> list[dict[str
 
 
 def save(fit: Fit, folder: Path) -> None:
-    """Write ``machine.yaml``, ``parameters.csv``, ``residuals.csv``, ``covariance.csv`` and, last, ``fit.json``."""
+    """Make `folder` the results of a fit: the files of `write` and their manifest, as a whole or not at all.
+
+    Raises
+    ------
+    InputError
+        It holds what errormodel did not write, or cannot be written.
+    """
+    with ResultsFolder(folder).replaced() as part:
+        write(fit, part)
+
+
+def write(fit: Fit, folder: Path) -> None:
+    """Write machine, ``parameters.csv``, ``residuals.csv``, ``covariance.csv`` and ``fit.json`` to an empty folder."""
     import pandas as pd
 
     write_machine(fit.chain.machine, folder / "machine.yaml")
@@ -252,7 +266,13 @@ def load(folder: Path) -> StoredFit:
     InputError
         The folder holds no finished fit, or its files do not belong together.
     """
-    path = folder / "fit.json"
+    with whole(folder):
+        return read_files(folder)
+
+
+def read_files(folder: Path) -> StoredFit:
+    """Like `load`, without the manifest and the lock."""
+    path = noted(folder / "fit.json")
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
         if data["schema"] != SCHEMA:
@@ -307,7 +327,7 @@ def _machine_of(folder: Path, base: tuple[str, ...]) -> Chain:
 def _covariance(folder: Path, base: tuple[str, ...], std: Array) -> Array:
     import pandas as pd
 
-    path = folder / "covariance.csv"
+    path = noted(folder / "covariance.csv")
     try:
         table = pd.read_csv(path)
         matrix = table.to_numpy(dtype=float)

@@ -155,7 +155,7 @@ def test_slow_wear_is_a_drift_before_it_leaves_the_range(folder):
 
 def test_one_more_failure_leaves_history_and_pages_as_they_were(folder, monkeypatch):
     before = tree(folder)
-    monkeypatch.setattr("identification.report.monitor.write_monitor_page", lambda *_: 1 / 0)
+    monkeypatch.setattr("identification.report.monitor.monitor_page", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         monitor(folder, cycle_table(61))
     after = tree(folder)

@@ -8,6 +8,7 @@ from pathlib import Path
 from errormodel.exceptions import InputError, nearest
 from errormodel.formats import csv_file, parquet_file
 from errormodel.formats.base import Table
+from errormodel.inputs import noted, noted_folder
 
 _OPENERS = {suffix: module.open_table for module in (csv_file, parquet_file) for suffix in module.SUFFIXES}
 SUFFIXES = tuple(_OPENERS)
@@ -40,6 +41,7 @@ def open_tables(path: Path, name: str) -> list[Table]:
 
 
 def _open(path: Path, name: str) -> Table:
+    noted(path)
     opener = _OPENERS.get(path.suffix.lower())
     if opener is None:
         raise InputError(name, f"a file of type '{path.suffix}'", f"Write the table as one of {', '.join(SUFFIXES)}")
@@ -48,6 +50,7 @@ def _open(path: Path, name: str) -> Table:
 
 
 def _parts(folder: Path, name: str) -> list[Path]:
+    noted_folder(folder, SUFFIXES)
     visible = [p for p in folder.iterdir() if p.is_file() and not p.name.startswith((".", "_"))]
     parts = [p for p in visible if p.suffix.lower() in SUFFIXES]
     if not parts:

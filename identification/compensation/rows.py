@@ -12,6 +12,7 @@ from errormodel.arrays import Array, Mask
 from errormodel.chain import TOOL_CHANNELS
 from errormodel.exceptions import InputError
 from errormodel.features import direction
+from errormodel.inputs import noted
 from errormodel.instruments.plain import Plain
 from errormodel.machine import Machine
 from errormodel.survey import Survey
@@ -36,7 +37,7 @@ def read_rows(folder: Path, machine: Machine) -> pd.DataFrame:
     """
     import pandas as pd
 
-    path = folder / "residuals.csv"
+    path = noted(folder / "residuals.csv")
     try:
         table = pd.read_csv(path, dtype={"run": str, "file": str})
     except (OSError, ValueError) as error:

@@ -20,6 +20,7 @@ from errormodel.controllers.sign_test import sign_test
 from errormodel.controllers.tables import Table, Tables
 from errormodel.exceptions import InputError
 from errormodel.features import root
+from errormodel.inputs import noted
 from errormodel.machine import Vector
 from identification import store
 from identification.alignment import rotation_notes
@@ -314,7 +315,7 @@ def _rewritten(
 
 def _text(path: Path) -> str:
     try:
-        return path.read_text(encoding="utf-8")
+        return noted(path).read_text(encoding="utf-8")
     except (OSError, ValueError) as error:
         raise InputError(str(path), f"it cannot be read ({error})", "Give a programme as plain text") from error
 

@@ -11,7 +11,7 @@ from identification.store import dumps
 
 
 def write_compensation(result: Compensation, folder: Path) -> None:
-    """Write every file whole or not at all, ``compensation.json`` last."""
+    """Write every file to an empty folder."""
     for stated in result.sets:
         for name, text in stated.files.items():
             write_text_atomic(text, folder / stated.label / name)
@@ -20,5 +20,6 @@ def write_compensation(result: Compensation, folder: Path) -> None:
             write_text_atomic(text, folder / name)
     for name, text in result.tests.items():
         write_text_atomic(text, folder / "sign_test" / name)
-    write_text_atomic("\n".join(compensation_lines(result, folder)) + "\n", folder / "checklist.txt")
+    *lines, _, _ = compensation_lines(result, Path())  # the last say where it was written, which changes when moved
+    write_text_atomic("\n".join(lines) + "\n", folder / "checklist.txt")
     write_text_atomic(dumps(result.as_json()), folder / "compensation.json")

@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import AutoLocator, FixedLocator, FuncFormatter, MaxNLocator, MultipleLocator, NullLocator
 from numpy.typing import NDArray
 
+from errormodel.files import write_bytes_atomic
 from errormodel.machine import Joint
 
 # Okabe and Ito's palette: red, green and blue in spirit, and distinct in every common colour blindness
@@ -35,7 +36,7 @@ WIDTH = 8.0  # inches of a report's figure: its text is then as large as the rep
 
 def save(figure: Figure, path: Path) -> None:
     """Write `figure` in the format of the path's suffix; same figure, same bytes; the text of an SVG stays text."""
-    path.write_bytes(render(figure, path.suffix.lower().removeprefix(".")))
+    write_bytes_atomic(render(figure, path.suffix.lower().removeprefix(".")), path)
 
 
 def render(figure: Figure, kind: str, dpi: int = 150) -> bytes:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from errormodel.exceptions import InputError
+from errormodel.inputs import noted, noted_folder
 from identification.registration.readers import SUFFIXES
 
 _SECONDS = {"s": 1.0, "sec": 1.0, "min": 60.0, "m": 60.0, "h": 3600.0, "hr": 3600.0}
@@ -32,6 +33,9 @@ def clouds_in(folder: Path, count: int, reference: Sequence[Path] = ()) -> list[
         found = "a file" if folder.exists() else "no such folder"
         raise InputError(str(folder), found, "Give a folder with one cloud an artefact, such as artefact_01.csv")
     files = [p for p in folder.iterdir() if p.is_file() and p.suffix.lower() in SUFFIXES and p.name[0] not in "._"]
+    for path in files:
+        noted(path)
+    noted_folder(folder, SUFFIXES)
     files.sort(key=lambda p: ([int(t) if t.isdigit() else t for t in re.split(r"(\d+)", p.stem)], p.name))
     stems = [p.stem for p in files]
     twice = next((s for i, s in enumerate(stems) if s in stems[:i]), None)

@@ -10,6 +10,7 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.exceptions import InputError
+from errormodel.inputs import noted
 from identification.registration.form import ProfileBlock
 
 TEXT = (".csv", ".xyz", ".txt", ".asc")
@@ -41,6 +42,7 @@ def read_cloud(path: Path, name: str, profile: ProfileBlock | None) -> Array:
     """
     suffix = path.suffix.lower()
     try:
+        noted(path)
         if suffix == ".ply":
             points = _ply(path, name)
         elif suffix == ".pcd":

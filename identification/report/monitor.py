@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 
 from errormodel import __version__
-from errormodel.files import write_text_atomic
 from identification.monitor.run import Monitored
 from identification.monitor.words import value_text
 from identification.plots.history import draw_history
@@ -16,9 +14,9 @@ from identification.report.page import page
 from identification.report.pictures import Picture, picture
 
 
-def write_monitor_page(result: Monitored, path: Path) -> None:
-    """Write ``monitor.html``: HTML that holds all it shows."""
-    text = page(
+def monitor_page(result: Monitored) -> str:
+    """``monitor.html``: HTML that holds all it shows."""
+    return page(
         "monitor.html",
         machine=result.stored.chain.machine.name,
         result=result,
@@ -27,7 +25,6 @@ def write_monitor_page(result: Monitored, path: Path) -> None:
         rows=_rows(result),
         version=__version__,
     )
-    write_text_atomic(text, path)
 
 
 def _headline(result: Monitored) -> str:

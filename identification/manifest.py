@@ -1,0 +1,114 @@
+"""``manifest.json``: what a folder of results holds, digests of its files and of what they were made from.
+
+It has no dates and no paths from outside, so that the same input gives the same bytes everywhere.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from errormodel import __version__
+from errormodel.exceptions import InputError
+from errormodel.files import sha256
+from errormodel.inputs import current
+
+NAME = "manifest.json"
+SCHEMA = "errormodel.manifest/1"
+CURE = "Choose another folder, or move it away"
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """A manifest as it was read.
+
+    Attributes
+    ----------
+    holds : "model" (fit, diagnose, thermal) or "tables" (compensate)
+    files : digests by the paths in the folder, with /.
+    inputs : digests by the names of the files that were read.
+    """
+
+    command: str
+    holds: str
+    files: Mapping[str, str]
+    inputs: Mapping[str, list[str]]
+
+
+def written(folder: Path, holds: str) -> dict[str, Any]:
+    """The manifest of all files that stand in `folder` now, as data, by the command under way."""
+    run = current()
+    inputs = [{"name": p.name, "sha256": digest} for p, digest in run.inputs.items()] if run else []
+    return {
+        "schema": SCHEMA,
+        "version": __version__,
+        "holds": holds,
+        "command": run.command if run else "",
+        "options": run.options if run else {},
+        "inputs": sorted(inputs, key=lambda i: (i["name"], i["sha256"])),
+        "files": {p.relative_to(folder).as_posix(): sha256(p) for p in sorted(folder.rglob("*")) if p.is_file()},
+    }
+
+
+def read(folder: Path) -> Manifest | None:
+    """The manifest of a folder, None where there is none.
+
+    Raises
+    ------
+    InputError
+        It is damaged, or of a version to come.
+    """
+    path = folder / NAME
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+        if data["schema"] != SCHEMA:
+            found = f"its schema is {data['schema']!r}, not {SCHEMA!r}: errormodel {data.get('version')} wrote it"
+            raise InputError(str(path), found, "Use that version of errormodel")
+        files = {str(name): str(digest) for name, digest in data["files"].items()}
+        inputs: dict[str, list[str]] = {}
+        for entry in data["inputs"]:
+            inputs.setdefault(str(entry["name"]), []).append(str(entry["sha256"]))
+        return Manifest(str(data["command"]), str(data["holds"]), files, inputs)
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+    except OSError as error:
+        raise InputError(str(path), f"it cannot be read ({error.strerror})", CURE) from error
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        found = f"it cannot be read as a manifest ({type(error).__name__}: {error})"
+        raise InputError(str(path), found, CURE) from error
+
+
+def wrong(folder: Path) -> list[str]:
+    """Files of `folder` that are not those of its manifest; what is missing is not among them."""
+    manifest = read(folder)
+    files = {} if manifest is None else manifest.files
+    return [n for n, digest in files.items() if (folder / n).is_file() and sha256(folder / n) != digest]
+
+
+def check_whole(folder: Path) -> None:
+    """Before anything is read from a folder of results: whether its files belong together.
+
+    Folders of versions before the manifest have none.
+
+    Raises
+    ------
+    InputError
+        A file was changed or is of another result.
+    """
+    manifest = read(folder)
+    if manifest is not None and (others := wrong(folder)):
+        raise foreign(folder, others[0], manifest)
+
+
+def foreign(folder: Path, name: str, manifest: Manifest) -> InputError:
+    """What to say of a file that is not the one which the manifest names."""
+    by = f"`errormodel {manifest.command}`" if manifest.command else "errormodel"
+    found = f"it is not the file that {by} wrote to this folder: it was changed since, or is of another result"
+    cure = "Put that file back, or run the command again with another folder"
+    if name == "machine.yaml":
+        cure = f"Fit a machine that was edited to a folder of its own (errormodel fit {folder / name} SURVEY --out NEW)"
+        cure += ", or put the file back"
+    return InputError(str(folder / name), found, cure)
