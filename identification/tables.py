@@ -7,7 +7,8 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from identification.describe import Description
-from identification.diagnosis.findings import Diagnosis
+from identification.diagnosis.findings import Alternative, Diagnosis
+from identification.diagnosis.headline import headline
 from identification.estimates import printed
 from identification.fit.result import Fit, Spread
 from identification.store import parameters
@@ -116,23 +117,31 @@ def _outlier_lines(fit: Fit) -> Iterator[str]:
 def diagnosis_lines(diagnosis: Diagnosis) -> Iterator[str]:
     """The verdict, the findings as sentences, and what the data could not show."""
     before, after = (_held_out(s) for s in (diagnosis.baseline, diagnosis.final))
+    yield headline(diagnosis)
     yield f"verdict: {diagnosis.verdict}; noise of one coordinate {diagnosis.noise_um:.2f} um"
     yield f"held out: {before} um rms before, {after} um after"
     if diagnosis.unexplained:
         yield f"left over: {diagnosis.unexplained}"
-    elif not diagnosis.findings:
-        yield "\nNothing was found beyond the model and the noise."
     for number, finding in enumerate(diagnosis.findings, start=1):
         yield f"\n{number}. {finding.statement}"
         for other in finding.alternatives[:3]:
-            told = "told apart" if other.separable else "not told apart by this data"
             what = f"{other.effect} at {other.where} ({' '.join(other.motion)} by {' and '.join(other.driver)})"
-            yield f"   instead: {what}, odds 10^{other.log10_bayes_factor:.1f}: {told}"
+            yield f"   instead: {what}, {'; '.join(comparison(other))}"
         yield f"   next: {finding.next_measurement}"
     if diagnosis.untestable:
         yield "\ncannot be seen in this survey"
         for item in diagnosis.untestable:
             yield f"  {item.effect}: {item.reason}"
+
+
+def comparison(other: Alternative) -> Iterator[str]:
+    """How probable another explanation is, whether this data tells it apart, and why it was not chosen."""
+    own = other.probability
+    yield "the same effect" if own is None else f"probability {'below 0.01' if own < 0.005 else f'{own:.2f}'}"
+    if other.reason:
+        yield f"fits this data better, but {other.reason}"
+    else:
+        yield "told apart" if other.separable else "not told apart by this data alone"
 
 
 def _held_out(summary: Mapping[str, float | None]) -> str:
