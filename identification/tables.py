@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
+from errormodel.location_errors import named
 from identification.describe import Description
 from identification.diagnosis.findings import Alternative, Diagnosis
 from identification.diagnosis.headline import headline
@@ -31,7 +32,10 @@ def description_lines(description: Description) -> Iterator[str]:
     units = {p.id: p.unit for p in chain.parameters}
     for k in range(groups.rank):
         base = groups.ids[groups.base[k]]
-        yield f"  {symbols.get(base, ''):7} {units.get(base, ''):7} {groups.name(k)}"
+        location = named(chain.location_errors, groups.members(k))
+        symbol = location.symbol if location else symbols.get(base, "")
+        meaning = f"   {location.words}" if location else ""
+        yield f"  {symbol:9} {units.get(base, ''):7} {groups.name(k)}{meaning}"
     if groups.no_effect:
         yield "\nno effect"
         for identity, reason in description.reasons.items():
@@ -63,17 +67,19 @@ def fit_lines(fit: Fit) -> Iterator[str]:
     listed = [p for p, shared in zip(parameters(fit), framed, strict=True) if not shared]
     listed.sort(key=lambda p: -abs(p["value"]) / p["std"] if p["std"] else -np.inf)
     yield "\nlargest in units of their uncertainty (all in parameters.csv)"
+    rows = []
     for p in listed[:12]:
         factor, unit = printed(p["unit"])
-        value, std = factor * p["value"], factor * p["std"]
-        yield f"  {p['symbol']:6} {value:11.3f} +- {std:8.3f} {unit.replace('µ', 'u'):7} {p['group']}"
+        value, std = f"{factor * p['value']:.3f}", f"+- {factor * p['std']:8.3f}"
+        rows.append([p["symbol"], value, std, unit.replace("µ", "u"), p["group"], p["meaning"]])
+    yield from table_lines(rows, "<>><<<", indent=2)
     if any(framed):
         yield f"  and {sum(framed)} groups of, or shared with, the measuring frame"
 
 
 def _spread_lines(fit: Fit) -> Iterator[str]:
     """Sizes of the error of position, and the noise of a coordinate."""
-    yield f"\n{'um':28}{'rms':>9}{'mean':>9}{'max':>9}{'n':>8}"
+    yield ""
     rows: list[tuple[str, Spread]] = [
         ("nominal, best frame", fit.nominal),
         ("fitted", fit.fitted),
@@ -81,12 +87,30 @@ def _spread_lines(fit: Fit) -> Iterator[str]:
     ]
     for test in fit.tests:
         rows += [(f"{test.path}: nominal", test.nominal), (f"{test.path}: predicted", test.fitted)]
-    for name, spread in rows:
-        yield f"{name:28}{spread.rms_um:9.2f}{spread.mean_um:9.2f}{spread.max_um:9.2f}{spread.n:8d}"
+    cells = [
+        [name, *(f"{v:.2f}" for v in (spread.rms_um, spread.mean_um, spread.max_um)), str(spread.n)]
+        for name, spread in rows
+    ]
+    yield from table_lines([["um", "rms", "mean", "max", "n"], *cells], "<>>>>", least=7)
     how = "declared" if "position" in fit.solution.declared else "from residuals"
     tested = how == "declared" and fit.solution.dof > 0
     chi = f", reduced chi-square {fit.solution.chi2 / fit.solution.dof:.3f}" if tested else ""
     yield f"\nnoise of one coordinate {1e3 * fit.sigma_mm:.2f} um ({how}), {fit.solution.dof} degrees of freedom{chi}"
+
+
+def table_lines(rows: Sequence[Sequence[str]], align: str, indent: int = 0, least: int = 0) -> Iterator[str]:
+    """Rows of cells in columns as wide as their longest cell, two blanks apart, whatever the numbers.
+
+    Parameters
+    ----------
+    align : "<" or ">" for each column.
+    indent : blanks before each row.
+    least : the least width of a column.
+    """
+    widths = [max(least, *map(len, column)) for column in zip(*rows, strict=True)]
+    for row in rows:
+        cells = (f"{cell:{side}{width}}" for cell, side, width in zip(row, align, widths, strict=True))
+        yield " " * indent + "  ".join(cells).rstrip()
 
 
 def _level_lines(fit: Fit) -> Iterator[str]:
