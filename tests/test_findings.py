@@ -449,9 +449,7 @@ def test_the_printer_has_a_dead_sensor(real_data: Path) -> None:
     assert dead_sensors(files["homing_b"]) == {}
 
 
-@pytest.mark.parametrize(
-    ("tool", "words", "sign"), [(-120.0, "outward, dz falls", -1), (120.0, "outward, dz rises", 1)]
-)
+@pytest.mark.parametrize(("tool", "words", "sign"), [(-120, "outward, dz falls", -1), (120, "outward, dz rises", 1)])
 @pytest.mark.parametrize("effect", [made("spindle-growth", sensor="T_spindle"), made("warm-up", tau=1800.0)])
 def test_the_sign_of_growth_is_said(effect: Effect, tool: float, words: str, sign: int) -> None:
     """What the words promise is what the machine does: growth of +1 moves the tool so."""

@@ -9,17 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from errormodel.arrays import as_rows
+from errormodel.arrays import Array, as_rows
 from errormodel.chain import Chain
 from errormodel.location_errors import location_of, named
 from errormodel.machine import Joint, Machine
 from errormodel.schema import read_machine
 from tests.commands import FIVE, MILL, done
 
-TIP = ("X", "Y", "Z")
 
-
-def tip(chain: Chain, values: dict[str, float], **position: float) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+def tip(chain: Chain, values: dict[str, float], **position: float) -> Array:
     """The exact tip at one pose, other joints at zero."""
     table = {j.name: position.get(j.name, 0.0) for j in chain.machine.joints}
     rows = as_rows(*(np.array([table.get(c, t)]) for c, t in zip(chain.channels, _fixed(chain), strict=True)))
@@ -34,9 +32,7 @@ def _fixed(chain: Chain) -> list[float]:
     return [tool.get(c, 0.0) for c in chain.channels]
 
 
-def direction(
-    chain: Chain, joint: Joint, values: dict[str, float]
-) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+def direction(chain: Chain, joint: Joint, values: dict[str, float]) -> Array:
     """Unit vector of the tip's path along a linear joint at zero."""
     step = tip(chain, values, **{joint.name: 1e-2}) - tip(chain, values, **{joint.name: -1e-2})
     unit = step / np.linalg.norm(step)

@@ -90,7 +90,7 @@ def test_report_shows_the_numbers_of_the_fit(fit: Fit, page: str) -> None:
     assert len(groups) == len(found) == fit.solution.groups.rank
     for cells, e in zip(groups, found, strict=True):
         value, std = (float(v.replace("−", "-")) for v in cells[3].split(" ± "))
-        assert cells[:3] + cells[4:5] == [str(e.number), e.formula, e.symbol, e.unit]
+        assert cells[:3] + cells[4:5] == [str(e.number), e.formula, e.symbol + e.meaning, e.unit]
         assert std == pytest.approx(e.std, rel=0.06)
         assert value == pytest.approx(e.value, abs=0.06 * e.std)
     hidden = {i for cells in tables["no-effect"][1:] for i in cells[0].split(", ")}

@@ -50,8 +50,8 @@ class Finding:
     """One entry of ``findings``.
 
     Beyond the contract: `size_um`, the root mean square of what it does at the tip over the survey's rows, `rows` (of
-    outliers: data rows, from 1), `brief`, its name and size, and `positive`, what a positive parameter does where that is not a rise
-    of the motion in its name. `period` in mm, of a rotary joint in degrees.
+    outliers: data rows, from 1), `brief`, its name and size, and `positive`, what a positive parameter does where that
+    is not a rise of the motion in its name. `period` in mm, of a rotary joint in degrees.
     """
 
     effect: str
