@@ -10,6 +10,7 @@ from identification.fit.result import Fit
 from identification.plots import style
 
 BAR = 0.19  # inches a parameter
+LABEL = 1.5  # inches for the longest label
 TITLES = {"µm": "Lengths", "µm/m": "Scale errors", "µrad": "Angles", "µrad/m": "Angles for a metre of travel"}
 
 
@@ -30,7 +31,7 @@ def draw_parameters(fit: Fit) -> Figure:
         top = height
         for unit, some in stack:
             tall = len(some) * BAR + 0.1
-            _draw(style.panel(figure, 1.15 + 4.0 * side, top - 0.3 - tall, 2.6, tall), unit, some)
+            _draw(style.panel(figure, LABEL + 4.0 * side, top - 0.3 - tall, 3.8 - LABEL, tall), unit, some)
             top -= tall + 0.85
     return figure
 
