@@ -106,8 +106,8 @@ def test_racking_raises_an_alarm_in_words_and_stays_out_of_the_range_until_accep
     result = monitor(folder, racked)
     assert result.code == 1  # for scripts
     assert not result.err
-    assert "ALARM, not taken into the normal range (--accept): ECY (zero[Y, run 1].ec)" in result.out
-    headline = "Cycle 15: alarm. ECY (zero[Y, run 1].ec)."
+    assert "ALARM, not taken into the normal range (--accept): ECY (zero[Y, run 1].ec) left its range" in result.out
+    headline = "Cycle 15: alarm. ECY (zero[Y, run 1].ec) left its range."
     assert headline in (folder / "monitor.html").read_text(encoding="utf-8")
     assert "ECY (zero[Y, run 1].ec) left its normal range: 12" in result.out
     assert "racking: compare both encoders" in result.out
@@ -287,12 +287,13 @@ def test_shares_of_a_distance_are_shares(seed, quantities, rank):
     assert result.share.sum() == pytest.approx(1)
 
 
-def test_an_alarm_of_all_together_names_no_quantity_as_out_of_its_range(folder):
+def test_an_alarm_of_all_together_names_no_quantity_as_out_of_its_range():
     far = {"kind": "together", "ids": ["a", "b"], "statement": "..."}
     one = {"kind": "range", "ids": ["a"], "name": "EXX (a)", "statement": "..."}
     assert alarm_text([far]) == "no quantity by itself, but all of them together"
-    assert alarm_text([one, far]) == "EXX (a)"
-    assert alarm_text([one] * 5) == "EXX (a), EXX (a), EXX (a) and 2 more"
+    assert alarm_text([one, far]) == "EXX (a) left its range"
+    assert alarm_text([one, one | {"kind": "drift"}]) == "EXX (a) left its range, EXX (a) drifts"
+    assert alarm_text([one] * 5).endswith(" left its range and 2 more")
 
 
 def test_the_scatter_has_its_unit(fitted, tmp_path):

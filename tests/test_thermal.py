@@ -96,8 +96,8 @@ def test_the_headline_of_the_report_says_what_another_cycle_leaves(modelled: Pat
     text = (modelled / "out/report.html").read_text(encoding="utf-8")
     (headline,) = re.findall(r'<p class="headline">(.*?)</p>', text)
     left = re.fullmatch(
-        r"Drift of 6 error motions with temperature: in another thermal cycle the model leaves ([\d.]+) times the noise, "
-        r"beyond the noise\.",
+        r"Drift of 6 error motions with temperature: in another thermal cycle the model leaves ([\d.]+) times the "
+        r"noise, beyond the noise\.",
         headline,
     )
     assert left is not None

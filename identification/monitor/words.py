@@ -14,6 +14,7 @@ from identification.estimates import decimals
 from identification.monitor.ranges import Judged
 from identification.monitor.watched import NOISE, ZERO, Cycle, Watched
 
+VERBS = {"range": "left its range", "drift": "drifts"}  # of a quantity by itself
 MOST_NAMED = 3  # of the quantities that make up a distance of all together
 
 
@@ -57,7 +58,7 @@ def _of_joint(joint: Joint, motion: str) -> str:
 
 def alarm_text(found: Sequence[Mapping[str, object]], capital: bool = False) -> str:
     """What an alarm is about, in a few words: the quantities by name, or all of them together."""
-    names = [str(a["name"]) for a in found if a["kind"] != "together"]
+    names = [f"{a['name']} {VERBS[str(a['kind'])]}" for a in found if a["kind"] in VERBS]
     more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
     text = ", ".join(names[:MOST_NAMED]) + more if names else "no quantity by itself, but all of them together"
     return text[:1].upper() + text[1:] if capital else text

@@ -64,7 +64,7 @@ def read_cloud(path: Path, name: str, profile: ProfileBlock | None) -> Array:
     return np.ascontiguousarray(points)
 
 
-def _columns(name: str, data: dict[str, np.ndarray[tuple[int, ...], np.dtype[np.generic]]]) -> Array:
+def _columns(name: str, data: dict[str, Array]) -> Array:
     missing = [c for c in "xyz" if c not in data]
     if missing:
         raise InputError(name, f"no column '{missing[0]}'", "Write a column each for x, y and z, in mm")
@@ -138,9 +138,7 @@ def _bad_cell(
     return unreadable(name, "a table", error)
 
 
-def _named(
-    values: Array, name: str, above: Sequence[str], delimiter: str
-) -> dict[str, np.ndarray[tuple[int, ...], np.dtype[np.generic]]]:
+def _named(values: Array, name: str, above: Sequence[str], delimiter: str) -> dict[str, Array]:
     """Columns by the names in the last line above the numbers; without such a line the first three are x, y, z."""
     header = next((line for line in reversed(above) if line.strip("# \t\r\n")), "").strip("# \t\r\n")
     cells = header.split() if delimiter == r"\s+" else [c.strip() for c in re.split(delimiter, header)]
