@@ -51,5 +51,5 @@ def _draw(axes: Axes, unit: str, some: list[Estimate]) -> None:
 
 
 def _name(e: Estimate) -> str:
-    symbol = f" ({e.symbol.removesuffix(' …')})" if e.symbol else ""
-    return style.plain(e.name + symbol, 20)
+    symbol = style.plain(f" ({e.symbol.removesuffix(' …')})", 12) if e.symbol else ""
+    return style.plain(e.name, 21 - len(symbol)) + symbol
