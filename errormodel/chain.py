@@ -25,6 +25,7 @@ from errormodel.conventions import FRAME, MOTIONS, TOOL, Motion
 from errormodel.exceptions import InputError, nearest
 from errormodel.features import POINT, columns
 from errormodel.kernel import Kernel
+from errormodel.location_errors import LocationError, location_of
 from errormodel.machine import EffectSpec, Joint, Machine, Shape
 
 if TYPE_CHECKING:
@@ -146,6 +147,11 @@ class Chain:
         travels = sum(max(abs(t) for t in j.travel) for j in self.machine.joints if j.type == "prismatic")
         arms = sum(float(np.linalg.norm(s.offset)) for s in self.machine.shapes)
         return max(travels + arms + float(np.linalg.norm(self.machine.tool)), 1.0)
+
+    @cached_property
+    def location_errors(self) -> list[LocationError]:
+        """Squareness and parallelism of the axes as functions of the parameters."""
+        return location_of(self.machine)
 
     @property
     def frame_ids(self) -> tuple[str, ...]:

@@ -128,10 +128,17 @@ def random_points(machine: Machine, count: int, seed: int = 0) -> pd.DataFrame:
     return pd.DataFrame(columns)
 
 
+def _degrees(angles: Array) -> Array:
+    """Angles (rad) in degrees, in the fewest digits that are the same angle: 30 rather than 29.999999999999996."""
+    degrees: Array = np.degrees(angles)
+    short = np.round(degrees, 10)
+    return np.where(np.isclose(np.radians(short), angles, rtol=1e-15, atol=0), short, degrees)
+
+
 def outward(table: pd.DataFrame, machine: Machine) -> pd.DataFrame:
     """A table of points as a file has it: rotary joints in degrees."""
     table = table.copy()
     for joint in machine.joints:
         if joint.type == "rotary":
-            table[joint.name] = np.degrees(table[joint.name])
+            table[joint.name] = _degrees(table[joint.name].to_numpy(dtype=np.float64))
     return table

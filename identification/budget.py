@@ -18,7 +18,6 @@ import numpy as np
 
 from errormodel.arrays import Array, as_rows
 from errormodel.features import root
-from errormodel.instruments.base import Instrument
 from errormodel.simulate import random_points
 from errormodel.survey import Survey
 from errormodel.survey_schema import BudgetEntry
@@ -152,11 +151,11 @@ def _effects(fit: Fit) -> Iterator[_Effect]:
     inverse = _inverse(total(s.sums, s.sigma)[0][pick] + np.diag(s.precision[base]))
     left = s.covariance * fit.inflation**2
     whole = left
-    parts = dict(_parts(fit.survey.instrument)) if "position" in s.declared and not _own_sigmas(fit.survey) else {}
-    for name, (part, size, unit) in parts.items():
-        covariance = inverse @ _caused(fit, part) @ inverse
+    parts = _caused(fit) if "position" in s.declared and not _own_sigmas(fit.survey) else []
+    for line, caused in parts:
+        covariance = inverse @ caused @ inverse
         left = left - covariance
-        yield _Effect(Input(name, "B", "normal", size, unit, 0.0), covariance)
+        yield _Effect(line, covariance)
     rest = float(np.trace(left / whole.diagonal()[:, None])) / len(base) if len(base) else 0.0
     estimated = "position" not in s.declared
     if parts and rest > WORTH:
@@ -196,20 +195,6 @@ def _own_sigmas(survey: Survey) -> bool:
     return any(name in survey.table for name in ("sigma_x", "sigma_y", "sigma_z"))
 
 
-def _parts(instrument: Instrument) -> Iterator[tuple[str, tuple[Instrument, float, str]]]:
-    """The instrument with each of its random errors alone, that error's size and unit."""
-    fields = {n: v for n, v in instrument if n in ("range", "angle", "sigma")}
-    nothing: dict[str, Any] = {n: [0.0] * len(v) if isinstance(v, list) else 0.0 for n, v in fields.items()}
-    for name, value in fields.items():
-        values = value if isinstance(value, list) else [value]
-        for k, size in enumerate(values):
-            if size > 0:
-                alone = [v * (j == k) for j, v in enumerate(values)] if isinstance(value, list) else value
-                label = f"{instrument.type}, {name}" + (", in proportion to length" if k else "")
-                unit = "rad" if name == "angle" else "1" if k else "mm"
-                yield label, (instrument.model_copy(update={**nothing, name: alone}), float(size), unit)
-
-
 def _rows(fit: Fit) -> Iterator[tuple[PositionView, Array]]:
     """Position rows in pieces, and their whitened M (3, m, p) in units of the noise."""
     base, place = fit.solution.groups.base, fit.problem.place()
@@ -221,18 +206,25 @@ def _rows(fit: Fit) -> Iterator[tuple[PositionView, Array]]:
                 yield part, rows.reshape(3, len(part), -1)
 
 
-def _caused(fit: Fit, instrument: Instrument) -> Array:
-    """``M'W S W M`` (p, p) of the covariance S that an instrument's one error gives to the rows."""
-    out = np.zeros((len(fit.solution.groups.base),) * 2)
+def _caused(fit: Fit) -> list[tuple[Input, Array]]:
+    """Each source of the declared instrument: its line, and ``M'W S W M`` (p, p) of the covariance S of the rows."""
+    instrument = fit.survey.instrument
+    lines: dict[str, Input] = {}
+    caused: dict[str, Array] = {}
     for view, rows in _rows(fit):
-        covariance, whole = (i.covariance(view.measured) for i in (instrument, fit.survey.instrument))
-        assert covariance is not None
+        sources = instrument.sources(view.measured)
+        whole = instrument.covariance(view.measured)
         assert whole is not None
         # in units of the noise; what a robust fit takes off a row stands in M, so that the parts add up to the whole
         white = marginal_whitener(whole, ~np.isfinite(fit.survey.measured[view.index]))
-        turned = white @ covariance @ white.transpose(0, 2, 1)
-        out += np.einsum("imp,mij,jmq->pq", rows, turned, rows, optimize=True)
-    return out
+        for source in sources:
+            if source.std > 0:
+                turned = white @ source.covariance @ white.transpose(0, 2, 1)
+                part = np.einsum("imp,mij,jmq->pq", rows, turned, rows, optimize=True)
+                name = f"{instrument.type}, {source.name}"
+                lines[name] = Input(name, "B", "normal", source.std, source.unit, 0.0)
+                caused[name] = caused[name] + part if name in caused else part
+    return [(line, caused[name]) for name, line in lines.items()]
 
 
 def _moved_by(fit: Fit, acts: str) -> Array:

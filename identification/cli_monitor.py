@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import click
 
 from errormodel.exceptions import InputError
 from identification.console import ANY, FOLDER, command, say, show_notes, working
+
+ALARM = 1  # exit code: a script can stop on it
 
 
 @command
@@ -19,7 +22,7 @@ def monitor(folder: Path, survey: Path, accept: bool, rate: float) -> None:
     """Fit one more cycle (SURVEY) with the model in the FOLDER of a fit, and say what left its normal range.
 
     The range is learned from the cycles before, which FOLDER/monitor.sqlite keeps; writes monitor.json and
-    monitor.html there.
+    monitor.html there. The exit code is 1 where the cycle is in alarm and is not accepted, else 0.
     """
     from errormodel.files import locked
     from errormodel.survey import read_survey
@@ -48,3 +51,5 @@ def monitor(folder: Path, survey: Path, accept: bool, rate: float) -> None:
     for line in monitor_lines(result):
         say(line)
     say(f"\nReport: {folder / 'monitor.html'}")
+    if result.record.status == "alarm" and not result.record.accepted:
+        sys.exit(ALARM)

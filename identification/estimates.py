@@ -48,7 +48,7 @@ class Estimate:
     ----------
     number : from 1, in the order of the fit.
     id : the parameter that stands for the group; `name` has an ellipsis where it has others with it.
-    formula : the whole group; `symbol` is the ISO 230-1 name, if there is one.
+    formula : the whole group; `symbol` is the ISO 230-1 name, if there is one, and `meaning` a location error in words.
     value, std : in `unit` (um, urad, um/m, urad/m); std is k = 1.
     kind : of a structural member, joint, effect, measuring frame (or a target's mount), or zero of an instrument.
     """
@@ -58,6 +58,7 @@ class Estimate:
     name: str
     formula: str
     symbol: str
+    meaning: str
     value: float
     std: float
     unit: str
@@ -83,7 +84,7 @@ def estimates(fit: Fit) -> list[Estimate]:
             kind = "joint" if known.element in joints else "member" if known.element in members else "frame"
             kind = "effect" if p["id"] in of_effects else kind
         more = " …" if len(p["members"]) > 1 else ""
-        symbol = p["symbol"] + more if p["symbol"] else ""
+        symbol = p["symbol"] + more if p["symbol"] and not p["meaning"] else p["symbol"]
         values = (factor * p["value"], factor * p["std"])
-        out.append(Estimate(number, p["id"], p["id"] + more, p["group"], symbol, *values, unit, kind))
+        out.append(Estimate(number, p["id"], p["id"] + more, p["group"], symbol, p["meaning"], *values, unit, kind))
     return out

@@ -17,6 +17,7 @@ from errormodel.exceptions import InputError
 from errormodel.features import root
 from errormodel.files import write_csv, write_text_atomic
 from errormodel.inputs import noted
+from errormodel.location_errors import named
 from errormodel.schema import read_machine, write_machine
 from errormodel.simulate import outward
 from errormodel.survey import Survey
@@ -28,7 +29,9 @@ from identification.gain import leverages
 from identification.results_folder import ResultsFolder, whole
 
 SCHEMA = "errormodel.fit/1"
-PARAMETERS = ("id", "group", "symbol", "value", "std", "std_after_10_more", "std_after_10_best", "unit")  # columns
+PARAMETERS = (  # columns
+    "id", "group", "symbol", "value", "std", "std_after_10_more", "std_after_10_best", "unit", "meaning",
+)  # fmt: skip
 CURE = "Give the folder that `errormodel fit ... --out DIR` wrote"
 
 
@@ -100,12 +103,15 @@ def parameters(fit: Fit) -> list[dict[str, Any]]:
         plain = "frame." + name.rsplit(".", 1)[1] if name.startswith("frame[") else name
         known = chain.parameters[chain.index[plain]] if plain in chain.index else None
         motion = name.rsplit(".", 1)[1]
+        members = s.groups.members(k)
+        location = named(chain.location_errors, members)
         out.append(
             {
                 "id": name,
                 "group": s.groups.name(k),
-                "members": s.groups.members(k),
-                "symbol": known.symbol if known else "",
+                "members": members,
+                "symbol": location.symbol if location else known.symbol if known else "",
+                "meaning": location.words if location else "",
                 "value": float(s.values[j]),
                 "std": float(std[k]),
                 "std_after_10_more": float(fit.gain.like_these[k]),

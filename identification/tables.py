@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
+from errormodel.location_errors import named
 from identification.describe import Description
-from identification.diagnosis.findings import Diagnosis
+from identification.diagnosis.findings import Alternative, Diagnosis
+from identification.diagnosis.headline import headline
 from identification.estimates import printed
 from identification.fit.motions import Motions
 from identification.fit.result import Fit, Spread
@@ -31,7 +33,10 @@ def description_lines(description: Description) -> Iterator[str]:
     units = {p.id: p.unit for p in chain.parameters}
     for k in range(groups.rank):
         base = groups.ids[groups.base[k]]
-        yield f"  {symbols.get(base, ''):7} {units.get(base, ''):7} {groups.name(k)}"
+        location = named(chain.location_errors, groups.members(k))
+        symbol = location.symbol if location else symbols.get(base, "")
+        meaning = f"   {location.words}" if location else ""
+        yield f"  {symbol:9} {units.get(base, ''):7} {groups.name(k)}{meaning}"
     if groups.no_effect:
         yield "\nno effect"
         for identity, reason in description.reasons.items():
@@ -68,10 +73,12 @@ def fit_lines(fit: Fit) -> Iterator[str]:
     listed = [p for p, shared in zip(parameters(fit), framed, strict=True) if not shared]
     listed.sort(key=lambda p: -abs(p["value"]) / p["std"] if p["std"] else -np.inf)
     yield "\nlargest in units of their uncertainty (all in parameters.csv)"
+    rows = []
     for p in listed[:12]:
         factor, unit = printed(p["unit"])
-        value, std = factor * p["value"], factor * p["std"]
-        yield f"  {p['symbol']:6} {value:11.3f} +- {std:8.3f} {unit.replace('µ', 'u'):7} {p['group']}"
+        value, std = f"{factor * p['value']:.3f}", f"+- {factor * p['std']:8.3f}"
+        rows.append([p["symbol"], value, std, unit.replace("µ", "u"), p["group"], p["meaning"]])
+    yield from table_lines(rows, "<>><<<", indent=2)
     if any(framed):
         what = "the measuring frame" if fit.problem.frames else "the instrument's zeros"
         yield f"  and {sum(framed)} groups of, or shared with, {what}"
@@ -79,7 +86,7 @@ def fit_lines(fit: Fit) -> Iterator[str]:
 
 def _spread_lines(fit: Fit) -> Iterator[str]:
     """Sizes of the error of position, and the noise of a coordinate."""
-    yield f"\n{'um':28}{'rms':>9}{'mean':>9}{'max':>9}{'n':>8}"
+    yield ""
     rows: list[tuple[str, Spread]] = [
         ("nominal, best frame", fit.nominal),
         ("fitted", fit.fitted),
@@ -87,8 +94,11 @@ def _spread_lines(fit: Fit) -> Iterator[str]:
     ]
     for test in fit.tests:
         rows += [(f"{test.path}: nominal", test.nominal), (f"{test.path}: predicted", test.fitted)]
-    for name, spread in rows:
-        yield f"{name:28}{spread.rms_um:9.2f}{spread.mean_um:9.2f}{spread.max_um:9.2f}{spread.n:8d}"
+    cells = [
+        [name, *(f"{v:.2f}" for v in (spread.rms_um, spread.mean_um, spread.max_um)), str(spread.n)]
+        for name, spread in rows
+    ]
+    yield from table_lines([["um", "rms", "mean", "max", "n"], *cells], "<>>>>", least=7)
     how = "declared" if "position" in fit.solution.declared else "from residuals"
     tested = how == "declared" and fit.solution.dof > 0
     chi = f", reduced chi-square {fit.solution.chi2 / fit.solution.dof:.3f}" if tested else ""
@@ -101,6 +111,21 @@ def _motion_lines(fit: Fit, motions: Motions) -> Iterator[str]:
     for e in motions.errors(fit.survey):
         yield f"  {f'{e.symbol}, {e.unit}':26}{e.nominal:9.2f}{e.fitted:9.2f}{e.heldout:9.2f}{e.n:8d}"
     yield ""
+
+
+def table_lines(rows: Sequence[Sequence[str]], align: str, indent: int = 0, least: int = 0) -> Iterator[str]:
+    """Rows of cells in columns as wide as their longest cell, two blanks apart, whatever the numbers.
+
+    Parameters
+    ----------
+    align : "<" or ">" for each column.
+    indent : blanks before each row.
+    least : the least width of a column.
+    """
+    widths = [max(least, *map(len, column)) for column in zip(*rows, strict=True)]
+    for row in rows:
+        cells = (f"{cell:{side}{width}}" for cell, side, width in zip(row, align, widths, strict=True))
+        yield " " * indent + "  ".join(cells).rstrip()
 
 
 def _level_lines(fit: Fit) -> Iterator[str]:
@@ -131,23 +156,31 @@ def _outlier_lines(fit: Fit) -> Iterator[str]:
 def diagnosis_lines(diagnosis: Diagnosis) -> Iterator[str]:
     """The verdict, the findings as sentences, and what the data could not show."""
     before, after = (_held_out(s) for s in (diagnosis.baseline, diagnosis.final))
+    yield headline(diagnosis)
     yield f"verdict: {diagnosis.verdict}; noise of one coordinate {diagnosis.noise_um:.2f} um"
     yield f"held out: {before} um rms before, {after} um after"
     if diagnosis.unexplained:
         yield f"left over: {diagnosis.unexplained}"
-    elif not diagnosis.findings:
-        yield "\nNothing was found beyond the model and the noise."
     for number, finding in enumerate(diagnosis.findings, start=1):
         yield f"\n{number}. {finding.statement}"
         for other in finding.alternatives[:3]:
-            told = "told apart" if other.separable else "not told apart by this data"
             what = f"{other.effect} at {other.where} ({' '.join(other.motion)} by {' and '.join(other.driver)})"
-            yield f"   instead: {what}, odds 10^{other.log10_bayes_factor:.1f}: {told}"
+            yield f"   instead: {what}, {'; '.join(comparison(other))}"
         yield f"   next: {finding.next_measurement}"
     if diagnosis.untestable:
         yield "\ncannot be seen in this survey"
         for item in diagnosis.untestable:
             yield f"  {item.effect}: {item.reason}"
+
+
+def comparison(other: Alternative) -> Iterator[str]:
+    """How probable another explanation is, whether this data tells it apart, and why it was not chosen."""
+    own = other.probability
+    yield "the same effect" if own is None else f"probability {'below 0.01' if own < 0.005 else f'{own:.2f}'}"
+    if other.reason:
+        yield f"fits this data better, but {other.reason}"
+    else:
+        yield "told apart" if other.separable else "not told apart by this data alone"
 
 
 def _held_out(summary: Mapping[str, float | None]) -> str:

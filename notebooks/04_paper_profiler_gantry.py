@@ -24,7 +24,6 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib import pyplot as plt  # so that Jupyter shows figures
-from plyfile import PlyData, PlyElement
 
 import errormodel
 from errormodel.conventions import MOTIONS, iso_symbol
@@ -142,8 +141,9 @@ rng = np.random.default_rng(4)
 
 def write_ply(cloud: Array, path: Path) -> None:
     path.parent.mkdir(exist_ok=True)
-    vertex = np.array([tuple(p) for p in cloud], dtype=[(c, "f8") for c in "xyz"])
-    PlyData([PlyElement.describe(vertex, "vertex")]).write(path)
+    columns = "".join(f"property double {c}\n" for c in "xyz")
+    header = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(cloud)}\n{columns}end_header\n"
+    path.write_bytes(header.encode() + cloud.astype("<f8").tobytes())
 
 
 folders = {0: work / "cold"} | {m: work / f"t_{m:03d}min" for m in sim.MINUTES}

@@ -6,10 +6,15 @@ import json
 from dataclasses import replace
 from math import floor, inf, sqrt
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
+from errormodel.instruments import instruments
+from errormodel.instruments.base import Instrument
 from errormodel.instruments.laser_tracker import LaserTracker
 from errormodel.machine import Machine
 from errormodel.schema import read_machine
@@ -25,6 +30,7 @@ from tests.surveys import measured, positions, survey
 
 MACHINE = read_machine(MILL)
 TRACKER = LaserTracker(type="laser-tracker", station=[2500, -1500, 600], range=[1e-3, 1e-6], angle=5e-6)
+POINTS = np.array([[300.0, -200.0, 50.0], [2500.0, -1500.0, 601.0], [-40.0, 900.0, np.nan]])
 GAUGE = 50_000_623.0  # nm
 END_GAUGE = [  # JCGM 100:2008, H.1: lengths in nm
     Input("standard", "B", "normal", 25.0, "nm", 1.0, 18),
@@ -99,6 +105,70 @@ def test_parts_of_a_tracker_add_up():
     robust = fit_machine(MACHINE, _survey(table, instrument=TRACKER), robust=True)
     std = np.sqrt(np.diag(robust.solution.covariance)) * robust.inflation
     np.testing.assert_allclose([b.std for b in robust.budgets.groups], std, rtol=1e-6)  # wrong rows are no source
+
+
+def test_the_target_of_a_tracker_is_a_line_of_its_own_and_counted_once():
+    table = positions(measured(MACHINE, np.zeros(len(_chain(MACHINE))), 80, 3, noise=2e-3))
+    tracker = TRACKER.model_copy(update={"target": 2e-3})
+    fit = fit_machine(MACHINE, _survey(table, instrument=tracker))
+    assert fit.budgets.prediction is not None
+    for budget in (fit.budgets.prediction, *fit.budgets.groups):
+        own = [i for i in budget.inputs if i.name == "laser-tracker, target"]
+        assert [(i.type, i.std, i.unit) for i in own] == [("B", 2e-3, "mm")]
+        assert sum(i.contribution**2 for i in budget.inputs if i is not own[0]) < budget.std**2
+    std = np.sqrt(np.diag(fit.solution.covariance)) * fit.inflation
+    np.testing.assert_allclose([b.std for b in fit.budgets.groups], std, rtol=1e-6)
+    seat = tracker.covariance(POINTS) - TRACKER.covariance(POINTS)  # type: ignore[operator]
+    np.testing.assert_allclose(seat, np.broadcast_to(4e-6 * np.eye(3), seat.shape), atol=1e-15)
+
+
+def _settings(kind: type[Instrument]) -> st.SearchStrategy[Instrument]:
+    """An instrument of a kind with any sizes, by the schema of its own fields."""
+
+    def number(schema: dict[str, object]) -> st.SearchStrategy[object]:
+        if schema.get("type") == "array":
+            most = schema.get("maxItems", 3)
+            assert isinstance(most, int)
+            return st.lists(number(dict(schema["items"])), min_size=most, max_size=most)  # type: ignore[call-overload]
+        return st.floats(1e-6, 1e-2)
+
+    fields = kind.model_json_schema()["properties"]
+    word = {"type": st.just(*get_args(kind.model_fields["type"].annotation))}
+    sizes = {name: number(schema) for name, schema in fields.items() if name != "type"}
+    return st.fixed_dictionaries(word | sizes).map(lambda values: kind(**values))
+
+
+@pytest.mark.parametrize("kind", instruments().values(), ids=lambda kind: kind.__name__)
+@settings(max_examples=20, deadline=None)
+@given(st.data())
+def test_the_sources_of_an_instrument_are_all_of_its_noise(kind: type[Instrument], data: st.DataObject):
+    instrument = data.draw(_settings(kind))
+    sources, whole = instrument.sources(POINTS), instrument.covariance(POINTS)
+    assert len({s.name for s in sources}) == len(sources)
+    assert (whole is None) == (not sources)
+    if whole is None:
+        return
+    np.testing.assert_allclose(sum(s.covariance for s in sources), whole, rtol=1e-12, atol=1e-12 * np.abs(whole).max())
+    for source in sources:
+        assert source.unit in ("mm", "rad", "1")
+        assert source.std > 0
+        np.testing.assert_allclose(source.covariance, source.covariance.transpose(0, 2, 1))
+        assert np.linalg.eigvalsh(source.covariance).min() >= -1e-12 * np.abs(source.covariance).max()
+
+
+@pytest.mark.parametrize("kind", instruments().values(), ids=lambda kind: kind.__name__)
+@settings(max_examples=3, deadline=None)
+@given(st.data())
+def test_the_parts_of_every_budget_add_up_to_the_whole(kind: type[Instrument], data: st.DataObject):
+    instrument = data.draw(_settings(kind))
+    table = positions(measured(MACHINE, np.zeros(len(_chain(MACHINE))), 60, 3, noise=2e-3))
+    fit = fit_machine(MACHINE, _survey(table, instrument=instrument))
+    std = np.sqrt(np.diag(fit.solution.covariance)) * fit.inflation
+    parts = [sqrt(sum(i.contribution**2 for i in b.inputs)) for b in fit.budgets.groups]
+    np.testing.assert_allclose(parts, std, rtol=1e-6)
+    assert {i.name for b in fit.budgets.groups for i in b.inputs} >= {
+        f"{instrument.type}, {s.name}" for s in instrument.sources(POINTS)
+    }
 
 
 @pytest.mark.parametrize(

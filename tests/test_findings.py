@@ -12,6 +12,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from errormodel.chain import Chain
 from errormodel.conventions import unit_of
@@ -23,15 +25,16 @@ from errormodel.schema import read_machine
 from errormodel.simulate import Truth, random_points, simulate
 from errormodel.survey import Survey
 from identification.diagnosis.choosing import Step
-from identification.diagnosis.findings import alternatives_of, look_alikes
+from identification.diagnosis.findings import BETTER, alternatives_of, look_alikes, probability_of
 from identification.diagnosis.repeats import repeats_of
 from identification.diagnosis.run import _moved, diagnose
 from identification.diagnosis.sensors import dead_sensors
 from identification.diagnosis.sizes import Whole, whole_of
 from identification.diagnosis.statements import causes, next_measurement, period_of, statement_of
 from identification.diagnosis.verdict import judge
-from identification.diagnosis.workbench import set_up
+from identification.diagnosis.workbench import Workbench, set_up
 from identification.fit.run import fit_machine
+from identification.tables import comparison
 from tests import test_effects as battery
 
 NOISE = 0.003
@@ -191,14 +194,70 @@ def test_what_cannot_be_told_apart_is_named() -> None:
     step = Step(backlash, 50.0, 60.0, 0.3, rivals=(Step(lost, 48.0, 58.0, 0.3), Step(far, 20.0, 30.0, 0.3)))
     table = battery.table("gantry").drop(columns=["run", "file", "role", "row"])
     bench = set_up(fit_machine(battery.GANTRY, survey_of(battery.GANTRY, table, {})))
-    first, second = alternatives_of(step, bench)
+    probability = probability_of(step)
+    first, second = alternatives_of(step, bench, probability)
     assert (first.effect, first.separable, first.driver, first.motion) == ("lost-motion", False, ["dir_X"], ["dx"])
     assert (second.effect, second.separable) == ("hysteresis", True)
     assert look_alikes(step) == [lost]
+    assert first.probability is not None
+    assert second.probability is not None
+    assert second.probability < first.probability < probability < 1 - first.probability - second.probability
     text = next_measurement(backlash, lost)
     assert text.startswith("this data cannot tell backlash of X from lost-motion of X: ")
     assert text.endswith(backlash.separate)
     assert next_measurement(backlash, None) == backlash.separate
+
+
+RIVALS = [
+    made("lost-motion", joint="X"),
+    made("hysteresis", joint="X", width=20.0),
+    made("backlash", joint="Y"),
+    made("warm-up", joint="X", tau=1800.0),
+    made("unnamed", element="X", motion="dx", driver="dir_X"),
+    made("unnamed", element="Y", motion="dx", driver="dir_X"),
+]
+
+
+@cache
+def _gantry() -> Workbench:
+    table = battery.table("gantry").drop(columns=["run", "file", "role", "row"])
+    return set_up(fit_machine(battery.GANTRY, survey_of(battery.GANTRY, table, {})))
+
+
+@settings(deadline=None, max_examples=150)
+@given(
+    evidence=st.floats(5, 400),
+    order=st.permutations(range(len(RIVALS))),
+    more=st.lists(st.floats(-900, 30), max_size=len(RIVALS)),
+    witness=st.floats(0.01, 0.999),
+)
+def test_probabilities_of_all_explanations_belong_together(
+    evidence: float, order: list[int], more: list[float], witness: float
+) -> None:
+    """Whatever the rivals: one distribution, and a reason wherever something fits better than what was chosen."""
+    ranked = zip(sorted(more, reverse=True), order, strict=False)
+    rivals = tuple(Step(RIVALS[k], evidence + nats, 1.1 * evidence, 0.3) for nats, k in ranked)
+    step = Step(made("backlash", joint="X"), evidence, 1.1 * evidence, 0.3, rivals=rivals, searched=50)
+    for probability in (probability_of(step), witness):  # as evidence has it, and after a witness was asked
+        listed = alternatives_of(step, _gantry(), probability)
+        own = [a.probability for a in listed if a.probability is not None]
+        assert sum(own) <= 1 - probability + 1e-9
+        assert own == sorted(own, reverse=True)
+        for a in listed:
+            assert (a.probability is None) == (a.effect == "backlash")
+            assert bool(a.reason) == (a.log10_bayes_factor > BETTER)
+            words = "; ".join(comparison(a))
+            assert ("fits this data better, but" in words) == (a.log10_bayes_factor > BETTER)
+
+
+def test_a_rival_that_fits_better_says_why_it_was_not_chosen() -> None:
+    warm, growth = made("warm-up", joint="X", tau=1800.0), made("backlash", joint="X")
+    form = made("unnamed", element="X", motion="dx", driver="time")
+    step = Step(growth, 50.0, 60.0, 0.3, rivals=(Step(form, 50.3, 60.3, 0.3), Step(warm, 50.2, 60.2, 0.3)))
+    words = {a.effect: "; ".join(comparison(a)) for a in alternatives_of(step, _gantry(), probability_of(step))}
+    assert "a curve without a name can follow anything: known physics is preferred" in words["unnamed"]
+    assert "fits this data better, but" in words["warm-up"]
+    assert "odds" not in " ".join(words.values())
 
 
 def test_moved_where_rows_are_thinned() -> None:
@@ -388,3 +447,14 @@ def test_the_printer_has_a_dead_sensor(real_data: Path) -> None:
     files = {n: read_survey(real_data / "printer-frame" / f"{n}.csv", machine) for n in ("homing_a", "homing_b")}
     assert dead_sensors(files["homing_a"]) == {"T_chamber": "-180 degC in all rows"}
     assert dead_sensors(files["homing_b"]) == {}
+
+
+@pytest.mark.parametrize(("tool", "words", "sign"), [(-120, "outward, dz falls", -1), (120, "outward, dz rises", 1)])
+@pytest.mark.parametrize("effect", [made("spindle-growth", sensor="T_spindle"), made("warm-up", tau=1800.0)])
+def test_the_sign_of_growth_is_said(effect: Effect, tool: float, words: str, sign: int) -> None:
+    """What the words promise is what the machine does: growth of +1 moves the tool so."""
+    machine = replace(battery.GANTRY, tool=(0.0, 0.0, tool))
+    assert effect.positive(machine) == words
+    late = {"time": 1e6, "T_spindle": 21.0}
+    (term,) = effect.terms(late.__getitem__, machine)
+    assert np.sign(float(term.motion["dz"])) == sign  # type: ignore[arg-type]

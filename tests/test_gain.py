@@ -14,6 +14,8 @@ from errormodel.exceptions import InputError
 from errormodel.schema import read_machine
 from identification.fit.run import fit_machine
 from identification.gain import leverages
+from identification.report.page import page
+from identification.report.trust import gain_part
 from identification.store import as_json, save
 from tests.chains import Array, errors
 from tests.surveys import measured, positions, survey
@@ -134,3 +136,16 @@ def test_next_poses_need_positions() -> None:
     fit = fit_machine(MACHINE, survey(motion_rows(MACHINE, P, "X", ("dx", "eb"), 30)))
     assert as_json(fit)["next_poses"] == []
     assert all(p["std_after_10_best"] is None for p in as_json(fit)["parameters"])
+
+
+def test_a_pose_that_is_listed_twice_is_to_be_measured_twice() -> None:
+    fit = fit_machine(MACHINE, survey(table(60)))
+    part = gain_part(fit)
+    assert part is not None
+    poses = [tuple(row) for row in part.poses]
+    assert len(poses) == 10
+    assert part.repeated == (len(set(poses)) < 10)
+    text = page("gain.html", gain=part)
+    assert ("is to be measured as often" in text) == part.repeated
+    once = page("gain.html", gain=part._replace(repeated=not part.repeated))
+    assert ("is to be measured as often" in once) != part.repeated

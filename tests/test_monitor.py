@@ -12,6 +12,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy import stats
 
 from errormodel.files import write_csv
@@ -21,9 +23,9 @@ from identification import store
 from identification.fit.run import fit_machine
 from identification.monitor import run as stage
 from identification.monitor.history import Record, opened
-from identification.monitor.ranges import Judged, judge
+from identification.monitor.ranges import USEFUL, Judged, judge
 from identification.monitor.watched import NOISE, Cycle, measured, watched
-from identification.monitor.words import look_at
+from identification.monitor.words import alarm_text, look_at
 from tests.commands import MILL, Done, done, fitted_mill, run, tree
 from tests.pages import Page
 
@@ -102,8 +104,11 @@ def test_a_quiet_cycle_is_normal_and_the_same_survey_is_known_again(folder):
 def test_racking_raises_an_alarm_in_words_and_stays_out_of_the_range_until_accepted(folder):
     racked = cycle_table(51, {"ec": 6e-5})
     result = monitor(folder, racked)
-    assert result.code == 0
-    assert "ALARM, not taken into the normal range (--accept)" in result.out
+    assert result.code == 1  # for scripts
+    assert not result.err
+    assert "ALARM, not taken into the normal range (--accept): ECY (zero[Y, run 1].ec) left its range" in result.out
+    headline = "Cycle 15: alarm. ECY (zero[Y, run 1].ec) left its range."
+    assert headline in (folder / "monitor.html").read_text(encoding="utf-8")
     assert "ECY (zero[Y, run 1].ec) left its normal range: 12" in result.out
     assert "racking: compare both encoders" in result.out
     data = json.loads((folder / "monitor.json").read_text())
@@ -114,7 +119,10 @@ def test_racking_raises_an_alarm_in_words_and_stays_out_of_the_range_until_accep
     assert entry["p_value"] < data["p_limit"] == 0.005
 
     assert "normal, beside 14 cycles" in monitor(folder, cycle_table(52), name="next.csv").out
-    assert "ALARM, accepted into the normal range" in monitor(folder, racked, "--accept").out
+    accepted = monitor(folder, racked, "--accept")
+    assert accepted.code == 0
+    assert "ALARM, accepted into the normal range" in accepted.out
+    assert monitor(folder, racked).code == 0  # it is normal from now on
     assert "beside 16 cycles" in monitor(folder, cycle_table(53), name="later.csv").out
 
     page = Page((folder / "monitor.html").read_text(encoding="utf-8"))
@@ -127,7 +135,7 @@ def test_first_cycles_only_teach(fitted, tmp_path):
     folder = Path(shutil.copytree(fitted / "bare", tmp_path / "fit"))
     for seed in (1, 2, 3):
         out = monitor(folder, cycle_table(seed, {"ec": 1e-3 * (seed == 3)}), name=f"{seed}.csv").out
-        assert f"learning: {seed - 1} earlier cycles" in out
+        assert f"learning: {seed - 1} earlier cycles; a range needs 3, and a useful one {USEFUL}" in out
     data = json.loads((folder / "monitor.json").read_text())
     assert (data["status"], data["alarms"], data["together_p_value"]) == ("learning", [], None)
 
@@ -136,7 +144,7 @@ def test_the_same_cycles_give_the_same_bytes(fitted, tmp_path):
     for name in ("a", "b"):
         folder = Path(shutil.copytree(fitted / "with", tmp_path / name / "fit"))
         write_csv(cycle_table(60, {"dy": 0.03}), tmp_path / "cycle.csv")
-        done("monitor", folder, tmp_path / "cycle.csv")
+        assert run("monitor", folder, tmp_path / "cycle.csv").code == 1
     a, b = (tree(tmp_path / name / "fit") for name in ("a", "b"))
     for name in ("monitor.json", "monitor.html"):
         assert a[name] == b[name]
@@ -264,6 +272,38 @@ def test_correlated_quantities_alarm_together_where_none_does_alone():
     assert not result.beyond.any()
     assert result.together_beyond
     assert result.alarm
+    assert result.share == pytest.approx([0.5, 0.5], abs=0.1)
+
+
+@settings(deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 9), st.integers(1, 9))
+def test_shares_of_a_distance_are_shares(seed, quantities, rank):
+    """Whatever hangs together: none is negative, and all of them are the whole."""
+    rng = np.random.default_rng(seed)
+    mix = rng.normal(size=(quantities, rank)) * 10.0 ** rng.uniform(-6, 3, quantities)[:, None]
+    shape = mix @ mix.T + 1e-14 * np.diag(np.square(mix).sum(axis=1))
+    result = judged_of(rng.normal(size=(6, rank)) @ mix.T, shape)
+    assert (result.share >= 0).all()
+    assert result.share.sum() == pytest.approx(1)
+
+
+def test_an_alarm_of_all_together_names_no_quantity_as_out_of_its_range():
+    far = {"kind": "together", "ids": ["a", "b"], "statement": "..."}
+    one = {"kind": "range", "ids": ["a"], "name": "EXX (a)", "statement": "..."}
+    assert alarm_text([far]) == "no quantity by itself, but all of them together"
+    assert alarm_text([one, far]) == "EXX (a) left its range"
+    assert alarm_text([one, one | {"kind": "drift"}]) == "EXX (a) left its range, EXX (a) drifts"
+    assert alarm_text([one] * 5).endswith(" left its range and 2 more")
+
+
+def test_the_scatter_has_its_unit(fitted, tmp_path):
+    done("simulate", MILL, 60, "--noise", 0.002, "--out", tmp_path / "s.csv")
+    done("fit", MILL, tmp_path / "s.csv", "--out", tmp_path / "fit")
+    noise = watched(store.load(tmp_path / "fit"))[-1]
+    assert noise.shown_unit == "µm"
+    assert noise.shown(np.log(0.002)) == pytest.approx(2.0)
+    declared = watched(store.load(fitted / "bare"))[-1]  # of a declared uncertainty it is a ratio
+    assert (declared.shown_unit, declared.shown(0.0)) == ("", 1.0)
 
 
 @pytest.mark.parametrize("scatter", [0.0, 5.0])

@@ -19,6 +19,7 @@ from identification.registration.motions import error_motions, pose
 from identification.registration.run import register
 from tests import crossbeam as sim
 from tests.commands import done, run
+from tests.test_clouds import ply
 
 X = (np.arange(800) - 400) * 0.05  # every fourth point of a line, so that tests are quick
 Y = np.arange(-20.0, 20.0, 0.5)
@@ -218,10 +219,7 @@ def test_file_forms(name, profile, tmp_path):
     if name.endswith(".xyz"):
         np.savetxt(path, cloud, fmt="%.7f")
     elif name.endswith(".ply"):
-        from plyfile import PlyData, PlyElement
-
-        vertex = np.array([tuple(p) for p in cloud], dtype=[("x", "f8"), ("y", "f8"), ("z", "f8")])
-        PlyData([PlyElement.describe(vertex, "vertex")]).write(path)
+        path.write_bytes(ply(cloud, "binary_little_endian", "double"))
     elif name.endswith(".pcd"):
         from pypcd4 import PointCloud
 

@@ -13,6 +13,9 @@ from xml.etree import ElementTree
 import numpy as np
 import pandas as pd
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from errormodel.chain import Chain
@@ -24,7 +27,7 @@ from errormodel.survey import read_survey
 from identification.estimates import estimates
 from identification.fit.result import Fit, Spread
 from identification.fit.run import fit_machine
-from identification.plots.correlation import draw_correlation
+from identification.plots.correlation import correlation, draw_correlation
 from identification.plots.error_distribution import draw_error_distribution
 from identification.plots.error_motions import draw_error_motions, moving_joints
 from identification.plots.parameters import draw_parameters
@@ -34,7 +37,8 @@ from identification.plots.style import plain, render
 from identification.plots.volumetric_error import draw_volumetric_error
 from identification.report import write, write_report
 from identification.report.tables import number
-from identification.report.wording import short, three
+from identification.report.wording import short, strongest_correlation, three
+from identification.tables import table_lines
 from tests.pages import Page
 
 HOSTILE = '</title><script>alert("x")</script> & $\\frac$ "M"'
@@ -90,7 +94,7 @@ def test_report_shows_the_numbers_of_the_fit(fit: Fit, page: str) -> None:
     assert len(groups) == len(found) == fit.solution.groups.rank
     for cells, e in zip(groups, found, strict=True):
         value, std = (float(v.replace("−", "-")) for v in cells[3].split(" ± "))
-        assert cells[:3] + cells[4:5] == [str(e.number), e.formula, e.symbol, e.unit]
+        assert cells[:3] + cells[4:5] == [str(e.number), e.formula, e.symbol + e.meaning, e.unit]
         assert std == pytest.approx(e.std, rel=0.06)
         assert value == pytest.approx(e.value, abs=0.06 * e.std)
     hidden = {i for cells in tables["no-effect"][1:] for i in cells[0].split(", ")}
@@ -238,3 +242,64 @@ def test_numbers_as_people_write_them() -> None:
     assert [number(v, 1) for v in (-1.25, -0.04, float("nan"))] == ["−1.2", "0.0", "–"]
     assert [short(v) for v in (421.4, 26.6, 4.23, 0.351)] == ["421", "27", "4.2", "0.35"]
     assert [three(v) for v in (9.0, 0.01234, 1083.2)] == ["9.00", "0.0123", "1083"]
+
+
+def test_the_strongest_correlation_has_a_subject(fit: Fit) -> None:
+    text = strongest_correlation(fit)
+    groups, matrix = correlation(fit)
+    value = float(re.search(r"correlation coefficient of ([+−]\d\.\d+)", text)[1].replace("−", "-"))  # type: ignore[index]
+    assert abs(value) == pytest.approx(np.abs(matrix - np.eye(len(groups))).max(), abs=1e-3)
+    assert text.startswith("Of all pairs of groups, the estimates of ")
+    assert ("known better than either" in text) == (abs(value) > 0.9)
+
+
+def test_a_kind_of_motion_that_was_not_identified_has_no_panel(fit: Fit, tmp_path: Path) -> None:
+    machine, x = fit.chain.machine, np.linspace(-300, 300, 30)
+    for names, panels in ((["dx"], 1), (["ea"], 1), (["dx", "ea"], 2)):
+        motion = pd.DataFrame({"joint": "X", "X": x} | {n: 1e-7 * x + 1e-6 * np.cos(x) for n in names})
+        write_csv(motion, tmp_path / "motion.csv")
+        figure = draw_error_motions(
+            fit_machine(machine, read_survey(tmp_path / "motion.csv", machine)), machine.joints[0]
+        )
+        assert len(figure.axes) == panels
+        words = {axes.get_ylabel() for axes in figure.axes}
+        assert words <= {"translation / µm", "rotation / µrad"}
+        assert ("rotation / µrad" in words) == ("ea" in names)
+
+
+def test_labels_of_parameters_are_whole(tmp_path: Path) -> None:
+    """No label begins left of the figure, however long the names are."""
+    machine = replace(read_machine("vertical_three_axis"), effects=(EffectSpec("backlash", {"joint": "X"}),))
+    points = random_points(machine, 80, 3)
+    table = simulate(machine, points, Truth({"X.dx.backlash": 0.02}), 0.003, 3)[["mx", "my", "mz"]]
+    write_csv(outward(points, machine).join(table), tmp_path / "s.csv")
+    figure = draw_parameters(fit_machine(machine, read_survey(tmp_path / "s.csv", machine)))
+    canvas = FigureCanvasAgg(figure)
+    figure.draw_without_rendering()
+    for axes in figure.axes:
+        for label in axes.get_yticklabels():
+            box = label.get_window_extent(canvas.get_renderer())
+            assert box.x0 >= 0, label.get_text()
+            others = [a.get_window_extent() for a in figure.axes if a is not axes]
+            assert not any(o.x0 < box.x0 < o.x1 and o.y0 < box.y0 < o.y1 for o in others), label.get_text()
+
+
+def test_figures_fit_a_telephone(page: str) -> None:
+    narrow = page[page.index("@media (max-width: 40rem)") :]
+    assert "figure img, .chain img { min-width: 0; max-width: 100%; }" in narrow[: narrow.index("@page")]
+
+
+def test_degrees_are_written_short() -> None:
+    machine = read_machine("trunnion_five_axis")
+    angles = [30.0, 29.1, -110.0, 0.1, 359.9, 12.345678901234567]
+    table = outward(pd.DataFrame({"C": np.radians(angles), "A": 0.0}), machine)
+    assert table["C"].tolist()[:5] == angles[:5]
+    np.testing.assert_array_equal(np.radians(table["C"]), np.radians(angles))
+
+
+@settings(deadline=None)
+@given(st.lists(st.lists(st.floats(-1e9, 1e9).map(lambda v: f"{v:.2f}"), min_size=3, max_size=3), min_size=1))
+def test_numbers_never_run_together(rows: list[list[str]]) -> None:
+    lines = list(table_lines(rows, "<>>", least=4))
+    assert [line.split() for line in lines] == rows
+    assert len({len(line) for line in lines}) == 1

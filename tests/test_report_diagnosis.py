@@ -205,7 +205,7 @@ def test_each_finding_is_shown(found: Diagnosed, page: str) -> None:
     assert ["Next measurement", "mend <it>"] in tables["facts-1"]
     assert tables["unseen"][1:] == [["refraction", "one <station>", "another"]]
     assert "Column −1 ± 2 µm" in page
-    assert "One effect found, and in the model, one fault of the recording found and put right: what is left" in page
+    assert re.search(r"Axis-blunder at &lt;b&gt;Q&lt;/b&gt; and backlash of X by \d+ µm \(EXX\); [a-z]+", page)
     assert "left over: some &lt;u&gt;" in page
 
 
@@ -246,11 +246,12 @@ def test_nothing_found_is_said_plainly(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("power", "words"),
-    [(-0.6, "4 times less likely"), (-0.1, "as likely"), (0.3, "2 times likelier"), (-120.0, "by far less likely")],
+    [(-0.6, "4 times less likely"), (-0.1, "fits about as well"), (0.3, "2 times likelier"), (-120.0, "by far less")],
 )
 def test_odds_in_words(power: float, words: str) -> None:
     separable = abs(power) > 2
-    text, told = odds(Alternative("backlash", "X", power, separable))
+    share, text, told = odds(Alternative("backlash", "X", power, separable, probability=0.25))
+    assert share == "0.25"
     assert text.startswith(words)
     assert told == ("told apart" if separable else "not told apart by this data")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -21,6 +22,7 @@ from errormodel.schema import read_machine
 from errormodel.simulate import Truth, simulate
 from errormodel.survey import Survey, read_survey
 from identification.diagnosis.sensors import faults
+from identification.report.thermal import POOR
 from identification.thermal.recordings import recordings
 from identification.thermal.selection import centred, choose
 from identification.thermal.stepwise import stepwise
@@ -88,6 +90,18 @@ def test_the_report_shows_what_each_motion_follows(modelled: Path) -> None:
     assert head[:5] == ["Motion", "drift", "regression", "model", "noise"]
     assert [row[0] for row in rows] == ["EXY", "EYY", "EZY", "EAY", "EBY", "ECY"]
     assert all("T_" in row[-1] for row in rows)
+
+
+def test_the_headline_of_the_report_says_what_another_cycle_leaves(modelled: Path) -> None:
+    text = (modelled / "out/report.html").read_text(encoding="utf-8")
+    (headline,) = re.findall(r'<p class="headline">(.*?)</p>', text)
+    left = re.fullmatch(
+        r"Drift of 6 error motions with temperature: in another thermal cycle the model leaves ([\d.]+) times the "
+        r"noise, beyond the noise\.",
+        headline,
+    )
+    assert left is not None
+    assert 0 < float(left[1]) < POOR
 
 
 def test_the_model_is_a_machine_that_fits_and_predicts(modelled: Path) -> None:

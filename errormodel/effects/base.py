@@ -112,6 +112,10 @@ class Effect(BaseModel, ABC):
         """Nats of prior odds against it: less usual physics must show more."""
         return 0.0
 
+    def positive(self, machine: Machine) -> str:
+        """What a positive parameter does, where that is not a rise of the motion in its name; else ""."""
+        return ""
+
     @property
     def tied(self) -> bool:
         """Whether its parameters are many that a prior ties to zero, all with the same standard deviation."""

@@ -160,7 +160,13 @@ def own_axes(machine: Machine) -> Mapping[str, NDArray[np.float64]]:
     return out
 
 
-def outward(machine: Machine) -> dict[Motion, Value]:
+def outward_words(machine: Machine) -> str:
+    """What growth of the tool means for the motion that its parameter is named by: ``outward, dz falls``."""
+    (motion, sign), *_ = outward(machine).items()
+    return f"outward, {motion} {'rises' if float(sign) > 0 else 'falls'}"
+
+
+def outward(machine: Machine) -> dict[Motion, float]:
     """Unit motion of the tool's growth: along the longest component of the tool, or of the last member that has any."""
     for vector in (machine.tool, *(s.offset for s in reversed(machine.shapes))):
         if any(vector):

@@ -8,7 +8,7 @@ from typing import ClassVar
 from errormodel.conventions import TOOL, Motion
 from errormodel.effects.base import Channels, Effect, EffectTerm
 from errormodel.effects.scene import Scene
-from errormodel.effects.shared import Lag, lags, outward, thermal, warmth
+from errormodel.effects.shared import Lag, lags, outward, outward_words, thermal, warmth
 from errormodel.machine import Machine, Shape
 
 
@@ -47,9 +47,12 @@ class SpindleGrowth(Effect):
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         warm = warmth(channel, self.sensor, self.minus, self.tau)
-        direction = outward(machine) if self.motion is None else {self.motion: 1.0}
+        direction: Mapping[Motion, float] = outward(machine) if self.motion is None else {self.motion: 1.0}
         motion = {name: value * warm for name, value in direction.items()}
         return [EffectTerm(self.element, "", "mm/K", motion, 0.005)]
+
+    def positive(self, machine: Machine) -> str:
+        return outward_words(machine) if self.motion is None else ""
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:

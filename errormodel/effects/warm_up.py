@@ -11,7 +11,17 @@ from pydantic import Field, model_validator
 from errormodel.conventions import MOTIONS, TRANSLATIONS, Motion, unit_of
 from errormodel.effects.base import Channels, Effect, EffectTerm, along
 from errormodel.effects.scene import Scene
-from errormodel.effects.shared import STEEL, Positive, joint_as, members, outward, settling, settling_times, start_of
+from errormodel.effects.shared import (
+    STEEL,
+    Positive,
+    joint_as,
+    members,
+    outward,
+    outward_words,
+    settling,
+    settling_times,
+    start_of,
+)
 from errormodel.effects.travel import polynomials, scaled, usual_size
 from errormodel.machine import Machine
 
@@ -76,6 +86,9 @@ class WarmUp(Effect):
             EffectTerm(self.joint, "scale", "1", along(joint, channel(self.joint) * warm), 10 * STEEL),
             EffectTerm(self.joint, "growth", "mm", along(joint, warm), 0.02),
         ]
+
+    def positive(self, machine: Machine) -> str:
+        return outward_words(machine) if self.joint is None and self.element is None else ""
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:

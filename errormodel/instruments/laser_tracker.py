@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from errormodel.instruments.base import Array, Instrument, NotNegative, Pair, Positive
+from errormodel.instruments.base import Array, Instrument, NotNegative, Pair, Positive, Source, in_all_directions
 from errormodel.yamlfile import Vector3
 
 
@@ -24,14 +24,16 @@ class LaserTracker(Instrument):
         0.0, description="the standard uncertainty of the target in its seat, alike in all directions, mm (k = 1)"
     )
 
-    def covariance(self, points: Array) -> Array:
+    def sources(self, points: Array) -> list[Source]:
         sight = np.nan_to_num(points - self.station)  # what was not measured adds nothing to the line of sight
         r2 = np.einsum("ni,ni->n", sight, sight)[:, None, None]
         a, b = self.range
-        seat = self.target**2
-        across = seat + self.angle**2 * r2
-        along = seat + a**2 + b**2 * r2
         with np.errstate(invalid="ignore"):  # in the station itself there is no line of sight
-            direction = np.where(r2 > 0, sight[:, :, None] * sight[:, None, :] / r2, np.eye(3))
-        covariance: Array = across * np.eye(3) + (along - across) * direction
-        return covariance
+            along = np.where(r2 > 0, sight[:, :, None] * sight[:, None, :] / r2, np.eye(3))
+        across = np.eye(3) - along
+        return [
+            Source("range", a, "mm", a**2 * along),
+            Source("range, in proportion to length", b, "1", b**2 * r2 * along),
+            Source("angle", self.angle, "rad", self.angle**2 * r2 * across),
+            Source("target", self.target, "mm", in_all_directions(np.full(len(points), self.target**2))),
+        ]

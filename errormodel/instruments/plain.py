@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from errormodel.instruments.base import Array, Instrument
+from errormodel.instruments.base import Array, Instrument, Source
 
 
 class Plain(Instrument):
@@ -12,6 +12,6 @@ class Plain(Instrument):
 
     type: Literal["plain"] = "plain"
 
-    def covariance(self, points: Array) -> None:
-        """None: to be estimated from the data."""
-        return
+    def sources(self, points: Array) -> list[Source]:
+        """None: the noise is to be estimated from the data."""
+        return []

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from errormodel.arrays import Array
+from errormodel.location_errors import squareness
 from identification.compensation.volume import Volume, best_frame
 
 WORTH_UM = 5.0  # over the volume; less is nobody's afternoon
@@ -65,9 +66,9 @@ def _squareness(volume: Volume) -> list[Advice]:
                 continue
             angle = float(np.arccos(np.clip(ai @ aj, -1, 1)) - np.arccos(np.clip(ni @ nj, -1, 1)))
             span = min(volume.high[k] - volume.low[k] for k in (i, j))
-            names = f"{field.joints[j].name} against {field.joints[i].name}"
+            name = squareness(field.joints[j].name, field.joints[i].name)
             more = "wider" if angle > 0 else "narrower"
-            out.append(Advice(f"squareness of {names} ({more} than square)", angle, 1e3 * abs(angle) * span))
+            out.append(Advice(f"{name} ({more} than square)", angle, 1e3 * abs(angle) * span))
     return out
 
 

@@ -12,6 +12,7 @@ from identification.compensation.run import Compensation, Stated
 
 WIDTH = 110
 IDLE = 1e-3  # of the error: a change by less is none
+OWN = ("checklist.txt", "compensation.json")  # written for any controller
 NEAR = 0.02  # of the travel: a survey that ends nearer to the end than this covers it
 
 
@@ -62,9 +63,10 @@ def compensation_lines(result: Compensation, folder: Path) -> Iterator[str]:
     yield ""
     yield "activation"
     yield from (f"  [ ] {step}" for step in result.checklist)
-    count = sum(len(s.files) for s in (*result.sets, result.thermal, result.probing) if s)
+    tables = sum(len(s.files) for s in (*result.sets, result.thermal, result.probing) if s)
+    count = tables + len(result.tests) + len(OWN)
     yield ""
-    yield f"{count} file{'s' if count > 1 else ''} written to {folder}"
+    yield f"{count} files written to {folder}: {tables} of tables, {len(result.tests)} of sign tests, {', '.join(OWN)}"
 
 
 def _state(stated: Stated) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from errormodel.files import write_text_atomic
-from identification.compensation.lines import compensation_lines
+from identification.compensation.lines import OWN, compensation_lines
 from identification.compensation.run import Compensation
 from identification.store import dumps
 
@@ -21,5 +21,5 @@ def write_compensation(result: Compensation, folder: Path) -> None:
     for name, text in result.tests.items():
         write_text_atomic(text, folder / "sign_test" / name)
     *lines, _, _ = compensation_lines(result, Path())  # the last say where it was written, which changes when moved
-    write_text_atomic("\n".join(lines) + "\n", folder / "checklist.txt")
-    write_text_atomic(dumps(result.as_json()), folder / "compensation.json")
+    write_text_atomic("\n".join(lines) + "\n", folder / OWN[0])
+    write_text_atomic(dumps(result.as_json()), folder / OWN[1])

@@ -17,7 +17,15 @@ from identification.diagnosis.workbench import Workbench
 
 @dataclass(frozen=True)
 class Alternative:
-    """Another explanation, and whether this data can tell it apart."""
+    """Another explanation, and whether this data can tell it apart.
+
+    Attributes
+    ----------
+    log10_bayes_factor : by this data alone, against the finding.
+    probability : of the same kind as the finding's, so that the two never add up to more than 1; None of the same
+        effect at another place, of which the finding's probability says nothing.
+    reason : why the finding was preferred, where this data alone fits the alternative better; else "".
+    """
 
     effect: str
     where: str
@@ -25,6 +33,8 @@ class Alternative:
     separable: bool
     motion: list[str] = field(default_factory=list)
     driver: list[str] = field(default_factory=list)
+    probability: float | None = None
+    reason: str = ""
 
 
 @dataclass(frozen=True)
@@ -39,8 +49,9 @@ class HeldOut:
 class Finding:
     """One entry of ``findings``.
 
-    Beyond the contract: `size_um`, the root mean square of what it does at the tip over the survey's rows, and `rows`
-    (of outliers: data rows, from 1). `period` in mm, of a rotary joint in degrees.
+    Beyond the contract: `size_um`, the root mean square of what it does at the tip over the survey's rows, `rows` (of
+    outliers: data rows, from 1), `brief`, its name and size, and `positive`, what a positive parameter does where that
+    is not a rise of the motion in its name. `period` in mm, of a rotary joint in degrees.
     """
 
     effect: str
@@ -61,6 +72,8 @@ class Finding:
     alternatives: list[Alternative] = field(default_factory=list)
     size_um: float = 0.0
     rows: list[int] | None = None
+    brief: str = ""
+    positive: str = ""
 
     def as_json(self) -> dict[str, Any]:
         out = asdict(self)
@@ -111,6 +124,10 @@ TEMPER = 2.0
 FORM_ODDS = 6.0  # nats by which physics that has a name is the likelier story than a form that can bend to anything
 PLIANT_ODDS = 2.5  # nats by which physics of a form of its own is likelier than what follows any smooth curve
 CHOSEN = 2.0  # nats for what was preferred among equals: it needs least bending and no correlated noise
+MOST_SURE = 0.999
+CHANCE = "none"
+TINY = 1e-300
+BETTER = 0.05  # decimal logarithm of the Bayes factor from which a rival is said to fit better
 UNKNOWN = 0.015  # odds that it is something else which no catalogue has, and which looks like the name
 
 
@@ -119,20 +136,39 @@ def motions_of(effect: Effect, bench: Workbench) -> list[str]:
     return list(dict.fromkeys(m for t in effect.terms(bench.channel, bench.chain.machine) for m in t.motion))
 
 
-def alternatives_of(step: Step, bench: Workbench, most: int = 5) -> list[Alternative]:
-    """The best other explanations: one for each effect and place."""
-    seen = {(step.effect.effect, step.effect.where)}
+def alternatives_of(step: Step, bench: Workbench, probability: float, most: int = 5) -> list[Alternative]:
+    """The best other explanations, one for each effect and place, the most probable first.
+
+    Parameters
+    ----------
+    step, bench : what was chosen, and the model without it.
+    probability : of the finding; the others share what it leaves.
+    """
+    best: dict[tuple[str, str], Step] = {}
+    for one in (step, *step.rivals):
+        best.setdefault((one.effect.effect, one.effect.where), one)
+    names = probabilities_of(step)
+    left = (1 - probability) / (1 - min(names[step.effect.effect], MOST_SURE))
+    weights = {key: np.exp(_weight(one, step) - _weight(step, step)) for key, one in best.items()}
     out = []
-    for rival in step.rivals:
-        effect = rival.effect
-        key = (effect.effect, effect.where)
-        if key in seen:
-            continue
-        seen.add(key)
+    for key, rival in list(best.items())[1 : most + 1]:
+        name, places = key[0], sum(w for (other, _), w in weights.items() if other == key[0])
+        share = weights[key] / max(places, TINY)
+        own = None if name == step.effect.effect else float(left * names[name] * share)
         factor = log10_factor(step, rival)
-        more = motions_of(effect, bench), list(effect.drivers)
-        out.append(Alternative(*key, factor, abs(factor) > SEPARABLE, *more))
-    return out[:most]
+        more = motions_of(rival.effect, bench), list(rival.effect.drivers)
+        why = preference(step, rival) if factor > BETTER else ""
+        out.append(Alternative(*key, factor, abs(factor) > SEPARABLE, *more, own, why))
+    return sorted(out, key=lambda a: -1.0 if a.probability is None else -a.probability)
+
+
+def preference(step: Step, rival: Step) -> str:
+    """Why a step was chosen although a rival fits this data better."""
+    if rival.effect.generic and not step.effect.generic:
+        return "a curve without a name can follow anything: known physics is preferred"
+    if _odds(rival) > _odds(step):
+        return "it can follow any smooth curve: a form that physics fixes is preferred"
+    return "what it leaves looks less like noise, or it departs more from its textbook form"
 
 
 def look_alikes(step: Step) -> list[Effect]:
@@ -152,23 +188,35 @@ def log10_factor(step: Step, rival: Step) -> float:
 
 
 def probability_of(step: Step) -> float:
-    """Of the named effect against other effects, a mere form, nothing, and what no catalogue has.
+    """Of the named effect against other effects, a mere form, nothing, and what no catalogue has."""
+    return min(probabilities_of(step)[step.effect.effect], MOST_SURE)
+
+
+def probabilities_of(step: Step) -> dict[str, float]:
+    """Of each name among a step and its rivals; what they lack of 1 is chance, or what no catalogue has.
 
     Evidence is tempered: no form is exact, so that a difference counts for less the more is explained.
     """
-    temper = min(1.0 + 0.02 * max(step.drop, 0.0), TEMPER)
-    best = {"none": float(np.log(max(step.searched, 1))) / temper}
+    best = {CHANCE: float(np.log(max(step.searched, 1))) / _temper(step)}
     for one in (step, *step.rivals):
         name = one.effect.effect
-        # what was passed over for a name counts for no more than that: of 47 such names 45 were right (seeds 86602540
-        # and 10488088)
-        evidence = min(one.evidence, step.evidence)
-        best[name] = max(best.get(name, -np.inf), evidence / temper - _odds(one))
+        best[name] = max(best.get(name, -np.inf), _weight(one, step))
     best[step.effect.effect] += CHOSEN
     weights = {name: np.exp(value - max(best.values())) for name, value in best.items()}
-    named = weights[step.effect.effect]
-    unknown = 0.0 if step.effect.generic else UNKNOWN * named
-    return float(min(named / (sum(weights.values()) + unknown), 0.999))
+    unknown = 0.0 if step.effect.generic else UNKNOWN * weights[step.effect.effect]
+    total = sum(weights.values()) + unknown
+    return {name: float(weight / total) for name, weight in weights.items() if name != CHANCE}
+
+
+def _temper(step: Step) -> float:
+    return min(1.0 + 0.02 * max(step.drop, 0.0), TEMPER)
+
+
+def _weight(one: Step, step: Step) -> float:
+    """Tempered evidence of a step or one of its rivals, with its odds beforehand, nats."""
+    # what was passed over for a name counts for no more than that: of 47 such names 45 were right (seeds 86602540
+    # and 10488088)
+    return min(one.evidence, step.evidence) / _temper(step) - _odds(one)
 
 
 def _odds(step: Step) -> float:

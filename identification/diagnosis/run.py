@@ -39,7 +39,15 @@ from identification.diagnosis.sensors import dead_sensors
 from identification.diagnosis.sides import contrary_sides
 from identification.diagnosis.sighted import sighted
 from identification.diagnosis.sizes import Amount, whole_of
-from identification.diagnosis.statements import length, next_measurement, period_of, statement_of, subject
+from identification.diagnosis.statements import (
+    brief_of,
+    length,
+    named,
+    next_measurement,
+    period_of,
+    statement_of,
+    subject,
+)
 from identification.diagnosis.stories import retold
 from identification.diagnosis.unseen import unseen
 from identification.diagnosis.verdict import judge
@@ -245,8 +253,11 @@ def _finding(
     numbers = [first + k for k, step in enumerate(growth.steps) if any(step is s for s in group)]
     whole = whole_of(final, [s.effect for s in group], numbers)
     probability = weighed(probability_of(step), told)
-    alike = look_alikes(step)
-    statement = statement_of(whole, machine, step.absorbed, probability, [subject(e) for e in alike])
+    others = alternatives_of(step, bench, probability)
+    known = {(a.effect, a.where): a.probability for a in others}
+    alike = sorted(look_alikes(step), key=lambda e: -(known.get((e.effect, e.where)) or 0.0))
+    names = [named(subject(e), known.get((e.effect, e.where))) for e in alike]
+    statement = statement_of(whole, machine, step.absorbed, probability, names)
     at = getattr(main, "at", None) if "time" in main.drivers else None
     return Finding(
         effect=main.effect,
@@ -263,9 +274,11 @@ def _finding(
         heldout_rms_um=HeldOut(*(heldout_um(before, b) for b in (bench, growth.bench))),
         absorbed=step.absorbed,
         moved=_moved(before, growth.start, columns[:, : len(bench.index)], values),
-        alternatives=alternatives_of(step, bench),
+        alternatives=others,
         next_measurement=next_measurement(main, alike[0] if alike else None),
         size_um=whole.size_um,
+        brief=brief_of(whole, machine),
+        positive=main.positive(machine),
     )
 
 
@@ -295,6 +308,7 @@ def _blunder_finding(blunder: Blunder, before: Fit | None, after: Fit | None) ->
         p_value=0.0,
         heldout_rms_um=HeldOut(*errors),
         next_measurement=blunder.cure,
+        brief=blunder.text.split(":")[0],
         size_um=blunder.before_um or 0.0,
         rows=list(blunder.rows) if blunder.rows else None,
     )
@@ -315,6 +329,7 @@ def _outlier_finding(bad: Mask, baseline: Fit, fit: Fit) -> Finding:
         p_value=0.0,
         heldout_rms_um=HeldOut(baseline.heldout.rms_um, fit.heldout.rms_um),
         next_measurement="measure these rows again",
+        brief=f"{len(rows)} rows left out as outliers",
         size_um=1e3 * float(np.sqrt(np.mean(np.nansum(baseline.residuals[bad] ** 2, axis=1)))),
         rows=rows,
     )

@@ -56,7 +56,9 @@ def sighted(fit: Fit, bench: Workbench, candidates: Candidates, survey: Survey) 
     tracker = seen_in(points, residuals * fit.solution.sigma["position"])
     if tracker is None:
         return None
-    mean = float(np.sqrt(np.trace(tracker.covariance(points).mean(axis=0)) / 3))
+    covariance = tracker.covariance(points)
+    assert covariance is not None
+    mean = float(np.sqrt(np.trace(covariance.mean(axis=0)) / 3))
     relative = _tracker(tracker.station, np.array([*tracker.range, tracker.angle, tracker.target]) / mean)
     return replace(survey, instrument=relative, sized=False, notes=(*survey.notes, _note(tracker, points)))
 

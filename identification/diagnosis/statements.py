@@ -23,7 +23,7 @@ CAUSE = ("sensor", "minus", "tau", "start", "anchor")  # fields that say what wa
 
 
 def statement_of(whole: Whole, machine: Machine, absorbed: float, probability: float, others: Sequence[str]) -> str:
-    """The sentence. `others`: explanations that this data cannot tell from it, as ``lost-motion of X``."""
+    """The sentence. `others`: explanations that this data cannot tell from it, as ``lost-motion of X``, in words."""
     main = whole.effects[0]
     name = subject(main)
     same = [main] if main.generic else [e for e in whole.effects if e.effect == main.effect]
@@ -44,11 +44,36 @@ def subject(effect: Effect) -> str:
     return f"an effect without a name at {place}" if effect.generic else f"{effect.effect} of {place}"
 
 
+def brief_of(whole: Whole, machine: Machine) -> str:
+    """The name, place and size of a finding: ``beam-sag of X by 15 um (EZX)``."""
+    name = subject(whole.effects[0])
+    if not whole.tip:
+        return name
+    place = max(whole.tip, key=lambda p: whole.tip[p])
+    value = abs(whole.amounts[0].value) if _steady(whole) else whole.range(place)[0]
+    factor, unit = printed(unit_of(place[1]))
+    size = f"{factor * value:.{max(0, 1 - math.floor(math.log10(max(factor * value, 1e-3))))}f}"
+    return f"{name} by {size} {unit.replace('µ', 'u')} ({motion_name(place, machine)})"
+
+
+def named(explanation: str, probability: float | None) -> str:
+    """Another explanation with its probability, if one is known."""
+    return explanation if probability is None else f"{explanation} (probability {probability:.2f})"
+
+
 def spoken(place: tuple[str, Motion], machine: Machine) -> str:
     """A motion of an element as one says it: ``dy of W (EYW)``."""
     element, motion = place
     if element in {j.name for j in machine.joints}:
         return f"{motion} of {element} ({iso_symbol(element, motion)})"
+    return motion_name(place, machine)
+
+
+def motion_name(place: tuple[str, Motion], machine: Machine) -> str:
+    """A motion by its ISO name, or of a member by its id: ``EYW``, ``dz of the tool``."""
+    element, motion = place
+    if element in {j.name for j in machine.joints}:
+        return iso_symbol(element, motion)
     return f"{motion} of {element if element in {s.name for s in machine.shapes} else PLACES.get(element, element)}"
 
 
@@ -189,7 +214,8 @@ def _coefficients(whole: Whole, machine: Machine) -> str:
         said.append(_coefficient(value, std, unit, main, machine) + of)
     lags = " at steady state" if any(len(w) > 1 for w in causes.values()) else ""
     most = _coefficient(USUAL * sizes[unit], 0.0, unit, main, machine)
-    return f"{' and '.join(said)}{lags}, {_usual(largest)} (up to {most})"
+    sense = f" (positive: {positive})" if (positive := main.positive(machine)) else ""
+    return f"{' and '.join(said)}{lags}{sense}, {_usual(largest)} (up to {most})"
 
 
 def _sizes(effect: Effect, machine: Machine) -> dict[str, float]:

@@ -6,8 +6,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from identification.monitor.ranges import FEWEST, USEFUL
 from identification.monitor.run import Monitored
-from identification.monitor.words import value_text
+from identification.monitor.words import alarm_text, value_text
+from identification.tables import table_lines
 
 SHOWN = 6  # quantities nearest to their limits
 
@@ -18,21 +20,23 @@ def monitor_lines(result: Monitored) -> Iterator[str]:
     again = ", which the history has already" if result.before else ""
     yield f"{result.stored.chain.machine.name}: cycle {record.number}{again}"
     if judged.learning:
-        yield f"learning: {result.learned} earlier cycles; a range needs three, and a useful one eight or more"
+        yield f"learning: {result.learned} earlier cycles; a range needs {FEWEST}, and a useful one {USEFUL}"
     elif record.status == "alarm":
         taken = "accepted into the normal range" if record.accepted else "not taken into the normal range (--accept)"
-        yield f"ALARM, {taken}"
+        yield f"ALARM, {taken}: {alarm_text(result.alarms)}"
     else:
         yield f"normal, beside {result.learned} cycles; false alarms in {100 * judged.rate:g} % of cycles at most"
     for number, alarm in enumerate(result.alarms, start=1):
         yield f"\n{number}. {alarm['statement']}"
     near = [k for k in np.argsort(-judged.reach) if np.isfinite(judged.reach[k])][:SHOWN]
-    if near:
-        yield f"\n{'nearest to their limits':32}{'now':>10}{'from':>10}{'to':>10}"
+    rows = [["nearest to their limits", "now", "from", "to", ""]]
     for k in near:
         w, std = result.what[k], record.cycle.std[k]
-        now, low, high = (value_text(w, v, std) for v in (record.cycle.values[k], judged.low[k], judged.high[k]))
-        yield f"  {w.name:30}{now:>10}{low:>10}{high:>10} {w.shown_unit.replace('µ', 'u')}"
+        cells = (value_text(w, v, std) for v in (record.cycle.values[k], judged.low[k], judged.high[k]))
+        rows.append([f"  {w.name}", *cells, w.shown_unit.replace("µ", "u")])
+    if near:
+        yield ""
+        yield from table_lines(rows, "<>>><", least=8)
     if result.unseen:
         names = ", ".join(w.id for w in result.unseen[:4]) + (" ..." if len(result.unseen) > 4 else "")
         yield f"\nnot shown by this cycle: {len(result.unseen)} of {len(result.what)} quantities ({names})"

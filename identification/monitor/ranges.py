@@ -23,11 +23,13 @@ from errormodel.arrays import Array, Mask
 from identification.monitor.watched import Cycle
 
 FEWEST = 3  # earlier cycles: fewer span no range
+USEFUL = 10  # earlier cycles: fewer find only changes that are far beyond the scatter
 RATE = 0.01  # false alarms a cycle, in all
 SHARES = {"range": 0.5, "drift": 0.25, "together": 0.05}  # room is left: the F of all together is approximate
 MEMORY = 0.2  # weight of the newest cycle in the weighted mean
 FURTHEST = 4.0  # normal deviations that one cycle can add to a drift: an outlier is none
 TINY = 1e-30  # of any unit: values without scatter or uncertainty divide by it
+RANK = 1e-9  # of the largest eigenvalue of a correlation matrix: a smaller one is a linear dependence
 FINEST = 0.1  # of its stated uncertainty: less scatter than this is luck, or values without noise
 
 
@@ -43,7 +45,7 @@ class Judged:
     p : (k,) two-sided, of one value by itself, times the number of quantities looked at (Bonferroni).
     drift, drift_limit : (k,) weighted mean in its standard deviations, and where the alarm begins.
     together : the same kind of probability for all at once, NaN where it cannot be said.
-    share : (k,) of the distance of all together.
+    share : (k,) of the distance of all together, 0 to 1, together 1.
     rate : false alarms a cycle, in all.
     """
 
@@ -165,15 +167,27 @@ def _together(normal: list[Cycle], new: Cycle, which: Mask) -> tuple[float, Arra
     shape = np.mean([c.covariance[pick] for c in normal], axis=0)
     scale = np.sqrt(np.diag(shape))
     # what the fits hold for linearly dependent is one direction, not a division by zero
-    metric = np.linalg.pinv(shape / np.outer(scale, scale), rcond=1e-9, hermitian=True) / np.outer(scale, scale)
+    metric = np.linalg.pinv(shape / np.outer(scale, scale), rcond=RANK, hermitian=True) / np.outer(scale, scale)
     worse = max(float(np.trace(metric @ new.covariance[pick])) / float(np.trace(metric @ shape)), 1.0)
     values = np.array([c.values[which] for c in normal])
     centred = values - values.mean(axis=0)
     away = new.values[which] - values.mean(axis=0)
-    parts = away * (metric @ away)
     among = centred @ metric @ centred.T  # (n, n)
     total = max(float(np.trace(among)), FINEST**2 * (n - 1) * float(np.trace(metric @ shape)))
     freedom = float(np.clip(total**2 / max(float(np.sum(among**2)), 1e-300), 1.0, which.sum()))
-    ratio = float(parts.sum()) / (1 + 1 / n) / worse / (total / (n - 1))
-    share[which] = parts / parts.sum() if parts.sum() else 0.0
+    ratio = float(away @ metric @ away) / (1 + 1 / n) / worse / (total / (n - 1))
+    share[which] = _shares(shape / np.outer(scale, scale), away / scale)
     return float(fdtrc(freedom, freedom * (n - 1), ratio)), share
+
+
+def _shares(correlation: Array, away: Array) -> Array:
+    """What each of k quantities contributes to a distance, none below 0 and together 1.
+
+    Squares of the deviations once turned, as little as can be, into independent ones (P. H. Garthwaite & I. Koch,
+    "Evaluating the contributions of individual variables to a quadratic form", 2016).
+    """
+    sizes, directions = np.linalg.eigh(correlation)
+    seen = sizes > RANK * sizes.max()
+    root = directions[:, seen] / np.sqrt(sizes[seen]) @ directions[:, seen].T
+    parts = np.square(root @ away)
+    return np.asarray(parts / parts.sum() if parts.any() else parts)

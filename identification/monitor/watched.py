@@ -33,7 +33,7 @@ class Watched:
     ----------
     id : of the parameter that stands for the group, or `NOISE`; `group`: the whole group as a formula.
     symbol : ISO 230-1 name, or "".
-    unit : internal (mm, rad, 1, rad/mm ...); of the noise "log".
+    unit : internal (mm, rad, 1, rad/mm ...); of the noise "log", followed by its unit if all of it has one.
     members : coefficients of the group's parameters.
     """
 
@@ -45,13 +45,22 @@ class Watched:
 
     def shown(self, value: float) -> float:
         """A value as people read it, in `shown_unit`."""
-        if self.unit == "log":
-            return math.exp(value) if value < 700 else math.inf
+        if self.is_log:
+            return printed(self._plain)[0] * math.exp(value) if value < 700 else math.inf
         return printed(self.unit)[0] * value
 
     @property
+    def is_log(self) -> bool:
+        """Whether values are logarithms."""
+        return self.unit.startswith("log")
+
+    @property
+    def _plain(self) -> str:
+        return self.unit.removeprefix("log").strip()
+
+    @property
     def shown_unit(self) -> str:
-        return "" if self.unit == "log" else printed(self.unit)[1]
+        return printed(self._plain)[1] if self.is_log else printed(self.unit)[1]
 
     @property
     def name(self) -> str:
@@ -92,7 +101,15 @@ def watched(stored: StoredFit) -> tuple[Watched, ...]:
     if not out:
         found = "every group that it identifies depends on where the instrument stood"
         raise InputError("fit.json", found, "Fit a survey in which the machine shows more than its frame")
-    return (*out, Watched(NOISE, NOISE, "", "log", {}))
+    return (*out, Watched(NOISE, NOISE, "", _unit_of_noise(stored), {}))
+
+
+def _unit_of_noise(stored: StoredFit) -> str:
+    """``log mm`` or ``log rad`` where all levels are estimated in that unit; ``log`` of a ratio to what is declared."""
+    levels = stored.data["noise"]
+    units = {"rad" if kind in ("orientation", "angle") else "mm" for kind in levels}
+    estimated = not any(level["declared"] for level in levels.values())
+    return f"log {units.pop()}" if estimated and len(units) == 1 else "log"
 
 
 def _of_zero(identity: str) -> str:

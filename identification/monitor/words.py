@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 
 from errormodel import effects
@@ -12,6 +14,7 @@ from identification.estimates import decimals
 from identification.monitor.ranges import Judged
 from identification.monitor.watched import NOISE, ZERO, Cycle, Watched
 
+VERBS = {"range": "left its range", "drift": "drifts"}  # of a quantity by itself
 MOST_NAMED = 3  # of the quantities that make up a distance of all together
 
 
@@ -53,12 +56,20 @@ def _of_joint(joint: Joint, motion: str) -> str:
     return f"the guideways and carriage bearings of {joint.name}{racking if motion == 'ec' else ''}"
 
 
+def alarm_text(found: Sequence[Mapping[str, object]], capital: bool = False) -> str:
+    """What an alarm is about, in a few words: the quantities by name, or all of them together."""
+    names = [f"{a['name']} {VERBS[str(a['kind'])]}" for a in found if a["kind"] in VERBS]
+    more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
+    text = ", ".join(names[:MOST_NAMED]) + more if names else "no quantity by itself, but all of them together"
+    return text[:1].upper() + text[1:] if capital else text
+
+
 def value_text(what: Watched, value: float, std: float) -> str:
     """A value with as many digits as its uncertainty deserves."""
     if not np.isfinite(value):
         return "-"
     shown = what.shown(value)
-    if what.unit == "log":
+    if what.is_log:
         return f"{shown:.3g}"
     return f"{shown:.{decimals(abs(what.shown(std)))}f}"
 
@@ -77,7 +88,7 @@ def alarms(chain: Chain, what: tuple[Watched, ...], cycle: Cycle, judged: Judged
                 f"{w.name} left its normal range: {now}{unit}, where {judged.count[k]:.0f} cycles gave {mean} and "
                 f"let expect {low} to {high}. Look at {look_at(chain, w)}"
             )
-            out.append((judged.p[k], {"kind": "range", "ids": [w.id], "statement": text}))
+            out.append((judged.p[k], {"kind": "range", "ids": [w.id], "name": w.name, "statement": text}))
         elif judged.drifting[k]:
             way = "up" if judged.drift[k] > 0 else "down"
             now, mean = (value_text(w, v, std[k]) for v in (cycle.values[k], judged.mean[k]))
@@ -85,7 +96,7 @@ def alarms(chain: Chain, what: tuple[Watched, ...], cycle: Cycle, judged: Judged
                 f"{w.name} drifts {way}: {now}{unit} after a mean of {mean}, each cycle within its range but too many "
                 f"on one side. Wear or settling: look at {look_at(chain, w)}"
             )
-            out.append((1.0, {"kind": "drift", "ids": [w.id], "statement": text}))
+            out.append((1.0, {"kind": "drift", "ids": [w.id], "name": w.name, "statement": text}))
     if judged.together_beyond and not judged.beyond.any():
         first = np.argsort(-judged.share)[:MOST_NAMED]
         names = ", ".join(f"{what[k].name} ({100 * judged.share[k]:.0f} %)" for k in first if judged.share[k] > 0)

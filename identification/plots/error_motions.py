@@ -27,20 +27,21 @@ def moving_joints(fit: Fit) -> list[Joint]:
 def draw_error_motions(fit: Fit, joint: Joint) -> Figure:
     """The identified error motions of one joint, with a band of twice their standard uncertainty.
 
-    Translations in um, then rotations in urad, as far as there are any, over the joint's travel. Dots are measurements
-    of the motion itself, their instrument's zero taken off; a shaded end of the travel holds no measured row.
+    Translations in um on the left, rotations in urad on the right, over the joint's travel; a kind of which none was
+    identified has no panel. Dots are measurements of the motion itself, their instrument's zero taken off; a shaded end
+    of the travel holds no measured row.
     """
     q = np.linspace(*joint.travel, POINTS)
     value, deviation = _curves(fit, joint, q)
     along = style.shown(joint, q)
     figure = Figure(figsize=(style.WIDTH, 2.75), facecolor="white")
-    sides = [side for side in (0, 1) if deviation[3 * side : 3 * side + 3].any()]
-    for place, side in enumerate(sides):
-        unit, factor = (("µm", 1e3), ("µrad", 1e6))[side]
-        axes = style.panel(figure, 0.68 + 4.0 * place, 0.47, 3.08, 1.8)
-        style.dress(axes, "", f"{('translation', 'rotation')[side]} / {unit}")
+    kinds = [("translation", "µm", 1e3, 0), ("rotation", "µrad", 1e6, 3)]
+    kinds = [kind for kind in kinds if deviation[kind[3] : kind[3] + 3].any()] or kinds[:1]
+    for side, (kind, unit, factor, first) in enumerate(kinds):
+        axes = style.panel(figure, 0.68 + 4.0 * side, 0.47, 3.08, 1.8)
+        style.dress(axes, "", f"{kind} / {unit}")
         for k in range(3):
-            row = 3 * side + k
+            row = first + k
             if deviation[row].any():
                 dots = _measured(fit, joint, row)
                 axes.plot(style.shown(joint, dots[0]), factor * dots[1], ".", ms=4, mew=0,

@@ -10,6 +10,7 @@ from identification.fit.result import Fit
 from identification.plots import style
 
 BAR = 0.19  # inches a parameter
+LABEL = 1.5  # inches for the longest label
 TITLES = {"µm": "Lengths", "µm/m": "Scale errors", "µrad": "Angles", "µrad/m": "Angles for a metre of travel"}
 
 
@@ -30,7 +31,7 @@ def draw_parameters(fit: Fit) -> Figure:
         top = height
         for unit, some in stack:
             tall = len(some) * BAR + 0.1
-            _draw(style.panel(figure, 1.15 + 4.0 * side, top - 0.3 - tall, 2.6, tall), unit, some)
+            _draw(style.panel(figure, LABEL + 4.0 * side, top - 0.3 - tall, 3.8 - LABEL, tall), unit, some)
             top -= tall + 0.85
     return figure
 
@@ -50,5 +51,5 @@ def _draw(axes: Axes, unit: str, some: list[Estimate]) -> None:
 
 
 def _name(e: Estimate) -> str:
-    symbol = f" ({e.symbol.removesuffix(' …')})" if e.symbol else ""
-    return style.plain(e.name + symbol, 20)
+    symbol = style.plain(f" ({e.symbol.removesuffix(' …')})", 12) if e.symbol else ""
+    return style.plain(e.name, 21 - len(symbol)) + symbol

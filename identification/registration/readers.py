@@ -12,6 +12,9 @@ from errormodel.arrays import Array
 from errormodel.exceptions import InputError
 from errormodel.inputs import noted
 from identification.registration.form import ProfileBlock
+from identification.registration.pcd import read_pcd
+from identification.registration.ply import read_ply
+from identification.registration.refusals import unreadable
 
 TEXT = (".csv", ".xyz", ".txt", ".asc")
 SUFFIXES = (*TEXT, ".ply", ".pcd")
@@ -44,9 +47,9 @@ def read_cloud(path: Path, name: str, profile: ProfileBlock | None) -> Array:
     try:
         noted(path)
         if suffix == ".ply":
-            points = _ply(path, name)
+            points = _columns(name, read_ply(path, name))
         elif suffix == ".pcd":
-            points = _pcd(path, name)
+            points = _columns(name, read_pcd(path, name))
         else:
             points = _text(path, name, profile)
     except OSError as error:
@@ -63,42 +66,7 @@ def read_cloud(path: Path, name: str, profile: ProfileBlock | None) -> Array:
     return np.ascontiguousarray(points)
 
 
-def _ply(path: Path, name: str) -> Array:
-    from plyfile import PlyData, PlyParseError
-
-    try:
-        data = PlyData.read(str(path), mmap=False)
-    except (PlyParseError, ValueError, UnicodeDecodeError) as error:
-        raise _unreadable(name, "PLY", error) from error
-    if "vertex" not in data:
-        raise InputError(name, "no element 'vertex'", "Write the points as vertices with x, y, z")
-    vertex = data["vertex"]
-    return _columns(name, {p.name: np.asarray(vertex[p.name]) for p in vertex.properties if p.name in "xyz"})
-
-
-def _pcd(path: Path, name: str) -> Array:
-    from pypcd4.pypcd4 import PointCloud
-
-    try:
-        cloud = PointCloud.from_path(path)
-        data = {field: cloud.numpy((field,))[:, 0] for field in cloud.fields if field in "xyz"}
-    except (
-        ValueError,
-        KeyError,
-        IndexError,
-        RuntimeError,
-        TypeError,
-    ) as error:  # its header's parser has none of its own
-        raise _unreadable(name, "PCD", error) from error
-    return _columns(name, data)
-
-
-def _unreadable(name: str, kind: str, error: Exception) -> InputError:
-    reason = " ".join(str(error).split())[:80] or type(error).__name__
-    return InputError(name, f"not readable as {kind}: {reason}", "Write the cloud again, or as csv with x, y, z")
-
-
-def _columns(name: str, data: dict[str, np.ndarray[tuple[int, ...], np.dtype[np.generic]]]) -> Array:
+def _columns(name: str, data: dict[str, Array]) -> Array:
     missing = [c for c in "xyz" if c not in data]
     if missing:
         raise InputError(name, f"no column '{missing[0]}'", "Write a column each for x, y and z, in mm")
@@ -169,12 +137,10 @@ def _bad_cell(
             if len(cells) > width:
                 found = f"{len(cells)} columns where the lines before have {width}"
                 return InputError(f"{name}, line {number}", found, "Give every line the same columns")
-    return _unreadable(name, "a table", error)
+    return unreadable(name, "a table", error)
 
 
-def _named(
-    values: Array, name: str, above: Sequence[str], delimiter: str
-) -> dict[str, np.ndarray[tuple[int, ...], np.dtype[np.generic]]]:
+def _named(values: Array, name: str, above: Sequence[str], delimiter: str) -> dict[str, Array]:
     """Columns by the names in the last line above the numbers; without such a line the first three are x, y, z."""
     header = next((line for line in reversed(above) if line.strip("# \t\r\n")), "").strip("# \t\r\n")
     cells = header.split() if delimiter == r"\s+" else [c.strip() for c in re.split(delimiter, header)]

@@ -13,6 +13,7 @@ import numpy as np
 from errormodel.conventions import unit_of
 from identification.diagnosis.choosing import Step
 from identification.diagnosis.findings import Alternative, Finding, Untestable
+from identification.diagnosis.headline import headline
 from identification.diagnosis.run import Diagnosed
 from identification.estimates import decimals, printed
 from identification.plots.effect_curve import PERIODS, draw_effect_curve
@@ -23,14 +24,14 @@ from identification.report.pictures import Picture, picture
 from identification.report.tables import number
 from identification.report.wording import short, three
 
-VERDICTS = {
-    "adequate": "Nothing was found: the model and the noise explain what was measured.",
-    "explained": "{found}: what is left looks like noise.",
-    "partly-explained": "{found}; something is left over that no finding explains.",
-    "unexplained": "More than noise is left over, and no finding explains it.",
-}
 MOST_PARAMETERS = 8  # of a finding's table
+OVER = "over 1000 times"
 SURE, LIKELY = 0.95, 0.7  # probability of a name
+
+
+def _signs(text: str) -> str:
+    text = text.replace(" +- ", " ± ")
+    return re.sub(r"(?<![\w.-])-(?=\d)", "−", re.sub(r"\bu(?=m\b|rad\b)", "µ", text))
 
 
 @dataclass(frozen=True)
@@ -53,8 +54,7 @@ class FindingPart:
     @property
     def statement(self) -> str:
         """The finding's sentence with the signs that a page has and a terminal may lack."""
-        text = self.finding.statement.replace(" +- ", " ± ")
-        return re.sub(r"(?<![\w.-])-(?=\d)", "−", re.sub(r"\bu(?=m\b|rad\b)", "µ", text))
+        return _signs(self.finding.statement)
 
     @property
     def summary(self) -> list[str]:
@@ -85,14 +85,11 @@ def diagnosis_part(diagnosed: Diagnosed) -> DiagnosisPart:
     for n, f in enumerate(diagnosis.findings, start=1):
         part = next(p for p in parts if any(f is own for own in p.diagnosis.findings))
         findings.append(_part(part, n, f, groups.get(n)))
-    counts = {"effect{} found, and in the model": len(groups)}
-    counts["fault{} of the recording found and put right"] = len(findings) - len(groups)
-    found = ", ".join(f"{_count(n)} {text.format('s' * (n > 1))}" for text, n in counts.items() if n)
     doubtful = [str(n) for n in groups if diagnosis.findings[n - 1].probability < LIKELY]
     named = (f"the name of finding {' and '.join(doubtful)} is not sure, see its other explanations",)
     left = (f"left over: {diagnosis.unexplained}",) if diagnosis.unexplained else ()
     return DiagnosisPart(
-        VERDICTS[diagnosis.verdict].format(found=found[:1].upper() + found[1:]),
+        _signs(headline(diagnosis)),
         _heldout(diagnosed),
         (*(n for n in diagnosis.notes if n not in diagnosed.final.notes), *(named if doubtful else ()), *left),
         findings,
@@ -154,6 +151,8 @@ def _part(diagnosed: Diagnosed, count: int, finding: Finding, group: Sequence[St
     if len(group or ()) > 1:
         more = len(group or ()) - 1
         facts.append(("Form", f"refined by {_count(more)} further term{'s' * (more > 1)} of the same cause"))
+    if finding.positive:
+        facts.append(("A positive parameter means", finding.positive))
     facts.append(("Next measurement", finding.next_measurement))
     return FindingPart(
         count,
@@ -190,20 +189,24 @@ def sure(finding: Finding) -> str:
 
 
 def odds(other: Alternative) -> list[str]:
-    """Odds of another explanation in words, and whether this data tells it apart."""
+    """Another explanation: its probability, what this data alone says of it, and whether it tells it apart."""
     power = other.log10_bayes_factor
     times = 10 ** min(abs(power), 3.0)
     if abs(power) < log10(1.5):
-        text = "as likely by this data"
+        text = "fits about as well"
     elif abs(power) >= 3:
-        text = "by far less likely (over 1000 times)" if power < 0 else "by far likelier by this data alone"
+        text = f"by far less likely ({OVER})" if power < 0 else f"by far likelier ({OVER})"
     else:
-        text = f"{times:.2g} times {'less likely' if power < 0 else 'likelier by this data alone'}"
-    return [text, "told apart" if other.separable else "not told apart by this data"]
+        text = f"{times:.2g} times {'less likely' if power < 0 else 'likelier'}"
+    own = other.probability
+    share = "same effect" if own is None else "below 0.01" if own < 0.005 else f"{own:.2f}"
+    why = f"; not chosen: {other.reason}" if other.reason else ""
+    return [share, text + why, "told apart" if other.separable else "not told apart by this data"]
 
 
 def _amounts(finding: Finding) -> list[list[str]]:
-    rows = [_amount(a.name, a.value, a.std, a.unit) for a in finding.parameters[:MOST_PARAMETERS]]
+    sense = f" (positive: {finding.positive})" if finding.positive else ""
+    rows = [_amount(a.name + sense, a.value, a.std, a.unit) for a in finding.parameters[:MOST_PARAMETERS]]
     more = len(finding.parameters) - len(rows)
     return [*rows, [f"and {more} more in parameters.csv", "", ""]] if more else rows
 
@@ -238,6 +241,8 @@ def _pictures(diagnosed: Diagnosed, count: int, evidence: Evidence) -> list[Pict
     name = f"finding {count}, {evidence.effect.effect} at {evidence.effect.where}"
     split = f", by {_by(evidence)}" if evidence.split else ""
     periods = " The motion counts from its mean." if evidence.from_mean else ""
+    if sense := evidence.effect.positive(final.chain.machine):
+        periods += f" A positive parameter means: {sense}."
     if evidence.abscissa.period:
         span = np.ptp(evidence.channel(evidence.abscissa.name)) / evidence.abscissa.period
         periods += f" {_count(PERIODS).capitalize()} of the {span:.0f} periods in the recorded range are drawn."

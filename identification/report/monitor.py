@@ -7,8 +7,9 @@ from functools import partial
 import numpy as np
 
 from errormodel import __version__
+from identification.monitor.ranges import FEWEST, USEFUL
 from identification.monitor.run import Monitored
-from identification.monitor.words import value_text
+from identification.monitor.words import alarm_text, value_text
 from identification.plots.history import draw_history
 from identification.report.page import page
 from identification.report.pictures import Picture, picture
@@ -30,12 +31,12 @@ def monitor_page(result: Monitored) -> str:
 def _headline(result: Monitored) -> str:
     number, judged = result.record.number, result.judged
     if judged.learning:
-        return f"Cycle {number}: learning. {result.learned} earlier cycles; a range needs three."
+        return (
+            f"Cycle {number}: learning. {result.learned} earlier cycles; a range needs {FEWEST}, a useful one {USEFUL}."
+        )
     if result.record.status == "alarm":
-        what = sum(len(a["ids"]) for a in result.alarms if isinstance(a["ids"], list))
-        many = f"{what} quantities" if what > 1 else "one quantity"
         taken = ", accepted as normal all the same" if result.record.accepted else ""
-        return f"Cycle {number}: alarm on {many}{taken}."
+        return f"Cycle {number}: alarm{taken}. {alarm_text(result.alarms, capital=True)}."
     return f"Cycle {number}: within the normal range of {result.learned} cycles."
 
 

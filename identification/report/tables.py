@@ -43,6 +43,7 @@ class GroupRow(NamedTuple):
     number: int
     formula: str
     symbol: str
+    meaning: str
     value: str
     unit: str
     arcsec: str
@@ -123,7 +124,7 @@ def _group_row(e: Estimate) -> GroupRow:
         arcsec = f"{size} arcsec{e.unit.removeprefix('µrad')}"
     value = f"{number(e.value, places)} ± {number(e.std, places)}"
     significance = number(e.significance, 1) if e.significance < 1e4 else "over 10000"
-    return GroupRow(e.number, e.formula, e.symbol, value, e.unit, arcsec, significance, e.significance >= 2)
+    return GroupRow(e.number, e.formula, e.symbol, e.meaning, value, e.unit, arcsec, significance, e.significance >= 2)
 
 
 def dependent(fit: Fit) -> list[tuple[str, str]]:

@@ -12,10 +12,14 @@ from identification.report.pictures import Picture, picture
 from identification.report.tables import number
 from identification.thermal.run import MotionResult, Thermal
 
+POOR = 3.0  # times the noise: what another cycle shows beyond it; a model that leaves more does not carry over
+
 
 class ThermalPart(NamedTuple):
     """Sentences, tables and figures."""
 
+    headline: str
+    good: bool
     statement: str
     notes: list[str]
     motions: list[list[str]]
@@ -32,6 +36,9 @@ def thermal_part(result: Thermal) -> ThermalPart:
         notes.append(f"sensors that read alike, of which the first stands for all: {several}")
     files = ", ".join(dict.fromkeys(r.survey.test[k].table["file"].iloc[0] for k in range(len(r.survey.test))))
     return ThermalPart(
+        f"Drift of {len(result.motions)} error motions with temperature: in another thermal cycle the model leaves "
+        f"{lagged:.2g} times the noise, beyond the noise{'' if lagged < POOR else ': it does not carry over'}.",
+        lagged < POOR,
         f"Each error motion follows a few temperatures behind lags. In a thermal cycle that was not fitted ({files}) "
         f"that leaves {lagged:.2f} times the noise, in the root mean square beyond it; stepwise regressions on "
         f"temperatures at each position leave {usual:.2f} times.",

@@ -65,6 +65,7 @@ class GainPart(NamedTuple):
     more: int
     joints: list[str]
     poses: list[list[str]]
+    repeated: bool
 
 
 def gain_part(fit: Fit) -> GainPart | None:
@@ -80,4 +81,6 @@ def gain_part(fit: Fit) -> GainPart | None:
         ratios = (values[e.number - 1] / std[e.number - 1] for values in (gain.like_these, gain.best))
         rows.append([e.name, three(e.std), *(three(e.std * r) for r in ratios), e.unit])
     poses = [[number(v, 3) for v in row] for row in gain.poses.to_numpy()]
-    return GainPart(rows, max(len(own) - MOST_GROUPS, 0), list(gain.poses.columns), poses)
+    return GainPart(
+        rows, max(len(own) - MOST_GROUPS, 0), list(gain.poses.columns), poses, len(set(map(tuple, poses))) < len(poses)
+    )

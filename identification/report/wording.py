@@ -14,6 +14,7 @@ from identification.plots.correlation import correlation
 SHOWN = 3  # error motions of a headline
 WORSE = 1.5  # rms on other rows over rms on fitted ones, from which the difference is worth a warning
 RARE = 0.001  # probability of so small a sum of squares, by which the declared uncertainty is too large
+CLOSE = 0.9  # correlation coefficient from which a sum or a difference is known clearly better
 ROUND_OFF_UM = 1e-3  # smaller errors are not worth a word
 
 
@@ -129,11 +130,17 @@ def noise(fit: Fit) -> str:
 
 
 def strongest_correlation(fit: Fit) -> str:
-    """The two groups that hang together most, in words."""
+    """The two groups whose estimates are correlated most, in words."""
     groups, matrix = correlation(fit)
     if len(groups) < 2:
         return ""
     matrix = matrix - np.eye(len(groups))
     i, j = sorted(int(k) for k in np.unravel_index(int(np.argmax(np.abs(matrix))), matrix.shape))
     value = f"{matrix[i, j]:+.3f}".replace("-", "−")
-    return f"The strongest is {value}, between {groups[i].name} and {groups[j].name}."
+    known = "difference" if matrix[i, j] > 0 else "sum"
+    more = f": their {known}, each in its standard uncertainties, is known better than either"
+    more = more if abs(matrix[i, j]) > CLOSE else ""
+    return (
+        f"Of all pairs of groups, the estimates of {groups[i].name} and {groups[j].name} are correlated most, with a "
+        f"correlation coefficient of {value}{more}."
+    )

@@ -1,0 +1,148 @@
+"""Squareness and parallelism of axes: which combination of parameters each is, its symbol, and its words.
+
+Between two axes along principal directions, at the zero of all joints. The line of a linear joint is the path of the
+functional point: its own straightness and rotations tilt it by their slopes there. Symbols as in ISO 230-1:2012 and
+ISO 230-7:2015, with the reference axis in brackets: EC(0X)Y is the rotation about +z of the line of Y relative to X.
+Beside it, of a rotary axis, the older name of ISO 230-7:2006, such as AOC. Positions of rotary axes (XOC ...) need a
+reference that a chain does not name, and have no entry.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from itertools import permutations
+
+import casadi as ca
+import numpy as np
+
+from errormodel.arrays import Array
+from errormodel.bases import joint_terms
+from errormodel.conventions import ROTATIONS, TRANSLATIONS
+from errormodel.machine import Joint, Machine, Shape
+
+ALONG = 0.999  # cosine of the angle to a principal direction up to which an axis lies in it
+SMALLEST = 1e-12  # of a coefficient
+SAME = 1e-5  # of a coefficient: printed groups have six digits
+LETTERS = "ABC"
+
+
+@dataclass(frozen=True)
+class LocationError:
+    """A location error of two axes.
+
+    Attributes
+    ----------
+    symbol, words : ``EC(0X)Y``, ``squareness of Y against X``.
+    members : rad per unit of each parameter, at the zero of the joints.
+    free : parameters whose coefficient depends on the point that the path is taken of.
+    """
+
+    symbol: str
+    words: str
+    members: Mapping[str, float]
+    free: frozenset[str]
+
+    def is_group(self, members: Mapping[str, float]) -> bool:
+        """Whether a group ``{id: coefficient}`` is this location error."""
+        ids = (self.members.keys() | members.keys()) - self.free
+        pairs = [(self.members.get(i, 0.0), members.get(i, 0.0)) for i in ids]
+        return any(a for a, _ in pairs) and all(abs(a - b) <= SAME * max(abs(a), abs(b)) for a, b in pairs)
+
+
+@dataclass(frozen=True)
+class _Line:
+    """An axis at the zero of the joints: the principal direction `k`, and rad (3,) by which each parameter tilts it."""
+
+    joint: Joint
+    k: int
+    tilts: Mapping[str, Array]
+    free: frozenset[str]
+
+
+def location_of(machine: Machine) -> list[LocationError]:
+    """All squareness and parallelism errors of a machine tool, each pair of axes both ways round; none of an arm."""
+    lines = list(_lines(machine)) if any(j.type == "prismatic" for j in machine.joints) else []
+    return [error for a, b in permutations(lines, 2) for error in _between(a, b)]
+
+
+def named(errors: list[LocationError], members: Mapping[str, float]) -> LocationError | None:
+    """The location error that a group ``{id: coefficient}`` is; None of any other group."""
+    return next((e for e in errors if e.is_group(members)), None)
+
+
+def _between(reference: _Line, line: _Line) -> Iterator[LocationError]:
+    """Rotations of a line relative to a reference, about each principal direction that both show."""
+    about = [k for k in range(3) if k not in (reference.k, line.k)]
+    kind = "parallelism" if reference.k == line.k else "squareness"
+    first, second = reference.joint, line.joint
+    ids = dict.fromkeys([*line.tilts, *reference.tilts])
+    zero = np.zeros(3)
+    for k in about:
+        members = {i: float(line.tilts.get(i, zero)[k] - reference.tilts.get(i, zero)[k]) for i in ids}
+        members = {i: v for i, v in members.items() if abs(v) > SMALLEST}
+        if kind == "parallelism":
+            words = f"parallelism of {_spoken(second)} to {_spoken(first)} about {'xyz'[k]}"
+        else:
+            words = squareness(_spoken(second), _spoken(first))
+        if second.type == "rotary" and first.type == "prismatic":
+            words += f" ({LETTERS[k]}O{second.name})"
+        if first.type == "rotary" and second.type == "prismatic":
+            words += f" (-{LETTERS[k]}O{first.name})"
+        yield LocationError(f"E{LETTERS[k]}(0{first.name}){second.name}", words, members, reference.free | line.free)
+
+
+def squareness(one: str, other: str) -> str:
+    """How the squareness of two axes is called."""
+    return f"squareness of {one} against {other}"
+
+
+def _spoken(joint: Joint) -> str:
+    return f"the axis of {joint.name}" if joint.type == "rotary" else joint.name
+
+
+def _lines(machine: Machine) -> Iterator[_Line]:
+    """Each joint's axis, in the order of the chain."""
+    turn = np.eye(3)  # from the axes of the element to those of the workpiece
+    before: dict[str, Array] = {}
+    for element in machine.elements:
+        if isinstance(element, Shape):
+            for motion in element.motions:
+                if motion in ROTATIONS:
+                    before[f"{element.name}.{motion}"] = turn[:, ROTATIONS.index(motion)]
+            turn = turn @ _rotation(element.rotation)
+            continue
+        axis = turn @ np.array(element.axis)
+        k = int(np.argmax(np.abs(axis)))
+        if abs(axis[k]) < ALONG:
+            continue
+        slopes, free = _own(element) if element.type == "prismatic" else ({}, frozenset())
+        # a displacement d per unit of travel along u turns the line by u x d
+        own = {i: np.cross(axis, turn @ slope) for i, slope in slopes.items()}
+        yield _Line(element, k, before | own, free)
+
+
+def _own(joint: Joint) -> tuple[dict[str, Array], frozenset[str]]:
+    """Slopes (3,) at home of a linear joint's straightness, and its rotations that have one: their lever is free."""
+    q = ca.SX.sym("q")
+    home = min(max(0.0, joint.travel[0]), joint.travel[1])
+    terms = joint_terms(joint, q)
+    if not terms:
+        return {}, frozenset()
+    columns = ca.horzcat(*(ca.jacobian(t.column, q) for t in terms))
+    rates = np.array(ca.Function("slopes", [q], [columns])(home))
+    slopes: dict[str, Array] = {}
+    free = []
+    for term, rate in zip(terms, rates.T, strict=True):
+        identity = f"{joint.name}.{term.motion}.{term.label}"
+        if term.motion in TRANSLATIONS:
+            slopes[identity] = rate[:3]
+        else:
+            free.append(identity)
+    return slopes, frozenset(free)
+
+
+def _rotation(angles: tuple[float, float, float]) -> Array:
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_euler("XYZ", angles).as_matrix(), dtype=np.float64)
