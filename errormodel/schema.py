@@ -22,6 +22,7 @@ from errormodel.effects import registry
 from errormodel.exceptions import InputError, nearest
 from errormodel.files import write_text_atomic
 from errormodel.machine import EffectSpec, Joint, Machine, Shape, Vector
+from errormodel.serial import check_line, check_words
 from errormodel.units import UnitsBlock, factor
 from errormodel.yamlfile import (
     Document,
@@ -143,10 +144,12 @@ def _find(name_or_path: str | Path) -> Path:
 
 def resolve(document: Document) -> Machine:
     """The machine that a parsed ``machine.yaml`` describes, in mm and radians."""
+    check_words(document, _MachineFile.model_fields)
     file = validate(document, _MachineFile)
     length, angle = factor(file.units.length, "length"), factor(file.units.angle, "angle")
     elements = [_element(document, ("chain", i), length, angle) for i in range(len(file.chain))]
     _check_names(document, elements)
+    check_line(document, elements)
     path = Path(document.name)
     return Machine(
         name=file.name if file.name is not None else path.parent.name if path.name == FILE_NAME else path.stem,

@@ -200,8 +200,8 @@ def fit(machine: str, survey: Path, out: Path, robust: bool, bayes: bool, priors
     from errormodel.schema import read_machine
     from errormodel.survey import read_survey
     from identification.cli_bayes import beforehand, with_posterior
-    from identification.fit.checks import looked_over
     from identification.fit.run import fit_machine
+    from identification.gate import passed
 
     elsewhere = _drawing_elsewhere()
     model = read_machine(machine)
@@ -211,7 +211,7 @@ def fit(machine: str, survey: Path, out: Path, robust: bool, bayes: bool, priors
     given, document = beforehand(priors, bayes)
     bounds = {} if bayes else given
     with working("Fitting"):
-        result = looked_over(fit_machine(model, data, robust, bounds, document))
+        result = passed(model, data, lambda: fit_machine(model, data, robust, bounds, document), robust)
     if bayes:
         result = with_posterior(result, lambda m: fit_machine(m, data, robust), given, document, robust, seed, out)
     show_notes(tuple(n for n in result.notes if n not in data.notes))
