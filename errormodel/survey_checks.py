@@ -27,6 +27,7 @@ from errormodel.survey_columns import (
     Plan,
     missing_joint,
 )
+from errormodel.survey_gaps import without_nines, zeros
 from errormodel.units import to_internal
 from errormodel.yamlfile import shown
 
@@ -103,9 +104,11 @@ def read_part(table: Table, plan: Plan, machine: Machine, units: SurveyUnits, me
     dated = "time" in values and values["time"][1]
     if dated:
         notes = (*notes, "times given as dates, read as seconds")
+    plain = {name: numbers for name, (numbers, is_date) in values.items() if not is_date}
+    plain, more = without_nines(plain, [j.name for j in machine.joints], raw.index.to_numpy() + 1)
+    notes = (*notes, *more)
     columns: dict[str, Any] = {
-        name: numbers if is_date else _convert(name, numbers, machine, units)
-        for name, (numbers, is_date) in values.items()
+        name: _convert(name, plain[name], machine, units) if name in plain else values[name][0] for name in values
     }
     frame = pd.DataFrame(columns | {name: raw[name].str.strip() for name in plan.texts}, index=raw.index)
 
@@ -119,9 +122,12 @@ def read_part(table: Table, plan: Plan, machine: Machine, units: SurveyUnits, me
     _check_measured(offences, frame)
     _check_labels(offences, frame, machine)
     offences.raise_first()
+    frame["row"] = raw.index.to_numpy() + 1
+    for rows, note in zeros(frame, [j.name for j in machine.joints]):
+        frame.loc[rows, list(MEASURED)] = np.nan
+        notes = (*notes, note)
     if measured:
         notes = (*notes, *_nothing_measured(table, frame, volumetric))
-    frame["row"] = raw.index.to_numpy() + 1
     return Part(frame, dated, notes)
 
 
