@@ -66,6 +66,7 @@ class Machine:
     effects: tuple[EffectSpec, ...] = ()
     source: Path | None = None
     notes: str = ""  # where the dimensions come from
+    doubts: tuple[str, ...] = field(default=(), compare=False)  # what in its file is hardly meant
 
     @property
     def joints(self) -> tuple[Joint, ...]:

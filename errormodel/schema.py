@@ -18,7 +18,8 @@ from pydantic import Field
 import errormodel
 from errormodel import errorblock
 from errormodel.conventions import FRAME, INSTRUMENT, TOOL
-from errormodel.effects import registry
+from errormodel.doubts import check_degrees, doubts
+from errormodel.effects import make, registry
 from errormodel.exceptions import InputError, nearest
 from errormodel.files import write_text_atomic
 from errormodel.machine import EffectSpec, Joint, Machine, Shape, Vector
@@ -151,14 +152,19 @@ def resolve(document: Document) -> Machine:
     _check_names(document, elements)
     check_line(document, elements)
     path = Path(document.name)
-    return Machine(
+    elements = list(_with_errors(document, file.errors, elements))
+    machine = Machine(
         name=file.name if file.name is not None else path.parent.name if path.name == FILE_NAME else path.stem,
-        elements=_with_errors(document, file.errors, elements),
+        elements=tuple(elements),
         tool=_vector(document, ("tool",), file.tool, length),
         effects=tuple(_effect(document, ("effects", i), elements) for i in range(len(file.effects or ()))),
         source=path,
         notes="\n".join(text for text in (file.notes, file.source) if text),
+        doubts=tuple(doubts(document, elements)),
     )
+    for i, spec in enumerate(machine.effects):
+        _check_effect(document, ("effects", i), spec, machine)
+    return machine
 
 
 def _element(document: Document, keys: Keys, length: float, angle: float) -> Joint | Shape:
@@ -175,6 +181,8 @@ def _element(document: Document, keys: Keys, length: float, angle: float) -> Joi
     if not low < high:
         cure = f"Write travel: [{high:g}, {low:g}]" if low > high else "Write the lowest and the highest position"
         raise document.error((*keys, "travel"), f"[{low:g}, {high:g}], which does not rise", cure)
+    if joint.type == "rotary" and math.isclose(angle, math.radians(1)):
+        check_degrees(document, (*keys, "travel"), joint.travel)
     scaled = _scaled(document, (*keys, "travel"), joint.travel, length if joint.type == "prismatic" else angle)
     return Joint(joint.joint, joint.type, _axis(document, (*keys, "axis")), (scaled[0], scaled[1]))
 
@@ -266,6 +274,21 @@ def _effect(document: Document, keys: Keys, elements: Sequence[Joint | Shape]) -
         if isinstance(value, str) and value not in names:
             raise document.error((*keys, key), f"'{value}' is not in the chain", nearest(value, names))
     return EffectSpec(effect, options)
+
+
+def _check_effect(document: Document, keys: Keys, spec: EffectSpec, machine: Machine) -> None:
+    """InputError if the effect cannot be that of this machine, about the key that says so."""
+    if spec.effect not in registry():
+        return
+    try:
+        make(spec).channels(machine)
+    except InputError as error:
+        words = re.findall(r"\w+", f"{error.where} {error.found}")
+        named = (key for key, value in spec.options.items() if isinstance(value, str) and value in words)
+        key = getattr(error, "key", None) or next(named, "effect")
+        value = spec.options.get(key)
+        found = f"'{value}': {error.found}" if isinstance(value, str) and value not in error.found else error.found
+        raise document.error((*keys, key), found, error.cure) from error
 
 
 def write_machine(machine: Machine, path: str | Path) -> None:

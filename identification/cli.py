@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import click
 
 from errormodel.exceptions import ErrorModelError, InputError
-from identification.console import ANY, FILE, FOLDER, app, command, one_line, say, show_notes, working
+from identification.console import ANY, FILE, FOLDER, app, command, one_line, read_model, say, show_notes, working
 
 if TYPE_CHECKING:
     from identification.ahead import Ahead
@@ -48,13 +48,12 @@ def describe(machine: str, survey: Path | None, json_file: Path | None, drawing:
     Without a SURVEY: by random poses over the travels with one tool, seen from a known measuring frame. With one: by
     its poses and tools, also when the measuring frame is unknown.
     """
-    from errormodel.schema import read_machine
     from identification import describe as stage
 
     if drawing is not None and drawing.suffix.lower() not in DRAWINGS:
         found = f"a drawing of type '{drawing.suffix}'"
         raise InputError(f"--drawing {drawing}", found, f"Write one of {', '.join(DRAWINGS)}")
-    model = read_machine(machine)
+    model = read_model(machine)
     points = None
     if survey is not None:
         from errormodel.survey import read_survey
@@ -111,13 +110,12 @@ def plan(
     incidence}, instrument, frame, pace and sensors; mm, degrees and seconds.
     """
     from errormodel.files import write_csv, write_text_atomic
-    from errormodel.schema import read_machine
     from identification.plan import run as stage
     from identification.plan.lines import plan_lines
     from identification.plan.setup import Setup, noise_of, read_setup
     from identification.store import dumps
 
-    model = read_machine(machine)
+    model = read_model(machine)
     circumstances = Setup(errormodel=1) if setup is None else read_setup(setup, model)
     sigma = noise_of(circumstances, noise)
     result = stage.plan(model, circumstances, points, sigma, seed, worst=criterion == "worst", tell=working)
@@ -146,10 +144,9 @@ def simulate(machine: str, points: str, parameters: Path | None, noise: str, out
     from errormodel.files import write_csv
     from errormodel.instruments.base import Instrument
     from errormodel.instruments.plain import Plain
-    from errormodel.schema import read_machine
     from errormodel.survey import read_survey
 
-    model = read_machine(machine)
+    model = read_model(machine)
     instrument: Instrument = Plain()
     if points.isdecimal():
         table = stage.random_points(model, _count(points), seed)
@@ -197,14 +194,13 @@ def _noise(text: str, instrument: Any) -> Any:
 @click.option("--priors", type=FILE, help="YAML: what is known beforehand: bounds; with --bayes priors too.")
 def fit(machine: str, survey: Path, out: Path, robust: bool, bayes: bool, priors: Path | None, seed: int) -> None:
     """Fit the machine's parameters to a SURVEY: values, uncertainties, residuals, a report."""
-    from errormodel.schema import read_machine
     from errormodel.survey import read_survey
     from identification.cli_bayes import beforehand, with_posterior
     from identification.fit.run import fit_machine
     from identification.gate import passed
 
     elsewhere = _drawing_elsewhere()
-    model = read_machine(machine)
+    model = read_model(machine)
     with working("Reading"):
         data = read_survey(survey, model)
     show_notes(data.notes)
@@ -275,14 +271,13 @@ def _say_fit(result: Fit, out: Path) -> None:
 def diagnose(machine: str, survey: Path, out: Path) -> None:
     """Fit, then find the physics that was left out: where, what, how sure; the fit is that of the extended machine."""
     from errormodel.files import write_text_atomic
-    from errormodel.schema import read_machine
     from errormodel.survey import read_survey
     from identification.diagnosis.run import diagnose as stage
     from identification.store import dumps
     from identification.tables import diagnosis_lines
 
     elsewhere = _drawing_elsewhere()
-    model = read_machine(machine)
+    model = read_model(machine)
     with working("Reading"):
         data = read_survey(survey, model)
     show_notes(data.notes)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from identification.console import ANY, FOLDER, command, say, show_notes, working
+from identification.console import ANY, FOLDER, command, read_model, say, show_notes, working
 
 
 @command
@@ -20,7 +20,6 @@ def thermal(machine: str, survey: Path, out: Path) -> None:
     ec, time, T_<sensor>); files of another cycle have the role test.
     """
     from errormodel.files import write_text_atomic
-    from errormodel.schema import read_machine
     from errormodel.survey import read_survey
     from identification import store
     from identification.plots import style
@@ -29,7 +28,7 @@ def thermal(machine: str, survey: Path, out: Path) -> None:
     from identification.thermal.lines import thermal_lines
     from identification.thermal.run import thermal as stage
 
-    model = read_machine(machine)
+    model = read_model(machine)
     with working("Reading"):
         data = read_survey(survey, model)
     show_notes(data.notes)

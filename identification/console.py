@@ -8,12 +8,15 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from errormodel import __version__
 from errormodel.exceptions import InputError
+
+if TYPE_CHECKING:
+    from errormodel.machine import Machine
 
 FOLDER = click.Path(path_type=Path, file_okay=False)
 FILE = click.Path(path_type=Path, dir_okay=False)
@@ -110,6 +113,15 @@ def show_notes(notes: tuple[str, ...]) -> None:
     for note in notes:
         if not _quiet:
             click.secho(f"note: {one_line(note)}", err=True, fg="yellow")
+
+
+def read_model(machine: str) -> Machine:
+    """The machine that a command was given; what in its file is hardly meant is said."""
+    from errormodel.schema import read_machine
+
+    model = read_machine(machine)
+    show_notes(model.doubts)
+    return model
 
 
 def one_line(message: str) -> str:
