@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterator, Sequence
 
 from errormodel.machine import Joint, Shape
-from errormodel.yamlfile import Document, Keys
+from errormodel.yamlfile import Document
 
 LONGEST = 1e5  # mm: gantries for ships' hulls and wings end there
 MOST_TERMS = 8  # of a polynomial: guides need up to five
@@ -15,18 +15,21 @@ FULL = 2 * math.pi + 1e-3
 FIFTEEN = math.radians(15)  # travels end at multiples of it
 
 
-def check_degrees(document: Document, keys: Keys, travel: Sequence[float]) -> None:
-    """InputError if a rotary travel said to be in degrees is one of usual size in radians, such as [-2.09, 0.52].
+def check_degrees(document: Document, elements: Sequence[Joint | Shape]) -> None:
+    """InputError if a rotary travel in degrees is one of usual size in radians, such as [-2.09, 0.52].
 
     Each end is then zero or a multiple of 15 degrees to the digits it is written with, two places at least.
     """
-    ends = [value for value in travel if value]
-    if not all(map(_radians, ends)):
-        return
-    low, high = (f"{15 * round(value / FIFTEEN):d}" for value in travel)
-    found = f"[{travel[0]:g}, {travel[1]:g}] degrees, which look like the radians of [{low}, {high}] degrees"
-    cure = f"Write units: {{angle: rad}}, or travel: [{low}, {high}]"
-    raise document.error(keys, found, cure)
+    for i, joint in enumerate(elements):
+        if not isinstance(joint, Joint) or joint.type != "rotary":
+            continue
+        travel = document.value_at(("chain", i, "travel"))
+        in_degrees = math.isclose(math.radians(travel[1] - travel[0]), joint.travel[1] - joint.travel[0])
+        if in_degrees and all(_radians(value) for value in travel if value):
+            low, high = (f"{15 * round(value / FIFTEEN):d}" for value in travel)
+            found = f"[{travel[0]:g}, {travel[1]:g}] degrees, which look like the radians of [{low}, {high}] degrees"
+            cure = f"Write units: {{angle: rad}}, or travel: [{low}, {high}]"
+            raise document.error(("chain", i, "travel"), found, cure)
 
 
 def _radians(value: float) -> bool:

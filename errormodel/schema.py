@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from io import StringIO
 from pathlib import Path
@@ -19,10 +19,10 @@ import errormodel
 from errormodel import errorblock
 from errormodel.conventions import FRAME, INSTRUMENT, TOOL
 from errormodel.doubts import check_degrees, doubts
-from errormodel.effects import make, registry
+from errormodel.effectblock import check_effect, read_effect
 from errormodel.exceptions import InputError, nearest
 from errormodel.files import write_text_atomic
-from errormodel.machine import EffectSpec, Joint, Machine, Shape, Vector
+from errormodel.machine import Joint, Machine, Shape, Vector
 from errormodel.serial import check_line, check_words
 from errormodel.units import UnitsBlock, factor
 from errormodel.yamlfile import (
@@ -39,17 +39,6 @@ from errormodel.yamlfile import (
 )
 
 FILE_NAME = "machine.yaml"
-
-_EFFECT_WORDS = """
-    scale-expansion warm-up spindle-growth structure-drift thermal-squareness thermal-bending
-    backlash lost-motion hysteresis
-    pitch-cyclic rail-waviness eccentricity wobble gear-cyclic
-    ram-sag beam-sag beam-torsion column-bending cross-axis-compliance telescoping-compliance ground-compliance
-    payload-sag joint-compliance gantry-racking
-    tracker-drift station-shift refraction scale-ppm target-offset outliers clock-offset
-    servo-lag compensation-active higher-order-geometry local-defect contact-knee axis-blunder unnamed
-"""
-EFFECTS = frozenset(_EFFECT_WORDS.split())
 
 # What a survey's columns mean; a joint of such a name could not be told from them.
 _COLUMN_WORDS = """
@@ -69,6 +58,13 @@ class _JointEntry(FileModel):
     axis: Any = Field(description="x, y or z, or -x, -y or -z, or a unit vector such as [0, 0.6, 0.8]")
     travel: Annotated[list[Number], Field(min_length=2, max_length=2)] = Field(
         description="the lowest and the highest position, such as [-400, 400]"
+    )
+    drives: Annotated[list[str], Field(min_length=2, max_length=2)] | None = Field(
+        None,
+        description="the columns of the two drives of one axis, such as [Y1, Y2]; their mean is its position",
+    )
+    spacing: Annotated[Number, Field(gt=0)] | None = Field(
+        None, description="the distance between the two drives, above 0, such as 1200"
     )
 
 
@@ -109,7 +105,7 @@ def library() -> dict[str, Path]:
 
 
 def read_machine(name_or_path: str | Path) -> Machine:
-    """Read a machine.
+    """Read a machine, and try its effects on it; what is hardly meant is said in its ``doubts``.
 
     Parameters
     ----------
@@ -119,9 +115,15 @@ def read_machine(name_or_path: str | Path) -> Machine:
     Raises
     ------
     InputError
-        There is no such machine, or its file is wrong.
+        There is no such machine, its file is wrong, or it is no serial chain.
     """
-    return resolve(load(_find(name_or_path)))
+    document = load(_find(name_or_path))
+    machine = resolve(document)
+    check_line(document, machine.elements)
+    check_degrees(document, machine.elements)
+    for i, spec in enumerate(machine.effects):
+        check_effect(document, ("effects", i), spec, machine)
+    return replace(machine, doubts=tuple(doubts(document, machine.elements)))
 
 
 def _find(name_or_path: str | Path) -> Path:
@@ -150,21 +152,15 @@ def resolve(document: Document) -> Machine:
     length, angle = factor(file.units.length, "length"), factor(file.units.angle, "angle")
     elements = [_element(document, ("chain", i), length, angle) for i in range(len(file.chain))]
     _check_names(document, elements)
-    check_line(document, elements)
     path = Path(document.name)
-    elements = list(_with_errors(document, file.errors, elements))
-    machine = Machine(
+    return Machine(
         name=file.name if file.name is not None else path.parent.name if path.name == FILE_NAME else path.stem,
-        elements=tuple(elements),
+        elements=_with_errors(document, file.errors, elements),
         tool=_vector(document, ("tool",), file.tool, length),
-        effects=tuple(_effect(document, ("effects", i), elements) for i in range(len(file.effects or ()))),
+        effects=tuple(read_effect(document, ("effects", i), elements) for i in range(len(file.effects or ()))),
         source=path,
         notes="\n".join(text for text in (file.notes, file.source) if text),
-        doubts=tuple(doubts(document, elements)),
     )
-    for i, spec in enumerate(machine.effects):
-        _check_effect(document, ("effects", i), spec, machine)
-    return machine
 
 
 def _element(document: Document, keys: Keys, length: float, angle: float) -> Joint | Shape:
@@ -181,10 +177,23 @@ def _element(document: Document, keys: Keys, length: float, angle: float) -> Joi
     if not low < high:
         cure = f"Write travel: [{high:g}, {low:g}]" if low > high else "Write the lowest and the highest position"
         raise document.error((*keys, "travel"), f"[{low:g}, {high:g}], which does not rise", cure)
-    if joint.type == "rotary" and math.isclose(angle, math.radians(1)):
-        check_degrees(document, (*keys, "travel"), joint.travel)
     scaled = _scaled(document, (*keys, "travel"), joint.travel, length if joint.type == "prismatic" else angle)
-    return Joint(joint.joint, joint.type, _axis(document, (*keys, "axis")), (scaled[0], scaled[1]))
+    drives, spacing = _drives(document, keys, joint), None
+    if joint.spacing is not None:
+        spacing = _scaled(document, (*keys, "spacing"), [joint.spacing], length)[0]
+    axis = _axis(document, (*keys, "axis"))
+    return Joint(joint.joint, joint.type, axis, (scaled[0], scaled[1]), drives=drives, spacing=spacing)
+
+
+def _drives(document: Document, keys: Keys, joint: _JointEntry) -> tuple[str, ...]:
+    """The columns of a joint's two drives, if it has two."""
+    if joint.drives is None:
+        if joint.spacing is not None:
+            raise document.error((*keys, "spacing"), "a distance of drives without drives", "Write drives: [Y1, Y2]")
+        return ()
+    if joint.type != "prismatic":
+        raise document.error((*keys, "drives"), f"two drives of the rotary joint {joint.joint}", "Remove the key")
+    return tuple(joint.drives)
 
 
 def _scaled(document: Document, keys: Keys, values: Sequence[float], unit: float) -> list[float]:
@@ -225,24 +234,31 @@ def _moderate(value: object) -> bool:
 
 
 def _check_names(document: Document, elements: Sequence[Joint | Shape]) -> None:
-    places: dict[str, int] = {}
-    for i, element in enumerate(elements):
-        kind = "joint" if isinstance(element, Joint) else "shape"
-        keys, name = ("chain", i, kind), element.name
+    places: dict[str, Keys] = {}
+    for keys, name in _names(elements):
         if not re.fullmatch("[A-Za-z_][A-Za-z0-9_]*", name):
             raise document.error(keys, shown(name), f"Write {_NAME}, beginning with a letter")
         if name in places:
-            line = document.line_of(("chain", places[name]))
-            raise document.error(keys, f"the name '{name}' is already taken in line {line}", "Write another name")
-        places[name] = i
+            found = f"the name '{name}' is already taken in line {document.line_of(places[name])}"
+            raise document.error(keys, found, "Write another name")
+        places[name] = keys
+        shape = keys[-1] == "shape"
         # A shape named `frame` occurs in real files, and does no harm there: it is no column.
-        column = kind == "joint" and (name in _COLUMNS or name.startswith(_COLUMN_PREFIXES))
-        if column or name in (TOOL, INSTRUMENT) or (kind == "joint" and name == FRAME):
+        column = not shape and (name in _COLUMNS or name.startswith(_COLUMN_PREFIXES))
+        if column or name in (TOOL, INSTRUMENT) or (not shape and name == FRAME):
             what = "a column of a survey" if column else "a place of its own"
             raise document.error(keys, f"the name '{name}', which is {what}", f"Write another name, such as {name}1")
     if not any(isinstance(element, Joint) for element in elements):
         cure = "Add at least one, such as - {joint: X, type: prismatic, axis: x, travel: [0, 500]}"
         raise document.error(("chain",), "no joint in the chain", cure)
+
+
+def _names(elements: Sequence[Joint | Shape]) -> Iterator[tuple[Keys, str]]:
+    """Names in the chain, those of drives among them, and where they stand."""
+    for i, element in enumerate(elements):
+        yield ("chain", i, "joint" if isinstance(element, Joint) else "shape"), element.name
+        if isinstance(element, Joint):
+            yield from ((("chain", i, "drives", k), drive) for k, drive in enumerate(element.drives))
 
 
 def _with_errors(
@@ -255,40 +271,6 @@ def _with_errors(
         replace(e, motions=motions[e.name]) if isinstance(e, Shape) else replace(e, models=models[e.name])
         for e in elements
     )
-
-
-def _effect(document: Document, keys: Keys, elements: Sequence[Joint | Shape]) -> EffectSpec:
-    """One effect; its own keys are left to the effect, but for the names of elements."""
-    options = dict(document.value_at(keys))
-    if "effect" not in options:
-        raise document.error((*keys, "effect"), "the key 'effect' is missing", "Write effect: and its name")
-    effect = options.pop("effect")
-    if not isinstance(effect, str) or (effect not in EFFECTS and effect not in registry()):
-        known = {*EFFECTS, *registry()}
-        raise document.error((*keys, "effect"), f"unknown effect {shown(effect)}", nearest(str(effect), known))
-    joints = [e.name for e in elements if isinstance(e, Joint)]
-    shapes = [e.name for e in elements if isinstance(e, Shape)]
-    places = {"joint": joints, "shape": shapes, "where": [*joints, *shapes, FRAME, TOOL, INSTRUMENT]}
-    for key, names in places.items():
-        value = options.get(key)
-        if isinstance(value, str) and value not in names:
-            raise document.error((*keys, key), f"'{value}' is not in the chain", nearest(value, names))
-    return EffectSpec(effect, options)
-
-
-def _check_effect(document: Document, keys: Keys, spec: EffectSpec, machine: Machine) -> None:
-    """InputError if the effect cannot be that of this machine, about the key that says so."""
-    if spec.effect not in registry():
-        return
-    try:
-        make(spec).channels(machine)
-    except InputError as error:
-        words = re.findall(r"\w+", f"{error.where} {error.found}")
-        named = (key for key, value in spec.options.items() if isinstance(value, str) and value in words)
-        key = getattr(error, "key", None) or next(named, "effect")
-        value = spec.options.get(key)
-        found = f"'{value}': {error.found}" if isinstance(value, str) and value not in error.found else error.found
-        raise document.error((*keys, key), found, error.cure) from error
 
 
 def write_machine(machine: Machine, path: str | Path) -> None:
@@ -352,7 +334,10 @@ def _laid_out(value: Any, levels: int) -> Any:
 def _written(element: Joint | Shape) -> dict[str, Any]:
     if isinstance(element, Joint):
         travel = element.travel if element.type == "prismatic" else [_degrees(q) for q in element.travel]
-        return {"joint": element.name, "type": element.type, "axis": _written_axis(element.axis), "travel": travel}
+        axis = _written_axis(element.axis)
+        block: dict[str, Any] = {"joint": element.name, "type": element.type, "axis": axis, "travel": travel}
+        block |= {"drives": list(element.drives)} if element.drives else {}
+        return block | ({"spacing": element.spacing} if element.spacing else {})
     entry: dict[str, Any] = {"shape": element.name, "offset": element.offset}
     if any(element.rotation):
         entry["rotation"] = [_degrees(r) for r in element.rotation]

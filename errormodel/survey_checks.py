@@ -15,6 +15,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from errormodel.conventions import MOTIONS, ROTATIONS
+from errormodel.drives import as_one
 from errormodel.exceptions import InputError, nearest
 from errormodel.formats.base import Table, as_numbers
 from errormodel.machine import Machine
@@ -128,7 +129,7 @@ def read_part(table: Table, plan: Plan, machine: Machine, units: SurveyUnits, me
         notes = (*notes, note)
     if measured:
         notes = (*notes, *_nothing_measured(table, frame, volumetric))
-    return Part(frame, dated, notes)
+    return Part(as_one(frame, machine, table.name), dated, notes)
 
 
 def _is_empty(column: pd.Series[Any]) -> Mask:
@@ -166,7 +167,8 @@ def _seconds(column: pd.Series[str]) -> tuple[Array, Mask]:
 
 
 def _convert(name: str, values: Array, machine: Machine, units: SurveyUnits) -> Array:
-    kinds: dict[str, Literal["prismatic", "rotary"]] = {j.name: j.type for j in machine.joints}
+    kinds: dict[str, Literal["prismatic", "rotary"]] = {n: j.type for j in machine.joints for n in j.columns}
+    kinds |= {j.difference: j.type for j in machine.joints if j.drives}
     if kinds.get(name) == "rotary":
         return to_internal(values, units.angle, "angle")
     if kinds.get(name) == "prismatic" or name in LENGTHS:
@@ -180,11 +182,11 @@ def _convert(name: str, values: Array, machine: Machine, units: SurveyUnits) -> 
 
 def _check_commands(offences: _Offences, frame: pd.DataFrame, joint: NDArray[np.object_], machine: Machine) -> None:
     for j in machine.joints:
-        if j.name in frame:
+        for name in (j.name,) if j.name in frame else (drive for drive in j.drives if drive in frame):
             needed = (joint == "") | (joint == j.name)
-            empty = frame[j.name].isna().to_numpy() & needed
-            offences.add(j.name, empty, "no commanded position", f"Write the position of {j.name} in every row")
-    joints = {j.name for j in machine.joints}
+            empty = frame[name].isna().to_numpy() & needed
+            offences.add(name, empty, "no commanded position", f"Write the position of {name} in every row")
+    joints = {name for j in machine.joints for name in j.columns}
     for name in (n for n in offences.plan.numbers if n in LENGTHS or n in joints):
         far = np.abs(frame[name].to_numpy()) > LARGEST
         offences.add(

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from errormodel.conventions import MOTIONS
 from errormodel.exceptions import InputError, nearest
 from errormodel.formats.base import Table
-from errormodel.machine import Machine
+from errormodel.machine import Joint, Machine
 from errormodel.yamlfile import Document
 
 MEASURED = ("mx", "my", "mz")
@@ -104,7 +104,10 @@ def plan_columns(table: Table, machine: Machine, columns: Mapping[str, str], mea
         ours = {our: name for our, name in ours.items() if our not in (*MOTIONS, *UNCERTAINTY)}
     unused = [name for name in named if name not in ours.values()]
 
-    missing = tuple(j.name for j in machine.joints if j.name not in ours)
+    lacking = [j for j in machine.joints if j.name not in ours]
+    missing = tuple(j.name for j in lacking if not j.drives or not all(drive in ours for drive in j.drives))
+    for joint in machine.joints:
+        _check_drives(where, joint, ours)
     if missing and "joint" not in ours:
         raise missing_joint(table, missing[0], unused)
     something = any(name in ours for name in (*MEASURED, *ORIENTATION, *MOTIONS))
@@ -116,6 +119,19 @@ def plan_columns(table: Table, machine: Machine, columns: Mapping[str, str], mea
         raise InputError(where, found, f"Name what was measured mx my mz. Found: {', '.join(named)}")
     _all_or_none(where, ours, ORIENTATION)
     return Plan(ours, missing, tuple(_notes(unused, ours, machine)))
+
+
+def _check_drives(where: str, joint: Joint, ours: Mapping[str, str]) -> None:
+    """InputError where one of two drives has no column, or their difference is given twice."""
+    have = [drive for drive in joint.drives if drive in ours]
+    if have and len(have) < len(joint.drives):
+        found = (
+            f"{have[0]}, and not {' '.join(d for d in joint.drives if d not in have)}, of the drives of {joint.name}"
+        )
+        raise InputError(where, found, f"Give {' and '.join(joint.drives)}, or {joint.name} alone")
+    if have and joint.difference in ours:
+        found = f"{joint.difference} beside {' and '.join(joint.drives)}, whose difference it is"
+        raise InputError(where, found, "Give one of the two")
 
 
 def missing_joint(table: Table, joint: str, unused: Iterable[str]) -> InputError:
@@ -138,7 +154,7 @@ def _all_or_none(where: str, ours: Mapping[str, str], names: tuple[str, ...]) ->
 
 
 def _is_ours(name: str, machine: Machine) -> bool:
-    joints = [j.name for j in machine.joints]
+    joints = [name for j in machine.joints for name in j.columns]
     direction = name.startswith("dir_") and name[4:] in joints
     return name in joints or name in _NAMES or direction or re.fullmatch(r"[Tw]_.+", name) is not None
 

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from errormodel import schema, yamlfile
 from errormodel.conventions import MOTIONS
+from errormodel.effectblock import EFFECTS
 from errormodel.errorblock import first_order_motions
 from errormodel.exceptions import InputError
 from errormodel.machine import Basis, EffectSpec, Joint, Machine, Shape
@@ -435,7 +436,7 @@ def machines(draw: st.DrawFn) -> Machine:
         st.one_of(finite, st.integers(), texts, st.booleans(), st.lists(finite, max_size=3)),
         max_size=3,
     )
-    effects = draw(st.lists(st.builds(EffectSpec, st.sampled_from(sorted(schema.EFFECTS)), options), max_size=3))
+    effects = draw(st.lists(st.builds(EffectSpec, st.sampled_from(sorted(EFFECTS)), options), max_size=3))
     return Machine(draw(texts), tuple(elements), draw(vectors), tuple(effects), notes=draw(texts))
 
 
