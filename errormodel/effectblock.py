@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from errormodel.conventions import FRAME, INSTRUMENT, TOOL
 from errormodel.effects import make, registry
-from errormodel.exceptions import InputError, nearest
+from errormodel.exceptions import EffectError, InputError, nearest
 from errormodel.machine import EffectSpec, Joint, Machine, Shape
 from errormodel.yamlfile import Document, Keys, shown
 
@@ -48,10 +48,11 @@ def check_effect(document: Document, keys: Keys, spec: EffectSpec, machine: Mach
         return
     try:
         make(spec).channels(machine)
-    except InputError as error:
+    except EffectError as error:
+        raise document.error((*keys, error.key), error.found, error.cure) from error
+    except InputError as error:  # from its terms, which speak of an element and not of a key
         words = re.findall(r"\w+", f"{error.where} {error.found}")
-        named = (key for key, value in spec.options.items() if isinstance(value, str) and value in words)
-        key = getattr(error, "key", None) or next(named, "effect")
-        value = spec.options.get(key)
-        found = f"'{value}': {error.found}" if isinstance(value, str) and value not in error.found else error.found
+        named = ((key, value) for key, value in spec.options.items() if isinstance(value, str) and value in words)
+        key, value = next(named, ("effect", ""))
+        found = error.found if value in error.found else f"'{value}': {error.found}"
         raise document.error((*keys, key), found, error.cure) from error

@@ -1,6 +1,7 @@
 """The file form of a machine, ``machine.yaml``: read into :class:`~errormodel.machine.Machine` and written from it.
 
-A file may use any units and short-hands; a Machine is in mm and radians with everything resolved.
+A file may use any units and short-hands; a Machine is in mm and radians with everything resolved. An axis with two
+drives is one joint with ``drives: [Y1, Y2]``, its columns in a survey, and their ``spacing`` (`errormodel.drives`).
 """
 
 from __future__ import annotations

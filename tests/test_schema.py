@@ -40,7 +40,7 @@ errors:
     Z: {polynomial: 3, ezz: {polynomial: 5}, EAZ: none}
     W: {all: first-order, dx: {spline: 4}}
 effects:
-  - {effect: ram-sag, joint: W, length: 812.5}
+  - {effect: ram-sag, joint: W, exponent: 2.5}
 notes: A note.
 """
 
@@ -98,7 +98,7 @@ def test_example():
         "eb": first,
         "ec": first,
     }
-    assert machine.effects == (EffectSpec("ram-sag", {"joint": "W", "length": 812.5}),)
+    assert machine.effects == (EffectSpec("ram-sag", {"joint": "W", "exponent": 2.5}),)
     assert machine.notes == "A note."
 
 
@@ -214,8 +214,8 @@ BAD = [
     ("effect: ram-sag", "effect: ramsag", 21, "effects[1].effect", ["'ramsag'", "Did you mean 'ram-sag'"]),
     ("effect: ram-sag", "effect: [1]", 21, "effects[1].effect", ["[1]", "Valid:"]),
     ("effect: ram-sag, ", "", 21, "effects[1].effect", ["missing", "Write effect"]),
-    ("joint: W, len", "joint: V, len", 21, "effects[1].joint", ["'V'", "Valid: B, W, X, Z"]),
-    ("joint: W, len", "where: T4, len", 21, "effects[1].where", ["'T4'", "instrument"]),
+    ("joint: W, exp", "joint: V, exp", 21, "effects[1].joint", ["'V'", "Valid: B, W, X, Z"]),
+    ("joint: W, exp", "where: T4, exp", 21, "effects[1].where", ["'T4'", "instrument"]),
     ("notes: A note.", "notes: 3", 22, "notes", ["3", "quotes"]),
     ("notes: A note.", "name: B", 22, "name", ["already given in line 2", "Remove"]),
     ("notes: A note.", "notes: !!python/name:os.system ''", 22, "notes", ["!!python/name:os.system", "Remove"]),
