@@ -21,7 +21,7 @@ from errormodel.yamlfile import parse
 from identification.describe import describe
 from tests.commands import MILL, XYZ, done
 
-ODD = ("T_bed(1)", "T_bed, left", "T_Öl (vorne), 2 – lag(T_x,5)")
+ODD = ("T_bed(1)", "T_bed, left", "T_Öl (vorne), 2 – lag(T_x,5)", "T_a − b")
 SENSORS = (
     st.text(
         st.characters(codec="utf-8", exclude_categories=["C", "Z"]) | st.sampled_from(" (),;'\"−$#:{}[]"), min_size=1
