@@ -51,7 +51,7 @@ def without_nines(
             for joint in joints:
                 here &= np.abs(columns.get(joint, np.zeros(len(rows)))) != abs(value)
             others = columns[name][np.isfinite(columns[name]) & ~found]
-            here &= _all_three(columns, value) | bool(here.sum() > 1 and _far(value, others))
+            here &= _all_three(columns, value) | bool(here.sum() > 1 and _far(value, others, int(here.sum())))
             if here.any():
                 out[name] = np.where(here, np.nan, out[name])
                 said.setdefault((float(value), here.tobytes()), []).append(name)
@@ -66,9 +66,10 @@ def _all_three(columns: Mapping[str, Array], value: float) -> Mask | bool:
     return np.asarray(np.logical_and.reduce([columns[name] == value for name in MEASURED]))
 
 
-def _far(value: float, others: Array) -> bool:
-    if not len(others):
-        return True
+def _far(value: float, others: Array, count: int) -> bool:
+    """Whether a value lies far from all others; of few rows nobody knows."""
+    if len(others) < FEWEST:
+        return not len(others) and count >= FEWEST  # a component that was never measured
     return bool(np.abs(others - value).min() > np.ptp(others))
 
 

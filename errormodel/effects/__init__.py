@@ -55,9 +55,9 @@ def _wrong(kind: type[Effect], error: ValidationError) -> tuple[str, str, str]:
     # a misspelt key is both unknown and missing: the unknown one can be named
     first = next((d for d in details if d["type"] == "extra_forbidden"), details[0])
     key, example = str(next(iter(first["loc"]), "effect")), flow({"effect": kind.effect, **kind.example})
-    write = f"Write it such as {example}. Its keys: {', '.join(kind.model_fields)}"
+    write = f"Example: {example}. Its keys: {', '.join(kind.model_fields)}"
     if first["type"] == "missing":
-        return key, f"the key '{key}' is missing", write
+        return key, f"of {kind.effect} the key '{key}' is missing", write
     if first["type"] == "extra_forbidden":
         return key, f"unknown key '{key}'", f"{nearest(key, kind.model_fields)}. {write}"
     words = re.findall(r"'([^']*)'", str(first.get("ctx", {}).get("expected", "")))
