@@ -41,7 +41,10 @@ REFUSED: dict[str, tuple[str, str, tuple[str, ...]]] = {
 }  # fmt: skip
 
 EFFECTS: dict[str, tuple[str, tuple[str, ...]]] = {
-    "no joint": ("{effect: backlash}", ("joint: of backlash the key 'joint' is missing", "Example: {effect: backlash, joint: X}")),
+    "no joint": (
+        "{effect: backlash}",
+        ("of backlash the key 'joint' is missing", "Example: {effect: backlash, joint: X}"),
+    ),
     "a misspelt key": ("{effect: backlash, joints: X}", ("joints: unknown key", "Did you mean 'joint'?")),
     "too large": ("{effect: beam-sag, joint: X, exponent: 9}", ("exponent: 9. It must be less than or equal to 3",)),
     "a word": ("{effect: beam-sag, joint: X, exponent: two}", ("exponent: 'two'. It must be a valid number.",)),
