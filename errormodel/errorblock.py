@@ -7,6 +7,7 @@ What a present block does not list is no parameter.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from difflib import get_close_matches
 from typing import Any, Literal
 
 from errormodel.conventions import MOTIONS, ROTATIONS, TRANSLATIONS, Motion, iso_symbol, motion_of_iso
@@ -76,6 +77,10 @@ def read_joints(document: Document, keys: Keys, joints: Sequence[Joint]) -> dict
     family = isinstance(value, dict) and len(value) == 1 and next(iter(value)) in {*_FAMILIES} - {*names}
     if family or not isinstance(value, dict):  # one model for all joints
         return {joint.name: _spread(joint, _basis(document, keys, joint)) for joint in joints}
+    for key, model in value.items():
+        near = bool(get_close_matches(key, _FAMILIES, n=1))
+        if key not in names and (near or isinstance(model, int | float)):  # a model of all joints, misspelt
+            raise document.error((*keys, key), f"unknown model '{key}'", f"{nearest(key, _MODELS)}. {_CURE}")
     _check_names(document, keys, "joint", names)
     return {j.name: _joint_models(document, (*keys, j.name), j) if j.name in value else {} for j in joints}
 

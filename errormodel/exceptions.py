@@ -31,6 +31,14 @@ class InputError(ErrorModelError):
         return f"{self.where}: {self.found}. {self.cure}"
 
 
+class EffectError(InputError):
+    """A key of an effect's entry is wrong; `key` is its name."""
+
+    def __init__(self, where: str, found: str, cure: str, key: str = "effect") -> None:
+        super().__init__(where, found, cure)
+        self.key = key
+
+
 def nearest(name: str, valid: Iterable[str]) -> str:
     """Return ``did you mean 'X'? Valid: ...`` for a name that is not among `valid`."""
     names = sorted(valid)

@@ -20,7 +20,8 @@ from errormodel.exceptions import InputError, nearest
 if TYPE_CHECKING:
     import pandas as pd
 
-CALL = re.compile(r"(lag|play)\(([^,()]+),([^,()]+)\)")
+# A sensor may have any name, with commas and brackets: the number is what stands after the last comma.
+CALL = re.compile(r"(lag|play)\((.+),([^,()]+)\)", re.DOTALL)
 SETTLE = 240.0  # s: the quickest members take some ten minutes to follow the air or a motor
 _GAPLESS = ("T_", "w_", "time", "feed", "load")  # positions may be missing in rows about another joint
 JUMP = 2.5  # of the usual step between targets: so far goes back who begins anew

@@ -46,6 +46,18 @@ class Joint:
     axis: Vector  # unit vector in the joint's frame
     travel: tuple[float, float]  # mm or rad
     models: Mapping[Motion, Basis] = field(default_factory=dict)
+    drives: tuple[str, ...] = ()  # columns of its two drives, where it has two; their mean is its position
+    spacing: float | None = None  # mm, between the two drives
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Columns of a survey that may hold its position."""
+        return (self.name, *self.drives)
+
+    @property
+    def difference(self) -> str:
+        """The channel of the first drive's position less the second's, mm."""
+        return f"w_sync_{self.name}"
 
 
 @dataclass(frozen=True)
@@ -66,6 +78,7 @@ class Machine:
     effects: tuple[EffectSpec, ...] = ()
     source: Path | None = None
     notes: str = ""  # where the dimensions come from
+    doubts: tuple[str, ...] = field(default=(), compare=False)  # what in its file is hardly meant
 
     @property
     def joints(self) -> tuple[Joint, ...]:

@@ -1,13 +1,14 @@
 """The file form of a machine, ``machine.yaml``: read into :class:`~errormodel.machine.Machine` and written from it.
 
-A file may use any units and short-hands; a Machine is in mm and radians with everything resolved.
+A file may use any units and short-hands; a Machine is in mm and radians with everything resolved. An axis with two
+drives is one joint with ``drives: [Y1, Y2]``, its columns in a survey, and their ``spacing`` (`errormodel.drives`).
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from io import StringIO
 from pathlib import Path
@@ -18,10 +19,12 @@ from pydantic import Field
 import errormodel
 from errormodel import errorblock
 from errormodel.conventions import FRAME, INSTRUMENT, TOOL
-from errormodel.effects import registry
+from errormodel.doubts import check_degrees, doubts
+from errormodel.effectblock import check_effect, read_effect
 from errormodel.exceptions import InputError, nearest
 from errormodel.files import write_text_atomic
-from errormodel.machine import EffectSpec, Joint, Machine, Shape, Vector
+from errormodel.machine import Joint, Machine, Shape, Vector
+from errormodel.serial import check_line, check_words
 from errormodel.units import UnitsBlock, factor
 from errormodel.yamlfile import (
     Document,
@@ -37,17 +40,6 @@ from errormodel.yamlfile import (
 )
 
 FILE_NAME = "machine.yaml"
-
-_EFFECT_WORDS = """
-    scale-expansion warm-up spindle-growth structure-drift thermal-squareness thermal-bending
-    backlash lost-motion hysteresis
-    pitch-cyclic rail-waviness eccentricity wobble gear-cyclic
-    ram-sag beam-sag beam-torsion column-bending cross-axis-compliance telescoping-compliance ground-compliance
-    payload-sag joint-compliance gantry-racking
-    tracker-drift station-shift refraction scale-ppm target-offset outliers clock-offset
-    servo-lag compensation-active higher-order-geometry local-defect contact-knee axis-blunder unnamed
-"""
-EFFECTS = frozenset(_EFFECT_WORDS.split())
 
 # What a survey's columns mean; a joint of such a name could not be told from them.
 _COLUMN_WORDS = """
@@ -67,6 +59,13 @@ class _JointEntry(FileModel):
     axis: Any = Field(description="x, y or z, or -x, -y or -z, or a unit vector such as [0, 0.6, 0.8]")
     travel: Annotated[list[Number], Field(min_length=2, max_length=2)] = Field(
         description="the lowest and the highest position, such as [-400, 400]"
+    )
+    drives: Annotated[list[str], Field(min_length=2, max_length=2)] | None = Field(
+        None,
+        description="the columns of the two drives of one axis, such as [Y1, Y2]; their mean is its position",
+    )
+    spacing: Annotated[Number, Field(gt=0)] | None = Field(
+        None, description="the distance between the two drives, above 0, such as 1200"
     )
 
 
@@ -107,7 +106,7 @@ def library() -> dict[str, Path]:
 
 
 def read_machine(name_or_path: str | Path) -> Machine:
-    """Read a machine.
+    """Read a machine, and try its effects on it; what is hardly meant is said in its ``doubts``.
 
     Parameters
     ----------
@@ -117,9 +116,15 @@ def read_machine(name_or_path: str | Path) -> Machine:
     Raises
     ------
     InputError
-        There is no such machine, or its file is wrong.
+        There is no such machine, its file is wrong, or it is no serial chain.
     """
-    return resolve(load(_find(name_or_path)))
+    document = load(_find(name_or_path))
+    machine = resolve(document)
+    check_line(document, machine.elements)
+    check_degrees(document, machine.elements)
+    for i, spec in enumerate(machine.effects):
+        check_effect(document, ("effects", i), spec, machine)
+    return replace(machine, doubts=tuple(doubts(document, machine.elements)))
 
 
 def _find(name_or_path: str | Path) -> Path:
@@ -143,6 +148,7 @@ def _find(name_or_path: str | Path) -> Path:
 
 def resolve(document: Document) -> Machine:
     """The machine that a parsed ``machine.yaml`` describes, in mm and radians."""
+    check_words(document, _MachineFile.model_fields)
     file = validate(document, _MachineFile)
     length, angle = factor(file.units.length, "length"), factor(file.units.angle, "angle")
     elements = [_element(document, ("chain", i), length, angle) for i in range(len(file.chain))]
@@ -152,7 +158,7 @@ def resolve(document: Document) -> Machine:
         name=file.name if file.name is not None else path.parent.name if path.name == FILE_NAME else path.stem,
         elements=_with_errors(document, file.errors, elements),
         tool=_vector(document, ("tool",), file.tool, length),
-        effects=tuple(_effect(document, ("effects", i), elements) for i in range(len(file.effects or ()))),
+        effects=tuple(read_effect(document, ("effects", i), elements) for i in range(len(file.effects or ()))),
         source=path,
         notes="\n".join(text for text in (file.notes, file.source) if text),
     )
@@ -173,7 +179,22 @@ def _element(document: Document, keys: Keys, length: float, angle: float) -> Joi
         cure = f"Write travel: [{high:g}, {low:g}]" if low > high else "Write the lowest and the highest position"
         raise document.error((*keys, "travel"), f"[{low:g}, {high:g}], which does not rise", cure)
     scaled = _scaled(document, (*keys, "travel"), joint.travel, length if joint.type == "prismatic" else angle)
-    return Joint(joint.joint, joint.type, _axis(document, (*keys, "axis")), (scaled[0], scaled[1]))
+    drives, spacing = _drives(document, keys, joint), None
+    if joint.spacing is not None:
+        spacing = _scaled(document, (*keys, "spacing"), [joint.spacing], length)[0]
+    axis = _axis(document, (*keys, "axis"))
+    return Joint(joint.joint, joint.type, axis, (scaled[0], scaled[1]), drives=drives, spacing=spacing)
+
+
+def _drives(document: Document, keys: Keys, joint: _JointEntry) -> tuple[str, ...]:
+    """The columns of a joint's two drives, if it has two."""
+    if joint.drives is None:
+        if joint.spacing is not None:
+            raise document.error((*keys, "spacing"), "a distance of drives without drives", "Write drives: [Y1, Y2]")
+        return ()
+    if joint.type != "prismatic":
+        raise document.error((*keys, "drives"), f"two drives of the rotary joint {joint.joint}", "Remove the key")
+    return tuple(joint.drives)
 
 
 def _scaled(document: Document, keys: Keys, values: Sequence[float], unit: float) -> list[float]:
@@ -214,24 +235,31 @@ def _moderate(value: object) -> bool:
 
 
 def _check_names(document: Document, elements: Sequence[Joint | Shape]) -> None:
-    places: dict[str, int] = {}
-    for i, element in enumerate(elements):
-        kind = "joint" if isinstance(element, Joint) else "shape"
-        keys, name = ("chain", i, kind), element.name
+    places: dict[str, Keys] = {}
+    for keys, name in _names(elements):
         if not re.fullmatch("[A-Za-z_][A-Za-z0-9_]*", name):
             raise document.error(keys, shown(name), f"Write {_NAME}, beginning with a letter")
         if name in places:
-            line = document.line_of(("chain", places[name]))
-            raise document.error(keys, f"the name '{name}' is already taken in line {line}", "Write another name")
-        places[name] = i
+            found = f"the name '{name}' is already taken in line {document.line_of(places[name])}"
+            raise document.error(keys, found, "Write another name")
+        places[name] = keys
+        shape = keys[-1] == "shape"
         # A shape named `frame` occurs in real files, and does no harm there: it is no column.
-        column = kind == "joint" and (name in _COLUMNS or name.startswith(_COLUMN_PREFIXES))
-        if column or name in (TOOL, INSTRUMENT) or (kind == "joint" and name == FRAME):
+        column = not shape and (name in _COLUMNS or name.startswith(_COLUMN_PREFIXES))
+        if column or name in (TOOL, INSTRUMENT) or (not shape and name == FRAME):
             what = "a column of a survey" if column else "a place of its own"
             raise document.error(keys, f"the name '{name}', which is {what}", f"Write another name, such as {name}1")
     if not any(isinstance(element, Joint) for element in elements):
         cure = "Add at least one, such as - {joint: X, type: prismatic, axis: x, travel: [0, 500]}"
         raise document.error(("chain",), "no joint in the chain", cure)
+
+
+def _names(elements: Sequence[Joint | Shape]) -> Iterator[tuple[Keys, str]]:
+    """Names in the chain, those of drives among them, and where they stand."""
+    for i, element in enumerate(elements):
+        yield ("chain", i, "joint" if isinstance(element, Joint) else "shape"), element.name
+        if isinstance(element, Joint):
+            yield from ((("chain", i, "drives", k), drive) for k, drive in enumerate(element.drives))
 
 
 def _with_errors(
@@ -244,25 +272,6 @@ def _with_errors(
         replace(e, motions=motions[e.name]) if isinstance(e, Shape) else replace(e, models=models[e.name])
         for e in elements
     )
-
-
-def _effect(document: Document, keys: Keys, elements: Sequence[Joint | Shape]) -> EffectSpec:
-    """One effect; its own keys are left to the effect, but for the names of elements."""
-    options = dict(document.value_at(keys))
-    if "effect" not in options:
-        raise document.error((*keys, "effect"), "the key 'effect' is missing", "Write effect: and its name")
-    effect = options.pop("effect")
-    if not isinstance(effect, str) or (effect not in EFFECTS and effect not in registry()):
-        known = {*EFFECTS, *registry()}
-        raise document.error((*keys, "effect"), f"unknown effect {shown(effect)}", nearest(str(effect), known))
-    joints = [e.name for e in elements if isinstance(e, Joint)]
-    shapes = [e.name for e in elements if isinstance(e, Shape)]
-    places = {"joint": joints, "shape": shapes, "where": [*joints, *shapes, FRAME, TOOL, INSTRUMENT]}
-    for key, names in places.items():
-        value = options.get(key)
-        if isinstance(value, str) and value not in names:
-            raise document.error((*keys, key), f"'{value}' is not in the chain", nearest(value, names))
-    return EffectSpec(effect, options)
 
 
 def write_machine(machine: Machine, path: str | Path) -> None:
@@ -326,7 +335,10 @@ def _laid_out(value: Any, levels: int) -> Any:
 def _written(element: Joint | Shape) -> dict[str, Any]:
     if isinstance(element, Joint):
         travel = element.travel if element.type == "prismatic" else [_degrees(q) for q in element.travel]
-        return {"joint": element.name, "type": element.type, "axis": _written_axis(element.axis), "travel": travel}
+        axis = _written_axis(element.axis)
+        block: dict[str, Any] = {"joint": element.name, "type": element.type, "axis": axis, "travel": travel}
+        block |= {"drives": list(element.drives)} if element.drives else {}
+        return block | ({"spacing": element.spacing} if element.spacing else {})
     entry: dict[str, Any] = {"shape": element.name, "offset": element.offset}
     if any(element.rotation):
         entry["rotation"] = [_degrees(r) for r in element.rotation]

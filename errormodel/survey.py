@@ -11,6 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from errormodel.conventions import MOTIONS
+from errormodel.drives import check_series, in_step
 from errormodel.effects.axis_blunder import mended
 from errormodel.exceptions import InputError, nearest
 from errormodel.features import direction
@@ -149,11 +150,15 @@ def read_survey(path: Path | str, machine: Machine, measured: bool = True) -> Su
     for (entry, tables), own in zip(opened, plans, strict=True):
         part = _read_file(entry, tables, own, machine, form, measured)
         notes |= dict.fromkeys(f"{entry.path}: {note}" for note in part.notes)
+        notes |= dict.fromkeys(f"{entry.path}: {note}" for note in check_series(part.frame, machine, entry.path))
         notes |= dict.fromkeys(check_sizes(part.frame, machine, form.units, entry.path, measured))
         parts.append(part)
     if measured and all(entry.role == "test" for entry in form.files):
         raise document.error(("files",), "only test files", "Give at least one file the role fit")
     table = mended(_assemble(parts, machine), machine)
+    if not measured:
+        table, more = in_step(table, machine)
+        notes |= dict.fromkeys(more)
     notes |= dict.fromkeys(travel_notes(table, machine))
     if measured:
         notes |= dict.fromkeys(_side_notes(table, machine, form.frame))

@@ -15,6 +15,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from errormodel.conventions import MOTIONS, ROTATIONS
+from errormodel.drives import as_one
 from errormodel.exceptions import InputError, nearest
 from errormodel.formats.base import Table, as_numbers
 from errormodel.machine import Machine
@@ -29,6 +30,7 @@ from errormodel.survey_columns import (
     quantity_of,
     unit_of_column,
 )
+from errormodel.survey_gaps import without_nines, zeros
 from errormodel.units import to_internal
 from errormodel.yamlfile import shown
 
@@ -105,9 +107,11 @@ def read_part(table: Table, plan: Plan, machine: Machine, units: SurveyUnits, me
     dated = "time" in values and values["time"][1]
     if dated:
         notes = (*notes, "times given as dates, read as seconds")
+    plain = {name: numbers for name, (numbers, is_date) in values.items() if not is_date}
+    plain, more = without_nines(plain, [j.name for j in machine.joints], raw.index.to_numpy() + 1)
+    notes = (*notes, *more)
     columns: dict[str, Any] = {
-        name: numbers if is_date else _convert(name, numbers, machine, units)
-        for name, (numbers, is_date) in values.items()
+        name: _convert(name, plain[name], machine, units) if name in plain else values[name][0] for name in values
     }
     frame = pd.DataFrame(columns | {name: raw[name].str.strip() for name in plan.texts}, index=raw.index)
 
@@ -121,10 +125,13 @@ def read_part(table: Table, plan: Plan, machine: Machine, units: SurveyUnits, me
     _check_measured(offences, frame, units)
     _check_labels(offences, frame, machine)
     offences.raise_first()
+    frame["row"] = raw.index.to_numpy() + 1
+    for rows, note in zeros(frame, [j.name for j in machine.joints]):
+        frame.loc[rows, list(MEASURED)] = np.nan
+        notes = (*notes, note)
     if measured:
         notes = (*notes, *_nothing_measured(table, frame, volumetric))
-    frame["row"] = raw.index.to_numpy() + 1
-    return Part(frame, dated, notes)
+    return Part(as_one(frame, machine, table.name), dated, notes)
 
 
 def _is_empty(column: pd.Series[Any]) -> Mask:
@@ -168,11 +175,11 @@ def _convert(name: str, values: Array, machine: Machine, units: SurveyUnits) -> 
 
 def _check_commands(offences: _Offences, frame: pd.DataFrame, joint: NDArray[np.object_], machine: Machine) -> None:
     for j in machine.joints:
-        if j.name in frame:
+        for name in (j.name,) if j.name in frame else (drive for drive in j.drives if drive in frame):
             needed = (joint == "") | (joint == j.name)
-            empty = frame[j.name].isna().to_numpy() & needed
-            offences.add(j.name, empty, "no commanded position", f"Write the position of {j.name} in every row")
-    joints = {j.name for j in machine.joints}
+            empty = frame[name].isna().to_numpy() & needed
+            offences.add(name, empty, "no commanded position", f"Write the position of {name} in every row")
+    joints = {name for j in machine.joints for name in j.columns}
     for name in (n for n in offences.plan.numbers if n in LENGTHS or n in joints):
         far = np.abs(frame[name].to_numpy()) > LARGEST
         offences.add(

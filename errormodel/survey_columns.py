@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from errormodel.conventions import MOTIONS
 from errormodel.exceptions import InputError, nearest
 from errormodel.formats.base import Table
-from errormodel.machine import Machine
+from errormodel.machine import Joint, Machine
 from errormodel.units import EXAMPLES, INTERNAL, Quantity, is_unit
 from errormodel.yamlfile import Document, shown
 
@@ -82,7 +82,7 @@ def check_map(document: Document, machine: Machine, columns: Mapping[str, str], 
 
 def quantity_of(name: str, machine: Machine) -> Quantity | None:
     """What one of our columns measures; None for labels, directions and witnesses (whose names say their unit)."""
-    joint = next((j for j in machine.joints if j.name == name), None)
+    joint = next((j for j in machine.joints if name in j.columns or (j.drives and name == j.difference)), None)
     if joint is not None:
         return "length" if joint.type == "prismatic" else "angle"
     if name.startswith("T_"):
@@ -150,7 +150,10 @@ def plan_columns(table: Table, machine: Machine, columns: Mapping[str, str], mea
         ours = {our: name for our, name in ours.items() if our not in (*MOTIONS, *UNCERTAINTY)}
     unused = [name for name in named if name not in ours.values()]
 
-    missing = tuple(j.name for j in machine.joints if j.name not in ours)
+    lacking = [j for j in machine.joints if j.name not in ours]
+    missing = tuple(j.name for j in lacking if not j.drives or not all(drive in ours for drive in j.drives))
+    for joint in machine.joints:
+        _check_drives(where, joint, ours)
     if missing and "joint" not in ours:
         raise missing_joint(table, missing[0], unused)
     something = any(name in ours for name in (*MEASURED, *ORIENTATION, *MOTIONS))
@@ -162,6 +165,19 @@ def plan_columns(table: Table, machine: Machine, columns: Mapping[str, str], mea
         raise InputError(where, found, f"Name what was measured mx my mz. Found: {', '.join(named)}")
     _all_or_none(where, ours, ORIENTATION)
     return Plan(ours, missing, tuple(_notes(unused, ours, machine)))
+
+
+def _check_drives(where: str, joint: Joint, ours: Mapping[str, str]) -> None:
+    """InputError where one of two drives has no column, or their difference is given twice."""
+    have = [drive for drive in joint.drives if drive in ours]
+    if have and len(have) < len(joint.drives):
+        found = (
+            f"{have[0]}, and not {' '.join(d for d in joint.drives if d not in have)}, of the drives of {joint.name}"
+        )
+        raise InputError(where, found, f"Give {' and '.join(joint.drives)}, or {joint.name} alone")
+    if have and joint.difference in ours:
+        found = f"{joint.difference} beside {' and '.join(joint.drives)}, whose difference it is"
+        raise InputError(where, found, "Give one of the two")
 
 
 def missing_joint(table: Table, joint: str, unused: Iterable[str]) -> InputError:
@@ -184,7 +200,7 @@ def _all_or_none(where: str, ours: Mapping[str, str], names: tuple[str, ...]) ->
 
 
 def _is_ours(name: str, machine: Machine) -> bool:
-    joints = [j.name for j in machine.joints]
+    joints = [name for j in machine.joints for name in j.columns]
     direction = name.startswith("dir_") and name[4:] in joints
     return name in joints or name in _NAMES or direction or re.fullmatch(r"[Tw]_.+", name) is not None
 

@@ -33,6 +33,7 @@ _FLYING = 5e3  # mm/s
 _RESTING = 3600.0  # s
 _FEW = 10  # rows, that say nothing of a pace
 _ROWS = 1000  # tell as much as a million
+_MANY = 0.1  # of the poses outside a travel: no slip of one row, but another zero
 _CLEAR = 0.7  # part of the pairs that must agree on a factor
 _FEWEST = 3  # rows that have a range
 # Error motions of a machine as it is sold or worn: a rolled screw of the coarsest class in use (ISO 3408-3, T7) is off
@@ -147,10 +148,33 @@ def travel_notes(table: pd.DataFrame, machine: Machine) -> Iterator[str]:
             worst = table.loc[int(np.nanargmax(beyond)), [joint.name, "file", "row"]]
             unit, scale = ("mm", 1.0) if joint.type == "prismatic" else ("deg", 180 / math.pi)
             count = f"{outside.sum()} pose{'s are' if outside.sum() > 1 else ' is'}"
+            shift = _other_zero(joint, q, scale) if outside.mean() > _MANY else None
+            zero = ""
+            if shift is not None:
+                sure = "" if outside.all() else "it may be that "
+                travel = f"[{low * scale - shift:.6g}, {high * scale - shift:.6g}]"
+                zero = (
+                    f"; {sure}{joint.name} counts from another zero: then add {shift:.6g} {unit} to its column, or "
+                    f"write travel: {travel} in machine.yaml"
+                )
             yield (
                 f"{count} outside the travel of {joint.name}, {low * scale:.6g} to {high * scale:.6g} {unit}; "
-                f"the farthest at {worst[joint.name] * scale:.6g} {unit} ({worst['file']}, row {worst['row']})"
+                f"the farthest at {worst[joint.name] * scale:.6g} {unit} ({worst['file']}, row {worst['row']}){zero}"
             )
+
+
+def _other_zero(joint: Joint, q: Array, scale: float) -> float | None:
+    """The roundest constant, in the user's unit, that brings all positions into the travel; None if none does."""
+    least = (joint.travel[0] - float(np.nanmin(q))) * scale
+    most = (joint.travel[1] - float(np.nanmax(q))) * scale
+    slack = 1e-6 * (joint.travel[1] - joint.travel[0]) * scale
+    if most < least - slack or least <= 0 <= most:
+        return None
+    for step in (1000, 500, 360, 180, 100, 90, 50, 10, 5, 1):
+        nearest = math.ceil((least - slack) / step) * step
+        if nearest and nearest <= most + slack:
+            return float(nearest)
+    return (least + most) / 2
 
 
 def _check_commands(frame: pd.DataFrame, joints: Sequence[Joint], units: SurveyUnits, name: str) -> str | None:

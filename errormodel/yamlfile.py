@@ -106,6 +106,15 @@ def shown(value: object) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 
+def flow(value: object) -> str:
+    """A value as one writes it in YAML on one line, for examples."""
+    if isinstance(value, Mapping):
+        return f"{{{', '.join(f'{key}: {flow(item)}' for key, item in value.items())}}}"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(flow, value))}]"
+    return value if isinstance(value, str) and re.fullmatch(r"[A-Za-z_][\w-]*", value) else json.dumps(value)
+
+
 def load(path: Path) -> Document:
     """Read a YAML file.
 
@@ -215,7 +224,16 @@ def _kind(node: Node) -> str:
     return "mapping" if isinstance(node, MappingNode) else "list" if isinstance(node, SequenceNode) else "single value"
 
 
+_INDENTED = "the line is indented neither as those of its own block are, nor as those of the block around it"
+_SYNTAX_WORDS = {  # what a person would say, where the parser speaks of its own parts
+    "expected <block end>": _INDENTED,
+    "could not find expected ':'": "a line without a colon where 'key: value' is expected",
+    "cannot start any token": "a character that no value begins with",
+}
 _SYNTAX_CURES = {
+    "expected <block end>": "Begin all lines of one list, and all keys of one entry, with the same number of spaces",
+    "could not find expected ':'": "Write 'key: value', with a space after the colon",
+    "cannot start any token": "Put the value in quotes; indent with spaces, not with tabs",
     r"\\t": "Indent with spaces, not with tabs",
     "mapping values": "Write one 'key: value' a line, with a space after each colon here and in the line above",
     "end of stream|stream end": "Close the bracket or the quotation mark that is opened here",
@@ -236,7 +254,8 @@ def _syntax_error(text: str, name: str, error: YAMLError) -> InputError:
     line = mark.line + 1 if mark is not None else text[:position].count("\n") + 1 if position else 1
     problem = problem.splitlines()[0].removeprefix("but ") if problem else "not YAML"
     cure = next((cure for pattern, cure in _SYNTAX_CURES.items() if re.search(pattern, problem)), "Write valid YAML")
-    return InputError(f"{name}, line {line}", problem, cure)
+    words = next((words for pattern, words in _SYNTAX_WORDS.items() if pattern in problem), problem)
+    return InputError(f"{name}, line {line}", words, cure)
 
 
 Model = TypeVar("Model", bound=BaseModel)

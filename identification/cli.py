@@ -23,6 +23,7 @@ from identification.console import (
     app,
     command,
     one_line,
+    read_model,
     say,
     show_notes,
     working,
@@ -62,13 +63,12 @@ def describe(machine: str, survey: Path | None, json_file: OutputFile | None, dr
     Without a SURVEY: by random poses over the travels with one tool, seen from a known measuring frame. With one: by
     its poses and tools, also when the measuring frame is unknown.
     """
-    from errormodel.schema import read_machine
     from identification import describe as stage
 
     if drawing is not None and drawing.path.suffix.lower() not in DRAWINGS:
         found = f"a drawing of type '{drawing.path.suffix}'"
         raise InputError(f"--drawing {drawing}", found, f"Write one of {', '.join(DRAWINGS)}")
-    model = read_machine(machine)
+    model = read_model(machine)
     points = None
     if survey is not None:
         from errormodel.survey import read_survey
@@ -124,13 +124,12 @@ def plan(
     SETUP may hold travels {joint: [low, high]}, tools [[x, y, z], ...], boxes to avoid, sight {station, facing,
     incidence}, instrument, frame, pace and sensors; mm, degrees and seconds.
     """
-    from errormodel.schema import read_machine
     from identification.plan import run as stage
     from identification.plan.lines import plan_lines
     from identification.plan.setup import Setup, noise_of, read_setup
     from identification.store import dumps
 
-    model = read_machine(machine)
+    model = read_model(machine)
     circumstances = Setup(errormodel=1) if setup is None else read_setup(setup, model)
     sigma = noise_of(circumstances, noise)
     result = stage.plan(model, circumstances, points, sigma, seed, worst=criterion == "worst", tell=working)
@@ -158,10 +157,9 @@ def simulate(machine: str, points: str, parameters: Path | None, noise: str, out
     from errormodel.chain import Chain
     from errormodel.instruments.base import Instrument
     from errormodel.instruments.plain import Plain
-    from errormodel.schema import read_machine
     from errormodel.survey import read_survey
 
-    model = read_machine(machine)
+    model = read_model(machine)
     instrument: Instrument = Plain()
     if points.isdecimal():
         table = stage.random_points(model, _count(points), seed)
@@ -211,21 +209,20 @@ def fit(
     machine: str, survey: Path, out: ResultsFolder, robust: bool, bayes: bool, priors: Path | None, seed: int
 ) -> None:
     """Fit the machine's parameters to a SURVEY: values, uncertainties, residuals, a report."""
-    from errormodel.schema import read_machine
     from errormodel.survey import read_survey
     from identification.cli_bayes import beforehand, with_posterior
-    from identification.fit.checks import looked_over
     from identification.fit.run import fit_machine
+    from identification.gate import passed
 
     elsewhere = _drawing_elsewhere()
-    model = read_machine(machine)
+    model = read_model(machine)
     with working("Reading"):
         data = read_survey(survey, model)
     show_notes(data.notes)
     given, document = beforehand(priors, bayes)
     bounds = {} if bayes else given
     with working("Fitting"):
-        result = looked_over(fit_machine(model, data, robust, bounds, document))
+        result = passed(model, data, lambda: fit_machine(model, data, robust, bounds, document), robust)
     if bayes:
         result = with_posterior(result, lambda m: fit_machine(m, data, robust), given, document, robust, seed, out)
     show_notes(tuple(n for n in result.notes if n not in data.notes))
@@ -290,13 +287,12 @@ def _say_fit(result: Fit, out: ResultsFolder) -> None:
 )
 def diagnose(machine: str, survey: Path, out: ResultsFolder) -> None:
     """Fit, then find the physics that was left out: where, what, how sure; the fit is that of the extended machine."""
-    from errormodel.schema import read_machine
     from errormodel.survey import read_survey
     from identification.diagnosis.run import diagnose as stage
     from identification.tables import diagnosis_lines
 
     elsewhere = _drawing_elsewhere()
-    model = read_machine(machine)
+    model = read_model(machine)
     with working("Reading"):
         data = read_survey(survey, model)
     show_notes(data.notes)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from identification.console import ANY, OUT_FOLDER, command, say, show_notes, working
+from identification.console import ANY, OUT_FOLDER, command, read_model, say, show_notes, working
 
 if TYPE_CHECKING:
     from identification.results_folder import ResultsFolder
@@ -24,7 +24,6 @@ def thermal(machine: str, survey: Path, out: ResultsFolder) -> None:
     ec, time, T_<sensor>); files of another cycle have the role test.
     """
     from errormodel.files import write_text_atomic
-    from errormodel.schema import read_machine
     from errormodel.survey import read_survey
     from identification import store
     from identification.plots import style
@@ -33,7 +32,7 @@ def thermal(machine: str, survey: Path, out: ResultsFolder) -> None:
     from identification.thermal.lines import thermal_lines
     from identification.thermal.run import thermal as stage
 
-    model = read_machine(machine)
+    model = read_model(machine)
     with working("Reading"):
         data = read_survey(survey, model)
     show_notes(data.notes)

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -19,6 +19,9 @@ from errormodel.exceptions import InputError
 from errormodel.inputs import Run, running
 from identification.output_file import OutputFile
 from identification.results_folder import ResultsFolder
+
+if TYPE_CHECKING:
+    from errormodel.machine import Machine
 
 FOLDER = click.Path(path_type=Path, file_okay=False)  # to read
 FILE = click.Path(path_type=Path, dir_okay=False)
@@ -170,6 +173,15 @@ def show_notes(notes: tuple[str, ...]) -> None:
     for note in notes:
         if not _quiet:
             click.secho(f"note: {one_line(note)}", err=True, fg="yellow")
+
+
+def read_model(machine: str) -> Machine:
+    """The machine that a command was given; what in its file is hardly meant is said."""
+    from errormodel.schema import read_machine
+
+    model = read_machine(machine)
+    show_notes(model.doubts)
+    return model
 
 
 def one_line(message: str) -> str:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from errormodel.chain import Chain
+from errormodel.features import root
 from errormodel.machine import Machine
 from errormodel.simulate import random_points
 from errormodel.survey_columns import MEASURED
@@ -101,7 +101,7 @@ def _random_table(chain: Chain) -> pd.DataFrame:
     table = random_points(chain.machine, POSES)
     rng = np.random.default_rng(1)
     ranges = {"T_": (18.0, 24.0), "w_": (0.0, 1.0), "feed": (500.0, 5000.0), "load": (0.0, 500.0)}
-    for word in dict.fromkeys(word for name in chain.channels for word in re.split(r"[(),]", name)):
+    for word in dict.fromkeys(map(root, chain.channels)):
         for prefix, (low, high) in ranges.items():
             if word.startswith(prefix):
                 table[word] = rng.uniform(low, high, POSES)

@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from errormodel.arrays import Array
 from errormodel.chain import Chain
 from errormodel.conventions import MOTIONS, ROTATIONS
+from errormodel.effectblock import EFFECTS
 from errormodel.effects import make, registry
 from errormodel.effects.base import Effect, EffectTerm
 from errormodel.effects.scene import Scene
@@ -22,7 +23,7 @@ from errormodel.exceptions import InputError
 from errormodel.features import POINT, columns, direction
 from errormodel.instruments.plain import Plain
 from errormodel.machine import Basis, EffectSpec, Joint, Machine, Shape, Vector
-from errormodel.schema import EFFECTS, read_machine, write_machine
+from errormodel.schema import read_machine, write_machine
 from errormodel.simulate import Truth, simulate
 from errormodel.survey import Survey
 from identification.fit.result import Fit

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from errormodel import schema, yamlfile
 from errormodel.conventions import MOTIONS
+from errormodel.effectblock import EFFECTS
 from errormodel.errorblock import first_order_motions
 from errormodel.exceptions import InputError
 from errormodel.machine import Basis, EffectSpec, Joint, Machine, Shape
@@ -39,7 +40,7 @@ errors:
     Z: {polynomial: 3, ezz: {polynomial: 5}, EAZ: none}
     W: {all: first-order, dx: {spline: 4}}
 effects:
-  - {effect: ram-sag, joint: W, length: 812.5}
+  - {effect: ram-sag, joint: W, exponent: 2.5}
 notes: A note.
 """
 
@@ -97,7 +98,7 @@ def test_example():
         "eb": first,
         "ec": first,
     }
-    assert machine.effects == (EffectSpec("ram-sag", {"joint": "W", "length": 812.5}),)
+    assert machine.effects == (EffectSpec("ram-sag", {"joint": "W", "exponent": 2.5}),)
     assert machine.notes == "A note."
 
 
@@ -213,8 +214,8 @@ BAD = [
     ("effect: ram-sag", "effect: ramsag", 21, "effects[1].effect", ["'ramsag'", "Did you mean 'ram-sag'"]),
     ("effect: ram-sag", "effect: [1]", 21, "effects[1].effect", ["[1]", "Valid:"]),
     ("effect: ram-sag, ", "", 21, "effects[1].effect", ["missing", "Write effect"]),
-    ("joint: W, len", "joint: V, len", 21, "effects[1].joint", ["'V'", "Valid: B, W, X, Z"]),
-    ("joint: W, len", "where: T4, len", 21, "effects[1].where", ["'T4'", "instrument"]),
+    ("joint: W, exp", "joint: V, exp", 21, "effects[1].joint", ["'V'", "Valid: B, W, X, Z"]),
+    ("joint: W, exp", "where: T4, exp", 21, "effects[1].where", ["'T4'", "instrument"]),
     ("notes: A note.", "notes: 3", 22, "notes", ["3", "quotes"]),
     ("notes: A note.", "name: B", 22, "name", ["already given in line 2", "Remove"]),
     ("notes: A note.", "notes: !!python/name:os.system ''", 22, "notes", ["!!python/name:os.system", "Remove"]),
@@ -435,7 +436,7 @@ def machines(draw: st.DrawFn) -> Machine:
         st.one_of(finite, st.integers(), texts, st.booleans(), st.lists(finite, max_size=3)),
         max_size=3,
     )
-    effects = draw(st.lists(st.builds(EffectSpec, st.sampled_from(sorted(schema.EFFECTS)), options), max_size=3))
+    effects = draw(st.lists(st.builds(EffectSpec, st.sampled_from(sorted(EFFECTS)), options), max_size=3))
     return Machine(draw(texts), tuple(elements), draw(vectors), tuple(effects), notes=draw(texts))
 
 

@@ -7,6 +7,8 @@ from functools import cache
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from pydantic import ValidationError
+
     from errormodel.effects.base import Effect
     from errormodel.machine import EffectSpec
 
@@ -30,7 +32,7 @@ def make(spec: EffectSpec) -> Effect:
     """
     from pydantic import ValidationError
 
-    from errormodel.exceptions import InputError, nearest
+    from errormodel.exceptions import EffectError, InputError, nearest
 
     if spec.effect not in registry():
         raise InputError(f"effect {spec.effect}", "it is not in the library yet", nearest(spec.effect, registry()))
@@ -38,10 +40,28 @@ def make(spec: EffectSpec) -> Effect:
     try:
         return kind.model_validate(dict(spec.options))
     except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(str(k) for k in first["loc"]) or "its keys"
-        raise InputError(
-            f"effect {spec.effect}, key {key}",
-            f"{first['msg'].lower()} (found {first.get('input')!r})",
-            f"Example: {dict(kind.example)}; keys: {', '.join(kind.model_fields)}",
-        ) from error
+        key, found, cure = _wrong(kind, error)
+        raise EffectError(f"effect {spec.effect}, key {key}", found, cure, key) from error
+
+
+def _wrong(kind: type[Effect], error: ValidationError) -> tuple[str, str, str]:
+    """The key of an entry that is wrong, what was found there, and the cure."""
+    import re
+
+    from errormodel.exceptions import nearest
+    from errormodel.yamlfile import flow, shown
+
+    details = error.errors(include_url=False)
+    # a misspelt key is both unknown and missing: the unknown one can be named
+    first = next((d for d in details if d["type"] == "extra_forbidden"), details[0])
+    key, example = str(next(iter(first["loc"]), "effect")), flow({"effect": kind.effect, **kind.example})
+    write = f"Example: {example}. Its keys: {', '.join(kind.model_fields)}"
+    if first["type"] == "missing":
+        return key, f"of {kind.effect} the key '{key}' is missing", write
+    if first["type"] == "extra_forbidden":
+        return key, f"unknown key '{key}'", f"{nearest(key, kind.model_fields)}. {write}"
+    words = re.findall(r"'([^']*)'", str(first.get("ctx", {}).get("expected", "")))
+    if words:
+        return key, shown(first["input"]), f"{nearest(str(first['input']), words)}. {write}"
+    rule = first["msg"].removeprefix("Value error, ").partition(",")[0].replace("Input should be", "It must be")
+    return key, shown(first["input"]) if first["loc"] else "keys that contradict each other", f"{rule}. {write}"

@@ -26,7 +26,7 @@ class GantryRacking(JointEffect):
     separate: ClassVar[str] = "log both encoders of the gantry, or measure two lines at the ends of the bridge"
     example: ClassVar[Mapping[str, object]] = {"joint": "X", "channel": "w_sync"}
 
-    channel: str  # w_<name>; or the joint across, or dir_<joint>, where nothing witnesses the drives
+    channel: str  # w_<name>, w_sync_<joint> of two drives; or the joint across, or dir_<joint>, where nothing tells
     motion: Rotation = "ec"
 
     @property
@@ -39,10 +39,12 @@ class GantryRacking(JointEffect):
         return 0.0 if self.channel.startswith("w_") else 5.0
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
-        joint_as(machine, self.joint, "prismatic", self.effect)
+        joint = joint_as(machine, self.joint, "prismatic", self.effect)
         value, unit, size = channel(self.channel), "rad", 5e-5
         if self.channel.startswith("w_"):
             unit, size = f"rad/{self.channel}", 1e-3
+            if joint.spacing and self.channel == joint.difference:
+                size = 1 / joint.spacing
         elif not self.channel.startswith("dir_"):
             value = scaled(joint_as(machine, self.channel, "prismatic", self.effect), value)
         return [EffectTerm(self.joint, "", unit, {self.motion: value}, size)]

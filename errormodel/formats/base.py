@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,7 +11,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-EMPTY = ("", "NaN", "nan", "NAN", "NA", "N/A", "null")  # a cell without a value
+EMPTY = ("", "NaN", "nan", "NAN", "NA", "N/A", "null")  # a cell without a value, as the quick reader knows it
+DASHES = ("-", "--", "---", "----", "\u2013", "\u2014")
+NOTHING = frozenset(word.lower() for word in (*EMPTY, *DASHES, "n.a.", "none", "nil", "#N/A", "#NA", "#NV"))
+LISTED = 12  # rows in a note
 
 
 @dataclass(frozen=True)
@@ -56,8 +59,25 @@ class Table(ABC):
 def as_numbers(text: pd.Series[str], decimal_comma: bool = False) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Numbers in a column of text, NaN for empty cells, and which cells are neither."""
     text = text.fillna("").str.strip()
-    empty = text.isin(EMPTY).to_numpy(dtype=bool)
+    empty = text.str.lower().isin(NOTHING).to_numpy(dtype=bool)
     if decimal_comma:
         text = text.str.replace(r"^([^.,]*),([^.,]*)$", r"\1.\2", regex=True)
     values = pd.to_numeric(text.mask(empty), errors="coerce").to_numpy(dtype=np.float64, na_value=np.nan)
     return values, np.isnan(values) & ~empty
+
+
+def words_note(name: str, text: pd.Series[str]) -> str | None:
+    """A note on the cells of a column of numbers, as text, in which a word stands for no value; its index is from 0."""
+    text = text.fillna("").str.strip()
+    said = text[(text != "") & text.str.lower().isin(NOTHING)]
+    if said.empty:
+        return None
+    words = " and ".join(f"'{word}'" for word in said.unique())
+    rows = [int(k) + 1 for k in said.index]
+    return f"{words} in column {name} of {spoken(rows)} read as no value"
+
+
+def spoken(rows: Sequence[float]) -> str:
+    """Rows for a note: how many, and the numbers of the first."""
+    numbers = ", ".join(str(int(r)) for r in rows[:LISTED]) + (" ..." if len(rows) > LISTED else "")
+    return f"{len(rows)} rows ({numbers})" if len(rows) > 1 else f"row {numbers}"

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from errormodel.exceptions import InputError
-from errormodel.formats.base import EMPTY, Table, as_numbers
+from errormodel.formats.base import EMPTY, NOTHING, Table, as_numbers, words_note
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -37,12 +37,14 @@ class CsvTable(Table):
         place = {name: str(i) for i, name in enumerate(self.columns)}
         notes = [] if not comma else [f"columns separated by {_DELIMITERS[self.delimiter]}"]
         frame: dict[str, pd.Series[Any]] = {}
+        words: list[str | None] = []
         for decimal in (".", ",") if comma else (".",):
             try:
                 arrow = self._arrow({place[n] for n in numbers}, {place[n] for n in texts}, decimal)
             except pa.ArrowInvalid:
                 continue
             frame = {n: pd.Series(arrow[place[n]].to_numpy()) for n in numbers}
+            words = self._words({n: place[n] for n in numbers if frame[n].hasnans})
             break
         else:  # some cell is no number, or some line is blank: read all as text, convert what can be
             decimal = "."
@@ -55,12 +57,30 @@ class CsvTable(Table):
                 text = pd.Series(arrow[place[name]].to_pandas(), dtype="str")
                 values, bad = as_numbers(text, comma)
                 frame[name] = text if bad.any() else pd.Series(values)
+                words.append(words_note(name, text))
                 if comma and text.str.contains(",", regex=False).any():
                     decimal = ","
         if decimal == ",":
             notes.append("decimal commas")
         frame |= {n: pd.Series(arrow[place[n]].to_pandas(), dtype="str").str.strip() for n in texts}
-        return pd.DataFrame(frame), tuple(notes)
+        return pd.DataFrame(frame), (*notes, *(word for word in words if word))
+
+    def _words(self, place: dict[str, str]) -> list[str | None]:
+        """Notes on words for no value in columns of numbers that have gaps; their names and places."""
+        import pandas as pd
+        import pyarrow as pa
+        import pyarrow.compute as pc
+
+        if not place:
+            return []
+        arrow = self._arrow(set(), set(place.values()), ".")
+        out = []
+        for name, number in place.items():
+            column = arrow[number].combine_chunks()
+            lower = pc.utf8_lower(pc.utf8_trim_whitespace(column))
+            rows = pc.indices_nonzero(pc.is_in(lower, pa.array(sorted(NOTHING - {""}))))
+            out.append(words_note(name, pd.Series(column.take(rows).to_pylist(), rows.to_numpy(), dtype="str")))
+        return out
 
     def line(self, row: int) -> int | None:
         for number, (line, _) in enumerate(self._records()):

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from errormodel.exceptions import InputError
-from errormodel.formats.base import Table, as_numbers
+from errormodel.formats.base import Table, as_numbers, words_note
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -27,7 +27,10 @@ class ParquetTable(Table):
             arrow = pq.read_table(self.path, columns=[*numbers, *texts])
         except (pa.ArrowException, OSError) as error:
             raise _broken(self.name, error) from error
-        return pd.DataFrame({n: _column(arrow[n], number=n in numbers) for n in (*numbers, *texts)}), ()
+        frame = pd.DataFrame({n: _column(arrow[n], number=n in numbers) for n in (*numbers, *texts)})
+        written = [n for n in numbers if pa.types.is_string(arrow[n].type) or pa.types.is_large_string(arrow[n].type)]
+        notes = (words_note(n, pd.Series(arrow[n].to_pandas(), dtype="str")) for n in written)
+        return frame, tuple(note for note in notes if note)
 
 
 def open_table(path: Path, name: str) -> Table:

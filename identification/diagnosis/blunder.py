@@ -48,6 +48,7 @@ class Blunder:
     after_um: float | None = None
     rows: tuple[int, ...] | None = None
     cure: str = AxisBlunder.separate
+    mended: str = ""  # how rows were put right, where `text` does not say it
 
 
 Sheet = dict[str, Array]
@@ -118,6 +119,19 @@ def groups(survey: Survey, *, gaps: bool = False) -> list[Index]:
     whole = (np.isfinite(survey.measured).all(axis=1) | gaps) & (table["role"] == "fit").to_numpy()
     labels = np.array([f"{file}\n{frame}" for file, frame in zip(table["file"], frame_labels(survey), strict=True)])
     return [np.flatnonzero(whole & (labels == label)) for label in dict.fromkeys(labels[whole])]
+
+
+def misses(blunder: Blunder) -> str:
+    """By how much the nominal machine misses with the mistake and without, as the end of a sentence."""
+    if blunder.before_um is None or blunder.after_um is None:
+        return ""
+    before, after = length(blunder.before_um), length(blunder.after_um)
+    return f": the nominal machine misses by {before}, with it put right by {after}"
+
+
+def length(um: float) -> str:
+    """A length in um, a large one in mm."""
+    return f"{um / 1e3:.1f} mm" if um >= 1e4 else f"{um:.0f} um" if um >= 999.5 else f"{um:.{1 + (um < 0.95)}f} um"
 
 
 def listed(rows: Sequence[int]) -> str:

@@ -53,10 +53,11 @@ def copied_rows(chain: Chain, survey: Survey) -> Blunder | None:
     new.loc[table.index[rows[bad]], list(MEASURED)] = np.nan
     return Blunder(
         f"{len(numbers)} of {len(part)} rows repeat what earlier rows measured to the last digit: copies, or an "
-        f"instrument that had stopped; left out (row{'s' * (len(numbers) > 1)} {listed(numbers)})",
+        f"instrument that had stopped (row{'s' * (len(numbers) > 1)} {listed(numbers)})",
         replace(survey, table=new),
         effect="outliers",
         rows=numbers,
+        mended="; left out",
         cure="take the copies out of the table, or measure these rows again",
     )
 
@@ -105,10 +106,11 @@ def set_clock(survey: Survey) -> Blunder | None:
         return None
     listed = " and ".join(f"row {row}" for row in found)
     return Blunder(
-        f"the clock was set back at {listed}: the time of what follows was taken to go on without a pause",
+        f"the clock was set back at {listed}",
         replace(survey, table=table.assign(time=new)),
         effect=ClockOffset.effect,
         driver=("time",),
         rows=tuple(found),
+        mended=": the time of what follows was taken to go on without a pause",
         cure="give every stretch between two settings of the clock a run of its own, or correct the times",
     )

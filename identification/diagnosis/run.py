@@ -13,7 +13,7 @@ from errormodel.effects.base import Effect
 from errormodel.exceptions import InputError
 from errormodel.machine import EffectSpec, Machine
 from errormodel.survey import Survey
-from identification.diagnosis.blunder import Blunder, listed
+from identification.diagnosis.blunder import Blunder, listed, misses
 from identification.diagnosis.by_rows import heldout_um, views_of
 from identification.diagnosis.candidates import Candidates, Ranked, enough_rows, proposed
 from identification.diagnosis.carried import as_points, carried
@@ -41,7 +41,6 @@ from identification.diagnosis.sighted import sighted
 from identification.diagnosis.sizes import Amount, whole_of
 from identification.diagnosis.statements import (
     brief_of,
-    length,
     named,
     next_measurement,
     period_of,
@@ -295,10 +294,7 @@ def _moved(before: Fit, bench: Workbench, columns: Array, values: Array) -> dict
 
 def _blunder_finding(blunder: Blunder, before: Fit | None, after: Fit | None) -> Finding:
     errors = [fit.heldout.rms_um if fit else float("nan") for fit in (before, after)]
-    text = blunder.text[0].upper() + blunder.text[1:]
-    if blunder.before_um is not None and blunder.after_um is not None:
-        misses, right = length(blunder.before_um), length(blunder.after_um)
-        text += f": the nominal machine misses by {misses}, with it put right by {right}"
+    text = f"{blunder.text[0].upper()}{blunder.text[1:]}{blunder.mended}{misses(blunder)}"
     return Finding(
         effect=blunder.effect,
         where=blunder.where,

@@ -15,6 +15,7 @@ from errormodel.arrays import Mask
 from errormodel.chain import Chain
 from errormodel.exceptions import InputError
 from errormodel.machine import Machine
+from errormodel.serial import ONLY_SERIAL
 from errormodel.survey import Survey
 from errormodel.survey_columns import MEASURED
 from identification.diagnosis.blunder import Blunder, Points, groups, sheet
@@ -67,7 +68,8 @@ def _refuse_unrelated(chain: Chain, survey: Survey) -> None:
                 f"{survey.table['file'].iloc[rows[0]]}, columns {' '.join(MEASURED)}",
                 f"measured points that have nothing to do with the commands: the best frame leaves {found:.0f} mm, "
                 f"rows in any order would leave {shuffled:.0f} mm",
-                "See that each row holds what was measured at its own command, and that this is the machine",
+                "See that each row holds what was measured at its own command, and that this is the machine. "
+                f"{ONLY_SERIAL}",
             )
 
 

@@ -10,6 +10,7 @@ from errormodel.effects import registry
 from errormodel.effects.base import Effect
 from errormodel.features import CALL, root
 from errormodel.machine import Joint, Machine
+from identification.diagnosis.blunder import length
 from identification.diagnosis.sizes import Whole
 from identification.estimates import decimals, printed
 
@@ -257,11 +258,6 @@ def plus_minus(value: float, std: float, unit: str) -> str:
         return f"{factor * value:.3g} {word}"
     places = decimals(factor * std)
     return f"{factor * value:.{places}f} +- {factor * std:.{places}f} {word}"
-
-
-def length(um: float) -> str:
-    """A length in um, a large one in mm."""
-    return f"{um / 1e3:.1f} mm" if um >= 1e4 else f"{um:.0f} um" if um >= 999.5 else f"{um:.{1 + (um < 0.95)}f} um"
 
 
 def unequal(effect: Effect, others: Sequence[Effect]) -> Iterator[Effect]:

@@ -19,7 +19,7 @@ from errormodel.effects import registry
 from errormodel.effects.base import Effect
 from errormodel.effects.scene import Scene
 from errormodel.features import root
-from errormodel.machine import joint_of
+from errormodel.machine import Joint, joint_of
 from identification.diagnosis.candidates import ABSORBED, Scores
 from identification.diagnosis.findings import Untestable
 
@@ -102,7 +102,19 @@ def _missing(effects: Sequence[Effect], scene: Scene) -> str:
     fewest = min(lacks, key=len)
     if not fewest and scene.motions_of:
         return "none of the motions that it makes was read, or at too few positions"
-    return " and ".join(fewest) or "its positions are too few or too far apart"
+    if fewest:
+        return " and ".join(fewest)
+    asked = {root(name) for effect in effects for name in effect.channels(scene.machine)}
+    off = [j.name for j in scene.moving if j.name in asked and _beyond(scene, j)]
+    if off:
+        return f"most positions of {' and '.join(off)} lie outside the travel: another zero, or another travel"
+    return "its positions are too few or too far apart"
+
+
+def _beyond(scene: Scene, joint: Joint) -> bool:
+    """Whether most positions of a joint lie outside its travel."""
+    middle = float(np.median(scene.columns[joint.name]))
+    return not joint.travel[0] <= middle <= joint.travel[1]
 
 
 def _lacking(names: Sequence[str], scene: Scene) -> Iterator[str]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from errormodel.chain import Chain
 from errormodel.exceptions import InputError, nearest
+from errormodel.serial import ONLY_SERIAL
 from errormodel.survey import Survey
 from identification.fit.least_squares import Solution, identifiable
 from identification.fit.result import Fit, Spread
@@ -113,5 +114,5 @@ def far_off(nominal: Spread) -> str:
     return (
         f"What was measured lies {1e-3 * nominal.rms_um:.3g} mm rms beside the nominal machine, further than errors of "
         "a machine go: look for a wrong unit (degrees or radians), sign, column, tool or machine; "
-        "`errormodel diagnose` tries these"
+        f"`errormodel diagnose` tries these. {ONLY_SERIAL}"
     )

@@ -6,7 +6,6 @@ No two share a position of a joint exactly, so that no period of a screw or scal
 from __future__ import annotations
 
 import itertools
-import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,6 +14,7 @@ import numpy as np
 from errormodel.arrays import Array, Mask
 from errormodel.chain import TOOL_CHANNELS, Chain
 from errormodel.exceptions import InputError
+from errormodel.features import root
 from errormodel.instruments.base import Instrument
 from errormodel.instruments.plain import Plain
 from errormodel.survey_columns import MEASURED, SIGMA
@@ -150,7 +150,7 @@ def assumed(chain: Chain, setup: Setup, table: pd.DataFrame) -> pd.DataFrame:
     """
     part = np.arange(len(table)) / max(len(table) - 1, 1)
     columns = {"time": setup.pace * np.arange(len(table))}
-    words = {word for name in chain.channels for word in re.split(r"[(),]", name)} - set(table)
+    words = {root(name) for name in chain.channels} - set(table)
     sensors = [*setup.sensors, *sorted(w for w in words if w.startswith("T_") and w not in setup.sensors)]
     for k, name in enumerate(sensors):
         course = 1 - np.exp(-3 * part) if k == 0 else (1 - np.cos(2 * np.pi * k * part)) / 2

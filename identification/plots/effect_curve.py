@@ -18,7 +18,7 @@ from identification.diagnosis.growth import Growth
 from identification.estimates import printed
 from identification.fit.result import Fit
 from identification.plots import style
-from identification.plots.evidence import MINUS, Evidence, axis_of, is_warm
+from identification.plots.evidence import PAIR, Evidence, axis_of, is_warm
 
 POINTS = 361
 PERIODS = 3  # of a wave that has many
@@ -185,8 +185,8 @@ class Channels:
         self._evidence, self._rows = evidence, rows
         self._given = dict(given)
         for name in given:
-            if MINUS in name:
-                one, other = name.split(MINUS)
+            if PAIR in name:
+                one, other = name.split(PAIR)
                 level = self._median(other)
                 self._given |= {root(one): given[name] + level, root(other): level}
             else:

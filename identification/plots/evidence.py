@@ -20,6 +20,7 @@ MANY = 15  # periods in the recorded range, beyond which a wave is folded onto o
 LOOKS = ((style.FITTED, "-"), ("#009E73", "--"), ("#D55E00", "-."))  # of levels, from low to high
 SIDES = ("arrived from below", "arrived from above")
 MINUS = " − "
+PAIR = "\0"  # between two channels whose difference is meant: no name holds it
 
 
 @dataclass(frozen=True)
@@ -185,7 +186,7 @@ def _axes(bench: Workbench, group: Sequence[Step], first: Index, part: Array) ->
     whole = channels_of(bench, [s.effect for s in group])
     every = [n for n in whole if is_warm(n)]
     if warm:
-        pair = MINUS.join(warm[:2]) if set(every) == set(warm) and len(warm) == 2 and "time" not in warm else ""
+        pair = PAIR.join(warm[:2]) if set(every) == set(warm) and len(warm) == 2 and "time" not in warm else ""
         one = pair or (warm[0] if len({root(n) for n in every}) == 1 and len(every) == 1 else "time")
         one = one if bench.scene.duration else warm[0]
         names = [*(n for n in names if n not in warm), one]
@@ -288,9 +289,9 @@ def axis_of(bench: Workbench, name: str) -> Abscissa:
     if name == "time":
         hours = bench.scene.duration > 3 * 3600
         return Abscissa(name, f"time / {'h' if hours else 'min'}", 1 / (3600 if hours else 60))
-    if MINUS in name:
-        one, other = (style.plain(root(n), 16) for n in name.split(MINUS))
-        behind = _behind(name.split(MINUS, maxsplit=1)[0])
+    if PAIR in name:
+        one, other = (style.plain(root(n), 16) for n in name.split(PAIR))
+        behind = _behind(name.split(PAIR, maxsplit=1)[0])
         return Abscissa(name, f"{one}{MINUS}{other}{behind} / K")
     if is_warm(name):
         return Abscissa(name, f"{style.plain(root(name), 16)}{_behind(name)} / °C")
@@ -306,7 +307,7 @@ def _behind(name: str) -> str:
 
 
 def _channel(bench: Workbench, name: str) -> Array:
-    if MINUS in name:
-        one, other = name.split(MINUS)
+    if PAIR in name:
+        one, other = name.split(PAIR)
         return bench.channel(one) - bench.channel(other)
     return bench.channel(name)

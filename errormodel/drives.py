@@ -1,0 +1,134 @@
+"""Two drives of one axis, as of a gantry: one joint in the chain, two columns in a survey.
+
+The joint's position is the mean of the two columns; their difference, first minus second in mm, is the channel
+``w_sync_<joint>``, which turns the beam between them (`gantry-racking`).
+"""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from errormodel.exceptions import InputError
+from errormodel.machine import Machine
+from errormodel.serial import directions
+from errormodel.survey_columns import MEASURED, TOOL
+
+Array = NDArray[np.float64]
+
+APART = 0.02  # of the travel: a beam that is skewed so far is broken
+ALIKE = 1e-3  # of their way: columns that go together like this are two drives, or one command for two stages
+FEWEST = 8  # rows
+BETTER = 4.0  # times
+
+
+def as_one(frame: pd.DataFrame, machine: Machine, name: str) -> pd.DataFrame:
+    """A file's table with the two drives of a joint as its position and their difference, mm.
+
+    Where the joint has a column of its own, that is its position.
+
+    Parameters
+    ----------
+    frame : the file in internal units, with ``row``.
+    name : the file, for messages.
+
+    Raises
+    ------
+    InputError
+        The drives are farther apart than a beam can be skewed.
+    """
+    for joint in machine.joints:
+        if not joint.drives or not all(drive in frame for drive in joint.drives):
+            continue
+        first, second = (frame[drive].to_numpy(dtype=np.float64) for drive in joint.drives)
+        apart = np.nan_to_num(np.abs(first - second))
+        if apart.max(initial=0.0) > APART * (joint.travel[1] - joint.travel[0]):
+            worst = int(apart.argmax())
+            one, other = joint.drives
+            raise InputError(
+                f"{name}, row {frame['row'].iloc[worst]}, columns {one} and {other}",
+                f"{apart[worst]:.6g} mm between the two drives of {joint.name}",
+                "Give both in the same unit, from the same zero and in the same direction",
+            )
+        own = frame[joint.name] if joint.name in frame else (first + second) / 2
+        frame = frame.drop(columns=[*joint.drives]).assign(**{joint.name: own, joint.difference: first - second})
+    return frame
+
+
+def in_step(table: pd.DataFrame, machine: Machine) -> tuple[pd.DataFrame, list[str]]:
+    """Commands with the drives of each joint in step where nothing says otherwise, and a note where an effect asks."""
+    notes = []
+    for joint in machine.joints:
+        if not joint.drives or (joint.difference in table and table[joint.difference].notna().all()):
+            continue
+        given = table[joint.difference] if joint.difference in table else pd.Series(np.nan, table.index)
+        table = table.assign(**{joint.difference: given.fillna(0.0)})
+        if any(joint.difference in spec.options.values() for spec in machine.effects):
+            notes.append(f"the drives {' and '.join(joint.drives)} of {joint.name} are taken to be in step")
+    return table, notes
+
+
+def check_series(frame: pd.DataFrame, machine: Machine, name: str) -> list[str]:
+    """Refuse two drives of one axis that the machine has in series, as if one carried the other.
+
+    Their columns go together, and the tool went as far as one of them. Where nothing was measured that tells, a note.
+
+    Raises
+    ------
+    InputError
+        There are two such joints.
+    """
+    rows = frame[frame["joint"] == ""] if "joint" in frame else frame
+    axes, notes = directions(machine.elements), []
+    for one, other in combinations([j for j in machine.joints if j.type == "prismatic"], 2):
+        sense = float(axes[one.name] @ axes[other.name])
+        if abs(sense) < 1 - 1e-6 or len(rows) < FEWEST:
+            continue
+        first, second = rows[one.name].to_numpy(), rows[other.name].to_numpy() * round(sense)
+        way, apart = float(np.ptp(first)), float(np.ptp(first - second))
+        if not apart < ALIKE * way:
+            continue
+        held = rows.assign(**{other.name: float(np.median(rows[other.name]))})
+        series, single = _misfit(rows, rows, machine), _misfit(held, rows, machine)
+        label = "".join(a for a, b in zip(one.name, other.name, strict=False) if a == b).rstrip("_") or one.name
+        cure = (
+            f"Declare one joint: {{joint: {label}, type: prismatic, axis: ..., travel: [{one.travel[0]:g}, "
+            f"{one.travel[1]:g}], drives: [{one.name}, {other.name}]}}; the difference of the two becomes the channel "
+            f"w_sync_{label}, which gantry-racking uses"
+        )
+        found = f"{one.name} = {other.name} within {max(apart, 0.001):.2g} mm over {way:.4g} mm"
+        if series is None or single is None:
+            notes.append(f"{found}, in series; if they are two drives of one axis: {cure[0].lower()}{cure[1:]}")
+        elif single < series / BETTER:
+            raise InputError(
+                f"{name}, columns {one.name} and {other.name}",
+                f"{found}, and the tool went as far as one of them: two drives of one axis, which the machine has in "
+                "series",
+                cure,
+            )
+    return notes
+
+
+def _misfit(commands: pd.DataFrame, rows: pd.DataFrame, machine: Machine) -> float | None:
+    """Median difference (mm) of nominal and measured ways from row to row; None where too little was measured."""
+    from errormodel.chain import Chain
+
+    names = [n for n in MEASURED if n in rows]
+    seen = rows[names].notna().all(axis=1).to_numpy()
+    if len(names) < len(MEASURED) or seen.sum() < FEWEST:
+        return None
+    part = commands[seen]
+    tool = [
+        part[n].fillna(value).to_numpy() if n in part else np.full(len(part), value)
+        for n, value in zip(TOOL, machine.tool, strict=True)
+    ]
+    joints = [part[j.name].to_numpy() for j in machine.joints]
+    columns: list[Array] = [np.ascontiguousarray(c, dtype=np.float64) for c in (*joints, *tool)]
+    chain = Chain(Machine(machine.name, machine.elements, machine.tool))
+    nominal = chain.kernel("nominal", outputs=(0, 1, 2))(columns).T
+    measured = rows.loc[seen, names].to_numpy(dtype=np.float64)
+    went, way = (np.linalg.norm(np.diff(points, axis=0), axis=1) for points in (nominal, measured))
+    return float(np.median(np.abs(went - way)))

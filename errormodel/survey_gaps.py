@@ -1,0 +1,97 @@
+"""Numbers that stand for no value: -9999 and its like, and 0, 0, 0 where no target was seen. Read as empty, and said.
+
+What lies among the other values is a measurement, however its digits look.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from errormodel.conventions import MOTIONS
+from errormodel.formats.base import spoken
+from errormodel.survey_columns import MEASURED, ORIENTATION
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_WHOLE, _PLACES = range(2, 8), range(5)
+NINES = np.array([float("9" * n + "." + "9" * k) for n in _WHOLE for k in _PLACES if n + k > 2])
+FEWEST = 8  # other rows, to say where they lie
+AWAY = 0.05  # of what the others extend over, and
+NEAREST = 1.0  # mm: so far from all others lies what was not seen
+
+
+def without_nines(
+    columns: Mapping[str, Array], joints: Sequence[str], rows: Array
+) -> tuple[dict[str, Array], list[str]]:
+    """Measured columns with NaN for 999, -9999, -999.9 and their like, and notes.
+
+    Such a number counts as none where it is repeated to the last digit farther from all other values than these are
+    from each other, or stands in all of mx my mz. It is a measurement where a joint of its row was commanded there.
+
+    Parameters
+    ----------
+    columns : the columns of numbers by name, in the user's units.
+    joints : names of the columns with commands.
+    rows : number of each row in its file, from 1.
+    """
+    out, notes = dict(columns), list[str]()
+    names = [n for n in columns if n in (*MEASURED, *ORIENTATION, *MOTIONS) or n.startswith(("T_", "w_"))]
+    nines = {n: found for n in names if (found := np.isin(np.abs(columns[n]), NINES)).any()}
+    if not nines:
+        return out, notes
+    said: dict[tuple[float, bytes], list[str]] = {}
+    for name, found in nines.items():
+        for value in np.unique(columns[name][found]):
+            here = columns[name] == value
+            for joint in joints:
+                here &= np.abs(columns.get(joint, np.zeros(len(rows)))) != abs(value)
+            others = columns[name][np.isfinite(columns[name]) & ~found]
+            here &= _all_three(columns, value) | bool(here.sum() > 1 and _far(value, others, int(here.sum())))
+            if here.any():
+                out[name] = np.where(here, np.nan, out[name])
+                said.setdefault((float(value), here.tobytes()), []).append(name)
+    for (value, mask), own in said.items():
+        notes.append(_note(f"{value:.10g}", own, rows[np.frombuffer(mask, dtype=bool)]))
+    return out, notes
+
+
+def _all_three(columns: Mapping[str, Array], value: float) -> Mask | bool:
+    if not all(name in columns for name in MEASURED):
+        return False
+    return np.asarray(np.logical_and.reduce([columns[name] == value for name in MEASURED]))
+
+
+def _far(value: float, others: Array, count: int) -> bool:
+    """Whether a value lies far from all others; of few rows nobody knows."""
+    if len(others) < FEWEST:
+        return not len(others) and count >= FEWEST  # a component that was never measured
+    return bool(np.abs(others - value).min() > np.ptp(others))
+
+
+def zeros(frame: pd.DataFrame, joints: Sequence[str]) -> Iterator[tuple[Mask, str]]:
+    """Rows in which mx my mz are all exactly 0 though nothing else was measured near there, and the note on them.
+
+    Parameters
+    ----------
+    frame : one file in mm and rad, with ``row``.
+    """
+    if not all(name in frame for name in MEASURED):
+        return
+    points = frame[list(MEASURED)].to_numpy(dtype=np.float64)
+    seen, zero = np.isfinite(points).all(axis=1), (points == 0).all(axis=1)
+    others = points[seen & ~zero]
+    if not zero.any() or len(others) < FEWEST:
+        return
+    extent, nearest = float(np.linalg.norm(np.ptp(others, axis=0))), float(np.linalg.norm(others, axis=1).min())
+    commands = frame.loc[zero, [j for j in joints if j in frame]].drop_duplicates()
+    if nearest > extent or (len(commands) > 1 and nearest > max(AWAY * extent, NEAREST)):
+        yield zero, _note("0", MEASURED, frame["row"].to_numpy()[zero])
+
+
+def _note(value: str, names: Sequence[str], rows: Array) -> str:
+    return f"{value} in {' '.join(names)} of {spoken(rows.tolist())} read as not measured"
