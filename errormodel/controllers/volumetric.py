@@ -66,6 +66,9 @@ class Volumetric(Controller):
             for m in MOTIONS
         ]
 
+    def moved(self, output: str) -> str:
+        return output[1] if output[1] in "XYZ" else ""
+
     def influence(self, setup: Setup, output: str, q: Array) -> Array:
         if setup.levers is None:
             raise InputError("setup", "no kinematics", "Give the levers of the machine")
