@@ -96,7 +96,7 @@ class Controller(Target):
     sign_known : whether a public source settles the sign of its tables.
     other_sign : what to do where the check shows the other sign; needed where `sign_known` is False.
     dialect : its language of programmes, for the check; None: no public source settles it, and words take its place.
-    backlash_parameter : of the control, with the place of the axis' name as ``{axis}``; empty: it has none.
+    backlash_parameter : of the control, the axis' name in it as ``{axis}``, its number as ``{number}``; empty: none.
     first_number : of the first axis, where files name axes by numbers; `number_form`: how they are then written.
     """
 
@@ -149,6 +149,10 @@ class Controller(Target):
     def moved(self, output: str) -> str:
         """The axis that an output of a table moves directly; empty: it takes a lever."""
         return output
+
+    def about(self, tables: Tables, setup: Setup) -> list[str]:
+        """What the checklist says of the tables as they are, such as how many the control must hold."""
+        return []
 
     def own_check(self, setup: Setup, tables: Tables) -> dict[str, str] | None:
         """Files of a check of another kind than the indicator's, by name; None: that one."""

@@ -108,6 +108,12 @@ class Fanuc(Controller):
         return "\n".join(["%", *header(self, setup, *said), *lines, "%"]) + "\n"
 
 
+def _real(value: float) -> str:
+    """A position or interval with its decimal point: without it some controls take it for detection units."""
+    text = f"{value:.9g}"
+    return text if "." in text or "e" in text else f"{text}.0"
+
+
 class FanucPitch(Fanuc):
     """Stored pitch error compensation."""
 
@@ -160,12 +166,22 @@ class FanucPitch(Fanuc):
                 f"N3621A{axis}P{start}",
                 f"N3622A{axis}P{start + len(steps) - 1}",
                 f"N3623A{axis}P1",
-                f"N3624A{axis}P{step:.9g}",
+                f"N3624A{axis}P{_real(step)}",
             ]
             # the first point's own value only shifts the axis: it is reached from the reference, which is zero
             lines += [f"N{FIRST + start + k}P{v}" for k, v in enumerate([0, *steps[1:]])]
             start += len(steps)
         return {"pitch.txt": self._tape(lines, setup, shift_lines(tables))}
+
+    def about(self, tables: Tables, setup: Setup) -> list[str]:
+        outside = [t.term.output for t in tables if t.term.inputs and not t.term.grids[0][0] <= 0 <= t.term.grids[0][-1]]
+        lines = super().about(tables, setup)
+        if outside:
+            lines.append(
+                f"the machine zero of {', '.join(outside)} lies outside its table, and 3620 outside 3621 to 3622, which "
+                "the control may refuse: the reference point has to be one of the points; renumber them if it is not zero"
+            )
+        return lines
 
     def read(self, files: Files, setup: Setup) -> Tables:
         name, text = one_file(files, ".txt")
@@ -191,7 +207,8 @@ class FanucPitch(Fanuc):
     def checklist(self, setup: Setup) -> list[str]:
         return [
             "compare the axis numbers above, and that no other axis uses the same pitch points",
-            "parameter write enable, read pitch.txt as parameters; the detection unit must be as written",
+            "parameter write enable, read pitch.txt as parameters; the detection unit must be as written; intervals "
+            "(3624) stand in mm with a decimal point, as a 30i or 0i-D reads them: enter them by hand on older controls",
             "switch the control off and on, G28 all axes, then check with an indicator",
         ]
 
@@ -233,9 +250,9 @@ class Fanuc3d(Fanuc):
                 CAPITALS.line(f"axis {self.number(setup, name)} is {name}"),
                 f"N{LATTICE + k}P{self.number(setup, name)}",
                 f"N{LATTICE + 3 + k}P{len(term.grids[k])}",
-                f"N{LATTICE + 6 + k}P{term.grids[k][0]:.9g}",
+                f"N{LATTICE + 6 + k}P{_real(term.grids[k][0])}",
                 f"N{LATTICE + 9 + k}P1",
-                f"N{LATTICE + 12 + k}P{step:.9g}",
+                f"N{LATTICE + 12 + k}P{_real(step)}",
             ]
         whole = [np.rint(t.values / unit).astype(int).ravel(order="F") for t in tables]
         lines += [f"N{self.POINTS + 3 * k + axis}P{int(whole[axis][k])}" for k in range(term.size) for axis in range(3)]

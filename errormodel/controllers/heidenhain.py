@@ -102,7 +102,7 @@ class Heidenhain(Controller):
             "back up config.cma and the tables it names; AXISPOS counts from the machine datum (MP_refPosition)",
             "copy the tables, check the column names against CfgAxes/axisList",
             "only one line of config.cma is active (*); take the star away to switch all of them off",
-            "BACKLASH is empty: reversal errors stay with their own machine parameter, as below",
+            "BACKLASH is empty: reversal errors stay with their own machine parameter, as above",
         ]
 
 

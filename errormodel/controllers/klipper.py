@@ -106,8 +106,9 @@ class Klipper(Printer):
             q = np.array([[a.measured[0] + share * (a.measured[1] - a.measured[0]) for a in setup.axes]])
             q = np.round(q, 1)
             moved = self.emulate(tables, setup, q)[0]
-            place = " ".join(f"{n}{v:.1f}" for n, v in zip(setup.names, q[0], strict=True))
-            lines.append(f"  {place}: " + " ".join(f"{m} {v:+.4f}" for m, v in zip(setup.movers, moved, strict=True)))
+            place = " ".join(f"{a.name}{q[0, setup.place(a.name)]:.1f}" for a in setup.ordered)
+            added = " ".join(f"{m} {moved[setup.movers.index(m)]:+.4f}" for m in setup.watched)
+            lines.append(f"  {place}: {added} mm")
         lines += [
             "The same figures with the other sign: a profile of another source is loaded. Zeros: none is loaded.",
             "Only Z differs: another mesh is loaded, or fade is on. Then do not print, and look at the checklist again.",

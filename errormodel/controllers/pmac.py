@@ -45,7 +45,7 @@ class Pmac(Controller):
     sign_known: ClassVar[bool] = False
     other_sign: ClassVar[str] = "write the tables again with --invert"
     dialect: ClassVar[Dialect | None] = None  # axis definitions and offsets are each machine's own
-    backlash_parameter: ClassVar[str] = "I{axis}86 (with I{axis}85 above 0)"
+    backlash_parameter: ClassVar[str] = "I{number}86 (with I{number}85 above 0)"
     first_number: ClassVar[int | None] = 1
     number_form: ClassVar[str] = "#{}"
     most_points: ClassVar[int] = 1000
@@ -61,6 +61,10 @@ class Pmac(Controller):
     def backlash_value(self, setup: Setup, axis: str, size: float) -> str:
         value = round(size / self.unit(setup))
         return f"{value:+d} sixteenths of a count" + (", which it cannot be: it takes no minus" if value < 0 else "")
+
+    def about(self, tables: Tables, setup: Setup) -> list[str]:
+        count = sum(bool(t.term.inputs) for t in tables)
+        return [f"{count} tables are needed: a PMAC holds 8, a Turbo PMAC 32"]
 
     def terms(self, setup: Setup) -> list[Term]:
         curves = [

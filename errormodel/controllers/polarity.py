@@ -46,12 +46,12 @@ class Step:
 
 def polarity_check(controller: Controller, setup: Setup, terms: Sequence[Term]) -> tuple[dict[str, str], list[Step]]:
     """Files with a peak for each axis, and what to read where once they are loaded."""
-    own = {m: t for m in setup.linear if (t := _own(controller, terms, m))}
+    own = {m: t for m in setup.watched if (t := _own(controller, terms, m))}
     places = _places(setup, own)
     first, second = ({m: place[k] for m, place in places.items()} for k in (0, 1))
     rests = {a.name: min(max(0.0, a.measured[0]), a.measured[1]) for a in setup.axes}
     crosses = _crosses(controller, setup, terms, {**rests, **second}, list(own))
-    sized = [(t, OWN[setup.linear.index(m)], first, second) for m, t in own.items()]
+    sized = [(t, OWN[setup.watched.index(m)], first, second) for m, t in own.items()]
     sized += [(t, height, second, first) for t, height in crosses]
     peaks = [Table(t, _peak(controller, setup, t, height, top, away)) for t, height, top, away in sized]
     tables: Tables = tuple(replace(p, term=u) for p in peaks for u in _twins(terms, p.term))
@@ -65,7 +65,7 @@ def polarity_check(controller: Controller, setup: Setup, terms: Sequence[Term]) 
         alone = controller.by_itself(tables, setup, q)
         steps += [
             Step(m, full, float(seen[setup.movers.index(m)]), alone.get(m), kind)
-            for m in setup.linear
+            for m in setup.watched
             if abs(seen[setup.movers.index(m)]) >= SEEN
         ]
     return files, steps

@@ -34,7 +34,7 @@ def approach(setup: Setup, step: Step) -> float | None:
     """
     for axis in setup.axes:
         low, high = axis.travel
-        if not axis.rotary and axis.name in setup.linear and not low + MARGIN <= step.place[axis.name] <= high - MARGIN:
+        if not axis.rotary and axis.name in setup.watched and not low + MARGIN <= step.place[axis.name] <= high - MARGIN:
             return None
     low, high = setup.axis(step.axis).travel
     for side in (-1.0, 1.0):
@@ -47,7 +47,7 @@ def approach(setup: Setup, step: Step) -> float | None:
 def moves_of(setup: Setup, step: Step, start: float) -> list[Move]:
     """Away along the watched axis, the others one by one, then towards the place, and a stop before it."""
     end, side = step.place[step.axis], 1.0 if start > step.place[step.axis] else -1.0
-    others = [m for m in setup.linear if m != step.axis]
+    others = [m for m in setup.watched if m != step.axis]
     return [
         Move(step.axis, start, FEED, "retreat, away from the indicator"),
         *(Move(m, step.place[m], FEED, "beside the place") for m in others),
@@ -61,7 +61,7 @@ def check_files(
     """``steps.txt``, and a programme for each reading where the control's language is known; `load`: the tables."""
     dialect, files = controller.dialect, dict[str, str]()
     lines = [*_opening(controller, setup, steps, load)]
-    numbers = {m: controller.number(setup, m) for m in setup.linear} if controller.first_number is not None else {}
+    numbers = {m: controller.number(setup, m) for m in setup.watched} if controller.first_number is not None else {}
     for k, step in enumerate(steps, start=1):
         start = approach(setup, step)
         lines += ["", *_reading(controller, setup, k, step, start)]
@@ -72,7 +72,7 @@ def check_files(
         said = [
             f"polarity check {k}: {step.axis}, made for machine {printable(setup.machine)[:60]}",
             f"start only with {step.axis} on the {_side(start > step.place[step.axis])} side of {start:.3f}, all within "
-            f"{NEAR:g} mm of {_place(step.place, setup.linear)}, nothing in the way, feed override down",
+            f"{NEAR:g} mm of {_place(step.place, setup.watched)}, nothing in the way, feed override down",
             "see steps.txt for what to read and what it means",
         ]
         files[name + dialect.suffix] = dialect.programme(
@@ -84,8 +84,8 @@ def check_files(
 def _opening(controller: Controller, setup: Setup, steps: Sequence[Step], load: Sequence[str]) -> list[str]:
     """What holds for all readings."""
     watched = list(dict.fromkeys(s.axis for s in steps))
-    unseen = [m for m in setup.linear if m not in watched]
-    still = [a for a in setup.axes if a.name not in setup.linear]
+    unseen = [m for m in setup.watched if m not in watched]
+    still = [a for a in setup.axes if a.name not in setup.watched]
     lines = [
         "POLARITY CHECK: do the tables act on the right axis, and the right way? Before the real tables are loaded.",
         f"machine: {printable(setup.machine)}",
@@ -103,7 +103,11 @@ def _opening(controller: Controller, setup: Setup, steps: Sequence[Step], load: 
             if still and steps
             else []
         ),
-        "Tables over and of rotary axes have the sign of the others; they have no reading of their own here.",
+        *(
+            ["Tables over rotary axes have the sign of the others; they have no reading of their own here."]
+            if any(a.rotary for a in still)
+            else []
+        ),
         "",
         "For each reading below:",
         " a. Compensation off. "
@@ -136,7 +140,7 @@ def _reading(controller: Controller, setup: Setup, k: int, step: Step, start: fl
         else f"by hand only: within {MARGIN:g} mm of the end of a travel, or no {BACK:g} mm of room along {axis}"
     )
     lines = [
-        f"{k}. Watch {axis} ({step.table}) at {_place(step.place, setup.linear)}, coming {come}",
+        f"{k}. Watch {axis} ({step.table}) at {_place(step.place, setup.watched)}, coming {come}",
         f"   {want:+.3f} mm ({axis} further towards {_side(want > 0)}): right.",
         f"   {-want:+.3f} mm: the control wants the other sign. Do not load the real tables: "
         f"{controller.other_sign or OTHER}.",

@@ -138,6 +138,11 @@ class Setup:
         """Linear axes that carry out corrections."""
         return tuple(m for m in self.movers if not self.axis(m).rotary)
 
+    @property
+    def watched(self) -> tuple[str, ...]:
+        """The linear axes that carry out corrections, in the controller's order."""
+        return tuple(a.name for a in self.ordered if a.name in self.linear)
+
     def grid(self, name: str, most: int, anchored: bool = False, every: bool = False) -> tuple[float, ...]:
         """Equidistant positions over what was measured of an axis: as many as its errors need, at most `most`.
 

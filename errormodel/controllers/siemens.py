@@ -204,6 +204,14 @@ class SiemensCec(Siemens):
         full[:, setup.place(axis.name)] = x
         return x, np.round(factor(setup, name, full), 9)
 
+    def about(self, tables: Tables, setup: Setup) -> list[str]:
+        levers = len({t.term.factor for t in tables if t.term.factor})
+        count = len(tables) + levers
+        return [
+            f"{count} tables of $AN_CEC are needed: {len(tables)} corrections and {levers} that only multiply others. "
+            "An 840D sl has 2 a machine axis, an 828D has 8; compare MD18342, and the option for sag compensation"
+        ]
+
     def by_itself(self, tables: Tables, setup: Setup, q: Array) -> dict[str, float]:
         levers = {t.term.factor for t in tables if t.term.factor and " " not in t.term.factor}
         return {name: -float(q[0, setup.place(name)]) / 1000 for name in levers}
