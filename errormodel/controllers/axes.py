@@ -90,19 +90,19 @@ def axis_letters(
         letter = joint.name.upper()
         if not out[k] and letter in LETTERS and letter not in out:
             out[k] = letter
-    named = list(out)
-    usual = [_usual(joint, direction) for joint, direction in zip(joints, along, strict=True)]
-    unsure = []
-    for k, joint in enumerate(joints):
-        if out[k]:
-            continue
-        rivals = [i for i, u in enumerate(usual) if not named[i] and u[:1] == usual[k][:1]]
+    nameless = [k for k, letter in enumerate(out) if not letter]
+    usual = {k: _usual(joints[k], along[k]) for k in nameless}
+    named, unsure = list(out), list[int]()
+    for k in nameless:
+        rivals = [i for i in nameless if usual[i][:1] == usual[k][:1]]
         free = [c for c in usual[k] if c not in named]
-        if not free or len(rivals) > 1 or abs(along[k]).max() < ALONG:
-            unsure.append(joint.name)
-            free = [c for c in (*usual[k], *reversed(LETTERS)) if c not in out]
-        out[k] = free[0] if free else joint.name
-    return out, tuple(unsure)
+        if free and len(rivals) == 1 and abs(along[k]).max() >= ALONG:
+            out[k] = free[0]
+        else:
+            unsure.append(k)
+    for k in unsure:  # what is left over, so that every joint has a letter
+        out[k] = next((c for c in (*usual[k], *reversed(LETTERS)) if c not in out), joints[k].name)
+    return out, tuple(joints[k].name for k in unsure)
 
 
 def _usual(joint: Joint, direction: Array) -> str:

@@ -232,7 +232,7 @@ class Controller(Target):
                 "Use --controller gcode, which corrects the commands themselves (or csv, if few axes moved)",
             )
         if self.lettered and setup.unsure:
-            found = f"which axes of the controller the joints {', '.join(setup.unsure)} are cannot be known"
+            found = f"it cannot be known which axes of the controller the joints {', '.join(setup.unsure)} are"
             letters = ",".join(f"{a.joint}={a.name}" for a in setup.axes)
             raise InputError("--axes", found, f"Say it, in the form --axes {letters}")
 
