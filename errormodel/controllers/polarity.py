@@ -46,14 +46,16 @@ class Step:
 
 def polarity_check(controller: Controller, setup: Setup, terms: Sequence[Term]) -> tuple[dict[str, str], list[Step]]:
     """Files with a peak for each axis, and what to read where once they are loaded."""
-    own = {m: t for m in setup.watched if (t := _own(controller, terms, m))}
+    own = {m: t for m in setup.watched if (t := _own(controller, setup, terms, m))}
     places = _places(setup, own)
     first, second = ({m: place[k] for m, place in places.items()} for k in (0, 1))
     rests = {a.name: min(max(0.0, a.measured[0]), a.measured[1]) for a in setup.axes}
     crosses = _crosses(controller, setup, terms, {**rests, **second}, list(own))
     sized = [(t, OWN[setup.watched.index(m)], first, second) for m, t in own.items()]
     sized += [(t, height, second, first) for t, height in crosses]
-    peaks = [Table(t, _peak(controller, setup, t, height, top, away)) for t, height, top, away in sized]
+    peaks = [
+        Table(t, _peak(controller, setup, t, height, {**rests, **top}, away)) for t, height, top, away in sized
+    ]
     tables: Tables = tuple(replace(p, term=u) for p in peaks for u in _twins(terms, p.term))
     files = written(controller, tables, setup)
     back = read_back(controller, files, setup)
@@ -71,10 +73,11 @@ def polarity_check(controller: Controller, setup: Setup, terms: Sequence[Term]) 
     return files, steps
 
 
-def _own(controller: Controller, terms: Sequence[Term], mover: str) -> Term | None:
+def _own(controller: Controller, setup: Setup, terms: Sequence[Term], mover: str) -> Term | None:
     """The table that moves an axis as a function of its own position, the plainest of them."""
+    still = {*setup.watched}  # the others stay where they are
     mine = [t for t in terms if t.inputs and controller.moved(t.output) == mover and not t.factor and t.direction >= 0]
-    return min(mine, key=lambda t: (mover not in t.inputs, len(t.inputs), -t.size), default=None)
+    return min(mine, key=lambda t: (mover not in t.inputs, not {*t.inputs} <= still, len(t.inputs), -t.size), default=None)
 
 
 def _twins(terms: Sequence[Term], term: Term) -> list[Term]:
@@ -144,7 +147,7 @@ def _peak(
     mesh = np.meshgrid(*term.grids, indexing="ij")
     for axis, points, x in zip(term.inputs, term.grids, mesh, strict=True):
         g = np.asarray(points)
-        middle = float(g[np.argmin(np.abs(g - top.get(axis, g[len(g) // 2])))])
+        middle = float(g[np.argmin(np.abs(g - top[axis]))])
         zeros = [away[axis]] if axis in away else []
         zeros += [float(np.clip(0.0, g[0], g[-1]))] if term.zero else []
         reach = min((abs(middle - z) for z in zeros), default=g[-1] - g[0])
