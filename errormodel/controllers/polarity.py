@@ -111,7 +111,7 @@ def _node(grid: Array, share: float, away: Sequence[float]) -> float:
 
     def rank(x: float) -> float:
         gap = min((abs(x - z) for z in away), default=span)
-        return float(abs(x - wanted) + 4 * max(0.0, span / 8 - gap))
+        return float(abs(x - wanted) + 100 * max(0.0, span / 8 - gap))
 
     return float(min(grid, key=rank))
 
