@@ -24,7 +24,9 @@ from identification.console import FILE, FOLDER, command, say, show_notes, worki
 @click.option(
     "--axes", metavar="JOINT=N,...", help="Axis numbers (letters) on the controller: X=1,Y=2,Z=3 or bridge=Y2,arm=X1."
 )
-@click.option("--invert", is_flag=True, help="Write the other sign: where the check in sign_test showed that it is wanted.")
+@click.option(
+    "--invert", is_flag=True, help="Write the other sign: where the check in sign_test showed that it is wanted."
+)
 @click.option("--allow-large", is_flag=True, help="Write corrections beyond 1 mm, too.")
 def compensate(
     folder: Path | None,

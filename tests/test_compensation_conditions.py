@@ -1,4 +1,4 @@
-"""What a checklist says beside the steps: backlash, zero shift, the machine's state, sizes, and what is left without."""
+"""What a checklist says beside the steps: backlash, zero shift, the machine's state, and what is left without."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ def test_tables_for_each_direction_say_that_they_hold_the_backlash(name: str, wo
     assert json.loads((tmp_path / "compensation.json").read_text())["sets"][0]["conditions"]["parameters_um"] is None
 
 
-@pytest.mark.parametrize("name", ["klipper", "csv"])
+@pytest.mark.parametrize("name", ["klipper", "duet"])
 def test_where_nothing_holds_backlash_it_is_said_to_stay(name: str, worn: Path, tmp_path: Path) -> None:
     done("compensate", worn, "--controller", name, "--out", tmp_path)
     steps = [s for s in checklist(tmp_path) if "backlash of" in s]
@@ -127,7 +127,9 @@ def test_a_parameter_takes_away_what_the_simulated_play_makes() -> None:
         volume = Volume(field, travel[:, 0], travel[:, 1], True)
         controller = target("siemens-lec")
         assert isinstance(controller, Controller)
-        setup = replace(volume.setup(None, None)[0], reversals=reversals(field, {j.name: j.name for j in machine.joints}))
+        setup = replace(
+            volume.setup(None, None)[0], reversals=reversals(field, {j.name: j.name for j in machine.joints})
+        )
         tables = best_tables(controller, setup, volume)
         found = conditions_of(controller, setup, volume, tables, 0)
         assert found.parameters_um is not None
@@ -166,10 +168,12 @@ def test_the_zero_shift_comes_first_with_what_is_left_without_it(tmp_path: Path)
 
 
 def test_every_file_that_is_written_is_counted(worn: Path, tmp_path: Path) -> None:
-    for name in ("siemens-cec", "klipper", "csv"):
-        out = done("compensate", worn, "--controller", name, "--out", tmp_path / name).out.splitlines()[-1]
+    for name, more in (("siemens-lec", ()), ("klipper", ()), ("csv", ("--points", 3))):
+        out = done("compensate", worn, "--controller", name, *more, "--out", tmp_path / name).out.splitlines()[-1]
         there = [*tree(tmp_path / name)]
-        match = re.match(r"(\d+) files? for the control(?:, (\d+) files? in sign_test)?, checklist.txt and compensation.json", out)
+        match = re.match(
+            r"(\d+) files? for the control(?:, (\d+) files? in sign_test)?, checklist.txt and compensation.json", out
+        )
         assert match is not None, out
         check = sum(f.startswith("sign_test/") for f in there)
         assert int(match[2] or 0) == check
@@ -214,7 +218,9 @@ def test_the_other_sign_is_refused_where_the_sign_is_public(worn: Path, tmp_path
     out = done("compensate", worn, "--controller", "aerotech-1d", "--invert", "--out", tmp_path / "b").out
     assert "sign: turned round (--invert)" in out
     values = [
-        np.array([float(v) for v in re.findall(r"^-?\d+\.\d{5}$", (tmp_path / k / "axes.cal").read_text(), re.MULTILINE)])
+        np.array(
+            [float(v) for v in re.findall(r"^-?\d+\.\d{5}$", (tmp_path / k / "axes.cal").read_text(), re.MULTILINE)]
+        )
         for k in "ab"
     ]
     assert len(values[0]) > 5

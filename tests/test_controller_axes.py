@@ -119,8 +119,13 @@ def test_a_comment_at_each_table_names_the_axis(name: str) -> None:
     terms = [t for t in controller.structures(setup)[0] if t.inputs]
     text = "\n".join(controller.write(tuple(Table(t, np.zeros(t.shape)) for t in terms), setup).values())
     for number, letter in ((1, "X"), (2, "Y"), (3, "Z")):
-        at_the_table = re.compile(rf"[;(#].*(?:axis A?|motor ){number}\D+is {letter}\b|{letter} \(motor {number}\)", re.I)
-        assert at_the_table.search(text) or re.search(rf"# axis {letter}\n\[JOINT_{number - 1}\]", text), (letter, text[:900])
+        at_the_table = re.compile(
+            rf"[;(#].*(?:axis A?|motor ){number}\D+is {letter}\b|{letter} \(motor {number}\)", re.I
+        )
+        assert at_the_table.search(text) or re.search(rf"# axis {letter}\n\[JOINT_{number - 1}\]", text), (
+            letter,
+            text[:900],
+        )
 
 
 JOINTS = ("X", "Y", "Z")
@@ -171,7 +176,9 @@ def test_any_text_of_axes_is_understood_or_refused(text: str) -> None:
         unique_by=lambda j: j[0],
     )
 )
-def test_letters_are_each_given_once_and_follow_name_or_direction(joints: list[tuple[str, str, tuple[float, ...]]]) -> None:
+def test_letters_are_each_given_once_and_follow_name_or_direction(
+    joints: list[tuple[str, str, tuple[float, ...]]],
+) -> None:
     made = [Joint(n, kind, axis, (0.0, 1.0)) for n, kind, axis in joints]  # type: ignore[arg-type]
     letters, unsure = axis_letters(made, np.array([j[2] for j in joints]), {})
     assert len({*letters}) == len(letters)

@@ -129,7 +129,9 @@ def test_klippers_temperature_names_its_sensor_in_a_comment() -> None:
     (mesh,) = [t for t in controller.terms(setup) if t.inputs]
     from errormodel.controllers.tables import Table
 
-    states = [({s: t}, (Table(mesh, np.full(mesh.shape, 0.01 * t)),)) for s in ["T_a\n[extruder]"] for t in (18.0, 20.0, 25.0)]
+    states = [
+        ({s: t}, (Table(mesh, np.full(mesh.shape, 0.01 * t)),)) for s in ["T_a\n[extruder]"] for t in (18.0, 20.0, 25.0)
+    ]
     assert isinstance(controller, klipper.Klipper)
     found = controller.thermal(states, setup)
     assert found is not None
@@ -139,7 +141,7 @@ def test_klippers_temperature_names_its_sensor_in_a_comment() -> None:
 @given(text=st.text(max_size=80))
 @many
 def test_a_comment_is_one_line_of_printable_ascii_with_one_end(text: str) -> None:
-    for comment in (Comment("("  , ")", upper=True), Comment("; "), Comment("// ")):
+    for comment in (Comment("(", ")", upper=True), Comment("; "), Comment("// ")):
         line = comment.line(text)
         assert line.rstrip() == printable(line)
         assert "%" not in line

@@ -1,4 +1,4 @@
-"""The check of signs and axes: what it tests, where it drives, and how slowly; each language read by its own grammar."""
+"""The check of signs and axes: what it tests, where it drives and how slowly, read by each language's own grammar."""
 
 from __future__ import annotations
 
@@ -25,10 +25,21 @@ few = settings(max_examples=12, deadline=None, suppress_health_check=[HealthChec
 AXIS, NUMBER, FEED = r"(?P<axis>[XYZ])", r"(?P<to>[-+]?\d+\.\d{3})", r"F(?P<feed>\d+)"
 LANGUAGES: dict[str, tuple[str, list[str], str, list[str]]] = {
     # comment, lines before the moves in order, a move, lines after them
-    "siemens": (r"; .*", ["M0", "TRAFOOF", "G17 G40 G90 G94 G500 G60 G710 D0"], rf"SUPA G1 {AXIS}={NUMBER} {FEED}", ["M30"]),
+    "siemens": (
+        r"; .*",
+        ["M0", "TRAFOOF", "G17 G40 G90 G94 G500 G60 G710 D0"],
+        rf"SUPA G1 {AXIS}={NUMBER} {FEED}",
+        ["M30"],
+    ),
     "fanuc": (
         r"\([^()a-z]*\)",
-        ["%", r"O70\d\d", "M0", "G21 G90 G94 G40 G49 G80 G59", *(rf"IF\[ABS\[#504{n}-#502{n}\]GT0\.01\]GOTO900" for n in "123")],
+        [
+            "%",
+            r"O70\d\d",
+            "M0",
+            "G21 G90 G94 G40 G49 G80 G59",
+            *(rf"IF\[ABS\[#504{n}-#502{n}\]GT0\.01\]GOTO900" for n in "123"),
+        ],
         rf"G1 {AXIS}{NUMBER} {FEED}",
         ["M30", r"N900 #3000=1\([A-Z0-9 ]+\)", "%"],
     ),
@@ -57,7 +68,7 @@ def tabled(name: str) -> Controller:
 
 def moves_of(name: str, text: str) -> list[tuple[str, float, float]]:
     """Axis, machine position and feed of each move; every line must be of the control's language."""
-    comment, before, move, after = LANGUAGES[name.split("-")[0]]
+    comment, before, move, after = LANGUAGES[name.partition("-")[0]]
     lines = [s for s in text.splitlines() if not re.fullmatch(comment, s)]
     out = []
     for pattern in before:
@@ -134,7 +145,9 @@ def test_interchanged_axes_show_on_the_indicator(name: str) -> None:
         wrong = tuple(
             Table(
                 replace(
-                    t.term, output=swap.get(t.term.output, t.term.output), inputs=tuple(swap.get(i, i) for i in t.term.inputs)
+                    t.term,
+                    output=swap.get(t.term.output, t.term.output),
+                    inputs=tuple(swap.get(i, i) for i in t.term.inputs),
                 ),
                 t.values,
             )
@@ -166,7 +179,9 @@ def test_the_kernels_check_uses_the_linear_axes_own_errors(machine: str) -> None
     rng = np.random.default_rng(0)
     tables = filled(controller, replace(setup, levers=None), controller.structures(setup)[0], rng)
     files, steps = polarity_check(controller, setup, [t.term for t in tables])
-    header = [w for line in files["vol_comp_0.csv"].splitlines() for w in line.split() if re.fullmatch(r"E[XYZABC][A-Z]", w)]
+    header = [
+        w for line in files["vol_comp_0.csv"].splitlines() for w in line.split() if re.fullmatch(r"E[XYZABC][A-Z]", w)
+    ]
     assert {"EXX", "EYY", "EZZ"} <= {*header}
     own = [s for s in steps if s.table == "own table"]
     assert [s.axis for s in own] == ["X", "Y", "Z"]
@@ -178,9 +193,7 @@ def test_the_kernels_check_uses_the_linear_axes_own_errors(machine: str) -> None
 
 def test_an_axis_without_room_is_driven_by_hand() -> None:
     setup = plain_setup()
-    axes = tuple(
-        replace(a, travel=(-6.0, 6.0), measured=(-6.0, 6.0)) if a.name == "Z" else a for a in setup.axes
-    )
+    axes = tuple(replace(a, travel=(-6.0, 6.0), measured=(-6.0, 6.0)) if a.name == "Z" else a for a in setup.axes)
     short, controller = replace(setup, axes=axes), tabled("linuxcnc-type1")
     files, steps = polarity_check(controller, short, controller.structures(short)[0])
     checks = check_files(controller, short, steps, list(files))

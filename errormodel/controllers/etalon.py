@@ -70,7 +70,7 @@ class Etalon(Kernel):
 
     def checklist(self, setup: Setup) -> list[str]:
         return [
-            "compare the logical axis numbers in vol_comp_0.lis with the controller's; set its path in the start-up list",
+            "compare the logical axis numbers in vol_comp_0.lis; set its path in the start-up list",
             "#VOLCOMP ON [ID0]; to load again: #VOLCOMP OFF, then #VOLCOMP [ID0 UPDATE]",
             "leave leadscrew and cross compensations of these axes as they were when the survey was measured",
         ]

@@ -174,12 +174,14 @@ class FanucPitch(Fanuc):
         return {"pitch.txt": self._tape(lines, setup, shift_lines(tables))}
 
     def about(self, tables: Tables, setup: Setup) -> list[str]:
-        outside = [t.term.output for t in tables if t.term.inputs and not t.term.grids[0][0] <= 0 <= t.term.grids[0][-1]]
+        outside = [
+            t.term.output for t in tables if t.term.inputs and not t.term.grids[0][0] <= 0 <= t.term.grids[0][-1]
+        ]
         lines = super().about(tables, setup)
         if outside:
             lines.append(
-                f"the machine zero of {', '.join(outside)} lies outside its table, and 3620 outside 3621 to 3622, which "
-                "the control may refuse: the reference point has to be one of the points; renumber them if it is not zero"
+                f"the machine zero of {', '.join(outside)} lies outside its table (3620 outside 3621 to 3622), "
+                "which the control may refuse: the reference point has to be one of the points"
             )
         return lines
 
@@ -208,7 +210,7 @@ class FanucPitch(Fanuc):
         return [
             "compare the axis numbers above, and that no other axis uses the same pitch points",
             "parameter write enable, read pitch.txt as parameters; the detection unit must be as written; intervals "
-            "(3624) stand in mm with a decimal point, as a 30i or 0i-D reads them: enter them by hand on older controls",
+            "(3624) stand in mm with a decimal point, as a 30i or 0i-D reads them: enter them by hand on older ones",
             "switch the control off and on, G28 all axes, then check with an indicator",
         ]
 

@@ -185,7 +185,7 @@ class Isg(Kernel):
 
     def checklist(self, setup: Setup) -> list[str]:
         return [
-            "compare the logical axis numbers in vol_comp_0.lis with the controller's; set its path in the start-up list (hochlauf.lis)",
+            "compare the logical axis numbers in vol_comp_0.lis; set its path in the start-up list (hochlauf.lis)",
             "copy both files to the controller and restart it (licence TF5280)",
             "NC: #VOLCOMP ON [ID0]; to load again: #VOLCOMP OFF, then #VOLCOMP [ID0 UPDATE]",
             "leave leadscrew and cross compensations of these axes as they were when the survey was measured",

@@ -111,7 +111,7 @@ class Klipper(Printer):
             lines.append(f"  {place}: {added} mm")
         lines += [
             "The same figures with the other sign: a profile of another source is loaded. Zeros: none is loaded.",
-            "Only Z differs: another mesh is loaded, or fade is on. Then do not print, and look at the checklist again.",
+            "Only Z differs: another mesh is loaded, or fade is on. Then look at the checklist again.",
         ]
         return {"steps.txt": "\n".join(lines) + "\n"}
 

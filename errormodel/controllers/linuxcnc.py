@@ -42,7 +42,7 @@ class LinuxCnc1(Controller):
         head=("G21 G90 G94 G40 G49 G80",),
         move="G53 G1 {axis}{to:.3f} F{feed:g}",
         end=("M2",),
-        source="LinuxCNC docs/src/gcode/g-code.adoc (G53: with G0 or G1, on every line); gcode/overview.adoc (comments)",
+        source="LinuxCNC docs/src/gcode/g-code.adoc (G53: with G0 or G1, on every line), overview.adoc",
     )
     most_points: ClassVar[int] = 256
     kind: ClassVar[int] = 1
@@ -65,7 +65,12 @@ class LinuxCnc1(Controller):
                 for x, u, d in zip(term.grids[0], up.values, down.values, strict=True)
             ]
             files[file] = "\n".join(rows) + "\n"
-            ini += [comment.line(f"axis {output}"), f"[JOINT_{joint}]", f"COMP_FILE = {file}", f"COMP_FILE_TYPE = {self.kind}"]
+            ini += [
+                comment.line(f"axis {output}"),
+                f"[JOINT_{joint}]",
+                f"COMP_FILE = {file}",
+                f"COMP_FILE_TYPE = {self.kind}",
+            ]
         return {**files, "compensation.ini": "\n".join(ini) + "\n"}
 
     def _outward(self, position: float, correction: float) -> float:

@@ -134,7 +134,8 @@ class Pmac(Controller):
 
     def checklist(self, setup: Setup) -> list[str]:
         return [
-            "compare the motor numbers above and counts a mm (--resolution), and that position 0 is the motor's zero after homing",
+            "compare the motor numbers above and counts a mm (--resolution); position 0 must be the motor's zero after "
+            "homing",
             "delete TCOMP, BLCOMP, TBUF, ROTARY, LOOKAHEAD buffers first; tables go in from the highest motor down",
             "download comp.pmc, I51=1 switches compensation on, I51=0 off; SAVE once it is right",
         ]

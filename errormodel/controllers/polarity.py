@@ -53,9 +53,7 @@ def polarity_check(controller: Controller, setup: Setup, terms: Sequence[Term]) 
     crosses = _crosses(controller, setup, terms, {**rests, **second}, list(own))
     sized = [(t, OWN[setup.watched.index(m)], first, second) for m, t in own.items()]
     sized += [(t, height, second, first) for t, height in crosses]
-    peaks = [
-        Table(t, _peak(controller, setup, t, height, {**rests, **top}, away)) for t, height, top, away in sized
-    ]
+    peaks = [Table(t, _peak(controller, setup, t, height, {**rests, **top}, away)) for t, height, top, away in sized]
     tables: Tables = tuple(replace(p, term=u) for p in peaks for u in _twins(terms, p.term))
     files = written(controller, tables, setup)
     back = read_back(controller, files, setup)
@@ -77,7 +75,9 @@ def _own(controller: Controller, setup: Setup, terms: Sequence[Term], mover: str
     """The table that moves an axis as a function of its own position, the plainest of them."""
     still = {*setup.watched}  # the others stay where they are
     mine = [t for t in terms if t.inputs and controller.moved(t.output) == mover and not t.factor and t.direction >= 0]
-    return min(mine, key=lambda t: (mover not in t.inputs, not {*t.inputs} <= still, len(t.inputs), -t.size), default=None)
+    return min(
+        mine, key=lambda t: (mover not in t.inputs, not {*t.inputs} <= still, len(t.inputs), -t.size), default=None
+    )
 
 
 def _twins(terms: Sequence[Term], term: Term) -> list[Term]:

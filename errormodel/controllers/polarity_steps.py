@@ -1,4 +1,4 @@
-"""The polarity check on paper and as programmes: where to stand, how to get there slowly, and what each reading means."""
+"""The polarity check on paper and as programmes: where to stand, how to get there, and what each reading means."""
 
 from __future__ import annotations
 
@@ -34,7 +34,11 @@ def approach(setup: Setup, step: Step) -> float | None:
     """
     for axis in setup.axes:
         low, high = axis.travel
-        if not axis.rotary and axis.name in setup.watched and not low + MARGIN <= step.place[axis.name] <= high - MARGIN:
+        if (
+            not axis.rotary
+            and axis.name in setup.watched
+            and not low + MARGIN <= step.place[axis.name] <= high - MARGIN
+        ):
             return None
     low, high = setup.axis(step.axis).travel
     for side in (-1.0, 1.0):
@@ -71,8 +75,8 @@ def check_files(
         lines.append(f"   programme: {name}{dialect.suffix}")
         said = [
             f"polarity check {k}: {step.axis}, made for machine {printable(setup.machine)[:60]}",
-            f"start only with {step.axis} on the {_side(start > step.place[step.axis])} side of {start:.3f}, all within "
-            f"{NEAR:g} mm of {_place(step.place, setup.watched)}, nothing in the way, feed override down",
+            f"start only with {step.axis} on the {_side(start > step.place[step.axis])} side of {start:.3f}, "
+            f"all within {NEAR:g} mm of {_place(step.place, setup.watched)}, nothing in the way, feed override down",
             "see steps.txt for what to read and what it means",
         ]
         files[name + dialect.suffix] = dialect.programme(
@@ -86,7 +90,9 @@ def _opening(controller: Controller, setup: Setup, steps: Sequence[Step], load: 
     watched = list(dict.fromkeys(s.axis for s in steps))
     unseen = [m for m in setup.watched if m not in watched]
     still = [a for a in setup.axes if a.name not in setup.watched]
-    lines = [
+    peak = max((abs(s.reading) for s in steps), default=0.0)
+    alone = max((abs(s.by_itself) for s in steps if s.by_itself is not None), default=0.0)
+    return [
         "POLARITY CHECK: do the tables act on the right axis, and the right way? Before the real tables are loaded.",
         f"machine: {printable(setup.machine)}",
         f"control: {controller.title}",
@@ -95,8 +101,9 @@ def _opening(controller: Controller, setup: Setup, steps: Sequence[Step], load: 
         *(["sign: turned round (--invert)"] if setup.inverted else []),
         "",
         "All positions are machine coordinates, mm and deg. Nothing is driven in rapid. The table is empty, the spindle",
-        "stands, a person holds the feed override. The tables of this folder have peaks of 0.03 to 0.05 mm and nothing",
-        f"else. Axes that are watched: {', '.join(watched) or 'none'}.",
+        f"stands, a person holds the feed override. The tables of this folder move no axis by more than {peak:.3f} mm",
+        f"where they act as they should. Axes that are watched: {', '.join(watched) or 'none'}.",
+        *([f"If a table that only multiplies others acts by itself, it moves one by {alone:.3f} mm."] if alone else []),
         *([f"No table of this check moves {', '.join(unseen)} enough to be read."] if unseen else []),
         *(
             [f"Before all: {', '.join(f'{a.name} at {steps[0].place[a.name]:.3f}' for a in still)}, by hand."]
@@ -120,7 +127,7 @@ def _opening(controller: Controller, setup: Setup, steps: Sequence[Step], load: 
         if controller.dialect
         else "    machine coordinates. Drive by hand, slowly, to 2 mm before the place.",
         " b. The last 2 mm by hand, in steps of 0.1 and then 0.001 mm, exactly to the place, never beyond it.",
-        " c. Put the indicator against the spindle nose, on its stand on the table, ahead of the motion; set it to zero.",
+        " c. Put the indicator, its stand on the table, against the spindle nose, ahead of the motion. Set it to zero.",
         f" d. By hand {BACK:g} mm back, along the watched axis only.",
         " e. Load this folder's tables, compensation on. If the control has to be started and referenced again, drive",
         "    by hand, and around the indicator.",
@@ -128,7 +135,6 @@ def _opening(controller: Controller, setup: Setup, steps: Sequence[Step], load: 
         " g. By hand back along the watched axis; then take the indicator away.",
         "At the end: take the tables of this folder out again.",
     ]
-    return lines
 
 
 def _reading(controller: Controller, setup: Setup, k: int, step: Step, start: float | None) -> list[str]:

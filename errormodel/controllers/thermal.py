@@ -24,7 +24,9 @@ Emulate = Callable[[Tables, Setup, Array, Array], Array]
 POSES = 512
 NAME = 60  # characters of a sensor's name in a file
 LEAST = 1e-4  # mm a kelvin: less is not written
-LAW = re.compile(r"^\W+correct (\w+) by ([-+.\deE]+) mm and ([-+.\deE]+) mm/mm a kelvin of (.+) above ([-+.\d]+)$", re.MULTILINE)
+LAW = re.compile(
+    r"^\W+correct (\w+) by ([-+.\deE]+) mm and ([-+.\deE]+) mm/mm a kelvin of (.+) above ([-+.\d]+)$", re.MULTILINE
+)
 
 
 @dataclass(frozen=True)
@@ -39,7 +41,8 @@ class Growth:
 
     def line(self) -> str:
         """The law as a file states it, for `laws_of` to read."""
-        law = f"{self.offset:.6e} mm and {self.slope:.6e} mm/mm a kelvin of {printable(self.sensor)[:NAME]} above {self.zero:.3f}"
+        where = f"{printable(self.sensor)[:NAME]} above {self.zero:.3f}"
+        law = f"{self.offset:.6e} mm and {self.slope:.6e} mm/mm a kelvin of {where}"
         return f"{self.axis} by {law}"
 
     def at(self, state: Mapping[str, float], position: Array) -> Array:
@@ -62,7 +65,7 @@ def laws_of(text: str) -> list[Growth]:
 
 
 def sign_program(axis: str, setting: str) -> dict[str, str]:
-    """Steps that show on an indicator which way a positive value moves an axis; no programme, as nothing has to move."""
+    """Steps that show on an indicator which way a positive value moves an axis; nothing has to be driven."""
     steps = [
         "Check of the sign of the temperature compensation, before its laws are used. No axis is driven.",
         f"1. All its values zero. Put an indicator against the spindle nose, along {axis}, and set it to zero.",

@@ -60,7 +60,7 @@ def conditions_of(controller: Controller, setup: Setup, volume: Volume, tables: 
 def largest(volume: Volume, correct: Correct, seed: int) -> float:
     """The largest correction of a linear joint over the volume, mm."""
     rows = fresh_rows(volume, seed)
-    moved = np.abs(correct(rows.q, rows.direction, None) - rows.q)[:, ~volume.field.rotary]
+    moved = np.abs(correct(rows.q, rows.direction, None) - rows.q)[:, np.logical_not(volume.field.rotary)]
     return float(moved.max(initial=0.0))
 
 
@@ -70,7 +70,7 @@ def check_size(size: float, allowed: bool) -> None:
         raise InputError(
             "compensate",
             f"corrections of up to {size:.3g} mm, which controls neither limit nor watch",
-            f"Look for a wrong unit or sign in the survey; --allow-large writes tables beyond {LARGE:g} mm all the same",
+            f"Look for a wrong unit or sign in the survey; --allow-large writes corrections beyond {LARGE:g} mm",
         )
 
 
@@ -149,5 +149,3 @@ def quantity(name: str, value: float) -> str:
     if name.startswith("T_"):
         return f"{name} = {value:.1f} degC"
     return f"{name} = {value:g}{' ' + UNITS[name] if name in UNITS else ''}"
-
-

@@ -72,8 +72,10 @@ def compensation_lines(result: Compensation, folder: Path) -> Iterator[str]:
     check = len(result.tests) + sum(f.startswith("sign_test/") for f in more)
     real += sum(not f.startswith("sign_test/") for f in more)
     yield ""
-    yield f"{_files(real)} for the control{f', {_files(check)} in sign_test' if check else ''}, checklist.txt and " \
+    yield (
+        f"{_files(real)} for the control{f', {_files(check)} in sign_test' if check else ''}, checklist.txt and "
         f"compensation.json written to {folder}"
+    )
 
 
 def _files(count: int) -> str:

@@ -225,7 +225,11 @@ def compensate(
     loose = sorted({c for c in channels if c not in states[0] and c.startswith(STEADY)})
     if isinstance(controller, Controller):
         said = state_lines(
-            replace(volume, field=field.at(usual.state)), table, loose, emulated(controller, usual.tables, setup, volume), seed
+            replace(volume, field=field.at(usual.state)),
+            table,
+            loose,
+            emulated(controller, usual.tables, setup, volume),
+            seed,
         )
     else:
         said = state_lines(replace(volume, field=field.at(usual.state)), table, loose, volume.ideal, seed)

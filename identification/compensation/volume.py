@@ -191,7 +191,9 @@ class Volume:
             )
             for k, j in enumerate(machine.joints)
         )  # fmt: skip
-        notes = tuple(f"joint {a.joint} is taken as axis {a.name} of the controller" for a in known if a.name != a.joint)
+        notes = tuple(
+            f"joint {a.joint} is taken as axis {a.name} of the controller" for a in known if a.name != a.joint
+        )
         reversing = frozenset(a.name for a in known if a.joint in field.reversing)
         setup = Setup(
             machine.name, known, tuple(known[k].name for k in field.movers), reversing, machine.tool,
