@@ -312,7 +312,7 @@ def test_the_controllers_own_temperature_compensation_takes_the_place_of_tables(
 
 def test_a_table_for_each_temperature(warmed: Path, tmp_path: Path) -> None:
     out = done("compensate", warmed, "--controller", "linuxcnc-type1", "--out", tmp_path / "out").out
-    folders = sorted(p.name for p in (tmp_path / "out").iterdir() if p.is_dir())
+    folders = sorted(p.name for p in (tmp_path / "out").iterdir() if p.is_dir() and p.name != "sign_test")
     assert len(folders) == 3
     assert all(re.fullmatch(r"T_x_\d\d\.\d", name) for name in folders)
     spans = []

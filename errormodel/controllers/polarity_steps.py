@@ -100,9 +100,9 @@ def _opening(controller: Controller, setup: Setup, steps: Sequence[Step], load: 
         f"tables of the check: {', '.join(load)}",
         *(["sign: turned round (--invert)"] if setup.inverted else []),
         "",
-        "All positions are machine coordinates, mm and deg. Nothing is driven in rapid. The table is empty, the spindle",
-        f"stands, a person holds the feed override. The tables of this folder move no axis by more than {peak:.3f} mm",
-        f"where they act as they should. Axes that are watched: {', '.join(watched) or 'none'}.",
+        "All positions are machine coordinates, mm and deg. Nothing is driven in rapid. The table is empty, the",
+        "spindle stands, a person holds the feed override. The tables of this folder move no axis by more than",
+        f"{peak:.3f} mm where they act as they should. Axes that are watched: {', '.join(watched) or 'none'}.",
         *([f"If a table that only multiplies others acts by itself, it moves one by {alone:.3f} mm."] if alone else []),
         *([f"No table of this check moves {', '.join(unseen)} enough to be read."] if unseen else []),
         *(
