@@ -74,7 +74,7 @@ def checklist(folder: Path) -> list[str]:
         ("heidenhain", (r"MP_backLash of X .*: add \+0\.0(\d+) mm", 1e-4)),
         ("isg", (r"getriebe\[0\]\.lose of logical axis 1 .*: add \+(\d+) \(in 0\.1 um\)", 0.1)),
         ("pmac", (r"I186 \(with I185 above 0\): add \+(\d+) sixteenths", 1 / 16)),
-        ("aerotech-1d", (r"backlash distance of axis axis 1 .*: add \+0\.0(\d+) mm", 1e-4)),
+        ("aerotech-1d", (r"backlash distance of axis 1 .*: add \+0\.0(\d+) mm", 1e-4)),
     ],
 )
 def test_backlash_stands_in_the_checklist_with_the_controls_parameter(

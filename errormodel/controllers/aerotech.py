@@ -61,7 +61,7 @@ class Aerotech(Controller):
     other_sign: ClassVar[str] = "write the tables again with --invert, or add NEGCOR to every table"
     dialect: ClassVar[Dialect | None] = None
     backlash_parameter: ClassVar[str] = (
-        "the backlash distance of axis {axis} (BacklashDistance on many versions: compare the manual)"
+        "the backlash distance of {axis} (BacklashDistance on many versions: compare the manual)"
     )
     first_number: ClassVar[int | None] = 1
     number_form: ClassVar[str] = "axis {}"

@@ -87,6 +87,7 @@ class Fanuc(Controller):
         stop="M0",
         needs=(
             "for machining centres: in lathe G code system A, G90 and G94 are cycles: do not run it there",
+            "the programme numbers O7001 and on must be free",
             "write down G59 and the external offset (EXT), set both to zero, and put them back at the end",
             "an alarm 3001 or an unknown word at the IF lines means: nothing moved, go there by hand",
         ),

@@ -47,6 +47,8 @@ class Step:
 def polarity_check(controller: Controller, setup: Setup, terms: Sequence[Term]) -> tuple[dict[str, str], list[Step]]:
     """Files with a peak for each axis, and what to read where once they are loaded."""
     own = {m: t for m in setup.watched if (t := _own(controller, setup, terms, m))}
+    if not own:
+        return {}, []
     places = _places(setup, own)
     first, second = ({m: place[k] for m, place in places.items()} for k in (0, 1))
     rests = {a.name: min(max(0.0, a.measured[0]), a.measured[1]) for a in setup.axes}

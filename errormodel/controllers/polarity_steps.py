@@ -121,11 +121,11 @@ def _opening(controller: Controller, setup: Setup, steps: Sequence[Step], load: 
         + (
             "Bring the axes by hand near the place, on the side it names. Run the programme:"
             if controller.dialect
-            else "No programme is given: no public source settles how this control drives to"
+            else "No programme is given for this control: its language was not found in a public source, or"
         ),
         "    it goes back along the watched axis, then to the place, slowly, and ends 2 mm before it."
         if controller.dialect
-        else "    machine coordinates. Drive by hand, slowly, to 2 mm before the place.",
+        else "    it has none. Drive by hand, slowly, in machine coordinates, to 2 mm before the place.",
         " b. The last 2 mm by hand, in steps of 0.1 and then 0.001 mm, exactly to the place, never beyond it.",
         " c. Put the indicator, its stand on the table, against the spindle nose, ahead of the motion. Set it to zero.",
         f" d. By hand {BACK:g} mm back, along the watched axis only.",
