@@ -15,6 +15,7 @@ from errormodel.controllers.polarity import polarity_check
 from errormodel.controllers.polarity_steps import check_files, check_of
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Table
+from errormodel.exceptions import InputError
 from tests.setups import filled, plain_setup, setups
 from tests.test_controller_axes import setup_of
 
@@ -227,3 +228,17 @@ def test_klippers_check_says_what_the_firmware_must_show() -> None:
         x, y, z, *wanted = map(float, row)
         moved = controller.emulate(tables, setup, np.array([[x, y, z]]))[0]
         np.testing.assert_allclose(moved, wanted, atol=6e-5)
+
+
+@pytest.mark.parametrize("name", INDICATED)
+@pytest.mark.parametrize("machine", ["bridge_cmm", "gantry_crossbeam_ram", "h_gantry_dual_drive", "trunnion_five_axis"])
+def test_machines_whose_errors_need_two_points_are_checked_on_every_axis(name: str, machine: str) -> None:
+    """Machines without errors: their own tables would be straight lines, with no room for a peak."""
+    setup, controller = setup_of(machine), tabled(name)
+    try:
+        controller.suits(setup)
+        terms = controller.structures(setup)[0]
+    except InputError:
+        pytest.skip("the format suits no such machine")
+    checks = check_of(controller, setup, tuple(Table(t, np.zeros(t.shape)) for t in terms))
+    assert f"Axes that are watched: {', '.join(setup.watched)}." in checks["steps.txt"]

@@ -96,7 +96,7 @@ def _places(setup: Setup, own: Mapping[str, Term]) -> dict[str, tuple[float, flo
         )
         zero = float(np.clip(0.0, grid[0], grid[-1])) if term.zero else None
         high = _node(grid, 0.75, [zero] if zero is not None else [])
-        out[m] = (high, _node(grid, 0.25, [high, *([zero] if zero is not None else [])]))
+        out[m] = (high, _node(grid[grid != high], 0.25, [high, *([zero] if zero is not None else [])]))
     return out
 
 
@@ -109,7 +109,7 @@ def _within(setup: Setup, name: str, x: float) -> float:
 def _node(grid: Array, share: float, away: Sequence[float]) -> float:
     """A node near a share of the grid, and as far as that allows from positions where a table has to be zero."""
     wanted = grid[0] + share * (grid[-1] - grid[0])
-    span = grid[-1] - grid[0]
+    span = max(grid[-1] - grid[0], 1e-9)
 
     def rank(x: float) -> float:
         gap = min((abs(x - z) for z in away), default=span)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from errormodel.controllers.base import Controller
 from errormodel.controllers.dialect import Move
@@ -11,6 +12,7 @@ from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Tables
 from errormodel.controllers.text import printable
 
+FEWEST = 8  # intervals of a table of the check
 BACK = 10.0  # mm, from which an axis comes to its place, and to which it is taken back
 SHORT = 2.0  # mm before its place, where a programme stops: the rest is driven by hand
 FEED, SLOW = 500.0, 100.0  # mm/min, away from the indicator and towards it
@@ -23,8 +25,10 @@ def check_of(controller: Controller, setup: Setup, tables: Tables) -> dict[str, 
     own = controller.own_check(setup, tables)
     if own is not None:
         return own
-    files, steps = polarity_check(controller, setup, [t.term for t in tables])
-    return {**files, **check_files(controller, setup, steps, list(files))} if steps else {}
+    axes = tuple(replace(a, intervals=max(a.intervals, FEWEST)) for a in setup.axes)
+    fine = replace(setup, axes=axes, points=None)  # tables of two points have no room for a peak
+    files, steps = polarity_check(controller, fine, controller.structures(fine)[0])
+    return {**files, **check_files(controller, fine, steps, list(files))} if steps else {}
 
 
 def approach(setup: Setup, step: Step) -> float | None:
