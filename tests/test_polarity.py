@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from errormodel.controllers import registry, target
 from errormodel.controllers.base import Controller, read_back, written
 from errormodel.controllers.polarity import polarity_check
-from errormodel.controllers.polarity_steps import check_files, check_of
+from errormodel.controllers.polarity_steps import approach, check_files, check_of
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Table
 from errormodel.exceptions import InputError
@@ -242,3 +242,16 @@ def test_machines_whose_errors_need_two_points_are_checked_on_every_axis(name: s
         pytest.skip("the format suits no such machine")
     checks = check_of(controller, setup, tuple(Table(t, np.zeros(t.shape)) for t in terms))
     assert f"Axes that are watched: {', '.join(setup.watched)}." in checks["steps.txt"]
+
+
+@pytest.mark.parametrize(
+    ("tool", "start"), [((0.0, 0.0, -100.0), 10.0), ((0.0, 0.0, 0.0), 10.0), ((0.0, 0.0, 80.0), -10.0)]
+)
+def test_the_spindle_comes_to_the_indicator_from_its_free_side(tool: tuple[float, float, float], start: float) -> None:
+    """The nose faces the table: an indicator on the table stands below it, and the approach is downwards."""
+    setup, controller = replace(plain_setup(), tool=tool), tabled("siemens-lec")
+    _, steps = polarity_check(controller, setup, controller.structures(setup)[0])
+    came = {s.axis: (approach(setup, s) or 0.0) - s.place[s.axis] for s in steps}
+    assert came == pytest.approx({"X": -10.0, "Y": -10.0, "Z": start})
+    high = replace(steps[0], axis="Z", place={**steps[0].place, "Z": -52.0 if start > 0 else -248.0})
+    assert approach(setup, high) is None  # no room on that side, and none below the nose

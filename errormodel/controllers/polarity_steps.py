@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from errormodel.controllers.base import Controller
 from errormodel.controllers.dialect import Move
 from errormodel.controllers.polarity import MARGIN, SEEN, Step, polarity_check
@@ -14,6 +16,7 @@ from errormodel.controllers.text import printable
 
 FEWEST = 8  # intervals of a table of the check
 BACK = 10.0  # mm, from which an axis comes to its place, and to which it is taken back
+FACING = 0.7  # direction cosine from which on an axis runs along the spindle
 SHORT = 2.0  # mm before its place, where a programme stops: the rest is driven by hand
 FEED, SLOW = 500.0, 100.0  # mm/min, away from the indicator and towards it
 NEAR = 20.0  # mm, from where a programme may be started
@@ -32,9 +35,9 @@ def check_of(controller: Controller, setup: Setup, tables: Tables) -> dict[str, 
 
 
 def approach(setup: Setup, step: Step) -> float | None:
-    """Where the watched axis comes from, mm: `BACK` towards minus, or plus where the travel ends; None: no room.
+    """Where the watched axis comes from, mm, `BACK` before its place; None: no room.
 
-    Every position of the step must keep `MARGIN` from the ends of its travel.
+    From a side where an indicator on the table can stand before it. Every position must keep `MARGIN` from the ends.
     """
     for axis in setup.axes:
         low, high = axis.travel
@@ -45,11 +48,24 @@ def approach(setup: Setup, step: Step) -> float | None:
         ):
             return None
     low, high = setup.axis(step.axis).travel
-    for side in (-1.0, 1.0):
+    for side in _free_sides(setup, step.axis):
         start = step.place[step.axis] + side * BACK
         if low + MARGIN <= start <= high - MARGIN:
             return start
     return None
+
+
+def _free_sides(setup: Setup, name: str) -> tuple[float, ...]:
+    """Sides from which an axis can come to an indicator, -1 or +1: along the spindle only that away from the table.
+
+    The spindle nose faces the way of the tool; without a tool plus Z leads away from the workpiece (ISO 841).
+    """
+    tool, along = np.asarray(setup.tool, np.float64), np.asarray(setup.axis(name).along)
+    length = float(np.linalg.norm(tool))
+    facing = float(tool @ along) / length if length > 1.0 else 0.0
+    if abs(facing) > FACING:
+        return (-1.0,) if facing > 0 else (1.0,)
+    return (1.0,) if length <= 1.0 and name in ("Z", "W") else (-1.0, 1.0)
 
 
 def moves_of(setup: Setup, step: Step, start: float) -> list[Move]:
