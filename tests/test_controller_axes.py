@@ -202,10 +202,10 @@ def test_names_that_are_no_letters_are_mapped_by_direction_or_asked_for() -> Non
     for name in ("fanuc-pitch", "siemens-cec", "klipper"):
         with pytest.raises(InputError, match=r"--axes: it cannot be known .*column, quill.*--axes B=B,X=X"):
             tabled(name).suits(twins)
-    told = setup_of("five_axis_table_quill", "quill=W,column=Z", W="quill", Z="column")
-    assert told.unsure == ()
-    tabled("siemens-cec").suits(told)
-    assert {a.joint: a.name for a in told.axes} == {"B": "B", "X": "X", "column": "Z", "Y": "Y", "quill": "W"}
+    said = setup_of("five_axis_table_quill", "quill=W,column=Z", W="quill", Z="column")
+    assert said.unsure == ()
+    tabled("siemens-cec").suits(said)
+    assert {a.joint: a.name for a in said.axes} == {"B": "B", "X": "X", "column": "Z", "Y": "Y", "quill": "W"}
 
 
 def test_numbers_where_a_format_has_none_or_counts_from_another_are_refused() -> None:

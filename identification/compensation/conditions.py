@@ -110,7 +110,7 @@ def state_lines(
     field, out = volume.field, list[str]()
     for name in loose:
         here = field.state.get(name, 0.0)
-        told = f"errors change with {name}, which no table follows: these tables are for {quantity(name, here)}"
+        line = f"errors change with {name}, which no table follows: these tables are for {quantity(name, here)}"
         ends = table[name].dropna().to_numpy(dtype=np.float64) if name in table else np.zeros(0)
         if len(ends) and np.ptp(ends) > 0:
             fixed = replace(volume, pose=_lies(volume, correct, seed))
@@ -118,15 +118,15 @@ def state_lines(
                 left(replace(fixed, field=field.at({name: float(v)})), correct, seed).rms_um
                 for v in (here, ends.min(), ends.max())
             ]
-            told += (
+            line += (
                 f". Left there {rms[0]:.1f} um rms, {rms[1]:.1f} at {quantity(name, ends.min())} and "
                 f"{rms[2]:.1f} at {quantity(name, ends.max())}, zero and workpiece as they were"
             )
         if name == "time":
-            told += ". Load and use them on a machine that has warmed up as long as in the recording"
+            line += ". Load and use them on a machine that has warmed up as long as in the recording"
         elif name.startswith("T_"):
-            told += ". Hold that temperature"
-        out.append(told)
+            line += ". Hold that temperature"
+        out.append(line)
     return tuple(out)
 
 
