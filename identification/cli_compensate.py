@@ -25,6 +25,13 @@ if TYPE_CHECKING:
 @click.option(
     "--tool", type=float, nargs=3, metavar="X Y Z", help="Tip of the tool the tables are for. [default: machine.yaml's]"
 )
+@click.option(
+    "--axes", metavar="JOINT=N,...", help="Axis numbers (letters) on the controller: X=1,Y=2,Z=3 or bridge=Y2,arm=X1."
+)
+@click.option(
+    "--invert", is_flag=True, help="Write the other sign: where the check in sign_test showed that it is wanted."
+)
+@click.option("--allow-large", is_flag=True, help="Write corrections beyond 1 mm, too.")
 def compensate(
     folder: Path | None,
     name: str,
@@ -34,6 +41,9 @@ def compensate(
     program: Path | None,
     probe: tuple[float, float] | None,
     tool: tuple[float, float, float] | None,
+    axes: str | None,
+    invert: bool,
+    allow_large: bool,
     seed: int,
 ) -> None:
     """Write a controller's tables from the FOLDER of a fit, and show by emulation what they leave over."""
@@ -53,7 +63,10 @@ def compensate(
     from identification.compensation.run import compensate as stage
     from identification.compensation.write import write_compensation
 
-    result = stage(folder, name, points, resolution, program, probe, tool, seed, working)
+    result = stage(
+        folder, name, points, resolution, program, probe, tool, seed, working, axes=axes, invert=invert,
+        allow_large=allow_large,
+    )  # fmt: skip
     show_notes(result.notes)
     with out.replaced() as part:
         write_compensation(result, part)

@@ -15,10 +15,11 @@ from typing import ClassVar
 import numpy as np
 
 from errormodel.controllers.base import Controller, header
+from errormodel.controllers.dialect import Dialect
 from errormodel.controllers.grids import spaced
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Table, Tables, Term, check_points, even_step
-from errormodel.controllers.text import Files, Lines, one_file
+from errormodel.controllers.text import Comment, Files, Lines, one_file
 from errormodel.exceptions import InputError
 
 NODES = 300  # of one 2-D table; a third where there are many
@@ -52,7 +53,21 @@ def _tables(name: str, text: str) -> list[tuple[Lines, list[str], list[list[floa
     return out
 
 
-class Aerotech1d(Controller):
+class Aerotech(Controller):
+    """What both have in common. No public source was found for moves that no offset shifts: no programme, but words."""
+
+    comment: ClassVar[Comment | None] = Comment("; ")
+    sign_known: ClassVar[bool] = False
+    other_sign: ClassVar[str] = "write the tables again with --invert, or add NEGCOR to every table"
+    dialect: ClassVar[Dialect | None] = None
+    backlash_parameter: ClassVar[str] = (
+        "the backlash distance of {axis} (BacklashDistance on many versions: compare the manual)"
+    )
+    first_number: ClassVar[int | None] = 1
+    number_form: ClassVar[str] = "axis {}"
+
+
+class Aerotech1d(Aerotech):
     """One table an axis."""
 
     name: ClassVar[str] = "aerotech-1d"
@@ -64,12 +79,13 @@ class Aerotech1d(Controller):
         return self.curves(setup, [(m, m) for m in setup.linear if m in setup.moving])
 
     def write(self, tables: Tables, setup: Setup) -> dict[str, str]:
-        lines = [f"; {s}" for s in header(self, setup)]
+        lines, comment = header(self, setup), self.comment or Comment("; ")
         for table in tables:
             check_points(table.term, self.most_points)
             step, first = even_step(table.term), table.term.grids[0][0]
-            axis = setup.place(table.term.output) + 1
+            axis = self.number(setup, table.term.output)
             lines += [
+                comment.line(f"axis {axis} is {table.term.output}"),
                 f":START {axis} SAMPLEDIST={step:.9g} POSUNIT=PRIMARY CORUNIT=PRIMARY/1000",
                 f":START OFFSET={-first:.9g}",
                 *(f"{1e3 * v:.5f}" for v in table.values),
@@ -82,7 +98,7 @@ class Aerotech1d(Controller):
         for lines, starts, rows in _tables(*one_file(files, ".cal")):
             head = " ".join(starts)
             step, first = _key(lines, head, "SAMPLEDIST"), -_key(lines, head, "OFFSET")
-            letter = setup.names[int(starts[0].split()[1]) - 1]
+            letter = self.numbered(setup, int(starts[0].split()[1]))
             values = 1e-3 * np.array([v for row in rows for v in row])
             grid = spaced(first, step, len(values))
             out.append(Table(Term(letter, (letter,), (grid,)), -values if "NEGCOR" in head else values))
@@ -90,13 +106,13 @@ class Aerotech1d(Controller):
 
     def checklist(self, setup: Setup) -> list[str]:
         return [
-            "check the axis numbers: in the file they count from 1, elsewhere in Automation1 from 0",
+            "compare the axis numbers above: in the file they count from 1, elsewhere in Automation1 from 0",
             "Configure > Calibration (Automation1), or LOADCALFILE and CALENABLE (A3200); home the axes",
             "incremental encoders: HOMEOFFSET, absolute ones: ABSOLUTEFEEDBACKOFFSET, if zero is not at the marker",
         ]
 
 
-class Aerotech2d(Controller):
+class Aerotech2d(Aerotech):
     """A table for each pair of axes, with two or three outputs."""
 
     name: ClassVar[str] = "aerotech-2d"
@@ -129,7 +145,7 @@ class Aerotech2d(Controller):
         groups: dict[tuple[object, ...], list[Table]] = {}
         for table in tables:
             groups.setdefault((table.term.inputs, table.term.grids), []).append(table)
-        lines = [f"; {s}" for s in header(self, setup)]
+        lines, comment = header(self, setup), self.comment or Comment("; ")
         for group in groups.values():
             term = group[0].term
             step = [even_step(term, k) for k in range(2)]
@@ -138,11 +154,13 @@ class Aerotech2d(Controller):
             # an output that moves nothing is still written: a cell has two or three figures
             outputs = [t.term.output for t in group]
             outputs += [m for m in setup.linear if m not in outputs][: max(0, 2 - len(outputs))]
-            number = [setup.place(n) + 1 for n in (*term.inputs, *outputs)]
+            number = [self.number(setup, n) for n in (*term.inputs, *outputs)]
             third = f"OUTAXIS3={number[4]} " if len(outputs) == 3 else ""
             values = {t.term.output: t.values for t in group}
             cells = np.stack([values.get(o, np.zeros(term.shape)) for o in outputs], axis=-1)
+            names = dict(zip(number, (*term.inputs, *outputs), strict=True))
             lines += [
+                comment.line(", ".join(f"axis {k} is {names[k]}" for k in sorted(names))),
                 "; RowAxis ColumnAxis OutputAxis1 OutputAxis2 SampDistRow SampDistCol NumCols",
                 f":START2D {' '.join(map(str, number[:4]))} {step[0]:.9g} {step[1]:.9g} {term.shape[1]}",
                 f":START2D {third}POSUNIT=PRIMARY CORUNIT=PRIMARY/1000 "
@@ -162,7 +180,7 @@ class Aerotech2d(Controller):
             number, steps, columns = [int(w) for w in words[:4]], [float(w) for w in words[4:6]], int(words[6])
             match = re.search(r"OUTAXIS3\s*=\s*(\d+)", head)
             number += [int(match[1])] if match else []
-            names = [setup.names[k - 1] for k in number]
+            names = [self.numbered(setup, k) for k in number]
             first = [-_key(lines, head, k) for k in ("OFFSETROW", "OFFSETCOL")]
             width = columns * (len(names) - 2)
             if any(len(r) != width for r in rows):
@@ -176,7 +194,7 @@ class Aerotech2d(Controller):
 
     def checklist(self, setup: Setup) -> list[str]:
         return [
-            "check the axis numbers: in the file they count from 1, elsewhere in Automation1 from 0",
+            "compare the axis numbers above: in the file they count from 1, elsewhere in Automation1 from 0",
             "Configure > Calibration 2D (Automation1), or LOADCALFILE with 2D_CAL and CALENABLE 2D (A3200)",
             "every line of a table's header begins with :START2D",
         ]

@@ -14,12 +14,15 @@ from typing import ClassVar
 import numpy as np
 
 from errormodel.arrays import Array
+from errormodel.controllers.dialect import Dialect
 from errormodel.controllers.klipper_probe import Gap, Probing
-from errormodel.controllers.setup import Setup
-from errormodel.controllers.tables import Tables, Term
-from errormodel.controllers.text import Files
+from errormodel.controllers.setup import Axis, Setup
+from errormodel.controllers.tables import Table, Tables, Term
+from errormodel.controllers.text import Comment, Files, printable
 from errormodel.controllers.thermal import States, Thermal
 from errormodel.exceptions import InputError
+
+NAME = 60  # characters of a machine's name in a file
 
 Correct = Callable[[Array, Array], Array]
 """Commands for wanted positions and directions of arrival, all (n, axes), mm and deg."""
@@ -36,6 +39,26 @@ class Target(ABC):
     @abstractmethod
     def checklist(self, setup: Setup) -> list[str]:
         """What to do at the machine, in order."""
+
+    def address(self, setup: Setup, name: str) -> str:
+        """How the controller's files name an axis: by its letter."""
+        return name
+
+    def legend(self, setup: Setup) -> str:
+        """Which axis of the controller each joint is taken for, in the controller's order."""
+
+        def one(axis: Axis) -> str:
+            address = self.address(setup, axis.name)
+            number = f" = {address}" if address != axis.name else ""
+            return f"{axis.name}{number}{f' (joint {axis.joint})' if axis.joint != axis.name else ''}"
+
+        return ", ".join(map(one, setup.ordered))
+
+    def suits(self, setup: Setup) -> None:
+        """Raise InputError where the machine is none for this controller."""
+        if setup.numbers:
+            found = f"numbers, and {self.title} names axes by letters"
+            raise InputError("--axes", found, "Leave --axes out, or give letters only, such as bridge=Y")
 
 
 class Rewriter(Target):
@@ -65,8 +88,26 @@ class Rewriter(Target):
 
 
 class Controller(Target):
-    """A target with tables."""
+    """A target with tables.
 
+    Attributes
+    ----------
+    comment : how its files mark comments; None: they have none.
+    sign_known : whether a public source settles the sign of its tables.
+    other_sign : what to do where the check shows the other sign; needed where `sign_known` is False.
+    dialect : its language of programmes, for the check; None: no public source settles it, and words take its place.
+    backlash_parameter : of the control, the axis' name in it as ``{axis}``, its number as ``{number}``; empty: none.
+    first_number : of the first axis, where files name axes by numbers; `number_form`: how they are then written.
+    """
+
+    comment: ClassVar[Comment | None]
+    sign_known: ClassVar[bool]
+    other_sign: ClassVar[str] = ""
+    dialect: ClassVar[Dialect | None]
+    backlash_parameter: ClassVar[str]
+    first_number: ClassVar[int | None] = None
+    number_form: ClassVar[str] = "{}"
+    lettered: ClassVar[bool] = True  # needs the controller's own letters
     most_tables: ClassVar[int | None] = None
     bidirectional: ClassVar[bool] = False  # has tables for each direction
     linear_only: ClassVar[bool] = True  # corrects linear axes only
@@ -95,6 +136,44 @@ class Controller(Target):
         InputError
             A file is not of the format.
         """
+
+    def backlash_value(self, setup: Setup, axis: str, size: float) -> str:
+        """What the control's parameter gains, with its unit.
+
+        Parameters
+        ----------
+        size : mm or deg; positive where the axis stays behind its direction of travel (ordinary backlash).
+        """
+        return f"{size:+.4f} {'deg' if setup.axis(axis).rotary else 'mm'}"
+
+    def moved(self, output: str) -> str:
+        """The axis that an output of a table moves directly; empty: it takes a lever."""
+        return output
+
+    def about(self, tables: Tables, setup: Setup) -> list[str]:
+        """What the checklist says of the tables as they are, such as how many the control must hold."""
+        return []
+
+    def own_check(self, setup: Setup, tables: Tables) -> dict[str, str] | None:
+        """Files of a check of another kind than the indicator's, by name; None: that one."""
+        return None
+
+    def by_itself(self, tables: Tables, setup: Setup, q: Array) -> dict[str, float]:
+        """What tables that must not act by themselves would add to axes at a position (1, axes), if they did, mm."""
+        return {}
+
+    def address(self, setup: Setup, name: str) -> str:
+        if self.first_number is None:
+            return name
+        return self.number_form.format(setup.number(name, self.first_number))
+
+    def number(self, setup: Setup, name: str) -> int:
+        """The number of an axis in files of this controller."""
+        return setup.number(name, self.first_number or 0)
+
+    def numbered(self, setup: Setup, number: float) -> str:
+        """The axis of a number that a file has."""
+        return setup.numbered(int(number), self.first_number or 0)
 
     def structures(self, setup: Setup) -> list[list[Term]]:
         """Structures to try, the plainest first: one that leaves next to nothing is taken."""
@@ -140,13 +219,22 @@ class Controller(Target):
         return out
 
     def suits(self, setup: Setup) -> None:
-        """Raise InputError where the machine is none for this controller."""
+        if self.first_number is None:
+            super().suits(setup)
+        low = min(setup.numbers.values(), default=self.first_number or 0)
+        if self.first_number is not None and low < self.first_number:
+            found = f"the number {low}, and {self.title} counts axes from {self.first_number}"
+            raise InputError("--axes", found, "Give the controller's own numbers")
         if self.linear_only and not any(not setup.axis(m).rotary for m in setup.movers):
             raise InputError(
                 f"--controller {self.name}",
                 f"{setup.machine} moves by rotary joints only, and tables of this format correct linear axes",
                 "Use --controller gcode, which corrects the commands themselves (or csv, if few axes moved)",
             )
+        if self.lettered and setup.unsure:
+            found = f"it cannot be known which axes of the controller the joints {', '.join(setup.unsure)} are"
+            letters = ",".join(f"{a.joint}={a.name}" for a in setup.axes)
+            raise InputError("--axes", found, f"Say it, in the form --axes {letters}")
 
     def directions(self, setup: Setup, name: str) -> tuple[int, ...]:
         """Directions for which an axis gets a table of its own."""
@@ -161,10 +249,37 @@ class Controller(Target):
         ]
 
 
-def header(controller: Controller, setup: Setup) -> list[str]:
-    """What every file that allows comments says at its top."""
-    region = ", ".join(f"{a.name} {a.measured[0]:.1f} to {a.measured[1]:.1f}" for a in setup.axes)
-    lines = [f"{setup.machine}: {controller.title}", f"measured region: {region}; edge values hold beyond it"]
+def header(controller: Controller, setup: Setup, *more: str) -> list[str]:
+    """What every file that allows comments says at its top, as comments; `more` lines after it."""
+    region = ", ".join(f"{a.name} {a.measured[0]:.1f} to {a.measured[1]:.1f}" for a in setup.ordered)
+    lines = [
+        f"errormodel: {controller.title}",
+        f"axes: {controller.legend(setup)}",
+        f"measured region: {region}; edge values hold beyond it",
+    ]
+    if setup.inverted:
+        lines.append("SIGN TURNED ROUND (--invert)")
     if controller.doubt:
-        lines += [f"NOT CERTAIN: {controller.doubt}", "run sign_test.nc before these tables are used"]
-    return lines
+        lines += [f"NOT CERTAIN: {controller.doubt}", f"{CHECK} before these tables are used"]
+    comment = controller.comment or Comment("")
+    return [comment.line(f"machine: {printable(setup.machine)[:NAME]}"), *comment.lines([*lines, *more])]
+
+
+CHECK = "follow sign_test/steps.txt"
+
+
+def written(controller: Controller, tables: Tables, setup: Setup) -> dict[str, str]:
+    """The files of tables, with the other sign where the user asks for it."""
+    return controller.write(_turned(tables, setup), setup)
+
+
+def read_back(controller: Controller, files: Files, setup: Setup) -> Tables:
+    """The tables of files that :func:`written` made."""
+    return _turned(controller.read(files, setup), setup)
+
+
+def _turned(tables: Tables, setup: Setup) -> Tables:
+    """Tables with the other sign where that is wanted; constants are no part of a file's sign."""
+    if not setup.inverted:
+        return tables
+    return tuple(Table(t.term, -t.values + 0.0) if t.term.inputs else t for t in tables)

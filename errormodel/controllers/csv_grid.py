@@ -7,10 +7,11 @@ from typing import ClassVar
 import numpy as np
 
 from errormodel.controllers.base import Controller
+from errormodel.controllers.dialect import Dialect
 from errormodel.controllers.grids import nodes
 from errormodel.controllers.setup import LARGEST, Setup
 from errormodel.controllers.tables import Table, Tables, Term, check_increasing, check_points
-from errormodel.controllers.text import Files, Lines, one_file
+from errormodel.controllers.text import Comment, Files, Lines, one_file
 from errormodel.exceptions import InputError
 
 COARSE = 4  # times fewer intervals than the errors need: their curves are then missed by 16 times what they should
@@ -22,6 +23,11 @@ class CsvGrid(Controller):
     name: ClassVar[str] = "csv"
     title: ClassVar[str] = "plain CSV grid over all axes"
     source: ClassVar[str] = "errormodel's own"
+    comment: ClassVar[Comment | None] = None
+    sign_known: ClassVar[bool] = True
+    dialect: ClassVar[Dialect | None] = None
+    backlash_parameter: ClassVar[str] = ""
+    lettered: ClassVar[bool] = False
     linear_only: ClassVar[bool] = False
     most_points: ClassVar[int] = 200
 
@@ -71,6 +77,9 @@ class CsvGrid(Controller):
             Table(Term(o, names, grids), data[:, len(names) + k].reshape([len(g) for g in grids]))
             for k, o in enumerate(outputs)
         )
+
+    def own_check(self, setup: Setup, tables: Tables) -> dict[str, str]:
+        return {}  # there is no control yet
 
     def checklist(self, setup: Setup) -> list[str]:
         return [

@@ -19,10 +19,10 @@ from errormodel.controllers.grids import spaced
 from errormodel.controllers.printers import Printer, heights_of, skew_tables, skews_of
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Table, Tables, Term, check_points, even_step
-from errormodel.controllers.text import Files, Lines, one_file
+from errormodel.controllers.text import Comment, Files, Lines, one_file
 from errormodel.exceptions import InputError
 
-M556 = re.compile(r"M556 S1000 X([-.\d]+) Y([-.\d]+) Z([-.\d]+)")
+M556 = re.compile(r"^M556 S1000 X([-.\d]+) Y([-.\d]+) Z([-.\d]+)", re.MULTILINE)
 KEYS = "axis0,axis1,min0,max0,min1,max1,radius,spacing0,spacing1,num0,num1"
 MOST = 441  # points of the map on the smaller boards
 
@@ -33,6 +33,7 @@ class Duet(Printer):
     name: ClassVar[str] = "duet"
     title: ClassVar[str] = "Duet / RepRapFirmware (height map, M556)"
     source: ClassVar[str] = "Duet3D/RepRapFirmware src/Movement/BedProbing/Grid.cpp, src/Movement/Move.cpp"
+    comment: ClassVar[Comment | None] = Comment("; ")
     most_points: ClassVar[int] = 21
 
     def quantum(self, setup: Setup) -> float:
@@ -40,7 +41,7 @@ class Duet(Printer):
 
     def write(self, tables: Tables, setup: Setup) -> dict[str, str]:
         skew, mesh = skews_of(tables), heights_of(tables)
-        lines = [f"; {s}" for s in header(self, setup)]
+        lines = header(self, setup)
         lines.append(
             "M556 S1000 " + " ".join(f"{k}{1000 * skew[p]:.7f}" for k, p in zip("XYZ", ("XY", "YZ", "XZ"), strict=True))
         )

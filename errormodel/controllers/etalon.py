@@ -13,17 +13,17 @@ from typing import ClassVar
 import numpy as np
 
 from errormodel.controllers.base import header
-from errormodel.controllers.isg import DOUBT, configuration
+from errormodel.controllers.isg import DOUBT, Kernel, configuration
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Table, Tables, Term, check_increasing, check_points
 from errormodel.controllers.text import Files, Lines
-from errormodel.controllers.volumetric import MOTIONS, Volumetric
+from errormodel.controllers.volumetric import MOTIONS
 from errormodel.exceptions import InputError
 
 SECTION = re.compile(r"\[(\w+)\]")
 
 
-class Etalon(Volumetric):
+class Etalon(Kernel):
     """One curve an error parameter."""
 
     name: ClassVar[str] = "etalon"
@@ -33,7 +33,7 @@ class Etalon(Volumetric):
     most_points: ClassVar[int] = 2000
 
     def write(self, tables: Tables, setup: Setup) -> dict[str, str]:
-        lines = [f"// {s}" for s in header(self, setup)]
+        lines = header(self, setup)
         for table in tables:
             check_points(table.term, self.most_points)
             check_increasing(table.term)
@@ -43,7 +43,7 @@ class Etalon(Volumetric):
         names = self.measured(setup)
         return {
             "exchange.etalon": "\n".join(lines) + "\n",
-            "vol_comp_0.lis": configuration(setup, "exchange.etalon", "ETALON_EXCHANGE", names),
+            "vol_comp_0.lis": configuration(self, setup, "exchange.etalon", "ETALON_EXCHANGE", names),
         }
 
     def read(self, files: Files, setup: Setup) -> Tables:
@@ -70,7 +70,7 @@ class Etalon(Volumetric):
 
     def checklist(self, setup: Setup) -> list[str]:
         return [
-            "set the logical axis numbers in vol_comp_0.lis, and its path in the start-up list",
+            "compare the logical axis numbers in vol_comp_0.lis; set its path in the start-up list",
             "#VOLCOMP ON [ID0]; to load again: #VOLCOMP OFF, then #VOLCOMP [ID0 UPDATE]",
             "leave leadscrew and cross compensations of these axes as they were when the survey was measured",
         ]

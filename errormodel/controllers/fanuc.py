@@ -11,13 +11,15 @@ Source: B-63330EN (tape format), A-79351E (three-dimensional error compensation,
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.controllers.base import Controller, header
+from errormodel.controllers.dialect import Dialect
 from errormodel.controllers.grids import spaced
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import (
@@ -30,7 +32,7 @@ from errormodel.controllers.tables import (
     shift_terms,
     shifts_of,
 )
-from errormodel.controllers.text import Files, one_file
+from errormodel.controllers.text import Comment, Files, one_file
 from errormodel.exceptions import InputError
 
 BLOCK = re.compile(r"^N(\d+)((?:A\d+P[-+.\d]+|P[-+.\d]+)+)\s*;?$", re.MULTILINE)
@@ -49,8 +51,52 @@ def blocks(name: str, text: str) -> dict[int, dict[int, float]]:
     return out
 
 
+CAPITALS = Comment("(", ")", upper=True)
+
+
+@dataclass(frozen=True)
+class FanucDialect(Dialect):
+    """G53 is a rapid on a FANUC whatever G code stands beside it, so that work coordinates have to be the machine's.
+
+    The operator sets G59 and the external offset to zero; the macro lines end the programme with an alarm, before
+    anything moved, where the position in work coordinates is not that in machine coordinates.
+    """
+
+    def prepare(self, numbers: Mapping[str, int]) -> list[str]:
+        """Modes, and the comparison of both positions of every axis (#5021 to #5028, #5041 to #5048)."""
+        known = [n for n in sorted(numbers.values()) if n <= 8]
+        return [*self.head, *(f"IF[ABS[#{5040 + n}-#{5020 + n}]GT0.01]GOTO900" for n in known)]
+
+
 class Fanuc(Controller):
-    """What both have in common: detection units."""
+    """What both have in common: detection units, capital letters, and the programme of the check."""
+
+    comment: ClassVar[Comment | None] = CAPITALS
+    sign_known: ClassVar[bool] = False
+    other_sign: ClassVar[str] = "write the tables again with --invert"
+    backlash_parameter: ClassVar[str] = "parameter 1851 of axis {axis} (and 1852 where 1800#4 is 1)"
+    first_number: ClassVar[int | None] = 1
+    number_form: ClassVar[str] = "A{}"
+    dialect: ClassVar[Dialect | None] = FanucDialect(
+        suffix=".nc",
+        comment=CAPITALS,
+        opening=("%", "O{number}"),
+        head=("G21 G90 G94 G40 G49 G80 G59",),
+        move="G1 {axis}{to:.3f} F{feed:g}",
+        end=("M30", "N900 #3000=1(G59 OR EXT OFFSET NOT ZERO)", "%"),
+        stop="M0",
+        needs=(
+            "for machining centres: in lathe G code system A, G90 and G94 are cycles: do not run it there",
+            "the programme numbers O7001 and on must be free",
+            "write down G59 and the external offset (EXT), set both to zero, and put them back at the end",
+            "an alarm 3001 or an unknown word at the IF lines means: nothing moved, go there by hand",
+        ),
+        source="FANUC B-63844EN (G53, system variables #5021 and #5041 of custom macro B); G53 is a rapid",
+    )
+
+    def backlash_value(self, setup: Setup, axis: str, size: float) -> str:
+        unit = self.unit(setup)
+        return f"{round(size / unit):+d} detection units of {1000 * unit:g} um"
 
     def unit(self, setup: Setup) -> float:
         """The detection unit, mm."""
@@ -60,8 +106,13 @@ class Fanuc(Controller):
         return 0.5 * self.unit(setup) + 1e-9
 
     def _tape(self, lines: list[str], setup: Setup, said: Sequence[str] = ()) -> str:
-        comments = [f"({s.replace('(', '[').replace(')', ']')})" for s in (*header(self, setup), *said)]
-        return "\n".join(["%", *comments, *lines, "%"]) + "\n"
+        return "\n".join(["%", *header(self, setup, *said), *lines, "%"]) + "\n"
+
+
+def _real(value: float) -> str:
+    """A position or interval with its decimal point: without it some controls take it for detection units."""
+    text = f"{value:.9g}"
+    return text if "." in text or "e" in text else f"{text}.0"
 
 
 class FanucPitch(Fanuc):
@@ -95,7 +146,7 @@ class FanucPitch(Fanuc):
     def write(self, tables: Tables, setup: Setup) -> dict[str, str]:
         unit, lines, start = self.unit(setup), list[str](), 0
         for table in (t for t in tables if t.term.inputs):
-            term, axis = table.term, setup.place(table.term.output) + 1
+            term, axis = table.term, self.number(setup, table.term.output)
             check_points(term, self.most_points)
             step = even_step(term)
             place = term.grids[0][0] / step
@@ -111,16 +162,29 @@ class FanucPitch(Fanuc):
             if start + len(steps) > 1024:
                 raise InputError("tables", f"{start + len(steps)} points, of which the control has 1024", "Give fewer")
             lines += [
+                CAPITALS.line(f"axis A{axis} is {term.output}"),
                 f"N3620A{axis}P{start - round(place)}",
                 f"N3621A{axis}P{start}",
                 f"N3622A{axis}P{start + len(steps) - 1}",
                 f"N3623A{axis}P1",
-                f"N3624A{axis}P{step:.9g}",
+                f"N3624A{axis}P{_real(step)}",
             ]
             # the first point's own value only shifts the axis: it is reached from the reference, which is zero
             lines += [f"N{FIRST + start + k}P{v}" for k, v in enumerate([0, *steps[1:]])]
             start += len(steps)
         return {"pitch.txt": self._tape(lines, setup, shift_lines(tables))}
+
+    def about(self, tables: Tables, setup: Setup) -> list[str]:
+        outside = [
+            t.term.output for t in tables if t.term.inputs and not t.term.grids[0][0] <= 0 <= t.term.grids[0][-1]
+        ]
+        lines = super().about(tables, setup)
+        if outside:
+            lines.append(
+                f"the machine zero of {', '.join(outside)} lies outside its table (3620 outside 3621 to 3622), "
+                "which the control may refuse: the reference point has to be one of the points"
+            )
+        return lines
 
     def read(self, files: Files, setup: Setup) -> Tables:
         name, text = one_file(files, ".txt")
@@ -138,15 +202,16 @@ class FanucPitch(Fanuc):
                 raise InputError(name, f"no N{error.args[0]}", "Copy the file again") from error
             grid = tuple(float(round((k - reference) * step, 9)) for k in points)
             values = np.cumsum(steps) * unit * scale
-            letter = setup.names[axis - 1]
+            letter = self.numbered(setup, axis)
             at_zero = np.interp(0.0, grid, values)  # the correction is zero at the reference point
             out.append(Table(Term(letter, (letter,), (grid,), zero=True), values - at_zero))
         return (*out, *shifts_of(text))
 
     def checklist(self, setup: Setup) -> list[str]:
         return [
-            "check the axis numbers (A1, A2, ...) and that no other axis uses the same pitch points",
-            "parameter write enable, read pitch.txt as parameters; the detection unit must be as written",
+            "compare the axis numbers above, and that no other axis uses the same pitch points",
+            "parameter write enable, read pitch.txt as parameters; the detection unit must be as written; intervals "
+            "(3624) stand in mm with a decimal point, as a 30i or 0i-D reads them: enter them by hand on older ones",
             "switch the control off and on, G28 all axes, then check with an indicator",
         ]
 
@@ -189,11 +254,12 @@ class Fanuc3d(Fanuc):
             check_points(term, self.most_points, k)
             step = even_step(term, k)
             lines += [
-                f"N{LATTICE + k}P{setup.place(name) + 1}",
+                CAPITALS.line(f"axis {self.number(setup, name)} is {name}"),
+                f"N{LATTICE + k}P{self.number(setup, name)}",
                 f"N{LATTICE + 3 + k}P{len(term.grids[k])}",
-                f"N{LATTICE + 6 + k}P{term.grids[k][0]:.9g}",
+                f"N{LATTICE + 6 + k}P{_real(term.grids[k][0])}",
                 f"N{LATTICE + 9 + k}P1",
-                f"N{LATTICE + 12 + k}P{step:.9g}",
+                f"N{LATTICE + 12 + k}P{_real(step)}",
             ]
         whole = [np.rint(t.values / unit).astype(int).ravel(order="F") for t in tables]
         lines += [f"N{self.POINTS + 3 * k + axis}P{int(whole[axis][k])}" for k in range(term.size) for axis in range(3)]
@@ -208,7 +274,7 @@ class Fanuc3d(Fanuc):
             flat: Array = np.array([n[self.POINTS + k][0] for k in range(3 * int(np.prod(shape)))]).reshape(-1, 3)
         except KeyError as error:
             raise InputError(name, f"no N{error.args[0]}", "Copy the file again") from error
-        names = tuple(setup.names[int(a) - 1] for a in axis)
+        names = tuple(self.numbered(setup, a) for a in axis)
         grids = tuple(map(spaced, low, step, shape))
         return tuple(
             Table(Term(m, names, grids), unit * flat[:, k].reshape(shape, order="F")) for k, m in enumerate(names)

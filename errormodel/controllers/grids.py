@@ -26,7 +26,7 @@ def anchored_grid(low: float, high: float, intervals: int) -> tuple[float, ...]:
     """Whole multiples of a nice step that cover [low, high] in at most `intervals` intervals (2 at least)."""
     step = nice_step(max(high - low, 1e-3) / intervals)
     while True:
-        first, last = np.floor(low / step + 1e-9), np.ceil(high / step - 1e-9)
+        first, last = np.floor(low / step + 1e-10), np.ceil(high / step - 1e-10)
         if last - first <= max(intervals, 2):
             return tuple(float(round(k * step, 9)) for k in range(int(first), int(max(last, first + 1)) + 1))
         step = nice_step(step * 1.01)
@@ -40,8 +40,8 @@ def even_grid(low: float, high: float, intervals: int) -> tuple[float, ...]:
     span = max(high - low, 1e-3)
     figures = int(max(np.floor(np.log10(span / (100 * intervals))), -4))
     unit = 10.0**figures
-    first = np.floor(low / unit + 1e-9)
-    step = max(np.ceil((high / unit - first) / intervals - 1e-9), 1.0)
+    first = np.floor(low / unit + 1e-10)
+    step = max(np.ceil((high / unit - first) / intervals - 1e-10), 1.0)
     return tuple(float(round((first + k * step) * unit, max(-figures, 0))) for k in range(intervals + 1))
 
 

@@ -14,9 +14,10 @@ from typing import ClassVar
 import numpy as np
 
 from errormodel.controllers.base import Controller, header
+from errormodel.controllers.dialect import Dialect
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Table, Tables, Term, check_increasing, check_points
-from errormodel.controllers.text import Files, Lines
+from errormodel.controllers.text import Comment, Files, Lines
 from errormodel.exceptions import InputError
 
 WIDTH = 14
@@ -35,6 +36,25 @@ class Heidenhain(Controller):
     doubt: ClassVar[str] = (
         "the sign (taken as that of MP720: positive where the travel is too long, so the file holds errors), the "
         "layout of columns in the file, and where the first and last values hold"
+    )
+    comment: ClassVar[Comment | None] = Comment("; ")
+    sign_known: ClassVar[bool] = False
+    other_sign: ClassVar[str] = "write the tables again with --invert"
+    backlash_parameter: ClassVar[str] = "MP_backLash of {axis} (MP710 on TNC 4xx)"
+    dialect: ClassVar[Dialect | None] = Dialect(
+        suffix=".H",
+        comment=Comment("; "),
+        opening=("BEGIN PGM {name} MM",),
+        head=("TOOL CALL 0 Z",),
+        move="L {axis}{to:+.3f} R0 F{feed:g} M91",
+        end=("STOP", "END PGM {name} MM"),
+        stop="STOP",
+        block="{n} ",
+        needs=(
+            "M91 counts from the machine datum; tool 0 has no length; TCPM, tilted plane and mirror image off first",
+            "after TOOL CALL 0 the control may ask for a tool change: leave the spindle empty",
+        ),
+        source="HEIDENHAIN TNC 360 user's manual p. 5-39 (M91 in a positioning block), TNC 426 p. 119 (L, R0, F, M)",
     )
     most_points: ClassVar[int] = 256
 
@@ -82,7 +102,7 @@ class Heidenhain(Controller):
             "back up config.cma and the tables it names; AXISPOS counts from the machine datum (MP_refPosition)",
             "copy the tables, check the column names against CfgAxes/axisList",
             "only one line of config.cma is active (*); take the star away to switch all of them off",
-            "BACKLASH is empty: reversal errors stay with their own machine parameter",
+            "BACKLASH is empty: reversal errors stay with their own machine parameter, as above",
         ]
 
 

@@ -17,11 +17,13 @@ from typing import ClassVar
 
 import numpy as np
 
+from errormodel.controllers.axes import in_order
 from errormodel.controllers.base import header
+from errormodel.controllers.dialect import Dialect
 from errormodel.controllers.grids import nodes
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Table, Tables, Term, check_increasing, check_points
-from errormodel.controllers.text import Files, Lines, one_file
+from errormodel.controllers.text import Comment, Files, Lines, one_file
 from errormodel.controllers.thermal import Growth, States, Thermal, sign_program, thermal
 from errormodel.controllers.volumetric import Volumetric
 from errormodel.exceptions import InputError
@@ -31,21 +33,23 @@ DOUBT = (
     "the point an angle's lever is counted from (taken as the axis' own frame with the tool tip as in machine.yaml)"
 )
 
+LIST = Comment("# ")
 WARM_DOUBT = "the sign (taken as that of a deviation: a positive value moves the axis in minus direction)"
 
 
 def temperature_file(found: Sequence[Growth]) -> dict[str, str]:
     """Axis parameters of the kernel's own temperature compensation, and the laws that the PLC applies."""
     sensor, zero = found[0].sensor, found[0].zero
-    lines = [
-        "# temperature compensation: offset_0(T) + coefficient(T) * (position - position_0), axis by axis",
-        "# for the parameters of the middling folder only; of each axis into its own list",
-        f"# offset and coefficient are zero at {sensor} = {zero:.3f}; the PLC writes them as {sensor} changes:",
-        "# temp_comp_offset_0 = -1e4 times the mm, temp_comp_coefficient = -1e6 times mm/mm, times the kelvin above",
-        *(f"# correct {g.line()}" for g in found),
-        f"# NOT CERTAIN: {WARM_DOUBT}",
-        "# run sign_test/temperature.nc first",
+    said = [
+        "temperature compensation: offset_0[T] + coefficient[T] times [position - position_0], axis by axis",
+        "for the parameters of the middling folder only; of each axis into its own list",
+        f"offset and coefficient are zero at {sensor} = {zero:.3f}, the PLC writes them as that changes:",
+        "temp_comp_offset_0 = -1e4 times the mm, temp_comp_coefficient = -1e6 times mm/mm, times the kelvin above",
+        *(f"correct {g.line()}" for g in found),
+        f"NOT CERTAIN: {WARM_DOUBT}",
+        "follow sign_test/temperature.txt first",
     ]
+    lines = list(map(LIST.line, said))
     for g in found:
         lines += [
             f"kopf.log_achs_name {g.axis}",
@@ -58,12 +62,40 @@ def temperature_file(found: Sequence[Growth]) -> dict[str, str]:
     return {"temp_comp.lis": "\n".join(lines) + "\n", **test}
 
 
-def configuration(setup: Setup, file: str, form: str, names: tuple[str, ...]) -> str:
+class Kernel(Volumetric):
+    """What the kernel's formats have in common."""
+
+    comment: ClassVar[Comment | None] = Comment("// ")
+    sign_known: ClassVar[bool] = False
+    other_sign: ClassVar[str] = "add the line 'negate XYZ' to vol_comp_0.lis, or write the tables again with --invert"
+    backlash_parameter: ClassVar[str] = "getriebe[0].lose of {axis} (P-AXIS-00103; P-AXIS-00021 switches it on)"
+    first_number: ClassVar[int | None] = 1
+    number_form: ClassVar[str] = "logical axis {}"
+    dialect: ClassVar[Dialect | None] = Dialect(
+        suffix=".nc",
+        comment=Comment("(", ")"),
+        opening=("%{name}",),
+        head=("G90 G71 G94 D0", "#MCS ON"),
+        move="G01 {axis}{to:.3f} F{feed:g}",
+        end=("#MCS OFF", "M30"),
+        needs=(
+            "#MCS counts in machine coordinates; it needs the licence Transformations: without it drive there by hand",
+            "the unit of F is mm/min: check it, it is configured",
+        ),
+        source="infosys.beckhoff.com tf5200_programming_manual 208517515 (#MCS ON: offsets and transformations off)",
+    )
+
+    def backlash_value(self, setup: Setup, axis: str, size: float) -> str:
+        unit = "0.0001 deg" if setup.axis(axis).rotary else "0.1 um"
+        return f"{round(1e4 * size):+d} (in {unit})"
+
+
+def configuration(controller: Kernel, setup: Setup, file: str, form: str, names: tuple[str, ...]) -> str:
     """The list file that names axes, chain and parameter file."""
     return "\n".join(
         [
-            "# volumetric compensation: logical axis numbers, to be set to those of this controller",
-            *(f"{name} {k}" for k, name in enumerate(names, start=1)),
+            LIST.line("volumetric compensation: logical axis numbers, to be those of this controller"),
+            *(f"{name} {controller.number(setup, name)}" for name in in_order(names)),
             f"chain {''.join(names)}",
             "workpiece_axes 0",
             "interpolation GRID",
@@ -74,7 +106,7 @@ def configuration(setup: Setup, file: str, form: str, names: tuple[str, ...]) ->
     )
 
 
-class Isg(Volumetric):
+class Isg(Kernel):
     """ISG_CSV."""
 
     name: ClassVar[str] = "isg"
@@ -110,7 +142,7 @@ class Isg(Volumetric):
                 check_points(table.term, self.most_points, axis)
                 check_increasing(table.term, axis)
             groups.setdefault((table.term.inputs, table.term.grids), []).append(table)
-        lines = [f"// {s}" for s in header(self, setup)]
+        lines = header(self, setup)
         for k, group in enumerate(groups.values()):
             term = group[0].term
             lines += ["#"] if k else []
@@ -122,10 +154,10 @@ class Isg(Volumetric):
             ]
         text = "\n".join(lines) + "\n"
         count = sum(t.term.size for t in tables)
-        start = f"# start-up list\nvol_comp[0].file_name vol_comp_0.lis\nvol_comp[0].max_records {count}\n"
+        start = f"{LIST.line('start-up list')}\nvol_comp[0].file_name vol_comp_0.lis\nvol_comp[0].max_records {count}\n"
         return {
             "vol_comp_0.csv": text,
-            "vol_comp_0.lis": configuration(setup, "vol_comp_0.csv", "ISG_CSV", self.measured(setup)),
+            "vol_comp_0.lis": configuration(self, setup, "vol_comp_0.csv", "ISG_CSV", self.measured(setup)),
             "hochlauf.lis": start,
         }
 
@@ -155,7 +187,7 @@ class Isg(Volumetric):
 
     def checklist(self, setup: Setup) -> list[str]:
         return [
-            "set the logical axis numbers in vol_comp_0.lis, and its path in the start-up list (hochlauf.lis)",
+            "compare the logical axis numbers in vol_comp_0.lis; set its path in the start-up list (hochlauf.lis)",
             "copy both files to the controller and restart it (licence TF5280)",
             "NC: #VOLCOMP ON [ID0]; to load again: #VOLCOMP OFF, then #VOLCOMP [ID0 UPDATE]",
             "leave leadscrew and cross compensations of these axes as they were when the survey was measured",

@@ -22,11 +22,12 @@ from errormodel.controllers.klipper_probe import Gap, Probing, probing
 from errormodel.controllers.printers import Printer, heights_of, skew_tables, skews_of
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Table, Tables, Term, check_points, even_step
-from errormodel.controllers.text import Files, one_file
+from errormodel.controllers.text import Comment, Files, one_file, printable
 from errormodel.controllers.thermal import States, Thermal, growths
 from errormodel.exceptions import InputError
 
 PROFILE = "errormodel"
+HASH = Comment("# ")
 
 
 class Klipper(Printer):
@@ -35,6 +36,7 @@ class Klipper(Printer):
     name: ClassVar[str] = "klipper"
     title: ClassVar[str] = "Klipper (skew_correction, bed_mesh)"
     source: ClassVar[str] = "Klipper Config_Reference.md; bed_mesh.py, skew_correction.py"
+    comment: ClassVar[Comment | None] = HASH
     most_points: ClassVar[int] = 100
 
     def emulate(self, tables: Tables, setup: Setup, q: Array, direction: Array | None = None) -> Array:
@@ -54,7 +56,7 @@ class Klipper(Printer):
 
     def write(self, tables: Tables, setup: Setup) -> dict[str, str]:
         skew, mesh = skews_of(tables), heights_of(tables)
-        lines = [f"# {s}" for s in header(self, setup)] + [f"[skew_correction {PROFILE}]"]
+        lines = [*header(self, setup), f"[skew_correction {PROFILE}]"]
         lines += [f"{k.lower()}_skew: {-v:.9f}" for k, v in skew.items()]
         if mesh is not None:
             term = mesh.term
@@ -79,8 +81,9 @@ class Klipper(Printer):
         middle = found.offset + found.slope * sum(setup.axis("Z").measured) / 2
         law = replace(found, offset=round(min(max(middle, -1.0), 1.0), 6), slope=0.0)
         lines = [
-            f"# Z follows {law.sensor} in place of a mesh for each temperature: use it with the middling folder only,",
-            f"# home Z at {law.zero:.1f} degC (the firmware adds -temp_coeff times the warming since Z was homed)",
+            HASH.line(f"Z follows {law.sensor} in place of a mesh for each temperature:"),
+            HASH.line(f"use it with the middling folder only, home Z at {law.zero:.1f} degC"),
+            HASH.line("(the firmware adds -temp_coeff times the warming since Z was homed)"),
             "[z_thermal_adjust]",
             f"temp_coeff: {-law.offset:.6f}",
             "# sensor_type, sensor_pin: those of the sensor on the machine's frame",
@@ -89,6 +92,28 @@ class Klipper(Printer):
 
     def probing(self, setup: Setup, gap: Gap) -> Probing:
         return probing(setup, gap)
+
+    def own_check(self, setup: Setup, tables: Tables) -> dict[str, str]:
+        """What ``GET_POSITION`` must show at a few places: toolhead minus gcode is what the tables add."""
+        lines = [
+            "CHECK: does the firmware add what the tables say? No indicator is needed. Nothing may stand on the bed.",
+            f"machine: {printable(setup.machine)}",
+            "Home all axes. Load skew and mesh as the checklist says. SET_GCODE_OFFSET X=0 Y=0 Z=0.",
+            "At each place: G90, G1 X.. Y.. Z.. F1200 (first Z, then X and Y), M400, GET_POSITION.",
+            "Its line 'toolhead' minus its line 'gcode' must be:",
+        ]
+        for share in (0.25, 0.5, 0.75):
+            q = np.array([[a.measured[0] + share * (a.measured[1] - a.measured[0]) for a in setup.axes]])
+            q = np.round(q, 1)
+            moved = self.emulate(tables, setup, q)[0]
+            place = " ".join(f"{a.name}{q[0, setup.place(a.name)]:.1f}" for a in setup.ordered)
+            added = " ".join(f"{m} {moved[setup.movers.index(m)]:+.4f}" for m in setup.watched)
+            lines.append(f"  {place}: {added} mm")
+        lines += [
+            "The same figures with the other sign: a profile of another source is loaded. Zeros: none is loaded.",
+            "Only Z differs: another mesh is loaded, or fade is on. Then look at the checklist again.",
+        ]
+        return {"steps.txt": "\n".join(lines) + "\n"}
 
     def read(self, files: Files, setup: Setup) -> Tables:
         name, text = one_file(files, ".cfg")

@@ -19,6 +19,7 @@ import numpy as np
 from errormodel.arrays import Array
 from errormodel.controllers.grids import nodes
 from errormodel.controllers.setup import Setup
+from errormodel.controllers.text import Comment
 from errormodel.exceptions import InputError
 
 SECTION = "axis_twist_compensation"
@@ -111,9 +112,15 @@ def write(twists: Mapping[str, Twist], setup: Setup) -> str:
     """The section of printer.cfg."""
     x, y = twists["X"], twists["Y"]
     lines = [
-        f"# {setup.machine}: what is added to the readings of a probe at x_offset, y_offset of [probe] = "
-        + ", ".join(f"{v:g}" for v in setup.probe or ()),
-        "# (Klipper before pull request 7343, August 2026: take x_offset off the two x, y_offset off the two y)",
+        *map(
+            Comment("# ").line,
+            (
+                f"machine: {setup.machine}",
+                "what is added to the readings of a probe at x_offset, y_offset of [probe] = "
+                + ", ".join(f"{v:g}" for v in setup.probe or ()),
+                "(Klipper before pull request 7343, August 2026: take x_offset off the two x, y_offset off the two y)",
+            ),
+        ),
         f"[{SECTION}]",
         f"calibrate_start_x: {x.low:g}",
         f"calibrate_end_x: {x.high:g}",

@@ -16,10 +16,11 @@ from typing import ClassVar
 import numpy as np
 
 from errormodel.arrays import Array
-from errormodel.controllers.base import Controller
+from errormodel.controllers.base import Controller, header
+from errormodel.controllers.dialect import Dialect
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Tables, Term, check_increasing, check_points, merged, split
-from errormodel.controllers.text import Files, Lines
+from errormodel.controllers.text import Comment, Files, Lines
 from errormodel.exceptions import InputError
 
 
@@ -30,6 +31,19 @@ class LinuxCnc1(Controller):
     title: ClassVar[str] = "LinuxCNC COMP_FILE_TYPE = 1 (trims)"
     source: ClassVar[str] = "LinuxCNC docs/src/config/ini-config.adoc, src/emc/usr_intf/usrmotintf.cc"
     bidirectional: ClassVar[bool] = True
+    comment: ClassVar[Comment | None] = Comment("# ")
+    sign_known: ClassVar[bool] = True
+    backlash_parameter: ClassVar[str] = "BACKLASH in [{axis}]"
+    first_number: ClassVar[int | None] = 0
+    number_form: ClassVar[str] = "JOINT_{}"
+    dialect: ClassVar[Dialect | None] = Dialect(
+        suffix=".ngc",
+        comment=Comment("; "),
+        head=("G21 G90 G94 G40 G49 G80",),
+        move="G53 G1 {axis}{to:.3f} F{feed:g}",
+        end=("M2",),
+        source="LinuxCNC docs/src/gcode/g-code.adoc (G53: with G0 or G1, on every line), overview.adoc",
+    )
     most_points: ClassVar[int] = 256
     kind: ClassVar[int] = 1
 
@@ -37,20 +51,26 @@ class LinuxCnc1(Controller):
         return self.curves(setup, [(m, m) for m in setup.linear if m in setup.moving])
 
     def write(self, tables: Tables, setup: Setup) -> dict[str, str]:
-        files, ini = {}, []
+        files, ini, comment = {}, header(self, setup), self.comment or Comment("# ")
         for (output, _, _), sides in merged(tables).items():
             term = next(iter(sides.values())).term
             check_points(term, self.most_points)
             check_increasing(term)
             both = sides.get(0)
             up, down = (both, both) if both else (sides[1], sides[-1])
-            joint, file = setup.place(output), f"joint_{setup.place(output)}_{output}.comp"
+            joint = self.number(setup, output)
+            file = f"joint_{joint}_{output}.comp"
             rows = [
                 f"{x:.6f} {self._outward(x, u):.6f} {self._outward(x, d):.6f}"
                 for x, u, d in zip(term.grids[0], up.values, down.values, strict=True)
             ]
             files[file] = "\n".join(rows) + "\n"
-            ini += [f"# axis {output}", f"[JOINT_{joint}]", f"COMP_FILE = {file}", f"COMP_FILE_TYPE = {self.kind}"]
+            ini += [
+                comment.line(f"axis {output}"),
+                f"[JOINT_{joint}]",
+                f"COMP_FILE = {file}",
+                f"COMP_FILE_TYPE = {self.kind}",
+            ]
         return {**files, "compensation.ini": "\n".join(ini) + "\n"}
 
     def _outward(self, position: float, correction: float) -> float:
@@ -62,13 +82,13 @@ class LinuxCnc1(Controller):
     def read(self, files: Files, setup: Setup) -> Tables:
         out = []
         for number, file in re.findall(
-            r"\[JOINT_(\d+)\][^\[]*?COMP_FILE\s*=\s*(\S+)", files.get("compensation.ini", "")
+            r"^\[JOINT_(\d+)\]\s*COMP_FILE\s*=\s*(\S+)", files.get("compensation.ini", ""), re.MULTILINE
         ):
             if file not in files:
                 raise InputError("compensation.ini", f"COMP_FILE {file}, which is not there", "Give the whole folder")
             lines = Lines.of(file, files[file])
             data = np.array([lines.numbers(k, s, 3) for k, s in lines.lines]).reshape(-1, 3)
-            output = setup.names[int(number)]
+            output = self.numbered(setup, int(number))
             up, down = (self._inward(data[:, 0], data[:, k]) for k in (1, 2))
             out += split(output, output, tuple(data[:, 0].tolist()), up, down)
             check_increasing(out[-1].term)
@@ -79,7 +99,7 @@ class LinuxCnc1(Controller):
     def checklist(self, setup: Setup) -> list[str]:
         return [
             "copy the .comp files beside the INI file and the lines of compensation.ini into its [JOINT_n] sections",
-            "check that the joint numbers are those of the axes on this machine",
+            "compare the joint numbers above with those of the axes on this machine ([TRAJ] COORDINATES, [KINS])",
             "take BACKLASH out of these joints: it is ignored where a COMP_FILE is given",
             "restart LinuxCNC (a reload in the same session appends to the table), home, then check with an indicator",
         ]

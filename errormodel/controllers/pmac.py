@@ -16,6 +16,7 @@ import numpy as np
 
 from errormodel.arrays import Index
 from errormodel.controllers.base import Controller, header
+from errormodel.controllers.dialect import Dialect
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import (
     Table,
@@ -27,7 +28,7 @@ from errormodel.controllers.tables import (
     shift_terms,
     shifts_of,
 )
-from errormodel.controllers.text import Files, one_file
+from errormodel.controllers.text import Comment, Files, one_file
 from errormodel.exceptions import InputError
 
 TABLE = re.compile(r"#(\d+) DEFINE COMP (\d+),#(\d+)D,#(\d+),(\d+)\s+([-\d\s]+)")
@@ -40,6 +41,13 @@ class Pmac(Controller):
     title: ClassVar[str] = "Delta Tau PMAC / Turbo PMAC position compensation (DEFINE COMP)"
     source: ClassVar[str] = "Turbo PMAC software reference, DEFINE COMP, p. 302-305"
     doubt: ClassVar[str] = "the sign of the entries (taken as a correction, added to the commanded position)"
+    comment: ClassVar[Comment | None] = Comment("; ")
+    sign_known: ClassVar[bool] = False
+    other_sign: ClassVar[str] = "write the tables again with --invert"
+    dialect: ClassVar[Dialect | None] = None  # axis definitions and offsets are each machine's own
+    backlash_parameter: ClassVar[str] = "I{number}86 (with I{number}85 above 0)"
+    first_number: ClassVar[int | None] = 1
+    number_form: ClassVar[str] = "#{}"
     most_points: ClassVar[int] = 1000
     most_tables: ClassVar[int | None] = 32
 
@@ -49,6 +57,14 @@ class Pmac(Controller):
 
     def quantum(self, setup: Setup) -> float:
         return 0.5 * self.unit(setup) * len(setup.moving) + 1e-9
+
+    def backlash_value(self, setup: Setup, axis: str, size: float) -> str:
+        value = round(size / self.unit(setup))
+        return f"{value:+d} sixteenths of a count" + (", which it cannot be: it takes no minus" if value < 0 else "")
+
+    def about(self, tables: Tables, setup: Setup) -> list[str]:
+        count = sum(bool(t.term.inputs) for t in tables)
+        return [f"{count} tables are needed: a PMAC holds 8, a Turbo PMAC 32"]
 
     def terms(self, setup: Setup) -> list[Term]:
         curves = [
@@ -68,7 +84,7 @@ class Pmac(Controller):
         if len(tables) > 32:
             raise InputError("tables", f"{len(tables)} tables, and there are 32 motors to hold one", "Leave some out")
         unit, counts = self.unit(setup), 1 / (16 * self.unit(setup))
-        lines = [f"; {s}" for s in (*header(self, setup), *shifts)]
+        lines, comment = header(self, setup, *shifts), self.comment or Comment("; ")
         lines += [f"; {counts:.9g} counts a mm (or deg): set --resolution to this machine's count", "DELETE GATHER"]
         lines += [f"#{m} DELETE COMP" for m in range(1, len(tables) + 1)]
         for m in range(len(tables), 0, -1):
@@ -90,7 +106,8 @@ class Pmac(Controller):
             entries = np.zeros(len(nodes), dtype=int)
             entries[nodes % len(nodes)] = values
             count = round(len(nodes) * step * counts)
-            numbers = (setup.place(source) + 1, setup.place(term.output) + 1)
+            numbers = (self.number(setup, source), self.number(setup, term.output))
+            lines.append(comment.line(f"over {source} (motor {numbers[0]}) for {term.output} (motor {numbers[1]})"))
             lines.append(f"#{m} DEFINE COMP {len(nodes)},#{numbers[0]}D,#{numbers[1]},{count}")
             ordered = [*entries[1:], 0]
             lines += [" ".join(map(str, ordered[k : k + 10])) for k in range(0, len(ordered), 10)]
@@ -108,16 +125,17 @@ class Pmac(Controller):
                 found = f"{len(entries)} entries, {count} announced, the last {entries[-1] if entries else 'missing'}"
                 raise InputError(f"{name}, table {motor}", found, "The last entry must be 0")
             step = float(round(int(length) * 16 * unit / len(entries), 9))
-            letter = setup.names[int(source) - 1]
+            letter = self.numbered(setup, int(source))
             nodes = self._nodes(setup, letter, step)
             values = unit * np.array([0, *entries[:-1]])[nodes % len(entries)]
             grid = tuple(float(round(k * step, 9)) for k in nodes)
-            out.append(Table(Term(setup.names[int(target) - 1], (letter,), (grid,), zero=True), values))
+            out.append(Table(Term(self.numbered(setup, int(target)), (letter,), (grid,), zero=True), values))
         return (*reversed(out), *shifts_of(text))
 
     def checklist(self, setup: Setup) -> list[str]:
         return [
-            "check motor numbers and counts a mm (--resolution), and that position 0 is the motor's zero after homing",
+            "compare the motor numbers above and counts a mm (--resolution); position 0 must be the motor's zero after "
+            "homing",
             "delete TCOMP, BLCOMP, TBUF, ROTARY, LOOKAHEAD buffers first; tables go in from the highest motor down",
             "download comp.pmc, I51=1 switches compensation on, I51=0 off; SAVE once it is right",
         ]

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
 
 from errormodel.controllers.base import Controller
+from errormodel.controllers.dialect import Dialect
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Table, Tables, Term
 from errormodel.exceptions import InputError
@@ -17,6 +19,9 @@ SKEWS = (("X", "Y"), ("X", "Z"), ("Y", "Z"))  # which axis moves with which
 class Printer(Controller):
     """Skew (mm a mm) and heights (mm)."""
 
+    sign_known: ClassVar[bool] = True
+    dialect: ClassVar[Dialect | None] = None
+    backlash_parameter: ClassVar[str] = ""
     least_points = 3
 
     def suits(self, setup: Setup) -> None:
@@ -24,6 +29,9 @@ class Printer(Controller):
         if not {"X", "Y"} <= {*setup.linear}:
             found = f"corrections by {', '.join(setup.movers)}; the firmware wants linear axes X, Y (and Z)"
             raise InputError(f"--controller {self.name}", found, "Use --controller csv or gcode")
+
+    def own_check(self, setup: Setup, tables: Tables) -> dict[str, str]:
+        return {}  # the sign is public, and no indicator fits a nozzle
 
     def terms(self, setup: Setup) -> list[Term]:
         self.suits(setup)

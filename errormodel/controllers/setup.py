@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from errormodel.arrays import Array
+from errormodel.controllers.axes import in_order
 from errormodel.controllers.grids import anchored_grid, even_grid
 from errormodel.exceptions import InputError, nearest
 from errormodel.machine import Vector
 
 LARGEST = 100_000  # nodes of a lattice
-LETTERS = ("X", "Y", "Z", "A", "B", "C", "U", "V", "W")
 
 
 @dataclass(frozen=True)
@@ -38,6 +38,26 @@ class Axis:
 
 
 @dataclass(frozen=True)
+class Reversal:
+    """What an axis loses at a reversal, as ISO 230-2 has it: mean position going plus, less that going minus.
+
+    Negative is ordinary backlash: the axis stays behind the direction of travel.
+
+    Attributes
+    ----------
+    low, high : at the two ends of the travel (mm or deg); alike where it does not change along the travel.
+    """
+
+    low: float
+    high: float
+
+    @property
+    def mean(self) -> float:
+        """What one number for the whole travel should be."""
+        return (self.low + self.high) / 2
+
+
+@dataclass(frozen=True)
 class Setup:
     """The machine as a controller sees it.
 
@@ -52,6 +72,10 @@ class Setup:
     levers : motion of the tool tip, (n, 3, 6 axes), in mm per unit (mm, rad) of the six error motions of each axis, at
         positions (n, axes); and the tip's motion (n, 3, axes) per mm or deg of each axis.
     read : by axis the error motions that were read for themselves, where no positions were; None: positions were.
+    numbers : axes' numbers that the user gave, by name; empty: those that follow from the letters.
+    unsure : joints whose letter only the user can know, and did not say.
+    reversals : what was found of backlash, by axis.
+    inverted : whether the files get the other sign, because the control turned out to want it.
     """
 
     machine: str
@@ -64,6 +88,10 @@ class Setup:
     levers: Callable[[Array], tuple[Array, Array]] | None = None
     probe: tuple[float, float] | None = None
     read: Mapping[str, Collection[str]] | None = None
+    numbers: Mapping[str, int] = field(default_factory=dict)
+    unsure: tuple[str, ...] = ()
+    reversals: Mapping[str, Reversal] = field(default_factory=dict)
+    inverted: bool = False
 
     def place(self, name: str) -> int:
         """Column of an axis in positions (n, axes)."""
@@ -80,6 +108,29 @@ class Setup:
         return tuple(a.name for a in self.axes)
 
     @property
+    def ordered(self) -> tuple[Axis, ...]:
+        """Axes in the order X Y Z A B C U V W, as controllers number them, or in that of the user's numbers."""
+        names = sorted(self.numbers, key=lambda n: self.numbers[n]) if self.numbers else in_order(self.names)
+        return tuple(map(self.axis, names))
+
+    def number(self, name: str, first: int) -> int:
+        """Number of an axis on a controller that counts from `first`: the user's, else by letter."""
+        return self.numbers[name] if self.numbers else in_order(self.names).index(name) + first
+
+    def numbered(self, number: int, first: int) -> str:
+        """The axis of that number.
+
+        Raises
+        ------
+        InputError
+            There is none.
+        """
+        for name in self.names:
+            if self.number(name, first) == number:
+                return name
+        raise InputError(f"axis {number}", "the machine has no axis of that number", "Give the file that was written")
+
+    @property
     def moving(self) -> tuple[str, ...]:
         """Axes whose travel the survey covered: of the others nothing is known."""
         return tuple(a.name for a in self.axes if a.measured[1] > a.measured[0])
@@ -88,6 +139,11 @@ class Setup:
     def linear(self) -> tuple[str, ...]:
         """Linear axes that carry out corrections."""
         return tuple(m for m in self.movers if not self.axis(m).rotary)
+
+    @property
+    def watched(self) -> tuple[str, ...]:
+        """The linear axes that carry out corrections, in the controller's order."""
+        return tuple(a.name for a in self.ordered if a.name in self.linear)
 
     def grid(self, name: str, most: int, anchored: bool = False, every: bool = False) -> tuple[float, ...]:
         """Equidistant positions over what was measured of an axis: as many as its errors need, at most `most`.

@@ -22,6 +22,7 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.controllers.base import Controller, header
+from errormodel.controllers.dialect import Dialect
 from errormodel.controllers.grids import spaced
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import (
@@ -35,20 +36,22 @@ from errormodel.controllers.tables import (
     shift_terms,
     shifts_of,
 )
-from errormodel.controllers.text import Files, one_file
+from errormodel.controllers.text import Comment, Files, one_file
 from errormodel.controllers.thermal import Growth, States, Thermal, sign_program, thermal
 from errormodel.exceptions import InputError
 
+SEMICOLON = Comment("; ")
 NUMBER = r"[-+]?[\d.]+(?:[eE][-+]?\d+)?"
 LEC = re.compile(rf"\$AA_ENC_COMP(?:_(\w+))?\[0,(?:(\d+),)?(\w+)1\]=({NUMBER})")
 CEC = re.compile(rf"\$AN_CEC(?:_(\w+))?\[(\d+)(?:,(\d+))?\]=\(?({NUMBER}|\w+1)\)?")
 WARM_DOUBT = "the sign (taken as that of $AA_ENC_COMP: a positive value moves the axis in minus direction)"
+LEVER = re.compile(r"^; table (\d+) only multiplies others: ((?:sin |cos )?\w+)$", re.MULTILINE)
 TURN = 2.5  # deg between points of a sine
 
 
 def _file(text: str) -> str:
     """Text without comments; archives must end with M17."""
-    if "M17" not in text:
+    if not text.rstrip().endswith("M17"):
         raise InputError("files", "no M17: the archive is not whole", "Copy the file again")
     return "\n".join(line.split(";")[0] for line in text.splitlines())
 
@@ -63,15 +66,15 @@ def _grid(step: float, low: float, high: float, count: int, where: str) -> tuple
 def temperature_file(found: Sequence[Growth]) -> dict[str, str]:
     """Machine and setting data of the control's own temperature compensation, and the laws that the PLC applies."""
     sensor, zero = found[0].sensor, found[0].zero
-    lines = [
-        "; temperature compensation: K0(T) + tan beta(T) * (position - P0), for the tables of the middling folder only",
-        f"; K0 and tan beta are zero at {sensor} = {zero:.3f}; the PLC (FB3 PUT) writes them as {sensor} changes:",
-        "; $SA_TEMP_COMP_ABS_VALUE = minus the mm, $SA_TEMP_COMP_SLOPE = minus the mm/mm, times the kelvin above",
-        *(f"; correct {g.line()}" for g in found),
-        f"; NOT CERTAIN: {WARM_DOUBT}",
-        "; run sign_test/temperature.nc first",
-        "CHANDATA(1)",
+    said = [
+        "temperature compensation: K0[T] + tan beta[T] times [position - P0], for the middling folder's tables only",
+        f"K0 and tan beta are zero at {sensor} = {zero:.3f}, the PLC [FB3 PUT] writes them as that changes:",
+        "$SA_TEMP_COMP_ABS_VALUE = minus the mm, $SA_TEMP_COMP_SLOPE = minus the mm/mm, times the kelvin above",
+        *(f"correct {g.line()}" for g in found),
+        f"NOT CERTAIN: {WARM_DOUBT}",
+        "follow sign_test/temperature.txt first",
     ]
+    lines = [*map(SEMICOLON.line, said), "CHANDATA(1)"]
     for g in found:
         lines += [
             f"$MA_TEMP_COMP_TYPE[{g.axis}1]=3",
@@ -84,8 +87,30 @@ def temperature_file(found: Sequence[Growth]) -> dict[str, str]:
     return {"TEMP_COMP.INI": "\n".join([*lines, "M17"]) + "\n", **test}
 
 
-class SiemensLec(Controller):
+class Siemens(Controller):
+    """What both have in common: axis names, comments, the programme of the check."""
+
+    comment: ClassVar[Comment | None] = SEMICOLON
+    backlash_parameter: ClassVar[str] = "MD32450 $MA_BACKLASH[0,{axis}]"
+    dialect: ClassVar[Dialect | None] = Dialect(
+        suffix=".MPF",
+        comment=SEMICOLON,
+        head=("TRAFOOF", "G17 G40 G90 G94 G500 G60 G710 D0"),
+        move="SUPA G1 {axis}={to:.3f} F{feed:g}",
+        end=("M30",),
+        source="SINUMERIK 6FC5397-0BP40 K2 (SUPA: all frames, DRF and external offsets off, block by block), "
+        "6FC5398 (G710: mm for lengths and feeds; D0: no tool offset)",
+        needs=("SUPA counts in machine coordinates; D0 takes the tool's offsets off; no tool in the spindle",),
+    )
+
+    def address(self, setup: Setup, name: str) -> str:
+        return f"{name}1"
+
+
+class SiemensLec(Siemens):
     """``$AA_ENC_COMP``."""
+
+    sign_known: ClassVar[bool] = True
 
     name: ClassVar[str] = "siemens-lec"
     title: ClassVar[str] = "Siemens Sinumerik leadscrew error compensation ($AA_ENC_COMP)"
@@ -100,7 +125,7 @@ class SiemensLec(Controller):
         return thermal(states, setup, self.emulate, temperature_file, WARM_DOUBT)
 
     def write(self, tables: Tables, setup: Setup) -> dict[str, str]:
-        lines = ["%_N_AX_EEC_INI", *(f"; {s}" for s in (*header(self, setup), *shift_lines(tables))), "CHANDATA(1)"]
+        lines = ["%_N_AX_EEC_INI", *header(self, setup, *shift_lines(tables)), "CHANDATA(1)"]
         for table in (t for t in tables if t.term.inputs):
             term, axis = table.term, f"{table.term.output}1"
             check_points(term, self.most_points)
@@ -139,8 +164,11 @@ class SiemensLec(Controller):
         ]
 
 
-class SiemensCec(Controller):
+class SiemensCec(Siemens):
     """``$AN_CEC``."""
+
+    sign_known: ClassVar[bool] = False
+    other_sign: ClassVar[str] = "write the tables again with --invert"
 
     name: ClassVar[str] = "siemens-cec"
     title: ClassVar[str] = "Siemens Sinumerik cross error compensation ($AN_CEC), products of tables included"
@@ -176,6 +204,18 @@ class SiemensCec(Controller):
         full[:, setup.place(axis.name)] = x
         return x, np.round(factor(setup, name, full), 9)
 
+    def about(self, tables: Tables, setup: Setup) -> list[str]:
+        levers = len({t.term.factor for t in tables if t.term.factor})
+        count = len(tables) + levers
+        return [
+            f"{count} tables of $AN_CEC are needed: {len(tables)} corrections and {levers} that only multiply others. "
+            "An 840D sl has 2 a machine axis, an 828D has 8; compare MD18342, and the option for sag compensation"
+        ]
+
+    def by_itself(self, tables: Tables, setup: Setup, q: Array) -> dict[str, float]:
+        levers = {t.term.factor for t in tables if t.term.factor and " " not in t.term.factor}
+        return {name: -float(q[0, setup.place(name)]) / 1000 for name in levers}
+
     def emulate(self, tables: Tables, setup: Setup, q: Array, direction: Array | None = None) -> Array:
         sign = np.ones_like(q) if direction is None else direction
         out = np.zeros((len(q), len(setup.movers)))
@@ -196,7 +236,7 @@ class SiemensCec(Controller):
     def write(self, tables: Tables, setup: Setup) -> dict[str, str]:
         factors = list(dict.fromkeys(t.term.factor for t in tables if t.term.factor))
         number = {f: k for k, f in enumerate(factors)}  # of the lever tables, which come first
-        lines = ["%_N_NC_CEC_INI", *(f"; {s}" for s in header(self, setup)), "CHANDATA(1)"]
+        lines = ["%_N_NC_CEC_INI", *header(self, setup), "CHANDATA(1)"]
         for name, t in number.items():
             x, lever = self._lever(setup, name)
             axis = name.rpartition(" ")[2]
@@ -230,7 +270,7 @@ class SiemensCec(Controller):
 
     def read(self, files: Files, setup: Setup) -> Tables:
         name, text = one_file(files, ".ini")
-        levers = {int(t) - 1: f for t, f in re.findall(r"; table (\d+) only multiplies others: (.+)", text)}
+        levers = {int(t) - 1: f for t, f in LEVER.findall(text)}
         values: dict[int, list[float]] = {}
         keys: dict[int, dict[str, str]] = {}
         for key, t, _, value in CEC.findall(_file(text)):

@@ -121,7 +121,7 @@ def check_points(term: Term, most: int, axis: int = 0) -> None:
         )
 
 
-SHIFT = re.compile(r"zero shift of (\w+): ([-+.\d]+)")
+SHIFT = re.compile(r"^\W*zero shift of (\w+): ([-+.\d]+)", re.MULTILINE | re.IGNORECASE)
 
 
 def shift_terms(terms: Sequence[Term]) -> list[Term]:

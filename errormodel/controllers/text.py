@@ -1,13 +1,58 @@
-"""Reading text files of tables, with the place of what is wrong."""
+"""Text files of tables: comments that no text can break out of, and reading with the place of what is wrong."""
 
 from __future__ import annotations
 
+import textwrap
+import unicodedata
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from errormodel.exceptions import InputError
 
 Files = Mapping[str, str]  # name in the folder: text
+WIDTH = 100  # characters of a comment: older controls take no more than a hundred odd in a block
+LETTERS = str.maketrans(
+    {
+        "ä": "ae", "ö": "oe", "ü": "ue", "Ä": "Ae", "Ö": "Oe", "Ü": "Ue", "ß": "ss", "ø": "o", "Ø": "O", "æ": "ae",
+        "Æ": "Ae", "ł": "l", "Ł": "L", "µ": "u", "μ": "u", "°": " deg ", "²": "2", "–": "-", "—": "-", "−": "-",
+        "‘": "'", "’": "'", "“": "'", "”": "'",
+    }
+)  # fmt: skip
+ENDS = str.maketrans({"%": " pct ", ";": ",", "\\": "/", "{": "[", "}": "]", "*": "x"})
+"""What ends a tape or a comment on some control, or begins something else in it, and what is written in its place."""
+
+
+def printable(text: str) -> str:
+    """Text as printable ASCII on one line: umlauts as two letters, accents left out, all else that is none as `?`."""
+    plain = unicodedata.normalize("NFKD", unicodedata.normalize("NFC", text).translate(LETTERS))
+    kept = "".join(c for c in plain if not unicodedata.combining(c))
+    return " ".join("".join(c if " " <= c <= "~" else " " if not c.isprintable() else "?" for c in kept).split())
+
+
+@dataclass(frozen=True)
+class Comment:
+    """How a control marks a comment: the only way by which text of other files (names, notes) reaches its files.
+
+    Attributes
+    ----------
+    start, end : what stands before and after it on its line; `end` is empty where it runs to the end of the line.
+    upper : whether the control knows capital letters only.
+    """
+
+    start: str
+    end: str = ""
+    upper: bool = False
+
+    def line(self, text: str) -> str:
+        """The text as one line of comment: printable ASCII, without the characters that could end it."""
+        plain = printable(text).translate(ENDS)
+        if self.end:
+            plain = plain.replace("(", "[").replace(")", "]")
+        return f"{self.start}{' '.join((plain.upper() if self.upper else plain).split())}{self.end}"
+
+    def lines(self, texts: Sequence[str], width: int = WIDTH) -> list[str]:
+        """A line of comment for each text, more where it is long."""
+        return [self.line(part) for text in texts for part in textwrap.wrap(printable(text), width) or [""]]
 
 
 @dataclass(frozen=True)

@@ -8,21 +8,25 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Tables
+from errormodel.controllers.text import printable
 
 States = Sequence[tuple[Mapping[str, float], Tables]]
 """Temperatures, and the tables that were made for them; from cool to warm."""
 
 Emulate = Callable[[Tables, Setup, Array, Array], Array]
 POSES = 512
+NAME = 60  # characters of a sensor's name in a file
 LEAST = 1e-4  # mm a kelvin: less is not written
-LAW = re.compile(r"(\w+) by ([-+.\deE]+) mm and ([-+.\deE]+) mm/mm a kelvin of (\S+) above ([-+.\d]+)")
+LAW = re.compile(
+    r"^\W+correct (\w+) by ([-+.\deE]+) mm and ([-+.\deE]+) mm/mm a kelvin of (.+) above ([-+.\d]+)$", re.MULTILINE
+)
 
 
 @dataclass(frozen=True)
@@ -37,7 +41,8 @@ class Growth:
 
     def line(self) -> str:
         """The law as a file states it, for `laws_of` to read."""
-        law = f"{self.offset:.6e} mm and {self.slope:.6e} mm/mm a kelvin of {self.sensor} above {self.zero:.3f}"
+        where = f"{printable(self.sensor)[:NAME]} above {self.zero:.3f}"
+        law = f"{self.offset:.6e} mm and {self.slope:.6e} mm/mm a kelvin of {where}"
         return f"{self.axis} by {law}"
 
     def at(self, state: Mapping[str, float], position: Array) -> Array:
@@ -60,17 +65,17 @@ def laws_of(text: str) -> list[Growth]:
 
 
 def sign_program(axis: str, setting: str) -> dict[str, str]:
-    """A programme that shows on an indicator which way a positive value moves an axis."""
-    program = [
-        "(SIGN TEST of the temperature compensation, to be run before its laws are used)",
-        f"(1 all its values zero: an indicator against the spindle nose, along {axis})",
-        "M0 (set the indicator to zero)",
-        f"(2 {setting})",
-        f"M0 (the axis {axis} must now stand 0.0500 mm further, towards minus)",
-        "(3 set it back to zero; if it moved the other way, the control wants the other sign: turn that of the laws)",
-        "M30",
+    """Steps that show on an indicator which way a positive value moves an axis; nothing has to be driven."""
+    steps = [
+        "Check of the sign of the temperature compensation, before its laws are used. No axis is driven.",
+        f"1. All its values zero. Put an indicator against the spindle nose, along {axis}, and set it to zero.",
+        f"2. Then {setting}.",
+        f"3. The axis {axis} must now stand 0.0500 mm further, towards minus: then the sign is right.",
+        "   If it stands 0.0500 mm further towards plus, the control wants the other sign: turn that of every law.",
+        "   If it did not move, the compensation is not active.",
+        "4. Set the value back to zero.",
     ]
-    return {"sign_test/temperature.nc": "\n".join(program) + "\n"}
+    return {"sign_test/temperature.txt": "\n".join(steps) + "\n"}
 
 
 def growths(states: States, setup: Setup, emulate: Emulate) -> list[Growth]:
@@ -102,4 +107,5 @@ def thermal(
     if not found:
         return None
     files = write(found)
-    return Thermal(files, [g for text in files.values() for g in laws_of(text)], doubt)
+    back = [g for text in files.values() for g in laws_of(text)]
+    return Thermal(files, [replace(g, sensor=found[0].sensor) for g in back], doubt)

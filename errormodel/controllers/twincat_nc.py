@@ -13,9 +13,10 @@ from typing import ClassVar
 import numpy as np
 
 from errormodel.controllers.base import Controller, header
+from errormodel.controllers.dialect import Dialect
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Table, Tables, Term, check_points, even_step
-from errormodel.controllers.text import Files, one_file
+from errormodel.controllers.text import Comment, Files, one_file
 from errormodel.exceptions import InputError
 
 ARRAY = re.compile(r"(\w)_(both|plus|minus)\s*:\s*ARRAY\[1\.\.(\d+)\][^;]*?:=\s*\[(.*?)\];", re.DOTALL)
@@ -29,6 +30,10 @@ class TwinCatNc(Controller):
     name: ClassVar[str] = "twincat-nc"
     title: ClassVar[str] = "Beckhoff TwinCAT NC PTP (MC_TableBasedPositionCompensation)"
     source: ClassVar[str] = "infosys.beckhoff.com tcplclib_tc2_mc2: 17316396939, 12929471627, 12929466635"
+    comment: ClassVar[Comment | None] = Comment("// ")
+    sign_known: ClassVar[bool] = True
+    dialect: ClassVar[Dialect | None] = None  # NC PTP has no programmes: the PLC moves the axes
+    backlash_parameter: ClassVar[str] = "Backlash of MC_BacklashCompensation for {axis}"
     bidirectional: ClassVar[bool] = True
     most_points: ClassVar[int] = 2000
 
@@ -36,7 +41,7 @@ class TwinCatNc(Controller):
         return self.curves(setup, [(m, m) for m in setup.linear if m in setup.moving])
 
     def write(self, tables: Tables, setup: Setup) -> dict[str, str]:
-        lines = [f"// {s}" for s in header(self, setup)] + ["VAR_GLOBAL CONSTANT"]
+        lines = [*header(self, setup), "VAR_GLOBAL CONSTANT"]
         for table in tables:
             term = table.term
             check_points(term, self.most_points)
@@ -56,7 +61,8 @@ class TwinCatNc(Controller):
         name, text = one_file(files, ".st")
         directions = {v: k for k, v in SIDES.items()}
         out = []
-        for axis, side, count, body in ARRAY.findall(text):
+        plain = "\n".join(line.split("//")[0] for line in text.splitlines())
+        for axis, side, count, body in ARRAY.findall(plain):
             data = np.array([[float(v) for v in e] for e in ELEMENT.findall(body)]).reshape(-1, 2)
             if len(data) != int(count):
                 found = f"{len(data)} elements in an array of {count}"

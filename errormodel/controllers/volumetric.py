@@ -68,6 +68,9 @@ class Volumetric(Controller):
             for m in self.motions(setup, a)
         ]
 
+    def moved(self, output: str) -> str:
+        return output[1] if output[1] in "XYZ" else ""
+
     def motions(self, setup: Setup, axis: str) -> Sequence[str]:
         """Error parameters of an axis; of error motions that were read, these.
 

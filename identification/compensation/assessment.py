@@ -80,12 +80,23 @@ def nothing(q: Array, direction: Array, tool: Array | None) -> Array:
 
 def assess(volume: Volume, correct: Correct, held: Rows | None, seed: int) -> list[Figures]:
     """Figures for fresh poses of the volume, and for held-out rows if there are any."""
+    return [_figures(volume, correct, rows) for rows in (fresh_rows(volume, seed), *_by_tool(volume, held))]
+
+
+def left(volume: Volume, correct: Correct, seed: int) -> Error:
+    """What commands leave at fresh poses of the volume."""
+    rows = fresh_rows(volume, seed)
+    return Error.of(remaining(volume, correct, rows), volume.field.outward(rows.q))
+
+
+def fresh_rows(volume: Volume, seed: int) -> Rows:
+    """Poses of the volume that no reduction saw, and its corners."""
     q, came = volume.poses(FRESH, seed + 11)
     corners = volume.corners()
     q, came = np.vstack([q, corners[0]]), np.vstack([came, corners[1]])
     n = len(q)
     tool = np.tile(volume.field.chain.machine.tool, (n, 1)).astype(np.float64)
-    fresh = Rows(
+    return Rows(
         q,
         came,
         tool,
@@ -93,7 +104,6 @@ def assess(volume: Volume, correct: Correct, held: Rows | None, seed: int) -> li
         np.full(n, "", dtype=object),
         f"{n} poses over the measured volume, by the model",
     )
-    return [_figures(volume, correct, rows) for rows in (fresh, *_by_joint(held), *_by_tool(volume, held))]
 
 
 def _by_joint(held: Rows | None) -> list[Rows]:

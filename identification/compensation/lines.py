@@ -9,6 +9,7 @@ from textwrap import wrap
 from errormodel.controllers.setup import Axis, Setup
 from identification.compensation.assessment import OTHER_TOOLS, Error, Figures
 from identification.compensation.run import Compensation, Stated
+from identification.console import one_line
 
 WIDTH = 110
 IDLE = 1e-3  # of the error: a change by less is none
@@ -26,7 +27,10 @@ def list_lines() -> list[str]:
 def compensation_lines(result: Compensation, folder: Path) -> Iterator[str]:
     """All lines, for a person who stands before the machine."""
     controller, setup = result.controller, result.setup
-    yield f"{setup.machine}: tables for {controller.title}"
+    yield f"{one_line(setup.machine)}: tables for {controller.title}"
+    yield f"axes: {controller.legend(setup)}" + ("" if setup.numbers else " (others: --axes)")
+    if setup.inverted:
+        yield "sign: turned round (--invert)"
     if result.advice:
         yield ""
         yield "adjust before compensating (largest first), then measure and fit again"
@@ -46,7 +50,7 @@ def compensation_lines(result: Compensation, folder: Path) -> Iterator[str]:
             yield f"  {f'left {told}':52} {after.rms_um:8.2f} {after.worst_um:8.2f}   um (rms, worst)"
         if result.thermal.doubt:
             yield f"  not certain: {result.thermal.doubt}"
-            yield f"  run {folder / 'sign_test' / 'temperature.nc'} first"
+            yield f"  follow {folder / 'sign_test' / 'temperature.txt'} first"
     if result.probing:
         (rms, worst), (rms_after, worst_after) = result.probing.before_um, result.probing.after_um
         yield ""
@@ -59,14 +63,25 @@ def compensation_lines(result: Compensation, folder: Path) -> Iterator[str]:
     if controller.doubt:
         yield ""
         yield from wrap(f"not certain from public sources: {controller.doubt}", WIDTH, subsequent_indent="  ")
-        yield f"  run {folder / 'sign_test' / 'sign_test.nc'} first"
+    if result.tests:
+        yield f"check signs and axes first: {folder / 'sign_test' / 'steps.txt'}"
     yield ""
     yield "activation"
-    yield from (f"  [ ] {step}" for step in result.checklist)
-    tables = sum(len(s.files) for s in (*result.sets, result.thermal, result.probing) if s)
-    count = tables + len(result.tests) + len(OWN)
+    for step in result.checklist:
+        yield from wrap(step, WIDTH, initial_indent="  [ ] ", subsequent_indent="      ")
+    real = sum(len(s.files) for s in result.sets)
+    more = [f for s in (result.thermal, result.probing) if s for f in s.files]
+    check = len(result.tests) + sum(f.startswith("sign_test/") for f in more)
+    real += sum(not f.startswith("sign_test/") for f in more)
     yield ""
-    yield f"{count} files written to {folder}: {tables} of tables, {len(result.tests)} of sign tests, {', '.join(OWN)}"
+    yield (
+        f"{_files(real)} for the control{f', {_files(check)} in sign_test' if check else ''}, checklist.txt and "
+        f"compensation.json written to {folder}"
+    )
+
+
+def _files(count: int) -> str:
+    return f"{count} file{'s' if count != 1 else ''}"
 
 
 def _state(stated: Stated) -> str:

@@ -13,10 +13,10 @@ import numpy as np
 from errormodel.arrays import Array
 from errormodel.chain import Chain
 from errormodel.controllers import target as target_of
-from errormodel.controllers.base import Controller, Rewriter, Target
+from errormodel.controllers.base import Controller, Rewriter, Target, read_back, written
 from errormodel.controllers.klipper_probe import Probing
+from errormodel.controllers.polarity_steps import check_of
 from errormodel.controllers.setup import Setup
-from errormodel.controllers.sign_test import sign_test
 from errormodel.controllers.tables import Table, Tables
 from errormodel.exceptions import InputError
 from errormodel.features import root
@@ -26,9 +26,18 @@ from identification import store
 from identification.alignment import rotation_notes
 from identification.compensation.advice import Advice, mechanical_advice
 from identification.compensation.assessment import Correct, Figures, assess, emulated
+from identification.compensation.conditions import (
+    Conditions,
+    backlash_lines,
+    check_size,
+    conditions_of,
+    shift_lines,
+    state_lines,
+)
 from identification.compensation.field import Field
 from identification.compensation.read_motions import joints_read, known_at_tip, motion_rows, notes_on_motions
 from identification.compensation.reduction import leftover, reduce
+from identification.compensation.reversal import reversals
 from identification.compensation.rows import Rows, held_out, read_rows
 from identification.compensation.volume import Volume, levels
 from identification.progress import Tell, silent
@@ -40,7 +49,7 @@ WORK, MOST = 30, 8  # this over the number of tables, and at most that
 CLEAN = 0.03  # of the error: what a plain structure may leave without a richer one being tried
 ENOUGH = 0.9  # of what the plainer structure leaves: a richer one must be better than that
 EXAMPLE = 24  # poses of a programme where none is given
-STEADY = ("time", "w_", "feed", "load")  # channels that no table can follow
+STEADY = ("time", "w_", "feed", "load", "T_")  # channels that no table can follow
 
 
 @dataclass(frozen=True)
@@ -52,6 +61,7 @@ class Stated:
     files: dict[str, str]
     tables: Tables
     figures: list[Figures]
+    conditions: Conditions | None = None  # None for corrected commands, which hold everything
 
 
 @dataclass(frozen=True)
@@ -70,11 +80,12 @@ class Compensation:
     controller: Target
     setup: Setup
     sets: list[Stated]
-    tests: dict[str, str]  # files of the sign test; none where the sign is sure
+    tests: dict[str, str]  # files of the check of signs and axes
     thermal: Own | None  # the controller's own temperature compensation, if it has one
     probing: Probing | None  # what the controller adds to a probe's readings
     advice: list[Advice]
     notes: tuple[str, ...]
+    states: tuple[str, ...] = ()  # for which state of the machine the tables are, and what other states leave
 
     @property
     def usual(self) -> Stated:
@@ -83,15 +94,13 @@ class Compensation:
 
     @property
     def checklist(self) -> list[str]:
-        """What to do at the machine, in order; last the constants that its tables cannot hold."""
-        why = "alike at every position (work offset or reference point): the tables are zero at the reference point"
-        constants = [
-            f"shift {t.term.output} by {1e3 * float(t.values):+.1f} um{f' with {s.label}' if s.label else ''}, {why}"
-            for s in self.sets
-            for t in s.tables
-            if not t.term.inputs and not t.term.factor
-        ]
-        return [*self.controller.checklist(self.setup), *constants]
+        """What to do at the machine, in order; first what the tables cannot hold, and what is left without it."""
+        usual, controller = self.usual, self.controller
+        before = [line for s in self.sets if s.conditions for line in shift_lines(s.label, s.tables, s.conditions)]
+        if isinstance(controller, Controller) and usual.conditions:
+            before += backlash_lines(controller, self.setup, usual.tables, usual.conditions)
+            before += controller.about(usual.tables, self.setup)
+        return [*before, *self.states, *controller.checklist(self.setup)]
 
     def as_json(self) -> dict[str, Any]:
         """``compensation.json``."""
@@ -103,6 +112,11 @@ class Compensation:
             "tool": list(self.setup.tool),
             "region": {a.joint: {"axis": a.name, "measured": a.measured, "travel": a.travel} for a in self.setup.axes},
             "corrects": list(self.setup.movers),
+            "axes": {
+                a.joint: {"axis": a.name, "address": self.controller.address(self.setup, a.name)}
+                for a in self.setup.axes
+            },
+            "inverted": self.setup.inverted,
             "sets": [
                 {
                     "folder": s.label,
@@ -110,6 +124,7 @@ class Compensation:
                     "files": list(s.files),
                     "tables": [_table_json(t) for t in s.tables],
                     "figures": [asdict(f) | {"removed": f.removed()} for f in s.figures],
+                    "conditions": s.conditions.as_json() if s.conditions else None,
                 }
                 for s in self.sets
             ],
@@ -151,6 +166,10 @@ def compensate(
     tool: Vector | None = None,
     seed: int = 0,
     tell: Tell = silent,
+    *,
+    axes: str | None = None,
+    invert: bool = False,
+    allow_large: bool = False,
 ) -> Compensation:
     """Tables of a controller for the machine that was fitted into `folder`.
 
@@ -161,6 +180,9 @@ def compensate(
     program : for a target without tables, the programme to rewrite; None: an example of its own.
     probe : x and y of a probe from the nozzle, mm, whose readings the controller corrects, too.
     tool : tip of the tool that the tables are for, mm in the last frame; None: that of ``machine.yaml``.
+    axes : letters and numbers of the joints on the controller, ``X=1,Y=2``; None: the usual ones.
+    invert : whether the files get the other sign, because the check showed that the control wants it.
+    allow_large : whether corrections beyond 1 mm are written.
 
     Raises
     ------
@@ -181,11 +203,12 @@ def compensate(
             held = motion_rows(field, table, read)
     volume = Volume.of(field, table, fit.frame_mode != "fixed", turns=read is None)
     with tell("Following the errors along each axis"):
-        setup, notes = volume.setup(points, resolution)
+        setup, notes = volume.setup(points, resolution, axes)
+    letters = {a.joint: a.name for a in setup.axes}
     by_axis = None if read is None else {a.name: read.get(a.joint, ()) for a in setup.axes}
-    setup = replace(setup, probe=probe, read=by_axis)
-    if isinstance(controller, Controller):
-        controller.suits(setup)
+    setup = replace(setup, probe=probe, inverted=invert, reversals=reversals(field, letters), read=by_axis)
+    controller.suits(setup)
+    _check_invert(controller, invert)
     probing = _probing(controller, setup, volume) if probe else None
     channels = [root(c) for c in field.chain.channels]
     states = levels(table, channels)
@@ -194,10 +217,10 @@ def compensate(
     sets = []
     for state in states:
         here = replace(volume, field=field.at(state))
-        label = re.sub(r"[^\w.-]", "_", "_".join(f"{k}_{v:.1f}" for k, v in state.items()))
+        label = re.sub(r"[^\w.-]", "_", "_".join(f"{k}_{v:.1f}" for k, v in state.items()), flags=re.ASCII)
         what = f"{controller.title}{f', {label}' if label else ''}"
         if isinstance(controller, Controller):
-            sets.append(_one_state(controller, setup, here, held, label, state, seed, what, tell))
+            sets.append(_one_state(controller, setup, here, held, label, state, seed, allow_large, what, tell))
         elif isinstance(controller, Rewriter):
             with tell(f"Commands for {what}"):
                 sets.append(_rewritten(controller, setup, here, held, label, state, program, seed))
@@ -205,9 +228,20 @@ def compensate(
     own = None
     if isinstance(controller, Controller) and len(sets) > 1 and "time" not in states[0]:
         own = _own_thermal(controller, setup, volume, sets, seed)
-    if isinstance(controller, Controller) and controller.doubt and sets[0].tables:
-        tests = sign_test(controller, setup, [t.term for t in sets[0].tables])
+    if isinstance(controller, Controller) and sets[0].tables:
+        tests = check_of(controller, setup, sets[0].tables)
     usual = sets[len(sets) // 2]
+    loose = sorted({c for c in channels if c not in states[0] and c.startswith(STEADY)})
+    if isinstance(controller, Controller):
+        said = state_lines(
+            replace(volume, field=field.at(usual.state)),
+            table,
+            loose,
+            emulated(controller, usual.tables, setup, volume),
+            seed,
+        )
+    else:
+        said = state_lines(replace(volume, field=field.at(usual.state)), table, loose, volume.ideal, seed)
     advice = mechanical_advice(volume, usual.figures[0].before.rms_um)
     return Compensation(
         controller,
@@ -217,11 +251,8 @@ def compensate(
         own,
         probing,
         advice,
-        (
-            *notes,
-            *rotation_notes(fit.frames),
-            *_notes(volume, setup, [c for c in channels if c not in states[0]], held is not None, read),
-        ),
+        (*notes, *rotation_notes(fit.frames), *_notes(volume, setup, held is not None, read)),
+        said,
     )
 
 
@@ -239,6 +270,7 @@ def _one_state(
     label: str,
     state: Mapping[str, float],
     seed: int,
+    allow_large: bool,
     what: str,
     tell: Tell,
 ) -> Stated:
@@ -251,11 +283,20 @@ def _one_state(
         found = f"nothing of what was read of {joints} can be taken away by tables of this format"
         raise InputError(f"--controller {controller.name}", found, "Use --controller csv, or siemens-cec, or gcode")
     with tell("Writing and reading them back"):
-        files = controller.write(tables, setup)
-        back = controller.read(files, setup)
+        files = written(controller, tables, setup)
+        back = read_back(controller, files, setup)
     with tell("Judging what they leave"):
         figures = assess(volume, emulated(controller, back, setup, volume), held, seed)
-    return Stated(label, state, files, back, figures)
+        conditions = conditions_of(controller, setup, volume, back, seed)
+    check_size(conditions.largest_mm, allow_large)
+    return Stated(label, state, files, back, figures, conditions)
+
+
+def _check_invert(controller: Target, invert: bool) -> None:
+    """Raise InputError where the other sign can only do harm."""
+    if invert and not (isinstance(controller, Controller) and not controller.sign_known):
+        found = f"{controller.title}, whose sign a public source settles ({controller.source})"
+        raise InputError("--invert", found, "Leave it out: the other sign would double the errors")
 
 
 def _own_thermal(controller: Controller, setup: Setup, volume: Volume, sets: list[Stated], seed: int) -> Own | None:
@@ -339,22 +380,15 @@ def best_tables(controller: Controller, setup: Setup, volume: Volume) -> Tables:
     return best
 
 
-def _notes(
-    volume: Volume, setup: Setup, channels: list[str], held: bool, read: Mapping[str, Sequence[str]] | None
-) -> tuple[str, ...]:
+def _notes(volume: Volume, setup: Setup, held: bool, read: Mapping[str, Sequence[str]] | None) -> tuple[str, ...]:
     field = volume.field
     still = [a.joint for a in setup.axes if a.name not in setup.moving and read is None]
-    loose = sorted({c for c in channels if c.startswith(STEADY)})
     reach = np.linalg.matrix_rank(field.jacobian(*volume.poses(1, 0))[0], tol=1e-3)
     return (
         *(notes_on_motions(setup, read) if read is not None else ()),
         *(
             f"the survey did not move {name}: its errors are unknown, and are corrected as they were there"
             for name in still
-        ),
-        *(
-            f"errors that depend on {c} are corrected for {field.state.get(c, 0.0):g}: no table follows it"
-            for c in loose
         ),
         *(
             (f"{', '.join(setup.movers)} reach {reach} of 3 directions: errors along the others stay",)

@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from errormodel.arrays import Array
+from errormodel.controllers.axes import axis_letters, wanted_axes
 from errormodel.controllers.grids import nodes
 from errormodel.controllers.klipper_probe import Gap
-from errormodel.controllers.setup import LETTERS, Axis, Setup
+from errormodel.controllers.setup import Axis, Setup
 from errormodel.controllers.tables import Term
 from identification.alignment import IDENTITY, Pose
 from identification.compensation.field import Field, directions_at_zero
@@ -175,14 +176,22 @@ class Volume:
 
         return gap
 
-    def setup(self, points: int | None, resolution: float | None) -> tuple[Setup, tuple[str, ...]]:
-        """The machine as controllers see it, and notes on axes that have other names there."""
+    def setup(
+        self, points: int | None, resolution: float | None, axes: str | None = None
+    ) -> tuple[Setup, tuple[str, ...]]:
+        """The machine as controllers see it, and notes on axes that have other names there.
+
+        `axes` is what the user says of letters and numbers (``X=1,Y=2``, see :mod:`errormodel.controllers.axes`).
+        """
         field, machine = self.field, self.field.chain.machine
         along = directions_at_zero(machine, field.chain)
-        letters = axis_letters(machine.joints, along)
+        said = {} if axes is None else wanted_axes(axes, [j.name for j in machine.joints])
+        letters, unsure = axis_letters(machine.joints, along, said)
+        given = ((letter, said.get(j.name)) for letter, j in zip(letters, machine.joints, strict=True))
+        numbers = {letter: one.number for letter, one in given if one and one.number is not None}
         travel = np.array([j.travel for j in machine.joints])
         unit = np.where(field.rotary, 180 / np.pi, 1.0)
-        axes = tuple(
+        known = tuple(
             Axis(
                 letters[k], j.name, j.type == "rotary",
                 (float(travel[k, 0] * unit[k]), float(travel[k, 1] * unit[k])),
@@ -192,11 +201,14 @@ class Volume:
             )
             for k, j in enumerate(machine.joints)
         )  # fmt: skip
-        notes = tuple(f"joint {a.joint} is taken as axis {a.name} of the controller" for a in axes if a.name != a.joint)
-        reversing = frozenset(a.name for a in axes if a.joint in field.reversing)
+        notes = tuple(
+            f"joint {a.joint} is taken as axis {a.name} of the controller" for a in known if a.name != a.joint
+        )
+        reversing = frozenset(a.name for a in known if a.joint in field.reversing)
         setup = Setup(
-            machine.name, axes, tuple(axes[k].name for k in field.movers), reversing, machine.tool,
+            machine.name, known, tuple(known[k].name for k in field.movers), reversing, machine.tool,
             resolution, points, lambda q: field.levers(field.inward(q)),
+            numbers=numbers, unsure=unsure,
         )  # fmt: skip
         return setup, notes
 
@@ -223,19 +235,6 @@ def best_frame(errors: Array, points: Array, turns: bool = True) -> Pose:
     small = np.linalg.lstsq(frame_motion(points, True).reshape(-1, 6), errors.ravel(), rcond=1e-9)[0]
     turn = Rotation.from_rotvec(small[3:]).as_matrix()
     return Pose(turn, middle + small[:3] - turn @ middle)
-
-
-def axis_letters(joints: tuple[object, ...], along: Array) -> list[str]:
-    """A controller's letter for each joint: its own name where it is one, else by its direction."""
-    names = [getattr(j, "name", "") for j in joints]
-    out: list[str] = [n.upper() if n.upper() in LETTERS else "" for n in names]
-    for k, joint in enumerate(joints):
-        if not out[k] or out.index(out[k]) < k:
-            main = int(np.argmax(np.abs(along[k])))
-            wanted = ("ABC" if getattr(joint, "type", "") == "rotary" else "XYZ")[main]
-            free = [c for c in (wanted, *reversed(LETTERS)) if c not in out]
-            out[k] = free[0] if free else names[k]
-    return out
 
 
 def levels(table: pd.DataFrame, channels: list[str]) -> list[dict[str, float]]:

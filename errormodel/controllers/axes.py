@@ -1,0 +1,116 @@
+"""Which letter and which number a joint has on the controller.
+
+A letter is the joint's own name where it is one, else that of its direction: X Y Z for the first linear joint along x
+y z, U V W for a second one beside a joint of that name, A B C for rotary ones (ISO 841). Where that does not settle
+it, the joint is *unsure* and the user is asked. Numbers follow the letters X Y Z A B C U V W, never the chain.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from errormodel.arrays import Array
+from errormodel.exceptions import InputError, nearest
+from errormodel.machine import Joint
+
+LETTERS = ("X", "Y", "Z", "A", "B", "C", "U", "V", "W")
+ALONG = 0.9  # direction cosine from which on a joint runs along x, y or z
+FORM = "Write --axes X=1,Y=2,Z=3 (joint=number), or bridge=Y2 (joint=letter and number), every joint once"
+ITEM = re.compile(r"([A-Za-z]?)([-+]?[\d.]*)")
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What the user says of one joint: its letter, "" for the usual one, and its number, None for the usual one."""
+
+    letter: str
+    number: int | None
+
+
+def wanted_axes(text: str, joints: Sequence[str]) -> dict[str, Wanted]:
+    """The option ``--axes``: ``JOINT=[LETTER][NUMBER]``, separated by commas.
+
+    Raises
+    ------
+    InputError
+        A joint is unknown or there twice, a letter or number is there twice, a number is none or is missing.
+    """
+    out: dict[str, Wanted] = {}
+    for part in filter(None, (p.strip() for p in text.split(","))):
+        joint, equal, value = (p.strip() for p in part.partition("="))
+        if not equal or not value:
+            raise InputError("--axes", f"'{part}'", FORM)
+        if joint not in joints:
+            raise InputError("--axes", f"'{joint}', and the machine has no such joint", nearest(joint, joints))
+        if joint in out:
+            raise InputError("--axes", f"the joint {joint} twice", "Give every joint once")
+        match = ITEM.fullmatch(value)
+        if match is None or (match[1] and match[1].upper() not in LETTERS):
+            found = f"'{value}' for the joint {joint}, which is no number and no letter of {' '.join(LETTERS)}"
+            raise InputError("--axes", found, FORM)
+        if match[2] and not match[2].isdigit():
+            found = f"'{match[2]}' for the joint {joint}, which is no whole number"
+            raise InputError("--axes", found, "Write whole numbers, such as X=1")
+        out[joint] = Wanted(match[1].upper(), int(match[2]) if match[2] else None)
+    if not out:
+        raise InputError("--axes", "nothing", FORM)
+    for what in ("letter", "number"):
+        taken: dict[object, str] = {}
+        for joint, one in out.items():
+            value = getattr(one, what)
+            if value in taken:
+                found = f"the {what} {value} for {taken[value]} and for {joint}"
+                raise InputError("--axes", found, f"Give every joint a {what} of its own")
+            if value not in ("", None):
+                taken[value] = joint
+    numbered = [j for j, one in out.items() if one.number is not None]
+    missing = [j for j in joints if j not in numbered]
+    if numbered and missing:
+        found = f"a number for {', '.join(numbered)}, and none for {', '.join(missing)}"
+        raise InputError("--axes", found, "Number every joint of the machine, or none")
+    return out
+
+
+def axis_letters(
+    joints: Sequence[Joint], along: Array, wanted: Mapping[str, Wanted]
+) -> tuple[list[str], tuple[str, ...]]:
+    """A letter for each joint, and the joints whose letter only the user can know.
+
+    Parameters
+    ----------
+    along : (joints, 3) unit vectors of the joints in the reference's axes.
+    wanted : what the user says.
+    """
+    out = [wanted[j.name].letter if j.name in wanted else "" for j in joints]
+    for k, joint in enumerate(joints):
+        letter = joint.name.upper()
+        if not out[k] and letter in LETTERS and letter not in out:
+            out[k] = letter
+    nameless = [k for k, letter in enumerate(out) if not letter]
+    usual = {k: _usual(joints[k], along[k]) for k in nameless}
+    named, unsure = list(out), list[int]()
+    for k in nameless:
+        rivals = [i for i in nameless if usual[i][:1] == usual[k][:1]]
+        free = [c for c in usual[k] if c not in named]
+        if free and len(rivals) == 1 and abs(along[k]).max() >= ALONG:
+            out[k] = free[0]
+        else:
+            unsure.append(k)
+    for k in unsure:  # what is left over, so that every joint has a letter
+        out[k] = next((c for c in (*usual[k], *reversed(LETTERS)) if c not in out), joints[k].name)
+    return out, tuple(joints[k].name for k in unsure)
+
+
+def _usual(joint: Joint, direction: Array) -> str:
+    """Letters that a joint of that direction may have, the usual one first."""
+    main = int(np.argmax(np.abs(direction)))
+    return "ABC"[main] if joint.type == "rotary" else "XYZ"[main] + "UVW"[main]
+
+
+def in_order(names: Sequence[str]) -> list[str]:
+    """Axes in the order in which controllers number them: X Y Z A B C U V W, whatever the chain."""
+    return sorted(names, key=lambda n: (LETTERS.index(n) if n in LETTERS else len(LETTERS), n))

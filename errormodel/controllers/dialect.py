@@ -1,0 +1,70 @@
+"""The language of a control's programmes, as far as the check of signs needs it: slow straight moves, axis by axis.
+
+Every position is a machine coordinate, every move is straight, of one axis and at a stated feed: there is no rapid.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from errormodel.controllers.text import Comment
+
+
+@dataclass(frozen=True)
+class Move:
+    """One axis to a machine position (mm) at a feed (mm/min), and why."""
+
+    axis: str
+    to: float
+    feed: float
+    why: str
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """How a control writes a short programme.
+
+    Attributes
+    ----------
+    suffix : of the programme's file.
+    comment : its comments.
+    move : a straight move of one axis to a machine coordinate, from `axis`, `to` and `feed`.
+    end : its last lines.
+    source : where this comes from.
+    opening : lines before any comment, from the programme's `name` and `number`.
+    head : lines that bring the control into a known state.
+    stop : a line that waits for the operator.
+    needs : what the operator has to see to first, in words.
+    block : what stands before each line, from its number `n`.
+    """
+
+    suffix: str
+    comment: Comment
+    move: str
+    end: tuple[str, ...]
+    source: str
+    opening: tuple[str, ...] = ()
+    head: tuple[str, ...] = ()
+    stop: str = "M0"
+    needs: tuple[str, ...] = ()
+    block: str = ""
+
+    def prepare(self, numbers: Mapping[str, int]) -> list[str]:
+        """Lines that bring the control into a known state; `numbers` of its axes, by letter."""
+        return list(self.head)
+
+    def programme(
+        self, name: str, number: int, said: Sequence[str], moves: Sequence[Move], numbers: Mapping[str, int]
+    ) -> str:
+        """The programme's text: what is said, a stop, and the moves, each after its reason."""
+
+        def named(lines: Sequence[str]) -> list[str]:
+            return [line.format(name=name, number=number) for line in lines]
+
+        lines = [*named(self.opening), *self.comment.lines([*self.needs, *said], 70), self.stop, *self.prepare(numbers)]
+        for move in moves:
+            lines += self.comment.lines([move.why], 70)
+            lines.append(self.move.format(axis=move.axis, to=move.to, feed=move.feed))
+        lines += named(self.end)
+        return "\n".join(f"{self.block.format(n=n)}{line}" for n, line in enumerate(lines)) + "\n"

@@ -1,0 +1,192 @@
+"""The polarity check on paper and as programmes: where to stand, how to get there, and what each reading means."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from errormodel.controllers.base import Controller
+from errormodel.controllers.dialect import Move
+from errormodel.controllers.polarity import MARGIN, SEEN, Step, polarity_check
+from errormodel.controllers.setup import Setup
+from errormodel.controllers.tables import Tables
+from errormodel.controllers.text import printable
+
+FEWEST = 8  # intervals of a table of the check
+BACK = 10.0  # mm, from which an axis comes to its place, and to which it is taken back
+FACING = 0.7  # direction cosine from which on an axis runs along the spindle
+SHORT = 2.0  # mm before its place, where a programme stops: the rest is driven by hand
+FEED, SLOW = 500.0, 100.0  # mm/min, away from the indicator and towards it
+NEAR = 20.0  # mm, from where a programme may be started
+NUMBER = 7001  # of the first programme, where programmes have numbers
+
+
+def check_of(controller: Controller, setup: Setup, tables: Tables) -> dict[str, str]:
+    """All files of the check of a controller's tables, by name; none where it needs none."""
+    own = controller.own_check(setup, tables)
+    if own is not None:
+        return own
+    axes = tuple(replace(a, intervals=max(a.intervals, FEWEST)) for a in setup.axes)
+    fine = replace(setup, axes=axes, points=None)  # tables of two points have no room for a peak
+    files, steps = polarity_check(controller, fine, controller.structures(fine)[0])
+    return {**files, **check_files(controller, fine, steps, list(files))} if steps else {}
+
+
+def approach(setup: Setup, step: Step) -> float | None:
+    """Where the watched axis comes from, mm, `BACK` before its place; None: no room.
+
+    From a side where an indicator on the table can stand before it. Every position must keep `MARGIN` from the ends.
+    """
+    for axis in setup.axes:
+        low, high = axis.travel
+        if (
+            not axis.rotary
+            and axis.name in setup.watched
+            and not low + MARGIN <= step.place[axis.name] <= high - MARGIN
+        ):
+            return None
+    low, high = setup.axis(step.axis).travel
+    for side in _free_sides(setup, step.axis):
+        start = step.place[step.axis] + side * BACK
+        if low + MARGIN <= start <= high - MARGIN:
+            return start
+    return None
+
+
+def _free_sides(setup: Setup, name: str) -> tuple[float, ...]:
+    """Sides from which an axis can come to an indicator, -1 or +1: along the spindle only that away from the table.
+
+    The spindle nose faces the way of the tool; without a tool plus Z leads away from the workpiece (ISO 841).
+    """
+    tool, along = np.asarray(setup.tool, np.float64), np.asarray(setup.axis(name).along)
+    length = float(np.linalg.norm(tool))
+    facing = float(tool @ along) / length if length > 1.0 else 0.0
+    if abs(facing) > FACING:
+        return (-1.0,) if facing > 0 else (1.0,)
+    return (1.0,) if length <= 1.0 and name in ("Z", "W") else (-1.0, 1.0)
+
+
+def moves_of(setup: Setup, step: Step, start: float) -> list[Move]:
+    """Away along the watched axis, the others one by one, then towards the place, and a stop before it."""
+    end, side = step.place[step.axis], 1.0 if start > step.place[step.axis] else -1.0
+    others = [m for m in setup.watched if m != step.axis]
+    return [
+        Move(step.axis, start, FEED, "retreat, away from the indicator"),
+        *(Move(m, step.place[m], FEED, "beside the place") for m in others),
+        Move(step.axis, end + side * SHORT, SLOW, f"approach, ends {SHORT:g} mm before the place"),
+    ]
+
+
+def check_files(
+    controller: Controller, setup: Setup, steps: Sequence[Step], load: Sequence[str] = ()
+) -> dict[str, str]:
+    """``steps.txt``, and a programme for each reading where the control's language is known; `load`: the tables."""
+    dialect, files = controller.dialect, dict[str, str]()
+    lines = [*_opening(controller, setup, steps, load)]
+    numbers = {m: controller.number(setup, m) for m in setup.watched} if controller.first_number is not None else {}
+    for k, step in enumerate(steps, start=1):
+        start = approach(setup, step)
+        lines += ["", *_reading(controller, setup, k, step, start)]
+        if dialect is None or start is None:
+            continue
+        name = f"check_{k}_{step.axis}"
+        lines.append(f"   programme: {name}{dialect.suffix}")
+        said = [
+            f"polarity check {k}: {step.axis}, made for machine {printable(setup.machine)[:60]}",
+            f"start only with {step.axis} on the {_side(start > step.place[step.axis])} side of {start:.3f}, "
+            f"all within {NEAR:g} mm of {_place(step.place, setup.watched)}, nothing in the way, feed override down",
+            "see steps.txt for what to read and what it means",
+        ]
+        files[name + dialect.suffix] = dialect.programme(
+            name, NUMBER + k - 1, said, moves_of(setup, step, start), numbers
+        )
+    return {"steps.txt": "\n".join(lines) + "\n", **files}
+
+
+def _opening(controller: Controller, setup: Setup, steps: Sequence[Step], load: Sequence[str]) -> list[str]:
+    """What holds for all readings."""
+    watched = list(dict.fromkeys(s.axis for s in steps))
+    unseen = [m for m in setup.watched if m not in watched]
+    still = [a for a in setup.axes if a.name not in setup.watched]
+    peak = max((abs(s.reading) for s in steps), default=0.0)
+    alone = max((abs(s.by_itself) for s in steps if s.by_itself is not None), default=0.0)
+    return [
+        "POLARITY CHECK: do the tables act on the right axis, and the right way? Before the real tables are loaded.",
+        f"machine: {printable(setup.machine)}",
+        f"control: {controller.title}",
+        f"axes: {controller.legend(setup)}",
+        f"tables of the check: {', '.join(load)}",
+        *(["sign: turned round (--invert)"] if setup.inverted else []),
+        "",
+        "All positions are machine coordinates, mm and deg. Nothing is driven in rapid. The table is empty, the",
+        "spindle stands, a person holds the feed override. The tables of this folder move no axis by more than",
+        f"{peak:.3f} mm where they act as they should. Axes that are watched: {', '.join(watched) or 'none'}.",
+        *([f"If a table that only multiplies others acts by itself, it moves one by {alone:.3f} mm."] if alone else []),
+        *([f"No table of this check moves {', '.join(unseen)} enough to be read."] if unseen else []),
+        *(
+            [f"Before all: {', '.join(f'{a.name} at {steps[0].place[a.name]:.3f}' for a in still)}, by hand."]
+            if still and steps
+            else []
+        ),
+        *(
+            ["Tables over rotary axes have the sign of the others; they have no reading of their own here."]
+            if any(a.rotary for a in still)
+            else []
+        ),
+        "",
+        "For each reading below:",
+        " a. Compensation off. "
+        + (
+            "Bring the axes by hand near the place, on the side it names. Run the programme:"
+            if controller.dialect
+            else "No programme is given for this control: its language was not found in a public source, or"
+        ),
+        "    it goes back along the watched axis, then to the place, slowly, and ends 2 mm before it."
+        if controller.dialect
+        else "    it has none. Drive by hand, slowly, in machine coordinates, to 2 mm before the place.",
+        " b. The last 2 mm by hand, in steps of 0.1 and then 0.001 mm, exactly to the place, never beyond it.",
+        " c. Put the indicator, its stand on the table, against the spindle nose, ahead of the motion. Set it to zero.",
+        f" d. By hand {BACK:g} mm back, along the watched axis only.",
+        " e. Load this folder's tables, compensation on. If the control has to be started and referenced again, drive",
+        "    by hand, and around the indicator.",
+        " f. As a. (but compensation on) and b. again, from the same side. Read.",
+        " g. By hand back along the watched axis; then take the indicator away.",
+        "At the end: take the tables of this folder out again.",
+    ]
+
+
+def _reading(controller: Controller, setup: Setup, k: int, step: Step, start: float | None) -> list[str]:
+    """One reading in words, whatever it shows."""
+    want, axis = step.reading, step.axis
+    come = (
+        f"from the {_side(start > step.place[axis])} side, from {axis} = {start:.3f}"
+        if start is not None
+        else f"by hand only: within {MARGIN:g} mm of the end of a travel, or no {BACK:g} mm of room along {axis}"
+    )
+    lines = [
+        f"{k}. Watch {axis} ({step.table}) at {_place(step.place, setup.watched)}, coming {come}",
+        f"   {want:+.3f} mm ({axis} further towards {_side(want > 0)}): right.",
+        f"   {-want:+.3f} mm: the control wants the other sign. Do not load the real tables: "
+        f"{controller.other_sign or OTHER}.",
+        "   0.000 mm: the compensation is not active, or acts on another axis.",
+    ]
+    if step.by_itself is not None and abs(step.by_itself) >= SEEN:
+        lines.append(
+            f"   {want + step.by_itself:+.3f} or {want - step.by_itself:+.3f} mm: a table that only multiplies others "
+            "acts by itself. Switch everything off and do not load the real tables."
+        )
+    lines.append("   anything else: axes are interchanged, or the step of the control is another. Do not load.")
+    return lines
+
+
+OTHER = "the sign is public for this control, so look for a direction of motion that was turned round in its settings"
+
+
+def _place(place: Mapping[str, float], axes: Sequence[str]) -> str:
+    return " ".join(f"{m}{place[m]:.3f}" for m in axes)
+
+
+def _side(plus: bool) -> str:
+    return "plus" if plus else "minus"

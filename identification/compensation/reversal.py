@@ -1,0 +1,93 @@
+"""Backlash that the fit found, as a control's own parameter takes it, and what a control leaves that has none."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from errormodel.arrays import Array
+from errormodel.controllers.base import Controller
+from errormodel.controllers.setup import Reversal, Setup
+from errormodel.controllers.tables import Tables
+from identification.compensation.assessment import Correct
+from identification.compensation.field import Field
+
+LEAST = 5e-4  # mm or deg: less is not written
+
+
+def reversals(field: Field, letters: Mapping[str, str]) -> dict[str, Reversal]:
+    """Reversal values of axes whose effects are backlash or lost motion (mm, deg), by axis.
+
+    Parameters
+    ----------
+    letters : axis of each joint.
+    """
+    chain = field.chain
+    out: dict[str, Reversal] = {}
+    for spec, ids in zip(chain.machine.effects, chain.effect_ids, strict=True):
+        values = [float(field.values[chain.index[i]]) for i in ids]
+        if spec.effect == "backlash":
+            ends = (values[0], values[0])
+        elif spec.effect == "lost-motion":
+            ends = (values[1], values[0] + values[1])
+        else:
+            continue
+        joint = next(j for j in field.joints if j.name == spec.options["joint"])
+        unit = 180 / np.pi if joint.type == "rotary" else 1.0
+        before = out.get(letters[joint.name], Reversal(0.0, 0.0))
+        out[letters[joint.name]] = Reversal(before.low + unit * ends[0], before.high + unit * ends[1])
+    return {name: r for name, r in out.items() if max(abs(r.low), abs(r.high)) >= LEAST}
+
+
+def held_by_tables(tables: Tables) -> frozenset[str]:
+    """Axes whose tables differ with the direction of travel: these hold the backlash themselves."""
+    return frozenset(t.term.inputs[0] for t in tables if t.term.direction)
+
+
+def left_to_parameters(controller: Controller, setup: Setup, tables: Tables) -> dict[str, Reversal]:
+    """Backlash that the tables do not hold and that a parameter of the control can."""
+    if not controller.backlash_parameter:
+        return {}
+    return {name: r for name, r in setup.reversals.items() if name not in held_by_tables(tables)}
+
+
+def with_backlash(correct: Correct, setup: Setup, found: Mapping[str, Reversal], field: Field) -> Correct:
+    """Commands of a control whose backlash parameters are set to the mean over the travel."""
+    size = np.array([found[n].mean if n in found else 0.0 for n in setup.names])
+    unit = np.where(field.rotary, np.pi / 180, 1.0)
+
+    def out(q: Array, direction: Array, tool: Array | None) -> Array:
+        return np.asarray(correct(q, direction, tool) - direction * size * unit / 2)
+
+    return out
+
+
+def reversal_lines(controller: Controller, setup: Setup, tables: Tables) -> list[str]:
+    """What the checklist says of backlash, axis by axis."""
+    lines = []
+    held = held_by_tables(tables)
+    for name, r in sorted(setup.reversals.items()):
+        axis = setup.axis(name)
+        unit, factor = ("arcsec", 3600.0) if axis.rotary else ("um", 1000.0)
+        size = f"{-factor * r.mean:+.1f} {unit}"
+        if abs(r.high - r.low) > 0.05 * abs(r.mean):
+            size += f" ({-factor * r.low:+.1f} at {axis.travel[0]:g}, {-factor * r.high:+.1f} at {axis.travel[1]:g})"
+        found = f"backlash of {name}: {size}, positive where the axis stays behind its direction of travel"
+        parameter = controller.backlash_parameter.format(
+            axis=controller.address(setup, name), number=controller.number(setup, name)
+        )
+        if name in held:
+            lines.append(f"{found}. These tables hold it, one for each direction" + _untouched(parameter))
+        elif parameter:
+            value = controller.backlash_value(setup, name, -r.mean)
+            lines.append(
+                f"{found}. These tables do not hold it: {parameter}: add {value} to what was set during the survey"
+            )
+        else:
+            lines.append(f"{found}. It stays: neither these tables nor a parameter of {controller.title} hold it")
+    return lines
+
+
+def _untouched(parameter: str) -> str:
+    return f": leave {parameter} as it was during the survey" if parameter else ""
