@@ -31,7 +31,7 @@ class Dialect:
     comment : its comments.
     move : a straight move of one axis to a machine coordinate, from `axis`, `to` and `feed`.
     end : its last lines.
-    source : where this comes from.
+    source : where this comes from, and what of it no source was read for.
     opening : lines before any comment, from the programme's `name` and `number`.
     head : lines that bring the control into a known state.
     stop : a line that waits for the operator.

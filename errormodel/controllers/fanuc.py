@@ -91,7 +91,7 @@ class Fanuc(Controller):
             "write down G59 and the external offset (EXT), set both to zero, and put them back at the end",
             "an alarm 3001 or an unknown word at the IF lines means: nothing moved, go there by hand",
         ),
-        source="FANUC B-63844EN (G53, system variables #5021 and #5041 of custom macro B); G53 is a rapid",
+        source="not checked in FANUC's manual: G53 as a rapid of one block, #5021 and #5041 of custom macro B",
     )
 
     def backlash_value(self, setup: Setup, axis: str, size: float) -> str:

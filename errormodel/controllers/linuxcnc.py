@@ -42,7 +42,7 @@ class LinuxCnc1(Controller):
         head=("G21 G90 G94 G40 G49 G80",),
         move="G53 G1 {axis}{to:.3f} F{feed:g}",
         end=("M2",),
-        source="LinuxCNC docs/src/gcode/g-code.adoc (G53: with G0 or G1, on every line), overview.adoc",
+        source="NISTIR 6556, RS274/NGC 3.5.12 (G53 with G0 or G1, in each block), which LinuxCNC follows",
     )
     most_points: ClassVar[int] = 256
     kind: ClassVar[int] = 1

@@ -99,7 +99,7 @@ class Siemens(Controller):
         move="SUPA G1 {axis}={to:.3f} F{feed:g}",
         end=("M30",),
         source="SINUMERIK 6FC5397-0BP40 K2 (SUPA: all frames, DRF and external offsets off, block by block), "
-        "6FC5398 (G710: mm for lengths and feeds; D0: no tool offset)",
+        "not checked in a manual: G710, D0 and TRAFOOF, and SUPA with G1",
         needs=("SUPA counts in machine coordinates; D0 takes the tool's offsets off; no tool in the spindle",),
     )
 
