@@ -82,4 +82,3 @@ def _arrivals(q: Array) -> Array:
     for k in range(1, len(step)):
         step[k] = np.where(step[k] == 0, step[k - 1], step[k])
     return np.where(step == 0, 1.0, step)
-

@@ -14,14 +14,16 @@ import numpy as np
 from errormodel.arrays import Array
 from errormodel.controllers.setup import Setup
 from errormodel.gcode.codes import STOPS
-from errormodel.gcode.divide import BEND, LARGEST, Correct, directions, runs_of
-from errormodel.gcode.interpreter import INCH, Step
+from errormodel.gcode.divide import BEND, LARGEST, Correct, directions, known, runs_of
+from errormodel.gcode.extruder import INCH
 from errormodel.gcode.paths import CHORD, Line
 from errormodel.gcode.rewrite import MOTIONS, PATH_WORDS, TAKE_UP
+from errormodel.gcode.steps import Step
 
 SAMPLES = np.array([0.0, 0.23, 0.5, 0.81, 1.0])  # of each written piece
 STEADY = 4  # steps from a written position back to the one that was asked for: corrections change by less than 1 %
 EXTRUDED = 3e-5  # mm, by which the extrusion of a piece may differ: its last figure, rounded
+NEAR = 0.05  # mm of a place where an axis turns back
 STRAINED = 0.01  # relative, by which a corrected length may differ
 TIMED = 1e-6  # relative, by which times of G93 may differ: nine figures
 
@@ -97,7 +99,9 @@ def checked(
 
 
 def _disagree(step: Step, found: str) -> None:
-    step.block.refuse(f"what would be written does not agree with it: {found}", "Report this programme; nothing is written")
+    step.block.refuse(
+        f"what would be written does not agree with it: {found}", "Report this programme; nothing is written"
+    )
 
 
 def _words(step: Step, group: Sequence[Step]) -> None:
@@ -135,16 +139,14 @@ def _words(step: Step, group: Sequence[Step]) -> None:
         _disagree(step, "its motion")
 
 
-def _rapids(
-    pairs: Sequence[tuple[Step, Step]], setup: Setup, correct: Correct, figures: int
-) -> float:
+def _rapids(pairs: Sequence[tuple[Step, Step]], setup: Setup, correct: Correct, figures: int) -> float:
     if not pairs:
         return 0.0
     asked = np.array([s.q for s, _ in pairs])
-    known = np.nan_to_num(asked)
+    places = known(asked)
     start = np.array([s.q if s.path is None else s.path.start for s, _ in pairs])
-    came = np.array([directions(s.came, np.nan_to_num(q - a)) for (s, _), q, a in zip(pairs, asked, start, strict=True)])
-    wanted = asked + correct(known, came) - known
+    came = np.array([directions(s.came, known(q - a)) for (s, _), q, a in zip(pairs, asked, start, strict=True)])
+    wanted = asked + correct(places, came) - places
     largest = 0.0
     for (step, sent), goal in zip(pairs, wanted, strict=True):
         gap = np.abs(sent.q - goal)[[*step.named]].max()
@@ -167,64 +169,91 @@ def _paths(
     samples = [_samples(step, group, movers) for step, group in pairs]
     if not samples:
         return 0.0, 0
-    sent, came, free = (np.vstack([s[k] for s in samples]) for k in range(3))
-    sent_known = np.nan_to_num(sent)
-    q = sent_known.copy()
-    for _ in range(STEADY):
-        q = sent_known - np.where(free, correct(q, came) - q, 0.0)
+    sent, before, behind, free = (np.vstack([s[k] for s in samples]) for k in range(4))
+    either = (before != behind).any(axis=1)
+    back = _back(sent, before, free, correct)
+    other = back.copy()
+    other[either] = _back(sent[either], behind[either], free[either], correct)
     worst, line, at, count = 0.0, 0, 0, np.sqrt(len(movers))
     for (step, group), part in zip(pairs, samples, strict=True):
-        back = np.where(np.isfinite(part[0]), q[at : at + len(part[0])], np.nan)
-        at += len(part[0])
-        gap = _gap(step, group, back)
+        rows = slice(at, at := at + len(part[0]))
+        gap = _gap(step, group, [back[rows], other[rows]] if either[rows].any() else [back[rows]])
         limit = count * (BEND + max(TAKE_UP, 2.5 * _quantum(step, figures)) + _quantum(step, figures)) + 1e-6
         limit += CHORD if step.path is not None and step.path.pieces() > 1 else 0.0
         if not gap <= limit:
             _disagree(step, f"a path that runs {1e3 * gap:.2f} um beside")
-        worst, line = max((worst, -line), (gap, -step.block.number))
-        line = -line
+        if gap > worst:
+            worst, line = gap, step.block.number
     return worst, line
 
 
-def _samples(step: Step, group: Sequence[Step], movers: Array) -> tuple[Array, Array, Array]:
-    """Positions along the written pieces, directions of arrival there, and which axes are corrected."""
+def _back(sent: Array, came: Array, free: Array, correct: Correct) -> Array:
+    """Positions that written ones were made from: these less the correction there."""
+    stands = known(sent)
+    q = stands.copy()
+    for _ in range(STEADY if len(q) else 0):
+        q = stands - np.where(free, correct(q, came) - q, 0.0)
+    return q
+
+
+def _samples(step: Step, group: Sequence[Step], movers: Array) -> tuple[Array, Array, Array, Array]:
+    """Positions along the written pieces, directions of arrival there, and which axes are corrected.
+
+    Beside a place where an axis turns back both of its directions are right: the two arrays differ there.
+    """
     paths = [s.path for s in group if s.path is not None]
-    points = np.vstack([p.at(SAMPLES) for p in paths])
-    runs, along = runs_of(step), _along(paths)
-    middle = (along[1:] + along[:-1]) / 2
-    which = np.searchsorted([ends[1] for ends, _ in runs[:-1]], middle)
-    came = np.repeat(np.array([runs[w][1] for w in which]), len(SAMPLES), axis=0)
+    starts, steps = np.array([p.start for p in paths]), np.array([p.end - p.start for p in paths])
+    points = (starts[:, None] + SAMPLES[:, None] * steps[:, None]).reshape(-1, len(movers))
+    runs, sizes = runs_of(step), _sizes(paths)
+    along = _along(sizes)
+    middle, near = (along[1:] + along[:-1]) / 2, NEAR / max(float(sizes.sum()), NEAR)
+    ends = [e[1] for e, _ in runs[:-1]]
+    before, behind = (
+        np.repeat(np.array([runs[w][1] for w in np.searchsorted(ends, middle + side * near)]), len(SAMPLES), axis=0)
+        for side in (-1, 1)
+    )
     free = movers & np.isin(np.arange(len(movers)), step.movable)
-    return points, came, np.tile(free, (len(points), 1))
+    return points, before, behind, np.tile(free, (len(points), 1))
 
 
-def _along(paths: Sequence[Line]) -> Array:
+def _sizes(paths: Sequence[Line]) -> Array:
+    """Lengths of written pieces."""
+    return np.asarray(
+        np.linalg.norm(known(np.array([p.end for p in paths]) - np.array([p.start for p in paths])), axis=1)
+    )
+
+
+def _along(sizes: Array) -> Array:
     """Shares of the written length at the ends of its pieces."""
-    length = np.concatenate([[0.0], np.cumsum([np.linalg.norm(np.nan_to_num(p.end - p.start)) for p in paths])])
+    length = np.concatenate([[0.0], np.cumsum(sizes)])
     return np.asarray(length / length[-1] if length[-1] > 0 else np.linspace(0, 1, len(length)))
 
 
-def _gap(step: Step, group: Sequence[Step], back: Array) -> float:
+def _gap(step: Step, group: Sequence[Step], candidates: Sequence[Array]) -> float:
     """Largest distance from the path, its order and its ends."""
     path = step.path
     if path is None:
         raise ValueError("a cut has a path")
-    plain = replace(path, start=np.nan_to_num(path.start), end=np.nan_to_num(path.end))
-    known = np.isfinite(path.end) & np.isfinite(path.start)
-    back = np.where(known, np.nan_to_num(back), plain.start)
+    plain = replace(path, start=known(path.start), end=known(path.end))
+    stands = np.isfinite(path.end) & np.isfinite(path.start)
     pieces, n = len(group), len(SAMPLES)
-    along = _along([s.path for s in group if s.path is not None])
+    sizes = _sizes([s.path for s in group if s.path is not None])
+    along = _along(sizes)
     near = (along[:-1, None] + np.diff(along)[:, None] * SAMPLES).ravel()
-    share = plain.nearest(back, near)
-    gaps = np.linalg.norm(back - plain.at(share), axis=1).reshape(pieces, n)
-    share = share.reshape(pieces, n)
-    sizes = np.array([np.linalg.norm(np.nan_to_num(s.path.end - s.path.start)) for s in group if s.path is not None])
+    found = []
+    for candidate in candidates:
+        back = np.where(stands, candidate, plain.start)
+        share = plain.nearest(back, near)
+        gaps = np.linalg.norm(back - plain.at(share), axis=1).reshape(pieces, n)
+        found.append((gaps, share.reshape(pieces, n), back.reshape(pieces, n, -1)))
+    better = np.argmin([gaps.max(axis=1) for gaps, _, _ in found], axis=0)
+    gaps, share, back = (np.array([found[w][part][k] for k, w in enumerate(better)]) for part in range(3))
     progress = (share[:, -1] - share[:, 0]) * path.length
     moves = progress > sizes / 2
     if (~moves & (sizes > 2 * LARGEST)).any() or (np.diff(share[moves].ravel()) * path.length < -TAKE_UP - CHORD).any():
         _disagree(step, "a path in another order")
-    end = float(np.linalg.norm(back[-1] - plain.end))
-    begin = float(np.linalg.norm(back.reshape(pieces, n, -1)[moves][0, 0] - plain.start)) if moves.any() else 0.0
+    end = min(float(np.linalg.norm(f[2][-1, -1] - plain.end)) for f in found)
+    begin = float(np.linalg.norm(back[moves][0, 0] - plain.start)) if moves.any() else 0.0
     return max(float(gaps[moves].max(initial=0.0)), end, begin)
 
 
@@ -243,10 +272,10 @@ def _extrusion(step: Step, group: Sequence[Step]) -> float:
     before = step.extruded[0] if step.spread == "absolute" else 0.0
     values = np.array([float(s.block.number_of("E") or 0.0) * unit for s in group])
     done = values - before if step.spread == "absolute" else np.cumsum(values)
-    along = _along([s.path for s in group if s.path is not None])[1:]
+    sizes = _sizes([s.path for s in group if s.path is not None])
+    along = _along(sizes)[1:]
     gap = float(abs(done[-1] - (whole - before)))
     shared = float(np.abs(done - (whole - before) * along).max())
-    sizes = np.array([s.path.length for s in group if s.path is not None])
     still = np.diff(done, prepend=0.0) == 0.0  # pieces of micrometres, at which nothing is extruded
     loose = min(1.0, STRAINED + float(sizes[still].sum() / max(sizes.sum(), 1e-9)))
     if gap > EXTRUDED * unit or shared > EXTRUDED * unit + loose * abs(whole - before):
@@ -264,4 +293,3 @@ def _time(step: Step, group: Sequence[Step]) -> float:
     if not gap <= TIMED:
         _disagree(step, f"a time that differs by {100 * gap:.4f} %")
     return gap
-

@@ -33,11 +33,10 @@ _QUIET = (
     "M0 M1 M2 M30 M3 M4 M5 M73 M82 M83 M104 M105 M106 M107 M108 M109 M110 M113 M114 M115 M117 M118 M140 M141 M155 M190 "
     "M191 M201 M203 M204 M205 M220 M221 M300 M302 M400 M572 M593 M862.1 M862.2 M862.3 M862.4 M862.5 M862.6 M900"
 )
-_PRINTING_M = {code: "printer" for code in _QUIET.split()} | {"M17": "motors", "M18": "motors", "M84": "motors"}
+_PRINTING_M = dict.fromkeys(_QUIET.split(), "printer") | {"M17": "motors", "M18": "motors", "M84": "motors"}
 
 STOPS = frozenset(_STOPS)  # carried out after the block's motion: NIST IR 6556, table 8
 ENDS = frozenset({"M2", "M30"})
-MOVING = frozenset({"M6", "G28", "G29", "G30", "M17", "M18", "M84"})  # where axes stand afterwards has to be said
 PLANES = {"G17": ("X", "Y", "I", "J", "K"), "G18": ("Z", "X", "K", "I", "J"), "G19": ("Y", "Z", "J", "K", "I")}
 EXACT = frozenset({"G9", "G61", "G61.1"})  # an exact stop at the end of every block
 
@@ -95,6 +94,7 @@ class Dialect:
     groups : modal group of every G and M code that is understood; two of a group exclude each other in a block.
     letters : letters besides N, G, M and the axes.
     extras : parameters that a code may have; any other use of these letters is refused.
+    moving : commands that move axes by rules of their own: where these stand afterwards has to be said.
     """
 
     name: str
@@ -102,6 +102,7 @@ class Dialect:
     groups: Mapping[str, str]
     letters: str
     extras: Mapping[str, str] = field(default_factory=dict)
+    moving: frozenset[str] = frozenset({"M6", "G28", "G30"})
     printer: bool = False
     header: bool = False  # begins with O and a number
     points: bool = False  # a number without a decimal point may count in least increments
@@ -124,8 +125,9 @@ DIALECTS: Mapping[str, Dialect] = {
         ),
         Dialect(
             "printer", "3-D printers (Marlin, Klipper, RepRapFirmware)",
-            _FOR_ALL | _PRINTING_M | {"G10": "one line", "G11": "one line", "G29": "one line", "G92": "one line"},
-            "FSTIJKRE", {"G4": "P"}, printer=True,
+            _FOR_ALL | _PRINTING_M | {"G10": "one line", "G11": "one line", "G29": "one line", "G34": "one line",
+            "G80": "one line", "G92": "one line"},
+            "FSTIJKRE", {"G4": "P"}, frozenset({"G28", "G29", "G34", "G80", "M17", "M18", "M84"}), printer=True,
         ),
     )
 }  # fmt: skip

@@ -9,8 +9,8 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.controllers.setup import Setup
-from errormodel.gcode.interpreter import Step
 from errormodel.gcode.paths import Line
+from errormodel.gcode.steps import Step
 
 Correct = Callable[[Array, Array], Array]
 """Commands for wanted positions and directions of arrival, all (n, axes), mm and deg."""
@@ -34,6 +34,11 @@ class Run:
     share: Array
     corrected: Array
     came: Array
+
+
+def known(q: Array) -> Array:
+    """Positions with 0 for what is not known: it is not known only where it does not matter."""
+    return np.where(np.isfinite(q), q, 0.0)
 
 
 def directions(before: Array, step: Array) -> Array:
@@ -90,8 +95,8 @@ def divided(steps: Sequence[Step], setup: Setup, correct: Correct) -> list[list[
         shares = [np.linspace(*ends, 2 * count + 1) for _, _, ends, _, count in open_]
         points = [steps[k].path.at(s) for (k, *_), s in zip(open_, shares, strict=True)]  # type: ignore[union-attr]
         came = [np.tile(c, (len(s), 1)) for (_, _, _, c, _), s in zip(open_, shares, strict=True)]
-        known = np.nan_to_num(np.vstack(points))  # not known is only what does not matter
-        moved = correct(known, np.vstack(came)) - known
+        wanted = known(np.vstack(points))
+        moved = correct(wanted, np.vstack(came)) - wanted
         again, at = [], 0
         for (k, n, ends, sign, count), share, point in zip(open_, shares, points, strict=True):
             part = moved[at : at + len(share)]

@@ -7,13 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
+from math import isfinite
 from typing import TYPE_CHECKING
 
-from errormodel.gcode.codes import MOTION, MOVING, REFUSED, Dialect
+from errormodel.gcode.codes import MOTION, REFUSED, Dialect
 from errormodel.gcode.words import Block
 
 if TYPE_CHECKING:
-    from errormodel.gcode.interpreter import Modes
+    from errormodel.gcode.steps import Modes
 
 FIELDS = {
     MOTION: "motion", "plane": "plane", "distance": "distance", "arc distance": "arc", "units": "units",
@@ -29,8 +31,13 @@ class Codes:
     groups: Mapping[str, str] = field(default_factory=dict)
     event: str = ""
 
+    @cached_property
+    def all(self) -> frozenset[str]:
+        """Every code."""
+        return frozenset(self.groups.values())
+
     def __contains__(self, code: str) -> bool:
-        return code in self.groups.values()
+        return code in self.all
 
 
 def check(block: Block, dialect: Dialect, axes: Sequence[str], stated: Collection[str]) -> Codes:
@@ -60,12 +67,14 @@ def check(block: Block, dialect: Dialect, axes: Sequence[str], stated: Collectio
             block.refuse(*REFUSED[code])
         group = dialect.groups.get(code, code if code in stated and code[0] == "M" else "")
         if not group:
-            cure = f"Take it out, or say with --at {code}=stay that it moves no axis" if code[0] == "M" else "Take it out"
+            cure = (
+                f"Take it out, or say with --at {code}=stay that it moves no axis" if code[0] == "M" else "Take it out"
+            )
             block.refuse(f"{word} is not understood ({dialect.title})", cure)
         if group in groups:
             block.refuse(f"{groups[group]} and {code} in one block", "Write one of them")
         groups[group] = code
-        if code in MOVING or (code in stated and code[0] == "M"):
+        if code in dialect.moving or (code in stated and code[0] == "M"):
             if event:
                 block.refuse(f"{event} and {code} in one block", "Write a block for each")
             event = code
@@ -90,7 +99,9 @@ def _one_command(block: Block) -> None:
     """Marlin and Klipper read one command a line, its letter first."""
     first, *others = block.words
     if first.letter not in "GMT" or not first.text:
-        block.refuse(f"{first} where a command belongs", "Write G, M or T first: printers keep no motion for the next line")
+        block.refuse(
+            f"{first} where a command belongs", "Write G, M or T first: printers keep no motion for the next line"
+        )
     if block.label:
         block.refuse(f"a line number ({block.label})", "Write the programme without line numbers")
     if any(w.letter in "GM" for w in others):
@@ -98,7 +109,7 @@ def _one_command(block: Block) -> None:
 
 
 def _letters(block: Block, dialect: Dialect, axes: Sequence[str], codes: Codes) -> None:
-    free = dialect.printer and (block.words[0].letter == "M" or "G29" in codes or "G28" in codes)
+    free = dialect.printer and (block.words[0].letter == "M" or bool(codes.event))
     extras = "".join(v for k, v in dialect.extras.items() if k in codes)
     seen = set()
     for word in block.words:
@@ -108,6 +119,10 @@ def _letters(block: Block, dialect: Dialect, axes: Sequence[str], codes: Codes) 
         if letter in seen:
             block.refuse(f"{letter} twice", "Write one")
         seen.add(letter)
+        if word.text and not isfinite(word.value):
+            block.refuse(f"{letter} with too large a number", "Write a position that the machine reaches")
+        if letter == "F" and word.text and word.value < 0:
+            block.refuse(f"{word}, a negative feed", "Write a positive one")
         if free:
             continue
         if not word.text:
@@ -137,16 +152,20 @@ def _belong(block: Block, dialect: Dialect, axes: Sequence[str], codes: Codes) -
         block.refuse(f"{single} and {motion} in one block", "Write a block for each")
     if codes.event and codes.event not in ("G28", "G29", "G30") and not dialect.printer and (moving or motion):
         block.refuse(f"{codes.event} in a block that moves", f"Write {codes.event} in a block of its own")
+    if "tool length" in codes.groups and (codes.event or single):
+        block.refuse(
+            f"{codes.groups['tool length']} and {codes.event or single} in one block", "Write a block for each"
+        )
     if "G4" in codes and any(a not in dialect.extras.get("G4", "") for a in moving):
         block.refuse(f"G4 with {', '.join(moving)}", "Write the dwell with P")
     if "G80" in codes and moving:
         block.refuse("G80 with positions", "Write G80 in a block of its own")
-    if "G43" not in codes and block.has("H"):
-        block.refuse("H without G43", "Write G43")
-    if dialect.printer and {"G92", "G10", "G11"} & {*codes.groups.values()}:
+    if dialect.printer and {"G92", "G10", "G11"} & codes.all:
         allowed = ["E"] if "G92" in codes else []
         if [w.letter for w in block.words[1:]] != allowed:
-            block.refuse(f"{block.words[0]} with other words than {allowed or 'none'}", "Write G92 E0, G10 or G11 alone")
+            block.refuse(
+                f"{block.words[0]} with other words than {allowed or 'none'}", "Write G92 E0, G10 or G11 alone"
+            )
 
 
 def no_path_words(block: Block) -> None:
@@ -158,4 +177,6 @@ def no_path_words(block: Block) -> None:
 
 def modes_behind(modes: Modes, codes: Codes) -> Modes:
     """Modal state behind the codes of a block."""
+    if not codes.groups:
+        return modes
     return replace(modes, **{FIELDS[g]: code for g, code in codes.groups.items() if g in FIELDS})

@@ -122,7 +122,9 @@ def arc_of(block: Block, start: Array, end: Array, clockwise: bool, columns: tup
     if min(radii) < TOLERANCE:
         block.refuse(f"an arc of radius {min(radii):.4f} mm", "Write its centre from the start (I, J, K)")
     if abs(radii[0] - radii[1]) > TOLERANCE:
-        found = f"an arc whose end is not on its circle (radius {radii[0]:.4f} mm at the start, {radii[1]:.4f} at the end)"
+        found = (
+            f"an arc whose end is not on its circle (radius {radii[0]:.4f} mm at the start, {radii[1]:.4f} at the end)"
+        )
         block.refuse(found, f"Write end and centre to within {TOLERANCE} mm")
     angle = float(np.arctan2(first[0] * last[1] - first[1] * last[0], first @ last))
     closed = float(np.hypot(*(b - a))) < 1e-9
@@ -153,4 +155,3 @@ def centre_by_radius(block: Block, a: Array, b: Array, radius: float, clockwise:
     left = np.array([-chord[1], chord[0]]) / (2 * half)
     side = -1.0 if clockwise == (radius > 0) else 1.0
     return np.asarray((a + b) / 2 + side * height * left)
-

@@ -14,9 +14,10 @@ from errormodel.gcode.check import Deviation, checked
 from errormodel.gcode.codes import Dialect
 from errormodel.gcode.detect import dialect_of
 from errormodel.gcode.divide import Correct
-from errormodel.gcode.interpreter import Interpreter, Step
+from errormodel.gcode.interpreter import Interpreter
 from errormodel.gcode.reading import Reading
 from errormodel.gcode.rewrite import rewritten
+from errormodel.gcode.steps import Step
 from errormodel.gcode.words import Block, lines_of, split
 
 
@@ -88,7 +89,9 @@ def corrected(name: str, text: str, setup: Setup, correct: Correct, reading: Rea
     if any(len(n) > 1 for n in setup.names):
         raise InputError(name, f"axes {', '.join(setup.names)} are no letters of G-code", "Give a CSV of commands")
     source = Source.of(name, text, reading)
-    runs = [_once(source, setup, correct, figures, switch) for switch in ((True, False) if source.switched else (True,))]
+    runs = [
+        _once(source, setup, correct, figures, switch) for switch in ((True, False) if source.switched else (True,))
+    ]
     lines, deviation = runs[0]
     for block, with_, without in zip(source.blocks, lines, runs[-1][0], strict=True):
         if not block.optional and with_ != without:
@@ -140,6 +143,8 @@ def _blocks(raw: Sequence[Block], dialect: Dialect) -> list[Block]:
         if text.upper().startswith(("O", ":")):
             block.refuse("a subprogramme or a programme's number", "Write one programme without calls")
         out.append(split(block, dialect.printer))
+        if dialect.header and any(c.startswith(";") and c.strip("; \t") for c in out[-1].comments):
+            block.refuse("text behind ';', which ends a block on these controls", "Write ( ) around comments")
         begun = begun or not out[-1].empty
     return out
 
@@ -155,19 +160,35 @@ def _notes(source: Source, setup: Setup) -> tuple[str, ...]:
         for word, others in (("G90", {"G90", "G91"}), ("G21", {"G20", "G21"}), ("G17", {"G17", "G18", "G19"}))
         if not said & others and (word != "G17" or said & {"G2", "G3"})
     ]
+    if any(b.has(c) for b in source.blocks for c in "IJK") and not said & {"G90.1", "G91.1"}:
+        granted.append("I, J, K from the start (G91.1)")
     if not steps[0].modes.origin and not source.reading.offsets:
         granted.append("positions of the axes (no work offset)")
     out = [f"{source.name}: taken for granted, since it does not say: {', '.join(granted)}"] if granted else []
     never = [n for k, n in enumerate(setup.names) if n in setup.movers and not any(k in s.named for s in steps)]
     if never:
-        out.append(f"{source.name}: {', '.join(never)} {'is' if len(never) == 1 else 'are'} never commanded, never moved")
+        out.append(
+            f"{source.name}: {', '.join(never)} {'is' if len(never) == 1 else 'are'} never commanded, never moved"
+        )
     plain = [s.block.number for s in steps if s.kind == "as it is"]
     if plain:
         out.append(f"{source.name}: {len(plain)} positionings stay as they are (first in line {plain[0]})")
+    blind = [n for k, n in enumerate(setup.names) if n in setup.reversing and _blind(steps, k)]
+    if blind:
+        out.append(f"{source.name}: the direction from which {', '.join(blind)} first arrives is taken as positive")
     outside = [s.block.number for s in steps if _outside(s.q, setup)]
     if outside:
         out.append(f"{source.name}: {len(outside)} blocks leave the measured region (first in line {outside[0]})")
     return tuple(out)
+
+
+def _blind(steps: Sequence[Step], column: int) -> bool:
+    """Whether a correction is made before the axis has moved in a known direction."""
+    return any(
+        s.kind != "as it is" and not s.came[column] and s.path is not None
+        and not abs(s.path.end[column] - s.path.start[column]) > 0
+        for s in steps
+    )  # fmt: skip
 
 
 def _outside(q: Array, setup: Setup) -> bool:
@@ -175,4 +196,3 @@ def _outside(q: Array, setup: Setup) -> bool:
         a.name in setup.moving and np.isfinite(v) and not a.measured[0] - 1e-6 <= v <= a.measured[1] + 1e-6
         for a, v in zip(setup.axes, q, strict=True)
     )
-

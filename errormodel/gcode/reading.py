@@ -51,7 +51,9 @@ class Reading:
             shown = text.upper()
             name, _, rest = shown.partition("=") if OFFSET_NAME.match(shown) else ("", "", shown)
             if name and not OFFSET_NAME.fullmatch(name):
-                raise InputError(f"--offset {text}", f"'{name}' is no work offset", f"Write G54={EXAMPLE}, or H1=Z120.5")
+                raise InputError(
+                    f"--offset {text}", f"'{name}' is no work offset", f"Write G54={EXAMPLE}, or H1=Z120.5"
+                )
             if name in places:
                 raise InputError(f"--offset {text}", "it is given twice", "Give it once")
             places[name] = positions(f"--offset {text}", rest)
@@ -59,7 +61,7 @@ class Reading:
         for text in after:
             name, sign, rest = text.upper().partition("=")
             name = re.sub(r"(?<=[A-Z])0+(?=\d)", "", name)
-            if not sign or not re.fullmatch(r"START|[MT]\d+(\.\d+)?|T|G(28|29|30|10|11)|[A-Z_][A-Z_0-9]{2,}", name):
+            if not sign or not re.fullmatch(r"START|[MT]\d+(\.\d+)?|T|G(28|29|30|34|80)|[A-Z_][A-Z_0-9]{2,}", name):
                 cure = f"Write start={EXAMPLE}, M6=stay, G28=Z0 or M19=stay"
                 raise InputError(f"--at {text}", "it names no start and no command", cure)
             if name in stands:

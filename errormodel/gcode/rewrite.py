@@ -23,13 +23,14 @@ import numpy as np
 from errormodel.arrays import Array
 from errormodel.controllers.setup import Setup
 from errormodel.gcode.codes import STOPS
-from errormodel.gcode.divide import Correct, Run, directions, divided, reasonable
-from errormodel.gcode.interpreter import INCH, Step, stops_exactly
+from errormodel.gcode.divide import Correct, Run, directions, divided, known, reasonable
+from errormodel.gcode.extruder import INCH
+from errormodel.gcode.steps import Step, stops_exactly
 
 TAKE_UP = 0.0005  # mm or deg, that the axes may stand beside where a cut's correction begins
 PATH_WORDS = frozenset("IJKR")
 MOTIONS = frozenset({"G0", "G1", "G2", "G3"})
-DISTORTED = 0.1  # of the linear length: change that the feed of a block with rotary axes may have
+DISTORTED = 0.1  # of the length in X, Y, Z: change that a correction may make where other axes move, too
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,7 @@ class Writer:
     """Writes steps of one programme in order; it knows where the written programme has brought the axes."""
 
     def __init__(self, setup: Setup, figures: int, printer: bool) -> None:
+        self.names = setup.names
         self.setup, self.figures, self.printer = setup, figures, printer
         self.linear = np.array([not a.rotary for a in setup.axes])
         self.at = np.full(len(setup.axes), np.nan)
@@ -84,14 +86,15 @@ class Writer:
 
     def _pieces(self, step: Step, runs: Sequence[Run]) -> Iterator[Piece]:
         path = step.path
-        movable = [k for k in step.movable if self.setup.names[k] in self.setup.movers]
+        movable = [k for k in step.movable if self.names[k] in self.setup.movers]
         if path is None:
             raise ValueError("a cut has a path")
         length = path.length
         targets: list[tuple[Array, float, float]] = []
         at = self.at
         for run in runs:
-            gap = np.where(np.isin(np.arange(len(at)), movable), run.corrected[0] - at, 0.0)
+            gap = np.zeros(len(at))
+            gap[movable] = (run.corrected[0] - at)[movable]
             if np.abs(gap).max() > max(TAKE_UP, 1.01 * self._quantum(step)):
                 targets.append((run.corrected[0], float(run.share[0]), float(np.linalg.norm(gap))))
             inner = zip(run.corrected[1:], run.share[1:], np.diff(run.share), strict=True)
@@ -105,24 +108,27 @@ class Writer:
         self._feeds(step, runs)
 
     def _quantum(self, step: Step) -> float:
-        return 0.5 * 10.0**-self._figures(step) * (INCH if step.modes.inch else 1.0)
+        return 0.5 * 10.0 ** -self._figures(step) * (INCH if step.modes.inch else 1.0)
 
     def _figures(self, step: Step) -> int:
         return self.figures + 1 if step.modes.inch else self.figures
 
     def _feeds(self, step: Step, runs: Sequence[Run]) -> None:
-        """F counts along linear axes where any of them moves: a correction must not change what it means."""
+        """F counts along X, Y, Z where any of them moves: a correction must not change what it means.
+
+        Source: NIST IR 6556, section 2.1.2.5; LinuxCNC manual, "Feed rate" (U, V, W and A, B, C only without them).
+        """
         if step.modes.feed == "G93" or step.path is None:
             return
-        turned = np.abs(step.path.end - step.path.start)[~self.linear]
-        if not (turned > 1e-9).any():
+        first = np.isin(self.names, ["X", "Y", "Z"])
+        if not (np.abs(step.path.end - step.path.start)[~first] > 1e-9).any():
             return
         for run in runs:
-            asked = np.linalg.norm(np.diff(step.path.at(run.share), axis=0)[:, self.linear], axis=1)
-            moved = np.diff(run.corrected, axis=0)[:, self.linear]
+            asked = np.linalg.norm(np.diff(step.path.at(run.share), axis=0)[:, first], axis=1)
+            moved = np.diff(run.corrected, axis=0)[:, first]
             sent = np.linalg.norm(moved, axis=1)
             if (np.abs(sent - asked) > DISTORTED * asked + 1e-9).any():
-                found = "rotary axes at a feed that a correction of linear axes would change"
+                found = "a feed of other axes than X, Y, Z that a correction of these would change"
                 step.block.refuse(found, "Write this cut in inverse time (G93)")
 
     def _divisible(self, step: Step) -> None:
@@ -142,7 +148,7 @@ class Writer:
         code = "G0" if step.modes.motion == "G0" else "G1"
         words = []
         for word in block.words:
-            if word.letter in self.setup.names or word.letter in PATH_WORDS or word.letter == "E":
+            if word.letter in self.names or word.letter in PATH_WORDS or word.letter == "E":
                 continue
             if word.letter == "G" and word.code in MOTIONS:
                 words += [str(word) if word.code == code else code] if first else []
@@ -166,7 +172,7 @@ class Writer:
         """Words of the axes that move, and at the end of those that the block names."""
         out, figures = [], self._figures(step)
         further = () if step.kind == "rapid" else step.movable
-        for k, name in enumerate(self.setup.names):
+        for k, name in enumerate(self.names):
             if k not in step.named and not (k in further and name in self.setup.movers):
                 continue
             unit = INCH if step.modes.inch and self.linear[k] else 1.0
@@ -188,7 +194,9 @@ class Writer:
         unit = INCH if step.modes.inch else 1.0
         value, before = float(text), step.extruded[0] / unit
         if step.spread == "absolute":
-            return f"E{text}" if pieces[number].last else f"E{before + shares[number + 1] * (value - before):.{figures}f}"
+            return (
+                f"E{text}" if pieces[number].last else f"E{before + shares[number + 1] * (value - before):.{figures}f}"
+            )
         a, b = (round(value * s, figures) for s in shares[number : number + 2])
         return f"E{b - a:.{figures}f}"
 
@@ -227,9 +235,8 @@ def _rapid_ends(steps: Sequence[Step], setup: Setup, correct: Correct) -> dict[i
     if not steps:
         return {}
     ends = np.array([s.q for s in steps])
-    came = np.array([directions(s.came, np.nan_to_num(s.q - _begin(s))) for s in steps])
-    known = np.where(np.isfinite(ends), ends, 0.0)
-    moved = correct(known, came) - known
+    came = np.array([directions(s.came, known(s.q - _begin(s))) for s in steps])
+    moved = correct(known(ends), came) - known(ends)
     for step, row in zip(steps, moved, strict=True):
         reasonable(step, row[None], setup)
     return {id(s): e + m for s, e, m in zip(steps, ends, moved, strict=True)}

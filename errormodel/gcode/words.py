@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NoReturn
 
 from errormodel.exceptions import InputError
@@ -37,11 +38,11 @@ class Word:
     letter: str
     text: str
 
-    @property
+    @cached_property
     def value(self) -> float:
         return float(self.text)
 
-    @property
+    @cached_property
     def code(self) -> str:
         """Of G and M words: ``G1`` for G01."""
         return f"{self.letter}{self.value:g}" if self.text else self.letter
@@ -82,12 +83,17 @@ class Block:
         shown = self.text.strip()
         raise InputError(f"{self.file}, line {self.number} ('{shown[:60]}')", found, cure)
 
+    @cached_property
+    def _values(self) -> dict[str, Word]:
+        return {w.letter: w for w in self.words}
+
     def has(self, letter: str) -> bool:
-        return any(w.letter == letter for w in self.words)
+        return letter in self._values
 
     def number_of(self, letter: str) -> float | None:
         """Value of the only word with that letter."""
-        return next((w.value for w in self.words if w.letter == letter), None)
+        word = self._values.get(letter)
+        return None if word is None else word.value
 
     def codes(self, letter: str) -> list[str]:
         return [w.code for w in self.words if w.letter == letter]
@@ -145,7 +151,7 @@ def split(block: Block, printer: bool) -> Block:
         sign = text[at]
         if sign == ";" or (sign == "(" and not printer):
             end = len(text) if sign == ";" else text.find(")", at) + 1
-            if not end or "(" in text[at + 1 : end] and sign == "(":
+            if not end or ("(" in text[at + 1 : end] and sign == "("):
                 block.refuse("a comment within another, or without its end", "Close every ( with ) on its line")
             comments.append(text[at:end])
             at = end

@@ -306,7 +306,7 @@ def _source(controller: Target, path: Path | None, reading: Reading | None) -> t
     if path is None:
         raise InputError(f"--controller {controller.name}", "--program is missing", "Give the programme to correct")
     try:
-        return path.name, path.read_text(encoding="utf-8")
+        return path.name, path.read_bytes().decode("utf-8")  # a lone CR is no line end to every control
     except (OSError, ValueError) as error:
         raise InputError(str(path), f"it cannot be read ({error})", "Give a programme as plain text") from error
 
