@@ -290,11 +290,21 @@ def cut(event: Event, queue: list[Event], correct: Shift, came: Array, free: Arr
         reached = np.abs(back[-1] - event.end)[free].max() < PATH
         following = queue[0] if queue else None
         whole = done > 1 - 1e-9 - PATH / max(length, PATH)
-        if reached and whole and (math.isnan(event.minutes) or abs(minutes / event.minutes - 1) < 1e-6):
+        timed = math.isnan(event.minutes) or abs(minutes / event.minutes - 1) < 1e-6
+        if reached and whole and timed and not remainder(event, following, free):
             break
-        assert following is not None and following.what == "cut", (event, piece, done)
+        assert following is not None, (event, piece, done)
+        assert following.what == "cut", (event, piece, done)
     assert abs(extruded - event.extruded) < 4e-5
     return worst
+
+
+def remainder(event: Event, following: Event | None, free: Array) -> bool:
+    """Whether a piece of a few micrometres stays at the end of a cut: an axis turned back just before it."""
+    if following is None or following.what != "cut" or not math.isnan(event.minutes):
+        return False
+    size = np.abs(following.end - following.start)
+    return bool(size.max() < 2 * PATH and np.abs(following.end - event.end)[free].max() < SMALL / 2)
 
 
 def along(event: Event, points: Array, near: Array) -> tuple[Array, Array]:

@@ -68,7 +68,7 @@ class Author:
 
     def target(self, columns: list[int]) -> Array:
         out = self.at.copy()
-        near = self.chance(0.4) and np.isfinite(self.at).all()
+        near = self.chance(0.75) and np.isfinite(self.at).all()
         for k in columns:
             low, high = (max(LOW[k], self.at[k] - 8), min(HIGH[k], self.at[k] + 8)) if near else (LOW[k], HIGH[k])
             out[k] = self.rng.uniform(low, high)
@@ -150,7 +150,7 @@ class Author:
     def arc(self) -> None:
         i, j, letters = PLANES[self.plane]
         k = 3 - i - j
-        radius = float(self.rng.uniform(1.0, 12.0))
+        radius = float(self.rng.uniform(*((0.5, 3.0) if self.chance(0.85) else (3.0, 12.0))))
         if min(self.at[i] - LOW[i], HIGH[i] - self.at[i], self.at[j] - LOW[j], HIGH[j] - self.at[j]) < 25:
             return
         toward = self.rng.uniform(0, 2 * math.pi)

@@ -5,7 +5,9 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
+from collections.abc import Callable
 
 import pytest
 
@@ -13,7 +15,7 @@ from tests.gcode_machine import PATH, compare, execute
 from tests.gcode_programmes import OFFSETS
 from tests.gcode_trial import READING, SETUP, TARGET, smooth, trial, written
 
-PROGRAMMES, BATCH = 240, 20
+PROGRAMMES, BATCH = 400, 40
 
 
 @pytest.mark.parametrize("first", range(0, PROGRAMMES, BATCH))
@@ -22,30 +24,29 @@ def test_path_order_feeds_and_words_of_both_programmes_agree(first: int) -> None
     worst = max(trial(seed, seen) for seed in range(first, first + BATCH))
     assert 0 < worst < PATH
     for what in ("rapid", "cut", "arc", "extrusion", "pieces"):
-        assert seen[what] > 10, seen
+        assert seen[what] > 3, seen
 
 
-SPOILT = {
+SPOILT: dict[str, Callable[[str], str]] = {
     "a rapid names another axis": lambda s: s.replace("G0 Z", "G0 X0.1 Z", 1),
-    "a cut is left out": lambda s: drop(s, "G1"),
-    "a piece is left out": lambda s: drop(s, "X"),
+    "a rapid is left out": lambda s: drop(s, "G0 Z"),
+    "an end is left out": lambda s: drop(s, "X", -1),
     "a word is left out": lambda s: drop(s, "M30"),
-    "a position is 30 um beside": lambda s: beside(s),
+    "a position is 30 um beside": lambda s: beside(s),  # noqa: PLW0108  it is defined below
+    "a feed is another": lambda s: s.replace("F100", "F1000"),
+    "a word comes later": lambda s: s.replace("M8\n", "", 1).replace("M30", "M8\nM30"),
 }
 
 
-def drop(text: str, start: str) -> str:
+def drop(text: str, start: str, which: int = 0) -> str:
     lines = text.splitlines()
-    k = next(k for k, line in enumerate(lines) if line.startswith(start) and k > 8)
+    k = [k for k, line in enumerate(lines) if line.startswith(start) and k > 1][which]
     return "\n".join([*lines[:k], *lines[k + 1 :]]) + "\n"
 
 
 def beside(text: str) -> str:
-    lines = text.splitlines()
-    k = next(k for k, line in enumerate(lines) if line.startswith("X") and k > 8)
-    first, *rest = lines[k].split(" ")
-    lines[k] = " ".join([f"X{float(first[1:]) + 0.03:.4f}", *rest])
-    return "\n".join(lines) + "\n"
+    place = next(m for m in re.finditer(r"^X\S+ Y(\S+)", text, re.MULTILINE))
+    return text[: place.start(1)] + f"{float(place[1]) + 0.03:.4f}" + text[place.end(1) :]
 
 
 @pytest.mark.parametrize("how", SPOILT)
