@@ -52,7 +52,8 @@ def compensate(
         )
     if resolution is not None and not 0 < resolution < 1:
         raise InputError("--resolution", f"{resolution:g} mm", "Write the least increment in mm, such as 0.001")
-    from errormodel.gcode.reading import AUTO, Reading
+    from errormodel.gcode.detect import AUTO
+    from errormodel.gcode.reading import Reading
     from identification.compensation.run import compensate as stage
     from identification.compensation.write import write_compensation
 

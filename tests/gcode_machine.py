@@ -228,12 +228,20 @@ def compare(asked: list[Event], sent: list[Event], correct: Shift, figure: float
             placed = placed | np.isfinite(event.end)
             continue
         worst = max(worst, cut(event, queue, correct, came, free))
-        last = event.at(np.array([0.999, 1.0]))
-        moved = event.at(np.array([0.0, 1.0])) if not event.turn else last
-        slope = np.diff(moved, axis=0)[0]
-        came = np.where(np.abs(slope) > 1e-9, np.sign(slope), came)
+        came = arrival(event, came)
     assert not queue, queue[:3]
     return worst
+
+
+def arrival(event: Event, came: Array) -> Array:
+    """Directions in which axes end a cut: those of their last micrometre."""
+    points = event.at(np.linspace(0, 1, 4001)) if event.turn else np.array([event.start, event.end])
+    back = points[-1] - points
+    out = came.copy()
+    for k in range(3):
+        far = np.flatnonzero(np.abs(back[:, k]) > (0.001 if event.turn else 1e-9))
+        out[k] = np.sign(back[far[-1], k]) if len(far) else came[k]
+    return out
 
 
 def rapid(event: Event, head: Event, correct: Shift, came: Array, figure: float, placed: Array) -> None:
@@ -266,15 +274,18 @@ def cut(event: Event, queue: list[Event], correct: Shift, came: Array, free: Arr
         size = float(np.linalg.norm(step))
         assert all(free[AXES.index(a)] for a in piece.named), (event, piece)
         extruded, minutes = extruded + piece.extruded, minutes + piece.minutes
-        middle = event.at(np.array([done + 1e-9, min(done + max(size, 1e-4) / max(length, 1e-9), 1.0)]))
-        slope = np.diff(middle, axis=0)[0] if event.turn else event.end - event.start
-        sign = np.where(np.abs(slope) > 1e-9, np.sign(slope), came)
         points = piece.at(share)
-        back = points.copy()
-        for _ in range(2):
-            back = points - np.where(free, correct(back, np.tile(sign, (4, 1))) - back, 0.0)
-        where, gap = along(event, back, done + share * size / max(length, 1e-9))
-        advance = (where[-1] - where[0]) * length
+        for ahead in (max(size, 1e-4), 0.1, 0.4, 1.5, 5.0):  # mm; they differ beside a place where an axis turns back
+            ends = event.at(np.array([done + 1e-9, min(done + ahead / max(length, 1e-9), 1.0)]))
+            slope = np.diff(ends, axis=0)[0] if event.turn else event.end - event.start
+            sign = np.where(np.abs(slope) > 1e-9, np.sign(slope), came)
+            back = points.copy()
+            for _ in range(2):
+                back = points - np.where(free, correct(back, np.tile(sign, (4, 1))) - back, 0.0)
+            where, gap = along(event, back, done + share * size / max(length, 1e-9))
+            advance = (where[-1] - where[0]) * length
+            if (gap[-1] if advance < size / 2 else gap.max()) < PATH or not event.turn:
+                break
         if advance < size / 2:  # a change of the correction is taken up
             assert size < SMALL, (event, piece, where)
             assert gap[-1] < PATH, (event, piece, gap)
@@ -315,6 +326,8 @@ def along(event: Event, points: Array, near: Array) -> tuple[Array, Array]:
         ray = complex(event.start[i], event.start[j]) - centre
         spin = np.angle((points[:, i] + 1j * points[:, j] - centre) / ray) / angle
         share = spin + np.round((near - spin) * abs(angle) / (2 * np.pi)) * (2 * np.pi / abs(angle))
+        k, round_ = 3 - i - j, (abs(ray) * angle) ** 2
+        share = (round_ * share + (points[:, k] - event.start[k]) * step[k]) / (round_ + step[k] ** 2)
     elif not step.any():
         share = np.ones(len(points))
     else:

@@ -14,7 +14,7 @@ import numpy as np
 from errormodel.arrays import Array
 from errormodel.controllers.setup import Setup
 from errormodel.gcode.codes import STOPS
-from errormodel.gcode.divide import BEND, LARGEST, Correct, directions, known, runs_of
+from errormodel.gcode.divide import BEND, LARGEST, Correct, directions, known, parts_of
 from errormodel.gcode.extruder import INCH
 from errormodel.gcode.paths import CHORD, Line
 from errormodel.gcode.rewrite import MOTIONS, PATH_WORDS, TAKE_UP
@@ -54,15 +54,12 @@ class Deviation:
             rapids=self.rapids,
         )
 
-    def line_of(self) -> str:
-        """Where the path deviates most."""
-        return f" (line {self.line})" if self.line else ""
-
     def text(self, name: str) -> str:
         """A line for a person."""
+        where = f" (line {self.line})" if self.line else ""
         return (
-            f"{name}: {self.rapids} rapids, {self.cuts} cuts in {self.pieces} pieces; executed and compared: largest "
-            f"deviation of the path {1e3 * self.path:.2f} um{self.line_of()}, of rapids' ends {1e3 * self.ends:.2f} um, "
+            f"{name}: {self.rapids} rapids, {self.cuts} cuts in {self.pieces} pieces; executed and compared: "
+            f"largest deviation of the path {1e3 * self.path:.2f} um{where}, of rapids' ends {1e3 * self.ends:.2f} um, "
             f"of extrusion {self.extrusion:.5f} mm, of feed {100 * self.time:.4f} %"
         )
 
@@ -204,15 +201,15 @@ def _samples(step: Step, group: Sequence[Step], movers: Array) -> tuple[Array, A
     paths = [s.path for s in group if s.path is not None]
     starts, steps = np.array([p.start for p in paths]), np.array([p.end - p.start for p in paths])
     points = (starts[:, None] + SAMPLES[:, None] * steps[:, None]).reshape(-1, len(movers))
-    runs, sizes = runs_of(step), _sizes(paths)
+    parts, sizes = parts_of(step), _sizes(paths)
     along = _along(sizes)
     middle, near = (along[1:] + along[:-1]) / 2, NEAR / max(float(sizes.sum()), NEAR)
-    ends = [e[1] for e, _ in runs[:-1]]
+    ends = [part.ends[1] for part in parts[:-1]]
     before, behind = (
-        np.repeat(np.array([runs[w][1] for w in np.searchsorted(ends, middle + side * near)]), len(SAMPLES), axis=0)
+        np.repeat(np.array([parts[w].came for w in np.searchsorted(ends, middle + side * near)]), len(SAMPLES), axis=0)
         for side in (-1, 1)
     )
-    free = movers & np.isin(np.arange(len(movers)), step.movable)
+    free = np.asarray(movers, bool) & np.isin(np.arange(len(movers)), step.movable)
     return points, before, behind, np.tile(free, (len(points), 1))
 
 

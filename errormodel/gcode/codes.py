@@ -44,6 +44,7 @@ _ROTATED = "Write the programme without rotation, scaling and mirroring"
 _CYCLE = "Write the cycle as single moves (most CAM systems can)"
 _CALL = "Write the programme without calls and macros (most CAM systems can)"
 _RADIUS = "Write the path of the tool's centre"
+_PROBE = "Leave probing in a programme of its own: where it ends is not known before"
 _OFFSET = "Write one of G54 to G59, and give it as --offset G54=X..,Y..,Z.."
 REFUSED: Mapping[str, tuple[str, str]] = {
     **{f"G{g}": (f"a canned cycle (G{g})", _CYCLE) for g in (73, 74, 76, *range(81, 90))},
@@ -59,11 +60,11 @@ REFUSED: Mapping[str, tuple[str, str]] = {
     "G7": ("diameters (G7)", "Write radii"),
     "G10": ("data setting (G10)", "Set offsets at the control, and give them as --offset"),
     "G16": ("polar coordinates (G16)", "Write X and Y"),
-    "G31": ("skipping or probing (G31)", "A path that ends where a probe touches cannot be corrected before it is known"),
+    "G31": ("skipping or probing (G31)", _PROBE),
     "G32": ("threading (G32)", "Leave threads in a programme of their own"),
     "G33": ("threading (G33)", "Leave threads in a programme of their own"),
     "G33.1": ("rigid tapping (G33.1)", "Leave threads in a programme of their own"),
-    **{f"G38.{k}": (f"probing (G38.{k})", "A path that ends where a probe touches is not known before") for k in range(2, 6)},
+    **{f"G38.{k}": (f"probing (G38.{k})", _PROBE) for k in range(2, 6)},
     "G50": ("a scaling or spindle limit (G50)", _ROTATED),
     "G50.1": ("mirroring (G50.1)", _ROTATED),
     "G51": ("scaling (G51)", _ROTATED),

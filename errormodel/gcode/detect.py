@@ -19,11 +19,12 @@ COMMENT = re.compile(r"\([^)]*\)?|;.*$")
 _WORD = r"(?<![A-Z]){}(?![\d.])"
 MARKS = {
     "heidenhain": re.compile(
-        r"BEGIN +PGM|END +PGM|TOOL +(CALL|DEF)|CYCL +DEF|^\s*\d+\s+[A-Z]|^\s*(L|CC|CR|CT|LP|CP)\s+[IXYZCP][-+XYZ]?[-+\d]"
+        r"BEGIN +PGM|END +PGM|TOOL +(CALL|DEF)|CYCL +DEF|^\s*\d+\s+[A-Z]"
+        r"|^\s*(L|CC|CR|CT|LP|CP)\s+[IXYZCP][-+XYZ]?[-+\d]"
     ),
     "siemens": re.compile(
-        r"TRAORI|TRAFOOF|\bSUPA\b|CYCLE\d|MCALL|\bMSG\b|^\s*(DEF|PROC|REPEAT|WHILE|FOR|EXTERN)\b|%_N_|\bCIP\b|\bA?TRANS\b"
-        r"|\bA?ROT\b|\b[A-Z]+\d*\s*=\s*(?!=)[^ ]*$|\b(CR|AP|RP|I1|J1|K1|AR|TURN|R\d+|[XYZABCIJK])\s*=|G(153|500|505|60[1-3]|64[0-9])\b"
+        r"TRAORI|TRAFOOF|\bSUPA\b|CYCLE\d|MCALL|\bMSG\b|^\s*(DEF|PROC|REPEAT|WHILE|FOR|EXTERN)\b|%_N_"
+        r"|\bCIP\b|\bA?TRANS\b|\bA?ROT\b|\b[A-Z]+\d*\s*=|G(153|500|505|60[1-3]|64[0-9])\b"
     ),
     "printer": re.compile(
         _WORD.format(r"M(73|8[2-4]|10[4-9]|11[0-8]|140|141|190|191|20[0-9]|22[01]|30[02]|400|420|486|5\d\d|600|86\d(\.\d)?|900)")

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -48,31 +49,51 @@ def directions(before: Array, step: Array) -> Array:
     return np.where(moved, np.sign(step), kept)
 
 
-def runs_of(step: Step) -> list[tuple[Array, Array]]:
-    """Shares between which directions are kept, with the directions (axes,)."""
+@dataclass(frozen=True)
+class Part:
+    """What a run is made from: shares `ends` (2,) of a step's path, sampled in `count` intervals."""
+
+    step: Step
+    path: Line
+    ends: Array
+    came: Array
+    count: int = 0
+
+    def finer(self) -> Part:
+        """The same, sampled twice as fine."""
+        return replace(self, count=2 * self.count)
+
+    def shares(self) -> Array:
+        """Ends and middles of the intervals."""
+        return np.linspace(float(self.ends[0]), float(self.ends[1]), 2 * self.count + 1)
+
+
+def parts_of(step: Step) -> list[Part]:
+    """Parts of a step's path along which directions are kept."""
     if step.path is None:
         return []
-    corners, came, out = step.path.corners(), step.came, []
-    for a, b in zip(corners[:-1], corners[1:], strict=True):
-        ends = step.path.at(np.array([a, b]))
+    came, out = step.came, []
+    for pair in pairwise(step.path.corners()):
+        ends = step.path.at(np.array(pair))
         moved = ends[1] - ends[0]
-        out.append((np.array([a, b]), directions(came, moved)))
+        out.append(Part(step, step.path, np.array(pair), directions(came, moved)))
         came = np.where(np.abs(moved) > 1e-9, np.sign(moved), came)
     return out
 
 
-def first_samples(path: Line, a: float, b: float, setup: Setup) -> int:
-    """Intervals to sample between two shares: four in each that the errors along an axis need, and an arc's chords."""
-    moved = np.abs(np.diff(path.at(np.array([a, b])), axis=0)[0])
-    needed = [moved[k] / (x.measured[1] - x.measured[0]) * x.intervals for k, x in enumerate(setup.axes)
-              if x.measured[1] > x.measured[0]]  # fmt: skip
-    most = max(needed, default=0.0)
-    chords = int(np.ceil(path.pieces() * (b - a)))  # more than LONGEST: refused with its block
-    return int(max(2, min(np.ceil(4 * most), LONGEST), chords))
+def sampled(part: Part, setup: Setup) -> Part:
+    """With four intervals in each that the errors along an axis need, and at least an arc's chords."""
+    moved = np.abs(np.diff(part.path.at(part.ends), axis=0)[0])
+    spans = np.array([a.measured[1] - a.measured[0] for a in setup.axes])
+    needed = moved / np.where(spans > 0, spans, np.inf) * [a.intervals for a in setup.axes]
+    chords = int(np.ceil(part.path.pieces() * (part.ends[1] - part.ends[0])))
+    if chords > LONGEST:
+        part.step.block.refuse(f"an arc of {chords} chords, and {LONGEST} is the most", "Divide it")
+    return replace(part, count=int(max(2, min(np.ceil(4 * known(needed).max()), LONGEST), chords)))
 
 
 def divided(steps: Sequence[Step], setup: Setup, correct: Correct) -> list[list[Run]]:
-    """Runs of the paths of cuts (of steps that have one), each with the points between which the correction is straight.
+    """Runs of the paths of steps, each with the points between which the correction is straight.
 
     All blocks are corrected together, then those again, twice as fine, whose samples do not show how it bends.
 
@@ -81,44 +102,37 @@ def divided(steps: Sequence[Step], setup: Setup, correct: Correct) -> list[list[
     InputError
         A correction is too large, or bends too often.
     """
-    out: list[list[Run]] = [[] for _ in steps]
-    open_ = [(k, n, ends, came, first_samples(s.path, *ends, setup))
-             for k, s in enumerate(steps) if s.path is not None
-             for n, (ends, came) in enumerate(runs_of(s))]  # fmt: skip
+    parts = [[sampled(part, setup) for part in parts_of(step)] for step in steps]
+    left = {(k, n): part for k, row in enumerate(parts) for n, part in enumerate(row)}
     found: dict[tuple[int, int], Run] = {}
-    for k, *_, count in open_:
-        if count > LONGEST:
-            steps[k].block.refuse(f"an arc of {count} chords, and {LONGEST} is the most", "Divide it")
-    for _ in range(FINER + 1):
-        if not open_:
+    for _ in range(FINER):
+        if not left:
             break
-        shares = [np.linspace(*ends, 2 * count + 1) for _, _, ends, _, count in open_]
-        points = [steps[k].path.at(s) for (k, *_), s in zip(open_, shares, strict=True)]  # type: ignore[union-attr]
-        came = [np.tile(c, (len(s), 1)) for (_, _, _, c, _), s in zip(open_, shares, strict=True)]
-        wanted = known(np.vstack(points))
-        moved = correct(wanted, np.vstack(came)) - wanted
-        again, at = [], 0
-        for (k, n, ends, sign, count), share, point in zip(open_, shares, points, strict=True):
-            part = moved[at : at + len(share)]
-            at += len(share)
-            reasonable(steps[k], part, setup)
-            between = np.abs(part[1::2] - (part[:-1:2] + part[2::2]) / 2).max()
-            if between > BEND / 2:
-                again.append((k, n, ends, sign, 2 * count))
+        moved = _corrections(list(left.values()), correct)
+        for key, part, shift in zip([*left], [*left.values()], moved, strict=True):
+            reasonable(part.step, shift, setup)
+            if np.abs(shift[1::2] - (shift[:-1:2] + shift[2::2]) / 2).max() > BEND / 2:
+                left[key] = part.finer()
                 continue
-            whole, path = 2 if steps[k].path.pieces() > 1 else 1, steps[k].path  # type: ignore[union-attr]
-            kept = np.arange(0, len(share), 2) if whole == 2 else _straight(share, part)
-            if path is not None:
-                found[k, n] = Run(share[kept], (point + part)[kept], sign)
-        open_ = again
-    for k, _, _, _, count in open_:
-        steps[k].block.refuse(f"a correction that bends more often than {count // 2} times along it", "Divide it")
-    for (k, _), run in sorted(found.items(), key=lambda item: item[0]):
-        out[k].append(run)
+            share = part.shares()
+            kept = np.arange(0, len(share), 2) if part.path.pieces() > 1 else _straight(share, shift)
+            found[key] = Run(share[kept], (part.path.at(share) + shift)[kept], part.came)
+            del left[key]
+    for part in left.values():
+        part.step.block.refuse(f"a correction that bends more often than {part.count // 2} times along it", "Divide it")
+    out = [[found[k, n] for n in range(len(row))] for k, row in enumerate(parts)]
     for step, runs in zip(steps, out, strict=True):
         if sum(len(r.share) for r in runs) > LONGEST:
             step.block.refuse(f"more than {LONGEST} pieces", "Divide it")
     return out
+
+
+def _corrections(parts: Sequence[Part], correct: Correct) -> list[Array]:
+    """Corrections (samples, axes) of each part, all at once."""
+    points = [known(part.path.at(part.shares())) for part in parts]
+    came = [np.tile(part.came, (len(q), 1)) for part, q in zip(parts, points, strict=True)]
+    moved = correct(np.vstack(points), np.vstack(came)) - np.vstack(points)
+    return np.split(moved, np.cumsum([len(q) for q in points])[:-1])
 
 
 def _straight(share: Array, moved: Array) -> Array:

@@ -13,6 +13,7 @@ from errormodel.arrays import Array
 from errormodel.gcode.words import Block
 
 TOLERANCE = 0.005  # mm, by which the radii at an arc's ends may differ: a unit of the third decimal at each end
+TURNED = 0.001  # mm, that an axis moves back at an end of an arc before it counts as turned
 CHORD = 0.0005  # mm, between an arc and its chords
 TURN = 2 * np.pi
 
@@ -33,7 +34,7 @@ class Line:
         return np.asarray(self.start + share[:, None] * (self.end - self.start))
 
     def corners(self) -> Array:
-        """Shares between which every axis keeps its direction."""
+        """Shares between which every axis keeps its direction, but for `TURNED`."""
         return np.array([0.0, 1.0])
 
     def pieces(self) -> int:
@@ -80,14 +81,16 @@ class Arc(Line):
         out[:, self.i], out[:, self.j] = (self.centre[k] + size * f(angle) for k, f in enumerate((np.cos, np.sin)))
         out[share >= 1] = self.end
         out[share <= 0] = self.start
-        return out
+        return np.asarray(out)
 
     def corners(self) -> Array:
         first = float(np.arctan2(self._first[1], self._first[0]))
         low, high = sorted((first, first + self.angle))
         quarters = np.arange(np.ceil(low / (TURN / 4)), np.floor(high / (TURN / 4)) + 1) * (TURN / 4)
         inner = np.sort((quarters - first) / self.angle)
-        return np.concatenate([[0.0], inner[(inner > 1e-6) & (inner < 1 - 1e-6)], [1.0]])
+        beside = np.minimum(inner, 1 - inner) * abs(self.angle)
+        turned = self.radius * (1 - np.cos(np.minimum(beside, TURN / 4))) > TURNED
+        return np.concatenate([[0.0], inner[turned], [1.0]])
 
     def pieces(self) -> int:
         step = 2 * np.arccos(max(1 - CHORD / max(self.radius, CHORD), 0.0))
@@ -99,7 +102,11 @@ class Arc(Line):
         beside = q[:, [self.i, self.j]] - self.centre
         share = (np.arctan2(beside[:, 1], beside[:, 0]) - first) / self.angle
         turn = TURN / abs(self.angle)
-        return np.clip(share + np.rint((near - share) / turn) * turn, 0, 1)
+        share = share + np.rint((near - share) / turn) * turn
+        rise = self.end - self.start  # of a helix: the share by the angle and by the other axes, by their lengths
+        rise[[self.i, self.j]] = 0.0
+        around = (self.radius * self.angle) ** 2
+        return np.asarray(np.clip((around * share + (q - self.start) @ rise) / (around + rise @ rise), 0, 1))
 
 
 def arc_of(block: Block, start: Array, end: Array, clockwise: bool, columns: tuple[int, int], centre: Array) -> Arc:

@@ -92,25 +92,25 @@ def corrected(name: str, text: str, setup: Setup, correct: Correct, reading: Rea
     runs = [
         _once(source, setup, correct, figures, switch) for switch in ((True, False) if source.switched else (True,))
     ]
-    lines, deviation = runs[0]
-    for block, with_, without in zip(source.blocks, lines, runs[-1][0], strict=True):
+    steps, lines, deviation = runs[0]
+    for block, with_, without in zip(source.blocks, lines, runs[-1][1], strict=True):
         if not block.optional and with_ != without:
             last = max((b.number for b in source.blocks if b.optional and b.number < block.number), default=0)
             found = f"this block depends on whether the optional block in line {last} is carried out"
             block.refuse(found, "Name all axes in a rapid behind the optional block, or take its '/' away")
     written = "\n".join(line for part in lines for line in part) + "\n"
-    deviation = deviation.with_other(runs[-1][1])
-    return Corrected(written, (deviation.text(name), *_notes(source, setup)))
+    deviation = deviation.with_other(runs[-1][2])
+    return Corrected(written, (deviation.text(name), *_notes(source, steps, setup)))
 
 
 def _once(
     source: Source, setup: Setup, correct: Correct, figures: int, optional: bool
-) -> tuple[list[list[str]], Deviation]:
+) -> tuple[list[Step], list[list[str]], Deviation]:
     steps = source.steps(setup, optional)
     lines = rewritten(steps, source.start(setup), setup, correct, figures, source.dialect.printer)
     again = Source(source.name, source.dialect, _split_again(source, lines), source.reading)
     sizes = [len(part) for part in lines]
-    return lines, checked(steps, again.steps(setup, optional), sizes, setup, correct, figures)
+    return steps, lines, checked(steps, again.steps(setup, optional), sizes, setup, correct, figures)
 
 
 def _split_again(source: Source, lines: Sequence[Sequence[str]]) -> list[Block]:
@@ -149,9 +149,9 @@ def _blocks(raw: Sequence[Block], dialect: Dialect) -> list[Block]:
     return out
 
 
-def _notes(source: Source, setup: Setup) -> tuple[str, ...]:
+def _notes(source: Source, steps: Sequence[Step], setup: Setup) -> tuple[str, ...]:
     """What was taken for granted, and what stays uncorrected."""
-    steps = [s for s in source.steps(setup) if s.path is not None]
+    steps = [s for s in steps if s.path is not None]
     if not steps:
         return (f"{source.name}: it moves no axis",)
     said = {c for b in source.blocks for c in b.codes("G")}

@@ -146,7 +146,9 @@ def split(block: Block, printer: bool) -> Block:
     label = LABEL.match(text, at)
     if label:
         at = label.end()
-    words, comments, extended = [], [], ""
+    words: list[Word] = []
+    comments: list[str] = []
+    extended = ""
     while (at := GAP.match(text, at).end()) < len(text):  # type: ignore[union-attr]
         sign = text[at]
         if sign == ";" or (sign == "(" and not printer):
