@@ -275,8 +275,10 @@ def cut(event: Event, queue: list[Event], correct: Shift, came: Array, free: Arr
         assert all(free[AXES.index(a)] for a in piece.named), (event, piece)
         extruded, minutes = extruded + piece.extruded, minutes + piece.minutes
         points = piece.at(share)
-        for ahead in (max(size, 1e-4), 0.1, 0.4, 1.5, 5.0):  # mm; they differ beside a place where an axis turns back
-            ends = event.at(np.array([done + 1e-9, min(done + ahead / max(length, 1e-9), 1.0)]))
+        turned = abs(event.turn[3]) if event.turn else math.inf
+        ahead = max(size, 1e-4) / max(length, 1e-9)
+        for part in (ahead, 0.05 / turned, 0.15 / turned, -0.05 / turned, -0.15 / turned):  # where an axis turns back
+            ends = event.at(np.clip(np.sort([done + 1e-9, done + part]), 0.0, 1.0))
             slope = np.diff(ends, axis=0)[0] if event.turn else event.end - event.start
             sign = np.where(np.abs(slope) > 1e-9, np.sign(slope), came)
             back = points.copy()
