@@ -191,6 +191,17 @@ def test_inches_and_increments() -> None:
     assert steps[2] == "G1 X-20.0000 Y-0.0020 Z-0.0004"
 
 
+def test_pieces_that_are_less_than_a_figure_come_with_the_next() -> None:
+    """Chords of 0.13 mm on a control of 0.1 or 0.01 mm: no line without a position, no time lost."""
+    text = "G0 X50 Y100 Z-60\nG93 G3 X40 Y110 I-10 F5\n"
+    for resolution in (0.1, 0.01):
+        out = G.rewrite("a.nc", text, replace(SETUP, resolution=resolution), shift, Reading()).text
+        assert all(re.search(r"[XYZ]", line) for line in out.splitlines())
+        timed = [e for e in execute(out) if e.what == "cut"]
+        assert len(timed) > 20
+        assert sum(e.minutes for e in timed) == pytest.approx(0.2, rel=1e-6)
+
+
 def test_feeds_that_a_correction_would_change_are_refused() -> None:
     """With F in degrees a minute, a word of X would make it mm: the axis would turn at its rapid."""
     table = replace(SETUP.axes[0], name="C", joint="C", rotary=True, travel=(0.0, 360.0), measured=(0.0, 360.0))

@@ -16,7 +16,7 @@ Source: NIST IR 6556, sections 3.5 (G codes), 3.8 (order of execution).
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -35,12 +35,13 @@ DISTORTED = 0.1  # of the length in X, Y, Z: change that a correction may make w
 
 @dataclass(frozen=True)
 class Piece:
-    """A line to write: the axes' commands, and the share of the block's length and time behind it."""
+    """A line to write: the axes' commands, the shares of the block's length at both its ends, and that of its time."""
 
     target: Array
     share: float
     time: float
     last: bool
+    begin: float = 0.0
 
 
 class Writer:
@@ -66,7 +67,15 @@ class Writer:
         pieces = [Piece(rapid, 1.0, 1.0, True)] if rapid is not None else list(self._pieces(step, runs))
         if len(pieces) > 1:
             self._divisible(step)
-        out = [self._line(step, k, piece, pieces) for k, piece in enumerate(pieces)]
+        out: list[str] = []
+        begin = time = 0.0
+        for piece in pieces:
+            time += piece.time
+            axes = self._axes(step, piece)
+            if axes or piece.last:  # what is less than a figure comes with the next piece
+                whole = replace(piece, begin=begin, time=time)
+                out.append(self._line(step, whole, axes, not out, len(pieces) > 1))
+                begin, time = piece.share, 0.0
         self.motion = "G0" if step.modes.motion == "G0" else "G1"
         return out
 
@@ -143,8 +152,8 @@ class Writer:
         if step.block.has("E") and step.spread == "absolute" and not np.isfinite(step.extruded[0]):
             step.block.refuse("where the extruder stands is not known, and the cut has to be divided", "Write G92 E0")
 
-    def _line(self, step: Step, number: int, piece: Piece, pieces: Sequence[Piece]) -> str:
-        block, first = step.block, number == 0
+    def _line(self, step: Step, piece: Piece, axes: Sequence[str], first: bool, divided: bool) -> str:
+        block = step.block
         code = "G0" if step.modes.motion == "G0" else "G1"
         words = []
         for word in block.words:
@@ -152,7 +161,7 @@ class Writer:
                 continue
             if word.letter == "G" and word.code in MOTIONS:
                 words += [str(word) if word.code == code else code] if first else []
-            elif word.letter == "F" and step.modes.feed == "G93" and len(pieces) > 1:
+            elif word.letter == "F" and step.modes.feed == "G93" and divided:
                 words.append(f"F{_plain(word.value / piece.time if piece.time else word.value)}")
             elif word.letter == "M" and word.code in STOPS:
                 words += [str(word)] if piece.last else []
@@ -161,9 +170,9 @@ class Writer:
         said = any(w.letter == "G" and w.code in MOTIONS for w in block.words)
         if (self.printer and not (first and said)) or (first and not said and self.motion != code):
             words.insert(0 if self.printer else len(words), code)
-        words += self._axes(step, piece)
+        words += axes
         if block.has("E"):
-            words.append(self._extrusion(step, number, pieces))
+            words.append(self._extrusion(step, piece, divided))
         head = ("/" if block.optional else "") + (f"{block.label} " if block.label and first else "")
         tail = " ".join(block.comments) if first else ""
         return (head + " ".join([*words, *([tail] if tail else [])])).rstrip(" ")
@@ -185,20 +194,16 @@ class Writer:
                 self.at[k] = reached
         return out
 
-    def _extrusion(self, step: Step, number: int, pieces: Sequence[Piece]) -> str:
+    def _extrusion(self, step: Step, piece: Piece, divided: bool) -> str:
         text = next(w.text for w in step.block.words if w.letter == "E")
-        if len(pieces) == 1:
+        if not divided or (piece.last and step.spread == "absolute"):
             return f"E{text}"
         figures = max(5, len(text.partition(".")[2]))
-        shares = [0.0, *(p.share for p in pieces)]
         unit = INCH if step.modes.inch else 1.0
         value, before = float(text), step.extruded[0] / unit
         if step.spread == "absolute":
-            return (
-                f"E{text}" if pieces[number].last else f"E{before + shares[number + 1] * (value - before):.{figures}f}"
-            )
-        a, b = (round(value * s, figures) for s in shares[number : number + 2])
-        return f"E{b - a:.{figures}f}"
+            return f"E{before + piece.share * (value - before):.{figures}f}"
+        return f"E{round(value * piece.share, figures) - round(value * piece.begin, figures):.{figures}f}"
 
 
 def _plain(value: float) -> str:
