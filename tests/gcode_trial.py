@@ -9,7 +9,8 @@ import numpy as np
 from errormodel.controllers.gcode import GCode
 from errormodel.gcode.reading import Reading
 from tests.chains import Array
-from tests.gcode_machine import Event, compare, execute
+from tests.gcode_judge import compare
+from tests.gcode_machine import Event, execute
 from tests.gcode_programmes import OFFSETS, Author
 from tests.setups import plain_setup
 

@@ -52,6 +52,8 @@ def main() -> None:
             worst, wrong = max(worst, gap), [*wrong, *bad]
             for line in bad:
                 print(line, flush=True)
+            if not seen["programmes"] % 500:
+                print(f"{seen['programmes']} programmes, {time.perf_counter() - start:.0f} s", flush=True)
     print(f"{seen['programmes']} programmes as asked, {len(wrong)} not; largest distance {1e3 * worst:.2f} um")
     print(", ".join(f"{n} {what}" for what, n in sorted(seen.items())))
     print(f"{time.perf_counter() - start:.0f} s")
