@@ -247,6 +247,8 @@ def test_tables_of_commands() -> None:
         G.rewrite("a.csv", "X,Q\n1,2\n", SETUP, shift)
     with pytest.raises(InputError, match="line 3"):
         G.rewrite("a.csv", "X,Y,Z\n1,2,-60\n1,b,-60\n", SETUP, shift)
+    with pytest.raises(InputError, match="takes no --dialect"):
+        G.rewrite("a.csv", "X,Y,Z\n100,20,-60\n", SETUP, shift, Reading.of(after=(HERE,)))
     for wrong in ("5000,20,-60", "nan,20,-60"):
         with pytest.raises(InputError, match=r"line 2: X at (5000|nan), beyond its travel -200 to 400"):
             G.rewrite("a.csv", f"X,Y,Z\n{wrong}\n", SETUP, shift)

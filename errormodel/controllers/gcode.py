@@ -17,6 +17,7 @@ from errormodel.arrays import Array
 from errormodel.controllers.base import Rewriter
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.text import Lines
+from errormodel.exceptions import InputError
 from errormodel.gcode.divide import Correct
 from errormodel.gcode.programme import Corrected, Source, corrected
 from errormodel.gcode.reading import Reading
@@ -27,7 +28,7 @@ class GCode(Rewriter):
 
     name: ClassVar[str] = "gcode"
     title: ClassVar[str] = "corrected G-code or CSV of commands (controllers without tables)"
-    source: ClassVar[str] = "NIST IR 6556 (RS274/NGC)"
+    source: ClassVar[str] = "NIST IR 6556 (RS274/NGC); manuals of LinuxCNC, FANUC 30i, Marlin, Klipper"
 
     def quantum(self, setup: Setup) -> float:
         return 0.5 * 10.0 ** -self._figures(setup)
@@ -49,6 +50,8 @@ class GCode(Rewriter):
         figures = self._figures(setup)
         if not name.lower().endswith(".csv"):
             return corrected(name, text, setup, correct, reading or Reading(), figures)
+        if reading is not None:
+            raise InputError(name, "a CSV of commands takes no --dialect, --offset, --at", "Leave them out")
         head, q = self._table(name, text, setup)
         rows = [",".join(f"{v:.{figures}f}" for v in row) for row in correct(q, _arrivals(q))]
         return Corrected("\n".join([",".join(head), *rows]) + "\n")

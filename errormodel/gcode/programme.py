@@ -1,4 +1,7 @@
-"""A whole programme: read, corrected with the optional blocks and without, checked, and written or refused."""
+"""A whole programme: read, corrected with the optional blocks and without, checked, and written or refused.
+
+The switch of the optional blocks is taken to stay as it is while a programme runs.
+"""
 
 from __future__ import annotations
 
