@@ -264,3 +264,22 @@ def test_directions_of_arrival_are_given_to_the_correction() -> None:
     G.rewrite("a.nc", "G0 X0 Y10 Z-60\nG0 X50\nG0 Y5\nG0 X20\n", SETUP, note)
     assert seen[0][:, 0].tolist() == [1, 1, 1, -1]
     assert seen[0][:, 1].tolist() == [1, 1, -1, -1]
+
+
+def test_programmes_as_cam_systems_and_slicers_write_them() -> None:
+    mill = (
+        "%\nO0001(FACE)\n(T1 D50)\nG90G94G17\nG21\nG28G91Z0.\nG90\nT1M6\nS2000M3\nG54\nG0X-40.Y10.\nG43Z15.H1\nM8\n"
+        "G1Z-1.F200.\nX140.F800.\nG2X150.Y20.I0.J10.\nG0Z15.\nM9\nG28G91Z0.\nG28X0.Y0.\nM30\n%\n"
+    ).splitlines()
+    out = rewritten("\n".join(mill) + "\n", offset=("G54=X50,Y50,Z-150", "H1=Z50")).splitlines()
+    assert out[:11] == mill[:11]
+    assert re.fullmatch(r"G43 H1 Z1[45]\.\d+", out[11])
+    assert out[-5:] == mill[-5:]
+    printer = (
+        'M201 X1000 Y1000 Z200 E5000 ; accelerations\nM862.3 P "MK3S"\nM115 U3.14.1 ; firmware\nG90\nM83\nG28 W\nG80\n'
+        "G1 Z-60 F720\nG1 Y3 F1000\nG92 E0\nG1 X60 E9\nG1 E-.8 F2100\nG1 Z-58 F10800\nG1 X80 Y80\nM106 S127\nM84\n"
+    )
+    sure = rewritten(printer, "G80=X0,Y100,Z-60").splitlines()
+    assert sure[:7] == printer.splitlines()[:7]
+    with pytest.raises(InputError, match=r"where X stands is not known here since G80 in line 7"):
+        rewritten(printer)

@@ -111,7 +111,7 @@ class Interpreter:
 
     def _by_way(self, block: Block) -> None:
         """G28 runs through the point of its words: it must be where the axes stand, or a known one."""
-        shift = self._shift(block)
+        shift = self._shift(block) if self.modes.absolute else self._zero()
         for n, k in self.columns.items():
             value = block.number_of(n)
             if value is None:

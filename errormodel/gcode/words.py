@@ -17,7 +17,7 @@ NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)")
 GAP = re.compile(r"[ \t]*")
 LABEL = re.compile(r"[Nn][ \t]*(\d+)(?![\d.])")
 EXTENDED = re.compile(r"[A-Za-z_][A-Za-z_0-9]*_[A-Za-z_0-9]*|[A-Za-z]{3,}[A-Za-z0-9]*")  # of Klipper
-TEXT = {"M117", "M118", "M23", "M32", "M862.3", "M486"}  # of printers: their argument is text
+TEXT = {"M115", "M117", "M118", "M23", "M32", "M862.3", "M486"}  # of printers: their argument is text
 PLAIN = "Write plain numbers, such as X10.5; a CAM system or the control itself can work them out"
 SIGNS = {
     "#": ("a variable (#)", PLAIN),
