@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 @click.option("--points", type=click.IntRange(2), help="Points an axis. [default: as many as the errors need]")
 @click.option("--resolution", type=float, help="Least increment of the controller in mm. [default: the format's]")
 @click.option("--program", type=FILE, help="For gcode: the programme (or CSV of commands) to rewrite.")
+@click.option("--dialect", help="Of --program: auto, iso, fanuc or printer. [default: auto]")
+@click.option("--offset", "offsets", multiple=True, help="Of --program: X.. or G54=X..,Y.. or H1=Z.. (mm, deg).")
+@click.option("--at", "after", multiple=True, help="Where axes stand: start=X0,Y0 or G28=Z0 or M6=stay (mm, deg).")
 @click.option("--probe", type=float, nargs=2, metavar="X Y", help="For klipper: x_offset and y_offset of [probe].")
 @click.option(
     "--tool", type=float, nargs=3, metavar="X Y Z", help="Tip of the tool the tables are for. [default: machine.yaml's]"
@@ -39,6 +42,9 @@ def compensate(
     points: int | None,
     resolution: float | None,
     program: Path | None,
+    dialect: str | None,
+    offsets: tuple[str, ...],
+    after: tuple[str, ...],
     probe: tuple[float, float] | None,
     tool: tuple[float, float, float] | None,
     axes: str | None,
@@ -60,11 +66,14 @@ def compensate(
         )
     if resolution is not None and not 0 < resolution < 1:
         raise InputError("--resolution", f"{resolution:g} mm", "Write the least increment in mm, such as 0.001")
+    from errormodel.gcode.detect import AUTO
+    from errormodel.gcode.reading import Reading
     from identification.compensation.run import compensate as stage
     from identification.compensation.write import write_compensation
 
+    reading = Reading.of(dialect or AUTO, offsets, after) if dialect or offsets or after else None
     result = stage(
-        folder, name, points, resolution, program, probe, tool, seed, working, axes=axes, invert=invert,
+        folder, name, points, resolution, program, probe, tool, seed, working, reading, axes=axes, invert=invert,
         allow_large=allow_large,
     )  # fmt: skip
     show_notes(result.notes)

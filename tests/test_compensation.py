@@ -443,6 +443,9 @@ def test_the_list_names_every_controller() -> None:
         (("--controller", "csv", "--points", 150), ("--points", "150 points on 3 axes", "Ask for fewer")),
         (("--controller", "csv", "--resolution", 0), ("--resolution", "least increment")),
         (("--controller", "gcode", "--program", "none.nc"), ("none.nc", "cannot be read")),
+        (("--controller", "gcode"), ("--controller gcode", "--program is missing")),
+        (("--controller", "csv", "--program", "a.nc"), ("--program", "takes tables")),
+        (("--controller", "csv", "--at", "start=X0"), ("--at", "takes tables")),
     ],
 )
 def test_wrong_requests_are_refused_and_write_nothing(
@@ -498,3 +501,40 @@ def gap_rms(field: Field, commands: Array, asked: Array, came: Array) -> float:
     nominal = field.nominal(asked)
     gap = field.actual(commands, came) - nominal
     return float(np.sqrt(np.mean(np.square(gap - (best_frame(gap, nominal).apply(nominal) - nominal)).sum(axis=1))))
+
+
+def test_a_programme_is_corrected_checked_and_what_was_found_is_said(fitted: Path, tmp_path: Path) -> None:
+    machine = read_machine(MILL)
+    x, y, z = (sum(j.travel) / 2 for j in machine.joints if j.type == "prismatic")
+    names = [j.name for j in machine.joints if j.type == "prismatic"]
+    place = dict(zip(names, (x, y, z), strict=True))
+    lines = ["G21 G90 G17 G54 (part)", "T1 M6", "G0 X0 Y0", "G0 Z10", "M3 S900", "G1 Z-5 F200", "X100 F900"]
+    text = "\n".join([*lines, "G3 X120 Y20 J20", "G0 Z50", "M30"]) + "\n"
+    (tmp_path / "part.nc").write_text(text)
+    offset = "G54=" + ",".join(f"{n}{v:g}" for n, v in place.items())
+    ask = (
+        "compensate",
+        fitted / "fit",
+        "--controller",
+        "gcode",
+        "--program",
+        tmp_path / "part.nc",
+        "--out",
+        tmp_path / "o",
+    )
+    refused = run(*ask)
+    assert refused.code == 2
+    assert "part.nc, line 3 ('G0 X0 Y0'): the work offset G54 is not known" in refused.err
+    assert not (tmp_path / "o").exists()
+    said = done(*ask, "--offset", offset).out
+    found = re.search(r"part.nc: 2 rapids, 3 cuts .* path ([\d.]+) um .* rapids' ends ([\d.]+) um", said)
+    assert found is not None, said
+    assert 0 < float(found[1]) < 1.0
+    out = (tmp_path / "o/part.nc").read_text().splitlines()
+    assert [out[0], out[1], out[4]] == ["G21 G90 G17 G54 (part)", "T1 M6", "M3 S900"]
+    assert out[2] == "G0 X0 Y0"
+    assert re.fullmatch(r"G0 Z(10\.0|9\.9)\d+", out[3])
+    with_notes = json.loads((tmp_path / "o/compensation.json").read_text())["sets"][0]["notes"]
+    assert found[0] in with_notes[0]
+    (tmp_path / "part.nc").write_bytes(text.replace("(part)", "(pärt)").encode("latin-1"))
+    assert "part.nc: it cannot be read" in run(*ask, "--offset", offset).err

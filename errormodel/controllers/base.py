@@ -8,7 +8,7 @@ Positions are in the units of controllers: mm for linear axes, degrees for rotar
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -21,11 +21,11 @@ from errormodel.controllers.tables import Table, Tables, Term
 from errormodel.controllers.text import Comment, Files, printable
 from errormodel.controllers.thermal import States, Thermal
 from errormodel.exceptions import InputError
+from errormodel.gcode.divide import Correct
+from errormodel.gcode.programme import Corrected
+from errormodel.gcode.reading import Reading
 
 NAME = 60  # characters of a machine's name in a file
-
-Correct = Callable[[Array, Array], Array]
-"""Commands for wanted positions and directions of arrival, all (n, axes), mm and deg."""
 
 
 class Target(ABC):
@@ -65,11 +65,7 @@ class Rewriter(Target):
     """A target without tables: the commands themselves are corrected."""
 
     @abstractmethod
-    def example(self, setup: Setup, q: Array) -> dict[str, str]:
-        """A program through positions (n, axes), by file name, for when none is given."""
-
-    @abstractmethod
-    def positions(self, name: str, text: str, setup: Setup) -> Array:
+    def positions(self, name: str, text: str, setup: Setup, reading: Reading | None = None) -> Array:
         """Positions (n, axes) that a program commands, in order.
 
         Raises
@@ -79,8 +75,16 @@ class Rewriter(Target):
         """
 
     @abstractmethod
-    def rewrite(self, name: str, text: str, setup: Setup, correct: Correct) -> str:
-        """The same program with corrected commands."""
+    def rewrite(
+        self, name: str, text: str, setup: Setup, correct: Correct, reading: Reading | None = None
+    ) -> Corrected:
+        """The same program with corrected commands, and what a check of it found.
+
+        Raises
+        ------
+        InputError
+            The program has what is not understood, not known or out of reach.
+        """
 
     @abstractmethod
     def quantum(self, setup: Setup) -> float:

@@ -41,6 +41,7 @@ def compensation_lines(result: Compensation, folder: Path) -> Iterator[str]:
             yield _state(stated)
         for figures in stated.figures:
             yield from figure_lines(figures, setup)
+        yield from stated.notes
     if result.thermal:
         usual, files = result.usual, ", ".join(f for f in result.thermal.files if "/" not in f)
         yield ""

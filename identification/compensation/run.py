@@ -20,6 +20,7 @@ from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Table, Tables
 from errormodel.exceptions import InputError
 from errormodel.features import root
+from errormodel.gcode.reading import Reading
 from errormodel.inputs import noted
 from errormodel.machine import Vector
 from identification import store
@@ -48,7 +49,6 @@ FINE = 1600  # values of a lattice over all axes, from which on it takes the exa
 WORK, MOST = 30, 8  # this over the number of tables, and at most that
 CLEAN = 0.03  # of the error: what a plain structure may leave without a richer one being tried
 ENOUGH = 0.9  # of what the plainer structure leaves: a richer one must be better than that
-EXAMPLE = 24  # poses of a programme where none is given
 STEADY = ("time", "w_", "feed", "load", "T_")  # channels that no table can follow
 
 
@@ -62,6 +62,7 @@ class Stated:
     tables: Tables
     figures: list[Figures]
     conditions: Conditions | None = None  # None for corrected commands, which hold everything
+    notes: tuple[str, ...] = ()  # on rewritten programmes
 
 
 @dataclass(frozen=True)
@@ -122,6 +123,7 @@ class Compensation:
                     "folder": s.label,
                     "state": dict(s.state),
                     "files": list(s.files),
+                    "notes": list(s.notes),
                     "tables": [_table_json(t) for t in s.tables],
                     "figures": [asdict(f) | {"removed": f.removed()} for f in s.figures],
                     "conditions": s.conditions.as_json() if s.conditions else None,
@@ -166,6 +168,7 @@ def compensate(
     tool: Vector | None = None,
     seed: int = 0,
     tell: Tell = silent,
+    reading: Reading | None = None,
     *,
     axes: str | None = None,
     invert: bool = False,
@@ -177,7 +180,7 @@ def compensate(
     ----------
     points : points an axis; None: as many as the errors need.
     resolution : least increment of the controller, mm; None: the usual one of the format.
-    program : for a target without tables, the programme to rewrite; None: an example of its own.
+    program : for a target without tables, the programme to rewrite; `reading` : how it is read.
     probe : x and y of a probe from the nozzle, mm, whose readings the controller corrects, too.
     tool : tip of the tool that the tables are for, mm in the last frame; None: that of ``machine.yaml``.
     axes : letters and numbers of the joints on the controller, ``X=1,Y=2``; None: the usual ones.
@@ -190,6 +193,7 @@ def compensate(
         The folder holds no fit, there is no such controller, or the format cannot hold this machine's corrections.
     """
     controller = target_of(name)
+    source = _source(controller, program, reading)
     with tell("Reading"):
         fit = store.load(folder)
         table = read_rows(folder, fit.chain.machine)
@@ -223,7 +227,7 @@ def compensate(
             sets.append(_one_state(controller, setup, here, held, label, state, seed, allow_large, what, tell))
         elif isinstance(controller, Rewriter):
             with tell(f"Commands for {what}"):
-                sets.append(_rewritten(controller, setup, here, held, label, state, program, seed))
+                sets.append(_rewritten(controller, setup, here, held, label, state, source, reading, seed))
     tests: dict[str, str] = {}
     own = None
     if isinstance(controller, Controller) and len(sets) > 1 and "time" not in states[0]:
@@ -328,7 +332,8 @@ def _rewritten(
     held: Rows | None,
     label: str,
     state: Mapping[str, float],
-    program: Path | None,
+    source: tuple[str, str],
+    reading: Reading | None,
     seed: int,
 ) -> Stated:
     field = volume.field
@@ -336,13 +341,8 @@ def _rewritten(
     def correct(q: Array, direction: Array) -> Array:
         return field.outward(volume.ideal(field.inward(q), direction))
 
-    if program is None:
-        files = rewriter.example(
-            setup, field.outward(np.vstack([volume.poses(EXAMPLE, seed)[0], volume.corners()[0][:8]]))
-        )
-    else:
-        files = {program.name: _text(program)}
-    out = {name: rewriter.rewrite(name, text, setup, correct) for name, text in files.items()}
+    name, text = source
+    done = rewriter.rewrite(name, text, setup, correct, reading)
     step, movers = 2 * rewriter.quantum(setup), list(field.movers)
 
     def rounded(q: Array, direction: Array, tool: Array | None) -> Array:
@@ -351,12 +351,27 @@ def _rewritten(
         out[:, movers] = np.round(moved / step) * step * np.where(field.rotary[movers], np.pi / 180, 1.0)
         return out
 
-    return Stated(label, state, out, (), assess(volume, rounded, held, seed))
+    return Stated(label, state, {name: done.text}, (), assess(volume, rounded, held, seed), None, done.notes)
 
 
-def _text(path: Path) -> str:
+def _source(controller: Target, path: Path | None, reading: Reading | None) -> tuple[str, str]:
+    """Name and text of the programme, empty for a target with tables.
+
+    Raises
+    ------
+    InputError
+        It is missing, cannot be read, or has no use.
+    """
+    if isinstance(controller, Controller):
+        if path is not None or reading is not None:
+            option = "--program" if path is not None else "--dialect, --offset, --at"
+            found = f"{controller.title} takes tables, no programme"
+            raise InputError(option, found, "Leave it out, or use --controller gcode")
+        return "", ""
+    if path is None:
+        raise InputError(f"--controller {controller.name}", "--program is missing", "Give the programme to correct")
     try:
-        return noted(path).read_text(encoding="utf-8")
+        return path.name, noted(path).read_bytes().decode("utf-8")  # a lone CR is no line end to every control
     except (OSError, ValueError) as error:
         raise InputError(str(path), f"it cannot be read ({error})", "Give a programme as plain text") from error
 

@@ -1,0 +1,71 @@
+"""What has to be added to positions of a programme to get those of the axes: work offset and tool length.
+
+Sources: NIST IR 6556, section 3.5.12 (coordinate systems) and 3.5.9 (tool length); FANUC B-64484EN, G43 and G54.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from errormodel.arrays import Array
+from errormodel.controllers.setup import Setup
+from errormodel.gcode.codes import Dialect
+from errormodel.gcode.reading import Reading
+from errormodel.gcode.words import Block
+
+
+@dataclass(frozen=True)
+class Origins:
+    """Offsets that were stated; `alone`: the programme names one work offset at most."""
+
+    setup: Setup
+    reading: Reading
+    alone: bool
+
+    @classmethod
+    def of(cls, setup: Setup, reading: Reading, dialect: Dialect, blocks: Sequence[Block]) -> Origins:
+        """Of the blocks of a programme."""
+        named = {w.code for b in blocks for w in b.words if dialect.groups.get(w.code) == "work offset"}
+        return cls(setup, reading, len(named) < 2)
+
+    def shift(self, block: Block, origin: str, tool: str) -> Array:
+        """(axes,) mm and deg.
+
+        Raises
+        ------
+        InputError
+            The work offset is not known.
+        """
+        offsets = self.reading.offsets
+        usual = "" in offsets and self.alone
+        if origin and origin not in offsets and not usual:
+            cure = f"Write --offset {origin}=X..,Y..,Z.. (positions of its zero on the axes)"
+            block.refuse(f"the work offset {origin} is not known", cure)
+        if not origin and "" not in offsets and any(n.startswith("G") for n in offsets):
+            cure = "Write G54 before the first position, or --offset X..,Y..,Z.. for it"
+            block.refuse("the work offset that is active here is not known", cure)
+        out = np.zeros(len(self.setup.axes))
+        for name in (origin if origin in offsets else "", *([tool] if tool else [])):
+            for letter, value in offsets.get(name, {}).items():
+                out[self.setup.place(letter)] += value
+        return out
+
+    def tool(self, block: Block) -> str:
+        """Name of the tool length that G43 takes.
+
+        Raises
+        ------
+        InputError
+            It is not known.
+        """
+        number = block.number_of("H")
+        if number is None:
+            block.refuse("a tool length without H", "Write G43 with H")
+        name = f"H{number:g}"
+        if name not in self.reading.offsets:
+            found = f"the tool length {name} is not known"
+            block.refuse(found, f"Write --offset {name}=Z.. (Z0 where the work offset holds it)")
+        return name

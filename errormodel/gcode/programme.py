@@ -1,0 +1,201 @@
+"""A whole programme: read, corrected with the optional blocks and without, checked, and written or refused.
+
+The switch of the optional blocks is taken to stay as it is while a programme runs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from errormodel.arrays import Array
+from errormodel.controllers.setup import Setup
+from errormodel.exceptions import InputError
+from errormodel.gcode.check import Deviation, checked
+from errormodel.gcode.codes import Dialect
+from errormodel.gcode.detect import dialect_of
+from errormodel.gcode.divide import Correct
+from errormodel.gcode.interpreter import Interpreter
+from errormodel.gcode.reading import Reading
+from errormodel.gcode.rewrite import rewritten
+from errormodel.gcode.steps import Step
+from errormodel.gcode.words import Block, lines_of, split
+
+
+@dataclass(frozen=True)
+class Source:
+    """A programme whose every word is known, and how it is read."""
+
+    name: str
+    dialect: Dialect
+    blocks: list[Block]
+    reading: Reading
+
+    @classmethod
+    def of(cls, name: str, text: str, reading: Reading) -> Source:
+        """Of a programme's text.
+
+        Raises
+        ------
+        InputError
+            A character, or the dialect, is not understood.
+        """
+        raw = lines_of(name, text)
+        reading = reading.with_comment(name, text)
+        dialect = dialect_of(reading.dialect, raw)
+        if not any(b.text.strip() for b in raw):
+            raise InputError(name, "the programme is empty", "Give a programme")
+        return cls(name, dialect, _blocks(raw, dialect), reading)
+
+    def steps(self, setup: Setup, optional: bool = True) -> list[Step]:
+        """What each block does.
+
+        Raises
+        ------
+        InputError
+            A block is not understood, or leads where the machine does not reach.
+        """
+        return list(Interpreter(self.dialect, setup, self.reading, self.blocks).run(self.blocks, optional))
+
+    def start(self, setup: Setup) -> Array:
+        """Where the axes stand at first (axes,), not a number where that is not known."""
+        return Interpreter(self.dialect, setup, self.reading, ()).q
+
+    @property
+    def switched(self) -> bool:
+        """Whether there are optional blocks."""
+        return any(b.optional for b in self.blocks)
+
+
+@dataclass(frozen=True)
+class Corrected:
+    """A corrected programme and what its check found, for a person."""
+
+    text: str
+    notes: tuple[str, ...] = ()
+
+
+def corrected(name: str, text: str, setup: Setup, correct: Correct, reading: Reading, figures: int) -> Corrected:
+    """The programme with corrected positions, executed and compared with the one that was given.
+
+    Parameters
+    ----------
+    figures : behind the decimal point, of mm and degrees; inches get one more.
+
+    Raises
+    ------
+    InputError
+        A word is not understood, a position is not known or out of reach, or the check does not agree.
+    """
+    if any(len(n) > 1 for n in setup.names):
+        raise InputError(name, f"axes {', '.join(setup.names)} are no letters of G-code", "Give a CSV of commands")
+    source = Source.of(name, text, reading)
+    runs = [
+        _once(source, setup, correct, figures, switch) for switch in ((True, False) if source.switched else (True,))
+    ]
+    steps, lines, deviation = runs[0]
+    for block, with_, without in zip(source.blocks, lines, runs[-1][1], strict=True):
+        if not block.optional and with_ != without:
+            last = max((b.number for b in source.blocks if b.optional and b.number < block.number), default=0)
+            found = f"this block depends on whether the optional block in line {last} is carried out"
+            block.refuse(found, "Name all axes in a rapid behind the optional block, or take its '/' away")
+    written = "\n".join(line for part in lines for line in part) + "\n"
+    deviation = deviation.with_other(runs[-1][2])
+    return Corrected(written, (deviation.text(name), *_notes(source, steps, setup)))
+
+
+def _once(
+    source: Source, setup: Setup, correct: Correct, figures: int, optional: bool
+) -> tuple[list[Step], list[list[str]], Deviation]:
+    steps = source.steps(setup, optional)
+    lines = rewritten(steps, source.start(setup), setup, correct, figures, source.dialect.printer)
+    again = Source(source.name, source.dialect, _split_again(source, lines), source.reading)
+    sizes = [len(part) for part in lines]
+    return steps, lines, checked(steps, again.steps(setup, optional), sizes, setup, correct, figures)
+
+
+def _split_again(source: Source, lines: Sequence[Sequence[str]]) -> list[Block]:
+    """What was written, read from its text; a block keeps the number of the line that it came from."""
+    out = []
+    for block, part in zip(source.blocks, lines, strict=True):
+        for line in part:
+            fresh = Block(source.name, block.number, line)
+            passed = block.empty and not block.words and line == block.text
+            out.append(block if passed else split(fresh, source.dialect.printer))
+    return out
+
+
+def _blocks(raw: Sequence[Block], dialect: Dialect) -> list[Block]:
+    """Blocks with their words; ``%`` and the programme's number stand where they belong, or nothing is read."""
+    full = [k for k, b in enumerate(raw) if b.text.strip()]
+    out, begun = [], False
+    for k, block in enumerate(raw):
+        text = block.text.strip()
+        if text == "%" and not dialect.printer and k in (full[0], full[-1]):
+            out.append(block)
+            continue
+        if dialect.header and not begun and text.upper().startswith("O"):
+            number = text[1:].split("(", 1)[0].strip()
+            rest = split(Block(block.file, block.number, text[1 + len(number) :]), False)
+            if number.isdigit() and rest.empty:
+                out.append(Block(block.file, block.number, block.text, comments=rest.comments))
+                begun = True
+                continue
+        if text.upper().startswith(("O", ":")):
+            block.refuse("a subprogramme or a programme's number", "Write one programme without calls")
+        out.append(split(block, dialect.printer))
+        if dialect.header and any(c.startswith(";") and c.strip("; \t") for c in out[-1].comments):
+            block.refuse("text behind ';', which ends a block on these controls", "Write ( ) around comments")
+        begun = begun or not out[-1].empty
+    return out
+
+
+def _notes(source: Source, steps: Sequence[Step], setup: Setup) -> tuple[str, ...]:
+    """What was taken for granted, and what stays uncorrected."""
+    steps = [s for s in steps if s.path is not None]
+    if not steps:
+        return (f"{source.name}: it moves no axis",)
+    said = {c for b in source.blocks for c in b.codes("G")}
+    granted = [
+        word
+        for word, others in (("G90", {"G90", "G91"}), ("G21", {"G20", "G21"}), ("G17", {"G17", "G18", "G19"}))
+        if not said & others and (word != "G17" or said & {"G2", "G3"})
+    ]
+    if any(b.has(c) for b in source.blocks for c in "IJK") and not said & {"G90.1", "G91.1"}:
+        granted.append("I, J, K from the start (G91.1)")
+    if not steps[0].modes.origin and not source.reading.offsets:
+        granted.append("positions of the axes (no work offset)")
+    out = [f"{source.name}: taken for granted, since it does not say: {', '.join(granted)}"] if granted else []
+    never = [n for k, n in enumerate(setup.names) if n in setup.movers and not any(k in s.named for s in steps)]
+    if never:
+        out.append(
+            f"{source.name}: {', '.join(never)} {'is' if len(never) == 1 else 'are'} never commanded, never moved"
+        )
+    plain = [s.block.number for s in steps if s.kind == "as it is"]
+    if plain:
+        out.append(f"{source.name}: {len(plain)} positionings stay as they are (first in line {plain[0]})")
+    blind = [n for k, n in enumerate(setup.names) if n in setup.reversing and _blind(steps, k)]
+    if blind:
+        out.append(f"{source.name}: the direction from which {', '.join(blind)} first arrives is taken as positive")
+    outside = [s.block.number for s in steps if _outside(s.q, setup)]
+    if outside:
+        out.append(f"{source.name}: {len(outside)} blocks leave the measured region (first in line {outside[0]})")
+    return tuple(out)
+
+
+def _blind(steps: Sequence[Step], column: int) -> bool:
+    """Whether a correction is made before the axis has moved in a known direction."""
+    return any(
+        s.kind != "as it is" and not s.came[column] and s.path is not None
+        and not abs(s.path.end[column] - s.path.start[column]) > 0
+        for s in steps
+    )  # fmt: skip
+
+
+def _outside(q: Array, setup: Setup) -> bool:
+    return any(
+        a.name in setup.moving and np.isfinite(v) and not a.measured[0] - 1e-6 <= v <= a.measured[1] + 1e-6
+        for a, v in zip(setup.axes, q, strict=True)
+    )

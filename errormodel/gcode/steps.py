@@ -1,0 +1,75 @@
+"""What the blocks of a programme do, as the interpreter finds it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from errormodel.arrays import Array
+from errormodel.gcode.codes import EXACT
+from errormodel.gcode.extruder import Spread
+from errormodel.gcode.paths import Line
+from errormodel.gcode.words import Block
+
+Kind = Literal["rapid", "feed", "as it is"]
+
+
+@dataclass(frozen=True)
+class Modes:
+    """Modal state behind a block. The motion of a programme is unknown until it is said."""
+
+    motion: str = ""
+    plane: str = "G17"
+    distance: str = "G90"
+    arc: str = "G91.1"
+    units: str = "G21"
+    feed: str = "G94"
+    origin: str = ""
+    tool: str = ""
+    path: str = ""
+
+    @property
+    def absolute(self) -> bool:
+        return self.distance == "G90"
+
+    @property
+    def inch(self) -> bool:
+        return self.units == "G20"
+
+
+@dataclass(frozen=True)
+class Step:
+    """What a block does.
+
+    Attributes
+    ----------
+    kind : `rapid`, `feed`, or `as it is`: no motion, or one that is not corrected.
+    path : of a motion whose start and end are known.
+    named : columns of the axes that have words.
+    movable : columns that were commanded up to here and are known: only these may get words.
+    placed : columns that a command of its own rules left where `q` says.
+    shift : what positions of the programme lack to be those of the axes (axes,).
+    came : directions of arrival before the block, 0 where an axis has not moved yet.
+    q : where the axes stand behind it, not a number where that is unknown.
+    extruded : position of the extruder before the block and behind it; not a number where unknown.
+    """
+
+    block: Block
+    modes: Modes
+    kind: Kind = "as it is"
+    path: Line | None = None
+    named: tuple[int, ...] = ()
+    movable: tuple[int, ...] = ()
+    placed: tuple[int, ...] = ()
+    shift: Array = field(default_factory=lambda: np.zeros(0))
+    came: Array = field(default_factory=lambda: np.zeros(0))
+    q: Array = field(default_factory=lambda: np.zeros(0))
+    extruded: tuple[float, float] = (np.nan, np.nan)
+    spread: Spread = ""  # how E counts; empty: not certain
+
+
+def stops_exactly(step: Step) -> bool:
+    """Whether the control stops at the end of every block."""
+    return bool(EXACT & {*step.block.codes("G"), step.modes.path})

@@ -1,0 +1,205 @@
+"""Lines of a programme as words. Every character is part of a word, a comment or white space, or the line is refused.
+
+Sources: NIST IR 6556, section 3.3 (format of a line); LinuxCNC manual, "G-code overview"; Marlin documentation, "G-code
+index" (one command a line, its parameters after it); Klipper documentation, "G-Codes" (extended commands).
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NoReturn
+
+from errormodel.exceptions import InputError
+
+NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)")
+GAP = re.compile(r"[ \t]*")
+LABEL = re.compile(r"[Nn][ \t]*(\d+)(?![\d.])")
+EXTENDED = re.compile(r"[A-Za-z_][A-Za-z_0-9]*_[A-Za-z_0-9]*|[A-Za-z]{3,}[A-Za-z0-9]*")  # of Klipper
+TEXT = {"M115", "M117", "M118", "M23", "M32", "M862.3", "M486"}  # of printers: their argument is text
+PLAIN = "Write plain numbers, such as X10.5; a CAM system or the control itself can work them out"
+SIGNS = {
+    "#": ("a variable (#)", PLAIN),
+    "[": ("an expression ([)", PLAIN),
+    "]": ("an expression (])", PLAIN),
+    "=": ("an assignment (=)", PLAIN),
+    "*": ("a checksum or product (*)", "Write the programme without"),
+    ")": ("a bracket that nothing opens", "Close comments where they begin"),
+    "/": ("a '/' within the block", "Write '/' at the block's beginning"),
+    "%": ("a '%' within the programme", "Write '%' alone, as the first and the last line"),
+}
+
+
+@dataclass(frozen=True)
+class Word:
+    """A letter with its number; `text` is the number as it stands, empty for a letter alone (printers)."""
+
+    letter: str
+    text: str
+
+    @cached_property
+    def value(self) -> float:
+        return float(self.text)
+
+    @cached_property
+    def code(self) -> str:
+        """Of G and M words: ``G1`` for G01."""
+        return f"{self.letter}{self.value:g}" if self.text else self.letter
+
+    def __str__(self) -> str:
+        return f"{self.letter}{self.text}"
+
+
+@dataclass(frozen=True)
+class Block:
+    """A line of a programme.
+
+    Attributes
+    ----------
+    number : from 1.
+    optional : it begins with ``/``.
+    label : line number as it stands (``N30``), or empty.
+    extended : name of a command with a text of its own (``M117``, Klipper's ``START_PRINT``), or empty.
+    """
+
+    file: str
+    number: int
+    text: str
+    words: tuple[Word, ...] = ()
+    comments: tuple[str, ...] = ()
+    optional: bool = False
+    label: str = ""
+    extended: str = ""
+
+    def refuse(self, found: str, cure: str) -> NoReturn:
+        """Refuse the programme.
+
+        Raises
+        ------
+        InputError
+            Always, with file, line and text.
+        """
+        shown = self.text.strip()
+        raise InputError(f"{self.file}, line {self.number} ('{shown[:60]}')", found, cure)
+
+    @cached_property
+    def _values(self) -> dict[str, Word]:
+        return {w.letter: w for w in self.words}
+
+    def has(self, letter: str) -> bool:
+        return letter in self._values
+
+    def number_of(self, letter: str) -> float | None:
+        """Value of the only word with that letter."""
+        word = self._values.get(letter)
+        return None if word is None else word.value
+
+    def codes(self, letter: str) -> list[str]:
+        return [w.code for w in self.words if w.letter == letter]
+
+    @property
+    def empty(self) -> bool:
+        return not self.words and not self.extended
+
+
+def lines_of(file: str, text: str) -> list[Block]:
+    """Lines without their ends, none of them split yet.
+
+    Raises
+    ------
+    InputError
+        A character is no printable ASCII.
+    """
+    if text.startswith("\ufeff"):
+        raise InputError(f"{file}, line 1", "a byte order mark", "Save the programme as plain ASCII text")
+    out = [Block(file, k, line) for k, line in enumerate(text.replace("\r\n", "\n").split("\n"), start=1)]
+    if out and not out[-1].text:
+        out.pop()
+    for block in out:
+        for column, sign in enumerate(block.text, start=1):
+            if not (" " <= sign <= "~" or sign == "\t"):
+                raise InputError(
+                    f"{file}, line {block.number}, column {column}",
+                    f"{sign!r} is no printable ASCII character",
+                    "Write the programme, comments too, in plain ASCII",
+                )
+    return out
+
+
+def split(block: Block, printer: bool) -> Block:
+    """The block with its words.
+
+    Raises
+    ------
+    InputError
+        A character belongs to no word.
+    """
+    text, at = block.text, GAP.match(block.text).end()  # type: ignore[union-attr]
+    optional = text[at : at + 1] == "/"
+    if optional:
+        if printer:
+            block.refuse("a '/', which printers do not know", "Take the line out, or give --dialect")
+        at = GAP.match(text, at + 1).end()  # type: ignore[union-attr]
+        if text[at : at + 1].isdigit():
+            block.refuse("a numbered block delete", "Write '/' alone: one switch for all optional blocks")
+    label = LABEL.match(text, at)
+    if label:
+        at = label.end()
+    words: list[Word] = []
+    comments: list[str] = []
+    extended = ""
+    while (at := GAP.match(text, at).end()) < len(text):  # type: ignore[union-attr]
+        sign = text[at]
+        if sign == ";" or (sign == "(" and not printer):
+            end = len(text) if sign == ";" else text.find(")", at) + 1
+            if not end or ("(" in text[at + 1 : end] and sign == "("):
+                block.refuse("a comment within another, or without its end", "Close every ( with ) on its line")
+            comments.append(text[at:end])
+            at = end
+            continue
+        name = EXTENDED.match(text, at) if printer and not words else None
+        if name:
+            extended, at = name[0].upper(), _argument_end(text, name.end())
+            continue
+        word, at = _word(block, at, printer)
+        if comments and not comments[-1].startswith(";") and word.letter == "N":
+            block.refuse("N behind a comment", "Write N first")
+        words.append(word)
+        if printer and len(words) == 1 and word.code in TEXT:
+            extended, words, at = word.code, [], _argument_end(text, at)
+    return Block(
+        block.file, block.number, text, tuple(words), tuple(comments), optional,
+        text[label.start() : label.end()] if label else "", extended,
+    )  # fmt: skip
+
+
+def _argument_end(text: str, start: int) -> int:
+    end = text.find(";", start)
+    return len(text) if end < 0 else end
+
+
+def _word(block: Block, at: int, printer: bool) -> tuple[Word, int]:
+    text, letter = block.text, block.text[at].upper()
+    if letter == ",":
+        corner = re.match(r",[ \t]*([RrCcAa])", text[at:])
+        what = f"a corner or chamfer (,{corner[1].upper()})" if corner else "a decimal comma"
+        block.refuse(what, "Write a decimal point, and corners as arcs and lines of their own")
+    if not "A" <= letter <= "Z":
+        block.refuse(*SIGNS.get(text[at], (f"the character '{text[at]}'", "Take it out, or give --dialect")))
+    start = GAP.match(text, at + 1).end()  # type: ignore[union-attr]
+    number = NUMBER.match(text, start)
+    if not number:
+        following = text[start : start + 1]
+        if printer and (not following or start > at + 1 or following == ";"):
+            return Word(letter, ""), start
+        if following in ("#", "[", "=", "-", "+") and following:
+            found, cure = SIGNS.get(following, ("a sign without a number", PLAIN))
+            block.refuse(f"{letter} with {found}", cure)
+        block.refuse(f"{letter} without a number (unknown text)", "Write a number behind every letter")
+    end = number.end()
+    if text[end : end + 1] == ".":
+        block.refuse(f"{letter} with two decimal points", "Write one")
+    if text[end : end + 1] in ("E", "e") and letter != "N" and end == len(number[0]) + start:
+        block.refuse(f"E directly behind a number ({letter}{number[0]}E)", "Write a space before E")
+    return Word(letter, number[0]), end
