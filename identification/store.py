@@ -19,6 +19,7 @@ from errormodel.schema import read_machine, write_machine
 from errormodel.simulate import outward
 from errormodel.survey import Survey
 from identification.alignment import Pose
+from identification.covered import covered
 from identification.fit.result import Fit, Spread
 from identification.fit.run import moved
 from identification.gain import leverages
@@ -43,6 +44,7 @@ def as_json(fit: Fit) -> dict[str, Any]:
         "n_parameters": len(fit.chain.machine_ids),
         "rank": s.groups.rank,
         "condition": s.groups.condition,
+        "covered": covered(fit.chain, fit.survey.table),
         "frame_mode": fit.survey.frame,
         "frame": [
             {
