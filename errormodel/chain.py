@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 TOOL_CHANNELS = ("tool_x", "tool_y", "tool_z")
+NOT_THE_MACHINE = ("instrument", "blunder")  # families of effects that no command can take away
 What = Literal["nominal", "actual", "design", "linearised", "terms", "levers"]
 
 
@@ -167,6 +168,13 @@ class Chain:
     def of_effects(self) -> frozenset[str]:
         """Parameters of the machine's effects, rather than of its rigid error motions."""
         return frozenset(i for ids in self.effect_ids for i in ids)
+
+    @cached_property
+    def instrument_ids(self) -> frozenset[str]:
+        """Parameters of effects of the instrument and of mistakes in a table: nothing of the machine moves by them."""
+        families = (effects.registry()[spec.effect].family for spec in self.machine.effects)
+        pairs = zip(families, self.effect_ids, strict=True)
+        return frozenset(i for family, ids in pairs if family in NOT_THE_MACHINE for i in ids)
 
     @property
     def machine_ids(self) -> tuple[str, ...]:

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 # A sensor may have any name, with commas and brackets: the number is what stands after the last comma.
 CALL = re.compile(r"(lag|play)\((.+),([^,()]+)\)", re.DOTALL)
 SETTLE = 240.0  # s: the quickest members take some ten minutes to follow the air or a motor
+NOISE = 0.3  # K rms: no sensor has more; a temperature that leaves its smooth course by more than this did so itself
+APART = 0.1  # K rms: what a common clock leaves of runs that have clocks of their own, at least; sensors leave 0.05
 _GAPLESS = ("T_", "w_", "time", "feed", "load")  # positions may be missing in rows about another joint
 JUMP = 2.5  # of the usual step between targets: so far goes back who begins anew
 POINT = ("point_x", "point_y", "point_z")
@@ -76,24 +78,55 @@ def columns(table: pd.DataFrame, names: Sequence[str]) -> list[Array]:
 
 
 def settled(table: pd.DataFrame, names: Iterable[str]) -> pd.DataFrame:
-    """The table with the named temperatures as smooth functions of time, file by file.
+    """The table with the named temperatures as smooth functions of time, clock by clock (`clocks`).
 
     A member's temperature changes slowly; a sensor adds noise from row to row, which an effect of 10 um/K would carry
     into every prediction. A local straight line over `SETTLE` seconds takes most of it out and leaves what takes longer
-    than a quarter of an hour as it is, however many rows there are. A table without time is left as it is.
+    than a quarter of an hour as it is, however many rows there are. A table without time is left as it is, and so are
+    rows that no time passes between (states that somebody asks about) and temperatures that change faster than that.
     """
     names = [n for n in names if n in table and table[n].notna().all()]
     if not names or "time" not in table or not table["time"].notna().all():
         return table
-    table = table.copy()
+    out, time = table.copy(), table["time"].to_numpy(dtype=np.float64)
+    for name in names:
+        recorded = table[name].to_numpy(dtype=np.float64)
+        values, clock = recorded.copy(), clocks(table, name)
+        for rows in _by_label(clock):
+            smooth = _local_line(time[rows], recorded[rows])
+            if np.ptp(time[rows]) > 0 and _rms(smooth - recorded[rows]) <= NOISE:
+                values[rows] = smooth
+        out[name] = values
+    return out
+
+
+def clocks(table: pd.DataFrame, name: str) -> Index:
+    """Which rows have one clock, as a number a row: those of a file, or of one run where the runs' times are their own.
+
+    Runs of one file may share a clock, or each may start at zero. Where time goes back, the column tells: it is one
+    smooth function of the time of the file, or it is not, and is one within each run.
+    """
     files, time = _codes(table, ["file"]), table["time"].to_numpy(dtype=np.float64)
-    for file in np.unique(files):
-        rows = np.flatnonzero(files == file)
-        for name in names:
-            values = table[name].to_numpy(dtype=np.float64, copy=True)
-            values[rows] = _local_line(time[rows], values[rows])
-            table[name] = values
-    return table
+    if "run" not in table or not (np.diff(time) < 0).any():
+        return files
+    runs, values = _codes(table, ["file", "run"]), table[name].to_numpy(dtype=np.float64)
+    out = files.copy()
+    for rows in _by_label(files):
+        if (np.diff(time[rows]) < 0).any() and np.ptp(runs[rows]) > 0:
+            left = _rms(_local_line(time[rows], values[rows]) - values[rows])
+            by_run = [_local_line(time[r], values[r]) - values[r] for r in (rows[i] for i in _by_label(runs[rows]))]
+            if left > max(APART, 2 * _rms(np.concatenate(by_run))):
+                out[rows] = files.max() + 1 + runs[rows]
+    return out
+
+
+def _by_label(labels: Index) -> list[Index]:
+    """The rows of each label."""
+    return [np.flatnonzero(labels == label) for label in np.unique(labels)]
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
 
 
 def _local_line(time: Array, values: Array) -> Array:
@@ -205,13 +238,15 @@ def _codes(table: pd.DataFrame, names: list[str]) -> Index:
 
 
 def lag(table: pd.DataFrame, name: str, tau: float) -> Array:
-    """A column behind a first-order lag (time constant `tau`, s), settled at its first value; file by file."""
+    """A column behind a first-order lag (time constant `tau`, s), settled at its first value; clock by clock.
+
+    Rows that no time passes between are states of their own, each of them settled.
+    """
     values, time = channel(table, name), channel(table, "time")
-    out = np.empty_like(values)
-    runs = _codes(table, ["file"])
-    for run in np.unique(runs):
-        rows = np.flatnonzero(runs == run)
-        out[rows] = lagged(time[rows], values[rows], tau)
+    out = values.copy()
+    for rows in _by_label(clocks(table, name)):
+        if np.ptp(time[rows]) > 0:
+            out[rows] = lagged(time[rows], values[rows], tau)
     return out
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from errormodel.arrays import Array
 
+SMALL = 2e-4  # of the machine's size: a larger error at the nominal point is no machine's (0.6 mm in 3 m)
 HELD = 10.0  # standard deviation of the nominal points over the misfit: a rotation is then sure to a tenth of a radian,
 # whatever makes the misfit; errors of the machine do not average out over rows as noise does
 SURE = 0.99  # of the misfit, which few points know badly: its upper limit counts
@@ -59,6 +60,7 @@ def align(
     weights: Array | None = None,
     rounds: int = 20,
     assumed: Array | None = None,
+    largest: float = np.inf,
 ) -> Pose:
     """Pose that carries nominal points (n, 3) onto measured ones (n, 3, NaN where a component is missing).
 
@@ -71,9 +73,11 @@ def align(
     weights : (n,) 1/sigma.
     rounds : the most reweightings.
     assumed : (3, 3) rotation where the points do not tell; None: none.
+    largest : misfit (mm) that errors of a machine can make. A larger one is a mistake in the recording, which says
+        nothing of how well the points determine the rotation.
     """
     if assumed is not None:
-        pose = align(nominal @ assumed.T, measured, weights, rounds)
+        pose = align(nominal @ assumed.T, measured, weights, rounds, largest=largest)
         return Pose(pose.rotation @ assumed, pose.translation, pose.undetermined @ assumed)
     w = np.ones(len(nominal)) if weights is None else weights / weights.max()
     full = np.isfinite(measured).all(axis=1)
@@ -96,10 +100,10 @@ def align(
         pose = new
         if done:
             break
-    return _as_far_as_determined(a, b, counted, pose)
+    return _as_far_as_determined(a, b, counted, pose, largest)
 
 
-def _as_far_as_determined(a: Array, b: Array, w: Array, best: Pose) -> Pose:
+def _as_far_as_determined(a: Array, b: Array, w: Array, best: Pose, largest: float) -> Pose:
     """The best pose, or one of a lower rank where the spread of the nominal points does not determine it.
 
     A principal direction of the nominal points counts if their standard deviation along it is `HELD` times the misfit,
@@ -120,7 +124,8 @@ def _as_far_as_determined(a: Array, b: Array, w: Array, best: Pose) -> Pose:
         more = 3 - rank  # rotations that this direction adds: two of a line, one of a plane
         free = 3 * len(a) - 3 - (2 if rank == 1 else 3)
         coordinate = np.sqrt(misfit * len(a) / free) if free > 0 else np.inf
-        if free > 0 and spread[rank - 1] >= HELD * coordinate * np.sqrt(free / chdtri(free, SURE)):
+        upper = coordinate * np.sqrt(free / chdtri(free, SURE)) if free > 0 else np.inf
+        if spread[rank - 1] >= HELD * min(upper, largest):
             break
         beyond = (without - misfit) / more > fdtri(more, free, 1 - CHANCE) * misfit / free if free > 0 else False
         if beyond and without > 4 * misfit:

@@ -155,6 +155,7 @@ def simulate(machine: str, points: str, parameters: Path | None, noise: str, out
     """Simulate what would be measured at POINTS (a survey's commands, or a number of random poses)."""
     from errormodel import simulate as stage
     from errormodel.chain import Chain
+    from errormodel.effects.axis_blunder import marred
     from errormodel.instruments.base import Instrument
     from errormodel.instruments.plain import Plain
     from errormodel.survey import read_survey
@@ -171,10 +172,10 @@ def simulate(machine: str, points: str, parameters: Path | None, noise: str, out
     measured = stage.simulate(model, table, truth, _noise(noise, instrument), seed)
     # orientations are exact, which no instrument is: those of the survey go, none take their place
     stale = ["file", "role", "row", "mrx", "mry", "mrz"]
-    result = stage.outward(table, model).drop(columns=stale, errors="ignore")
+    result = table.drop(columns=stale, errors="ignore")
     for name in measured.columns.difference(stale, sort=False):
         result[name] = measured[name]
-    out.write_csv(result)
+    out.write_csv(stage.outward(marred(result, model), model))
     say(f"{len(result)} points written to {out}")
 
 
@@ -310,6 +311,7 @@ def diagnose(machine: str, survey: Path, out: ResultsFolder) -> None:
 @click.option("--out", type=OUT_FILE, required=True, help="CSV to write.")
 def predict(folder: Path, points: Path, out: OutputFile) -> None:
     """Predict at POINTS from the FOLDER of a fit: position, volumetric error, standard uncertainty."""
+    from errormodel.effects.axis_blunder import marred
     from errormodel.simulate import outward
     from errormodel.survey import read_survey
     from identification import predict as stage
@@ -318,10 +320,11 @@ def predict(folder: Path, points: Path, out: OutputFile) -> None:
     stored = store.load(folder)
     machine = stored.chain.machine
     survey = read_survey(points, machine, measured=False)
-    show_notes((*survey.notes, *stage.frame_notes(stored, survey)))
+    show_notes((*survey.notes, *stage.notes(stored, survey)))
     with working("Predicting"):
         result = stage.predict(stored, survey)
-    table = outward(survey.table, machine).drop(columns=["file", "role", "row", *result.columns], errors="ignore")
+    table = outward(marred(survey.table, machine), machine)
+    table = table.drop(columns=["file", "role", "row", *result.columns], errors="ignore")
     out.write_csv(table.join(result))
     say(f"{len(result)} predictions written to {out}")
 

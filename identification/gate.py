@@ -19,7 +19,8 @@ from errormodel.features import root
 from errormodel.machine import Machine
 from errormodel.survey import Survey
 from errormodel.survey_columns import MEASURED
-from identification.diagnosis.blunder import FEWEST, SMALL, Blunder, Points, groups, listed, misses, sheet
+from identification.alignment import SMALL
+from identification.diagnosis.blunder import FEWEST, Blunder, Points, groups, listed, misses, sheet
 from identification.diagnosis.sanity import find_blunders
 from identification.fit.checks import FAR, another, far_off, looked_over
 from identification.fit.result import Fit

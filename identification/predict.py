@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,6 +12,7 @@ from errormodel.conventions import MOTIONS
 from errormodel.survey import Survey
 from errormodel.survey_columns import UNCERTAINTY
 from identification.alignment import IDENTITY, Pose, rotation_notes
+from identification.covered import beyond_notes
 from identification.problem import frame_columns, frame_labels
 from identification.store import StoredFit
 
@@ -26,8 +28,10 @@ PLAUSIBLE = {"mm": 0.02, "rad": 5e-5, "1": 5e-5, "rad/mm": 5e-8}
 def predict(fit: StoredFit, points: Survey) -> pd.DataFrame:
     """Predict at commands: ``mx my mz`` (mm, measuring frame), ``ex ey ez`` (actual minus nominal), ``ux uy uz``.
 
-    The uncertainty is that of the model: estimated parameters with their covariance, and parameters that the survey
-    could not identify (another tool may bring them in) with the size of the identified ones of their kind.
+    What effects of the instrument do (a station that moved, a drift, its scale) is in what would be measured, not in
+    the machine's error. The uncertainty is that of the model: estimated parameters with their covariance, and
+    parameters that the survey could not identify (another tool may bring them in) with the size of the identified ones
+    of their kind.
 
     Rows about one joint (column ``joint``) get its error motions ``dx ... ec`` (mm, rad) from the joint's own zero, and
     their standard uncertainties ``u_dx ... u_ec``.
@@ -69,9 +73,22 @@ def _labels(fit: StoredFit, points: Survey) -> Array:
     return frame_labels(points, fit.frame_mode)
 
 
-def frame_notes(fit: StoredFit, points: Survey) -> tuple[str, ...]:
-    """Notes on measuring frames: rotations that are assumed, and rows predicted in another one's frame."""
-    return (*rotation_notes(fit.frames), *_unfitted(fit, points))
+def notes(fit: StoredFit, points: Survey) -> tuple[str, ...]:
+    """Notes on assumed rotations and borrowed measuring frames, points beyond what was measured, sides of arrival."""
+    beyond = beyond_notes(fit.chain, fit.data.get("covered", {}), points.table)
+    return (*rotation_notes(fit.frames), *_unfitted(fit, points), *beyond, *_arrivals(fit, points))
+
+
+def _arrivals(fit: StoredFit, points: Survey) -> Iterator[str]:
+    """A note for each joint whose side of arrival matters and is in no column: where it comes from."""
+    names = [c.removeprefix("dir_") for c in fit.chain.channels if c.startswith("dir_")]
+    for name in names:
+        given = points.table.get(f"dir_{name}")
+        if given is None or given.isna().any():
+            yield (
+                f"the side from which {name} arrives is in no column dir_{name} and is taken from the order of the "
+                f"rows (upward where it never moves). If they are not driven in this order, write dir_{name}: +1 or -1"
+            )
 
 
 def _unfitted(fit: StoredFit, points: Survey) -> tuple[str, ...]:
@@ -92,13 +109,15 @@ def _predict_frame(fit: StoredFit, rows: list[Array], label: str | None) -> Arra
     actual = chain.kernel("actual", outputs=(0, 1, 2))(rows, p).T
     nominal = chain.kernel("nominal", outputs=(0, 1, 2))(rows).T
     measured = pose.apply(actual)
+    instrument = np.isin(columns, [*chain.instrument_ids])
+    error = actual if not p[instrument].any() else chain.kernel("actual", outputs=(0, 1, 2))(rows, p * ~instrument).T
     unseen = {*chain.tool_ids, *(chain.frame_ids if label is None else ())}
     own = tuple(i for i in chain.ids if i not in unseen)
     design = chain.kernel("design", own, outputs=(0, 1, 2))(rows).reshape(len(own), 3, -1)
     design = np.einsum("ij,pjm->pim", pose.rotation, design)
     names = [columns[chain.index[i]] for i in own]
     variance = _variance(fit, names, design)
-    return np.hstack([measured, measured - pose.apply(nominal), np.sqrt(variance).T])
+    return np.hstack([measured, pose.apply(error) - pose.apply(nominal), np.sqrt(variance).T])
 
 
 def _variance(fit: StoredFit, names: list[str], design: Array) -> Array:

@@ -14,7 +14,7 @@ from errormodel.conventions import MOTIONS, TRANSLATIONS
 from errormodel.exceptions import InputError
 from errormodel.machine import Joint
 from errormodel.survey_columns import SIGMA
-from identification.alignment import IDENTITY, Pose, align, mean_rotation
+from identification.alignment import IDENTITY, SMALL, Pose, align, mean_rotation
 from identification.views import Kind, MotionView, OrientationView, PositionView, View, fixed_tool
 
 if TYPE_CHECKING:
@@ -108,7 +108,10 @@ def build(
         pose = IDENTITY
         if survey.frame != "fixed":
             nominal = chain.kernel(exact, (), fixed, (0, 1, 2))(rows, p)
-            pose = align(nominal.T, survey.measured[index], _row_weights(survey, index), assumed=_assumed(survey))
+            pose = align(
+                nominal.T, survey.measured[index], _row_weights(survey, index),
+                assumed=_assumed(survey), largest=SMALL * chain.size,
+            )  # fmt: skip
             frames[label] = pose
             free += frame_columns(chain, label)
         rest = (*own, *(i for i in chain.tool_ids if i not in own))

@@ -22,6 +22,7 @@ from errormodel.schema import read_machine, write_machine
 from errormodel.simulate import outward
 from errormodel.survey import Survey
 from identification.alignment import Pose
+from identification.covered import covered
 from identification.fit.motions import Motions
 from identification.fit.result import Fit, Spread
 from identification.fit.run import moved
@@ -50,6 +51,7 @@ def as_json(fit: Fit) -> dict[str, Any]:
         "n_parameters": len(fit.chain.machine_ids),
         "rank": s.groups.rank,
         "condition": s.groups.condition,
+        "covered": covered(fit.chain, fit.survey.table),
         "frame_mode": fit.survey.frame,
         "frame": [
             {

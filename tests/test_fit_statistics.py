@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -19,6 +20,7 @@ from identification.fit import run
 from identification.fit.result import Fit
 from identification.predict import predict
 from tests.chains import Array, errors
+from tests.commands import MILL, done
 from tests.surveys import FAR, TURNED, measured, positions, stored, survey
 
 SEEDS = 60
@@ -179,3 +181,14 @@ def test_weak_directions_stay_as_long_as_they_mean_something() -> None:
     assert loud.solution.groups.rank <= quiet
     assert np.isfinite(loud.solution.values).all()
     assert loud.heldout.rms_um < 5 * loud.fitted.rms_um
+
+
+@pytest.mark.parametrize(
+    ("factor", "said"), [(1e3, "times as large as the residuals show"), (1e-3, "declared"), (2, "")]
+)
+def test_a_declared_uncertainty_in_another_unit_is_said(tmp_path: Path, factor: float, said: str) -> None:
+    """Micrometres in the column sigma would make every stated uncertainty a thousand times too large."""
+    done("simulate", MILL, 60, "--noise", 0.002, "--out", tmp_path / "s.csv")
+    pd.read_csv(tmp_path / "s.csv").assign(sigma=0.002 * factor).to_csv(tmp_path / "d.csv", index=False)
+    err = done("fit", MILL, tmp_path / "d.csv", "--out", tmp_path / "fit").err
+    assert (said in err and "look for another unit" in err) if said else not err

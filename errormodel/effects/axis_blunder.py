@@ -63,6 +63,14 @@ class AxisBlunder(Effect):
             table[here] = table[here] * self.factor + self.offset
         return table
 
+    def mar(self, table: Table) -> Table:
+        """The table as it would stand in a file with this mistake (a copy): what `mend` puts right."""
+        if self.swap:  # an exchange undoes itself
+            return self.mend(table)
+        table = table.copy()
+        table[self.column] = (table[self.column] - self.offset) / self.factor
+        return table
+
     def text(self, machine: Machine) -> str:
         """What is wrong, for a report."""
         if self.swap:
@@ -78,11 +86,20 @@ class AxisBlunder(Effect):
 
 def mended(table: pd.DataFrame, machine: Machine) -> pd.DataFrame:
     """A table with the mistakes that the machine's model knows of put right."""
+    for effect in _known(machine):
+        table = effect.mend(table)
+    return table
+
+
+def marred(table: pd.DataFrame, machine: Machine) -> pd.DataFrame:
+    """A table of positions as a file has it: with the mistakes that the machine's model knows of."""
+    for effect in reversed(_known(machine)):
+        table = effect.mar(table)
+    return table
+
+
+def _known(machine: Machine) -> list[AxisBlunder]:
     from errormodel.effects import make
 
-    for spec in machine.effects:
-        if spec.effect == AxisBlunder.effect:
-            effect = make(spec)
-            assert isinstance(effect, AxisBlunder)
-            table = effect.mend(table)
-    return table
+    found = (make(spec) for spec in machine.effects if spec.effect == AxisBlunder.effect)
+    return [effect for effect in found if isinstance(effect, AxisBlunder)]

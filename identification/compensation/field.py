@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from errormodel import effects
 from errormodel.arrays import Array, as_rows
 from errormodel.chain import TOOL_CHANNELS, Chain
 from errormodel.exceptions import InputError
@@ -21,7 +20,6 @@ from identification.store import StoredFit
 if TYPE_CHECKING:
     import pandas as pd
 
-NOT_THE_MACHINE = ("instrument", "blunder")  # families of effects that no command can take away
 ALIGNED = 0.3  # a joint adds a direction if this share of its own is new
 
 
@@ -51,10 +49,7 @@ class Field:
             An effect depends on what the rows do not have.
         """
         chain = fit.chain
-        left_out = {*chain.frame_ids, *chain.tool_ids}
-        for spec, ids in zip(chain.machine.effects, chain.effect_ids, strict=True):
-            if effects.registry()[spec.effect].family in NOT_THE_MACHINE:
-                left_out |= {*ids}
+        left_out = {*chain.frame_ids, *chain.tool_ids, *chain.instrument_ids}
         known = {i: v for i, v in fit.values.items() if i in chain.index and i not in left_out}
         numeric = table.select_dtypes("number").median()
         state = {str(name): float(value) for name, value in numeric.items() if np.isfinite(value)}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,13 +14,12 @@ from errormodel.conventions import INSTRUMENT
 from errormodel.effects.axis_blunder import AxisBlunder
 from errormodel.survey import Survey
 from errormodel.survey_columns import MEASURED
-from identification.alignment import IDENTITY, Pose, align
+from identification.alignment import IDENTITY, SMALL, Pose, align
 from identification.problem import frame_labels
 
 if TYPE_CHECKING:
     import pandas as pd
 
-SMALL = 2e-4  # of the machine's size: a nominal error below it is no blunder (0.6 mm in 3 m)
 ROUNDS = 6  # of an alignment: enough to leave outliers out
 LISTED = 12  # rows in a message
 FEWEST = 8  # rows with all three components, to say anything
@@ -68,28 +67,29 @@ class Points:
     nominal: Array
     measured: Array
     fixed: bool = False
+    largest: float = np.inf  # misfit (mm) that errors of the machine can make
 
     @classmethod
     def of(cls, chain: Chain, sheet: Sheet, fixed: bool) -> Points:
         nominal = chain.kernel("nominal", outputs=(0, 1, 2))([sheet[name] for name in chain.channels]).T
-        return cls(nominal, np.column_stack([sheet[name] for name in MEASURED]), fixed)
+        return cls(nominal, np.column_stack([sheet[name] for name in MEASURED]), fixed, SMALL * chain.size)
 
     def __len__(self) -> int:
         return len(self.nominal)
 
     def part(self, rows: Index | Mask) -> Points:
-        return Points(self.nominal[rows], self.measured[rows], self.fixed)
+        return replace(self, nominal=self.nominal[rows], measured=self.measured[rows])
 
     def shifted(self, rows: int) -> Points:
         """What was measured so many rows later, beside the commands; only where something was."""
         last = len(self) - max(rows, 0)
         first = max(-rows, 0)
-        pairs = Points(self.nominal[first:last], self.measured[first + rows : last + rows], self.fixed)
+        pairs = replace(self, nominal=self.nominal[first:last], measured=self.measured[first + rows : last + rows])
         return pairs.part(np.flatnonzero(np.isfinite(pairs.measured).all(axis=1)))
 
     def pose(self, rounds: int = ROUNDS) -> Pose:
         """The best frame; in no `rounds`, that of all points alike."""
-        return IDENTITY if self.fixed else align(self.nominal, self.measured, rounds=rounds)
+        return IDENTITY if self.fixed else align(self.nominal, self.measured, rounds=rounds, largest=self.largest)
 
     def distances(self, pose: Pose | None = None) -> Array:
         """From each measured point to its nominal one, (n,) in mm; in the best frame if none is given."""

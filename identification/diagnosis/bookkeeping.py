@@ -12,7 +12,8 @@ from errormodel.chain import Chain
 from errormodel.effects.clock_offset import ClockOffset
 from errormodel.survey import Survey
 from errormodel.survey_columns import MEASURED, TOOL
-from identification.diagnosis.blunder import SMALL, Blunder, groups, listed
+from identification.alignment import SMALL
+from identification.diagnosis.blunder import Blunder, groups, listed
 
 if TYPE_CHECKING:
     import pandas as pd

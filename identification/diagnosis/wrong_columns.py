@@ -18,7 +18,8 @@ from errormodel.effects.axis_blunder import AxisBlunder, Table
 from errormodel.machine import Joint, Machine
 from errormodel.survey import Survey
 from errormodel.survey_columns import MEASURED, TOOL
-from identification.diagnosis.blunder import FEWEST, SMALL, Blunder, Points, Sheet, groups, sheet
+from identification.alignment import SMALL
+from identification.diagnosis.blunder import FEWEST, Blunder, Points, Sheet, groups, sheet
 
 ALIKE = 1.05  # times: two changes that fit as well
 BETTER = 4.0  # times: a mended table must fit the nominal machine this much better

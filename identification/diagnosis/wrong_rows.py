@@ -17,8 +17,8 @@ from errormodel.conventions import FRAME, INSTRUMENT
 from errormodel.exceptions import InputError
 from errormodel.survey import Survey
 from errormodel.survey_columns import MEASURED, ORIENTATION
-from identification.alignment import Pose
-from identification.diagnosis.blunder import SMALL, Blunder, Points, groups, sheet
+from identification.alignment import SMALL, Pose
+from identification.diagnosis.blunder import Blunder, Points, groups, sheet
 from identification.diagnosis.wrong_columns import Changes, mended, single_changes
 
 if TYPE_CHECKING:

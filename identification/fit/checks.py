@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -20,6 +21,9 @@ REDUNDANT = 2  # equations a group, of a robust fit
 FAR = 0.02  # of the machine's size: no error motions, but a blunder
 UNEXPLAINED = 0.5  # of so much, of most rows: a fit that leaves more is none
 COVERED = 0.5  # of a travel: less is told where something stays unknown
+CAREFUL = 3.0  # times: so much is often declared too large, to be on the safe side
+FEW = 10  # degrees of freedom: fewer leave residuals that small by chance
+UNIT = 100.0  # times: so far off is a declaration in another unit
 
 
 def check_runs(chain: Chain, survey: Survey) -> None:
@@ -73,7 +77,9 @@ def out_of_reach(problem: Problem, solution: Solution) -> tuple[Groups, list[str
 
 
 def looked_over(fit: Fit) -> Fit:
-    """The fit with a note on what its poses do not identify, for those who read it rather than build on it.
+    """The fit with notes on what its poses do not identify and on a declared uncertainty that cannot be right.
+
+    They are for those who read the fit rather than build on it.
 
     Raises
     ------
@@ -84,6 +90,7 @@ def looked_over(fit: Fit) -> Fit:
     other = before > FAR * fit.chain.size and after > UNEXPLAINED * before  # nan where rows measured one component
     if other or not fit.solution.groups.rank:
         raise InputError(str(fit.survey.source), "no parameter can be identified", far_off(fit.nominal))
+    fit = replace(fit, notes=(*fit.notes, *_declared(fit)))
     volumetric = any(isinstance(v, PositionView) for v in fit.problem.views)  # who reads one joint means no other
     lost = out_of_reach(fit.problem, fit.solution)[1] if volumetric else []
     if not lost:
@@ -102,6 +109,22 @@ def looked_over(fit: Fit) -> Fit:
         "Measure where the joints have not been (`errormodel plan`), or declare fewer errors in machine.yaml"
     )
     return replace(fit, notes=(*fit.notes, note))
+
+
+def _declared(fit: Fit) -> Iterator[str]:
+    """A note on a declared uncertainty that is several times what the residuals show, or beside them by a unit."""
+    s = fit.solution
+    if not s.declared or s.dof <= 0 or s.chi2 <= 0:
+        return
+    ratio = float(np.sqrt(s.chi2 / s.dof))
+    unit = " sigma of a survey is in mm (rad for angles): look for another unit" if max(ratio, 1 / ratio) > UNIT else ""
+    if ratio > UNIT:
+        yield f"the residuals are {ratio:.3g} times as large as the declared uncertainty.{unit}"
+    elif 1 / ratio > CAREFUL and s.dof >= FEW:
+        yield (
+            f"the declared uncertainty is {1 / ratio:.3g} times as large as the residuals show, and standard "
+            f"uncertainties follow what is declared.{unit}"
+        )
 
 
 def another(chain: Chain, nominal: Spread) -> bool:
