@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 
 from errormodel import conventions, effects
 from errormodel.arrays import Array, as_rows
-from errormodel.bases import Term, constant_terms, joint_terms
+from errormodel.channels import POINT, columns
 from errormodel.conventions import FRAME, MOTIONS, TOOL, Motion
 from errormodel.exceptions import InputError, nearest
-from errormodel.features import POINT, columns
+from errormodel.joint_models import Term, constant_terms, joint_terms
 from errormodel.kernel import Kernel
 from errormodel.location_errors import LocationError, location_of
 from errormodel.machine import EffectSpec, Joint, Machine, Shape
@@ -63,7 +63,7 @@ class Chain:
     ----------
     channels : tuple of str
         What varies from row to row: the joints in chain order, ``tool_x tool_y tool_z``, then what effects depend on
-        (names as in `errormodel.features`). mm, rad, s, degC.
+        (names as in `errormodel.channels`). mm, rad, s, degC.
     parameters : tuple of Parameter
         The measuring frame's six, then the machine's in chain order, an effect's after the element it moves, then the
         tool's six.

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from errormodel.exceptions import InputError
 from errormodel.machine import Machine
-from errormodel.serial import directions
+from errormodel.serial_chain import directions
 from errormodel.survey_columns import MEASURED, TOOL
 
 Array = NDArray[np.float64]

@@ -1,6 +1,6 @@
 """The machine as everything else sees it: frozen, resolved, in mm and radians.
 
-`errormodel.schema` reads and writes the file form (``machine.yaml``, any units, short-hands).
+`errormodel.machine_file` reads and writes the file form (``machine.yaml``, any units, short-hands).
 """
 
 from __future__ import annotations

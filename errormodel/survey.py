@@ -10,11 +10,11 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from errormodel.channels import direction
 from errormodel.conventions import MOTIONS
 from errormodel.drives import check_series, in_step
 from errormodel.effects.axis_blunder import mended
 from errormodel.exceptions import InputError, nearest
-from errormodel.features import direction
 from errormodel.formats import open_tables
 from errormodel.formats.base import Table
 from errormodel.instruments.base import Instrument
@@ -31,8 +31,8 @@ from errormodel.survey_columns import (
     check_units,
     plan_columns,
 )
-from errormodel.survey_schema import BudgetEntry, FileEntry, Frame, Refit, SurveyForm, read_form
-from errormodel.survey_sizes import check_sizes, travel_notes
+from errormodel.survey_file import BudgetEntry, FileEntry, Frame, Refit, SurveyForm, read_form
+from errormodel.survey_plausibility import check_sizes, travel_notes
 from errormodel.yamlfile import Document
 
 Array = NDArray[np.float64]
@@ -119,7 +119,7 @@ class Survey:
         return [self.rows((held_out & (self.table["file"] == file)).to_numpy(dtype=bool)) for file in files]
 
     def direction(self, joint: str) -> Array:
-        """Side from which a joint arrived, +-1, (n,): see :func:`errormodel.features.direction`."""
+        """Side from which a joint arrived, +-1, (n,): see :func:`errormodel.channels.direction`."""
         return direction(self.table, joint)
 
 

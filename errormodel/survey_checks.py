@@ -30,12 +30,12 @@ from errormodel.survey_columns import (
     quantity_of,
     unit_of_column,
 )
-from errormodel.survey_gaps import without_nines, zeros
+from errormodel.survey_missing_values import without_nines, zeros
 from errormodel.units import to_internal
 from errormodel.yamlfile import shown
 
 if TYPE_CHECKING:
-    from errormodel.survey_schema import SurveyUnits
+    from errormodel.survey_file import SurveyUnits
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -16,7 +16,7 @@ from errormodel.units import EXAMPLES, INTERNAL, Quantity, is_unit
 from errormodel.yamlfile import Document, shown
 
 if TYPE_CHECKING:
-    from errormodel.survey_schema import SurveyUnits
+    from errormodel.survey_file import SurveyUnits
 
 MEASURED = ("mx", "my", "mz")
 ORIENTATION = ("mrx", "mry", "mrz")

@@ -25,11 +25,11 @@ import numpy as np
 import pandas as pd
 
 import errormodel
-from errormodel import simulate
+from errormodel import simulation as simulate
 from errormodel.chain import Chain
 from errormodel.files import write_csv
-from errormodel.schema import read_machine
-from errormodel.survey_schema import read_form
+from errormodel.machine_file import read_machine
+from errormodel.survey_file import read_form
 
 FOLDER = Path(errormodel.__file__).parents[1] / "machines" / "examples" / "five_axis_table_quill"
 machine = read_machine("five_axis_table_quill")
@@ -50,7 +50,7 @@ PAUSE = 6.0  # s, to settle and to measure
 
 
 def in_sight(points: pd.DataFrame) -> np.ndarray:
-    seen = simulate.simulate(machine, points, simulate.Truth({}, truth.translation, truth.rotation))
+    seen = simulate.measured_at(machine, points, simulate.Truth({}, truth.translation, truth.rotation))
     across = np.hypot(seen["mx"], seen["my"])
     return ((across > 400.0) & (seen["mz"] < across * np.tan(np.radians(60.0)))).to_numpy()
 
@@ -89,7 +89,7 @@ campaign = {"identification.csv": pd.concat([short, long], ignore_index=True), "
 # %%
 def make(folder: Path) -> None:
     for seed, (name, points) in enumerate(campaign.items(), start=10):
-        measured = simulate.simulate(machine, points, truth, noise=tracker, seed=seed)[["mx", "my", "mz"]]
+        measured = simulate.measured_at(machine, points, truth, noise=tracker, seed=seed)[["mx", "my", "mz"]]
         table = simulate.outward(points, machine).join(measured.round(4))
         write_csv(table.round({"time": 1, **dict.fromkeys(joints, 6)}), folder / name)
 

@@ -26,19 +26,19 @@ import pandas as pd
 from matplotlib import pyplot as plt  # so that Jupyter shows figures
 
 import errormodel
-from errormodel import simulate
+from errormodel import simulation as simulate
 from errormodel.chain import Chain
-from errormodel.schema import read_machine
+from errormodel.machine_file import read_machine
 from errormodel.survey import read_survey
-from identification import store
-from identification.describe import describe
-from identification.fit.run import fit_machine
+from identification.command_line.text import description_lines, fit_lines
+from identification.estimation.run import fit_machine
 from identification.plots import style
 from identification.plots.error_distribution import draw_error_distribution
 from identification.plots.error_motions import draw_error_motions
 from identification.plots.volumetric_error import draw_volumetric_error
-from identification.predict import predict
-from identification.tables import description_lines, fit_lines
+from identification.results import store
+from identification.results.description import describe
+from identification.uncertainty.prediction import predict
 
 ROOT = Path(errormodel.__file__).parents[1]
 EXAMPLE = ROOT / "machines" / "examples" / "five_axis_table_quill"

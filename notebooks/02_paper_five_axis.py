@@ -25,13 +25,13 @@ import numpy as np
 import pandas as pd
 from scipy.spatial.transform import Rotation
 
-from errormodel import simulate
+from errormodel import simulation as simulate
 from errormodel.files import write_csv
 from errormodel.kernel import Array
-from errormodel.schema import read_machine
+from errormodel.machine_file import read_machine
 from errormodel.survey import read_survey
-from identification.describe import describe
-from identification.fit.run import fit_machine
+from identification.estimation.run import fit_machine
+from identification.results.description import describe
 
 LENGTHS = {"short": 312.035, "long": 435.185}  # mm, of the target mounts
 POINTS = 290  # in each of the paper's identification sets
@@ -112,13 +112,13 @@ TABLE_4 = {"short": (421.4, 627.0), "long": (317.5, 549.2)}  # um
 def survey(name: str, values: pd.Series, seed: int) -> pd.DataFrame:
     """Commands and noise-free measurements of a machine with these errors."""
     points = simulate.random_points(machines[name], POINTS, seed)
-    measured = simulate.simulate(machines[name], points, simulate.Truth(values.to_dict()))
+    measured = simulate.measured_at(machines[name], points, simulate.Truth(values.to_dict()))
     return points.join(measured[["mx", "my", "mz"]])
 
 
 def nominal_errors(name: str, table: pd.DataFrame) -> Array:
     """Actual minus nominal after the best-fit frame, (n, 3) in um in the axes of the machine's reference."""
-    nominal = simulate.simulate(machines[name], table, simulate.Truth({}))[["mx", "my", "mz"]].to_numpy()
+    nominal = simulate.measured_at(machines[name], table, simulate.Truth({}))[["mx", "my", "mz"]].to_numpy()
     actual = table[["mx", "my", "mz"]].to_numpy()
     nominal, actual = nominal - nominal.mean(axis=0), actual - actual.mean(axis=0)
     back, _ = Rotation.align_vectors(nominal, actual)

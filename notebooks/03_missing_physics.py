@@ -34,24 +34,24 @@ import errormodel
 from errormodel.effects import make as make_effect
 from errormodel.kernel import Array
 from errormodel.machine import EffectSpec, Machine
-from errormodel.schema import read_machine
+from errormodel.machine_file import read_machine
 from errormodel.survey import Survey, read_survey
-from identification import store
-from identification.diagnosis.findings import Diagnosis
-from identification.diagnosis.run import diagnose
-from identification.fit.result import Fit
-from identification.fit.run import fit_machine
-from identification.plan.lines import plan_lines
-from identification.plan.run import plan
-from identification.plan.setup import Setup
+from identification.command_line.text import diagnosis_lines
+from identification.diagnosis.pipeline import diagnose
+from identification.diagnosis.results.findings import Diagnosis
+from identification.estimation.result import Fit
+from identification.estimation.run import fit_machine
+from identification.planning.run import plan
+from identification.planning.setup import Setup
+from identification.planning.text import plan_lines
 from identification.plots import style
 from identification.plots.effect_curve import draw_effect_curve
-from identification.plots.evidence import evidence_of
 from identification.plots.residuals_along_driver import draw_residuals_along_driver
 from identification.plots.where_map import draw_where_map
-from identification.predict import predict
 from identification.report.diagnosis import numbered
-from identification.tables import diagnosis_lines
+from identification.results import store
+from identification.results.residual_projection import evidence_of
+from identification.uncertainty.prediction import predict
 
 ROOT = Path(errormodel.__file__).parents[1]
 sys.path.insert(0, str(ROOT))  # the simulator is among the tests

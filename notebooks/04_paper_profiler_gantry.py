@@ -29,20 +29,20 @@ import errormodel
 from errormodel.conventions import MOTIONS, iso_symbol
 from errormodel.files import write_csv
 from errormodel.kernel import Array
-from errormodel.schema import read_machine
+from errormodel.machine_file import read_machine
 from errormodel.survey import read_survey
-from identification import store
-from identification.compensation.lines import figure_lines
+from identification.command_line.text import diagnosis_lines
 from identification.compensation.run import compensate
-from identification.diagnosis.run import diagnose
+from identification.compensation.text import figure_lines
+from identification.diagnosis.pipeline import diagnose
 from identification.plots import style
 from identification.registration.cleaning import clean
 from identification.registration.form import CalibrationBlock
-from identification.registration.lines import register_lines
 from identification.registration.motions import error_motions, pose
 from identification.registration.mount import identify_mount
 from identification.registration.run import register
-from identification.tables import diagnosis_lines
+from identification.registration.text import register_lines
+from identification.results import store
 
 ROOT = Path(errormodel.__file__).parents[1]
 sys.path.insert(0, str(ROOT))  # the simulator is among the tests

@@ -30,17 +30,17 @@ import errormodel
 from errormodel.conventions import MOTIONS
 from errormodel.files import write_csv
 from errormodel.kernel import Array
-from errormodel.schema import read_machine
-from errormodel.simulate import Truth, simulate
+from errormodel.machine_file import read_machine
+from errormodel.simulation import Truth, measured_at
 from errormodel.survey import read_survey
-from identification import store
-from identification.diagnosis.run import diagnose
-from identification.fit.run import fit_machine
-from identification.monitor.lines import monitor_lines
-from identification.monitor.run import monitored
+from identification.command_line.text import diagnosis_lines
+from identification.diagnosis.pipeline import diagnose
+from identification.estimation.run import fit_machine
+from identification.monitoring.run import monitored
+from identification.monitoring.text import monitor_lines
 from identification.plots import style
 from identification.plots.history import draw_history
-from identification.tables import diagnosis_lines
+from identification.results import store
 
 FOLDER = Path(errormodel.__file__).parents[1] / "machines" / "examples" / "h_gantry"
 printed = pd.read_csv(FOLDER / "tables_4_to_12.csv", index_col="point")
@@ -172,11 +172,11 @@ print(f"distances in the slopes less the encoders': {apart.min():.1f} to {apart.
 def tip_errors(rotations: Array, translations: Array, tilt: float) -> Array:
     """Actual minus nominal position of the laser's spot, (18, 3) um, by the exact chain."""
     pose = pd.DataFrame({"Y": [0.0], "X": [0.0], "tool_x": [0.0], "tool_y": [0.0], "tool_z": [-150.0]})
-    nominal = simulate(machine, pose, Truth({}))[["mx", "my", "mz"]].to_numpy()
+    nominal = measured_at(machine, pose, Truth({}))[["mx", "my", "mz"]].to_numpy()
     out = []
     for row in np.hstack([translations, rotations]):
         values = {f"crossbeam.{m}": float(v) for m, v in zip(MOTIONS, row, strict=True)} | {"plate.ea": tilt}
-        out.append(simulate(machine, pose, Truth(values))[["mx", "my", "mz"]].to_numpy() - nominal)
+        out.append(measured_at(machine, pose, Truth(values))[["mx", "my", "mz"]].to_numpy() - nominal)
     return 1e3 * np.concatenate(out)
 
 

@@ -26,12 +26,12 @@ from matplotlib import pyplot as plt  # so that Jupyter shows figures
 import errormodel
 from errormodel.arrays import as_rows
 from errormodel.chain import Chain
-from errormodel.schema import read_machine
-from errormodel.simulate import random_points
-from identification.budget import Input, combine
+from errormodel.machine_file import read_machine
+from errormodel.simulation import random_points
 from identification.plots import style
 from identification.plots.thermal_drift import draw_thermal_drift
-from identification.thermal.lines import thermal_lines
+from identification.thermal.text import thermal_lines
+from identification.uncertainty.budget import Input, combine
 
 ROOT = Path(errormodel.__file__).parents[1]
 sys.path.insert(0, str(ROOT))  # the simulator is among the tests

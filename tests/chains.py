@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from errormodel.chain import Chain
 from errormodel.conventions import MOTIONS, ROTATIONS, Motion
-from errormodel.errorblock import first_order_motions
 from errormodel.machine import Basis, Joint, Machine, Shape, Vector
-from identification.views import PositionView, fixed_tool
+from errormodel.machine_file_errors import first_order_motions
+from identification.observation.models import PositionView, fixed_tool
 
 Array = NDArray[np.float64]
 

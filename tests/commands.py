@@ -7,7 +7,7 @@ from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
 
-from identification.cli import main
+from identification.command_line.main import main
 
 FIVE = "five_axis_table_quill"
 MILL = "vertical_three_axis"

@@ -13,10 +13,10 @@ from errormodel.chain import TOOL_CHANNELS, Chain
 from errormodel.conventions import MOTIONS
 from errormodel.machine import Machine
 from errormodel.survey import read_survey
-from identification.predict import predict
-from identification.store import stored
+from identification.results.store import stored
 from identification.thermal.run import Thermal, thermal
 from identification.thermal.stepwise import stepwise
+from identification.uncertainty.prediction import predict
 from tests import thermal_cmm as cmm
 
 SURVEY = (

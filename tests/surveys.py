@@ -14,11 +14,11 @@ from errormodel.chain import Chain
 from errormodel.instruments.base import Instrument
 from errormodel.instruments.plain import Plain
 from errormodel.machine import Machine, Vector
-from errormodel.simulate import Truth, random_points, simulate
+from errormodel.simulation import Truth, measured_at, random_points
 from errormodel.survey import Survey
-from identification.fit.result import Fit
-from identification.predict import predict
-from identification.store import stored
+from identification.estimation.result import Fit
+from identification.results.store import stored
+from identification.uncertainty.prediction import predict
 from tests.chains import Array
 
 OBLIQUE = np.array([0.48, 0.6, 0.64])
@@ -42,7 +42,7 @@ def measured(
     if tools:
         table[["tool_x", "tool_y", "tool_z"]] = np.resize(np.array(tools), (len(table), 3))
     values = dict(zip(Chain(machine).ids, p.tolist(), strict=True))
-    seen = simulate(machine, table, Truth(values, *frame), noise, seed)
+    seen = measured_at(machine, table, Truth(values, *frame), noise, seed)
     labels = {"run": "1", "file": "a.csv", "role": "fit", **more}
     return pd.concat([table, seen], axis=1).assign(**labels, row=np.arange(1, len(table) + 1))
 

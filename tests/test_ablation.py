@@ -10,9 +10,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from errormodel.machine import EffectSpec, Machine, Shape
-from errormodel.schema import read_machine
+from errormodel.machine_file import read_machine
 from errormodel.survey import Survey, read_survey
-from identification.diagnosis.run import diagnose
+from identification.diagnosis.pipeline import diagnose
 
 # of each joint's own angle: motion, distance of the splines (rad), their size (rad)
 CURVES = {

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from identification import ahead as module
-from identification.ahead import Ahead
-from identification.side_by_side import cores
+from identification.runtime import report_worker as module
+from identification.runtime.process_pool import cores
+from identification.runtime.report_worker import Ahead
 from tests.commands import done, tree
 
 GANTRY = Path(__file__).parents[1] / "machines/examples/gantry"

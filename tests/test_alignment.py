@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from identification.alignment import Pose, align, mean_rotation
+from identification.observation.frames import Pose, align, mean_rotation
 from tests.chains import Array
 
 SHIFT = np.array([1.0, 2.0, 3.0])

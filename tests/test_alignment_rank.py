@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from identification.alignment import align
-from identification.cli import main
+from identification.command_line.main import main
+from identification.observation.frames import align
 from tests.chains import Array
 
 MILL = """

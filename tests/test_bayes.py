@@ -18,17 +18,17 @@ from scipy.stats import t as student
 
 from errormodel.exceptions import InputError
 from errormodel.machine import EffectSpec, Machine
-from errormodel.schema import write_machine
+from errormodel.machine_file import write_machine
 from identification.bayes import sampling
+from identification.bayes.full_posterior import Whole
 from identification.bayes.netcdf import write_netcdf
 from identification.bayes.posterior import Posterior
 from identification.bayes.run import bayesian, drawn, model_of
 from identification.bayes.sampling import NotConvergedError, Reference, sample
 from identification.bayes.settings import PriorForm
-from identification.bayes.shapes import bracket
-from identification.bayes.whole import Whole
-from identification.fit.result import Fit
-from identification.fit.run import fit_machine
+from identification.bayes.shape_parameters import bracket
+from identification.estimation.result import Fit
+from identification.estimation.run import fit_machine
 from tests.benchmarks.bayes_coverage import WAVE, machine, trial
 from tests.chains import Array, errors
 from tests.commands import done, run, write
@@ -212,7 +212,8 @@ def shaped(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_a_killed_command_resumes(shaped: Path):
     """Killed once its first piece is written; the second run gives what an unbroken one gives, byte by byte."""
-    command = [sys.executable, "-m", "identification.cli", "fit", shaped / "m.yaml", shaped / "s.csv", "--bayes"]
+    program = [sys.executable, "-m", "identification.command_line.main"]
+    command = [*program, "fit", shaped / "m.yaml", shaped / "s.csv", "--bayes"]
     process = subprocess.Popen([*command, "--out", shaped / "killed"], stdout=subprocess.DEVNULL)
     chain = shaped / "killed" / "chain"
     for _ in range(1200):

@@ -15,16 +15,16 @@ from errormodel.chain import Chain
 from errormodel.effects.servo_lag import ServoLag
 from errormodel.exceptions import InputError
 from errormodel.machine import EffectSpec, Machine
-from errormodel.schema import read_machine, write_machine
+from errormodel.machine_file import read_machine, write_machine
 from errormodel.survey import Survey
 from identification.bayes.applied import with_posterior
 from identification.bayes.run import drawn, model_of
 from identification.bayes.settings import PriorForm
-from identification.fit import run as stage
-from identification.fit.bounded import bounded, limits
-from identification.fit.result import Fit
-from identification.fit.run import fit_machine
-from identification.sums import total
+from identification.estimation import run as stage
+from identification.estimation.bounded import bounded, limits
+from identification.estimation.result import Fit
+from identification.estimation.run import fit_machine
+from identification.observation.normal_equations import total
 from tests.benchmarks.bayes_coverage import machine as two_axes
 from tests.chains import Array, errors
 from tests.commands import done, run, write

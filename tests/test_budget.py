@@ -17,14 +17,14 @@ from errormodel.instruments import instruments
 from errormodel.instruments.base import Instrument
 from errormodel.instruments.laser_tracker import LaserTracker
 from errormodel.machine import Machine
-from errormodel.schema import read_machine
+from errormodel.machine_file import read_machine
 from errormodel.survey import Survey, read_survey
-from errormodel.survey_schema import BudgetEntry
-from identification.budget import Budget, Input, budgets_of, combine
-from identification.fit.result import Fit
-from identification.fit.run import fit_machine
-from identification.predict import predict
-from identification.store import stored
+from errormodel.survey_file import BudgetEntry
+from identification.estimation.result import Fit
+from identification.estimation.run import fit_machine
+from identification.results.store import stored
+from identification.uncertainty.budget import Budget, Input, budgets_of, combine
+from identification.uncertainty.prediction import predict
 from tests.commands import MILL, done, run, write
 from tests.surveys import measured, positions, survey
 

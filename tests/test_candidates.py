@@ -12,14 +12,14 @@ from errormodel.conventions import MOTIONS
 from errormodel.effects import make
 from errormodel.effects.cross_axis_compliance import CrossAxisCompliance
 from errormodel.machine import EffectSpec, Joint
-from errormodel.schema import read_machine
+from errormodel.machine_file import read_machine
 from errormodel.survey import read_survey
-from identification import side_by_side
-from identification.diagnosis import coloured
-from identification.diagnosis.candidates import MANY, Candidates
-from identification.diagnosis.unseen import unseen
-from identification.diagnosis.workbench import set_up
-from identification.fit.run import fit_machine
+from identification.diagnosis.linear.linear_model import set_up
+from identification.diagnosis.results.untestable import unseen
+from identification.diagnosis.search import correlated_noise as coloured
+from identification.diagnosis.search.candidates import MANY, Candidates
+from identification.estimation.run import fit_machine
+from identification.runtime import process_pool as side_by_side
 from tests.test_diagnosis_empty import empty_survey, showing
 
 GANTRY = Path(__file__).parents[1] / "machines/examples/gantry"

@@ -12,7 +12,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from errormodel.chain import Chain
-from errormodel.schema import read_machine, write_machine
+from errormodel.machine_file import read_machine, write_machine
 from tests.commands import FIVE, MILL, XYZ, done, fitted_mill, run, tree, write
 
 ROOT = Path(__file__).resolve().parent.parent

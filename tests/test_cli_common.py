@@ -11,15 +11,15 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from errormodel.schema import read_machine, write_machine
-from identification.cli import app
+from errormodel.machine_file import read_machine, write_machine
+from identification.command_line.main import app
 from tests.commands import FIVE, MILL, done, fitted_mill, tree, write
 
 ROOT = Path(__file__).resolve().parent.parent
 
 
 def process(*arguments: object, **environment: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "identification.cli", *map(str, arguments)]
+    command = [sys.executable, "-m", "identification.command_line.main", *map(str, arguments)]
     env = os.environ | {"PYTHONPATH": str(ROOT)} | environment
     return subprocess.run(command, capture_output=True, text=True, errors="replace", env=env, check=False)
 
@@ -124,7 +124,7 @@ def test_names_are_printed_as_text_on_any_console(tmp_path: Path) -> None:
 
 def test_a_result_that_nobody_reads_to_its_end_is_no_error() -> None:
     """``errormodel describe ... | head -1``."""
-    command = [sys.executable, "-m", "identification.cli", "describe", FIVE]
+    command = [sys.executable, "-m", "identification.command_line.main", "describe", FIVE]
     env = os.environ | {"PYTHONPATH": str(ROOT)}
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=env) as running:
         assert running.stdout is not None

@@ -19,7 +19,7 @@ from errormodel.controllers.tables import Tables
 from errormodel.controllers.thermal import laws_of
 from errormodel.exceptions import InputError
 from errormodel.machine import EffectSpec, Joint, Machine
-from errormodel.schema import library, read_machine
+from errormodel.machine_file import library, read_machine
 from identification.compensation import reduction
 from identification.compensation.advice import mechanical_advice
 from identification.compensation.assessment import assess, emulated
@@ -29,8 +29,8 @@ from identification.compensation.reduction import leftover, reduce
 from identification.compensation.rows import held_out, read_rows
 from identification.compensation.run import best_tables
 from identification.compensation.volume import Volume, levels
-from identification.fit.run import fit_machine
-from identification.store import load, save
+from identification.estimation.run import fit_machine
+from identification.results.store import load, save
 from tests.benchmarks.compensation import Case, judged
 from tests.chains import Array, errors
 from tests.commands import MILL, done, fitted_mill, run, tree

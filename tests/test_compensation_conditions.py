@@ -15,15 +15,15 @@ from errormodel.chain import Chain
 from errormodel.controllers import target
 from errormodel.controllers.base import Controller
 from errormodel.machine import EffectSpec
-from errormodel.schema import read_machine
+from errormodel.machine_file import read_machine
 from identification.compensation.assessment import emulated, left
 from identification.compensation.conditions import conditions_of
 from identification.compensation.field import Field, movers_of
 from identification.compensation.reversal import reversal_lines, reversals
 from identification.compensation.run import best_tables
 from identification.compensation.volume import Volume
-from identification.fit.run import fit_machine
-from identification.store import save
+from identification.estimation.run import fit_machine
+from identification.results.store import save
 from tests.chains import errors
 from tests.commands import MILL, done, run, tree
 from tests.surveys import measured, positions, survey

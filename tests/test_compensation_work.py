@@ -12,7 +12,7 @@ from errormodel.chain import Chain
 from errormodel.controllers import target
 from errormodel.controllers.base import Controller
 from errormodel.machine import EffectSpec
-from errormodel.schema import read_machine
+from errormodel.machine_file import read_machine
 from identification.compensation import minimax
 from identification.compensation.field import Field, movers_of
 from identification.compensation.inverse import CLOSED, inverse

@@ -20,7 +20,7 @@ from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Table, Tables, Term
 from errormodel.exceptions import InputError
 from errormodel.machine import Joint
-from errormodel.schema import read_machine
+from errormodel.machine_file import read_machine
 from identification.compensation.field import Field, movers_of
 from identification.compensation.volume import Volume
 from tests.commands import done, run

@@ -12,11 +12,11 @@ import pytest
 
 from errormodel.effects import make
 from errormodel.machine import EffectSpec
-from errormodel.schema import read_machine
+from errormodel.machine_file import read_machine
 from errormodel.survey import read_survey
-from identification import store
-from identification.diagnosis.run import Diagnosed, diagnose
-from identification.predict import predict
+from identification.diagnosis.pipeline import Diagnosed, diagnose
+from identification.results import store
+from identification.uncertainty.prediction import predict
 
 CASES = [f"case_{number:02d}" for number in range(1, 25)]
 SHARE = 0.10  # of what a fit that knows the effect's true form gains, what may be missing from ours

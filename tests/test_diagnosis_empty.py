@@ -15,10 +15,10 @@ from errormodel.exceptions import InputError
 from errormodel.instruments.base import Instrument
 from errormodel.instruments.plain import Plain
 from errormodel.machine import EffectSpec, Machine
-from errormodel.schema import read_machine
-from errormodel.simulate import Truth, random_points, simulate
+from errormodel.machine_file import read_machine
+from errormodel.simulation import Truth, measured_at, random_points
 from errormodel.survey import Survey
-from identification.diagnosis.run import diagnose
+from identification.diagnosis.pipeline import diagnose
 
 FRAME = (500.0, -200.0, 100.0), (0.1, 0.2, 0.5)  # of the instrument: mm, rad
 Shown = Sequence[tuple[EffectSpec, Sequence[float]]]  # effects and their first parameters
@@ -44,7 +44,7 @@ def empty_survey(machine: Machine, rows: int, seed: int, *, channels: bool, grid
         )
     chain = Chain(machine)
     errors = {p.id: rng.normal(0, SIZES[p.unit]) for p in chain.parameters if p.id in chain.machine_ids}
-    measured = simulate(machine, table, Truth(errors, *FRAME), 0.005, seed)
+    measured = measured_at(machine, table, Truth(errors, *FRAME), 0.005, seed)
     table = pd.concat([table, measured[["mx", "my", "mz"]]], axis=1)
     return Survey(table, "shared", ("frame",), Plain(type="plain"), Path("a.csv"))
 
@@ -54,7 +54,7 @@ def showing(survey: Survey, machine: Machine, effects: Shown, noise: float | Ins
     chain = Chain(replace(machine, effects=tuple(spec for spec, _ in effects)))
     pairs = zip(chain.effect_ids, effects, strict=True)
     values = {n: v for names, (_, first) in pairs for n, v in zip(names, first, strict=False)}
-    seen = simulate(chain.machine, survey.table, Truth(values, *FRAME), noise, seed)
+    seen = measured_at(chain.machine, survey.table, Truth(values, *FRAME), noise, seed)
     return replace(survey, table=survey.table.assign(**{c: seen[c] for c in ("mx", "my", "mz")}))
 
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from errormodel.machine import EffectSpec
-from errormodel.schema import read_machine
-from identification.diagnosis.run import diagnose
+from errormodel.machine_file import read_machine
+from identification.diagnosis.pipeline import diagnose
 from tests.test_diagnosis_empty import empty_survey, showing
 
 MEASURED = ["mx", "my", "mz"]

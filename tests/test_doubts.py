@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from errormodel.doubts import check_degrees
 from errormodel.exceptions import InputError
-from errormodel.schema import library, read_machine, resolve
+from errormodel.machine_file import library, read_machine, resolve
+from errormodel.machine_plausibility import check_degrees
 from errormodel.yamlfile import parse
 from tests.commands import done, run, write
 

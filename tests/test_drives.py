@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from errormodel.schema import machine_text, read_machine, resolve
+from errormodel.machine_file import machine_text, read_machine, resolve
 from errormodel.survey import read_survey
 from errormodel.yamlfile import parse
 from tests.commands import XYZ, Done, done, run, write

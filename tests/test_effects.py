@@ -14,20 +14,20 @@ from scipy.spatial.transform import Rotation
 
 from errormodel.arrays import Array
 from errormodel.chain import Chain
+from errormodel.channels import POINT, columns, direction
 from errormodel.conventions import MOTIONS, ROTATIONS
-from errormodel.effectblock import EFFECTS
 from errormodel.effects import make, registry
 from errormodel.effects.base import Effect, EffectTerm
-from errormodel.effects.scene import Scene
+from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.exceptions import InputError
-from errormodel.features import POINT, columns, direction
 from errormodel.instruments.plain import Plain
 from errormodel.machine import Basis, EffectSpec, Joint, Machine, Shape, Vector
-from errormodel.schema import read_machine, write_machine
-from errormodel.simulate import Truth, simulate
+from errormodel.machine_file import read_machine, write_machine
+from errormodel.machine_file_effects import EFFECTS
+from errormodel.simulation import Truth, measured_at
 from errormodel.survey import Survey
-from identification.fit.result import Fit
-from identification.fit.run import fit_machine
+from identification.estimation.result import Fit
+from identification.estimation.run import fit_machine
 
 ROWS = 300
 NOISE = 0.001  # mm
@@ -303,7 +303,7 @@ def base_errors(name: str) -> dict[str, float]:
 def recovered(machine: Machine, truth: dict[str, float]) -> Fit:
     """The fit of a machine to its own recording."""
     frame = table(machine.name)
-    measured = simulate(machine, frame, Truth(truth), NOISE, seed=5)[["mx", "my", "mz"]]
+    measured = measured_at(machine, frame, Truth(truth), NOISE, seed=5)[["mx", "my", "mz"]]
     survey = Survey(pd.concat([frame, measured], axis=1), "shared", ("frame",), Plain(), Path("battery.csv"))
     return fit_machine(machine, survey)
 

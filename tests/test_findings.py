@@ -21,20 +21,20 @@ from errormodel.effects import make
 from errormodel.effects.base import Effect
 from errormodel.instruments.plain import Plain
 from errormodel.machine import EffectSpec, Machine
-from errormodel.schema import read_machine
-from errormodel.simulate import Truth, random_points, simulate
+from errormodel.machine_file import read_machine
+from errormodel.simulation import Truth, measured_at, random_points
 from errormodel.survey import Survey
-from identification.diagnosis.choosing import Step
-from identification.diagnosis.findings import BETTER, alternatives_of, look_alikes, probability_of
-from identification.diagnosis.repeats import repeats_of
-from identification.diagnosis.run import _moved, diagnose
-from identification.diagnosis.sensors import dead_sensors
-from identification.diagnosis.sizes import Whole, whole_of
-from identification.diagnosis.statements import causes, next_measurement, period_of, statement_of
-from identification.diagnosis.verdict import judge
-from identification.diagnosis.workbench import Workbench, set_up
-from identification.fit.run import fit_machine
-from identification.tables import comparison
+from identification.command_line.text import comparison
+from identification.diagnosis.data_checks.temperature_sensors import dead_sensors
+from identification.diagnosis.linear.linear_model import Workbench, set_up
+from identification.diagnosis.pipeline import _moved, diagnose
+from identification.diagnosis.results.effect_size import Whole, whole_of
+from identification.diagnosis.results.findings import BETTER, alternatives_of, look_alikes, probability_of
+from identification.diagnosis.results.pure_error import repeats_of
+from identification.diagnosis.results.statements import causes, next_measurement, period_of, statement_of
+from identification.diagnosis.results.verdict import judge
+from identification.diagnosis.search.scoring import Step
+from identification.estimation.run import fit_machine
 from tests import test_effects as battery
 
 NOISE = 0.003
@@ -52,7 +52,7 @@ def survey_of(machine: Machine, table: pd.DataFrame, values: dict[str, float], n
     """A recording of known errors, with no uncertainty declared."""
     n = len(table)
     table = table.assign(run="1", file="a.csv", role="fit", row=np.arange(1, n + 1))
-    measured = simulate(machine, table, Truth(values), noise, 5)[["mx", "my", "mz"]]
+    measured = measured_at(machine, table, Truth(values), noise, 5)[["mx", "my", "mz"]]
     return Survey(pd.concat([table, measured], axis=1), "shared", ("frame",), Plain(type="plain"), Path("a.csv"))
 
 

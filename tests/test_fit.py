@@ -10,12 +10,12 @@ import pytest
 
 from errormodel.chain import Chain
 from errormodel.machine import Machine
-from errormodel.schema import library, read_machine
+from errormodel.machine_file import library, read_machine
 from errormodel.survey import Survey
-from identification.fit.result import Fit
-from identification.fit.run import fit_machine
-from identification.predict import predict
-from identification.store import load, save
+from identification.estimation.result import Fit
+from identification.estimation.run import fit_machine
+from identification.results.store import load, save
+from identification.uncertainty.prediction import predict
 from tests.chains import Array, errors
 from tests.surveys import FAR, TURNED, measured, positions, prediction_error, stored, survey
 
@@ -107,7 +107,7 @@ def test_save_load_predict(tmp_path: Path) -> None:
 
 
 def test_inches_and_metres_give_the_same_parameters(tmp_path: Path) -> None:
-    from errormodel.simulate import outward
+    from errormodel.simulation import outward
     from errormodel.survey import read_survey
 
     machine = read_machine(FIVE_AXIS)
@@ -130,9 +130,9 @@ def test_inches_and_metres_give_the_same_parameters(tmp_path: Path) -> None:
 
 def test_rows_in_any_order_and_blocks_of_any_size(monkeypatch: pytest.MonkeyPatch) -> None:
     from errormodel import kernel
-    from identification.fit.least_squares import solve
-    from identification.fit.run import anchored
-    from identification.problem import build
+    from identification.estimation.least_squares import solve
+    from identification.estimation.run import anchored
+    from identification.observation.assembly import build
 
     machine = read_machine(THREE_AXIS)
     chain = Chain(machine)
@@ -151,9 +151,9 @@ def test_rows_in_any_order_and_blocks_of_any_size(monkeypatch: pytest.MonkeyPatc
 
 
 def test_the_linear_mode_is_plain_least_squares() -> None:
-    from identification.fit.least_squares import solve
-    from identification.problem import build
-    from identification.sums import design_rows
+    from identification.estimation.least_squares import solve
+    from identification.observation.assembly import build
+    from identification.observation.normal_equations import design_rows
 
     machine = read_machine(FIVE_AXIS)
     chain = Chain(machine)

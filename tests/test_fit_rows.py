@@ -11,10 +11,10 @@ from errormodel.chain import Chain
 from errormodel.conventions import MOTIONS
 from errormodel.exceptions import InputError
 from errormodel.machine import Machine
-from errormodel.schema import read_machine
-from errormodel.simulate import random_points
-from identification.fit.checks import looked_over
-from identification.fit.run import fit_machine
+from errormodel.machine_file import read_machine
+from errormodel.simulation import random_points
+from identification.estimation.checks import looked_over
+from identification.estimation.run import fit_machine
 from tests.chains import Array, errors
 from tests.surveys import measured, positions, prediction_error, survey
 

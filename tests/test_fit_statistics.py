@@ -14,11 +14,11 @@ from scipy.stats import binom, chi2
 
 from errormodel.chain import Chain
 from errormodel.instruments.laser_tracker import LaserTracker
-from errormodel.schema import read_machine
+from errormodel.machine_file import read_machine
 from errormodel.survey import Survey
-from identification.fit import run
-from identification.fit.result import Fit
-from identification.predict import predict
+from identification.estimation import run
+from identification.estimation.result import Fit
+from identification.uncertainty.prediction import predict
 from tests.chains import Array, errors
 from tests.commands import MILL, done
 from tests.surveys import FAR, TURNED, measured, positions, stored, survey

@@ -11,12 +11,12 @@ import pytest
 
 from errormodel.chain import Chain
 from errormodel.exceptions import InputError
-from errormodel.schema import read_machine
-from identification.fit.run import fit_machine
-from identification.gain import leverages
+from errormodel.machine_file import read_machine
+from identification.estimation.run import fit_machine
+from identification.report.outliers_and_poses import gain_part
 from identification.report.page import page
-from identification.report.trust import gain_part
-from identification.store import as_json, save
+from identification.results.store import as_json, save
+from identification.uncertainty.further_poses import leverages
 from tests.chains import Array, errors
 from tests.surveys import measured, positions, survey
 from tests.test_fit_rows import motion_rows

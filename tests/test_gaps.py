@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from errormodel.formats.base import NOTHING
-from errormodel.schema import read_machine
+from errormodel.machine_file import read_machine
 from errormodel.survey import Survey, read_survey
-from errormodel.survey_gaps import NINES, without_nines, zeros
+from errormodel.survey_missing_values import NINES, without_nines, zeros
 from tests.commands import MILL, XYZ, done, run, write
 
 AWAY = "errormodel: 1\nparameters: {}\nframe: {translation: [2500, -1800, 400], rotation: [2, -3, 40]}\n"

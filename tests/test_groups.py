@@ -14,13 +14,13 @@ from scipy.spatial.transform import Rotation
 from errormodel.chain import Chain
 from errormodel.instruments.plain import Plain
 from errormodel.machine import Joint, Machine, Shape, Vector
-from errormodel.schema import library, read_machine
-from errormodel.simulate import random_points
+from errormodel.machine_file import library, read_machine
+from errormodel.simulation import random_points
 from errormodel.survey import Survey
-from identification.alignment import Pose
-from identification.describe import describe
-from identification.fit.least_squares import identifiable
-from identification.groups import Floors, Groups, find_groups
+from identification.estimation.least_squares import identifiable
+from identification.observation.frames import Pose
+from identification.observation.identifiability import Floors, Groups, find_groups
+from identification.results.description import describe
 from tests.chains import Array, machines, poses, seen
 
 MACHINES = sorted(library())

@@ -11,15 +11,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from errormodel.channels import direction
 from errormodel.exceptions import InputError
-from errormodel.features import direction
-from errormodel.schema import read_machine
+from errormodel.machine_file import read_machine
 from errormodel.survey import Survey, read_survey
 from identification.compensation.run import Compensation, compensate
-from identification.diagnosis.run import diagnose
-from identification.fit.run import fit_machine
-from identification.predict import predict
-from identification.store import load, save
+from identification.diagnosis.pipeline import diagnose
+from identification.estimation.run import fit_machine
+from identification.results.store import load, save
+from identification.uncertainty.prediction import predict
 from tests.commands import run
 from tests.interferometer import MILL, Array, Motion, passes, record, targets
 

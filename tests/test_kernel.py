@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from errormodel.chain import Chain, What
 from errormodel.conventions import MOTIONS, TRANSLATIONS
 from errormodel.machine import Joint, Machine, Shape
-from errormodel.schema import library, read_machine
+from errormodel.machine_file import library, read_machine
 from tests.chains import Array, errors, machines, poses
 
 MACHINES = sorted(library())

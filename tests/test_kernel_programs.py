@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from errormodel.arrays import as_rows
 from errormodel.chain import Chain
 from errormodel.kernel import BLOCK, Kernel
-from errormodel.schema import read_machine
+from errormodel.machine_file import read_machine
 from tests.chains import Array, errors, poses
 
 X, P = ca.SX.sym("x", 3), ca.SX.sym("p", 2)

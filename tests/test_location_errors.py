@@ -13,7 +13,7 @@ from errormodel.arrays import Array, as_rows
 from errormodel.chain import Chain
 from errormodel.location_errors import location_of, named
 from errormodel.machine import Joint, Machine
-from errormodel.schema import read_machine
+from errormodel.machine_file import read_machine
 from tests.commands import FIVE, MILL, done
 
 

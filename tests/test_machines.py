@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from errormodel.chain import Chain
-from errormodel.schema import library, read_machine
+from errormodel.machine_file import library, read_machine
 from identification.plots.chain_drawing import draw_chain
 
 MACHINES = sorted(library())

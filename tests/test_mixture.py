@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from identification.fit.bisquare import pull, usual
-from identification.fit.mixture import Outliers
+from identification.estimation.bisquare import pull, usual
+from identification.estimation.mixture import Outliers
 from tests.chains import Array
 
 

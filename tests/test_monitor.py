@@ -17,15 +17,15 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from errormodel.files import write_csv
-from errormodel.schema import read_machine
+from errormodel.machine_file import read_machine
 from errormodel.survey import read_survey
-from identification import store
-from identification.fit.run import fit_machine
-from identification.monitor import run as stage
-from identification.monitor.history import Record, opened
-from identification.monitor.ranges import USEFUL, Judged, judge
-from identification.monitor.watched import NOISE, Cycle, measured, watched
-from identification.monitor.words import alarm_text, look_at
+from identification.estimation.run import fit_machine
+from identification.monitoring import run as stage
+from identification.monitoring.alarms import alarm_text, look_at
+from identification.monitoring.control_limits import USEFUL, Judged, judge
+from identification.monitoring.history import Record, opened
+from identification.monitoring.quantities import NOISE, Cycle, measured, watched
+from identification.results import store
 from tests.commands import MILL, Done, done, fitted_mill, run, tree
 from tests.pages import Page
 
@@ -361,7 +361,7 @@ def test_cycles_from_several_runs_at_once_are_all_kept(tmp_path):
 
 
 def test_another_run_is_waited_for_and_said(folder, monkeypatch):
-    monkeypatch.setattr("identification.monitor.history.PATIENCE", 0.1)
+    monkeypatch.setattr("identification.monitoring.history.PATIENCE", 0.1)
     held = sqlite3.connect(folder / "monitor.sqlite", isolation_level=None)
     held.execute("begin immediate")
     result = monitor(folder, cycle_table(62))

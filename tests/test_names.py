@@ -11,14 +11,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from errormodel import features
+from errormodel import channels as features
 from errormodel.chain import Chain
 from errormodel.machine import EffectSpec, Machine
-from errormodel.schema import machine_text, read_machine, resolve
-from errormodel.simulate import Truth, random_points, simulate
+from errormodel.machine_file import machine_text, read_machine, resolve
+from errormodel.simulation import Truth, measured_at, random_points
 from errormodel.survey import read_survey
 from errormodel.yamlfile import parse
-from identification.describe import describe
+from identification.results.description import describe
 from tests.commands import MILL, XYZ, done
 
 ODD = ("T_bed(1)", "T_bed, left", "T_Öl (vorne), 2 – lag(T_x,5)", "T_a − b")
@@ -74,7 +74,7 @@ def test_a_lagged_drift_is_found_and_used(name: str, tmp_path: Path) -> None:
     warm = 20 + 3 * np.sin(time / 2400) + 2 * (time > 4000)
     points = random_points(machine, rows, 1).assign(time=time, run="1", **{name: warm.round(3)})
     drift = next(i for i in chain.ids if "structure-drift" in i)
-    points[XYZ] = simulate(machine, points, Truth({drift: 0.02}), 0.002)[XYZ]
+    points[XYZ] = measured_at(machine, points, Truth({drift: 0.02}), 0.002)[XYZ]
     points.to_csv(tmp_path / "s.csv", index=False)
     result = done("diagnose", MILL, tmp_path / "s.csv", "--out", tmp_path / "out")
     assert f"driven by {name} behind a lag" in result.out

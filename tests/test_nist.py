@@ -15,8 +15,8 @@ import pandas as pd
 import pytest
 
 from errormodel.machine import Basis, EffectSpec, Joint, Machine
-from identification.fit.result import Fit
-from identification.fit.run import fit_machine
+from identification.estimation.result import Fit
+from identification.estimation.run import fit_machine
 from tests.chains import Array
 from tests.surveys import survey
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from errormodel.chain import Chain
-from errormodel.schema import read_machine
-from identification.fit.noise import Noise, likeliest
-from identification.fit.run import fit_machine
-from identification.predict import predict
+from errormodel.machine_file import read_machine
+from identification.estimation.noise import Noise, likeliest
+from identification.estimation.run import fit_machine
+from identification.uncertainty.prediction import predict
 from tests.chains import Array
 from tests.surveys import measured, stored, survey
 

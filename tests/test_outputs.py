@@ -26,11 +26,11 @@ POSIX = pytest.mark.skipif(sys.platform == "win32", reason="links, pipes and mod
 
 MECHANISM = {  # what may write, and why
     "errormodel/files.py": "single files, whole or not at all",
-    "identification/output_file.py": "a file that a command writes",
-    "identification/results_folder.py": "a folder of results",
+    "identification/results/output_file.py": "a file that a command writes",
+    "identification/results/results_folder.py": "a folder of results",
     "identification/bayes/netcdf.py": "through files.replacing",
     "identification/bayes/sampling.py": "pieces of a chain, through files.replacing",
-    "identification/monitor/history.py": "SQLite commits whole or not at all",
+    "identification/monitoring/history.py": "SQLite commits whole or not at all",
     "identification/report/pictures.py": "a temporary folder of its own",
 }
 METHODS = {
@@ -82,7 +82,9 @@ def writes(file: Path, root: Path = ROOT) -> list[str]:
 def test_nothing_writes_past_the_mechanism() -> None:
     files = [p for folder in ("errormodel", "identification") for p in sorted((ROOT / folder).rglob("*.py"))]
     calls = [call for file in files for call in writes(file) if call.partition(":")[0] not in MECHANISM]
-    assert not calls, "write through OUT_FILE, OUT_FOLDER or OUT_TABLES of identification/console.py: " + str(calls)
+    assert not calls, (
+        "write through OUT_FILE, OUT_FOLDER or OUT_TABLES of identification/command_line/console.py: " + str(calls)
+    )
 
 
 def test_commands_write_single_files_through_their_outputs_only() -> None:
@@ -101,8 +103,8 @@ def test_the_search_for_writers_finds_them(tmp_path: Path) -> None:
 
 
 def test_commands_name_places_to_write_as_such() -> None:
-    from identification import console
-    from identification.cli import app
+    from identification.command_line import console
+    from identification.command_line.main import app
 
     for command in app.commands.values():
         for param in command.params:
@@ -194,7 +196,7 @@ def test_however_the_path_is_spelled(place: Path, spelled: str) -> None:
 
 
 def test_refused_before_any_work(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("identification.fit.run.fit_machine", lambda *_, **__: 1 / 0)
+    monkeypatch.setattr("identification.estimation.run.fit_machine", lambda *_, **__: 1 / 0)
     assert run("fit", "m.yaml", "survey.yaml", "--out", "project").code == 2
     write(Path("survey.yaml"), SURVEY.replace("s.csv", "project/s.csv"))
     Path("project/machine.yaml").unlink()
@@ -226,7 +228,7 @@ def test_every_file_that_is_opened_is_noted(name: str, place: Path, monkeypatch:
     noted: list[Path] = []
     monkeypatch.setattr("errormodel.inputs.Run.refuse", lambda _, path: noted.append(path.resolve()))
     monkeypatch.setattr("errormodel.inputs.sha256", lambda _: "")  # which opens everything
-    monkeypatch.setattr("identification.manifest.check_whole", lambda _: None)
+    monkeypatch.setattr("identification.results.manifest.check_whole", lambda _: None)
     sys.addaudithook(watch)
     WATCHING.append(True)
     try:

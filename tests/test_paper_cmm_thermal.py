@@ -12,9 +12,9 @@ import pytest
 
 from errormodel.chain import Chain
 from errormodel.conventions import MOTIONS
-from errormodel.schema import read_machine
-from errormodel.simulate import Truth, simulate
-from identification.budget import Input, combine
+from errormodel.machine_file import read_machine
+from errormodel.simulation import Truth, measured_at
+from identification.uncertainty.budget import Input, combine
 from tests import thermal_cmm as cmm
 
 CMM = "bridge_cmm"
@@ -68,7 +68,7 @@ def test_the_simulator_is_the_machine_of_the_library() -> None:
     sizes = {i: rng.normal(0, 5e-3 if ".d" in i else 3e-5) for i in chain.machine_ids if i[0] in "XYZ" and i[1] == "."}
     points = pd.DataFrame(command, columns=["X", "Y", "Z"])
     points[["tool_x", "tool_y", "tool_z"]] = machine.tool
-    said = simulate(machine, points, Truth(sizes | angles))[["mx", "my", "mz"]].to_numpy()
+    said = measured_at(machine, points, Truth(sizes | angles))[["mx", "my", "mz"]].to_numpy()
 
     def motions(joint: str, position: np.ndarray, theta: Mapping[str, np.ndarray]) -> np.ndarray:
         u = position / max(map(abs, cmm.TRAVEL[joint]))

@@ -18,13 +18,13 @@ import pytest
 from errormodel.chain import Chain
 from errormodel.instruments.plain import Plain
 from errormodel.machine import Machine
-from errormodel.schema import read_machine
-from errormodel.simulate import Truth, random_points, simulate
+from errormodel.machine_file import read_machine
+from errormodel.simulation import Truth, measured_at, random_points
 from errormodel.survey import Survey
-from identification.fit.least_squares import Solution, identifiable, solve
-from identification.fit.result import Spread
-from identification.fit.run import anchored
-from identification.problem import build
+from identification.estimation.least_squares import Solution, identifiable, solve
+from identification.estimation.result import Spread
+from identification.estimation.run import anchored
+from identification.observation.assembly import build
 
 TOOL = {"short": -312.035, "long": -435.185}  # mm along z
 POINTS = 290
@@ -70,7 +70,7 @@ def exact(tool: str, values: Mapping[str, float], count: int, seed: int) -> tupl
     """Random poses, and what a perfect tracker, standing anywhere, would measure there."""
     points = random_points(chain_of(tool).machine, count, seed)
     truth = Truth(values, (3210.0, -1500.0, 640.0), (0.02, -0.3, 2.0))
-    return points, simulate(chain_of(tool).machine, points, truth)
+    return points, measured_at(chain_of(tool).machine, points, truth)
 
 
 def nominal_errors(tool: str, values: Mapping[str, float], draws: int = 60) -> np.ndarray:

@@ -15,8 +15,8 @@ import pandas as pd
 import pytest
 
 from errormodel.chain import Chain
-from errormodel.schema import read_machine
-from errormodel.simulate import Truth, simulate
+from errormodel.machine_file import read_machine
+from errormodel.simulation import Truth, measured_at
 from tests.commands import run
 
 FOLDER = Path(__file__).resolve().parent.parent / "machines" / "examples" / "h_gantry"
@@ -113,7 +113,7 @@ def test_the_chain_of_the_library_has_the_two_frames() -> None:
     values = {"crossbeam.dx": 1e-3, "crossbeam.dy": 0.0255, "crossbeam.dz": 0.04, "plate.ea": USED}
     values |= {"crossbeam.ea": np.radians(0.03), "crossbeam.eb": signed_ey()[4], "crossbeam.ec": 51 / 830e3}
     assert set(values) <= set(Chain(machine).ids)
-    tips = [simulate(machine, pose, Truth(v))[["mx", "my", "mz"]].to_numpy()[0] for v in (values, {})]
+    tips = [measured_at(machine, pose, Truth(v))[["mx", "my", "mz"]].to_numpy()[0] for v in (values, {})]
     assert 1e3 * (tips[1] - tips[0]) == pytest.approx(TABLE_11[4], abs=0.1)
 
 

@@ -14,22 +14,22 @@ import pytest
 from errormodel.chain import Chain
 from errormodel.exceptions import InputError
 from errormodel.machine import EffectSpec
-from errormodel.schema import library, read_machine
-from errormodel.simulate import random_points
-from identification.diagnosis.candidates import Candidates
-from identification.diagnosis.choosing import DETECT
-from identification.diagnosis.workbench import set_up
-from identification.fit.run import fit_machine
-from identification.plan.design import Design, Fair, Space, exchange, rounded
-from identification.plan.detection import SAME, verdicts
-from identification.plan.order import directions
-from identification.plan.poses import as_survey, candidates, crosses
-from identification.plan.run import Plan, as_file, optimal, plan
-from identification.plan.separate import KEEP, Pair, told_apart
-from identification.plan.setup import Setup, read_setup
-from identification.plan.stage import prepare
-from identification.plan.weights import optimal_weights
-from identification.predict import predict
+from errormodel.machine_file import library, read_machine
+from errormodel.simulation import random_points
+from identification.diagnosis.linear.linear_model import set_up
+from identification.diagnosis.search.candidates import Candidates
+from identification.diagnosis.search.scoring import DETECT
+from identification.estimation.run import fit_machine
+from identification.planning.candidates import prepare
+from identification.planning.design import Design, Fair, Space, exchange, rounded
+from identification.planning.discrimination import KEEP, Pair, told_apart
+from identification.planning.poses import as_survey, candidates, crosses
+from identification.planning.power import SAME, verdicts
+from identification.planning.run import Plan, as_file, optimal, plan
+from identification.planning.run_order import directions
+from identification.planning.setup import Setup, read_setup
+from identification.planning.weights import optimal_weights
+from identification.uncertainty.prediction import predict
 from tests.chains import Array
 from tests.commands import FIVE, MILL, done, run, write
 from tests.surveys import measured, positions, stored, survey

@@ -16,11 +16,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from errormodel.schema import read_machine
+from errormodel.machine_file import read_machine
 from errormodel.survey import read_survey
-from identification import store
-from identification.fit.run import fit_machine
-from identification.predict import predict
+from identification.estimation.run import fit_machine
+from identification.results import store
+from identification.uncertainty.prediction import predict
 
 CASES = [f"case_{k:02}" for k in range(1, 25)]
 OUTLIERS, BLUNDER = "case_22", "case_23"

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from errormodel.schema import read_machine
+from errormodel.machine_file import read_machine
 from tests.commands import MILL, XYZ, done, fitted_mill, write
 
 E = ["ex", "ey", "ez"]

@@ -50,7 +50,7 @@ def test_errormodel_never_imports_identification():
 
 
 def test_command_line_starts_without_heavy_imports():
-    code = "import sys, identification.cli; print(*{name.partition('.')[0] for name in sys.modules})"
+    code = "import sys, identification.command_line.main; print(*{name.partition('.')[0] for name in sys.modules})"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert not HEAVY & set(done.stdout.split())

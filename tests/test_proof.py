@@ -18,8 +18,8 @@ import pandas as pd
 import pytest
 
 from errormodel.chain import Chain
-from errormodel.schema import read_machine
-from errormodel.simulate import Truth, simulate
+from errormodel.machine_file import read_machine
+from errormodel.simulation import Truth, measured_at
 from tests.proof import files, kinematics, machines, physics_beams, physics_drives, world
 from tests.proof.cases import make, write
 from tests.proof.catalogue import BUILDERS
@@ -82,7 +82,7 @@ def test_kinematics_agree_with_the_toolkit(tmp_path: Path, topology: str, order:
     (tmp_path / "machine.yaml").write_text(files.machine_yaml(chain, topology))
     machine = read_machine(tmp_path / "machine.yaml")
     table = pd.DataFrame({**path.q, **{f"tool_{a}": path.tool[:, k] for k, a in enumerate("xyz")}})
-    theirs = simulate(machine, table, Truth(values))[["mx", "my", "mz"]].to_numpy()
+    theirs = measured_at(machine, table, Truth(values))[["mx", "my", "mz"]].to_numpy()
     assert set(values) == set(Chain(machine).machine_ids)
     assert np.abs(own - theirs).max() < 1e-9
 

@@ -58,6 +58,6 @@ def test_every_effect_stands_in_the_table_of_its_family() -> None:
 
 
 def test_every_command_is_in_the_readme() -> None:
-    from identification.cli import app
+    from identification.command_line.main import app
 
     assert {name for name in app.commands if f"| `errormodel {name}" not in README} == set()

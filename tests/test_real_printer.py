@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from errormodel.schema import read_machine
+from errormodel.machine_file import read_machine
 from errormodel.survey import read_survey
-from identification.diagnosis.run import Diagnosed, diagnose
+from identification.diagnosis.pipeline import Diagnosed, diagnose
 
 LARGEST_UM = {"a": 13.0, "b": 5.5}  # held out; two temperatures, one of them lagged, leave 16 and 6.3
 

@@ -11,9 +11,9 @@ import pandas as pd
 import pytest
 
 from errormodel.machine import Machine
-from errormodel.schema import read_machine
+from errormodel.machine_file import read_machine
 from errormodel.survey import Survey, read_survey
-from identification.diagnosis.run import diagnose
+from identification.diagnosis.pipeline import diagnose
 from tests.commands import done
 
 FIT_KEYS = {"parameters", "frame", "nominal", "fitted", "test", "sigma_um", "dof", "reduced_chi2"}

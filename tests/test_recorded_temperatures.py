@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from errormodel.features import channel, columns
+from errormodel.channels import channel, columns
 
 
 def _table(time: object, warmth: object, run: object = 1) -> pd.DataFrame:

@@ -10,11 +10,11 @@ import pytest
 
 from errormodel.conventions import MOTIONS
 from errormodel.machine import EffectSpec, Joint
-from errormodel.schema import read_machine
+from errormodel.machine_file import read_machine
 from errormodel.survey import read_survey
 from identification.compensation.volume import levels
-from identification.diagnosis.carried import as_points
-from identification.fit.run import fit_machine
+from identification.diagnosis.linear.motions_as_points import as_points
+from identification.estimation.run import fit_machine
 from identification.registration.motions import error_motions, pose
 from identification.registration.run import register
 from tests import crossbeam as sim

@@ -21,12 +21,12 @@ from matplotlib.figure import Figure
 from errormodel.chain import Chain
 from errormodel.files import write_csv, write_text_atomic
 from errormodel.machine import EffectSpec, Machine
-from errormodel.schema import read_machine
-from errormodel.simulate import Truth, outward, random_points, simulate
+from errormodel.machine_file import read_machine
+from errormodel.simulation import Truth, measured_at, outward, random_points
 from errormodel.survey import read_survey
-from identification.estimates import estimates
-from identification.fit.result import Fit, Spread
-from identification.fit.run import fit_machine
+from identification.command_line.text import table_lines
+from identification.estimation.result import Fit, Spread
+from identification.estimation.run import fit_machine
 from identification.plots.correlation import correlation, draw_correlation
 from identification.plots.error_distribution import draw_error_distribution
 from identification.plots.error_motions import draw_error_motions, moving_joints
@@ -38,7 +38,7 @@ from identification.plots.volumetric_error import draw_volumetric_error
 from identification.report import write, write_report
 from identification.report.tables import number
 from identification.report.wording import short, strongest_correlation, three
-from identification.tables import table_lines
+from identification.results.parameter_table import estimates
 from tests.pages import Page
 
 HOSTILE = '</title><script>alert("x")</script> & $\\frac$ "M"'
@@ -58,7 +58,7 @@ def measured(machine: Machine, count: int, seed: int) -> pd.DataFrame:
     values = {p.id: sizes[p.unit] * rng.normal() for p in chain.parameters if p.id in chain.machine_ids}
     points = random_points(machine, count, seed)
     truth = Truth(values, (800.0, -1500.0, 300.0), (0.1, -0.2, 2.0))
-    table = simulate(machine, points, truth, 0.005, seed)[["mx", "my", "mz"]]
+    table = measured_at(machine, points, truth, 0.005, seed)[["mx", "my", "mz"]]
     table.loc[::17, "my"] = np.nan
     return outward(points, machine).drop(columns=["tool_x", "tool_y", "tool_z"]).join(table)
 
@@ -181,7 +181,7 @@ def test_a_survey_of_error_motions_alone(fit: Fit, tmp_path: Path) -> None:
 def test_effects_have_their_place(tmp_path: Path) -> None:
     machine = replace(read_machine("vertical_three_axis"), effects=(EffectSpec("backlash", {"joint": "X"}),))
     points = random_points(machine, 80, 3)
-    table = simulate(machine, points, Truth({"X.dx.backlash": 0.02}), 0.003, 3)[["mx", "my", "mz"]]
+    table = measured_at(machine, points, Truth({"X.dx.backlash": 0.02}), 0.003, 3)[["mx", "my", "mz"]]
     write_csv(outward(points, machine).join(table), tmp_path / "s.csv")
     found = fit_machine(machine, read_survey(tmp_path / "s.csv", machine))
     effect = [e for e in estimates(found) if e.kind == "effect"]
@@ -271,7 +271,7 @@ def test_labels_of_parameters_are_whole(tmp_path: Path) -> None:
     """No label begins left of the figure, however long the names are."""
     machine = replace(read_machine("vertical_three_axis"), effects=(EffectSpec("backlash", {"joint": "X"}),))
     points = random_points(machine, 80, 3)
-    table = simulate(machine, points, Truth({"X.dx.backlash": 0.02}), 0.003, 3)[["mx", "my", "mz"]]
+    table = measured_at(machine, points, Truth({"X.dx.backlash": 0.02}), 0.003, 3)[["mx", "my", "mz"]]
     write_csv(outward(points, machine).join(table), tmp_path / "s.csv")
     figure = draw_parameters(fit_machine(machine, read_survey(tmp_path / "s.csv", machine)))
     canvas = FigureCanvasAgg(figure)

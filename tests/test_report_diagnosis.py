@@ -16,24 +16,24 @@ from errormodel.effects import registry
 from errormodel.effects.hysteresis import Hysteresis
 from errormodel.files import write_csv
 from errormodel.machine import EffectSpec, Machine
-from errormodel.schema import read_machine
-from errormodel.simulate import Truth, outward, random_points, simulate
+from errormodel.machine_file import read_machine
+from errormodel.simulation import Truth, measured_at, outward, random_points
 from errormodel.survey import Survey, read_survey
-from identification.diagnosis.candidates import Candidates
-from identification.diagnosis.choosing import Step
-from identification.diagnosis.findings import Alternative, Finding, HeldOut, Untestable
-from identification.diagnosis.growth import Growth
-from identification.diagnosis.run import Diagnosed, diagnose
-from identification.diagnosis.workbench import set_up
-from identification.fit.result import Fit
-from identification.fit.run import fit_machine
+from identification.diagnosis.linear.linear_model import set_up
+from identification.diagnosis.pipeline import Diagnosed, diagnose
+from identification.diagnosis.results.findings import Alternative, Finding, HeldOut, Untestable
+from identification.diagnosis.search.candidates import Candidates
+from identification.diagnosis.search.model import Growth
+from identification.diagnosis.search.scoring import Step
+from identification.estimation.result import Fit
+from identification.estimation.run import fit_machine
 from identification.plots.effect_curve import Channels, curves, draw_effect_curve
-from identification.plots.evidence import evidence_of
 from identification.plots.residuals_along_driver import binned, draw_residuals_along_driver
 from identification.plots.style import render
 from identification.plots.where_map import where_map
 from identification.report import write_report
 from identification.report.diagnosis import numbered, odds
+from identification.results.residual_projection import evidence_of
 from tests import test_effects as battery
 from tests.pages import Page
 
@@ -49,7 +49,7 @@ def grown(word: str) -> tuple[Growth, Fit, dict[str, float]]:
     ids, frame = battery.own_ids(machine), battery.table(machine.name)
     sizes = [term.size for term, _ in battery.numeric(effect, machine, battery.arrays(machine.name))]
     truth = battery.base_errors(machine.name) | dict(zip(ids, sizes, strict=True))
-    measured = simulate(machine, frame, Truth(truth), battery.NOISE, seed=6)[["mx", "my", "mz"]]
+    measured = measured_at(machine, frame, Truth(truth), battery.NOISE, seed=6)[["mx", "my", "mz"]]
     table = pd.concat([frame, measured], axis=1)
     survey = Survey(table, "shared", ("frame",), battery.Plain(), Path("battery.csv"))
     bench = set_up(fit_machine(replace(machine, effects=()), survey))
@@ -162,7 +162,7 @@ def recorded(folder: Path, effects: tuple[EffectSpec, ...]) -> tuple[Machine, Su
     machine = read_machine("vertical_three_axis")
     points = random_points(machine, 150, 3)
     truth = Truth({"X.dx.backlash": BACKLASH} if effects else {})
-    table = simulate(replace(machine, effects=effects), points, truth, NOISE, 3)[["mx", "my", "mz"]]
+    table = measured_at(replace(machine, effects=effects), points, truth, NOISE, 3)[["mx", "my", "mz"]]
     write_csv(outward(points, machine).join(table), folder / "s.csv")
     return machine, read_survey(folder / "s.csv", machine)
 

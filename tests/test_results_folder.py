@@ -18,8 +18,8 @@ import pytest
 
 from errormodel.exceptions import InputError
 from errormodel.files import sha256, write_bytes_atomic
-from identification import results_folder, store
-from identification.results_folder import ResultsFolder
+from identification.results import results_folder, store
+from identification.results.results_folder import ResultsFolder
 from tests.commands import MILL, done, fitted_mill, run, tree, write
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -254,7 +254,7 @@ SAVING = """
 import itertools, sys, time
 from pathlib import Path
 from identification import results_folder
-from identification.results_folder import ResultsFolder
+from identification.results.results_folder import ResultsFolder
 if len(sys.argv) > 4:
     results_folder._swapped = lambda *_: False
 for k in itertools.count(int(sys.argv[3])):
@@ -344,8 +344,8 @@ def test_where_one_stands_is_not_exchanged(place: Path, where: str, monkeypatch:
 
 def test_a_failed_report_leaves_the_old_results(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     before = tree(place)
-    monkeypatch.setattr("identification.cli._report", lambda *_: 1 / 0)
-    monkeypatch.setattr("identification.ahead.cores", lambda: 1)
+    monkeypatch.setattr("identification.command_line.main._report", lambda *_: 1 / 0)
+    monkeypatch.setattr("identification.runtime.report_worker.cores", lambda: 1)
     with pytest.raises(ZeroDivisionError):
         run(*REFIT)
     assert tree(place) == before

@@ -15,13 +15,13 @@ from scipy.stats import binom, chi
 from errormodel.chain import Chain
 from errormodel.exceptions import InputError
 from errormodel.instruments.laser_tracker import LaserTracker
-from errormodel.schema import read_machine
-from identification.fit import run
-from identification.fit.bisquare import CUTS, normal, pull
-from identification.fit.result import Fit
-from identification.fit.robust import first_judgement
+from errormodel.machine_file import read_machine
+from identification.estimation import run
+from identification.estimation.bisquare import CUTS, normal, pull
+from identification.estimation.result import Fit
+from identification.estimation.robust import first_judgement
+from identification.observation.assembly import build
 from identification.plots.distances import draw_distances
-from identification.problem import build
 from tests.chains import Array, errors
 from tests.commands import MILL, XYZ, done
 from tests.commands import run as command

@@ -12,9 +12,9 @@ import pytest
 from errormodel.chain import Chain
 from errormodel.exceptions import InputError
 from errormodel.machine import Machine
-from errormodel.schema import read_machine, write_machine
-from identification.fit.result import Fit
-from identification.fit.run import fit_machine
+from errormodel.machine_file import read_machine, write_machine
+from identification.estimation.result import Fit
+from identification.estimation.run import fit_machine
 from tests.chains import Array, errors
 from tests.commands import XYZ, done
 from tests.surveys import measured, positions, prediction_of, survey

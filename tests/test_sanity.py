@@ -13,18 +13,18 @@ import pandas as pd
 import pytest
 
 from errormodel.chain import Chain
+from errormodel.channels import direction
 from errormodel.exceptions import InputError
-from errormodel.features import direction
 from errormodel.machine import Joint, Machine
-from errormodel.schema import read_machine
-from errormodel.simulate import random_points
+from errormodel.machine_file import read_machine
+from errormodel.simulation import random_points
 from errormodel.survey import Survey
 from errormodel.survey_columns import MEASURED
-from errormodel.survey_schema import SurveyUnits
-from errormodel.survey_sizes import check_sizes
-from identification.diagnosis.run import diagnose
-from identification.diagnosis.sanity import find_blunders
-from identification.diagnosis.sides import contrary_sides
+from errormodel.survey_file import SurveyUnits
+from errormodel.survey_plausibility import check_sizes
+from identification.diagnosis.data_checks.approach_direction import contrary_sides
+from identification.diagnosis.data_checks.checks import find_blunders
+from identification.diagnosis.pipeline import diagnose
 from tests.chains import errors
 from tests.surveys import measured, positions
 from tests.surveys import survey as survey_of

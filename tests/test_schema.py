@@ -12,12 +12,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from errormodel import schema, yamlfile
+from errormodel import machine_file as schema
+from errormodel import yamlfile
 from errormodel.conventions import MOTIONS
-from errormodel.effectblock import EFFECTS
-from errormodel.errorblock import first_order_motions
 from errormodel.exceptions import InputError
 from errormodel.machine import Basis, EffectSpec, Joint, Machine, Shape
+from errormodel.machine_file_effects import EFFECTS
+from errormodel.machine_file_errors import first_order_motions
 
 EXAMPLE = """\
 errormodel: 1

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from identification import side_by_side as module
-from identification.side_by_side import Ground, side_by_side
+from identification.runtime import process_pool as module
+from identification.runtime.process_pool import Ground, side_by_side
 
 HERE = os.getpid()
 

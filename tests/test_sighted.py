@@ -9,12 +9,12 @@ import pytest
 
 from errormodel.instruments.laser_tracker import LaserTracker
 from errormodel.machine import EffectSpec
-from errormodel.schema import read_machine
+from errormodel.machine_file import read_machine
 from errormodel.survey import Survey
-from identification.diagnosis.outliers import CHANCE, gross_rows
-from identification.diagnosis.run import diagnose
-from identification.diagnosis.sighted import seen_in
-from identification.fit.run import fit_machine
+from identification.diagnosis.data_checks.outliers import CHANCE, gross_rows
+from identification.diagnosis.pipeline import diagnose
+from identification.diagnosis.search.instrument_noise import seen_in
+from identification.estimation.run import fit_machine
 from tests.test_diagnosis_empty import empty_survey, showing
 
 MILL = "vertical_three_axis"

@@ -11,17 +11,17 @@ import pytest
 from errormodel.effects import make
 from errormodel.effects.unnamed import Unnamed, switch
 from errormodel.machine import EffectSpec
-from errormodel.schema import read_machine
-from identification.diagnosis.candidates import Candidates
-from identification.diagnosis.choosing import Step
-from identification.diagnosis.findings import probability_of
-from identification.diagnosis.growth import replayed
-from identification.diagnosis.refinements import refined, with_sections
-from identification.diagnosis.run import diagnose
-from identification.diagnosis.selection import grow, in_place, second_look
-from identification.diagnosis.stories import borrowed, retold, story
-from identification.diagnosis.workbench import set_up
-from identification.fit.run import fit_machine
+from errormodel.machine_file import read_machine
+from identification.diagnosis.linear.linear_model import set_up
+from identification.diagnosis.pipeline import diagnose
+from identification.diagnosis.results.findings import probability_of
+from identification.diagnosis.search.candidates import Candidates
+from identification.diagnosis.search.forward_selection import grow, in_place, second_look
+from identification.diagnosis.search.model import replayed
+from identification.diagnosis.search.model_comparison import borrowed, retold, story
+from identification.diagnosis.search.refinement import refined, with_sections
+from identification.diagnosis.search.scoring import Step
+from identification.estimation.run import fit_machine
 from tests.test_diagnosis_empty import empty_survey, showing
 
 

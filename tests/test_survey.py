@@ -17,7 +17,7 @@ from errormodel.files import write_csv, write_text_atomic
 from errormodel.instruments import instruments
 from errormodel.instruments.laser_tracker import LaserTracker
 from errormodel.machine import Joint, Machine, Shape
-from errormodel.schema import read_machine
+from errormodel.machine_file import read_machine
 from errormodel.survey import Survey, read_survey
 
 X, Y, Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)

@@ -15,13 +15,13 @@ import pytest
 
 from errormodel.arrays import Array
 from errormodel.chain import Chain
+from errormodel.channels import lagged
 from errormodel.exceptions import InputError
-from errormodel.features import lagged
 from errormodel.machine import EffectSpec, Machine
-from errormodel.schema import read_machine
-from errormodel.simulate import Truth, simulate
+from errormodel.machine_file import read_machine
+from errormodel.simulation import Truth, measured_at
 from errormodel.survey import Survey, read_survey
-from identification.diagnosis.sensors import faults
+from identification.diagnosis.data_checks.temperature_sensors import faults
 from identification.report.thermal import POOR
 from identification.thermal.recordings import recordings
 from identification.thermal.selection import centred, choose
@@ -188,7 +188,7 @@ def test_a_drift_along_the_travel_has_legendre_polynomials() -> None:
     y = np.array([0.0, 100.0, 400.0])
     points = pd.DataFrame({"X": 0.0, "Y": y, "Z": 0.0, "T_a": 22.5, "joint": "Y"})
     points[["tool_x", "tool_y", "tool_z"]] = bridge().tool
-    said = simulate(machine, points, Truth(dict(zip(ids, (1e-3, 2e-3, 4e-3), strict=True))))["dx"]
+    said = measured_at(machine, points, Truth(dict(zip(ids, (1e-3, 2e-3, 4e-3), strict=True))))["dx"]
     u = y / 200 - 1
     np.testing.assert_allclose(said, 2.5e-3 * (1 + 2 * u + 4 * (3 * u**2 - 1) / 2), atol=1e-12)
     shape = EffectSpec("structure-drift", {**options, "element": "bridge"})

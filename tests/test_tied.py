@@ -10,12 +10,12 @@ import pytest
 
 from errormodel.chain import Chain
 from errormodel.machine import EffectSpec
-from errormodel.schema import read_machine
-from errormodel.simulate import random_points
-from identification.diagnosis.run import diagnose
-from identification.diagnosis.tied import Tied
-from identification.fit.run import fit_machine
-from identification.predict import predict
+from errormodel.machine_file import read_machine
+from errormodel.simulation import random_points
+from identification.diagnosis.linear.random_effects import Tied
+from identification.diagnosis.pipeline import diagnose
+from identification.estimation.run import fit_machine
+from identification.uncertainty.prediction import predict
 from tests.surveys import measured, positions, stored, survey
 
 SIZE = 4e-4  # rad

@@ -11,12 +11,12 @@ import pytest
 from errormodel.arrays import Array
 from errormodel.chain import Chain
 from errormodel.machine import EffectSpec, Machine
-from errormodel.schema import read_machine
-from errormodel.simulate import random_points
+from errormodel.machine_file import read_machine
+from errormodel.simulation import random_points
 from errormodel.survey import Survey
-from identification.diagnosis.findings import Finding
-from identification.diagnosis.run import diagnose
-from identification.diagnosis.witnesses import Account, weighed, witnesses
+from identification.diagnosis.pipeline import diagnose
+from identification.diagnosis.results.findings import Finding
+from identification.diagnosis.results.witnesses import Account, weighed, witnesses
 from tests.chains import errors
 from tests.surveys import measured, positions
 from tests.surveys import survey as survey_of

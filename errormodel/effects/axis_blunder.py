@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, ClassVar, TypeVar
 from errormodel import conventions
 from errormodel.arrays import Array
 from errormodel.effects.base import Channels, Effect, EffectTerm
-from errormodel.effects.scene import Scene
+from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.machine import Machine
 from errormodel.survey_columns import MEASURED, TOOL
 

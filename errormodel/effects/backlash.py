@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from typing import ClassVar
 
 from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect, along
-from errormodel.effects.scene import Scene
+from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.machine import Machine, joint_of
 
 

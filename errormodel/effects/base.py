@@ -21,12 +21,12 @@ from errormodel.effects.ops import Value
 from errormodel.machine import Joint, Machine
 
 if TYPE_CHECKING:
-    from errormodel.effects.scene import Scene
+    from errormodel.effects.search_space.survey_summary import Scene
 
 Channels = Callable[[str], Value]
 """Value of a channel of the survey: a joint (mm, rad), ``time`` (s), ``T_bed`` (degC), ``dir_X`` (+-1), ``feed``,
 ``load``, ``w_sync``, ``point_x`` (nominal position in the reference's axes, mm), or a derived one such as
-``lag(T_bed,600)`` or ``run(3)``; see `errormodel.features`."""
+``lag(T_bed,600)`` or ``run(3)``; see `errormodel.channels`."""
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from errormodel.effects.base import Channels, Effect, EffectTerm
 from errormodel.effects.ops import fmax
-from errormodel.effects.scene import Scene
+from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import joint_as
 from errormodel.effects.travel import crossing, fraction, scaled, turn
 from errormodel.machine import Machine

@@ -8,7 +8,7 @@ from typing import ClassVar
 from errormodel.conventions import FRAME, INSTRUMENT, TRANSLATIONS
 from errormodel.effects.base import Channels, Effect, EffectTerm
 from errormodel.effects.ops import Value, cos, sin
-from errormodel.effects.scene import Scene
+from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import joint_as
 from errormodel.exceptions import InputError
 from errormodel.machine import Machine, Shape

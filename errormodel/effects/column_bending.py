@@ -7,7 +7,7 @@ from itertools import product
 from typing import ClassVar
 
 from errormodel.effects.base import Channels, Effect, EffectTerm
-from errormodel.effects.scene import Scene
+from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import Rotation, across, joint_as
 from errormodel.effects.travel import ENDS, End, cross, crossing, direction, extension, length, scaled, shift, turn
 from errormodel.exceptions import InputError

@@ -9,7 +9,7 @@ from pydantic import Field
 
 from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect, along
 from errormodel.effects.ops import absolute, fmax
-from errormodel.effects.scene import Scene
+from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.travel import fraction
 from errormodel.machine import Machine, joint_of
 

@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar
 from pydantic import Field
 
 from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect, along
-from errormodel.effects.scene import Scene
+from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import joint_as, waves
 from errormodel.machine import Machine
 

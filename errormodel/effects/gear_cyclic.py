@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect, along
-from errormodel.effects.scene import Scene
+from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import Positive, frequencies, joint_as, resolved, waves
 from errormodel.machine import Machine
 

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from errormodel.conventions import FRAME, ROTATIONS
 from errormodel.effects.base import Channels, Effect, EffectTerm
-from errormodel.effects.scene import Scene
+from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import Rotation, across, joint_as
 from errormodel.effects.travel import legendre, scaled
 from errormodel.machine import Machine

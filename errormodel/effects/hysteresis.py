@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect, along
-from errormodel.effects.scene import Scene
+from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import Positive
 from errormodel.machine import Machine, joint_of
 

@@ -10,7 +10,7 @@ from errormodel.conventions import TRANSLATIONS
 from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect, along
 from errormodel.effects.kinematics import Place, Triple, apply, places
 from errormodel.effects.ops import Value
-from errormodel.effects.scene import Scene
+from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import joint_as
 from errormodel.machine import Machine, Shape
 

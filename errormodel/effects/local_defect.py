@@ -11,7 +11,7 @@ import numpy as np
 from errormodel.conventions import MOTIONS, Motion, unit_of
 from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect
 from errormodel.effects.ops import exp
-from errormodel.effects.scene import Scene
+from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import Positive
 from errormodel.effects.travel import length, usual_size
 from errormodel.machine import Machine, joint_of

@@ -11,7 +11,7 @@ from pydantic import Field
 from errormodel.conventions import MOTIONS, TRANSLATIONS, Motion, unit_of
 from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect
 from errormodel.effects.ops import cos, sin
-from errormodel.effects.scene import Scene
+from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.travel import legendre, sag_direction, scaled
 from errormodel.machine import Machine, joint_of
 

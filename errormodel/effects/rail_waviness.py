@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from errormodel.conventions import MOTIONS, Motion, unit_of
 from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect, axis_motion
-from errormodel.effects.scene import Scene
+from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import Positive, joint_as, periods, waves
 from errormodel.machine import Machine
 

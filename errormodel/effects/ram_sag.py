@@ -9,7 +9,7 @@ from typing import ClassVar
 from pydantic import Field
 
 from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect
-from errormodel.effects.scene import Scene
+from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import across, bent, joint_as
 from errormodel.effects.travel import (
     ENDS,

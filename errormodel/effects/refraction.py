@@ -6,12 +6,12 @@ from collections.abc import Iterator, Mapping
 from itertools import combinations, product
 from typing import ClassVar
 
+from errormodel.channels import POINT
 from errormodel.conventions import FRAME, TRANSLATIONS
 from errormodel.effects.base import Channels, Effect, EffectTerm
-from errormodel.effects.scene import Scene
+from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import Lag, lags, thermal, warmth
 from errormodel.effects.travel import Translation
-from errormodel.features import POINT
 from errormodel.machine import Machine, Vector
 
 

@@ -13,7 +13,7 @@ from pydantic import Field
 from errormodel.conventions import ROTATIONS, TRANSLATIONS, Motion
 from errormodel.effects.base import Channels
 from errormodel.effects.ops import Value, atan2, cos, cubic, exp, fmax, fmin, sin
-from errormodel.effects.scene import Scene
+from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.exceptions import InputError
 from errormodel.machine import Joint, Machine, joint_of
 

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from errormodel.conventions import TOOL, Motion
 from errormodel.effects.base import Channels, Effect, EffectTerm
-from errormodel.effects.scene import Scene
+from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import Lag, lags, outward, outward_words, thermal, warmth
 from errormodel.machine import Machine, Shape
 

@@ -11,7 +11,7 @@ from pydantic import model_validator
 from errormodel.conventions import FRAME, MOTIONS, TRANSLATIONS, unit_of
 from errormodel.effects.base import Channels, Effect, EffectTerm
 from errormodel.effects.ops import fmax, fmin
-from errormodel.effects.scene import Scene
+from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.machine import Machine
 
 MOMENTS = 40  # evenly among the rows

@@ -12,7 +12,7 @@ from pydantic import Field
 from errormodel.conventions import FRAME, MOTIONS, ROTATIONS, TRANSLATIONS, Motion, unit_of
 from errormodel.effects.base import Channels, Effect, EffectTerm
 from errormodel.effects.ops import Value
-from errormodel.effects.scene import Scene
+from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import Lag, Positive, lags, members, thermal, warmth
 from errormodel.effects.travel import polynomials, scaled
 from errormodel.machine import Machine, Shape, Vector, joint_of

@@ -10,7 +10,7 @@ import numpy as np
 from errormodel.conventions import TOOL, TRANSLATIONS
 from errormodel.effects.base import Channels, Effect, EffectTerm
 from errormodel.effects.ops import absolute, fmax, fmin
-from errormodel.effects.scene import Scene
+from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.machine import Machine, Vector
 
 COLUMNS = ("tool_x", "tool_y", "tool_z")

@@ -7,7 +7,7 @@ from itertools import combinations
 from typing import ClassVar
 
 from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect
-from errormodel.effects.scene import Scene
+from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import STEEL, Lag, across, bent, joint_as, lags, thermal, warmth
 from errormodel.effects.travel import Translation
 from errormodel.machine import Machine

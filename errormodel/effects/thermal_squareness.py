@@ -9,7 +9,7 @@ from typing import ClassVar, get_args
 import numpy as np
 
 from errormodel.effects.base import Channels, Effect, EffectTerm
-from errormodel.effects.scene import Scene
+from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import STEEL, Lag, Rotation, lags, members, own_axes, thermal, warmth
 from errormodel.machine import Joint, Machine
 

@@ -9,7 +9,7 @@ from pydantic import Field
 
 from errormodel.conventions import FRAME, MOTIONS, TRANSLATIONS, unit_of
 from errormodel.effects.base import Channels, Effect, EffectTerm
-from errormodel.effects.scene import Scene
+from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import settling, start_of
 from errormodel.machine import Machine
 

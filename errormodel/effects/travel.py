@@ -13,7 +13,7 @@ from typing import Literal
 
 from errormodel.conventions import MOTIONS, ROTATIONS, TRANSLATIONS, Motion
 from errormodel.effects.ops import Value, fmax
-from errormodel.effects.scene import Scene
+from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import across
 from errormodel.exceptions import InputError
 from errormodel.machine import Joint, Machine, Vector

@@ -11,9 +11,9 @@ from pydantic import Field
 
 from errormodel.conventions import ROTATIONS, Motion, unit_of
 from errormodel.effects.base import Channels, Effect, EffectTerm
-from errormodel.effects.lattice import lattice
 from errormodel.effects.ops import Value, sin, sqrt
-from errormodel.effects.scene import Scene
+from errormodel.effects.search_space.survey_summary import Scene
+from errormodel.effects.search_space.unnamed_grid import lattice
 from errormodel.effects.shared import Positive, closed_splines, splines, waves
 from errormodel.effects.travel import legendre, usual_size
 from errormodel.machine import Machine

@@ -9,13 +9,13 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.machine import EffectSpec, Machine
-from identification.bayes.collapsed import Collapsed
+from identification.bayes.marginal_posterior import Collapsed
 from identification.bayes.posterior import Posterior
-from identification.bayes.shapes import Bend
+from identification.bayes.shape_parameters import Bend
 from identification.bayes.statistics import posed
-from identification.fit.result import Fit, Spread, residuals_of
-from identification.fit.run import look_at
-from identification.sums import accumulate
+from identification.estimation.result import Fit, Spread, residuals_of
+from identification.estimation.run import look_at
+from identification.observation.normal_equations import accumulate
 
 COMPARED = 8  # draws at which the linear model is compared with the exact kinematics
 

@@ -9,9 +9,9 @@ import numpy as np
 from errormodel.arrays import Array
 from identification.bayes.posterior import Check, Posterior
 from identification.bayes.statistics import posed
-from identification.fit.result import Fit
-from identification.sums import design_rows, view_vector
-from identification.views import PositionView
+from identification.estimation.result import Fit
+from identification.observation.models import PositionView
+from identification.observation.normal_equations import design_rows, view_vector
 
 DRAWS = 400
 ROWS = 1200  # consecutive, from the middle of a survey

@@ -6,10 +6,10 @@ import numpy as np
 
 from errormodel import effects
 from identification.bayes.posterior import EffectEvidence
-from identification.bayes.shapes import without_effect
-from identification.diagnosis.candidates import Candidates
-from identification.fit.result import Fit
-from identification.views import PositionView
+from identification.bayes.shape_parameters import without_effect
+from identification.diagnosis.search.candidates import Candidates
+from identification.estimation.result import Fit
+from identification.observation.models import PositionView
 
 
 def evidence_of(fit: Fit) -> tuple[EffectEvidence, ...]:

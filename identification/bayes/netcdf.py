@@ -12,7 +12,7 @@ from errormodel import __version__
 from errormodel.arrays import Array
 from errormodel.files import replacing
 from identification.bayes.posterior import Posterior
-from identification.fit.result import Fit
+from identification.estimation.result import Fit
 
 
 def write_netcdf(fit: Fit, posterior: Posterior, path: Path) -> None:

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from errormodel.arrays import Array, Mask
-from identification.bayes.coordinates import Coordinate
+from identification.bayes.hyperparameters import Coordinate
 from identification.bayes.statistics import RowsApart, posed
-from identification.fit.result import Fit
-from identification.sums import view_vector
-from identification.views import PositionView
+from identification.estimation.result import Fit
+from identification.observation.models import PositionView
+from identification.observation.normal_equations import view_vector
 
 NEAR = 0.01  # of the rows of the noise lie further out
 GROSS = 4.0  # standard deviations: counted as outliers to begin with

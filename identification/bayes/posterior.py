@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 
 from errormodel.arrays import Array
-from identification.bayes.coordinates import Coordinate
+from identification.bayes.hyperparameters import Coordinate
 from identification.bayes.sampling import Chains
 
 Method = Literal["exact", "quadrature", "emcee"]

@@ -16,9 +16,9 @@ from errormodel import effects
 from errormodel.arrays import Array, Index
 from errormodel.yamlfile import Document
 from identification.bayes.settings import PriorForm
-from identification.fit.bounded import limits
-from identification.fit.result import Fit
-from identification.predict import PLAUSIBLE
+from identification.estimation.bounded import limits
+from identification.estimation.result import Fit
+from identification.uncertainty.prediction import PLAUSIBLE
 
 WIDE = 10.0  # times what is usual
 DOUBT = 6.0  # standard deviations within which a bound of physics matters

@@ -15,15 +15,16 @@ from errormodel.machine import Machine
 from errormodel.yamlfile import Document
 from identification.bayes.applied import bent_machine, departure, with_posterior
 from identification.bayes.checks import predictive_checks
-from identification.bayes.collapsed import Collapsed
-from identification.bayes.coordinates import Coordinate
 from identification.bayes.evidence import evidence_of
+from identification.bayes.full_posterior import Whole
+from identification.bayes.hyperparameters import Coordinate
+from identification.bayes.marginal_posterior import Collapsed
 from identification.bayes.outliers import in_doubt, mixture_of, squares_of
 from identification.bayes.posterior import Method, Posterior
 from identification.bayes.priors import prior_of
 from identification.bayes.sampling import Chains, Reference, Target, inside, sample, walkers_for
 from identification.bayes.settings import PriorForm, prior_error
-from identification.bayes.shapes import find_bends
+from identification.bayes.shape_parameters import find_bends
 from identification.bayes.statistics import gather
 from identification.bayes.unknowns import (
     check_against_data,
@@ -32,10 +33,9 @@ from identification.bayes.unknowns import (
     free_kinds,
     with_prior,
 )
-from identification.bayes.whole import Whole
-from identification.fit.result import Fit
-from identification.progress import Steps, Tell, silent, uncounted
-from identification.store import parameters
+from identification.estimation.result import Fit
+from identification.results.store import parameters
+from identification.runtime.progress import Steps, Tell, silent, uncounted
 
 CHAINS, DRAWS = 4, 1000  # of exact draws
 MOST_DRAWS = 8000  # kept of a chain

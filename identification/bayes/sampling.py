@@ -16,7 +16,7 @@ import numpy as np
 from errormodel.arrays import Array
 from errormodel.exceptions import ErrorModelError
 from errormodel.files import replacing
-from identification.progress import Steps, uncounted
+from identification.runtime.progress import Steps, uncounted
 
 LENGTH = 50.0  # autocorrelation times
 AGREE = 1.03  # split R-hat of one coordinate; walkers are short chains, of 25 autocorrelation times a half

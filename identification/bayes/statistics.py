@@ -10,12 +10,12 @@ import numpy as np
 from errormodel.arrays import Array, Index, Mask
 from errormodel.chain import Chain
 from errormodel.machine import EffectSpec, Machine
-from identification.bayes.shapes import Bend
-from identification.fit.result import Fit
-from identification.fit.run import placed
-from identification.problem import Problem, build
-from identification.sums import accumulate, design_rows, view_vector
-from identification.views import Kind, PositionView
+from identification.bayes.shape_parameters import Bend
+from identification.estimation.result import Fit
+from identification.estimation.run import placed
+from identification.observation.assembly import Problem, build
+from identification.observation.models import Kind, PositionView
+from identification.observation.normal_equations import accumulate, design_rows, view_vector
 
 
 @dataclass(frozen=True)

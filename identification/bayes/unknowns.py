@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from errormodel.yamlfile import Document
-from identification.bayes.coordinates import Coordinate
+from identification.bayes.hyperparameters import Coordinate
 from identification.bayes.priors import Prior
 from identification.bayes.settings import PriorForm, prior_error
 from identification.bayes.statistics import Statistics
-from identification.fit.result import Fit
-from identification.sums import total
+from identification.estimation.result import Fit
+from identification.observation.normal_equations import total
 
 APART = 5.0  # standard deviations: prior and data contradict each other
 CORRELATED = 1.02  # how much wider correlated noise must make variances before it counts

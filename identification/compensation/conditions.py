@@ -12,10 +12,10 @@ from errormodel.controllers.base import Controller
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Tables
 from errormodel.exceptions import InputError
-from identification.alignment import Pose
 from identification.compensation.assessment import Correct, emulated, fresh_rows, left
 from identification.compensation.reversal import left_to_parameters, reversal_lines, with_backlash
 from identification.compensation.volume import Volume, best_frame
+from identification.observation.frames import Pose
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -11,11 +11,11 @@ import numpy as np
 
 from errormodel.arrays import Array, as_rows
 from errormodel.chain import TOOL_CHANNELS, Chain
+from errormodel.channels import CALL, root
 from errormodel.exceptions import InputError
-from errormodel.features import CALL, root
 from errormodel.kernel import Kernel
 from errormodel.machine import Joint, Machine
-from identification.store import StoredFit
+from identification.results.store import StoredFit
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from errormodel.arrays import Array, Index
-from identification.convex import optimise
+from identification.runtime.convex_solver import optimise
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix

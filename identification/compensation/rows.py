@@ -10,16 +10,16 @@ import numpy as np
 
 from errormodel.arrays import Array, Mask
 from errormodel.chain import TOOL_CHANNELS
+from errormodel.channels import direction
 from errormodel.exceptions import InputError
-from errormodel.features import direction
 from errormodel.inputs import noted
 from errormodel.instruments.plain import Plain
 from errormodel.machine import Machine
 from errormodel.survey import Survey
-from identification.alignment import IDENTITY, Pose
 from identification.compensation.read_motions import joints_read, placed
-from identification.problem import frame_labels
-from identification.store import CURE, StoredFit
+from identification.observation.assembly import frame_labels
+from identification.observation.frames import IDENTITY, Pose
+from identification.results.store import CURE, StoredFit
 
 if TYPE_CHECKING:
     import pandas as pd

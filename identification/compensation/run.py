@@ -12,6 +12,7 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.chain import Chain
+from errormodel.channels import root
 from errormodel.controllers import target as target_of
 from errormodel.controllers.base import Controller, Rewriter, Target, read_back, written
 from errormodel.controllers.klipper_probe import Probing
@@ -19,12 +20,9 @@ from errormodel.controllers.polarity_steps import check_of
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Table, Tables
 from errormodel.exceptions import InputError
-from errormodel.features import root
 from errormodel.gcode.reading import Reading
 from errormodel.inputs import noted
 from errormodel.machine import Vector
-from identification import store
-from identification.alignment import rotation_notes
 from identification.compensation.advice import Advice, mechanical_advice
 from identification.compensation.assessment import Correct, Figures, assess, emulated
 from identification.compensation.conditions import (
@@ -41,7 +39,9 @@ from identification.compensation.reduction import leftover, reduce
 from identification.compensation.reversal import reversals
 from identification.compensation.rows import Rows, held_out, read_rows
 from identification.compensation.volume import Volume, levels
-from identification.progress import Tell, silent
+from identification.observation.frames import rotation_notes
+from identification.results import store
+from identification.runtime.progress import Tell, silent
 
 SCHEMA = "errormodel.compensation/1"
 POSES = 3000  # that stand for the volume, or a multiple of them:

@@ -16,10 +16,10 @@ from errormodel.controllers.grids import nodes
 from errormodel.controllers.klipper_probe import Gap
 from errormodel.controllers.setup import Axis, Setup
 from errormodel.controllers.tables import Term
-from identification.alignment import IDENTITY, Pose
 from identification.compensation.field import Field, directions_at_zero
 from identification.compensation.inverse import inverse, steps_towards
 from identification.compensation.reduction import Sample, frame_motion
+from identification.observation.frames import IDENTITY, Pose
 
 if TYPE_CHECKING:
     import pandas as pd

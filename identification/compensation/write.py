@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from errormodel.files import write_text_atomic
-from identification.compensation.lines import OWN, compensation_lines
 from identification.compensation.run import Compensation
-from identification.store import dumps
+from identification.compensation.text import OWN, compensation_lines
+from identification.results.store import dumps
 
 
 def write_compensation(result: Compensation, folder: Path) -> None:

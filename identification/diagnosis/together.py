@@ -13,11 +13,11 @@ from errormodel.effects.pitch_cyclic import SHORTEST, PitchCyclic
 from errormodel.effects.shared import resolved
 from errormodel.machine import EffectSpec, Machine
 from errormodel.survey import Survey
-from identification.diagnosis.carried import Carried
-from identification.diagnosis.findings import Alternative, Diagnosis, Finding, Untestable
-from identification.diagnosis.form import with_form
-from identification.diagnosis.run import Diagnosed
-from identification.fit.run import fit_machine
+from identification.diagnosis.linear.motions_as_points import Carried
+from identification.diagnosis.pipeline import Diagnosed
+from identification.diagnosis.results.findings import Alternative, Diagnosis, Finding, Untestable
+from identification.diagnosis.results.model_discrepancy import with_form
+from identification.estimation.run import fit_machine
 
 LEAD = 10.0  # mm: the usual one
 EVEN = 0.5  # probability of a name beside one that no reading could tell from it

@@ -8,9 +8,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from errormodel.arrays import Array
-from identification.estimates import Estimate, estimates
-from identification.fit.result import Fit
+from identification.estimation.result import Fit
 from identification.plots import style
+from identification.results.parameter_table import Estimate, estimates
 
 MOST = 90  # groups; beyond, those of frames and instruments are left out
 

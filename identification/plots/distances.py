@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from identification.fit.bisquare import CUTS
-from identification.fit.result import Fit
+from identification.estimation.bisquare import CUTS
+from identification.estimation.result import Fit
 from identification.plots import style
 
 MOST = 4000  # rows drawn that take part; outliers are drawn all

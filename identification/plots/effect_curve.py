@@ -10,15 +10,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from errormodel.arrays import Array, Index
+from errormodel.channels import CALL, root
 from errormodel.conventions import MOTIONS, Motion, unit_of
 from errormodel.effects import make
 from errormodel.effects.base import Effect
-from errormodel.features import CALL, root
-from identification.diagnosis.growth import Growth
-from identification.estimates import printed
-from identification.fit.result import Fit
+from identification.diagnosis.search.model import Growth
+from identification.estimation.result import Fit
 from identification.plots import style
-from identification.plots.evidence import PAIR, Evidence, axis_of, is_warm
+from identification.results.parameter_table import printed
+from identification.results.residual_projection import PAIR, Evidence, axis_of, is_warm
 
 POINTS = 361
 PERIODS = 3  # of a wave that has many

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from errormodel.arrays import Array
-from identification.fit.result import Fit
+from identification.estimation.result import Fit
 from identification.plots import style
 
 MOST_BINS = 32

@@ -9,9 +9,9 @@ from matplotlib.figure import Figure
 from errormodel.arrays import Array
 from errormodel.conventions import MOTIONS, iso_symbol
 from errormodel.machine import Joint
-from identification.fit.result import Fit
+from identification.estimation.result import Fit
+from identification.observation.models import MotionView
 from identification.plots import style
-from identification.views import MotionView
 
 POINTS = 241
 MOST_DOTS = 400  # of a motion's own measurements

@@ -9,9 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from identification.monitor.history import Record
-from identification.monitor.ranges import Judged
-from identification.monitor.watched import NOISE, Watched
+from identification.monitoring.control_limits import Judged
+from identification.monitoring.history import Record
+from identification.monitoring.quantities import NOISE, Watched
 from identification.plots import style
 
 ACROSS = 3

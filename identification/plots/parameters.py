@@ -5,9 +5,9 @@ from __future__ import annotations
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from identification.estimates import Estimate, estimates
-from identification.fit.result import Fit
+from identification.estimation.result import Fit
 from identification.plots import style
+from identification.results.parameter_table import Estimate, estimates
 
 BAR = 0.19  # inches a parameter
 LABEL = 1.5  # inches for the longest label

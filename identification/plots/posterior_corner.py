@@ -11,8 +11,8 @@ from matplotlib.ticker import MaxNLocator
 
 from errormodel.arrays import Array
 from identification.bayes.posterior import Posterior
-from identification.estimates import printed
 from identification.plots import style
+from identification.results.parameter_table import printed
 
 MOST = 6  # unknowns in a figure
 LEVELS = (0.95, 0.68)  # of the draws within a contour

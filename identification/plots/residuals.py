@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from errormodel.arrays import Array
-from identification.fit.result import Fit
+from identification.estimation.result import Fit
 from identification.plots import style
 
 MOST = 1500  # dots of a panel

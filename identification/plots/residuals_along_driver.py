@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from errormodel.arrays import Array
 from identification.plots import style
-from identification.plots.evidence import Evidence, bin_of
+from identification.results.residual_projection import Evidence, bin_of
 
 MOST = 1500  # dots of a panel
 BINS = 20

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from identification.fit.result import Fit
-from identification.groups import ROUND_OFF
+from identification.estimation.result import Fit
+from identification.observation.identifiability import ROUND_OFF
 from identification.plots import style
 
 FLOOR = 1e-17  # what is computed as zero is drawn here

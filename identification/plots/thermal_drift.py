@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from errormodel.conventions import unit_of
-from identification.estimates import printed
 from identification.plots import style
+from identification.results.parameter_table import printed
 from identification.thermal.run import Thermal
 from identification.thermal.selection import centred
 

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from errormodel.arrays import Array, as_rows
-from identification.fit.result import Fit
+from identification.estimation.result import Fit
 from identification.plots import style
 
 MOST = 400  # arrows

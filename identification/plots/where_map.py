@@ -11,13 +11,13 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from errormodel.arrays import Array
+from errormodel.channels import root
 from errormodel.conventions import MOTIONS, Motion, iso_symbol
-from errormodel.features import root
-from identification.diagnosis.candidates import Ranked
-from identification.diagnosis.choosing import Step
-from identification.diagnosis.growth import Growth
+from identification.diagnosis.search.candidates import Ranked
+from identification.diagnosis.search.model import Growth
+from identification.diagnosis.search.scoring import Step
 from identification.plots import style
-from identification.plots.evidence import motions
+from identification.results.residual_projection import motions
 
 MOST_ROWS = 42
 HIGH, MOST_WIDE = 0.21, 0.5  # of a cell, inches

@@ -13,7 +13,6 @@ from errormodel.arrays import Array
 from errormodel.conventions import MOTIONS
 from errormodel.exceptions import InputError, nearest
 from errormodel.yamlfile import Document
-from identification.progress import Tell, silent
 from identification.registration.cleaning import clean
 from identification.registration.displacement import Displacement, displacement
 from identification.registration.folders import clouds_in, labels, time_in
@@ -22,6 +21,7 @@ from identification.registration.motions import with_uncertainty
 from identification.registration.mount import Mount, given_mount, identify_mount
 from identification.registration.readers import read_cloud
 from identification.registration.surface import Surface, fit_surface
+from identification.runtime.progress import Tell, silent
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -5,11 +5,11 @@ from __future__ import annotations
 from math import isfinite, sqrt
 from typing import NamedTuple
 
-from identification.budget import Budget, Input
-from identification.estimates import estimates, printed
-from identification.fit.result import Fit
+from identification.estimation.result import Fit
 from identification.report.tables import number
 from identification.report.wording import three
+from identification.results.parameter_table import estimates, printed
+from identification.uncertainty.budget import Budget, Input
 
 MOST = 80  # groups
 

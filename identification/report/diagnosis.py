@@ -11,18 +11,18 @@ from math import log10
 import numpy as np
 
 from errormodel.conventions import unit_of
-from identification.diagnosis.choosing import Step
-from identification.diagnosis.findings import Alternative, Finding, Untestable
-from identification.diagnosis.headline import headline
-from identification.diagnosis.run import Diagnosed
-from identification.estimates import decimals, printed
+from identification.diagnosis.pipeline import Diagnosed
+from identification.diagnosis.results.findings import Alternative, Finding, Untestable
+from identification.diagnosis.results.headline import headline
+from identification.diagnosis.search.scoring import Step
 from identification.plots.effect_curve import PERIODS, draw_effect_curve
-from identification.plots.evidence import Evidence, evidence_of
 from identification.plots.residuals_along_driver import MOST, draw_residuals_along_driver
 from identification.plots.where_map import draw_where_map
 from identification.report.pictures import Picture, picture
 from identification.report.tables import number
 from identification.report.wording import short, three
+from identification.results.parameter_table import decimals, printed
+from identification.results.residual_projection import Evidence, evidence_of
 
 MOST_PARAMETERS = 8  # of a finding's table
 OVER = "over 1000 times"

@@ -7,9 +7,9 @@ from functools import partial
 import numpy as np
 
 from errormodel import __version__
-from identification.monitor.ranges import FEWEST, USEFUL
-from identification.monitor.run import Monitored
-from identification.monitor.words import alarm_text, value_text
+from identification.monitoring.alarms import alarm_text, value_text
+from identification.monitoring.control_limits import FEWEST, USEFUL
+from identification.monitoring.run import Monitored
 from identification.plots.history import draw_history
 from identification.report.page import page
 from identification.report.pictures import Picture, picture

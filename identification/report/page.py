@@ -7,7 +7,7 @@ from functools import cache
 from typing import TYPE_CHECKING
 
 from identification.report.pictures import Picture
-from identification.side_by_side import side_by_side
+from identification.runtime.process_pool import side_by_side
 
 if TYPE_CHECKING:
     import jinja2

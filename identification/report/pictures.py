@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from errormodel.machine import Joint
-from identification.fit.result import Fit
+from identification.estimation.result import Fit
 from identification.plots import style
 from identification.plots.chain_drawing import draw_chain
 from identification.plots.correlation import draw_correlation

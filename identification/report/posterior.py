@@ -9,13 +9,13 @@ from typing import NamedTuple
 import numpy as np
 
 from identification.bayes.posterior import Posterior
-from identification.estimates import printed
-from identification.fit.result import Fit
+from identification.estimation.result import Fit
 from identification.plots.posterior_corner import draw_posterior_corner
 from identification.plots.posterior_trace import draw_posterior_trace
 from identification.plots.predictive_checks import draw_predictive_checks
 from identification.report.pictures import Picture, picture
 from identification.report.tables import number
+from identification.results.parameter_table import printed
 
 MOST_ROWS = 40  # outliers
 DOUBTFUL = 0.01  # p-value of a check

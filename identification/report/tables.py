@@ -8,11 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from identification.describe import no_effect_reasons
-from identification.estimates import ARCSEC, Estimate, Kind, decimals
-from identification.fit.result import Fit, Spread
-from identification.fit.run import moved
+from identification.estimation.result import Fit, Spread
+from identification.estimation.run import moved
 from identification.report.wording import file_name, three
+from identification.results.description import no_effect_reasons
+from identification.results.parameter_table import ARCSEC, Estimate, Kind, decimals
 
 HEADINGS: dict[Kind, str] = {
     "member": "Structural members (constants)",

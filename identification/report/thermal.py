@@ -6,10 +6,10 @@ from functools import partial
 from typing import NamedTuple
 
 from errormodel.conventions import unit_of
-from identification.estimates import printed
 from identification.plots.thermal_drift import draw_thermal_drift
 from identification.report.pictures import Picture, picture
 from identification.report.tables import number
+from identification.results.parameter_table import printed
 from identification.thermal.run import MotionResult, Thermal
 
 POOR = 3.0  # times the noise: what another cycle shows beyond it; a model that leaves more does not carry over

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from identification.fit.result import Fit
+from identification.estimation.result import Fit
 from identification.plots.correlation import correlation
 
 SHOWN = 3  # error motions of a headline

@@ -6,17 +6,17 @@ from pathlib import Path
 
 from errormodel import __version__
 from errormodel.files import write_text_atomic
-from identification.diagnosis.run import Diagnosed
-from identification.estimates import estimates
-from identification.fit.result import Fit
+from identification.diagnosis.pipeline import Diagnosed
+from identification.estimation.result import Fit
 from identification.report import tables, wording
 from identification.report.budget import budget_part
 from identification.report.diagnosis import diagnosis_part
+from identification.report.outliers_and_poses import gain_part, outliers_part
 from identification.report.page import environment, page
 from identification.report.pictures import pictures
 from identification.report.posterior import posterior_part
 from identification.report.thermal import thermal_part
-from identification.report.trust import gain_part, outliers_part
+from identification.results.parameter_table import estimates
 from identification.thermal.run import Thermal
 
 

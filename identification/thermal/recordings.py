@@ -19,7 +19,7 @@ from errormodel.conventions import MOTIONS, Motion
 from errormodel.exceptions import InputError
 from errormodel.machine import Machine
 from errormodel.survey import Survey
-from identification.diagnosis.sensors import faults
+from identification.diagnosis.data_checks.temperature_sensors import faults
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -8,18 +8,18 @@ from typing import Any
 import numpy as np
 
 from errormodel.arrays import Array
+from errormodel.channels import columns
 from errormodel.conventions import Motion, iso_symbol
 from errormodel.effects.shared import warmth
 from errormodel.effects.structure_drift import StructureDrift
 from errormodel.effects.travel import polynomials, scaled
 from errormodel.exceptions import InputError
-from errormodel.features import columns
 from errormodel.machine import EffectSpec, Machine, joint_of
-from errormodel.simulate import Truth, simulate
+from errormodel.simulation import Truth, measured_at
 from errormodel.survey import Survey
-from identification.fit.result import Fit
-from identification.fit.run import fit_machine
-from identification.progress import Tell, silent
+from identification.estimation.result import Fit
+from identification.estimation.run import fit_machine
+from identification.runtime.progress import Tell, silent
 from identification.thermal.recordings import Drift, Recordings, recordings
 from identification.thermal.selection import centred, choose
 from identification.thermal.stepwise import stepwise
@@ -159,7 +159,7 @@ def _by_model(fit: Fit, taken: Recordings) -> list[Array]:
     """What the fitted machine says of each test drift, (n,)."""
     named = fit.solution.named()
     truth = Truth({i: named[i] for i in fit.chain.machine_ids})
-    said = simulate(fit.chain.machine, taken.survey.table, truth)
+    said = measured_at(fit.chain.machine, taken.survey.table, truth)
     return [said[d.motion].to_numpy(dtype=np.float64)[d.rows] for d in taken.test]
 
 

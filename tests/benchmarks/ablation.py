@@ -10,7 +10,7 @@ import sys
 import time
 from pathlib import Path
 
-from identification.diagnosis.run import diagnose
+from identification.diagnosis.pipeline import diagnose
 from tests.test_ablation import CURVES, arm, recorded
 
 

@@ -19,8 +19,8 @@ from errormodel.chain import Chain
 from errormodel.machine import Basis, EffectSpec, Joint, Machine, Shape
 from identification.bayes.run import drawn, model_of
 from identification.bayes.sampling import NotConvergedError
-from identification.fit import run
-from identification.fit.run import fit_machine
+from identification.estimation import run
+from identification.estimation.run import fit_machine
 from tests.chains import Array, errors
 from tests.surveys import measured, positions, survey
 

@@ -16,12 +16,12 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from errormodel.chain import Chain
-from errormodel.schema import read_machine
+from errormodel.machine_file import read_machine
+from identification.bayes.full_posterior import Whole
 from identification.bayes.run import model_of
 from identification.bayes.sampling import Reference, inside, walkers_for
-from identification.bayes.whole import Whole
-from identification.fit.run import fit_machine
-from identification.sums import design_rows, view_vector
+from identification.estimation.run import fit_machine
+from identification.observation.normal_equations import design_rows, view_vector
 from tests.chains import Array, errors
 from tests.surveys import measured, positions, survey
 

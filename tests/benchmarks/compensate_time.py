@@ -24,10 +24,10 @@ import numpy as np
 from errormodel.chain import Chain
 from errormodel.controllers import registry
 from errormodel.machine import EffectSpec, Machine
-from errormodel.schema import read_machine
-from errormodel.simulate import random_points
-from identification.fit.run import fit_machine
-from identification.store import save
+from errormodel.machine_file import read_machine
+from errormodel.simulation import random_points
+from identification.estimation.run import fit_machine
+from identification.results.store import save
 from tests.chains import errors
 from tests.surveys import measured, positions, survey
 
@@ -38,7 +38,7 @@ MILL = "vertical_three_axis"
 QUILL = "five_axis_table_quill"
 FORK = "fork_head_five_axis"
 TRUNNION = "trunnion_five_axis"
-CALL = "from identification.cli import entry; entry()"
+CALL = "from identification.command_line.main import entry; entry()"
 
 
 def play(joint: str, size: float) -> Effect:

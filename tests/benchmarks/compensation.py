@@ -27,14 +27,14 @@ from errormodel.controllers.base import Controller
 from errormodel.controllers.setup import Setup
 from errormodel.exceptions import InputError
 from errormodel.instruments.laser_tracker import LaserTracker
-from errormodel.schema import library, read_machine
+from errormodel.machine_file import library, read_machine
 from identification.compensation import reduction
 from identification.compensation.assessment import Correct, Error, emulated, nothing, remaining
 from identification.compensation.field import Field
 from identification.compensation.rows import Rows
 from identification.compensation.run import best_tables
 from identification.compensation.volume import Volume
-from identification.fit.run import fit_machine
+from identification.estimation.run import fit_machine
 from tests.chains import errors
 from tests.surveys import measured, positions, stored, survey
 

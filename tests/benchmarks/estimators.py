@@ -20,15 +20,15 @@ from scipy.stats import chi, norm
 
 from errormodel.chain import Chain
 from errormodel.instruments.laser_tracker import LaserTracker
-from errormodel.schema import read_machine
+from errormodel.machine_file import read_machine
 from errormodel.survey import Survey
-from identification.fit import run
-from identification.fit.least_squares import identifiable
-from identification.fit.noise import Noise
-from identification.fit.robust import first_judgement
-from identification.groups import Groups
-from identification.problem import Problem, build
-from identification.sums import design_rows, view_vector
+from identification.estimation import run
+from identification.estimation.least_squares import identifiable
+from identification.estimation.noise import Noise
+from identification.estimation.robust import first_judgement
+from identification.observation.assembly import Problem, build
+from identification.observation.identifiability import Groups
+from identification.observation.normal_equations import design_rows, view_vector
 from tests.chains import Array, errors
 from tests.surveys import FAR, TURNED, measured, positions, survey
 

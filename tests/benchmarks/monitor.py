@@ -16,12 +16,12 @@ import pandas as pd
 
 from errormodel.arrays import Array
 from errormodel.machine import Machine
-from errormodel.schema import read_machine
-from identification.fit.result import Fit
-from identification.fit.run import fit_machine
-from identification.monitor.ranges import judge
-from identification.monitor.watched import Cycle, Watched, measured, watched
-from identification.store import as_json, stored
+from errormodel.machine_file import read_machine
+from identification.estimation.result import Fit
+from identification.estimation.run import fit_machine
+from identification.monitoring.control_limits import judge
+from identification.monitoring.quantities import Cycle, Watched, measured, watched
+from identification.results.store import as_json, stored
 from tests.surveys import measured as simulated
 from tests.surveys import survey
 
@@ -43,7 +43,7 @@ def mill() -> tuple[Machine, Fit, tuple[Watched, ...]]:
 def cycle_fit(machine: Machine, seed: int, wear: Array | None = None) -> Fit:
     """A fit of 60 poses of the mill, the same in every cycle, with noise of its own."""
     from errormodel.chain import Chain
-    from errormodel.simulate import random_points
+    from errormodel.simulation import random_points
 
     p = np.zeros(len(Chain(machine).ids)) if wear is None else wear
     table = simulated(machine, p, seed=seed, noise=0.002, points=random_points(machine, 60, 1))

@@ -12,8 +12,8 @@ from errormodel.chain import TOOL_CHANNELS, Chain
 from errormodel.conventions import MOTIONS
 from errormodel.kernel import Kernel
 from errormodel.machine import Basis, Joint, Machine, Shape
-from identification.fit import least_squares
-from identification.views import GapView, PositionView, View
+from identification.estimation import least_squares
+from identification.observation.models import GapView, PositionView, View
 from tests.benchmarks.five_axis import IDS, JOINTS, TOOL
 
 __all__ = ["IDS", "as_design", "build", "build_compact", "fit", "solve", "stream"]

@@ -15,7 +15,7 @@ from unittest.mock import patch
 import numpy as np
 import pandas as pd
 
-from errormodel.schema import read_machine
+from errormodel.machine_file import read_machine
 from identification.thermal import run, selection
 from tests.ring_gauge import ring_errors, thermal_model
 

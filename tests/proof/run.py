@@ -35,11 +35,11 @@ def _survey(folder: Path) -> Path:
 
 
 def _functions(folder: Path) -> dict[str, Any]:
-    from errormodel.schema import read_machine
+    from errormodel.machine_file import read_machine
     from errormodel.survey import read_survey
-    from identification import store
-    from identification.diagnosis.run import diagnose
-    from identification.predict import predict
+    from identification.diagnosis.pipeline import diagnose
+    from identification.results import store
+    from identification.uncertainty.prediction import predict
 
     machine = read_machine(folder / "machine.yaml")
     found = diagnose(machine, read_survey(_survey(folder), machine))
@@ -73,7 +73,7 @@ def _commands(folder: Path) -> dict[str, Any]:
 
 def _command(*words: object) -> None:
     done = subprocess.run(
-        [sys.executable, "-m", "identification.cli", *map(str, words), "--quiet"],
+        [sys.executable, "-m", "identification.command_line.main", *map(str, words), "--quiet"],
         capture_output=True,
         text=True,
         check=False,

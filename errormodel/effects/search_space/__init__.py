@@ -1,0 +1,1 @@
+"""Which effects a survey could show, and where: what the diagnosis searches."""

@@ -1,0 +1,149 @@
+"""Everything that an effect without a name may be: places, motions and what drives them, in products of at most two."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from itertools import combinations, permutations, product
+
+import numpy as np
+
+from errormodel.conventions import MOTIONS, ROTATIONS, TRANSLATIONS
+from errormodel.effects.search_space.equivalent_places import places, translating
+from errormodel.effects.search_space.survey_summary import Scene
+from errormodel.effects.shared import frequencies
+from errormodel.effects.travel import length
+from errormodel.machine import joint_of
+
+Fields = Mapping[str, object]
+WAVES = np.arange(1, 3.01, 0.25)  # a travel; longer ones are polynomials
+CYCLES, QUICKEST = 4, 240.0  # a recording, at least; s
+MOST_CYCLES = 10_000  # proposals: more fill the memory
+PIECES = 4  # of a travel: of a surface
+CHEQUERS = np.arange(0.5, 3.01, 0.5)
+
+
+def lattice(scene: Scene) -> Iterator[Fields]:
+    """Fields of `errormodel.effects.unnamed.Unnamed`."""
+    yield from _single(scene)
+    yield from _runs(scene)
+    yield from _waves(scene)
+    yield from _cycles(scene)
+    yield from _products(scene)
+    yield from _chequers(scene)
+    yield from _surfaces(scene)
+
+
+def _single(scene: Scene) -> Iterator[Fields]:
+    """One channel, straight or as a cubic, at every place; a joint's own position at its own place is geometry."""
+    for name in (*_joints(scene), *_others(scene)):
+        for element, motion in places(scene, name):
+            if element != name:
+                for form in ("linear", "cubic"):
+                    yield {"element": element, "motion": motion, "form": form, **_first(scene, name)}
+    for name in _reversing(scene):
+        for element, motion in places(scene, name):
+            yield {"element": element, "motion": motion, "driver": f"dir_{name}"}
+
+
+def _runs(scene: Scene) -> Iterator[Fields]:
+    """One run that differs: by a constant at every place, at a joint also in proportion to its position."""
+    for name in scene.runs:
+        for element, motion in places(scene, name):
+            yield {"element": element, "motion": motion, "driver": name}
+    for name, joint in product(scene.runs, _joints(scene)):
+        for element, motion in places(scene, joint):
+            if element == joint:
+                yield {"element": element, "motion": motion, "driver": name, **_second(scene, joint)}
+
+
+def _waves(scene: Scene) -> Iterator[Fields]:
+    """Rotations in waves of another joint's position."""
+    for name, count in product(_joints(scene), WAVES):
+        for element, motion in places(scene, name):
+            if element != name and motion in ROTATIONS:
+                period = length(joint_of(scene.machine, name)) / float(count)
+                yield {"element": element, "motion": motion, "driver": name, "period": period}
+
+
+def _cycles(scene: Scene) -> Iterator[Fields]:
+    """Translations that come and go in time: what a cooler, a compressor or a lubricator does.
+
+    In days of an arm's motion they are many: then only those at either end of the chain, the slower ones first.
+    """
+    if not scene.duration:
+        return
+    shortest = max(QUICKEST, 4 * scene.duration / len(scene.columns["time"]))
+    rates = frequencies(scene.duration, CYCLES / scene.duration, 1 / shortest)
+    spots = [(element, motion) for element, motion in places(scene, "time") if motion in TRANSLATIONS]
+    if len(rates) * len(spots) > MOST_CYCLES:
+        spots = [spot for spot in spots if spot[0] in (spots[0][0], spots[-1][0])]
+    for rate, (element, motion) in product(rates[: MOST_CYCLES // len(spots)], spots):
+        yield {"element": element, "motion": motion, "driver": "time", "period": float(f"{1 / rate:.6g}")}
+
+
+def _products(scene: Scene) -> Iterator[Fields]:
+    """Position times position at every place; at a joint other channels as its position goes, or as its direction."""
+    for one, two in combinations(_joints(scene), 2):
+        for element, motion in places(scene, one):
+            yield {"element": element, "motion": motion, **_first(scene, one), **_second(scene, two)}
+    for joint in _joints(scene):
+        grows = [{**_first(scene, name), **_second(scene, joint), "by_form": "affine"} for name in _others(scene)]
+        if joint in _reversing(scene):
+            others = (*_joints(scene), *_others(scene))
+            grows += [{"driver": f"dir_{joint}", **_second(scene, name)} for name in others]
+        for element, motion in places(scene, joint):
+            if element == joint:
+                for fields in grows:
+                    yield {"element": element, "motion": motion, **fields}
+
+
+def _chequers(scene: Scene) -> Iterator[Fields]:
+    """Translations in waves of two sliding joints at once, as of a plate that is not flat."""
+    lengths = {j.name: length(j) for j in scene.prismatic}
+    for section in translating(scene):
+        for one, two in combinations([n for n in section if n in lengths], 2):
+            for motion, k, n in product(TRANSLATIONS, CHEQUERS, CHEQUERS):
+                first = {"driver": one, "period": lengths[one] / float(k)}
+                second = {"by": two, "by_period": lengths[two] / float(n)}
+                yield {"element": one, "motion": motion, **first, **second}
+
+
+def _surfaces(scene: Scene) -> Iterator[Fields]:
+    """Of an arm, two joints at the place of one of them: any smooth motion over both."""
+    turning = {j.name for j in scene.rotary}
+    if len(turning) <= len(scene.prismatic):
+        return
+    for one, two in permutations(_joints(scene), 2):
+        if turning & {one, two} and len(scene.columns[one]) > (PIECES + 3) ** 2:
+            for motion in MOTIONS:
+                yield {"element": one, "motion": motion, **_first(scene, one), **_second(scene, two), "pieces": PIECES}
+
+
+def _joints(scene: Scene) -> list[str]:
+    return [j.name for j in scene.moving]
+
+
+def _others(scene: Scene) -> list[str]:
+    """Channels that vary and are no joint's."""
+    return [*scene.sensors, *scene.witnesses, *(n for n in ("time", "feed", "load") if scene.varies(n))]
+
+
+def _reversing(scene: Scene) -> list[str]:
+    return [j.name for j in scene.moving if scene.both_ways(j)]
+
+
+def _scale(scene: Scene, name: str) -> tuple[float, float]:
+    """Centre and half range: of a joint's travel, of another channel as recorded, to four digits."""
+    joint = next((j for j in scene.machine.joints if j.name == name), None)
+    low, high = joint.travel if joint else (float(f(scene.columns[name])) for f in (np.min, np.max))
+    return float(f"{(low + high) / 2:.4g}"), float(f"{(high - low) / 2:.4g}")
+
+
+def _first(scene: Scene, name: str) -> Fields:
+    center, half = _scale(scene, name)
+    return {"driver": name, "center": center, "half_range": half}
+
+
+def _second(scene: Scene, name: str) -> Fields:
+    center, half = _scale(scene, name)
+    return {"by": name, "by_center": center, "by_half_range": half}

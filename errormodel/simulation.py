@@ -1,0 +1,144 @@
+"""Recordings of a machine whose errors are known: exact kinematics, a measuring frame, an instrument's noise."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from errormodel.arrays import Array, as_rows
+from errormodel.chain import TOOL_CHANNELS, Chain
+from errormodel.conventions import MOTIONS
+from errormodel.exceptions import InputError, nearest
+from errormodel.instruments.base import Instrument
+from errormodel.machine import Machine
+from errormodel.survey_columns import MEASURED, ORIENTATION
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+@dataclass(frozen=True)
+class Truth:
+    """Parameter values by id (mm, rad and per-unit), and the pose of the measuring frame.
+
+    ``measured = rotation @ actual + translation`` with ``rotation = Rx Ry Rz`` of the three angles.
+    """
+
+    parameters: Mapping[str, float]
+    translation: tuple[float, float, float] = (0.0, 0.0, 0.0)  # mm
+    rotation: tuple[float, float, float] = (0.0, 0.0, 0.0)  # rad
+
+
+def read_truth(path: Path, chain: Chain) -> Truth:
+    """Read ``parameters: {T1.dx: 0.01, ...}`` (mm, rad) and an optional ``frame: {translation: mm, rotation: deg}``.
+
+    Raises
+    ------
+    InputError
+        The file is not such a mapping, or an id is not one of the machine's.
+    """
+    from pydantic import Field, FiniteFloat
+
+    from errormodel import yamlfile
+
+    class FrameForm(yamlfile.FileModel):
+        translation: yamlfile.Vector3 = Field([0.0, 0.0, 0.0], description="[x, y, z] in mm")
+        rotation: yamlfile.Vector3 = Field([0.0, 0.0, 0.0], description="three angles in degrees, such as [0, 0, 90]")
+
+    class TruthForm(yamlfile.FileModel):
+        parameters: dict[str, FiniteFloat] = Field(default_factory=dict)
+        frame: FrameForm = Field(default_factory=FrameForm)
+
+    document = yamlfile.load(path)
+    form = yamlfile.validate(document, TruthForm)
+    for identity in form.parameters:
+        if identity not in chain.index:
+            line = document.line_of(("parameters", identity))
+            raise InputError(
+                f"{path}, line {line}, key parameters.{identity}",
+                f"the machine has no parameter '{identity}'",
+                nearest(identity, chain.ids),
+            )
+    x, y, z = form.frame.translation
+    a, b, c = np.radians(form.frame.rotation).tolist()
+    return Truth(form.parameters, (x, y, z), (a, b, c))
+
+
+def measured_at(
+    machine: Machine, points: pd.DataFrame, truth: Truth, noise: float | Instrument = 0.0, seed: int = 0
+) -> pd.DataFrame:
+    """What would be measured at the points.
+
+    Parameters
+    ----------
+    points : table of a :class:`~errormodel.survey.Survey` (joints and tool in mm and rad).
+    noise : float or Instrument
+        Standard deviation of each coordinate in mm, or an instrument (a tracker's grows with range and angle).
+
+    Returns
+    -------
+    DataFrame
+        ``mx my mz`` in mm and ``mrx mry mrz`` (rotation vector, rad, without noise), in the measuring frame. They are
+        NaN in rows about one joint's error motions, which have ``dx dy dz ea eb ec`` (mm, rad, without noise).
+    """
+    import pandas as pd
+    from scipy.spatial.transform import Rotation
+
+    chain = Chain(machine)
+    rows, values = chain.columns(points), chain.vector(truth.parameters)
+    about = points["joint"].to_numpy(dtype=object) if "joint" in points else np.full(len(points), "", dtype=object)
+    whole = np.flatnonzero(about == "")
+    pose = chain.kernel("actual")(as_rows(*(row[whole] for row in rows)), values)
+    frame = Rotation.from_euler("XYZ", truth.rotation)
+    measured = frame.apply(pose[:3].T) + np.array(truth.translation)
+    turned = frame * Rotation.from_matrix(pose[3:].reshape(3, 3, -1).transpose(2, 1, 0))
+    rng = np.random.default_rng(seed)
+    if isinstance(noise, Instrument):
+        measured = measured + noise.draw_noise(measured, rng)
+    elif noise:
+        measured = measured + rng.normal(0.0, noise, measured.shape)
+    table = np.hstack([measured, turned.as_rotvec()])
+    seen = pd.DataFrame(table, columns=[*MEASURED, *ORIENTATION], index=points.index[whole]).reindex(points.index)
+    for name in dict.fromkeys(about[about != ""]):
+        here = np.flatnonzero(about == name)
+        motions = _motions(chain, name, as_rows(*(np.nan_to_num(row[here]) for row in rows)), values)
+        seen.loc[points.index[here], list(MOTIONS)] = motions.T
+    return seen
+
+
+def _motions(chain: Chain, joint: str, rows: list[Array], values: Array) -> Array:
+    """The six error motions of a joint, (6, n) in mm and rad."""
+    own = [k for k, p in enumerate(chain.parameters) if p.element == joint]
+    terms = chain.kernel("terms", tuple(chain.ids[k] for k in own))(rows).reshape(len(own) + 6, 6, -1)
+    motions: Array = np.tensordot(values[own], terms[: len(own)], axes=1)
+    return motions
+
+
+def random_points(machine: Machine, count: int, seed: int = 0) -> pd.DataFrame:
+    """Random poses, uniform over the travels, with the machine's one tool; mm and rad."""
+    import pandas as pd
+
+    rng = np.random.default_rng(seed)
+    columns: dict[str, Array] = {j.name: rng.uniform(*j.travel, count) for j in machine.joints}
+    columns |= {name: np.full(count, value) for name, value in zip(TOOL_CHANNELS, machine.tool, strict=True)}
+    return pd.DataFrame(columns)
+
+
+def _degrees(angles: Array) -> Array:
+    """Angles (rad) in degrees, in the fewest digits that are the same angle: 30 rather than 29.999999999999996."""
+    degrees: Array = np.degrees(angles)
+    short = np.round(degrees, 10)
+    return np.where(np.isclose(np.radians(short), angles, rtol=1e-15, atol=0), short, degrees)
+
+
+def outward(table: pd.DataFrame, machine: Machine) -> pd.DataFrame:
+    """A table of points as a file has it: rotary joints in degrees."""
+    table = table.copy()
+    for joint in machine.joints:
+        if joint.type == "rotary":
+            table[joint.name] = _degrees(table[joint.name].to_numpy(dtype=np.float64))
+    return table

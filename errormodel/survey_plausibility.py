@@ -1,0 +1,303 @@
+"""Do the numbers fit the machine? Units that cannot be right are refused; poses outside the travels are noted.
+
+Distances between measured points equal those between nominal positions but for a fraction of a millimetre, wherever the
+instrument stands. A wrong unit shows as one factor, such as 1000 or 25.4, in nearly all of them; nothing else does.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from errormodel.conventions import MOTIONS, TRANSLATIONS
+from errormodel.exceptions import InputError
+from errormodel.machine import Joint, Machine
+from errormodel.survey_columns import MEASURED, TOOL, unit_of_column
+from errormodel.units import factor
+
+if TYPE_CHECKING:
+    from errormodel.survey_file import SurveyUnits
+
+Array = NDArray[np.float64]
+
+_UNITS = {"m": 1000.0, "inch": 25.4, "mm": 1.0, "um": 1e-3}  # mm
+_TEMPERATURES = {"K": (250.0, 330.0), "degF": (55.0, 110.0)}  # what a shop would be in that unit, read as degC
+_FLYING = 5e3  # mm/s
+_RESTING = 3600.0  # s
+_FEW = 10  # rows, that say nothing of a pace
+_ROWS = 1000  # tell as much as a million
+_MANY = 0.1  # of the poses outside a travel: no slip of one row, but another zero
+_CLEAR = 0.7  # part of the pairs that must agree on a factor
+_FEWEST = 3  # rows that have a range
+# Error motions of a machine as it is sold or worn: a rolled screw of the coarsest class in use (ISO 3408-3, T7) is off
+# by 52 um over 300 mm, a steel scale grows by 0.12 mm/m in 10 K, guideways tilt by 0.2 mrad at worst. Beyond several
+# times that a unit is wrong; below a tenth of a micrometre no instrument in a shop reads, so that no um pass for mm.
+_SLOPE = 5e-4  # mm of range a mm of travel,
+_LEAST_RANGE = 0.1  # but so much at least, mm
+_TURN = 1e-3  # rad
+_READING = 0.1  # of a travel: what changes by as much as the joint moves is its position
+
+
+def check_sizes(frame: pd.DataFrame, machine: Machine, units: SurveyUnits, name: str, measured: bool) -> list[str]:
+    """Refuse a file whose unit of length cannot be right; note one whose unit of angle looks wrong.
+
+    Parameters
+    ----------
+    frame : DataFrame
+        One file in internal units.
+    machine : Machine
+    units : SurveyUnits
+        What the file is said to be in.
+    name : str
+        The file, for messages.
+    measured : bool
+        Whether measured coordinates count.
+    """
+    if measured and "joint" in frame:
+        _check_motions(frame, machine, units, name)
+    frame = frame[frame["joint"] == ""] if "joint" in frame else frame
+    if frame.empty:
+        return []
+    prismatic = [j for j in machine.joints if j.type == "prismatic"]
+    notes = [_check_commands(frame, prismatic, units, name)]
+    sample = _sample(frame, machine) if measured else None
+    if sample is not None:
+        _check_measured(sample, prismatic, units, name)
+    notes += [_radians(frame, machine, units, sample), _temperatures(frame, units), _pace(frame, prismatic, units)]
+    return [f"{name}: {note}" for note in notes if note]
+
+
+def _check_motions(frame: pd.DataFrame, machine: Machine, units: SurveyUnits, name: str) -> None:
+    """InputError if error motions vary by more than those of a machine do, and nobody says that their unit is right.
+
+    An instrument has a zero of its own in each run, so that only the range tells anything; of nine tenths of the
+    rows, which a wild one does not enter.
+    """
+    for joint, motion in product(machine.joints, MOTIONS):
+        if motion not in frame:
+            continue
+        rows = frame[(frame["joint"] == joint.name) & frame[motion].notna()]
+        if len(rows) < _FEWEST:
+            continue
+        values = rows[motion] - (rows.groupby("run")[motion].transform("median") if "run" in rows else 0.0)
+        low, high = np.quantile(values, (0.05, 0.95))
+        way = float(np.ptp(rows[joint.name].to_numpy()))
+        linear = motion in TRANSLATIONS
+        where = f"{name}, column {motion}"
+        if linear and joint.type == "prismatic" and abs(np.ptp(rows[motion].to_numpy()) - way) < _READING * way:
+            found = f"it changes by {way:.6g} mm where {joint.name} does: a position, not its deviation"
+            raise InputError(where, found, f"Write {motion} as measured minus commanded")
+        usual = max(_LEAST_RANGE, _SLOPE * way if joint.type == "prismatic" else 0.0) if linear else _TURN
+        if high - low <= usual or motion in units.of_columns:
+            continue
+        unit, other = unit_of_column(motion, "length" if linear else "angle", units), "um" if linear else "urad"
+        size = (high - low) / factor(unit, "length" if linear else "angle")
+        most = f"{usual:.2g} mm" if linear else f"{1e3 * usual:.2g} mrad"
+        found = f"error motions of {joint.name} that vary by {size:.3g} {unit}"
+        found += f", where those of a machine vary by {most} at most"
+        cure = f"Write units: {{{motion}: {other}}} in a survey.yaml; if it is so, units: {{{motion}: {unit}}}"
+        raise InputError(where, found, cure)
+
+
+def _temperatures(frame: pd.DataFrame, units: SurveyUnits) -> str | None:
+    """A note if all temperatures look like kelvin or Fahrenheit."""
+    names = [str(n) for n in frame if str(n).startswith("T_") and n not in units.of_columns]
+    if not names or units.temperature != "degC" or not (middle := frame[names].median()).notna().all():
+        return None
+    low, high = float(middle.min()), float(middle.max())
+    for unit, (least, most) in _TEMPERATURES.items():
+        alike = unit == "K" or (len(names) > 1 and high - low < 15)  # one member may well be as warm as that
+        if least < low and high < most and alike:
+            text = f"{' '.join(names)} of {low:.0f} to {high:.0f} degC"
+            return f"{text}; if they are in {unit}, write units: {{temperature: {unit}}}"
+    return None
+
+
+def _pace(frame: pd.DataFrame, joints: Sequence[Joint], units: SurveyUnits) -> str | None:
+    """A note if the slides would have to fly to be in time, or rest for an hour at each pose."""
+    if "time" not in frame or len(frame) < _FEW or not frame["time"].notna().all():
+        return None
+    steps = frame["time"].diff().to_numpy()[1:]
+    way = np.sqrt((frame[[j.name for j in joints]].diff().to_numpy()[1:] ** 2).sum(axis=1))
+    late = (steps > 0) & (way > 0)
+    if not late.any():
+        return None
+    speed, step = float(np.median(way[late] / steps[late])), float(np.median(steps[late]))
+    if speed > _FLYING:
+        return f"slides at {speed / 1e3:.0f} m/s by the column time; if it is in min or h, write units: {{time: min}}"
+    if step > _RESTING and unit_of_column("time", "time", units) == "s":
+        return f"{step / 3600:.1f} h from row to row by the column time; if it is in ms, write units: {{time: ms}}"
+    return None
+
+
+def travel_notes(table: pd.DataFrame, machine: Machine) -> Iterator[str]:
+    """A note for every joint that is commanded beyond its travel: how often, and where the farthest is."""
+    for joint in machine.joints:
+        low, high = joint.travel
+        q = table[joint.name].to_numpy()
+        beyond = np.fmax(low - q, q - high)
+        outside = beyond > 1e-6 * (high - low)
+        if outside.any():
+            worst = table.loc[int(np.nanargmax(beyond)), [joint.name, "file", "row"]]
+            unit, scale = ("mm", 1.0) if joint.type == "prismatic" else ("deg", 180 / math.pi)
+            count = f"{outside.sum()} pose{'s are' if outside.sum() > 1 else ' is'}"
+            shift = _other_zero(joint, q, scale) if outside.mean() > _MANY else None
+            zero = ""
+            if shift is not None:
+                sure = "" if outside.all() else "it may be that "
+                travel = f"[{low * scale - shift:.6g}, {high * scale - shift:.6g}]"
+                zero = (
+                    f"; {sure}{joint.name} counts from another zero: then add {shift:.6g} {unit} to its column, or "
+                    f"write travel: {travel} in machine.yaml"
+                )
+            yield (
+                f"{count} outside the travel of {joint.name}, {low * scale:.6g} to {high * scale:.6g} {unit}; "
+                f"the farthest at {worst[joint.name] * scale:.6g} {unit} ({worst['file']}, row {worst['row']}){zero}"
+            )
+
+
+def _other_zero(joint: Joint, q: Array, scale: float) -> float | None:
+    """The roundest constant, in the user's unit, that brings all positions into the travel; None if none does."""
+    least = (joint.travel[0] - float(np.nanmin(q))) * scale
+    most = (joint.travel[1] - float(np.nanmax(q))) * scale
+    slack = 1e-6 * (joint.travel[1] - joint.travel[0]) * scale
+    if most < least - slack or least <= 0 <= most:
+        return None
+    for step in (1000, 500, 360, 180, 100, 90, 50, 10, 5, 1):
+        nearest = math.ceil((least - slack) / step) * step
+        if nearest and nearest <= most + slack:
+            return float(nearest)
+    return (least + most) / 2
+
+
+def _check_commands(frame: pd.DataFrame, joints: Sequence[Joint], units: SurveyUnits, name: str) -> str | None:
+    """InputError if the prismatic joints that move are off their travels and another unit brings all back.
+
+    Where they are not off but would fill all travels in inches, a note.
+    """
+    moving = [(j, frame[j.name].to_numpy()) for j in joints if np.ptp(frame[j.name].to_numpy()) > 0]
+    said = {unit_of_column(j.name, "length", units) for j, _ in moving}
+    if len(said) != 1:  # nothing moves; or columns whose units were looked at one by one
+        return None
+    names = " ".join(j.name for j, _ in moving)
+    filled = np.array([np.ptp(q) / (j.travel[1] - j.travel[0]) for j, q in moving])
+
+    def inside(scale: float) -> list[float]:
+        return [float(np.mean(_near_travel(j, q * scale))) for j, q in moving]
+
+    outside = min(inside(1.0)) < 0.05
+    tiny = len(moving) > 1 and filled.max() < 0.002  # all poses in a thousandth of the machine: metres
+    for scale, unit in _other_units(*said):
+        cure = _cure([j.name for j, _ in moving], unit, units)
+        fits = min(inside(scale)) > 0.95 and (filled * scale).max() < 1.5
+        if fits and (filled * scale).min() > 0.02 and (outside or (tiny and scale == 1000)):
+            found = f"positions of {names} that fit the travels only if they are in {unit}"
+            raise InputError(f"{name}, columns {names}", found, f"Write {cure} in a survey.yaml")
+        if fits and (filled * scale).min() > 0.7 and len(moving) > 1 and unit == "inch":
+            return f"{names} fill their travels if they are in inch; if so, write {cure}"
+    return None
+
+
+def _near_travel(joint: Joint, q: Array) -> NDArray[np.bool_]:
+    low, high = joint.travel
+    slack = 0.1 * (high - low)
+    return (q > low - slack) & (q < high + slack)
+
+
+def _other_units(unit: str) -> Iterator[tuple[float, str]]:
+    """Other units of length that people use, each with its size in the one that is said."""
+    said = factor(unit, "length")
+    return ((mm / said, other) for other, mm in _UNITS.items() if mm != said)
+
+
+def _cure(columns: Sequence[str], unit: str, units: SurveyUnits) -> str:
+    """What to write where columns are in another unit: of all lengths, or of these if they were stated singly."""
+    keys = columns if any(c in units.of_columns for c in columns) else ["length"]
+    return f"units: {{{', '.join(f'{key}: {unit}' for key in keys)}}}"
+
+
+@dataclass(frozen=True)
+class _Sample:
+    """Some rows in their order: channels (k, n) of `machine`, measured components (n, c)."""
+
+    machine: Machine
+    rows: Array
+    measured: Array
+
+    def agreement(self, measured: float = 1.0, lengths: float = 1.0, angles: float = 1.0) -> float:
+        """Part of the pairs of rows whose measured and nominal distances agree, with the columns scaled so."""
+        from errormodel.chain import Chain
+
+        scale = [lengths if j.type == "prismatic" else angles for j in self.machine.joints] + [1.0] * 3
+        rows = [np.ascontiguousarray(row * s) for row, s in zip(self.rows, scale, strict=True)]
+        nominal = Chain(self.machine).kernel("nominal", outputs=(0, 1, 2))(rows).T
+        went, seen = (
+            np.concatenate([np.linalg.norm(points[k:] - points[:-k], axis=1) for k in (1, 5)])
+            for points in (nominal, self.measured * measured)
+        )
+        far = went > 0.05 * went.max(initial=0.0)
+        if not far.any():
+            return 1.0
+        ratio = seen[far] / went[far]
+        least = 0.9 if self.measured.shape[1] == 3 else 0.2  # with two components, part of the way is not seen
+        return float(np.mean((ratio > least) & (ratio < 1.1)))
+
+
+def _sample(frame: pd.DataFrame, machine: Machine) -> _Sample | None:
+    """None if fewer than two components were measured, or too few rows."""
+    components = [name for name in MEASURED if name in frame and frame[name].notna().mean() > 0.5]
+    if len(components) < 2:
+        return None
+    joints = [j.name for j in machine.joints]
+    frame = frame[frame[components].notna().all(axis=1)]
+    if len(frame) < 8:
+        return None
+    frame = frame.iloc[np.linspace(0, len(frame) - 1, min(len(frame), _ROWS)).astype(int)]
+    tool = [
+        frame[name].fillna(value).to_numpy() if name in frame else np.full(len(frame), value)
+        for name, value in zip(TOOL, machine.tool, strict=True)
+    ]
+    rows = np.array([*(frame[name].to_numpy() for name in joints), *tool], dtype=np.float64)
+    return _Sample(machine, rows, frame[components].to_numpy(dtype=np.float64))
+
+
+def _check_measured(sample: _Sample, prismatic: list[Joint], units: SurveyUnits, name: str) -> None:
+    """InputError if the distances between measured points are off by one factor, that of another unit."""
+    if sample.agreement() > 0.05:
+        return
+    row = {j.name: q for j, q in zip(sample.machine.joints, sample.rows[:-3], strict=True)}
+    # metres measured and micrometres commanded give the same distances: what fits the travels is right
+    believed = all(np.mean(_near_travel(j, row[j.name])) > 0.5 for j in prismatic)
+    for measured in (believed, not believed):
+        columns, others = [*MEASURED], [j.name for j in prismatic]
+        columns, others = (columns, others) if measured else (others, columns)
+        said = {unit_of_column(c, "length", units) for c in columns} or {units.length}
+        for scale, unit in _other_units(*said) if len(said) == 1 else ():
+            fits = sample.agreement(measured=scale) if measured else sample.agreement(lengths=scale)
+            if fits > _CLEAR:
+                stated = ", ".join(dict.fromkeys(unit_of_column(c, "length", units) for c in others)) or units.length
+                where = " ".join(others) or "the machine"
+                found = f"in {unit}, it seems, where {where} {'are' if others else 'is'} in {stated}"
+                one = f"Write all lengths in one unit; if it is {unit}, say {_cure(columns, unit, units)}"
+                raise InputError(f"{name}, columns {' '.join(columns)}", found, f"{one} in a survey.yaml")
+
+
+def _radians(frame: pd.DataFrame, machine: Machine, units: SurveyUnits, sample: _Sample | None) -> str | None:
+    """A note if rotary positions said to be in degrees look like radians."""
+    degree = factor(units.angle, "angle")
+    rotary = [j for j in machine.joints if j.type == "rotary" and j.travel[1] - j.travel[0] > math.pi / 2]
+    moving = [j.name for j in rotary if np.ptp(frame[j.name].to_numpy()) > 0 and j.name not in units.of_columns]
+    if not moving or degree == 1 or np.abs(frame[moving].to_numpy()).max() / degree > 2 * math.pi + 1e-3:
+        return None
+    if sample is not None:
+        if sample.agreement() > 0.3 or sample.agreement(angles=1 / degree) < _CLEAR:
+            return None
+        return f"the measured points fit {' '.join(moving)} in rad, not {units.angle}; write units: {{angle: rad}}"
+    return f"{' '.join(moving)} within 6.3 {units.angle} in all rows; if that is rad, write units: {{angle: rad}}"

@@ -1,0 +1,111 @@
+"""The posterior of noise levels, shapes and scales, with all linear parameters integrated out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from errormodel.arrays import Array
+from identification.bayes.hyperparameters import Coordinate
+from identification.bayes.priors import Prior
+from identification.bayes.statistics import Statistics
+
+
+@dataclass(frozen=True)
+class Collapsed:
+    """A target of a sampler: points are (n, coordinates), as they are moved.
+
+    Coordinates are noise levels of `free` kinds (numbers among the statistics' kinds), then shapes, then ties' scales.
+    """
+
+    statistics: Statistics
+    prior: Prior
+    coordinates: tuple[Coordinate, ...]
+    free: tuple[int, ...]
+
+    @property
+    def _shapes(self) -> slice:
+        return slice(len(self.free), len(self.free) + sum(len(b.names) for b in self.statistics.bends))
+
+    def levels(self, points: Array) -> Array:
+        """Inverse noise variances (n, kinds)."""
+        out = np.ones((len(points), len(self.statistics.kinds)))
+        out[:, list(self.free)] = np.exp(-2 * points[:, : len(self.free)])
+        return out
+
+    def shapes(self, points: Array) -> Array:
+        return points[:, self._shapes]
+
+    def scales(self, points: Array) -> Array:
+        start = self._shapes.stop
+        return np.exp(points[:, start : start + len(self.prior.ties)])
+
+    def log_prior(self, points: Array) -> Array:
+        """Of the coordinates, and of ties' scales what normalises the ties; minus infinity where nothing is known."""
+        total = sum((c.log_prior(x) for c, x in zip(self.coordinates, points.T, strict=True)), np.zeros(len(points)))
+        shapes, start = self.shapes(points), 0
+        for bend in self.statistics.bends:
+            own = shapes[:, start : start + len(bend.names)]
+            total = np.where(((own >= bend.low) & (own <= bend.high)).all(axis=1), total, -np.inf)
+            start += len(bend.names)
+        return np.asarray(total + self.prior.log_ties(self.scales(points)))
+
+    def normal(self, points: Array) -> tuple[Array, Array, Array]:
+        """Precision (n, p, p) of the parameters given the coordinates, that times their mean, and what remains."""
+        gram, slope, square = self.statistics.normal(self.levels(points), self.shapes(points))
+        precision = self.prior.precisions(self.scales(points))
+        pull = self.prior.precision @ self.prior.mean
+        return gram + precision, slope + pull, square + self.prior.mean @ pull
+
+    def log_prob(self, points: Array) -> Array:
+        """Log posterior density, up to a constant, (n,)."""
+        out = self.log_prior(points)
+        inside = np.isfinite(out)
+        if inside.any():
+            points = points[inside]
+            factor = _factors(*self.normal(points))
+            diagonal = np.log(np.diagonal(factor, axis1=1, axis2=2))
+            counts = -points[:, : len(self.free)] @ self.statistics.count[list(self.free)]
+            out[inside] += counts - 0.5 * factor[:, -1, -1] ** 2 - diagonal[:, :-1].sum(axis=1)
+        return out
+
+    def parameters(self, points: Array, rng: np.random.Generator) -> Array:
+        """A draw (n, p) of the parameters for each point: exact."""
+        out = np.empty((len(points), len(self.statistics.names)))
+        for start in range(0, len(points), 500):
+            part = slice(start, start + 500)
+            gram, slope, _ = self.normal(points[part])
+            d = 1 / np.sqrt(np.diagonal(gram, axis1=1, axis2=2))
+            factor = np.linalg.cholesky(gram * d[:, :, None] * d[:, None, :])
+            # with L L' the precision, L'^-1 (L^-1 slope + noise)
+            white = np.linalg.solve(factor, (d * slope)[:, :, None])
+            white = white + rng.standard_normal(white.shape)
+            out[part] = d * np.linalg.solve(factor.transpose(0, 2, 1), white)[:, :, 0]
+        return out
+
+    def closed(self, points: Array) -> tuple[Array, Array]:
+        """Mean (n, p) and covariance (n, p, p) of the parameters at each point."""
+        gram, slope, _ = self.normal(points)
+        d = 1 / np.sqrt(np.diagonal(gram, axis1=1, axis2=2))
+        scale = d[:, :, None] * d[:, None, :]
+        covariance = np.linalg.inv(gram * scale) * scale
+        covariance = (covariance + covariance.transpose(0, 2, 1)) / 2
+        return np.einsum("nij,nj->ni", covariance, slope), covariance
+
+    def start(self) -> Array:
+        """(1, coordinates) where walkers begin."""
+        return np.array([[c.start for c in self.coordinates]])
+
+
+def _factors(gram: Array, slope: Array, square: Array) -> Array:
+    """Cholesky factors (n, p + 1, p + 1) whose last diagonal entry is the root of what the parameters leave over."""
+    n, p = slope.shape
+    whole = np.empty((n, p + 1, p + 1))
+    d = np.sqrt(np.diagonal(gram, axis1=1, axis2=2))
+    whole[:, :p, :p] = gram / d[:, :, None] / d[:, None, :]
+    whole[:, p, :p] = whole[:, :p, p] = slope / d
+    whole[:, p, p] = square
+    factor = np.linalg.cholesky(whole)
+    factor[:, range(p), range(p)] *= d
+    return np.asarray(factor)

@@ -1,0 +1,203 @@
+"""Shapes of effects as unknowns: a period, a time constant, a knee.
+
+Over the few standard deviations that the data leave to a shape, an effect's columns bend smoothly. They are therefore
+a fixed combination, by Chebyshev interpolation, of its columns at a handful of shapes: so many copies of the effect,
+whose sufficient statistics are gathered like any others. No row is looked at again, whatever the shape.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import product
+
+import numpy as np
+from annotated_types import Ge, Gt, Le, Lt
+
+from errormodel import effects
+from errormodel.arrays import Array
+from errormodel.effects.base import Effect
+from identification.diagnosis.linear.linear_model import Workbench, set_up
+from identification.diagnosis.search.shape_fit import SHAPES
+from identification.estimation.result import Fit
+from identification.observation.models import PositionView
+
+DEEP = 50.0  # of chi-square: where the interval of a shape ends, 7 standard deviations out
+WIDEST = np.log(30.0)  # how far a shape may be from what machine.yaml says
+NODES = (7, 11, 17, 25, 33, 49)  # a shape; knees want many
+MOST_NODES = 121  # an effect
+EXACT = 0.2  # of a standard uncertainty of all rows together: how well columns between the nodes are met
+
+
+@dataclass(frozen=True)
+class Bend:
+    """An effect of the machine with its shapes between bounds.
+
+    Attributes
+    ----------
+    number : of the effect in the machine.
+    names : its fields that are unknown; `logarithmic`: whether they are moved as logarithms.
+    best, low, high : (shapes,) as moved; `count`: nodes a shape.
+    """
+
+    number: int
+    effect: Effect
+    names: tuple[str, ...]
+    logarithmic: tuple[bool, ...]
+    best: Array
+    low: Array
+    high: Array
+    count: int = NODES[0]
+
+    def bent(self, moved: Array) -> Effect:
+        """The effect with shapes (shapes,) as moved."""
+        values = [float(np.exp(x)) if log else float(x) for x, log in zip(moved, self.logarithmic, strict=True)]
+        return self.effect.model_copy(update=dict(zip(self.names, values, strict=True)))
+
+    @cached_property
+    def nodes(self) -> Array:
+        """(count ** shapes, shapes) as moved."""
+        t = np.cos((2 * np.arange(self.count) + 1) * np.pi / (2 * self.count))
+        unit = np.array(list(product(t, repeat=len(self.names))))
+        return np.asarray((self.low + self.high) / 2 + unit * (self.high - self.low) / 2)
+
+    def weights(self, moved: Array) -> Array:
+        """What each node counts, (n, count ** shapes), at shapes (n, shapes)."""
+        unit = (2 * moved - self.low - self.high) / (self.high - self.low)
+        k = np.arange(self.count)
+        cosines = np.cos(np.outer(k, (2 * k + 1) * np.pi / (2 * self.count))) * 2 / self.count
+        cosines[0] /= 2
+        out = np.ones((len(moved), 1))
+        for column in unit.T:
+            own = np.polynomial.chebyshev.chebvander(column, self.count - 1) @ cosines
+            out = (out[:, :, None] * own[:, None, :]).reshape(len(moved), -1)
+        return out
+
+
+def find_bends(fit: Fit) -> tuple[tuple[Bend, ...], tuple[str, ...]]:
+    """The shapes that can be sampled, and notes on those that stay as machine.yaml has them."""
+    bends, notes = [], list[str]()
+    seen = any(isinstance(v, PositionView) for v in fit.problem.views)
+    for number, spec in enumerate(fit.chain.machine.effects):
+        effect = effects.make(spec)
+        names = tuple(n for n in SHAPES if n != "per_turn" and n in type(effect).model_fields and _shaped(effect, n))
+        if not names or effect.tied:
+            continue
+        bend = _bend(fit, number, effect, names) if seen else None
+        if bend is None:
+            held = " and ".join(f"{n} {getattr(effect, n):g}" for n in names)
+            notes.append(
+                f"{effect.effect} at {effect.where}: {held} stays as it is, the data do not vary smoothly with it"
+            )
+        else:
+            bends.append(bend)
+    return tuple(bends), tuple(notes)
+
+
+def _shaped(effect: Effect, name: str) -> bool:
+    value = getattr(effect, name)
+    return isinstance(value, float) and (value > 0 or name == "at")
+
+
+def _bend(fit: Fit, number: int, effect: Effect, names: tuple[str, ...]) -> Bend | None:
+    bench, share = without_effect(fit, number)
+    logs = tuple(n != "at" for n in names)
+    start = np.array(
+        [np.log(getattr(effect, n)) if log else getattr(effect, n) for n, log in zip(names, logs, strict=True)]
+    )
+    bend = Bend(number, effect, names, logs, start, start, start)
+    limits = [_limits(bench, effect, name, x) for name, x in zip(names, start, strict=True)]
+    low, high, best = start.copy(), start.copy(), start.copy()
+    for _ in range(1 if len(names) == 1 else 2):
+        for k, (floor, ceiling) in enumerate(limits):
+
+            def misfit(x: float, k: int = k) -> float:
+                moved = best.copy()
+                moved[k] = x
+                return bench.with_effect(bend.bent(moved)).square * share
+
+            best[k], low[k], high[k] = bracket(misfit, float(best[k]), floor, ceiling)
+    if len(names) > 1:  # each was bracketed with the other held: together they have more room
+        spread = 2.0
+        low = np.maximum(best - spread * (best - low), [a for a, _ in limits])
+        high = np.minimum(best + spread * (high - best), [b for _, b in limits])
+    bend = replace(bend, best=best, low=low, high=high)
+    for count in NODES:
+        bend = replace(bend, count=count)
+        if count ** len(names) > MOST_NODES:
+            return None
+        if _error(bend, bench) * np.sqrt(share) < EXACT:
+            return bend
+    return None
+
+
+def without_effect(fit: Fit, number: int) -> tuple[Workbench, float]:
+    """The bench with all but one effect fitted, and how many of the survey's rows each of its rows stands for."""
+    solution, own = fit.solution, fit.chain.effect_ids[number]
+    ours = [k for k, j in enumerate(solution.groups.base) if solution.unknowns[j] not in own]
+    groups = replace(solution.groups, base=solution.groups.base[ours], coefficients=solution.groups.coefficients[ours])
+    values = np.where(np.isin(solution.unknowns, own), 0.0, solution.values)
+    bench = set_up(replace(fit, solution=replace(solution, groups=groups, values=values)))
+    rows = sum(len(v) for v in fit.problem.views if isinstance(v, PositionView))
+    return bench, rows / len(np.unique(bench.index))
+
+
+def _limits(bench: Workbench, effect: Effect, name: str, start: float) -> tuple[float, float]:
+    """How far a shape may move, as moved: what its field allows, and what the survey covers."""
+    if name == "at":
+        values = bench.channel(effect.drivers[0])
+        return float(values.min()), float(values.max())
+    low, high = start - WIDEST, start + WIDEST
+    for rule in type(effect).model_fields[name].metadata:
+        if isinstance(rule, Ge | Gt):
+            bound = float(getattr(rule, "ge", getattr(rule, "gt", 0.0)))
+            low = max(low, np.log(bound)) if bound > 0 else low
+        if isinstance(rule, Le | Lt):
+            high = min(high, np.log(float(getattr(rule, "le", getattr(rule, "lt", np.inf)))))
+    return float(low), float(high)
+
+
+def bracket(misfit: Callable[[float], float], start: float, low: float, high: float) -> tuple[float, float, float]:
+    """The minimum of the valley that `start` lies in, and where on both sides it has risen by `DEEP` (or ends)."""
+    from scipy.optimize import minimize_scalar
+
+    best, least = start, misfit(start)
+    step = 1e-5 * (high - low)
+    for _ in range(20):
+        walks = [_walk(misfit, best, least, sign * step, low, high) for sign in (-1, 1)]
+        lower = min(walks, key=lambda w: w[2])
+        if lower[2] > least - 1e-3:
+            break
+        _, best, least = lower
+    left, right = walks[0][0], walks[1][0]
+    found = minimize_scalar(misfit, bounds=(left, right), method="bounded", options={"xatol": 1e-4 * (right - left)})
+    return (float(found.x) if found.fun < least else best), left, right
+
+
+def _walk(
+    misfit: Callable[[float], float], start: float, least: float, step: float, low: float, high: float
+) -> tuple[float, float, float]:
+    """Outwards, in growing steps, until the misfit has risen by `DEEP` (or ended): where, and the lowest."""
+    lowest = (start, least)
+    while True:
+        x = float(np.clip(start + step, low, high))
+        here = misfit(x)
+        lowest = min(lowest, (x, here), key=lambda p: p[1])
+        if here - lowest[1] > DEEP or x in (low, high):
+            return x, *lowest
+        step *= 1.5
+
+
+def _error(bend: Bend, bench: Workbench) -> float:
+    """By how much columns between the nodes are missed, as the effect acts, in standard uncertainties of the bench."""
+    nodes = np.array([bench.columns(bend.bent(x))[0] for x in bend.nodes])
+    _, values = bench.estimates([bend.bent(bend.best)])
+    tests = np.random.default_rng(0).uniform(bend.low, bend.high, (9, len(bend.names)))
+    tests = np.vstack([tests, bend.low, bend.high])
+    worst = 0.0
+    for x, weights in zip(tests, bend.weights(tests), strict=True):
+        true, _ = bench.columns(bend.bent(x))
+        missed = values @ (true - np.tensordot(weights, nodes, axes=1))
+        worst = max(worst, float(np.linalg.norm(missed)))
+    return worst

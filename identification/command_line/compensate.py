@@ -1,0 +1,83 @@
+"""The command that ends at a machine: tables for its controller."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from errormodel.exceptions import InputError
+from identification.command_line.console import FILE, FOLDER, OUT_TABLES, command, say, show_notes, working
+
+if TYPE_CHECKING:
+    from identification.results.results_folder import ResultsFolder
+
+
+@command
+@click.argument("folder", type=FOLDER, required=False)
+@click.option("--controller", "name", required=True, help="Name of the controller; 'list' names them all.")
+@click.option("--out", type=OUT_TABLES, help="Folder for the controller's files, checklist.txt and compensation.json.")
+@click.option("--points", type=click.IntRange(2), help="Points an axis. [default: as many as the errors need]")
+@click.option("--resolution", type=float, help="Least increment of the controller in mm. [default: the format's]")
+@click.option("--program", type=FILE, help="For gcode: the programme (or CSV of commands) to rewrite.")
+@click.option("--dialect", help="Of --program: auto, iso, fanuc or printer. [default: auto]")
+@click.option("--offset", "offsets", multiple=True, help="Of --program: X.. or G54=X..,Y.. or H1=Z.. (mm, deg).")
+@click.option("--at", "after", multiple=True, help="Where axes stand: start=X0,Y0 or G28=Z0 or M6=stay (mm, deg).")
+@click.option("--probe", type=float, nargs=2, metavar="X Y", help="For klipper: x_offset and y_offset of [probe].")
+@click.option(
+    "--tool", type=float, nargs=3, metavar="X Y Z", help="Tip of the tool the tables are for. [default: machine.yaml's]"
+)
+@click.option(
+    "--axes", metavar="JOINT=N,...", help="Axis numbers (letters) on the controller: X=1,Y=2,Z=3 or bridge=Y2,arm=X1."
+)
+@click.option(
+    "--invert", is_flag=True, help="Write the other sign: where the check in sign_test showed that it is wanted."
+)
+@click.option("--allow-large", is_flag=True, help="Write corrections beyond 1 mm, too.")
+def compensate(
+    folder: Path | None,
+    name: str,
+    out: ResultsFolder | None,
+    points: int | None,
+    resolution: float | None,
+    program: Path | None,
+    dialect: str | None,
+    offsets: tuple[str, ...],
+    after: tuple[str, ...],
+    probe: tuple[float, float] | None,
+    tool: tuple[float, float, float] | None,
+    axes: str | None,
+    invert: bool,
+    allow_large: bool,
+    seed: int,
+) -> None:
+    """Write a controller's tables from the FOLDER of a fit, and show by emulation what they leave over."""
+    from identification.compensation import text as lines
+
+    if name == "list":
+        for line in lines.list_lines():
+            say(line)
+        return
+    if folder is None or out is None:
+        missing = "FOLDER" if folder is None else "--out"
+        raise InputError(
+            "compensate", f"{missing} is missing", "Write compensate FOLDER --controller NAME --out FOLDER2"
+        )
+    if resolution is not None and not 0 < resolution < 1:
+        raise InputError("--resolution", f"{resolution:g} mm", "Write the least increment in mm, such as 0.001")
+    from errormodel.gcode.detect import AUTO
+    from errormodel.gcode.reading import Reading
+    from identification.compensation.run import compensate as stage
+    from identification.compensation.write import write_compensation
+
+    reading = Reading.of(dialect or AUTO, offsets, after) if dialect or offsets or after else None
+    result = stage(
+        folder, name, points, resolution, program, probe, tool, seed, working, reading, axes=axes, invert=invert,
+        allow_large=allow_large,
+    )  # fmt: skip
+    show_notes(result.notes)
+    with out.replaced() as part:
+        write_compensation(result, part)
+    for line in lines.compensation_lines(result, out.path):
+        say(line)

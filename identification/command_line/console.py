@@ -1,0 +1,189 @@
+"""What all commands of the command line share: the group, options that every command has, and how they print."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+import os
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from errormodel import __version__
+from errormodel.exceptions import InputError
+from errormodel.inputs import Run, running
+from identification.results.output_file import OutputFile
+from identification.results.results_folder import ResultsFolder
+
+if TYPE_CHECKING:
+    from errormodel.machine import Machine
+
+FOLDER = click.Path(path_type=Path, file_okay=False)  # to read
+FILE = click.Path(path_type=Path, dir_okay=False)
+ANY = click.Path(path_type=Path)
+
+
+class _Out(click.Path):
+    """A place to write to, as the one object through which a command may write there."""
+
+    def __init__(self, make: Callable[[Path], OutputFile | ResultsFolder], **kinds: bool) -> None:
+        super().__init__(path_type=Path, **kinds)
+        self.make = make
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        if not str(value):
+            raise InputError(str(param.opts[0] if param else "--out"), "an empty name", "Give a name")
+        return self.make(Path(os.fsdecode(super().convert(value, param, ctx))))
+
+
+OUT_FILE = _Out(OutputFile, dir_okay=False)
+OUT_FOLDER = _Out(ResultsFolder, file_okay=False)  # a fit
+OUT_TABLES = _Out(partial(ResultsFolder, holds="tables"), file_okay=False)
+
+
+class Group(click.Group):
+    """Commands in the order of the work, and a near name for one that does not exist."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(self.commands)
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        from errormodel.exceptions import nearest
+
+        if args and not args[0].startswith("-") and args[0] not in self.commands:
+            raise InputError("errormodel", f"there is no command '{args[0]}'", nearest(args[0], self.commands))
+        return super().resolve_command(ctx, args)
+
+
+@click.group(cls=Group, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.version_option(__version__, prog_name="errormodel")
+def app() -> None:
+    """Volumetric error models of machine tools, CMMs, gantries and arms.
+
+    MACHINE is a machine.yaml, or the name of a machine that comes with the tool (`errormodel machines` lists them).
+    SURVEY is a CSV, a survey.yaml, or a folder of CSV or Parquet parts.
+    """
+
+
+def command(function: Callable[..., None]) -> click.Command:
+    """Register a command with the options that every command has; those that draw no random numbers ignore the seed."""
+    draws = "seed" in inspect.signature(function).parameters
+
+    @functools.wraps(function)
+    def run(*args: Any, quiet: bool, seed: int, **kwargs: Any) -> None:
+        global _quiet  # noqa: PLW0603  one process runs one command
+        _quiet = quiet
+        given = kwargs | ({"seed": seed} if draws else {})
+        with running(_run_of(given)):
+            function(*args, **given)
+
+    run = click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Random seed.")(run)
+    run = click.option("--quiet", is_flag=True, help="Print nothing but errors.")(run)
+    return app.command()(run)
+
+
+def _run_of(given: dict[str, Any]) -> Run:
+    """The command under way: what it writes is checked before it does anything.
+
+    Raises
+    ------
+    InputError
+        It would write over what it reads, over what errormodel did not write, or twice to one place.
+    """
+    context = click.get_current_context()
+    outputs = [v for v in given.values() if isinstance(v, OutputFile | ResultsFolder)]
+    options = {p.name: _plain(given[p.name]) for p in context.command.params if _changes_result(p, given)}
+    run = Run(str(context.info_name), options, outputs)
+    for k, output in enumerate(outputs):
+        if any(output.path.absolute() == other.path.absolute() for other in outputs[:k]):
+            raise InputError(str(output), "two results of this command in one file", "Give each a name of its own")
+    for param in context.command.params:
+        if type(param.type) is click.Path:
+            several = given.get(param.name or "")
+            for path in several if isinstance(several, tuple) else [several]:
+                if path is not None:
+                    run.refuse(path)
+    for output in outputs:
+        output.check()
+    return run
+
+
+def _changes_result(param: click.Parameter, given: dict[str, Any]) -> bool:
+    return isinstance(param, click.Option) and param.name in given and not isinstance(param.type, _Out)
+
+
+def _plain(value: Any) -> Any:
+    """An option as a manifest has it: of a file its name, wherever it stands."""
+    return value.name if isinstance(value, Path) else value
+
+
+_quiet = False
+
+
+def say(text: str = "") -> None:
+    """Print a line of the result."""
+    if not _quiet:
+        click.echo("\n".join(map(one_line, text.split("\n"))))
+
+
+@contextmanager
+def working(text: str) -> Iterator[None]:
+    """Show what is being done: a spinner on a terminal, a plain line elsewhere."""
+    if _quiet:
+        yield
+    elif sys.stderr.isatty():
+        from rich.console import Console
+
+        with Console(stderr=True).status(text):
+            yield
+    else:
+        say(f"{text} ...")  # not on stderr, which is left to what needs attention
+        yield
+
+
+@contextmanager
+def counting(text: str) -> Iterator[Callable[[float, str], None]]:
+    """Show how far work is that can tell: a bar on a terminal, a plain line for each remark elsewhere."""
+    if _quiet:
+        yield lambda _share, _remark: None
+    elif sys.stderr.isatty():
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+        parts = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f} %"))
+        with Progress(*parts, TimeRemainingColumn(), console=Console(stderr=True)) as progress:
+            task = progress.add_task(text, total=1.0)
+            yield lambda share, remark: progress.update(
+                task, completed=share, description=f"{text}: {remark}" if remark else text
+            )
+    else:
+        say(f"{text} ...")
+        yield lambda share, remark: say(f"  {100 * share:3.0f} %  {remark}") if remark else None
+
+
+def show_notes(notes: tuple[str, ...]) -> None:
+    """Print what needs attention, on stderr."""
+    for note in notes:
+        if not _quiet:
+            click.secho(f"note: {one_line(note)}", err=True, fg="yellow")
+
+
+def read_model(machine: str) -> Machine:
+    """The machine that a command was given; what in its file is hardly meant is said."""
+    from errormodel.machine_file import read_machine
+
+    model = read_machine(machine)
+    show_notes(model.doubts)
+    return model
+
+
+def one_line(message: str) -> str:
+    """A message as a terminal may show it: names in it are anybody's."""
+    return "".join(c if c.isprintable() else " " for c in message)

@@ -1,0 +1,188 @@
+"""What the command line prints: plain lines, made from results."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from errormodel.location_errors import named
+from identification.diagnosis.results.findings import Alternative, Diagnosis
+from identification.diagnosis.results.headline import headline
+from identification.estimation.motions import Motions
+from identification.estimation.result import Fit, Spread
+from identification.results.description import Description
+from identification.results.parameter_table import printed
+from identification.results.store import parameters
+
+SHOWN = 12  # outliers
+
+
+def description_lines(description: Description) -> Iterator[str]:
+    """Chain, counts, groups, and what has no effect."""
+    chain, groups = description.chain, description.groups
+    machine = chain.machine
+    yield machine.name
+    yield "chain: " + " > ".join(e.name for e in machine.elements)
+    yield (
+        f"{len(chain.machine_ids)} parameters, {len(groups.no_effect)} without effect, rank {groups.rank}, "
+        f"condition {groups.condition:.3g}"
+    )
+    yield "\nidentifiable groups"
+    symbols = {p.id: p.symbol for p in chain.parameters}
+    units = {p.id: p.unit for p in chain.parameters}
+    for k in range(groups.rank):
+        base = groups.ids[groups.base[k]]
+        location = named(chain.location_errors, groups.members(k))
+        symbol = location.symbol if location else symbols.get(base, "")
+        meaning = f"   {location.words}" if location else ""
+        yield f"  {symbol:9} {units.get(base, ''):7} {groups.name(k)}{meaning}"
+    if groups.no_effect:
+        yield "\nno effect"
+        for identity, reason in description.reasons.items():
+            yield f"  {identity}: {reason}"
+    if description.split:
+        yield "\nsplit by this survey (one group with one tool and random poses)"
+        for name in description.split:
+            yield f"  {name}"
+    if description.with_frame is not None:
+        own = sum(not description.with_frame.ids[j].startswith("frame") for j in description.with_frame.base)
+        yield (
+            f"\nwith the measuring frame unknown: rank {description.with_frame.rank}, of which {own} groups hold "
+            "parameters of the machine; those that it shares:"
+        )
+        for k in range(description.with_frame.rank):
+            members = description.with_frame.members(k)
+            if len(members) > 1 and any(m.startswith("frame") for m in members):
+                yield f"  {description.with_frame.name(k)}"
+
+
+def fit_lines(fit: Fit) -> Iterator[str]:
+    """Residuals before and after, noise, and the groups that stand out."""
+    yield f"{fit.chain.machine.name}: {len(fit.survey)} rows, {fit.solution.groups.rank} identifiable groups"
+    if fit.fitted.n:
+        yield from _spread_lines(fit)
+    if fit.motions:
+        yield from _motion_lines(fit, fit.motions)
+    if not fit.fitted.n:
+        yield from _level_lines(fit)
+    if fit.inflation > 1:
+        yield f"residuals exceed the declared uncertainty: standard uncertainties are multiplied by {fit.inflation:.2f}"
+    yield from _outlier_lines(fit)
+    framed = [any(m.startswith(("frame.", "frame[", "zero[")) for m in p["members"]) for p in parameters(fit)]
+    listed = [p for p, shared in zip(parameters(fit), framed, strict=True) if not shared]
+    listed.sort(key=lambda p: -abs(p["value"]) / p["std"] if p["std"] else -np.inf)
+    yield "\nlargest in units of their uncertainty (all in parameters.csv)"
+    rows = []
+    for p in listed[:12]:
+        factor, unit = printed(p["unit"])
+        value, std = f"{factor * p['value']:.3f}", f"+- {factor * p['std']:8.3f}"
+        rows.append([p["symbol"], value, std, unit.replace("µ", "u"), p["group"], p["meaning"]])
+    yield from table_lines(rows, "<>><<<", indent=2)
+    if any(framed):
+        what = "the measuring frame" if fit.problem.frames else "the instrument's zeros"
+        yield f"  and {sum(framed)} groups of, or shared with, {what}"
+
+
+def _spread_lines(fit: Fit) -> Iterator[str]:
+    """Sizes of the error of position, and the noise of a coordinate."""
+    yield ""
+    rows: list[tuple[str, Spread]] = [
+        ("nominal, best frame", fit.nominal),
+        ("fitted", fit.fitted),
+        (f"held out ({fit.folds} blocks)", fit.heldout),
+    ]
+    for test in fit.tests:
+        rows += [(f"{test.path}: nominal", test.nominal), (f"{test.path}: predicted", test.fitted)]
+    cells = [
+        [name, *(f"{v:.2f}" for v in (spread.rms_um, spread.mean_um, spread.max_um)), str(spread.n)]
+        for name, spread in rows
+    ]
+    yield from table_lines([["um", "rms", "mean", "max", "n"], *cells], "<>>>>", least=7)
+    how = "declared" if "position" in fit.solution.declared else "from residuals"
+    tested = how == "declared" and fit.solution.dof > 0
+    chi = f", reduced chi-square {fit.solution.chi2 / fit.solution.dof:.3f}" if tested else ""
+    yield f"\nnoise of one coordinate {1e3 * fit.sigma_mm:.2f} um ({how}), {fit.solution.dof} degrees of freedom{chi}"
+
+
+def _motion_lines(fit: Fit, motions: Motions) -> Iterator[str]:
+    """Sizes of the readings of error motions, each motion of each joint by itself."""
+    yield f"\n{'error motions, rms':28}{'nominal':>9}{'fitted':>9}{'held out':>9}{'n':>8}"
+    for e in motions.errors(fit.survey):
+        yield f"  {f'{e.symbol}, {e.unit}':26}{e.nominal:9.2f}{e.fitted:9.2f}{e.heldout:9.2f}{e.n:8d}"
+    yield ""
+
+
+def table_lines(rows: Sequence[Sequence[str]], align: str, indent: int = 0, least: int = 0) -> Iterator[str]:
+    """Rows of cells in columns as wide as their longest cell, two blanks apart, whatever the numbers.
+
+    Parameters
+    ----------
+    align : "<" or ">" for each column.
+    indent : blanks before each row.
+    least : the least width of a column.
+    """
+    widths = [max(least, *map(len, column)) for column in zip(*rows, strict=True)]
+    for row in rows:
+        cells = (f"{cell:{side}{width}}" for cell, side, width in zip(row, align, widths, strict=True))
+        yield " " * indent + "  ".join(cells).rstrip()
+
+
+def _level_lines(fit: Fit) -> Iterator[str]:
+    """Noise by kind of reading, where error motions were measured and no position."""
+    for kind, sigma in fit.solution.sigma.items():
+        factor, unit = (1e3, "um") if kind == "displacement" else (1e6, "urad")
+        how = "as declared" if kind in fit.solution.declared else f"{factor * sigma:.3g} {unit} (from residuals)"
+        yield f"noise of a reading, {kind}: {how}"
+    yield f"{fit.solution.dof} degrees of freedom"
+
+
+def _outlier_lines(fit: Fit) -> Iterator[str]:
+    """The rows that a robust fit leaves out."""
+    if fit.sorting is None:
+        return
+    if not fit.outliers:
+        yield "robust: no row is an outlier"
+        return
+    rows = len({o.index for o in fit.outliers})
+    yield f"\nrobust: {rows} of {len(fit.survey)} rows take no part, in whole or with what is named"
+    for o in sorted(fit.outliers, key=lambda o: -o.distance_sigma)[:SHOWN]:
+        size = f", {o.residual_um:.6g} um" if np.isfinite(o.residual_um) else ""
+        yield f"  {o.file}, row {o.row}: {o.what}, {o.distance_sigma:.3g} sigma{size}"
+    if len(fit.outliers) > SHOWN:
+        yield f"  and {len(fit.outliers) - SHOWN} more in fit.json"
+
+
+def diagnosis_lines(diagnosis: Diagnosis) -> Iterator[str]:
+    """The verdict, the findings as sentences, and what the data could not show."""
+    before, after = (_held_out(s) for s in (diagnosis.baseline, diagnosis.final))
+    yield headline(diagnosis)
+    yield f"verdict: {diagnosis.verdict}; noise of one coordinate {diagnosis.noise_um:.2f} um"
+    yield f"held out: {before} um rms before, {after} um after"
+    if diagnosis.unexplained:
+        yield f"left over: {diagnosis.unexplained}"
+    for number, finding in enumerate(diagnosis.findings, start=1):
+        yield f"\n{number}. {finding.statement}"
+        for other in finding.alternatives[:3]:
+            what = f"{other.effect} at {other.where} ({' '.join(other.motion)} by {' and '.join(other.driver)})"
+            yield f"   instead: {what}, {'; '.join(comparison(other))}"
+        yield f"   next: {finding.next_measurement}"
+    if diagnosis.untestable:
+        yield "\ncannot be seen in this survey"
+        for item in diagnosis.untestable:
+            yield f"  {item.effect}: {item.reason}"
+
+
+def comparison(other: Alternative) -> Iterator[str]:
+    """How probable another explanation is, whether this data tells it apart, and why it was not chosen."""
+    own = other.probability
+    yield "the same effect" if own is None else f"probability {'below 0.01' if own < 0.005 else f'{own:.2f}'}"
+    if other.reason:
+        yield f"fits this data better, but {other.reason}"
+    else:
+        yield "told apart" if other.separable else "not told apart by this data alone"
+
+
+def _held_out(summary: Mapping[str, float | None]) -> str:
+    value = summary["heldout_rms_um"]
+    return "-" if value is None else f"{value:.2f}"

@@ -1,0 +1,28 @@
+"""The command that looks whether results are as they were written."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from errormodel.exceptions import InputError
+from identification.command_line.console import FOLDER, command, say
+
+
+@command
+@click.argument("folder", type=FOLDER)
+def verify(folder: Path) -> None:
+    """Check that all files in a FOLDER of results are those that errormodel wrote there."""
+    from identification.results import manifest
+
+    made = manifest.read(folder)
+    if made is None:
+        found = f"it holds no {manifest.NAME}, which fit, diagnose, thermal and compensate write"
+        raise InputError(str(folder), found, "Give a folder of results of this version or a later one")
+    wrong = dict.fromkeys(manifest.wrong(folder), "changed, or of another result")
+    wrong |= {name: "missing" for name in made.files if not (folder / name).is_file()}
+    if wrong:
+        found = "; ".join(f"{name}: {what}" for name, what in wrong.items())
+        raise InputError(str(folder), found, "Put those files back, or run the command again with another folder")
+    say(f"{folder}: all {len(made.files)} files are as `errormodel {made.command}` wrote them")

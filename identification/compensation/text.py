@@ -1,0 +1,129 @@
+"""What `compensate` prints."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from textwrap import wrap
+
+from errormodel.controllers.setup import Axis, Setup
+from identification.command_line.console import one_line
+from identification.compensation.assessment import OTHER_TOOLS, Error, Figures
+from identification.compensation.run import Compensation, Stated
+
+WIDTH = 110
+IDLE = 1e-3  # of the error: a change by less is none
+OWN = ("checklist.txt", "compensation.json")  # written for any controller
+NEAR = 0.02  # of the travel: a survey that ends nearer to the end than this covers it
+
+
+def list_lines() -> list[str]:
+    """All controllers with what they are."""
+    from errormodel.controllers import registry
+
+    return [f"{name:16} {kind.title}{'; sign to be tested' if kind.doubt else ''}" for name, kind in registry().items()]
+
+
+def compensation_lines(result: Compensation, folder: Path) -> Iterator[str]:
+    """All lines, for a person who stands before the machine."""
+    controller, setup = result.controller, result.setup
+    yield f"{one_line(setup.machine)}: tables for {controller.title}"
+    yield f"axes: {controller.legend(setup)}" + ("" if setup.numbers else " (others: --axes)")
+    if setup.inverted:
+        yield "sign: turned round (--invert)"
+    if result.advice:
+        yield ""
+        yield "adjust before compensating (largest first), then measure and fit again"
+        yield from (f"  {n}. {a.line()}" for n, a in enumerate(result.advice, start=1))
+    for stated in result.sets:
+        yield ""
+        if stated.label:
+            yield _state(stated)
+        for figures in stated.figures:
+            yield from figure_lines(figures, setup)
+        yield from stated.notes
+    if result.thermal:
+        usual, files = result.usual, ", ".join(f for f in result.thermal.files if "/" not in f)
+        yield ""
+        yield f"in place of a folder for each temperature: that of {usual.label}, and {files}"
+        for stated, figures in zip(result.sets, result.thermal.figures, strict=True):
+            after, told = figures.after, _state(stated)
+            yield f"  {f'left {told}':52} {after.rms_um:8.2f} {after.worst_um:8.2f}   um (rms, worst)"
+        if result.thermal.doubt:
+            yield f"  not certain: {result.thermal.doubt}"
+            yield f"  follow {folder / 'sign_test' / 'temperature.txt'} first"
+    if result.probing:
+        (rms, worst), (rms_after, worst_after) = result.probing.before_um, result.probing.after_um
+        yield ""
+        yield "what a probe reads against the nozzle, over the bed"
+        yield f"  {'before':52} {rms:8.2f} {worst:8.2f}   um (rms, worst)"
+        yield f"  {'with ' + ', '.join(result.probing.files):52} {rms_after:8.2f} {worst_after:8.2f}"
+    yield ""
+    yield "region: what the survey covered; beyond it the correction of its edge is held"
+    yield from (f"  {line}" for line in region_lines(setup))
+    if controller.doubt:
+        yield ""
+        yield from wrap(f"not certain from public sources: {controller.doubt}", WIDTH, subsequent_indent="  ")
+    if result.tests:
+        yield f"check signs and axes first: {folder / 'sign_test' / 'steps.txt'}"
+    yield ""
+    yield "activation"
+    for step in result.checklist:
+        yield from wrap(step, WIDTH, initial_indent="  [ ] ", subsequent_indent="      ")
+    real = sum(len(s.files) for s in result.sets)
+    more = [f for s in (result.thermal, result.probing) if s for f in s.files]
+    check = len(result.tests) + sum(f.startswith("sign_test/") for f in more)
+    real += sum(not f.startswith("sign_test/") for f in more)
+    yield ""
+    yield (
+        f"{_files(real)} for the control{f', {_files(check)} in sign_test' if check else ''}, checklist.txt and "
+        f"compensation.json written to {folder}"
+    )
+
+
+def _files(count: int) -> str:
+    return f"{count} file{'s' if count != 1 else ''}"
+
+
+def _state(stated: Stated) -> str:
+    return "at " + ", ".join(f"{k} = {v:.1f} {'s' if k == 'time' else 'degC'}" for k, v in stated.state.items())
+
+
+def figure_lines(figures: Figures, setup: Setup) -> Iterator[str]:
+    """A table of one set of poses."""
+    yield f"{figures.poses:54} {'rms':>8} {'worst':>8}   um"
+    rows = (
+        ("before", figures.before),
+        ("after an ideal compensation", figures.ideal),
+        ("after these tables", figures.after),
+    )
+    for what, error in rows:
+        yield f"  {what:52} {error.rms_um:8.2f} {error.worst_um:8.2f}"
+    better = figures.after.rms_um < figures.before.rms_um
+    idle = abs(figures.after.rms_um - figures.before.rms_um) < IDLE * figures.before.rms_um
+    share = f"{100 * figures.removed():.1f} % of what can be removed" if better else "WORSE THAN WITHOUT THEM"
+    share = "tables of this format take nothing away here" if idle else share
+    yield f"  worst then at {worst_place(figures.after, setup)}; {share}"
+    if figures.poses.endswith(OTHER_TOOLS):
+        tip = " ".join(f"{v:g}" for v in setup.tool)
+        tail = ", and only do harm with those: switch them off, or make a set for each" if not better else ""
+        yield f"  no table turns with a tool: these are for the tip at {tip} (--tool){tail}"
+
+
+def worst_place(error: Error, setup: Setup) -> str:
+    """The command of the worst pose."""
+    return " ".join(f"{a.joint}={v:.1f}" for a, v in zip(setup.axes, error.where, strict=True))
+
+
+def region_lines(setup: Setup) -> Iterator[str]:
+    """The measured part of each travel."""
+    for axis in setup.axes:
+        unit = "deg" if axis.rotary else "mm"
+        (a, b), (low, high) = axis.measured, axis.travel
+        part = "" if _covers(axis) else f"  only part of the travel {low:g} to {high:g}"
+        yield f"{axis.joint}: {a:.1f} to {b:.1f} {unit}{part}"
+
+
+def _covers(axis: Axis) -> bool:
+    (a, b), (low, high) = axis.measured, axis.travel
+    return a - low <= NEAR * (high - low) and high - b <= NEAR * (high - low)

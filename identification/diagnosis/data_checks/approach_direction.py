@@ -1,0 +1,36 @@
+"""A side of arrival that the rows' own order contradicts: then the column's sign is the wrong way round."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from errormodel.channels import direction
+
+if TYPE_CHECKING:
+    from errormodel.survey import Survey
+
+CONTRARY = 0.9  # of the rows: approaches by a detour are of both kinds, or always from one side
+FEWEST = 20  # rows of either side
+
+
+def contrary_sides(survey: Survey) -> Iterator[str]:
+    """A remark for each column ``dir_<joint>`` that says +1 where the joint came from above, and -1 from below.
+
+    Nothing is put right: whether a machine arrives by a detour, only its user knows.
+    """
+    table = survey.fit.table
+    for name in (str(c) for c in table.columns if str(c).startswith("dir_")):
+        joint = name.removeprefix("dir_")
+        given = table[name].to_numpy(dtype=np.float64)
+        moved = direction(table.drop(columns=name), joint)
+        known = np.isfinite(given)
+        sides = np.sum(moved[known] > 0), np.sum(moved[known] < 0)
+        against = int(np.sum(given[known] * moved[known] < 0))
+        if min(sides) >= FEWEST and against > CONTRARY * known.sum():
+            yield (
+                f"column {name} says the opposite of how {joint} came in the order of the rows, in {against} of "
+                f"{known.sum()}: if its sign is wrong, so is that of any backlash, lost motion or hysteresis of {joint}"
+            )

@@ -1,0 +1,190 @@
+"""A column with another sign, unit or zero than it should have, or that stands in another's place.
+
+Each hypothesis is a change of the table; the nominal machine is aligned to the changed table in closed form. Geometry
+is small, so that the right table fits to a fraction of what a wrong one does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+
+from errormodel.arrays import Array
+from errormodel.chain import Chain
+from errormodel.effects.axis_blunder import AxisBlunder, Table
+from errormodel.machine import Joint, Machine
+from errormodel.survey import Survey
+from errormodel.survey_columns import MEASURED, TOOL
+from identification.diagnosis.data_checks.blunder import FEWEST, Blunder, Points, Sheet, groups, sheet
+from identification.observation.frames import SMALL
+
+ALIKE = 1.05  # times: two changes that fit as well
+BETTER = 4.0  # times: a mended table must fit the nominal machine this much better
+RIGHT = 0.1  # of the points' spread: what fits worse has not been put right
+ZERO = 1e-3  # of the machine's size: a nominal error below it needs no other zero of a column
+TWO = 4e-3  # of the machine's size: a nominal error beyond it may be two mistakes at once
+FIRST = 8  # of two mistakes, one is among so many that fit best alone
+SAMPLE = 150  # rows tell as much as all
+DEGREE = float(np.degrees(1.0))
+UNITS = (25.4, 1 / 25.4, 1e3, 1e-3)  # inch, and metre or micrometre
+
+Changes = tuple[AxisBlunder, ...]
+
+
+def wrong_column(chain: Chain, survey: Survey, *, two: bool = False) -> Blunder | None:
+    """The most convincing mistake of whole columns, or None; a further one shows once the survey has been mended.
+
+    `two` at once are looked for where each alone tells nothing, which takes seconds.
+    """
+    rows = max(groups(survey), key=len, default=np.zeros(0, dtype=np.intp))
+    if len(rows) < FEWEST:
+        return None
+    fixed = survey.frame == "fixed"
+    columns = sheet(chain, survey.table.iloc[rows[np.unique(np.linspace(0, len(rows) - 1, SAMPLE).astype(int))]])
+
+    def misfit(changes: Changes) -> float:
+        """Per spread of the measured points: another unit of theirs alone makes nothing fit better."""
+        points = Points.of(chain, mended(columns, changes), fixed)
+        return points.misfit() / max(points.reach, 1e-9)
+
+    table = Points.of(chain, columns, fixed)
+    before = misfit(())
+    small, larger, largest = (part * chain.size / max(table.reach, 1e-9) for part in (SMALL, ZERO, TWO))
+    if before < small:
+        return None
+    enough = min(before / BETTER, RIGHT)
+    simple = [*single_changes(chain.machine), *_together(chain.machine)]
+    tries = [(misfit(c), c) for c in simple]
+    if _least(tries) > enough and before > larger:
+        zeros = [(_zero(chain, columns, joint, fixed),) for joint in chain.machine.joints]
+        tries += [(misfit(c), c) for c in zeros]
+    if _least(tries) > enough and before > largest and two:
+        tries = [(BETTER * misfit(c), c) for c in _pairs(chain, columns, fixed, simple)]
+    if _least(tries) > enough:
+        return None
+    changes = _likeliest(tries, columns, chain)
+    return Blunder(
+        text=_text(changes, chain.machine, fixed),
+        survey=replace(survey, table=mended(survey.table, changes)),
+        where=changes[0].where,
+        driver=tuple(dict.fromkeys(c.column for c in changes)),
+        changes=changes,
+        before_um=1e3 * table.misfit(),
+        after_um=1e3 * Points.of(chain, mended(columns, changes), fixed).misfit(),
+    )
+
+
+def mended(table: Table, changes: Changes) -> Table:
+    """The table after some changes."""
+    for change in changes:
+        table = change.mend(table)
+    return table
+
+
+def _text(changes: Changes, machine: Machine, fixed: bool) -> str:
+    """What is wrong; one sentence for all columns that are wrong in the same way."""
+    first, *more = changes
+    if not more and first.column in MEASURED and not fixed and (first.swap or first.factor == -1):
+        # in a frame that may stand in any way, all reflections are one
+        return "mx my mz are left-handed: one of them has the wrong sign, or two are swapped"
+    names = [c.column for c in changes]
+    if more and not any(c.swap or c.offset or c.factor != first.factor for c in changes):
+        same = first.model_copy(update={"column": f"{', '.join(names[:-1])} and {names[-1]}"})
+        return same.text(machine).replace("column ", "each of columns ", 1)
+    return " and ".join(c.text(machine) for c in changes)
+
+
+def _pairs(chain: Chain, columns: Sheet, fixed: bool, simple: list[Changes]) -> list[Changes]:
+    """The two changes that a glance at some of the rows thinks best, in `FIRST` ways."""
+    some = {name: values[::3] for name, values in columns.items()}
+
+    def glance(changes: Changes) -> float:
+        points = Points.of(chain, mended(some, changes), fixed)
+        return points.misfit(points.pose(rounds=0)) / max(points.reach, 1e-9)
+
+    first = sorted(simple, key=glance)[:FIRST]
+    return sorted(((*one, *other) for one in first for other in simple), key=glance)[:FIRST]
+
+
+def _least(tries: list[tuple[float, Changes]]) -> float:
+    return min(t[0] for t in tries)
+
+
+def single_changes(machine: Machine) -> Iterator[Changes]:
+    """One column's sign or unit, or two that are swapped; those of joints first."""
+    for joint in machine.joints:
+        for factor in (-1.0, *UNITS, DEGREE, 1 / DEGREE):
+            yield (AxisBlunder(column=joint.name, factor=factor),)
+    for one, other in combinations(machine.joints, 2):
+        # as they were read, each in its own unit
+        factor = 1.0 if one.type == other.type else DEGREE if one.type == "prismatic" else 1 / DEGREE
+        yield (AxisBlunder(column=one.name, swap=other.name, factor=factor),)
+    for names in (MEASURED, TOOL):
+        for name in names:
+            for factor in (-1.0, *UNITS):
+                yield (AxisBlunder(column=name, factor=factor),)
+        for one_, other_ in combinations(names, 2):
+            yield (AxisBlunder(column=one_, swap=other_),)
+
+
+def _together(machine: Machine) -> Iterator[Changes]:
+    """All columns of a kind in another unit, and the tool's point given from the other end."""
+    rotary = [j.name for j in machine.joints if j.type == "rotary"]
+    for names, factors in ((rotary, (DEGREE, 1 / DEGREE)), (TOOL, (-1.0, *UNITS))):
+        if len(names) > 1:
+            yield from (tuple(AxisBlunder(column=name, factor=f) for name in names) for f in factors)
+
+
+def _zero(chain: Chain, columns: Sheet, joint: Joint, fixed: bool) -> AxisBlunder:
+    """The zero of a joint's column with which it fits best: Gauss-Newton beside the frame, from twelve directions."""
+    step = 1e-4 if joint.type == "rotary" else 1.0
+
+    def at(zero: float) -> Points:
+        return Points.of(chain, columns | {joint.name: columns[joint.name] + zero}, fixed)
+
+    starts = (np.arange(-6, 6) * np.pi / 6).tolist() if joint.type == "rotary" else [0.0]
+    zero = float(min(starts, key=lambda s: at(s).misfit()))
+    for _ in range(10):
+        here, pose = at(zero), at(zero).pose()
+        slope = (at(zero + step).nominal - at(zero - step).nominal) / (2 * step)
+        gap = pose.invert(here.measured) - here.nominal
+        weights = 1 / (1 + (np.linalg.norm(gap, axis=1) / max(3 * here.misfit(pose), 1e-9)) ** 2)
+        free = np.zeros((len(here), 0, 3)) if fixed else _frame_columns(here.nominal)
+        design = np.concatenate([slope[:, None, :], free], axis=1) * weights[:, None, None]
+        design = design.transpose(0, 2, 1).reshape(3 * len(here), -1)
+        norms = np.maximum(np.linalg.norm(design, axis=0), 1e-12)
+        move = np.linalg.lstsq(design / norms, (gap * weights[:, None]).ravel(), rcond=1e-9)[0][0] / norms[0]
+        zero += float(move)
+        if abs(move) < 1e-3 * step:
+            break
+    if joint.type == "rotary":
+        zero = float(np.angle(np.exp(1j * zero)))
+    return AxisBlunder(column=joint.name, offset=float(f"{zero:.6g}"))
+
+
+def _frame_columns(points: Array) -> Array:
+    """What small motions of the frame do at points (n, 3): (n, 6, 3)."""
+    middle = points - points.mean(axis=0)
+    shifts = np.broadcast_to(np.eye(3), (len(points), 3, 3))
+    return np.concatenate([shifts, np.cross(np.eye(3)[None], middle[:, None, :])], axis=1)
+
+
+def _likeliest(tries: list[tuple[float, Changes]], columns: Sheet, chain: Chain) -> Changes:
+    """Of the changes that fit as well as the best, the one that keeps the joints within their travels, or the first.
+
+    A mirrored joint and a mirrored column can be one and the same reflection.
+    """
+    alike = [c for misfit, c in tries if misfit <= ALIKE * _least(tries) + 1e-8]
+    return min(alike, key=lambda c: round(_outside(mended(columns, c), chain.machine), 1))
+
+
+def _outside(columns: Sheet, machine: Machine) -> float:
+    """Part of the positions that lie outside the travels, summed over the joints."""
+    total = 0.0
+    for joint in machine.joints:
+        q, slack = columns[joint.name], 0.01 * (joint.travel[1] - joint.travel[0])
+        total += float(np.mean((q < joint.travel[0] - slack) | (q > joint.travel[1] + slack)))
+    return total

@@ -1,0 +1,117 @@
+"""Rows that are copies of others, and a clock that was set while measuring."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from errormodel.chain import Chain
+from errormodel.effects.clock_offset import ClockOffset
+from errormodel.survey import Survey
+from errormodel.survey_columns import MEASURED, TOOL
+from identification.diagnosis.data_checks.blunder import Blunder, groups, listed
+from identification.observation.frames import SMALL
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+CHANCE = 1e-4  # that so many repeats agree to the last digit of a coarse reading
+REPEATS = 3  # that differ: fewer do not tell what repeats look like
+RESETS = 3  # of a clock in one file; more, and the rows are simply not in the order of time
+
+
+def copied_rows(chain: Chain, survey: Survey) -> Blunder | None:
+    """Rows whose measured point is an earlier row's to the last digit, though noise would not have it so; left out.
+
+    Whole rows with a time of their own are copies in any case, and so is a point read again at another place (the
+    instrument had stopped). Repeats of a pose may agree by chance where readings are coarse, and without noise do.
+    """
+    table, rows = survey.table, np.sort(np.concatenate([np.zeros(0, np.intp), *groups(survey)]))
+    if len(rows) < 2:
+        return None
+    part = table.iloc[rows].reset_index(drop=True)
+    first = part.groupby(list(MEASURED), sort=False).ngroup().to_numpy()
+    _, start = np.unique(first, return_index=True)
+    earlier = start[first]  # the first row with that measured point
+    again = earlier < np.arange(len(part))
+    if not again.any():
+        return None
+    points = chain.kernel("nominal", outputs=(0, 1, 2))(chain.columns(part)).T
+    elsewhere = np.linalg.norm(points - points[earlier], axis=1) > SMALL * chain.size
+    timed = "time" in part and part["time"].nunique() > len(part) / 4
+    whole = part.drop(columns=["row", "file"]).duplicated().to_numpy() & timed
+    bad = again & (elsewhere | whole)
+    repeats = again & ~bad
+    if repeats.any() and not _by_chance(part, chain, int(repeats.sum())):
+        bad |= repeats
+    if not bad.any():
+        return None
+    numbers = tuple(int(r) for r in part["row"].to_numpy()[bad])
+    new = table.copy()
+    new.loc[table.index[rows[bad]], list(MEASURED)] = np.nan
+    return Blunder(
+        f"{len(numbers)} of {len(part)} rows repeat what earlier rows measured to the last digit: copies, or an "
+        f"instrument that had stopped (row{'s' * (len(numbers) > 1)} {listed(numbers)})",
+        replace(survey, table=new),
+        effect="outliers",
+        rows=numbers,
+        mended="; left out",
+        cure="take the copies out of the table, or measure these rows again",
+    )
+
+
+def _by_chance(table: pd.DataFrame, chain: Chain, count: int) -> bool:
+    """Whether so many of the repeated poses could agree in all components, by how often they agree in one."""
+    from scipy.stats import poisson
+
+    commands = [*(j.name for j in chain.machine.joints), *TOOL]
+    pose = table.groupby(commands, sort=False)
+    steps = table[list(MEASURED)].groupby(pose.ngroup()).diff().dropna().to_numpy()
+    same = steps == 0
+    others = same[~same.all(axis=1)]  # repeats of which some component differs
+    if len(others) < REPEATS:
+        return True  # as far as anyone can tell there is no noise
+    rate = 1.0
+    for k in range(3):  # how often a component agrees where another one differs
+        free = same[~np.delete(same, k, axis=1).all(axis=1), k]
+        rate *= (free.sum() + 1) / (len(free) + 2)
+    return bool(poisson.sf(count - 1, rate * len(steps)) > CHANCE)
+
+
+def set_clock(survey: Survey) -> Blunder | None:
+    """A clock that was set back within a run: its rows claim the same hours twice. Time goes on from where it was."""
+    table = survey.table
+    if "time" not in table:
+        return None
+    new, found = table["time"].to_numpy(dtype=np.float64, copy=True), list[int]()
+    for _, part in table[np.isfinite(survey.measured).any(axis=1)].groupby(["file", "run"], sort=False):
+        rows = part.index.to_numpy()
+        time = new[rows]
+        steps = np.diff(time)
+        usual = float(np.median(np.abs(steps))) if len(steps) else 0.0
+        falls = np.flatnonzero(steps < -2 * usual) + 1
+        if not 0 < len(falls) <= RESETS or np.isnan(time).any():
+            continue
+        pieces = np.split(time, falls)
+        spans = sorted((float(p.min()), float(p.max())) for p in pieces)
+        if all(after[0] > before[1] for before, after in pairwise(spans)):
+            continue  # hours of their own: the rows have been put together in another order
+        for fall in falls:
+            time[fall:] += time[fall - 1] + usual - time[fall]
+        new[rows] = time
+        found += part["row"].to_numpy()[falls].tolist()
+    if not found:
+        return None
+    listed = " and ".join(f"row {row}" for row in found)
+    return Blunder(
+        f"the clock was set back at {listed}",
+        replace(survey, table=table.assign(time=new)),
+        effect=ClockOffset.effect,
+        driver=("time",),
+        rows=tuple(found),
+        mended=": the time of what follows was taken to go on without a pause",
+        cure="give every stretch between two settings of the clock a run of its own, or correct the times",
+    )

@@ -1,0 +1,122 @@
+"""The gate before a fit is signed: a recording that holds a mistake is refused with what is wrong and what to write.
+
+A fit follows mistakes: it takes a wrong sign for a scale of -2 and two drives in series for a scale of -0.5. What lies
+close to the nominal machine passes at once. Anything else is examined as `errormodel diagnose` examines it, but nothing
+is put right here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from errormodel.chain import Chain
+from errormodel.channels import root
+from errormodel.conventions import ROTATIONS
+from errormodel.effects.clock_offset import ClockOffset
+from errormodel.exceptions import InputError
+from errormodel.machine import Machine
+from errormodel.survey import Survey
+from errormodel.survey_columns import MEASURED
+from identification.diagnosis.data_checks.blunder import FEWEST, Blunder, Points, groups, listed, misses, sheet
+from identification.diagnosis.data_checks.checks import find_blunders
+from identification.estimation.checks import FAR, another, far_off, looked_over
+from identification.estimation.result import Fit
+from identification.observation.frames import SMALL
+
+WILD = 10.0  # times the distance of most rows, and
+WILD_FROM = 10 * SMALL  # of the machine's size: no row of a sound recording lies so far off
+EXPLAINED = 0.01  # of the nominal error: a fit that leaves less has found it, if its errors are of a machine's size
+LARGE = 0.05  # rad or 1: error motions of a joint that a machine never has
+
+
+def passed(machine: Machine, survey: Survey, fitted: Callable[[], Fit], robust: bool = False) -> Fit:
+    """The fit, looked over; a recording with a mistake in it is refused.
+
+    Parameters
+    ----------
+    fitted : makes the fit of the machine to the survey.
+    robust : it weighs rows by how far they lie, and names those that it leaves out.
+
+    Raises
+    ------
+    InputError
+        The recording holds a mistake, or is of another machine, or its rows are too few.
+    """
+    try:
+        fit = looked_over(fitted())
+    except InputError:
+        examine(machine, survey, robust)  # a mistake is a better reason than what came of it
+        raise
+    nominal = fit.nominal
+    if not nominal.n or 1e-3 * nominal.max_um < SMALL * fit.chain.size:
+        return fit
+    examine(machine, survey, robust)
+    if another(fit.chain, nominal) and not _known_by(fit):
+        raise InputError(str(survey.source), "this is not the machine that was measured", far_off(nominal))
+    return fit
+
+
+def examine(machine: Machine, survey: Survey, robust: bool = False) -> None:
+    """Look for mistakes in the rows to fit; for wild rows not where a `robust` fit names them itself.
+
+    Raises
+    ------
+    InputError
+        There is one: what is wrong, and what to write instead.
+    """
+    if np.isfinite(survey.fit.measured).all(axis=1).sum() < FEWEST:
+        return
+    chain = Chain(machine)
+    for blunder in find_blunders(machine, survey):
+        if blunder.effect != ClockOffset.effect or "time" in map(root, chain.channels):
+            raise InputError(str(survey.source), f"{blunder.text}{misses(blunder)}", _cure(blunder))
+    if not robust:
+        _refuse_wild(chain, survey)
+
+
+def _cure(blunder: Blunder) -> str:
+    """What to write instead."""
+    swaps = [c for c in blunder.changes if c.swap]
+    cure = blunder.cure[0].upper() + blunder.cure[1:]
+    if len(swaps) == len(blunder.changes) == 1 and swaps[0].factor == 1 and "left-handed" not in blunder.text:
+        one, other = swaps[0].column, swaps[0].swap
+        cure = f"Write columns: {{{one}: {other}, {other}: {one}}} in a survey.yaml, or {cure[0].lower()}{cure[1:]}"
+    return f"{cure}. `errormodel diagnose` puts it right by itself and goes on"
+
+
+def _refuse_wild(chain: Chain, survey: Survey) -> None:
+    """InputError about rows that lie where no error motion takes them, while most lie where they should."""
+    for rows in groups(survey):
+        points = Points.of(chain, sheet(chain, survey.table.iloc[rows]), survey.frame == "fixed")
+        if len(points) < FEWEST:
+            continue
+        distance = points.distances()
+        usual = float(np.quantile(distance, 0.8))
+        wild = np.flatnonzero(distance > max(WILD * usual, WILD_FROM * chain.size))
+        if not len(wild):
+            continue
+        numbers = survey.table["row"].to_numpy()[rows[wild]].tolist()
+        some = f"rows {listed(numbers)} lie" if len(numbers) > 1 else f"row {numbers[0]} lies"
+        raise InputError(
+            f"{survey.table['file'].iloc[rows[0]]}, columns {' '.join(MEASURED)}",
+            f"{some} up to {distance[wild].max():.3g} mm from where the other {len(points) - len(wild)} rows put "
+            "the nominal machine",
+            "Leave mx my mz empty in these rows, or fit with --robust, which weighs rows by how far they lie",
+        )
+
+
+def _known_by(fit: Fit) -> bool:
+    """Whether the fit explains a large nominal error, such as another tool's, by errors that a machine can have."""
+    if not fit.fitted.rms_um < EXPLAINED * fit.nominal.rms_um:
+        return False
+    chain, named = fit.chain, fit.solution.named()
+    travels = {j.name: j.travel[1] - j.travel[0] for j in chain.machine.joints}
+    for parameter in chain.parameters:
+        travel = travels.get(parameter.element)
+        limit = {"1": LARGE, "rad": LARGE, "rad/mm": LARGE / (travel or 1.0), "mm": FAR * chain.size}
+        dimension = travel is None and parameter.motion not in ROTATIONS  # an offset or a tool may be another one
+        if not dimension and abs(named.get(parameter.id, 0.0)) > limit.get(parameter.unit, np.inf):
+            return False
+    return True

@@ -1,0 +1,58 @@
+"""Rows that no physics explains: found by their distance in units of a robust noise, one round at a time."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from errormodel.arrays import Array, Mask
+from identification.estimation.result import Fit
+
+GROSS = 10.0  # standard deviations of one component: Gaussian noise never gets there, knees and local defects rarely
+MOST = 0.15  # of the rows: more is not a handful of accidents
+# degrees of freedom of Student's noise; the last is Gaussian
+TAILS = (2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 12.0, 30.0, 1000.0)
+NEARLY = 2.0  # nats by which a heavier tail may be less likely
+CHANCE = 0.02  # rows of a survey that noise with such tails throws as far as what is called gross
+
+
+def gross_rows(fit: Fit) -> Mask:
+    """Mask (n,) of rows whose residual vector is longer than the noise, with the tails it has, ever makes one."""
+    residuals = fit.residuals
+    measured = np.isfinite(residuals).sum(axis=1)
+    seen = measured > 0
+    if not seen.any():
+        return np.zeros(len(seen), dtype=bool)
+    square = np.nansum(np.square(residuals), axis=1)[seen] / measured[seen]
+    gross: Mask = np.zeros_like(seen)
+    gross[seen] = square > _farthest(square, round(float(measured[seen].mean())))
+    return gross if gross.sum() <= MOST * seen.sum() else np.zeros_like(gross)
+
+
+def _farthest(square: Array, components: int) -> float:
+    """The largest mean square of a row's components that its noise explains, by the squares (n,) of all rows.
+
+    The noise is a Student's: its size is that of the median, its tail the heaviest that suits the rows not far out.
+    """
+    from scipy.special import betainc, betaincinv, betaln
+
+    k, middle = components, max(float(np.median(square)), 1e-18)
+
+    def quantile(free: Array, p: float | Array) -> Array:
+        """Of the ratio F of `k` and `free` degrees of freedom; `p` from above."""
+        share = betaincinv(free / 2, k / 2, p)
+        return np.asarray(free / k * (1 - share) / share)
+
+    free = np.array(TAILS)
+    size = middle / quantile(free, 0.5)
+    gaussian = float(size[-1])
+    least = GROSS**2 / k * gaussian
+    near = square[square < least]
+    x = np.maximum(near, 1e-12 * middle)[:, None] / size
+    density = (k / 2 - 1) * np.log(x) - (k + free) / 2 * np.log1p(k * x / free)
+    density += k / 2 * np.log(k / free) - betaln(k / 2, free / 2) - np.log(size)
+    edge = least / size
+    inside = np.log(betainc(k / 2, free / 2, k * edge / (k * edge + free)))
+    nats = density.sum(axis=0) - len(near) * inside
+    heaviest = int(np.argmax(nats > nats.max() - NEARLY))
+    tail = size[heaviest] * quantile(free[heaviest], CHANCE / len(square))
+    return max(least, float(tail))

@@ -1,0 +1,1 @@
+"""The linear model that candidates are scored in."""

@@ -1,0 +1,273 @@
+"""The linear world in which candidates are scored: whitened residuals, the fitted geometry's columns, and levers.
+
+Everything is stacked as one list of scalar observations (component by component, view by view), in units of one
+standard uncertainty. What M (with frames and tool) can absorb is taken out of every candidate before it is looked at.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from errormodel.arrays import Array, Index, Mask
+from errormodel.chain import TOOL_CHANNELS, Chain
+from errormodel.channels import POINT, columns
+from errormodel.conventions import MOTIONS
+from errormodel.effects.base import Effect, EffectTerm
+from errormodel.effects.search_space.survey_summary import Scene
+from errormodel.machine import Vector
+from errormodel.survey import Survey
+from identification.diagnosis.data_checks.temperature_sensors import dead_sensors
+from identification.diagnosis.linear.random_effects import Tied
+from identification.estimation.result import Fit
+from identification.observation.models import PositionView
+from identification.observation.normal_equations import design_rows, view_vector
+
+MOST_ROWS = 2500  # of a survey: more are thinned out
+MOST_RUNS = 12  # labels; more are no runs of one survey
+MOST_STATIONS = 3
+DEPENDENT = 1e-9  # of a column's length: what the columns before it leave of it, by rounding only
+UNSEEN = 1e-9  # of a column's length squared: less than this of it the basis has not spanned by rounding only
+LEAST_RUN = 8  # rows of a run that may differ
+
+
+@dataclass(frozen=True, eq=False)
+class Workbench:
+    """Observations of a fit, ready for candidates.
+
+    Attributes
+    ----------
+    residual : (N + ties,) whitened residual, free of what `basis` spans; behind the observations one equation for
+        each parameter that is tied to zero.
+    basis : (N + ties, r) orthonormal: the fitted geometry, and what has been accepted so far.
+    levers : element -> (6, N) whitened effect of each motion of the element.
+    table : channel -> (N,) its value at each observation.
+    index : (N,) the survey's row of each observation.
+    """
+
+    chain: Chain
+    residual: Array
+    basis: Array
+    levers: Mapping[str, Array]
+    table: dict[str, Array]
+    index: Index
+    scene: Scene
+
+    @property
+    def size(self) -> int:
+        """Observations and ties."""
+        return len(self.residual)
+
+    @property
+    def freedom(self) -> int:
+        return int(self.size - self.basis.shape[1])
+
+    @property
+    def square(self) -> float:
+        """Residual sum of squares."""
+        return float(self.residual @ self.residual)
+
+    def channel(self, name: str) -> Array:
+        """A channel at each observation, (N,)."""
+        return self.table[name]
+
+    def columns(self, effect: Effect) -> tuple[Array, Array]:
+        """Whitened columns (k, N + ties) of an effect's parameters as they act on the data, and their sizes (k,)."""
+        columns, sizes = self.swept([effect])
+        return columns[0], sizes
+
+    def swept(self, effects: Sequence[Effect]) -> tuple[Array, Array]:
+        """Columns (n, k, N + ties) and sizes (k,) of effects that are alike but for the field `Effect.shape`."""
+        terms = self.terms(effects)
+        out = np.empty((len(effects), len(terms), self.size))
+        self.fill(terms, out)
+        return out, np.array([t.size for t in terms])
+
+    def terms(self, effects: Sequence[Effect]) -> list[EffectTerm]:
+        """The terms (k) of effects that are alike but for the field `Effect.shape`, of all of them at once."""
+        one = effects[0]
+        if len(effects) > 1:
+            one = one.model_copy(update={one.shape: np.array([[getattr(e, one.shape)] for e in effects])})
+        return one.terms(self.channel, self.chain.machine)
+
+    def fill(self, terms: Sequence[EffectTerm], out: NDArray[np.floating[Any]], scaled: bool = False) -> None:
+        """Write the whitened columns of some terms (k) into `out` (n, k, N + ties), in units of their size if `scaled`.
+
+        All is computed in the precision of `out`: mixed ones take several times as long.
+        """
+        seen, kind = len(self.index), out.dtype
+        out[:, :, seen:] = 0.0
+        for k, term in enumerate(terms):
+            levers, own = self.levers[term.element], out[:, k, :seen]
+            for n, (motion, value) in enumerate(term.motion.items()):
+                lever = levers[MOTIONS.index(motion)] * (term.size if scaled else 1.0)
+                parts = lever.astype(kind, copy=False), np.asarray(value, kind)
+                if n:
+                    own += np.multiply(*parts)
+                else:
+                    np.multiply(*parts, out=own)
+
+    def project(self, columns: Array) -> Array:
+        """Columns (k, N + ties) without what the basis spans."""
+        return columns - (columns @ self.basis) @ self.basis.T
+
+    def with_columns(self, columns: Array) -> Workbench:
+        """The workbench after further columns (k, N + ties) have been fitted."""
+        left = self.project(self.project(columns))
+        norms = np.linalg.norm(left, axis=1)
+        keep = norms > 1e-6 * np.linalg.norm(columns, axis=1)
+        if not keep.any():
+            return self
+        scaled = (left[keep] / norms[keep, None]).T
+        q, r = np.linalg.qr(scaled)
+        if (np.abs(np.diag(r)) < DEPENDENT).any():
+            # a column that depends on those before it leaves its direction to chance, in which later ones lie as well
+            from scipy.linalg import qr
+
+            q, r, _ = qr(scaled, mode="economic", pivoting=True)
+            q = q[:, np.abs(np.diag(r)) >= DEPENDENT]
+        return replace(self, basis=np.hstack([self.basis, q]), residual=self.residual - q @ (q.T @ self.residual))
+
+    def with_effect(self, effect: Effect) -> Workbench:
+        """The workbench after an effect has been fitted."""
+        columns, size = self.columns(effect)
+        if not effect.tied:
+            return self.with_columns(columns)
+        more = np.zeros((len(columns), self.basis.shape[1])), np.zeros(len(columns))
+        wider = replace(self, basis=np.vstack([self.basis, more[0]]), residual=np.append(self.residual, more[1]))
+        return wider.with_columns(np.hstack([columns, np.diag(self._hold(effect, columns, size))]))
+
+    def square_with(self, effect: Effect) -> float:
+        """Residual sum of squares after an effect has been fitted: that of `with_effect`, without making it."""
+        if effect.tied:
+            return self.with_effect(effect).square
+        columns, _ = self.columns(effect)
+        norms = np.linalg.norm(columns, axis=1)
+        scaled = columns[norms > 0] / norms[norms > 0, None]
+        inner = scaled @ self.basis
+        values, vectors = np.linalg.eigh(scaled @ scaled.T - inner @ inner.T)
+        kept = values > UNSEEN
+        slopes = vectors[:, kept].T @ (scaled @ self.residual)
+        return self.square - float(np.sum(slopes**2 / values[kept]))
+
+    def tied(self, columns: Array) -> Tied:
+        """Columns (k, N) or (k, N + ties) as those of tied parameters."""
+        return Tied.of(columns, self.basis, self.residual, self.freedom)
+
+    def drop(self, after: Workbench) -> float:
+        """Of the residual sum of squares once more has been fitted, in present noise variances."""
+        return (self.square - after.square) * self.freedom / self.square
+
+    def _hold(self, effect: Effect, columns: Array, size: Array) -> Array:
+        """Weight of each parameter's equation ``0 = parameter``, (k,), in units of the noise that the effect leaves."""
+        if not effect.tied:
+            return np.zeros(len(size))
+        noise = self.tied(columns).noise(float(size[0]))
+        return np.asarray(np.sqrt(noise) / size)
+
+    def estimates(self, effects: Sequence[Effect]) -> tuple[Array, Array]:
+        """Columns (k, N + ties) of some effects together, and their parameters (k,) as the data have them."""
+        parts = [(e, *self.columns(e)) for e in effects]
+        columns = np.vstack([c for _, c, _ in parts])
+        hold = np.concatenate([self._hold(*part) for part in parts])
+        left = np.hstack([self.project(columns), np.diag(hold)[:, hold > 0]])
+        aim = np.append(self.residual, np.zeros(left.shape[1] - self.size))
+        return columns, np.asarray(np.linalg.lstsq(left.T, aim, rcond=None)[0])
+
+    def blocks(self, count: int) -> Index:
+        """For each observation the number, from 0, of its block of consecutive rows."""
+        edges = np.linspace(self.index.min(), self.index.max() + 1, count + 1)
+        return np.digitize(self.index, edges) - 1
+
+
+class _Lazy(dict[str, Array]):
+    """Channels at the observations: made when first asked for."""
+
+    def __init__(self, source: Mapping[str, Array], keep: Mask | Index) -> None:
+        super().__init__()
+        self._source, self._keep = source, keep
+
+    def __missing__(self, name: str) -> Array:
+        self[name] = self._source[name][self._keep]
+        return self[name]
+
+
+class _Channels(dict[str, Array]):
+    """Channels over a survey's rows: made when first asked for."""
+
+    def __init__(self, survey: Survey, points: Array) -> None:
+        super().__init__(zip(POINT, points, strict=True))
+        self._table = survey.table
+
+    def __missing__(self, name: str) -> Array:
+        (self[name],) = columns(self._table, [name])
+        return self[name]
+
+
+def set_up(fit: Fit, most: int = MOST_ROWS) -> Workbench:
+    """The workbench of a fit, in units of its noise, of at most so many rows."""
+    chain, problem, solution = fit.chain, fit.problem, fit.solution
+    place = problem.place()
+    base = solution.groups.base
+    zero = np.zeros(len(chain.ids))
+    points = chain.kernel("nominal", outputs=(0, 1, 2))(chain.columns(fit.survey.table))
+    table = _Channels(fit.survey, points)
+    residuals, designs, levers, index = [], [], [], []
+    views = [v for v in problem.views if isinstance(v, PositionView)]
+    total = sum(len(v) for v in views)
+    if total > most:
+        views = [v.part(np.unique(np.linspace(0, len(v) - 1, most * len(v) // total).astype(int))) for v in views]
+    level = solution.sigma["position"]  # 1 where the survey declares its noise
+    for view in views:
+        gap = np.hstack([view.whiten(p, g) for p, g in view.gaps(view_vector(view, place, solution.values, zero))])
+        arms = chain.kernel("levers", (), view.fixed, (0, 1, 2))(view.rows, zero)
+        arms = view.whiten(slice(None), arms.reshape(-1, 3, len(view)))
+        residuals.append(gap.ravel() / level)
+        designs.append(design_rows(view, place, most=len(view))[:, base] / level)
+        levers.append(arms.reshape(len(arms), -1) / level)
+        index.append(np.tile(view.index, 3))
+    design, stacked = np.vstack(designs), np.hstack(levers)
+    rows = np.concatenate(index)
+    live = np.abs(design).max(axis=1, initial=0.0) + np.abs(stacked).max(axis=0) > 0  # components that were measured
+    # what the machine's own effects tie to zero is tied here too
+    hold = np.sqrt(solution.precision[base])
+    ties = np.diag(hold)[hold > 0]
+    design = np.vstack([design[live], ties])
+    norms = np.linalg.norm(design, axis=0)
+    seen = norms > 1e-12 * norms.max(initial=0.0)  # a mount's orientation moves no position
+    q, _ = np.linalg.qr(design[:, seen] / norms[seen])
+    residual = np.append(np.concatenate(residuals)[live], -ties @ solution.values[base])
+    names = chain.element_names
+    # a member called "frame" goes before the measuring frame, as in the chain
+    arms_of = {n: stacked[6 * k : 6 * k + 6][:, live] for k, n in enumerate(names)}
+    seen_columns = _scene_columns(fit.survey, table, chain)
+    scene = Scene(chain.machine, seen_columns, _stations(fit), fit.survey.motions_of)
+    return Workbench(chain, residual - q @ (q.T @ residual), q, arms_of, _Lazy(table, rows[live]), rows[live], scene)
+
+
+def _stations(fit: Fit) -> tuple[Vector, ...]:
+    """Where the instrument stood in the reference's axes, to a millimetre: in the measuring frame, or its origin."""
+    here = np.array(getattr(fit.survey.instrument, "station", np.zeros(3)))
+    poses = list(fit.problem.frames.values())[:MOST_STATIONS]
+    places = {tuple(float(x) for x in np.round(p.invert(here[None])[0])) for p in poses} or {(0.0, 0.0, 0.0)}
+    return tuple((x, y, z) for x, y, z in sorted(places))
+
+
+def _scene_columns(survey: Survey, table: _Channels, chain: Chain) -> dict[str, Array]:
+    """What the survey's rows hold, with the side of arrival of every joint that the data knows it of."""
+    plain = ("time", "feed", "load", *TOOL_CHANNELS)
+    dead = dead_sensors(survey)
+    names = [c for c in survey.table.columns if (str(c).startswith(("T_", "w_")) and c not in dead) or c in plain]
+    columns = {str(n): survey.table[n].to_numpy(dtype=float) for n in names}
+    labels, counts = np.unique(survey.table["run"].astype(str), return_counts=True)
+    if 2 <= len(labels) <= MOST_RUNS:  # of two, one is enough
+        several = [label for label, n in zip(labels, counts, strict=True) if n >= LEAST_RUN][len(labels) == 2 :]
+        columns |= {f"run({label})": table[f"run({label})"] for label in several}
+    for joint in chain.machine.joints:
+        columns[joint.name] = survey.table[joint.name].to_numpy(dtype=float)
+        columns[f"dir_{joint.name}"] = table[f"dir_{joint.name}"]
+    return columns

@@ -1,0 +1,45 @@
+"""What a bench holds, observation by observation, as rows of the survey's views again."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from errormodel.arrays import Array
+from identification.diagnosis.linear.linear_model import Workbench
+from identification.diagnosis.search.criteria import left_out
+from identification.estimation.result import Fit
+from identification.observation.models import PositionView
+
+
+def views_of(fit: Fit, bench: Workbench) -> Iterator[PositionView]:
+    """The rows of each view of the bench's fit that the bench has."""
+    for view in fit.problem.views:
+        if isinstance(view, PositionView) and (own := np.isin(view.index, bench.index)).any():
+            yield view.part(own)
+
+
+def by_rows(fit: Fit, bench: Workbench, values: Array) -> Iterator[tuple[PositionView, Array]]:
+    """Values (N,) of the bench's observations as (m, 3) a view, NaN where nothing was measured."""
+    first = 0
+    for part in views_of(fit, bench):
+        last = first + part.count
+        out = np.full((3, len(part)), np.nan)
+        out[part.components.T] = values[first:last]  # component by component
+        first = last
+        yield part, out.T
+
+
+def heldout_um(fit: Fit, bench: Workbench) -> float:
+    """Root mean square of the 3-D residual of blocks of rows, each predicted without it, um."""
+    square, count = 0.0, 0
+    for part, left in by_rows(fit, bench, left_out(bench)):
+        white = np.nan_to_num(left)
+        if part.whitener.ndim == 1:
+            gap = white / part.whitener[:, None]
+        else:
+            gap = np.einsum("mij,mj->mi", np.linalg.pinv(part.whitener), white)
+        square += float(np.sum(gap**2))
+        count += len(part)
+    return 1e3 * fit.solution.sigma["position"] * float(np.sqrt(square / count))

@@ -1,0 +1,331 @@
+"""The diagnosis from gate 0 to the extended machine, refitted in exact kinematics."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from errormodel.arrays import Array, Mask
+from errormodel.effects.base import Effect
+from errormodel.exceptions import InputError
+from errormodel.machine import EffectSpec, Machine
+from errormodel.survey import Survey
+from identification.diagnosis.data_checks.approach_direction import contrary_sides
+from identification.diagnosis.data_checks.blunder import Blunder, listed, misses
+from identification.diagnosis.data_checks.checks import find_blunders, without
+from identification.diagnosis.data_checks.outliers import gross_rows
+from identification.diagnosis.data_checks.temperature_sensors import dead_sensors
+from identification.diagnosis.linear.linear_model import MOST_ROWS, Workbench, set_up
+from identification.diagnosis.linear.motions_as_points import as_points, carried
+from identification.diagnosis.linear.residual_rows import heldout_um, views_of
+from identification.diagnosis.results.effect_size import Amount, whole_of
+from identification.diagnosis.results.findings import (
+    Diagnosis,
+    Finding,
+    HeldOut,
+    Untestable,
+    alternatives_of,
+    look_alikes,
+    motions_of,
+    moved_by,
+    p_value_of,
+    probability_of,
+)
+from identification.diagnosis.results.model_discrepancy import with_form
+from identification.diagnosis.results.statements import (
+    brief_of,
+    named,
+    next_measurement,
+    period_of,
+    statement_of,
+    subject,
+)
+from identification.diagnosis.results.untestable import unseen
+from identification.diagnosis.results.verdict import judge
+from identification.diagnosis.results.witnesses import Account, heard, weighed
+from identification.diagnosis.search.candidates import Candidates, Ranked, enough_rows, proposed
+from identification.diagnosis.search.forward_selection import grow, in_noise
+from identification.diagnosis.search.instrument_noise import sighted
+from identification.diagnosis.search.model import Growth
+from identification.diagnosis.search.model_comparison import retold
+from identification.diagnosis.search.scoring import Step
+from identification.estimation.result import Fit
+from identification.estimation.run import fit_machine
+from identification.observation.normal_equations import design_rows
+from identification.runtime.process_pool import side_by_side
+from identification.runtime.progress import Tell, silent
+
+
+@dataclass(frozen=True)
+class Diagnosed:
+    """The diagnosis, the fits before it and of the extended machine, and how it was found.
+
+    `ranking` is that of all candidates before anything was accepted. `parts` are the diagnoses of single joints that
+    this one is put together from.
+    """
+
+    diagnosis: Diagnosis
+    baseline: Fit
+    final: Fit
+    growth: Growth
+    ranking: list[Ranked]
+    parts: tuple[Diagnosed, ...] = ()
+
+
+def diagnose(machine: Machine, survey: Survey, tell: Tell = silent) -> Diagnosed:
+    """Find what physics a survey shows beyond the machine's model, and put it into the model.
+
+    Parameters
+    ----------
+    tell : surrounds each long part, with its name.
+
+    Raises
+    ------
+    InputError
+        The survey has nothing to fit, or no row with a measured position.
+    """
+    survey = as_points(machine, survey)
+    if parts := carried(machine, survey):
+        from identification.diagnosis.together import together
+
+        return together(
+            machine, survey, [(p, diagnose_points(p.machine, p.survey, p.telling(tell), True)) for p in parts]
+        )
+    return diagnose_points(machine, survey, tell)
+
+
+def diagnose_points(machine: Machine, survey: Survey, tell: Tell = silent, read: bool = False) -> Diagnosed:
+    """The diagnosis of measured positions; `read`: they stand for error motions, in which no column can be wrong."""
+    if not np.isfinite(survey.fit.measured).any():
+        nothing = "no row to fit has a measured position or error motion, which the diagnosis works on"
+        cure = "Add rows with mx my mz, or about a joint's error motions (joint, dx ... ec)"
+        raise InputError(str(survey.source), nothing, cure)
+    blunders = []
+    if not read:
+        with tell("Looking for mistakes in the columns"):
+            blunders = find_blunders(machine, survey)
+    with tell("Fitting the machine"):
+        before = [_try(machine, s) for s in (survey, *(b.survey for b in blunders))[: len(blunders)]]
+        survey = blunders[-1].survey if blunders else survey
+        mended = fit_machine(machine, survey)
+        judged = bool(survey.motions_of) and not read  # by the registration that they come from
+        sound, fit, bad = _without_outliers(machine, survey, mended, 0 if judged else 3)
+    changes = [change for b in blunders for change in b.changes]
+    found = _explained(fit, sound, changes, tell)
+    if bad.any() and found.growth.steps:
+        # what was found may explain rows that were far out: then they are no outliers, and show its form best
+        extended = found.final.chain.machine
+        _, _, still = _without_outliers(extended, survey, fit_machine(extended, survey))
+        if still.sum() < bad.sum():
+            bad, sound = still, _without_fit_rows(survey, still)
+            fit = fit_machine(machine, sound)
+            found = _explained(fit, sound, changes, tell)
+    growth, final, first = found.growth, found.final, found.first
+    fits = [*before, mended]
+    findings = [_blunder_finding(b, *fits[k : k + 2]) for k, b in enumerate(blunders)]
+    causes = [_finding(g, growth, final, found.before, first, found.said.get(g[0].effect, [])) for g in growth.findings]
+    findings += sorted(causes, key=lambda f: -f.heldout_rms_um.before)
+    if bad.any():
+        findings.append(_outlier_finding(bad, mended, fit))
+    verdict = judge(final, bool(findings))
+    dead = (f"{name} drives nothing: {reason}" for name, reason in dead_sensors(survey).items())
+    baseline = next((b for b in fits if b is not None), mended)
+    diagnosis = Diagnosis(
+        verdict.word,
+        1e3 * final.sigma_mm,
+        _summary(baseline),
+        _summary(final),
+        tuple(findings),
+        tuple(found.untestable),
+        verdict.unexplained,
+        (*final.notes, *dead, *contrary_sides(survey), *verdict.notes),
+    )
+    return Diagnosed(diagnosis, baseline, final, growth, found.ranking)
+
+
+@dataclass(frozen=True)
+class _Found:
+    """What explains a fit's residuals, the fit with it, what witnesses said, and what could not be seen.
+
+    `before` is the fit without, its rows weighed as in the `final` one. `ranking` is that before all; `first` the
+    number of the first effect that was found, among the final machine's.
+    """
+
+    before: Fit
+    growth: Growth
+    final: Fit
+    said: dict[Effect, list[Account]]
+    untestable: list[Untestable]
+    ranking: list[Ranked]
+    first: int
+
+
+def _explained(fit: Fit, survey: Survey, changes: Sequence[Effect], tell: Tell) -> _Found:
+    """What explains a fit's residuals, and the survey fitted with it; `changes` are effects that mend blunders."""
+    bench, candidates = _tried(fit, tell)
+    if (seen := sighted(fit, bench, candidates, survey)) is not None:
+        survey, fit = seen, fit_machine(fit.chain.machine, seen)
+        bench, candidates = _tried(fit, tell)
+    scores = candidates.scores(bench)
+    growth, said = heard(in_noise(retold(grow(bench, candidates, tell), candidates, tell)))
+    effects = [*changes, *(s.effect for s in growth.steps)]
+    machine = fit.chain.machine
+    first = len(machine.effects) + len(changes)
+
+    def fitted() -> Fit:
+        return with_form(fit_machine(_extended(machine, effects), survey), growth, first) if effects else fit
+
+    def hidden() -> list[Untestable]:
+        beside = scores.beside(growth.start, growth.bench)
+        return unseen(growth.start.scene, beside, [s.effect for s in growth.steps])
+
+    jobs: list[Callable[[], Any]] = [fitted, hidden]
+    with (tell if effects else silent)("Fitting the extended machine"):
+        final, untestable = side_by_side(jobs)
+    return _Found(fit, growth, final, said, untestable, scores.ranking(), first)
+
+
+def _tried(fit: Fit, tell: Tell) -> tuple[Workbench, Candidates]:
+    """The workbench of a fit, and every effect at every place that its survey shows."""
+    with tell("Trying all effects at all places"):
+        bench = set_up(fit)
+        library = proposed(bench.scene)
+        if (most := enough_rows(library)) < MOST_ROWS:
+            bench = set_up(fit, most)
+        candidates = Candidates.of(bench, library)
+        candidates.scores(bench)
+    return bench, candidates
+
+
+def _try(machine: Machine, survey: Survey) -> Fit | None:
+    """The fit to a survey with a mistake in it, which need not be possible."""
+    try:
+        return fit_machine(machine, survey)
+    except (InputError, np.linalg.LinAlgError):
+        return None
+
+
+def _without_outliers(machine: Machine, survey: Survey, fit: Fit, times: int = 3) -> tuple[Survey, Fit, Mask]:
+    """The survey without what was measured in gross rows, its fit, and those rows (mask over the rows to fit)."""
+    bad = np.zeros(len(fit.survey), dtype=bool)
+    for _ in range(times):  # gross rows hide smaller ones
+        more = gross_rows(fit) & ~bad
+        if not more.any():
+            break
+        bad |= more
+        survey = _without_fit_rows(survey, bad)
+        fit = fit_machine(machine, survey)
+    return survey, fit, bad
+
+
+def _without_fit_rows(survey: Survey, bad: Mask) -> Survey:
+    mask = np.zeros(len(survey), dtype=bool)
+    mask[np.flatnonzero((survey.table["role"] == "fit").to_numpy())[bad]] = True
+    return without(survey, mask)
+
+
+def _extended(machine: Machine, effects: list[Effect]) -> Machine:
+    specs = tuple(EffectSpec(e.effect, e.model_dump(exclude_defaults=True)) for e in effects)
+    return replace(machine, effects=(*machine.effects, *specs))
+
+
+def _summary(fit: Fit) -> dict[str, float | None]:
+    s = fit.solution
+    return {
+        "rms_um": fit.fitted.rms_um,
+        "heldout_rms_um": fit.heldout.rms_um,
+        "reduced_chi2": s.chi2 / s.dof if s.dof > 0 else None,
+    }
+
+
+def _finding(
+    group: Sequence[Step], growth: Growth, final: Fit, before: Fit, first: int, told: Sequence[Account]
+) -> Finding:
+    """A finding from its steps: the effect, and the refinements of its form."""
+    step, machine = group[0], final.chain.machine
+    main = step.effect
+    bench = growth.without(group)  # geometry and the other findings fitted, this one not
+    columns, values = bench.estimates([s.effect for s in group])
+    numbers = [first + k for k, step in enumerate(growth.steps) if any(step is s for s in group)]
+    whole = whole_of(final, [s.effect for s in group], numbers)
+    probability = weighed(probability_of(step), told)
+    others = alternatives_of(step, bench, probability)
+    known = {(a.effect, a.where): a.probability for a in others}
+    alike = sorted(look_alikes(step), key=lambda e: -(known.get((e.effect, e.where)) or 0.0))
+    names = [named(subject(e), known.get((e.effect, e.where))) for e in alike]
+    statement = statement_of(whole, machine, step.absorbed, probability, names)
+    at = getattr(main, "at", None) if "time" in main.drivers else None
+    return Finding(
+        effect=main.effect,
+        where=main.where,
+        motion=motions_of(main, bench),
+        driver=list(main.drivers),
+        runs=[d[4:-1] for d in main.drivers if d.startswith("run(")] or None,
+        time=[float(at)] if at is not None else None,
+        period=period_of(main, machine),
+        statement=" ".join((statement, *(f"{t}." for t in told))),
+        parameters=whole.amounts,
+        probability=probability,
+        p_value=p_value_of(step),
+        heldout_rms_um=HeldOut(*(heldout_um(before, b) for b in (bench, growth.bench))),
+        absorbed=step.absorbed,
+        moved=_moved(before, growth.start, columns[:, : len(bench.index)], values),
+        alternatives=others,
+        next_measurement=next_measurement(main, alike[0] if alike else None),
+        size_um=whole.size_um,
+        brief=brief_of(whole, machine),
+        positive=main.positive(machine),
+    )
+
+
+def _moved(before: Fit, bench: Workbench, columns: Array, values: Array) -> dict[str, float]:
+    """How far the missing effect had pushed the geometry's parameters, by the bench's own rows."""
+    base, place = before.solution.groups.base, before.problem.place()
+    designs = []
+    for part in views_of(before, bench):
+        rows = design_rows(part, place, most=len(part))[:, base]
+        designs.append(rows[part.components.T.ravel()])  # component by component
+    design = np.vstack(designs) / before.solution.sigma["position"]
+    return moved_by(design, [before.solution.unknowns[j] for j in base], columns, values)
+
+
+def _blunder_finding(blunder: Blunder, before: Fit | None, after: Fit | None) -> Finding:
+    errors = [fit.heldout.rms_um if fit else float("nan") for fit in (before, after)]
+    text = f"{blunder.text[0].upper()}{blunder.text[1:]}{blunder.mended}{misses(blunder)}"
+    return Finding(
+        effect=blunder.effect,
+        where=blunder.where,
+        driver=list(blunder.driver),
+        statement=f"{text}.",
+        probability=0.999,
+        p_value=0.0,
+        heldout_rms_um=HeldOut(*errors),
+        next_measurement=blunder.cure,
+        brief=blunder.text.split(":")[0],
+        size_um=blunder.before_um or 0.0,
+        rows=list(blunder.rows) if blunder.rows else None,
+    )
+
+
+def _outlier_finding(bad: Mask, baseline: Fit, fit: Fit) -> Finding:
+    rows = [int(r) for r in baseline.survey.table["row"].to_numpy()[bad]]
+    largest = 1e3 * float(np.sqrt(np.nansum(np.square(baseline.residuals[bad]), axis=1).max()))
+    return Finding(
+        effect="outliers",
+        where="instrument",
+        statement=(
+            f"{len(rows)} rows of {len(bad)} lie far outside anything the others show (up to {largest:.0f} um) and "
+            f"were left out: rows {listed(rows)}."
+        ),
+        parameters=[Amount("rows", float(len(rows)), 0.0, "")],
+        probability=0.99,
+        p_value=0.0,
+        heldout_rms_um=HeldOut(baseline.heldout.rms_um, fit.heldout.rms_um),
+        next_measurement="measure these rows again",
+        brief=f"{len(rows)} rows left out as outliers",
+        size_um=1e3 * float(np.sqrt(np.mean(np.nansum(baseline.residuals[bad] ** 2, axis=1)))),
+        rows=rows,
+    )

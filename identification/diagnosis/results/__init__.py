@@ -1,0 +1,1 @@
+"""What the search found, as findings, statements and a verdict."""

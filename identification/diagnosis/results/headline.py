@@ -1,0 +1,29 @@
+"""The first line of a diagnosis: what was found and how large it is, or that nothing was."""
+
+from __future__ import annotations
+
+from identification.diagnosis.results.findings import Diagnosis, Finding
+from identification.diagnosis.results.statements import SURE
+
+VERDICTS = {
+    "adequate": "Nothing was found: the model and the noise explain what was measured.",
+    "explained": "{found}; what is left looks like noise.",
+    "partly-explained": "{found}; something is left over that no finding explains.",
+    "unexplained": "More than noise is left over, and no finding explains it.",
+}
+MOST = 3  # findings by name
+
+
+def headline(diagnosis: Diagnosis) -> str:
+    """The findings by name and size, and whether more than noise is left; one sentence."""
+    names = [_named(f) for f in diagnosis.findings]
+    if len(names) > MOST + 1:
+        names[MOST:] = [f"{len(names) - MOST} more"]
+    found = " and ".join(part for part in (", ".join(names[:-1]), names[-1]) if part) if names else "Nothing was found"
+    return VERDICTS[diagnosis.verdict].format(found=found[:1].upper() + found[1:])
+
+
+def _named(finding: Finding) -> str:
+    text = finding.brief or f"{finding.effect} at {finding.where}"
+    doubtful = finding.probability < SURE and finding.effect != "unnamed"
+    return f"{text} (the name is not sure)" if doubtful else text

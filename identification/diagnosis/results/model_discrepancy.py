@@ -1,0 +1,52 @@
+"""How well the form of an effect is known: no textbook's is exact, and a time constant or a period has its own error.
+
+The fit knows the size of an effect given its form. To its variance comes that of the form: each shape parameter that
+was searched costs as much as a size does, and what no shape of the library bends to is some hundredths of the effect.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from identification.diagnosis.search.model import Growth
+from identification.diagnosis.search.scoring import Step
+from identification.diagnosis.search.shape_fit import SHAPES
+from identification.estimation.result import Fit
+
+INEXACT = {
+    "thermal": 0.09, "gravity": 0.06, "periodic": 0.05, "geometric": 0.06, "instrument": 0.03, "none of these": 0.10,
+}  # fmt: skip
+"""By family, of an effect's size; what has no form (a play, a step) has none to miss. From recordings whose truth is
+known: what a fit by the best form leaves of an effect that is not of the library's form."""
+
+
+def with_form(final: Fit, growth: Growth, first: int) -> Fit:
+    """The fit with the doubt of its effects' forms in the covariance; its effects from `first` on are the growth's."""
+    solution = final.solution
+    place = {solution.unknowns[j]: k for k, j in enumerate(solution.groups.base)}
+    more = np.zeros(len(place))
+    for group in growth.findings:
+        ids = [final.chain.effect_ids[first + growth.steps.index(step)] for step in group]
+        names = [name for own in ids for name in own]
+        sizes = np.array([solution.values[solution.unknowns.index(name)] for name in names])
+        doubts = [_relative(step) / (1 if len(group) == 1 else 2) for step in group]
+        relative = np.repeat(doubts, [len(own) for own in ids])
+        columns = np.vstack([growth.start.columns(step.effect)[0] for step in group])[:, : len(growth.start.index)]
+        # two lags that nearly cancel are each much larger than what they make: it is that which is in doubt
+        alone = np.sum(sizes**2 * np.sum(columns**2, axis=1))
+        part = np.sum((sizes @ columns) ** 2) / alone if alone else 0.0
+        for name, variance in zip(names, part * (relative * sizes) ** 2, strict=True):
+            if name in place:
+                more[place[name]] = variance
+    return replace(final, solution=replace(solution, covariance=solution.covariance + np.diag(more)))
+
+
+def _relative(step: Step) -> float:
+    """Standard uncertainty of the form, of the effect's size."""
+    effect = step.effect
+    if effect.tied:  # bends to any form
+        return 0.0
+    shapes = sum(bool(getattr(effect, name, None)) for name in SHAPES if name in type(effect).model_fields)
+    return float(np.hypot(INEXACT.get(effect.family, 0.0), np.sqrt(shapes / max(step.drop, 10.0 * (shapes + 1)))))

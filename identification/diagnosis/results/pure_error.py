@@ -1,0 +1,127 @@
+"""Repeated poses: what scatters where nothing was changed is noise (pure error), whatever the model may lack."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from errormodel.arrays import Array, Index
+from identification.estimation.result import Fit
+from identification.observation.models import PositionView
+from identification.observation.normal_equations import view_vector
+
+SAME_LENGTH, SAME_ANGLE = 0.02, 2e-5  # mm, rad: commands as near as that are one pose; the model takes out the rest
+LEAST = 10  # repeats, below which they say nothing
+MISFIT_P, MISFIT_RATIO = 1e-3, 1.3  # chance, and ratio of variances, from which residuals are more than noise
+
+
+@dataclass(frozen=True)
+class Repeats:
+    """Visits to poses that were visited before, other poses in between.
+
+    Attributes
+    ----------
+    poses, count : poses with more than one visit; visits beyond the first of each.
+    sigma_um : standard uncertainty of one coordinate by their scatter.
+    ratio : variance of the fit's residuals over that of the repeats, in units of each row's uncertainty.
+    p_value : chance of as much lack of fit by noise alone: F test, with degrees of freedom for the noise's tails.
+    misfit : whether residuals are more than repeats explain.
+    """
+
+    poses: int
+    count: int
+    sigma_um: float
+    ratio: float
+    p_value: float
+    misfit: bool
+
+    @property
+    def text(self) -> str:
+        """What they say, for a report."""
+        told = (
+            "the residuals are larger than that: the model lacks something"
+            if self.misfit
+            else "which is as much as the residuals hold"
+        )
+        return (
+            f"{self.poses} poses were visited again ({self.count} rows): one coordinate repeats to {self.sigma_um:.2f} "
+            f"um, {told}"
+        )
+
+
+def repeats_of(fit: Fit) -> Repeats | None:
+    """What repeated poses say of a fit; None where there are fewer than `LEAST`.
+
+    Rows that stay at a pose are one visit, of which the first counts: readings in a row share most of what is noise.
+    Times, temperatures and sides of arrival may differ between visits, so that the scatter is noise at most.
+    """
+    pose = _poses(fit)
+    white, index = whitened(fit)
+    order = np.argsort(index, kind="stable")
+    rows = index[order]
+    visit = np.concatenate([[True], np.diff(pose[rows]) != 0]) if len(rows) else np.zeros(0, dtype=bool)
+    first = order[visit]
+    _, group, counts = np.unique(pose[index[first]], return_inverse=True, return_counts=True)
+    again = counts[group] > 1
+    first, group = first[again], group[again]
+    count, poses = int(again.sum() - (counts > 1).sum()), int((counts > 1).sum())
+    if count < LEAST:
+        return None
+    within, dof = _within(white[first], group)
+    scatter, _ = _within(1e3 * fit.residuals[index[first]], group)
+    seen = np.isfinite(white)
+    square, pure = float(np.nansum(white**2)), float(np.nansum(within**2))
+    s = fit.solution
+    dof_all = int(seen.sum()) * s.dof / max(sum(x.count for x in s.sums.values()), 1)
+    if dof <= 0 or dof_all <= dof or pure <= 0:
+        return None
+    from scipy.special import fdtrc
+
+    ratio = (square / dof_all) / (pure / dof)
+    # sums of squares of noise with heavy tails scatter more than Gaussian ones, as if there were fewer rows
+    spread = white[seen] - white[seen].mean()
+    tails = max(float(np.mean(spread**4) / np.mean(spread**2) ** 2) - 3.0, 0.0) / 2
+    rest, m = dof_all - dof, int(np.isfinite(within).sum())
+    freedom = rest / (1 + tails * rest / int(seen.sum())), dof / (1 + tails * dof / m)
+    p_value = float(fdtrc(*freedom, (square - pure) / rest / (pure / dof)))
+    misfit = ratio > MISFIT_RATIO and p_value < MISFIT_P
+    return Repeats(poses, count, float(np.sqrt(np.nansum(scatter**2) / dof)), float(ratio), p_value, misfit)
+
+
+def whitened(fit: Fit) -> tuple[Array, Index]:
+    """Position residuals (m, 3) in units of their declared uncertainty (mm where none is), NaN where not measured.
+
+    With the row of the survey that each belongs to, (m,).
+    """
+    s, zero, place = fit.solution, np.zeros(len(fit.chain.ids)), fit.problem.place()
+    parts, index = [np.zeros((0, 3))], [np.zeros(0, dtype=np.intp)]
+    for view in fit.problem.views:
+        if not isinstance(view, PositionView):
+            continue
+        gap = np.hstack([view.whiten(p, g) for p, g in view.gaps(view_vector(view, place, s.values, zero))]).T
+        parts.append(np.where(view.components, gap, np.nan))
+        index.append(view.index)
+    return np.vstack(parts), np.concatenate(index)
+
+
+def _poses(fit: Fit) -> Index:
+    """A number for each different command (joints and tool) of the survey's rows."""
+    joints = fit.chain.machine.joints
+    steps = [SAME_LENGTH if j.type == "prismatic" else SAME_ANGLE for j in joints]
+    commands = np.hstack([fit.survey.commands([j.name for j in joints]) / steps, fit.survey.tool / SAME_LENGTH])
+    return np.asarray(np.unique(np.rint(commands), axis=0, return_inverse=True)[1]).reshape(-1)
+
+
+def _within(values: Array, group: Index) -> tuple[Array, int]:
+    """Deviations (m, 3) from the mean of each group, component by component, and their degrees of freedom."""
+    _, group = np.unique(group, return_inverse=True)
+    size = int(group.max()) + 1
+    out, dof = np.empty_like(values), 0
+    for k in range(3):
+        seen = np.isfinite(values[:, k])
+        count = np.bincount(group, seen, size)
+        mean = np.bincount(group, np.where(seen, values[:, k], 0.0), size) / np.maximum(count, 1)
+        out[:, k] = np.where(count[group] > 1, values[:, k] - mean[group], np.nan)
+        dof += int((count[count > 1] - 1).sum())
+    return out, dof

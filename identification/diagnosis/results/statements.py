@@ -1,0 +1,274 @@
+"""What a finding says: one sentence an engineer can act on, with figures in the units people read."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+from errormodel.channels import CALL, root
+from errormodel.conventions import FRAME, INSTRUMENT, TOOL, Motion, iso_symbol, unit_of
+from errormodel.effects import registry
+from errormodel.effects.base import Effect
+from errormodel.machine import Joint, Machine
+from identification.diagnosis.data_checks.blunder import length
+from identification.diagnosis.results.effect_size import Whole
+from identification.results.parameter_table import decimals, printed
+
+SURE = 0.7  # probability below which a name is only one of several
+HIDDEN = 0.05  # smaller parts that the geometry had taken are not worth a word
+SECOND = 0.5  # of what the largest motion does at the tip: a second one is told if it does as much
+USUAL, LARGE = 2.0, 4.0  # physical sizes: up to there an effect is usual, up to there large
+MOST_TURNS = 3  # a turn: fewer are told as a period only
+PLACES = {FRAME: "the measuring frame", TOOL: "the tool", INSTRUMENT: "the instrument"}
+CAUSE = ("sensor", "minus", "tau", "start", "anchor")  # fields that say what warms, not what grows
+
+
+def statement_of(whole: Whole, machine: Machine, absorbed: float, probability: float, others: Sequence[str]) -> str:
+    """The sentence. `others`: explanations that this data cannot tell from it, as ``lost-motion of X``, in words."""
+    main = whole.effects[0]
+    name = subject(main)
+    same = [main] if main.generic else [e for e in whole.effects if e.effect == main.effect]
+    cause = "the same in all rows" if _steady(whole) else f"driven by {causes(same)}{shape(main, machine)}"
+    parts = [f"{name[0].upper()}{name[1:]}, {cause}: "]
+    parts.append("; ".join((*_figures(whole, machine), f"{length(whole.size_um)} rms at the tip")))
+    if absorbed > HIDDEN:
+        parts.append(f"; the geometry had hidden {100 * absorbed:.0f} % of it")
+    parts.append(f". Probability {probability:.2f}")
+    if probability < SURE and not main.generic:
+        parts.append(f": the name is uncertain{', it may as well be ' + ' or '.join(others[:3]) if others else ''}")
+    return "".join(parts) + "."
+
+
+def subject(effect: Effect) -> str:
+    """An effect with its place."""
+    place = PLACES.get(effect.where, effect.where)
+    return f"an effect without a name at {place}" if effect.generic else f"{effect.effect} of {place}"
+
+
+def brief_of(whole: Whole, machine: Machine) -> str:
+    """The name, place and size of a finding: ``beam-sag of X by 15 um (EZX)``."""
+    name = subject(whole.effects[0])
+    if not whole.tip:
+        return name
+    place = max(whole.tip, key=lambda p: whole.tip[p])
+    value = abs(whole.amounts[0].value) if _steady(whole) else whole.range(place)[0]
+    factor, unit = printed(unit_of(place[1]))
+    size = f"{factor * value:.{max(0, 1 - math.floor(math.log10(max(factor * value, 1e-3))))}f}"
+    return f"{name} by {size} {unit.replace('µ', 'u')} ({motion_name(place, machine)})"
+
+
+def named(explanation: str, probability: float | None) -> str:
+    """Another explanation with its probability, if one is known."""
+    return explanation if probability is None else f"{explanation} (probability {probability:.2f})"
+
+
+def spoken(place: tuple[str, Motion], machine: Machine) -> str:
+    """A motion of an element as one says it: ``dy of W (EYW)``."""
+    element, motion = place
+    if element in {j.name for j in machine.joints}:
+        return f"{motion} of {element} ({iso_symbol(element, motion)})"
+    return motion_name(place, machine)
+
+
+def motion_name(place: tuple[str, Motion], machine: Machine) -> str:
+    """A motion by its ISO name, or of a member by its id: ``EYW``, ``dz of the tool``."""
+    element, motion = place
+    if element in {j.name for j in machine.joints}:
+        return iso_symbol(element, motion)
+    return f"{motion} of {element if element in {s.name for s in machine.shapes} else PLACES.get(element, element)}"
+
+
+def causes(effects: Sequence[Effect]) -> str:
+    """What drives some effects together, in words: the lags of one sensor in a row."""
+    lags: dict[str, list[float]] = {}
+    for effect in effects:
+        names = dict.fromkeys(effect.drivers)
+        warm = [n for n in names if getattr(effect, "minus", None) and root(n).startswith("T_")]  # a difference of two
+        said = [*(channel(n) for n in names if n not in warm), *([" less ".join(map(channel, warm))] if warm else [])]
+        text = " and ".join(said) or "position"
+        lags.setdefault(text, []).append(getattr(effect, "tau", None) or 0.0)
+    return " and ".join(f"{text}{_behind(text, taus)}" for text, taus in lags.items())
+
+
+def _behind(text: str, taus: Sequence[float]) -> str:
+    late = [duration(tau) for tau in dict.fromkeys(taus) if tau]
+    if not late:
+        return ""
+    many = "s" * (len(late) > 1)
+    if text == "time":
+        return f", settling with time constant{many} of {' and '.join(late)}"
+    return f"{', at once and' if 0.0 in taus else ''} behind {'' if many else 'a '}lag{many} of {' and '.join(late)}"
+
+
+def channel(name: str) -> str:
+    """A channel in words."""
+    if call := CALL.fullmatch(name):
+        behind = f" behind a lag of {duration(float(call[3]))}" if name.startswith("lag") else ", with play"
+        return call[2] + behind
+    if name.startswith("dir_"):
+        return f"the side from which {name[4:]} arrives"
+    return f"run {name[4:-1]}" if name.startswith("run(") else name
+
+
+def duration(seconds: float) -> str:
+    """A time as one says it."""
+    for size, unit in ((3600.0, "h"), (60.0, "min")):
+        if seconds >= 1.5 * size:
+            return f"{seconds / size:.3g} {unit}"
+    return f"{seconds:.3g} s"
+
+
+def position(joint: Joint | None, value: float) -> str:
+    """A position or a distance of a joint."""
+    if joint is not None and joint.type == "rotary":
+        return f"{math.degrees(value):.4g} deg"
+    return f"{value:.4g} mm" if joint is not None else f"{value:.4g}"
+
+
+def driving(effect: Effect, machine: Machine) -> Joint | None:
+    """The joint along which an effect has its period, place and width, if it is one."""
+    names = {n.removeprefix("dir_") for n in effect.drivers[:1]}
+    return next((j for j in machine.joints if j.name in names), None)
+
+
+def period_of(effect: Effect, machine: Machine) -> float | None:
+    """An effect's period as files have it: mm, or degrees of a rotary joint."""
+    period = getattr(effect, "period", None)
+    joint = driving(effect, machine)
+    if period is None or (joint is None and getattr(effect, "edge", None) is not None):  # switches once
+        return None
+    return math.degrees(period) if joint is not None and joint.type == "rotary" else float(period)
+
+
+def shape(effect: Effect, machine: Machine) -> str:
+    """Period, place, width and the like, in words; empty where an effect has none."""
+    joint, words = driving(effect, machine), []
+    if period_of(effect, machine) and (period := getattr(effect, "period", None)):
+        turning = joint is not None and joint.type == "rotary"
+        turns = f" ({2 * math.pi / period:.4g} a turn)" if turning else ""
+        size = duration(period) if effect.drivers[0] == "time" else position(joint, period)
+        words.append(f"with a period of {size}{turns}")
+    joints = {j.name: j for j in machine.joints}
+    for driver, name in zip(effect.drivers, ("edge", "by_edge"), strict=False):
+        if (edge := getattr(effect, name, None)) is not None:
+            words.append(f"switching where {driver} passes {position(joints.get(driver), edge)}")
+    if (at := getattr(effect, "at", None)) is not None:
+        words.append(f"from {at:.5g} s on" if "time" in effect.drivers else f"at {position(joint, at)}")
+    if width := getattr(effect, "width", None):
+        words.append(f"within {position(joint, width)}")
+    if effect.tied and (every := getattr(effect, "every", None)):
+        words.append(f"as a curve of splines {position(joint, every)} apart")
+    if effect.tied and getattr(effect, "pieces", None):
+        words.append("as a surface of splines" if getattr(effect, "by", None) else "as a curve of splines")
+    return f", {', '.join(words)}" if words else ""
+
+
+def _figures(whole: Whole, machine: Machine) -> Iterator[str]:
+    """How large: the physical parameter where there is one, and the motions that show most."""
+    main = whole.effects[0]
+    other = sum(e.effect != main.effect or _grows(e) != _grows(main) for e in whole.effects)
+    known = not (main.tied or main.generic or other)  # a size that can be compared with what is usual
+    coefficients = _coefficients(whole, machine) if known else ""
+    if coefficients:
+        yield coefficients
+    if main.tied and whole.amounts:
+        rms = whole.amounts[0]
+        yield f"{plus_minus(rms.value, rms.std, rms.unit)} rms"
+    ranked = sorted(whole.tip, key=lambda place: -whole.tip[place])
+    if not ranked:  # beside all the others the data no longer tell it from the geometry
+        return
+    if _steady(whole):
+        amount = whole.amounts[0]
+        yield f"{spoken(ranked[0], machine)} is off by {plus_minus(amount.value, amount.std, amount.unit)}"
+        return
+    shown = [p for p in ranked[:2] if whole.tip[p] >= SECOND * whole.tip[ranked[0]]]
+    moves = [f"{spoken(place, machine)} by {plus_minus(*whole.range(place), unit_of(place[1]))}" for place in shown]
+    if moves:
+        more = (
+            f", with {other} further term{'s' * (other > 1)} that refine{'s' * (other == 1)} its form" if other else ""
+        )
+        usual = f", {_usual(_largest(whole, machine))}" if known and not coefficients else ""
+        yield f"moves {' and '.join(moves)} peak to peak over the rows{more}{usual}"
+
+
+def _steady(whole: Whole) -> bool:
+    """Whether it moves nothing from row to row: a constant that the model left out."""
+    return all(whole.range(place)[0] < 1e-12 for place in whole.tip)
+
+
+def _coefficients(whole: Whole, machine: Machine) -> str:
+    """A single physical parameter such as an expansion: at steady state, the sum over the lags of each sensor."""
+    main = whole.effects[0]
+    causes: dict[tuple[str, ...], dict[str, float]] = {}
+    for effect, ids in zip(whole.effects, whole.ids, strict=True):
+        causes.setdefault(effect.drivers, {}).update(dict.fromkeys(ids[:1], 1.0))
+    sizes = _sizes(main, machine)
+    units = {whole.units[i] for i in whole.every}
+    single = all(len(ids) == 1 for ids in whole.ids) or units == {"1/(mm K)"}
+    if len(units) != 1 or not single or units <= {"mm", "rad"} or not all(causes.values()):
+        return ""
+    (unit,), largest, said = units, 0.0, []
+    for drivers, weights in causes.items():
+        value, std = whole.total(weights)
+        largest = max(largest, abs(value) / sizes[unit])
+        of = f" of {channel(drivers[0])}" if len(causes) > 1 else ""
+        said.append(_coefficient(value, std, unit, main, machine) + of)
+    lags = " at steady state" if any(len(w) > 1 for w in causes.values()) else ""
+    most = _coefficient(USUAL * sizes[unit], 0.0, unit, main, machine)
+    sense = f" (positive: {positive})" if (positive := main.positive(machine)) else ""
+    return f"{' and '.join(said)}{lags}{sense}, {_usual(largest)} (up to {most})"
+
+
+def _sizes(effect: Effect, machine: Machine) -> dict[str, float]:
+    """How large an effect's parameters can physically be (one standard deviation), by unit."""
+    return {t.unit: t.size for t in effect.terms(lambda name: 1.0, machine)}
+
+
+def _largest(whole: Whole, machine: Machine) -> float:
+    """The largest of a finding's parameters in units of its physical size."""
+    # a member may both shift and tilt: the main effect's own size where units are alike
+    sizes = {unit: size for effect in reversed(whole.effects) for unit, size in _sizes(effect, machine).items()}
+    return float(max(abs(v) / sizes[whole.units[i]] for i, v in zip(whole.every, whole.values.tolist(), strict=True)))
+
+
+def _usual(ratio: float) -> str:
+    word = "well within" if ratio <= USUAL / 2 else "within" if ratio <= USUAL else "larger than"
+    return f"{word if ratio <= LARGE else 'far larger than'} what is usual"
+
+
+def _coefficient(value: float, std: float, unit: str, effect: Effect, machine: Machine) -> str:
+    """A parameter in its unit; a beam's curvature by its deflection at mid-travel."""
+    joint = next((j for j in machine.joints if j.name == effect.where), None)
+    if unit == "1/(mm K)" and joint is not None:
+        arrow = (joint.travel[1] - joint.travel[0]) ** 2 / 8
+        return f"{plus_minus(arrow * value, arrow * std, 'mm/K')} at mid-travel"
+    return plus_minus(value, std, unit)
+
+
+def _grows(effect: Effect) -> dict[str, object]:
+    """What grows, whatever warms it."""
+    return {k: v for k, v in effect.model_dump().items() if k not in CAUSE}
+
+
+def plus_minus(value: float, std: float, unit: str) -> str:
+    """A value with its standard uncertainty, in um, urad and the like, two digits of the uncertainty."""
+    factor, word = printed(unit)
+    word = word.replace("µ", "u")
+    if not std:
+        return f"{factor * value:.3g} {word}"
+    places = decimals(factor * std)
+    return f"{factor * value:.{places}f} +- {factor * std:.{places}f} {word}"
+
+
+def unequal(effect: Effect, others: Sequence[Effect]) -> Iterator[Effect]:
+    """Of other explanations, physics with another name."""
+    return (o for o in others if o.effect != effect.effect and not o.generic)
+
+
+def next_measurement(effect: Effect, rival: Effect | None) -> str:
+    """The measurement to do; with a rival of another name that this data cannot tell from it, both by name."""
+    if rival is None:
+        return effect.separate
+    known = rival.effect in effect.alike or effect.generic or registry()[rival.effect].separate == effect.separate
+    how = effect.separate if known else f"{effect.separate}; {rival.separate}"
+    return f"this data cannot tell {subject(effect)} from {subject(rival)}: {how}"

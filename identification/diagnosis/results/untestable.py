@@ -1,0 +1,132 @@
+"""What a survey could not have shown, why, and what would: said, not guessed.
+
+An effect is looked for at every place that a full survey of the same machine (all joints moving, from both sides, with
+two tools, temperatures, times, feeds and loads) would let it be looked for at. Where this survey lacks a channel, or
+where the geometry takes up all that the effect does, it is untestable; what the machine cannot have is not mentioned.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+
+from errormodel.arrays import Array
+from errormodel.chain import TOOL_CHANNELS
+from errormodel.channels import root
+from errormodel.effects import registry
+from errormodel.effects.base import Effect
+from errormodel.effects.search_space.survey_summary import Scene
+from errormodel.machine import Joint, joint_of
+from identification.diagnosis.results.findings import Untestable
+from identification.diagnosis.search.candidates import ABSORBED, Scores
+
+HARDLY = 26.0  # noise variances: less is not convincing among some hundred places
+MOSTLY = 0.9  # of its length squared
+Variant = tuple[str, str, bool]
+ROWS = 400  # of the full survey
+
+
+def unseen(scene: Scene, scores: Scores, found: Collection[Effect]) -> list[Untestable]:
+    """Effects, with their places, that a survey cannot show, from the `scores` of what it lets be looked for.
+
+    What was `found` was large enough.
+    """
+    least: dict[Variant, tuple[float, float]] = {}
+    for numbers in scores.candidates.of_key.values():
+        place = variant_of(scores.candidates.effects[numbers[0]])
+        before = least.get(place, (1.0, 0.0))
+        least[place] = min(before[0], *scores.absorbed[numbers]), max(before[1], *scores.reach[numbers])
+    shown = set(map(variant_of, found))
+    out = []
+    for name, kind in sorted(registry().items()):
+        if kind.generic or kind.family == "blunder":
+            continue
+        possible: dict[Variant, list[Effect]] = {}
+        for effect in kind.proposals(full_scene(scene)):
+            if scene.shows(effect.where):
+                possible.setdefault(variant_of(effect), []).append(effect)
+        reasons: dict[str, list[str]] = {}
+        both = len({changes for _, _, changes in possible}) > 1
+        for variant, effects in possible.items():
+            if variant in shown:
+                continue
+            where = variant[1] if not both else f"{variant[1]} {'as it changes' if variant[2] else 'if constant'}"
+            part, reach = least.get(variant, (None, np.inf))
+            if part is None:
+                reasons.setdefault(_missing(effects, scene), []).append(where)
+            elif reach < HARDLY and part > MOSTLY:
+                reason = "what the geometry leaves of it at its usual size stays within the noise"
+                reasons.setdefault(reason, []).append(where)
+            elif part > ABSORBED:
+                reasons.setdefault(f"the geometry absorbs {100 * part:.0f} % of it", []).append(where)
+        for reason, places in reasons.items():
+            at = "" if len(places) == len(possible) else f"at {', '.join(places)}: "
+            out.append(Untestable(name, at + reason, kind.separate))
+    return out
+
+
+def variant_of(effect: Effect) -> Variant:
+    """An effect's word, its place, and whether it changes with warmth or time."""
+    return effect.effect, effect.where, _changes(effect.drivers)
+
+
+@lru_cache
+def _changes(drivers: tuple[str, ...]) -> bool:
+    return any("T_" in d or d == "time" for d in drivers)
+
+
+def full_scene(scene: Scene) -> Scene:
+    """The machine as a full survey would have it, with this survey's sensors where it has any."""
+    rng = np.random.default_rng(0)
+    time: Array = 60.0 * np.arange(ROWS, dtype=np.float64)
+    columns: dict[str, Array] = {}
+    columns["time"] = time
+    for joint in scene.machine.joints:
+        columns[joint.name] = rng.uniform(*joint.travel, ROWS)
+        columns[f"dir_{joint.name}"] = rng.choice([-1.0, 1.0], ROWS)
+    for k, sensor in enumerate(scene.sensors or ("T_one", "T_two")):
+        columns[sensor] = 20 + np.sin(time / time[-1] * (k + 2))
+    for name in ("feed", "load"):
+        columns[name] = rng.choice([0.0, 1000.0, 2000.0], ROWS)
+    tools = np.array([scene.machine.tool, tuple(1.5 * v + 20 for v in scene.machine.tool)])
+    columns |= dict(zip(TOOL_CHANNELS, tools[np.arange(ROWS) % 2].T, strict=True))
+    return replace(scene, columns=columns)
+
+
+def _missing(effects: Sequence[Effect], scene: Scene) -> str:
+    """What a survey lacks for the one of some effects that asks for least."""
+    lacks = [list(dict.fromkeys(_lacking(effect.channels(scene.machine), scene))) for effect in effects]
+    fewest = min(lacks, key=len)
+    if not fewest and scene.motions_of:
+        return "none of the motions that it makes was read, or at too few positions"
+    if fewest:
+        return " and ".join(fewest)
+    asked = {root(name) for effect in effects for name in effect.channels(scene.machine)}
+    off = [j.name for j in scene.moving if j.name in asked and _beyond(scene, j)]
+    if off:
+        return f"most positions of {' and '.join(off)} lie outside the travel: another zero, or another travel"
+    return "its positions are too few or too far apart"
+
+
+def _beyond(scene: Scene, joint: Joint) -> bool:
+    """Whether most positions of a joint lie outside its travel."""
+    middle = float(np.median(scene.columns[joint.name]))
+    return not joint.travel[0] <= middle <= joint.travel[1]
+
+
+def _lacking(names: Sequence[str], scene: Scene) -> Iterator[str]:
+    joints = {j.name for j in scene.machine.joints}
+    for channel in map(root, names):
+        if channel.startswith("dir_") and not scene.both_ways(joint_of(scene.machine, channel[4:])):
+            yield f"{channel[4:]} always arrived from the same side"
+        elif channel in joints and not scene.varies(channel):
+            yield f"{channel} did not move"
+        elif channel.startswith("T_") and not scene.sensors:
+            yield "no temperature was recorded"
+        elif channel in ("time", "feed", "load") and not scene.varies(channel):
+            yield f"no {channel} was recorded that changes"
+        elif channel in TOOL_CHANNELS and not any(scene.varies(c) for c in TOOL_CHANNELS):
+            yield "only one tool was used"

@@ -1,0 +1,94 @@
+"""Whether what is left over agrees with the noise, by what is known of the noise without the model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from identification.diagnosis.results.pure_error import MISFIT_P, MISFIT_RATIO, repeats_of, whitened
+from identification.estimation.result import Fit
+
+BINS = 8  # of each channel, in which to look for where most is left over
+LEAST_ROWS = 12  # of a bin
+CLEAR = 4.0  # standard deviations by which a bin must stand out to be named
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The contract's word, what is left over (None: nothing), and what to say of the noise."""
+
+    word: str
+    unexplained: str | None
+    notes: tuple[str, ...] = ()
+
+
+def judge(final: Fit, found: bool) -> Verdict:
+    """The verdict on a fit, after `found` something or nothing.
+
+    Misfit is what exceeds the scatter of repeated poses; without repeats, what exceeds a declared uncertainty. Without
+    either, the noise is only known as what the model leaves, and cannot contradict it.
+    """
+    s = final.solution
+    repeats = repeats_of(final)
+    notes = [repeats.text] if repeats else []
+    reason = ""
+    declared = _exceeds_declared(final)
+    if repeats is not None:
+        if repeats.misfit:
+            reason = f"repeated poses let expect {_length(final) / np.sqrt(repeats.ratio):.1f}"
+        elif declared:
+            notes.append(
+                f"the declared uncertainty is too small by a factor of {np.sqrt(s.chi2 / s.dof):.2f}: repeated poses "
+                "scatter as much as the residuals"
+            )
+    elif declared:
+        reason = f"the declared uncertainty lets expect {_length(final) / np.sqrt(s.chi2 / s.dof):.1f}"
+    if not reason:
+        return Verdict("explained" if found else "adequate", None, tuple(notes))
+    text = f"{_length(final):.1f} um rms where {reason}; {largest(final)}"
+    return Verdict("partly-explained" if found else "unexplained", text, tuple(notes))
+
+
+def largest(fit: Fit) -> str:
+    """Where the residuals are largest, in words."""
+    white, index = whitened(fit)
+    square = np.nanmean(white**2, axis=1)
+    length = 1e3 * np.sqrt(np.nansum(fit.residuals[index] ** 2, axis=1))
+    table = fit.survey.table
+    joints = {j.name: j for j in fit.chain.machine.joints}
+    best, words = CLEAR, "it is spread evenly over positions and time"
+    for name in (*joints, *(n for n in ("time",) if n in table)):
+        values = table[name].to_numpy(dtype=np.float64)[index]
+        edges = np.unique(np.quantile(values, np.linspace(0, 1, BINS + 1)))
+        place = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, max(len(edges) - 2, 0))
+        for k in np.unique(place):
+            here = place == k
+            if here.sum() < LEAST_ROWS or here.all():
+                continue
+            error = np.sqrt(np.var(square) / here.sum())
+            if (score := float((square[here].mean() - square.mean()) / max(error, 1e-300))) > best:
+                factor, unit = (1.0, "s") if name == "time" else (1.0, "mm")
+                if name in joints and joints[name].type == "rotary":
+                    factor, unit = float(np.degrees(1.0)), "deg"
+                low, high = factor * values[here].min(), factor * values[here].max()
+                rms = float(np.sqrt(np.mean(length[here] ** 2)))
+                what = "time" if name == "time" else f"{name} is"
+                best, words = score, f"it is largest where {what} from {low:.5g} to {high:.5g} {unit} ({rms:.1f} um)"
+    return words
+
+
+def _exceeds_declared(fit: Fit) -> bool:
+    from scipy.special import chdtrc
+
+    s = fit.solution
+    if "position" not in s.declared or s.dof <= 0:
+        return False
+    return bool(chdtrc(s.dof, s.chi2) < MISFIT_P and s.chi2 / s.dof > MISFIT_RATIO)
+
+
+def _length(fit: Fit) -> float:
+    """Root mean square of the 3-D residual, um, for the degrees of freedom that the fit has left."""
+    s = fit.solution
+    count = sum(x.count for x in s.sums.values())
+    return fit.fitted.rms_um * float(np.sqrt(count / max(s.dof, 1)))

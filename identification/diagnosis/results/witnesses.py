@@ -1,0 +1,201 @@
+"""Witness channels: what stands on a member and sees its motion supports a finding there, or contradicts it.
+
+A column ``w_<name>`` is a witness of a place if words of its name, apart by ``_``, are a chain element's name and a
+motion (``w_level_X_ea``), an encoder or scale (a joint's own positioning: ``w_encoder_X``), or a level (rotations but
+the one about the vertical: ``w_level_X``); a unit may follow (``_um``), else it is in mm or rad. Any other channel has
+nothing to contradict, and drives what it drives.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from errormodel.arrays import Array, Index
+from errormodel.channels import root
+from errormodel.conventions import MOTIONS, ROTATIONS, Motion
+from errormodel.effects import registry
+from errormodel.effects.base import Effect, axis_motion
+from errormodel.machine import Joint, Machine
+from errormodel.units import factor, is_unit
+from identification.diagnosis.linear.linear_model import Workbench
+from identification.diagnosis.results.statements import subject
+from identification.diagnosis.search.model import Growth, of_groups
+from identification.diagnosis.search.scoring import Step
+
+ENCODER = re.compile(r"enc(oder)?\d*|scale|ruler", re.IGNORECASE)
+LEVEL = re.compile(r"(spirit)?level\d*|tilt|incl(inometer)?", re.IGNORECASE)
+DRIVES = ("reversal", "periodic", "dynamic")  # families that an encoder sees: its own growth and a lever it does not
+SEEN = 6.0  # standard errors: the witness goes along
+LITTLE = 0.3  # of the motion that the finding claims: a witness that surely shows less contradicts it
+AGREES = 10.0  # times the odds, for each witness that goes along
+WORTH = 7.0  # nats: what explains less is no other explanation
+
+Word = Literal["supports", "contradicts"]
+
+
+@dataclass(frozen=True)
+class Witness:
+    """A channel and the motions of a chain element that it sees; `blind` to so many of them, nobody knows which."""
+
+    name: str
+    element: str
+    motions: tuple[Motion, ...]
+    scale: float  # to mm or rad
+    blind: int = 0
+    encoder: bool = False
+
+
+@dataclass(frozen=True)
+class Account:
+    """What a witness says of an effect: the part of the claimed motion that it shows, with its standard error."""
+
+    name: str
+    word: Word
+    share: float
+    error: float
+
+    against: str = ""  # what it contradicted and brought down, where that is not the finding itself
+
+    def __str__(self) -> str:
+        share = f"{self.share:.2f} +- {self.error:.2f} of it"
+        if self.against:
+            return f"{self.name} does not show what {self.against} would do ({share})"
+        return f"{self.name} {'shows it too' if self.word == 'supports' else 'does not show it'} ({share})"
+
+
+def witnesses(machine: Machine, channels: Sequence[str]) -> Iterator[Witness]:
+    """The channels whose names say what they see."""
+    joints = {j.name: j for j in machine.joints}
+    elements = [*joints, *(s.name for s in machine.shapes)]
+    for name in channels:
+        words = name.removeprefix("w_").split("_")
+        element = next((e for e in elements if e in words), None)
+        if element is None:
+            continue
+        unit = next((w for w in words[1:] if w != element and (is_unit(w, "length") or is_unit(w, "angle"))), "")
+        motion = next((m for m in MOTIONS if m in words), None)
+        joint = joints.get(element)
+        if motion is not None:
+            yield Witness(name, element, (motion,), _scale(unit, motion))
+        elif joint is not None and any(ENCODER.fullmatch(w) for w in words):
+            own = axis_motion(joint)
+            yield Witness(name, element, (own,), _scale(unit, own), encoder=True)
+        elif any(LEVEL.fullmatch(w) for w in words):
+            yield Witness(name, element, ROTATIONS, _scale(unit, "ea"), blind=1)
+
+
+def _scale(unit: str, motion: Motion) -> float:
+    quantity: Literal["length", "angle"] = "angle" if motion in ROTATIONS else "length"
+    return factor(unit, quantity) if unit and is_unit(unit, quantity) else 1.0
+
+
+def heard(growth: Growth) -> tuple[Growth, dict[Effect, list[Account]]]:
+    """The growth without what a witness contradicts, and what the witnesses say of each finding.
+
+    A contradicted finding gives way to its best rival that is not; its refinements go with it.
+    """
+    start = growth.start
+    seen = list(witnesses(start.chain.machine, start.scene.witnesses))
+    said: dict[Effect, list[Account]] = {}
+    if not seen:
+        return growth, said
+    groups: list[list[Step]] = []
+    for group in growth.findings:
+        bench = growth.without(group)
+        told = _told(bench, group, seen)
+        against = [t for t in told if t.word == "contradicts"]
+        new = group
+        if against:
+            new = _instead(bench, group[0], seen)
+            if not new:
+                continue
+            named = subject(group[0].effect)
+            told = [*_told(bench, new, seen), *(replace(t, against=named) for t in against)]
+        said[new[0].effect] = told
+        groups.append(new)
+    heeded = any(t.against for told in said.values() for t in told) or len(groups) < len(growth.findings)
+    return (of_groups(start, groups) if heeded else growth), said
+
+
+def weighed(probability: float, told: Sequence[Account]) -> float:
+    """The probability of a name once its witnesses have been heard."""
+    odds = AGREES ** sum(t.word == "supports" for t in told) * probability / max(1 - probability, 1e-9)
+    return min(odds / (1 + odds), 0.999)
+
+
+def _told(bench: Workbench, group: Sequence[Step], seen: Sequence[Witness]) -> list[Account]:
+    return [t for w in seen if (t := account(bench, [s.effect for s in group], w)) is not None]
+
+
+def account(bench: Workbench, effects: Sequence[Effect], witness: Witness) -> Account | None:
+    """What a witness says of effects of one finding, the rest being fitted; None where it cannot say anything."""
+    own = effects[0]
+    if witness.name in {root(d) for e in effects for d in e.drivers}:
+        return None
+    if witness.encoder and registry()[own.effect].family not in DRIVES and not own.generic:
+        return None
+    claims = _claims(bench, effects, witness)
+    if len(claims) <= witness.blind:
+        return None
+    _, first = np.unique(bench.index, return_index=True)
+    values = witness.scale * bench.channel(witness.name)[first]
+    found = [_share(bench, witness.element, claim[first], values, first) for claim in claims]
+    share, error = max(found, key=lambda f: abs(f[0]) / f[1])
+    if abs(share) > SEEN * error:
+        return Account(witness.name, "supports", share, error)
+    sure = sum(abs(s) + 3 * e < LITTLE for s, e in found)
+    if sure == len(found):
+        return Account(witness.name, "contradicts", share, error)
+    return None
+
+
+def _claims(bench: Workbench, effects: Sequence[Effect], witness: Witness) -> list[Array]:
+    """The motions of the witness' element that effects make, each (N,) in mm or rad; those that change."""
+    machine = bench.chain.machine
+    _, values = bench.estimates(list(effects))
+    terms = [t for e in effects for t in e.terms(bench.channel, machine)]
+    claims = []
+    for motion in witness.motions:
+        total = np.zeros(len(bench.index))
+        for term, value in zip(terms, values, strict=True):
+            if term.element == witness.element and motion in term.motion:
+                total += value * term.motion[motion]
+        if np.ptp(total) > 0:
+            claims.append(total)
+    return claims
+
+
+def _share(bench: Workbench, element: str, claim: Array, values: Array, rows: Index) -> tuple[float, float]:
+    """Regression of a witness on a claimed motion beside a line in the element's position, and its standard error.
+
+    Noise that hangs together from row to row widens the error.
+    """
+    joint: Joint | None = next((j for j in bench.chain.machine.joints if j.name == element), None)
+    beside = [np.ones(len(values)), *([bench.channel(element)[rows]] if joint is not None else [])]
+    design = np.column_stack([claim, *beside])
+    norms = np.linalg.norm(design, axis=0)
+    inverse = np.linalg.pinv((design / norms).T @ (design / norms))
+    solution = inverse @ (design / norms).T @ values
+    left = values - design / norms @ solution
+    noise = float(left @ left) / max(len(values) - design.shape[1], 1)
+    follows = float(np.clip(left[1:] @ left[:-1] / max(left @ left, 1e-300), 0.0, 0.95))
+    error = np.sqrt(noise * inverse[0, 0] * (1 + follows) / (1 - follows)) / norms[0]
+    return float(solution[0] / norms[0]), float(max(error, 1e-9))
+
+
+def _instead(bench: Workbench, step: Step, seen: Sequence[Witness]) -> list[Step]:
+    """The best rival of a contradicted step that no witness contradicts, names before mere forms; or nothing."""
+    for generic in (False, True):
+        for rival in step.rivals:
+            if rival.effect.generic is not generic or rival.evidence < max(WORTH, step.evidence / 2):
+                continue
+            alone = replace(rival, drop=bench.drop(bench.with_effect(rival.effect)), partner=())
+            if any(t.word == "contradicts" for t in _told(bench, [alone], seen)):
+                continue
+            return [replace(alone, rivals=tuple(r for r in step.rivals if r is not rival))]
+    return []

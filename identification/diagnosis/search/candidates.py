@@ -1,0 +1,383 @@
+"""Every effect the library proposes for a survey, as columns, and how much evidence each has beside what is accepted.
+
+Evidence is that of a linear-Gaussian model with priors of physical size, in closed form; a shape parameter is
+integrated over its grid, which pays for looking elsewhere. Nats throughout.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from math import log
+from typing import NamedTuple
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import DTypeLike
+
+from errormodel.arrays import Array, Columns, Index, Mask
+from errormodel.effects import registry
+from errormodel.effects.base import Effect
+from errormodel.effects.search_space.survey_summary import Scene
+from identification.diagnosis.linear.linear_model import Workbench
+from identification.diagnosis.linear.projection_cache import Directions
+from identification.diagnosis.linear.random_effects import Tied
+from identification.runtime.process_pool import Ground, side_by_side
+
+AT_ONCE = 16  # columns made in one go: they stay within the processor's cache
+Part = tuple[Index, Columns, Array]  # proposals' numbers, columns and sizes
+Scored = tuple[Array, Array, Array, Array]  # evidence, drop, absorbed part and reach of proposals
+Empty = Callable[[tuple[int, ...], DTypeLike], Columns]
+BLOCK = 250  # proposals scored in one go
+MANY, PARTS = 1000, 4  # proposals beyond which products are kept, and columns made side by side, in so many parts
+MEMORY = 2_400_000_000  # bytes of all proposals' columns
+GROUND = 4 * MEMORY  # what they may lie on: blocks begun are not full
+USUAL = 2  # parameters of a proposal
+SIZES = {0.1: 0.1, 0.3: 0.2, 1.0: 0.4, 3.0: 0.2, 10.0: 0.1}  # times the usual one: how often
+NOTHING = 1e-300  # length squared of a column
+SINGLE = np.float32  # of the columns that are kept: what is left of one, a thousandth at least, is known to 1e-4
+ABSORBED = 0.999  # of a column's length squared: beyond it an effect cannot be told from the geometry
+FORM_ABSORBED = 0.99  # the same for a form that has no size of its own
+
+
+class Block(NamedTuple):
+    """Proposals of as many parameters each, beside the first `rank` columns of a bench's basis: the geometry's.
+
+    What has been accepted since is taken out when they are scored, so that the geometry need be only once.
+
+    Attributes
+    ----------
+    numbers : (m,) the proposals'.
+    columns : (m, k, N) of parameters as large as is usual; `sizes` (m, k) what is usual.
+    gram : (m, k, k) products of the columns without what the geometry spans.
+    square : (m, k) the columns' own lengths squared.
+    """
+
+    numbers: Index
+    columns: Columns
+    sizes: Array
+    gram: Array
+    square: Array
+    rank: int
+    exact: bool
+
+    @classmethod
+    def of(cls, bench: Workbench, numbers: Index, columns: Columns, sizes: Array, exact: bool = False) -> Block:
+        """A block; products of tied parameters' columns are to be `exact`: much is known of very little of them."""
+        m, k, n = columns.shape
+        rank = bench.basis.shape[1]
+        plain = cls(numbers, columns, sizes, np.empty((m, k, 0)), np.empty((m, k)), rank, exact)
+        gram = np.array([c @ c.T for c in plain.parts()], float) if exact else (columns @ columns.transpose(0, 2, 1))
+        whole = gram.astype(float)
+        undefined = ~np.isfinite(whole).all(axis=(1, 2))
+        columns[undefined], whole[undefined] = 0.0, 0.0
+        inner = plain.times(bench.basis[:n])
+        square = np.maximum(np.diagonal(whole, axis1=1, axis2=2), NOTHING)
+        return plain._replace(gram=whole - inner @ inner.transpose(0, 2, 1), square=square)
+
+    def parts(self) -> Iterator[Array]:
+        """The columns (k, N) of each proposal, in double precision."""
+        return (own.astype(float) for own in self.columns)
+
+    def times(self, vectors: Array) -> Array:
+        """Products (m, k, r) of the columns with vectors (N, r)."""
+        m, k, n = self.columns.shape
+        if self.exact:
+            return np.array([own @ vectors for own in self.parts()]).reshape(m, k, -1)
+        flat = self.columns.reshape(m * k, n) @ vectors.astype(self.columns.dtype)
+        return flat.reshape(m, k, -1).astype(float)
+
+    def part(self, some: Mask) -> Block:
+        """Some of its proposals."""
+        gram, square = self.gram[some], self.square[some]
+        return Block(self.numbers[some], self.columns[some], self.sizes[some], gram, square, self.rank, self.exact)
+
+
+Products = Callable[[Block], Array]  # of a block's columns with some vectors: (m, k, vectors)
+
+
+@dataclass(frozen=True, eq=False)
+class Candidates:
+    """Proposals with their columns, in blocks of the same number of parameters.
+
+    Attributes
+    ----------
+    effects : all proposals; `keys` their keys (one key: all shapes of one effect at one place).
+    """
+
+    effects: list[Effect]
+    blocks: list[Block]
+    keys: list[tuple[object, ...]] = field(default_factory=list)
+    _known: WeakKeyDictionary[Workbench, Scores] = field(default_factory=WeakKeyDictionary, repr=False)
+    _directions: Directions = field(default_factory=Directions, repr=False)
+
+    @classmethod
+    def of(cls, bench: Workbench, effects: Sequence[Effect] | None = None) -> Candidates:
+        """All proposals of the library (or the given ones) whose channels the survey has."""
+        if effects is None:
+            effects = proposed(bench.scene)
+        lists = list(_alike(effects))
+        # not as many as there are cores: results must not depend on them
+        parts = [lists[k::PARTS] for k in range(PARTS)] if len(effects) > MANY else [lists]
+        listed = [[e for alike in part for e in alike] for part in parts]
+        first = np.cumsum([0, *map(len, listed)]).tolist()
+        ground = Ground(GROUND, len(parts))
+        jobs = [partial(_blocks, bench, part, first[k], partial(ground.empty, k)) for k, part in enumerate(parts)]
+        blocks = [block for made in side_by_side(jobs, ground) for block in made]
+        every = [e for part in listed for e in part]
+        return cls(every, blocks, [e.key for e in every])._that_move()
+
+    def _that_move(self) -> Candidates:
+        """Without proposals that move nothing in these rows, or are not defined in some."""
+        moves = [block.square.max(axis=1) > NOTHING for block in self.blocks]
+        if all(m.all() for m in moves):
+            return self
+        kept = np.zeros(len(self.effects), dtype=bool)
+        for block, some in zip(self.blocks, moves, strict=True):
+            kept[block.numbers[some]] = True
+        number = np.cumsum(kept) - 1
+        blocks = []
+        for block, some in zip(self.blocks, moves, strict=True):
+            own = block if some.all() else block.part(some)  # most stay as they are: a copy would be of gigabytes
+            if some.any():
+                blocks.append(own._replace(numbers=number[own.numbers]))
+        effects = [e for e, keep in zip(self.effects, kept, strict=True) if keep]
+        return Candidates(effects, blocks, [e.key for e in effects])
+
+    @cached_property
+    def of_key(self) -> dict[tuple[object, ...], list[int]]:
+        """The proposals' numbers by their key."""
+        out: dict[tuple[object, ...], list[int]] = {}
+        for n, key in enumerate(self.keys):
+            out.setdefault(key, []).append(n)
+        return out
+
+    def joined(self, other: Candidates) -> Candidates:
+        """Both lists as one."""
+        shift = len(self.effects)
+        blocks = [*self.blocks, *(block._replace(numbers=block.numbers + shift) for block in other.blocks)]
+        keys = [*self.keys, *other.keys]
+        return Candidates([*self.effects, *other.effects], blocks, keys, _directions=self._directions)
+
+    def branch(self) -> Candidates:
+        """The same for a search of its own: in what order searches are made must not round their scores otherwise."""
+        return Candidates(self.effects, self.blocks, self.keys, _directions=self._directions.copy())
+
+    def scores(self, bench: Workbench) -> Scores:
+        """Evidence of each proposal beside what the bench has accepted."""
+        if bench not in self._known:
+            self._known[bench] = self._scored(bench)
+        return self._known[bench]
+
+    def _scored(self, bench: Workbench) -> Scores:
+        evidence = np.full(len(self.effects), -np.inf)
+        drop = np.zeros(len(self.effects))
+        absorbed = np.ones(len(self.effects))
+        reach = np.full(len(self.effects), np.inf)
+        products = self._products(bench)
+        alike: dict[tuple[bool, int], list[Block]] = {}
+        for block in self.blocks:
+            kind = self.effects[block.numbers[0]].tied, block.columns.shape[1]
+            alike.setdefault(kind, []).append(block)
+        for (tied, _), blocks in alike.items():
+            own = np.concatenate([block.numbers for block in blocks])
+            if tied:
+                scores = _tied_scores(bench, blocks, products)
+            else:
+                scores = _free_scores(bench, blocks, products, np.array([self.effects[n].generic for n in own]))
+            evidence[own], drop[own], absorbed[own], reach[own] = scores
+        return Scores(self, evidence - np.array([e.cost for e in self.effects]), drop, absorbed, reach)
+
+    def _products(self, bench: Workbench) -> Products:
+        """Products of a block's columns with what the bench has accepted beyond the geometry, and with the residual.
+
+        All blocks were made beside one bench.
+        """
+        rank, n = next(((b.rank, b.columns.shape[-1]) for b in self.blocks), (0, 0))
+        beyond = np.column_stack([bench.basis[:n, rank:], bench.residual[:n]])  # behind them may be ties
+        if len(self.effects) > MANY:
+            coordinates = self._directions.coordinates(beyond)
+            return lambda block: self._directions.products(block.columns, block.times, coordinates)
+        return lambda block: block.times(beyond)
+
+
+def proposed(scene: Scene) -> list[Effect]:
+    """Every effect of the library at every place that a survey shows, by what it recorded."""
+    return [e for kind in registry().values() for e in kind.proposals(scene) if scene.shows(e.where)]
+
+
+def enough_rows(effects: Sequence[Effect]) -> int:
+    """Rows of a survey of which all these proposals' columns fit into memory: an arm has many times as many."""
+    return MEMORY // (USUAL * 3 * np.dtype(SINGLE).itemsize * max(len(effects), 1))
+
+
+def _alike(effects: Sequence[Effect]) -> Iterator[list[Effect]]:
+    """The effects in lists that differ in their kind's shape only, and are as many as columns may be made at once."""
+    lists: dict[tuple[object, ...], list[Effect]] = {}
+    for effect in effects:
+        shape = type(effect).shape
+        if not shape:
+            yield [effect]
+            continue
+        key = (type(effect), getattr(effect, shape) is None, *(v for k, v in vars(effect).items() if k != shape))
+        own = lists.setdefault(key, [])
+        own.append(effect)
+        if len(own) == AT_ONCE:
+            yield lists.pop(key)
+    yield from lists.values()
+
+
+def _blocks(bench: Workbench, lists: Sequence[Sequence[Effect]], first: int, empty: Empty) -> list[Block]:
+    """The effects of some lists, numbered from `first` on, in blocks."""
+    stacks: dict[tuple[bool, int], _Stack] = {}
+    for alike in lists:
+        terms = bench.terms(alike)
+        kind = (alike[0].tied, len(terms))
+        if kind not in stacks:
+            stacks[kind] = _Stack(len(terms), bench.size, empty)
+        sizes = np.array([t.size for t in terms])
+        room = stacks[kind].room(first, len(alike), sizes)
+        bench.fill(terms, room, scaled=True)
+        first += len(alike)
+    return [Block.of(bench, *part, tied) for (tied, _), stack in sorted(stacks.items()) for part in stack.parts()]
+
+
+class _Stack:
+    """Proposals of the same number of parameters, gathered in blocks that fit into a cache's neighbourhood."""
+
+    def __init__(self, parameters: int, observations: int, empty: Empty) -> None:
+        self._shape, self._memory = (parameters, observations), empty
+        self._full: list[Part] = []
+        self._count, self._numbers, self._columns, self._sizes = self._empty()
+
+    def room(self, first: int, count: int, size: Array) -> Columns:
+        """Where the columns (count, k, N) of the proposals from number `first` on go; their sizes are (k,)."""
+        if self._count + count > BLOCK:
+            self._full += self._last()
+            self._count, self._numbers, self._columns, self._sizes = self._empty()
+        own = slice(self._count, self._count + count)
+        self._sizes[own], self._numbers[own] = size, np.arange(first, first + count)
+        self._count = own.stop
+        return self._columns[own]
+
+    def parts(self) -> list[Part]:
+        """A part for each block."""
+        return self._full + self._last()
+
+    def _empty(self) -> tuple[int, Index, Columns, Array]:
+        columns = self._memory((BLOCK, *self._shape), SINGLE)
+        return 0, np.empty(BLOCK, dtype=np.intp), columns, np.empty((BLOCK, self._shape[0]))
+
+    def _last(self) -> list[Part]:
+        m = self._count
+        return [(self._numbers[:m], self._columns[:m], self._sizes[:m])] if m else []
+
+
+class Ranked(NamedTuple):
+    """The best proposal of a key: its evidence, with all shapes of the key, in nats, and its `Scores.drop`."""
+
+    effect: Effect
+    evidence: float
+    drop: float
+
+
+@dataclass(frozen=True)
+class Scores:
+    """Of each proposal: evidence, drop of the residual sum of squares, and the part of it that the geometry absorbs.
+
+    Evidence in nats against nothing; the drop in noise variances, as `reach`: what it would be at the effect's usual
+    size.
+    """
+
+    candidates: Candidates
+    evidence: Array
+    drop: Array
+    absorbed: Array
+    reach: Array
+
+    def beside(self, before: Workbench, after: Workbench) -> Scores:
+        """With the reach that the noise leaves which remains after more has been explained."""
+        noise = (before.square / before.freedom) / (after.square / after.freedom)
+        return replace(self, reach=self.reach * noise)
+
+    def by_key(self) -> list[tuple[float, int]]:
+        """(evidence of the key with its shapes integrated out, its best proposal), best first."""
+        lists = list(self.candidates.of_key.values())
+        if not lists:
+            return []
+        numbers, counts = np.concatenate(lists), np.array([len(n) for n in lists])
+        first = np.cumsum(counts) - counts
+        values = self.evidence[numbers]
+        most = np.maximum.reduceat(values, first)
+        finite = np.isfinite(most)
+        above = np.repeat(np.where(finite, most, 0.0), counts)
+        share = np.add.reduceat(np.exp(values - above), first) / counts
+        mean = above[first] + np.log(np.where(finite, share, 1.0))
+        best = np.minimum.reduceat(np.where(values == above, np.arange(len(values)), len(values)), first)
+        return sorted(zip(mean[finite].tolist(), numbers[best[finite]].tolist(), strict=True), reverse=True)
+
+    def ranking(self) -> list[Ranked]:
+        """The keys whose evidence outweighs how many there are, best first."""
+        ranked = self.by_key()
+        effects = self.candidates.effects
+        return [Ranked(effects[n], e, float(self.drop[n])) for e, n in ranked if e >= log(len(ranked))]
+
+
+def _free_scores(bench: Workbench, blocks: Sequence[Block], products: Products, generic: Mask) -> Scored:
+    """Evidence, drop, absorbed part and reach of the proposals of blocks of as many parameters each.
+
+    A physical effect is weighed with its usual size, more seldom with others: machines are small and large. A mere form
+    has none and gets the scale that suits it best (one nat is paid for the choice).
+    """
+    from scipy.special import logsumexp
+
+    gram, slope = _left(blocks, products)
+    norm = np.sqrt(np.concatenate([block.square for block in blocks]))
+    unit = gram / norm[:, :, None] / norm[:, None, :]
+    values, vectors = np.linalg.eigh(unit)
+    seen = values > 1 - np.where(generic, FORM_ABSORBED, ABSORBED)[:, None]
+    t = np.einsum("aij,ai->aj", vectors, slope / norm)
+    variance = bench.square / bench.freedom
+    # directions of the scaled columns have prior sizes of their own: those of the columns, taken along them
+    prior = np.einsum("aij,ai->aj", np.square(vectors), np.square(norm))
+    reach = np.sum(np.maximum(values, 0.0) / variance * prior, axis=1)
+    gain = np.where(seen, values / variance * prior, 0.0)
+    count = np.maximum(seen.sum(axis=1), 1)
+    safe = np.where(seen, values, 1.0)
+    drop = np.where(seen, t**2 / safe, 0.0) / variance
+    fitting = np.maximum(drop.sum(axis=1) / count, 1.0) - 1.0
+    gain = np.where(generic[:, None], np.where(seen, fitting[:, None], 0.0), gain)
+    by_size = np.array([_weighed(bench, drop, np.where(generic[:, None], gain, gain * s**2)) for s in SIZES])
+    evidence = logsumexp(by_size, axis=0, b=np.array([*SIZES.values()])[:, None]) - generic
+    absorbed = 1 - np.where(seen.any(axis=1), values.mean(axis=1), values.max(axis=1))
+    return np.where(seen.any(axis=1), evidence, -np.inf), drop.sum(axis=1), np.clip(absorbed, 0.0, 1.0), reach
+
+
+def _left(blocks: Sequence[Block], products: Products) -> tuple[Array, Array]:
+    """What is left of the columns of blocks, as products with each other (m, k, k) and with the residual (m, k).
+
+    The columns without what the bench spans are never formed: it is a projection.
+    """
+    gram, all_products = (np.concatenate(a) for a in zip(*((b.gram, products(b)) for b in blocks), strict=True))
+    inner = all_products[..., :-1]
+    return gram - inner @ inner.transpose(0, 2, 1), all_products[..., -1]
+
+
+def _tied_scores(bench: Workbench, blocks: Sequence[Block], products: Products) -> Scored:
+    """The same of proposals whose parameters are tied; however large, they have no reach."""
+    rows = []
+    wholes = np.concatenate([block.square for block in blocks]).sum(axis=1)
+    for gram, slopes, whole in zip(*_left(blocks, products), wholes.tolist(), strict=True):
+        own = Tied.from_products(gram, slopes, whole, bench.square, bench.freedom)
+        _, evidence, noise = own.best()
+        rows.append((evidence, bench.freedom * (1 - noise * bench.freedom / bench.square), own.absorbed, np.inf))
+    evidence, drop, absorbed, reach = np.array(rows).T
+    return evidence, drop, absorbed, reach
+
+
+def _weighed(bench: Workbench, drop: Array, gain: Array) -> Array:
+    """Evidence (m,) of independent directions (m, k) with prior variances of `gain` times those of their estimates."""
+    kept = (drop * gain / (1 + gain)).sum(axis=1)
+    left = np.log1p(-np.minimum(kept / bench.freedom, 1 - 1e-12))
+    return np.asarray(-bench.freedom / 2 * left - 0.5 * np.log1p(gain).sum(axis=1))

@@ -1,0 +1,64 @@
+"""What judges effects beside each other: how alike they act, what drives them, and left-out rows."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from errormodel.arrays import Array
+from errormodel.channels import root
+from errormodel.effects.base import Effect
+from identification.diagnosis.linear.linear_model import Workbench
+
+
+def moves(bench: Workbench, effect: Effect) -> frozenset[tuple[str, str]]:
+    """Elements and motions that an effect moves."""
+    return frozenset((t.element, m) for t in effect.terms(bench.channel, bench.chain.machine) for m in t.motion)
+
+
+def likeness(bench: Workbench, one: Array, other: Array) -> float:
+    """Largest canonical correlation of two effects' columns (k, N), the geometry taken out of both."""
+    bases = []
+    for columns in (one, other):
+        left = bench.project(columns)
+        norms = np.linalg.norm(left, axis=1)
+        keep = norms > 1e-2 * np.linalg.norm(columns, axis=1)
+        if not keep.any():
+            return 0.0
+        bases.append(np.linalg.qr((left[keep] / norms[keep, None]).T)[0])
+    return float(np.linalg.svd(bases[0].T @ bases[1], compute_uv=False)[0])
+
+
+def roots(effect: Effect) -> frozenset[str]:
+    """Channels at the bottom of an effect's drivers: of ``lag(T_bed,600)``, ``T_bed``.
+
+    Warmth, by whatever sensor or clock, is one cause.
+    """
+    names = map(root, effect.drivers)
+    return frozenset("temperature" if n.startswith("T_") or n == "time" else n for n in names)
+
+
+def one_sensor(one: Effect, other: Effect) -> bool:
+    """Whether one temperature drives both of two effects: what one source of heat does in two ways is one cause."""
+    both = set(map(root, one.drivers)) & set(map(root, other.drivers))
+    return any(n.startswith("T_") for n in both)
+
+
+def heldout_rms(bench: Workbench) -> float:
+    """Root mean square of what blocks of rows leave, each predicted without it, in units of the noise."""
+    return float(np.sqrt(np.mean(left_out(bench) ** 2)))
+
+
+def left_out(bench: Workbench, blocks: int = 12) -> Array:
+    """Residuals (N,) of blocks of consecutive rows, each predicted without it, in units of the noise.
+
+    With an orthonormal basis Q, leaving block b out turns its residual r into ``r + Q_b (I - Q_b'Q_b)^-1 Q_b' r``.
+    """
+    number = bench.blocks(blocks)
+    out = np.empty(len(number))
+    for b in np.unique(number):
+        rows = np.flatnonzero(number == b)
+        q, r = bench.basis[rows], bench.residual[rows]
+        # what only this block determines has no part in its residual: a trace of the identity keeps that solvable
+        inner = (1 + 1e-9) * np.eye(q.shape[1]) - q.T @ q
+        out[rows] = r + q @ np.linalg.solve(inner, q.T @ r)
+    return out

@@ -1,0 +1,160 @@
+"""A tracker that nobody declared: residuals along its line of sight are not as large as those across.
+
+Its station, and how its noise grows with range and angle, are estimated from what is left once a survey is explained.
+What is to be explained must be out of the residuals by then: an effect that moves one axis looks like noise in it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from itertools import product
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from errormodel.arrays import Array
+from errormodel.instruments.laser_tracker import LaserTracker
+from errormodel.instruments.plain import Plain
+from errormodel.survey import Survey
+from errormodel.survey_columns import SIGMA
+from identification.diagnosis.linear.linear_model import Workbench
+from identification.diagnosis.linear.residual_rows import by_rows
+from identification.diagnosis.search.candidates import Candidates
+from identification.diagnosis.search.scoring import DETECT
+from identification.estimation.result import Fit
+
+if TYPE_CHECKING:
+    from scipy.optimize import OptimizeResult
+
+FEWEST = 60  # points with three components
+MOST = 12  # proposals that are taken out first: what so many do not explain is not yet noise
+CLEAR = 25.0  # nats: seven parameters gain three or four by chance, ten in noise with heavy tails
+NEAREST, FARTHEST = 1e-3, 30.0  # of the points' extent: how far the instrument may be from their middle, and deviations
+AWAY = 0.7  # of the extent: where stations are looked for first
+FAR = 2.5  # times the median length: residuals in a tail count as one there, or few would say where the tracker is
+ORIGIN = 4.0  # nats that a station elsewhere must gain: coordinates are the tracker's own, as a rule
+LEAST = 0.1  # of the noise: what a target's seat has in any case
+
+
+def sighted(fit: Fit, bench: Workbench, candidates: Candidates, survey: Survey) -> Survey | None:
+    """The survey as a tracker's, weighed by what its residuals show of it; None where they show none, or it is known.
+
+    None as well where they are not noise yet: an arm's joints, each with a curve of its own, leave more than that.
+
+    Parameters
+    ----------
+    bench, candidates : of the fit; what explains the residuals best is taken out of them, whatever its name.
+    """
+    if not isinstance(survey.instrument, Plain) or any(name in survey.table for name in SIGMA):
+        return None
+    cleared = _cleared(bench, candidates)
+    parts = [] if cleared is None else [*_triples(fit, cleared)]
+    points, residuals = (np.vstack(p) for p in zip(*parts, strict=True)) if parts else (np.empty((0, 3)),) * 2
+    if len(points) < FEWEST:
+        return None
+    tracker = seen_in(points, residuals * fit.solution.sigma["position"])
+    if tracker is None:
+        return None
+    covariance = tracker.covariance(points)
+    assert covariance is not None
+    mean = float(np.sqrt(np.trace(covariance.mean(axis=0)) / 3))
+    relative = _tracker(tracker.station, np.array([*tracker.range, tracker.angle, tracker.target]) / mean)
+    return replace(survey, instrument=relative, sized=False, notes=(*survey.notes, _note(tracker, points)))
+
+
+def _cleared(bench: Workbench, candidates: Candidates) -> Workbench | None:
+    """The bench with the best proposals fitted until there is evidence for no more; None where there always is."""
+    for _ in range(MOST):
+        ranked = candidates.scores(bench).by_key()
+        if not ranked or ranked[0][0] - np.log(len(ranked)) < DETECT:
+            return bench
+        bench = bench.with_effect(candidates.effects[ranked[0][1]])
+    return None
+
+
+def _triples(fit: Fit, bench: Workbench) -> Iterator[tuple[Array, Array]]:
+    """Points and residuals (m, 3) in the axes of their measuring frame, of rows with three components."""
+    for part, white in by_rows(fit, bench, bench.residual[: len(bench.index)]):
+        whole = np.isfinite(white).all(axis=1)
+        # without a missing component a view is whitened in the reference's axes
+        turn = part.pose.rotation.T if part.whitener.ndim == 1 else np.eye(3)
+        yield part.measured[whole], white[whole] @ turn
+
+
+def seen_in(points: Array, residuals: Array) -> LaserTracker | None:
+    """The tracker that residuals (n, 3) at points (n, 3) show, mm in the measuring frame; None where they show none.
+
+    By likelihood against noise that is equal in all directions.
+    """
+    from scipy.optimize import minimize
+
+    middle, extent = points.mean(axis=0), float(np.linalg.norm(np.ptp(points, axis=0)))
+    length = np.linalg.norm(residuals, axis=1)
+    farthest = FAR * float(np.median(length))
+    if not extent or not farthest:
+        return None
+    residuals = residuals * (farthest / np.maximum(length, farthest))[:, None]
+    noise = float(np.sqrt(np.mean(residuals**2)))
+    data = (points - middle) / extent, residuals / noise
+    floor, ceiling = 2 * np.log(LEAST), 2 * np.log(FARTHEST)
+    bounds = [(-FARTHEST, FARTHEST)] * 3 + [(floor, ceiling)] + [(2 * np.log(NEAREST), ceiling)] * 3
+
+    def likeliest(at: Array, bounds: list[tuple[float, float]]) -> OptimizeResult:
+        return minimize(_minus, [*at, -1.0, -1.0, 0.0, 0.0], data, "L-BFGS-B", jac=True, bounds=bounds)
+
+    best = min((likeliest(AWAY * np.array(d), bounds) for d in product((-1, 1), repeat=3)), key=lambda f: f.fun)
+    if residuals.size / 2 - best.fun < CLEAR:
+        return None
+    origin = -middle / extent
+    usual = likeliest(origin, [*((float(x), float(x)) for x in origin), *bounds[3:]])
+    best = usual if usual.fun < best.fun + ORIGIN else best
+    target, *others = noise * np.exp(best.x[3:] / 2) / [1, 1, extent, extent]
+    return _tracker(middle + extent * best.x[:3], [*others, target])
+
+
+def _tracker(station: Iterable[float], uncertainties: Iterable[float]) -> LaserTracker:
+    """A tracker by its two of the range, its angle's and its target's, in any unit, to four figures."""
+    fixed, growing, angle, target = (float(f"{x:.4g}") for x in uncertainties)
+    at = [float(f"{x:.6g}") for x in station]
+    return LaserTracker(type="laser-tracker", station=at, range=[fixed, growing], angle=angle, target=target)
+
+
+def _note(tracker: LaserTracker, points: Array) -> str:
+    away = float(np.sqrt(np.mean(np.sum((points - tracker.station) ** 2, axis=1))))
+    along = np.hypot(tracker.target, np.hypot(tracker.range[0], tracker.range[1] * away))
+    across = np.hypot(tracker.target, tracker.angle * away)
+    station, own = list(tracker.station), f"range: {tracker.range}, angle: {tracker.angle}, target: {tracker.target}"
+    return (
+        f"the residuals are those of an instrument with a line of sight: {1e3 * along:.3g} um along it and "
+        f"{1e3 * across:.3g} um across, {away:.0f} mm away. Rows are weighed by that. If it was a tracker, survey.yaml "
+        f"may say so: `instrument: {{type: laser-tracker, station: {station}, {own}}}`, better with its maker's figures"
+    )
+
+
+def _minus(x: Array, places: Array, noise: Array) -> tuple[float, Array]:
+    """Minus the log likelihood, up to a constant, and its gradient.
+
+    `x` is the station and the logarithms of variances: of the target, of the range at the station and its growth with
+    the distance, and of the angles' growth.
+    """
+    sight = places - x[:3]
+    away = np.einsum("ni,ni->n", sight, sight) + 1e-12
+    target, fixed, growing, angle = np.exp(x[3:])
+    along, across = target + fixed + growing * away, target + angle * away
+    dot = np.einsum("ni,ni->n", noise, sight)
+    own = dot**2 / away
+    rest = np.einsum("ni,ni->n", noise, noise) - own
+    value = 0.5 * float(np.sum(own / along + rest / across + np.log(along) + 2 * np.log(across)))
+    by_along, by_across = 0.5 * (1 / along - own / along**2), 0.5 * (2 / across - rest / across**2)
+    by_own = 0.5 * (1 / along - 1 / across)
+    by_away = by_along * growing + by_across * angle
+    by_station = -2 * (by_away @ sight)
+    by_station += (by_own * -2 * dot / away) @ noise + (by_own * 2 * dot**2 / away**2) @ sight
+    logs = [
+        target * float(np.sum(by_along + by_across)),
+        fixed * float(np.sum(by_along)),
+        growing * float(by_along @ away),
+        angle * float(by_across @ away),
+    ]
+    return value, np.array([*by_station, *logs])

@@ -1,0 +1,59 @@
+"""Two temperatures in place of one: what the air does at once and the casting an hour later no single sensor shows.
+
+Adding the second cause to the best single one misses such pairs, because the best single one is already a compromise.
+All pairs of sensors and lags of a finding are therefore tried together; they differ by a small linear system each.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from errormodel.arrays import Array, Index
+from errormodel.effects.base import Effect
+from identification.diagnosis.linear.linear_model import Workbench
+
+CAUSE = {"sensor", "minus", "tau", "start"}  # fields that say what warms, not what moves
+
+
+def best_pair(bench: Workbench, effect: Effect, effects: Sequence[Effect]) -> tuple[Effect, Effect, float] | None:
+    """The two causes that together explain most of what `effect` moves, the greater one first, and the evidence (nats).
+
+    Parameters
+    ----------
+    bench : with all fitted but this finding.
+    effects : proposals, of which those are taken that move the same by another cause.
+
+    Returns
+    -------
+    The evidence is that for the pair against the likeliest single cause, less the search among pairs.
+    """
+    family = [e for e in effects if type(e) is type(effect) and e.tied == effect.tied and _moved(e) == _moved(effect)]
+    if not CAUSE & set(type(effect).model_fields) or len(family) < 2:
+        return None
+    columns = np.array([bench.project(bench.columns(e)[0]) for e in family])
+    m, k, _ = columns.shape
+    norms = np.linalg.norm(columns, axis=2, keepdims=True)
+    flat = (columns / np.where(norms > 0, norms, 1.0)).reshape(m * k, -1)
+    gram, slope = flat @ flat.T + 1e-9 * np.eye(m * k), flat @ bench.residual
+    one, other = np.triu_indices(m, 1)
+    singles = _drops(gram, slope, np.arange(m)[:, None] * k + np.arange(k))
+    first, second = (np.arange(k) + k * i[:, None] for i in (one, other))
+    drops = _drops(gram, slope, np.hstack([first, second]))
+    best = int(np.argmax(drops))
+    left = np.maximum(bench.square - np.array([singles.max(), drops[best]]), 1e-12 * bench.square)
+    evidence = bench.freedom / 2 * np.log(left[0] / left[1]) - k / 2 * np.log(bench.freedom) - np.log(len(drops))
+    pair = sorted((int(one[best]), int(other[best])), key=lambda i: -singles[i])
+    return family[pair[0]], family[pair[1]], float(evidence)
+
+
+def _drops(gram: Array, slope: Array, choices: Index) -> Array:
+    """Drop of the residual sum of squares by each choice of columns (choices, columns of one choice)."""
+    grams = gram[choices[:, :, None], choices[:, None, :]]
+    slopes = slope[choices]
+    return np.asarray(np.einsum("ij,ij->i", slopes, np.linalg.solve(grams, slopes[:, :, None])[:, :, 0]))
+
+
+def _moved(effect: Effect) -> dict[str, object]:
+    return effect.model_dump(exclude=CAUSE)

@@ -1,0 +1,107 @@
+"""The likeliest proposals beside what has been accepted, each with the shape that suits it best."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+
+from errormodel.effects.base import Effect
+from identification.diagnosis.linear.linear_model import Workbench
+from identification.diagnosis.search.candidates import Candidates, Scores
+from identification.diagnosis.search.refinement import bent
+from identification.diagnosis.search.scoring import Step
+from identification.runtime.process_pool import side_by_side
+
+ROUNDED = 0.01  # nats, in scores from columns in single precision
+MAYBE = 0.5  # of the best evidence
+SHAPES = ("period", "by_period", "edge", "by_edge", "per_turn", "tau", "at", "width", "exponent", "overlap")
+
+
+def polished(bench: Workbench, candidates: Candidates, first: int, least: float = -np.inf) -> list[Step]:
+    """The first proposals beside what the bench has, and some that follow.
+
+    Parameters
+    ----------
+    first : how many, at least.
+    least : nats; nothing is returned where no proposal has as much.
+    """
+    scores = candidates.scores(bench)
+    ranked = scores.by_key()
+    if not ranked or ranked[0][0] < least:
+        return []
+    numbers = _shortlist(candidates, ranked, first)
+    steps = side_by_side([partial(_polished, candidates, scores, bench, n, len(ranked)) for n in numbers])
+    return [step for step in steps if step is not None]
+
+
+def _shortlist(candidates: Candidates, ranked: Sequence[tuple[float, int]], first: int) -> list[int]:
+    """The first proposals, and the best of each further name that may yet prove the better one when bent a little."""
+    names = {candidates.effects[n].effect for _, n in ranked[:first]}
+    out = [n for _, n in ranked[:first]]
+    for evidence, n in ranked[first:]:
+        if evidence < MAYBE * ranked[0][0]:
+            break
+        if candidates.effects[n].effect not in names:
+            names.add(candidates.effects[n].effect)
+            out.append(n)
+    return out
+
+
+def _polished(candidates: Candidates, scores: Scores, bench: Workbench, number: int, searched: int) -> Step | None:
+    """The proposal with its shape parameters moved off the grid to where they fit best."""
+    from scipy.optimize import minimize_scalar
+
+    effect = candidates.effects[number]
+    if effect.tied:
+        ratio, _, noise = bench.tied(bench.columns(effect)[0]).best()
+        effect = effect.model_copy(update={"size": float(f"{np.sqrt(ratio * noise):.3g}")})
+    family = [candidates.effects[n] for n in candidates.of_key[effect.key]]
+    for name in SHAPES:
+        value = getattr(effect, name, None) if name in type(effect).model_fields else None
+        if not isinstance(value, float) or value == 0 or effect.tied:  # a curve repeats with the wave that it refines
+            continue
+        grid = sorted({float(getattr(e, name)) for e in family})
+        edge = 0.3 * abs(value)
+        below = max((g for g in grid if g < value and g != 0), default=value - edge)
+        above = min((g for g in grid if g > value and g != 0), default=value + edge)
+        lowest, highest = type(effect).bounds(name)
+        below, above = max(below, lowest), min(above, highest)
+
+        def left(x: float, name: str = name, effect: Effect = effect) -> float:
+            return bench.square_with(effect.model_copy(update={name: float(x)}))
+
+        found = minimize_scalar(left, bounds=(below, above), method="bounded", options={"maxiter": 20})
+        if found.fun < left(value):
+            effect = effect.model_copy(update={name: float(found.x)})
+    step = weighed(bench, effect, len(family), searched)
+    if step is None or scores.evidence[number] > step.evidence - step.worth + np.log(len(family)) + ROUNDED:
+        # where the squares are least a size may be beyond what is usual
+        step = weighed(bench, candidates.effects[number], len(family), searched)
+    return step
+
+
+def weighed(bench: Workbench, effect: Effect, shapes: int, searched: int) -> Step | None:
+    """An effect as a step beside what the bench has; None where it moves nothing.
+
+    Parameters
+    ----------
+    shapes : how many of it were tried, for which its evidence pays.
+    searched : places looked at.
+    """
+    own = Candidates.of(bench, [effect]).scores(bench)
+    if not len(own.evidence):
+        return None
+    evidence, drop, absorbed = (float(v[0]) for v in (own.evidence, own.drop, own.absorbed))
+    worth, bend = bent(bench, effect)
+    return Step(
+        effect,
+        evidence + worth - float(np.log(shapes)),
+        drop + bend,
+        absorbed,
+        len(bench.columns(effect)[1]),
+        bend=bend,
+        worth=worth,
+        searched=searched,
+    )

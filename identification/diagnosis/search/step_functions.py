@@ -1,0 +1,154 @@
+"""Whether what was found without a name switches rather than swings: between two values, at edges, as supports do.
+
+A wave fitted to it has the right period and misses the corners, and a polynomial misses the jump. Of two drivers one
+may switch and the other swing. Edges are searched on a grid, one driver after the other: what switches has no slope to
+follow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from errormodel.arrays import Array
+from errormodel.conventions import MOTIONS
+from errormodel.effects.unnamed import Unnamed, switch
+from identification.diagnosis.linear.linear_model import Workbench
+from identification.diagnosis.search.model import Growth, of_groups
+from identification.diagnosis.search.scoring import CLEARLY
+
+PERIODS = np.geomspace(0.75, 1.33, 17)  # times that of the wave
+EDGES = np.arange(16) / 32  # of a period: after half of one it switches back
+FINER = 5.0  # times: the last sweep
+SWEEPS = 3
+STEPS = np.linspace(0.06, 0.94, 23)  # of a channel's range, where a single edge may be
+ALONE = 8.0  # half ranges: a period of which one edge is within the range
+
+
+@dataclass(frozen=True)
+class _Driver:
+    """A channel that switches (else swings): its values (N,) at the observations, period and edge (or zero)."""
+
+    x: Array
+    period: float
+    edge: float
+    once: bool = False
+    switches: bool = True
+
+    @property
+    def shape(self) -> Array:
+        if self.switches:
+            return np.asarray(switch(self.x, self.period, self.edge))
+        return np.sin(2 * np.pi / self.period * (self.x - self.edge))
+
+    def near(self, narrow: float) -> Iterator[_Driver]:
+        """Other periods and edges, `narrow` times nearer than at first."""
+        if self.once:
+            low, high = float(self.x.min()), float(self.x.max())
+            edges = low + (high - low) * STEPS if narrow == 1 else self.edge + (high - low) * (STEPS - 0.5) / narrow
+            yield from (replace(self, edge=float(e)) for e in edges)
+            return
+        for factor in PERIODS ** (1 / narrow):
+            period = self.period * float(factor)
+            shifts = EDGES if narrow == 1 else (EDGES - EDGES.mean()) / narrow
+            yield from (replace(self, period=period, edge=self.edge + period * float(s)) for s in shifts)
+
+
+def switched(growth: Growth) -> Growth:
+    """The latest finding as one that switches, where that explains it clearly better."""
+    if not growth.findings:
+        return growth
+    *others, group = growth.findings
+    main = group[0].effect
+    if not isinstance(main, Unnamed) or main.tied or (main.edge, main.by_edge) != (None, None):
+        return growth
+    bench = growth.without(group)
+    spent = sum(len(bench.columns(s.effect)[1]) + _shapes(s.effect) for s in group)
+    worth = _worth(growth.bench, spent) + CLEARLY
+    step = None
+    for form in _switching(bench, main):
+        after, count = bench.with_effect(form), len(bench.columns(form)[1])
+        value = _worth(after, count + _shapes(form))
+        if value > worth:
+            step, worth = replace(group[0], effect=form, drop=bench.drop(after), count=count), value
+    if step is None:
+        return growth
+    return of_groups(growth.start, [*others, [step]])
+
+
+def _worth(bench: Workbench, parameters: int) -> float:
+    """Nats of a model by what it leaves, Schwarz's criterion."""
+    n = len(bench.index)
+    return float(-0.5 * n * np.log(bench.square) - 0.5 * parameters * np.log(n))
+
+
+def _shapes(effect: object) -> int:
+    return sum(getattr(effect, name, None) is not None for name in ("period", "by_period", "edge", "by_edge"))
+
+
+def _switching(bench: Workbench, form: Unnamed) -> Iterator[Unnamed]:
+    """The best of each kind at the form's place by its drivers, where these can switch."""
+    started = _started(bench, form)
+    for kinds in product((True, False), repeat=len(started)):
+        if any(kinds):
+            drivers = [replace(d, switches=kind) for d, kind in zip(started, kinds, strict=True)]
+            yield _as_effect(form, _searched(bench, form, drivers))
+
+
+def _searched(bench: Workbench, form: Unnamed, drivers: list[_Driver]) -> list[_Driver]:
+    """Periods and edges that leave least, one driver after the other."""
+    seen = len(bench.index)
+    lever, basis, residual = bench.levers[form.element][MOTIONS.index(form.motion)], bench.basis[:seen], bench.residual
+    for sweep in range(SWEEPS):
+        narrow = FINER if sweep == SWEEPS - 1 else 1.0
+        for k in range(len(drivers)):
+            rest = lever * np.prod([d.shape for n, d in enumerate(drivers) if n != k], axis=0)
+            tries = [drivers[k], *drivers[k].near(narrow)]
+            columns = np.array([d.shape for d in tries]) * rest
+            whole = np.sum(columns**2, axis=1)
+            left = whole - np.sum(np.square(columns @ basis), axis=1)
+            slope = np.where(left > 1e-3 * whole, columns @ residual[:seen], 0.0)
+            drivers[k] = tries[int(np.argmax(slope**2 / np.maximum(left, 1e-3 * whole)))]
+    return drivers
+
+
+def _as_effect(form: Unnamed, drivers: list[_Driver]) -> Unnamed:
+    fields: dict[str, object] = {}
+    for by, driver in zip(("", "by_"), drivers, strict=False):
+        middle = float(driver.x.min() + driver.x.max()) / 2
+        edge = driver.edge + driver.period * round((middle - driver.edge) / driver.period)  # one within the travel
+        shape = {"form": "linear", "center": 0.0, "half_range": 1.0, "period": _short(driver.period)}
+        fields |= {by + name: value for name, value in shape.items()}
+        fields[by + "edge"] = _short(edge) if driver.switches else None
+    return form.model_copy(update=fields)
+
+
+def _started(bench: Workbench, form: Unnamed) -> list[_Driver]:
+    """The form's drivers with the phases that its own fit has."""
+    joints = {j.name for j in bench.scene.moving}
+    x = bench.channel(form.driver)
+    if form.by is None and form.period is None:
+        half = float(np.ptp(x)) / 2
+        if form.driver in joints or form.driver.startswith(("dir_", "run(")) or form.driver == "time" or not half:
+            return []  # a joint's own bend is geometry, and what comes at a time has names
+        return [_Driver(x, ALONE * half, float(np.median(x)), once=True)]
+    if form.period is None or (form.by is not None and form.by_period is None):
+        return []
+    _, values = bench.estimates([form])
+    if form.by is None or form.by_period is None:
+        return [_Driver(x, form.period, _edge(values, form.period))]
+    left, _, right = np.linalg.svd(values.reshape(2, 2))
+    one = _Driver(x, form.period, _edge(left[:, 0], form.period))
+    return [one, _Driver(bench.channel(form.by), form.by_period, _edge(right[0], form.by_period))]
+
+
+def _edge(wave: Array, period: float) -> float:
+    """Where ``wave[0] sin + wave[1] cos`` crosses zero on its way up."""
+    return float(-np.arctan2(wave[1], wave[0]) * period / (2 * np.pi))
+
+
+def _short(value: float) -> float:
+    return float(f"{value:.6g}")

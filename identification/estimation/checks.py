@@ -1,0 +1,141 @@
+"""What a survey must hold before a fit of it can be signed, and what is said of one that does not."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from errormodel.chain import Chain
+from errormodel.exceptions import InputError, nearest
+from errormodel.serial_chain import ONLY_SERIAL
+from errormodel.survey import Survey
+from identification.estimation.least_squares import Solution, identifiable
+from identification.estimation.result import Fit, Spread
+from identification.observation.assembly import Problem
+from identification.observation.identifiability import Groups
+from identification.observation.models import PositionView, anywhere
+
+REDUNDANT = 2  # equations a group, of a robust fit
+FAR = 0.02  # of the machine's size: no error motions, but a blunder
+UNEXPLAINED = 0.5  # of so much, of most rows: a fit that leaves more is none
+COVERED = 0.5  # of a travel: less is told where something stays unknown
+CAREFUL = 3.0  # times: so much is often declared too large, to be on the safe side
+FEW = 10  # degrees of freedom: fewer leave residuals that small by chance
+UNIT = 100.0  # times: so far off is a declaration in another unit
+
+
+def check_runs(chain: Chain, survey: Survey) -> None:
+    """InputError if an effect is that of a run which was not fitted."""
+    runs = dict.fromkeys(survey.table["run"].astype(str))
+    for name in chain.channels:
+        if name.startswith("run(") and name[4:-1] not in runs:
+            found = f"an effect of this machine goes with {name}, a run that no fitted row is of"
+            raise InputError(str(survey.source), found, nearest(name[4:-1], runs))
+
+
+def check_redundant(survey: Survey, problem: Problem) -> None:
+    """InputError if a robust fit has too few equations to tell a wrong row from a wrong parameter."""
+    equations = sum(v.count for v in problem.views)
+    rank = identifiable(problem.chain, problem.views, problem.unknowns).rank
+    if equations < REDUNDANT * rank:
+        rows = -(-REDUNDANT * rank * len(survey) // max(equations, 1))
+        raise InputError(
+            str(survey.source),
+            f"{equations} measured values for {rank} groups of parameters: too few to say which rows are wrong",
+            f"Measure at least {rows} rows like these, or fit without --robust",
+        )
+
+
+def check_enough(survey: Survey, problem: Problem, solution: Solution) -> None:
+    """InputError if there are no more equations than groups that such rows, all over the travels, can tell apart."""
+    equations, rows = sum(s.count for s in solution.sums.values()), len(survey.fit)
+    whole, lost = out_of_reach(problem, solution)
+    known = solution.declared == set(solution.sums)  # then just enough will do
+    if equations > whole.rank or (equations == whole.rank and known and not lost):
+        return
+    need = -(-(whole.rank + 1) * rows // max(equations, 1))
+    found = (
+        f"{rows} row{'s' if rows > 1 else ''} with {equations} measured values where {whole.rank} groups of parameters "
+        "can be told apart"
+    )
+    if lost:
+        more = f" and {len(lost) - 3} more" if len(lost) > 3 else ""
+        found += f"; {len(lost)} fall: {', '.join(lost[:3])}{more}"
+    else:
+        found += ", with nothing left to judge the residuals by"
+    cure = f"Measure at least {need} rows like these, better {2 * need}, or declare fewer errors in machine.yaml"
+    raise InputError(str(survey.source), found, cure)
+
+
+def out_of_reach(problem: Problem, solution: Solution) -> tuple[Groups, list[str]]:
+    """The groups that such rows, all over the travels, can tell apart; and of these the ones that the fit could not."""
+    whole = identifiable(problem.chain, [anywhere(v, 600) for v in problem.views], problem.unknowns)
+    reached = {solution.groups.ids[j] for j in solution.groups.base}
+    return whole, [whole.name(k) for k in range(whole.rank) if whole.ids[whole.base[k]] not in reached]
+
+
+def looked_over(fit: Fit) -> Fit:
+    """The fit with notes on what its poses do not identify and on a declared uncertainty that cannot be right.
+
+    They are for those who read the fit rather than build on it.
+
+    Raises
+    ------
+    InputError
+        No parameter stands above what the model leaves, or it was another machine.
+    """
+    before, after = (float(np.median(np.linalg.norm(r, axis=1))) for r in (fit.nominal_residuals, fit.residuals))
+    other = before > FAR * fit.chain.size and after > UNEXPLAINED * before  # nan where rows measured one component
+    if other or not fit.solution.groups.rank:
+        raise InputError(str(fit.survey.source), "no parameter can be identified", far_off(fit.nominal))
+    fit = replace(fit, notes=(*fit.notes, *_declared(fit)))
+    volumetric = any(isinstance(v, PositionView) for v in fit.problem.views)  # who reads one joint means no other
+    lost = out_of_reach(fit.problem, fit.solution)[1] if volumetric else []
+    if not lost:
+        return fit
+    more = f" and {len(lost) - 3} more" if len(lost) > 3 else ""
+    several = f"{len(lost)} groups" if len(lost) > 1 else "a group"
+    short = [
+        f"{j.name} covers {100 * share:.0f} %"
+        for j in fit.chain.machine.joints
+        if (share := float(np.ptp(fit.survey.table[j.name].dropna())) / (j.travel[1] - j.travel[0])) < COVERED
+    ]
+    where = f" ({', '.join(short)} of its travel)" if short else ""
+    note = (
+        f"rank-deficient: {several} of parameters that poses all over the travels would identify cannot be told from "
+        f"others here{where}: {', '.join(lost[:3])}{more}. Predictions away from these poses count that as unknown. "
+        "Measure where the joints have not been (`errormodel plan`), or declare fewer errors in machine.yaml"
+    )
+    return replace(fit, notes=(*fit.notes, note))
+
+
+def _declared(fit: Fit) -> Iterator[str]:
+    """A note on a declared uncertainty that is several times what the residuals show, or beside them by a unit."""
+    s = fit.solution
+    if not s.declared or s.dof <= 0 or s.chi2 <= 0:
+        return
+    ratio = float(np.sqrt(s.chi2 / s.dof))
+    unit = " sigma of a survey is in mm (rad for angles): look for another unit" if max(ratio, 1 / ratio) > UNIT else ""
+    if ratio > UNIT:
+        yield f"the residuals are {ratio:.3g} times as large as the declared uncertainty.{unit}"
+    elif 1 / ratio > CAREFUL and s.dof >= FEW:
+        yield (
+            f"the declared uncertainty is {1 / ratio:.3g} times as large as the residuals show, and standard "
+            f"uncertainties follow what is declared.{unit}"
+        )
+
+
+def another(chain: Chain, nominal: Spread) -> bool:
+    """Whether what was measured lies so far from the nominal machine that it can hardly be this one."""
+    return bool(nominal.n) and 1e-3 * nominal.rms_um > FAR * chain.size
+
+
+def far_off(nominal: Spread) -> str:
+    """What to do about a survey that does not look like the machine's."""
+    return (
+        f"What was measured lies {1e-3 * nominal.rms_um:.3g} mm rms beside the nominal machine, further than errors of "
+        "a machine go: look for a wrong unit (degrees or radians), sign, column, tool or machine; "
+        f"`errormodel diagnose` tries these. {ONLY_SERIAL}"
+    )

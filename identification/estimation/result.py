@@ -1,0 +1,152 @@
+"""What a fit returns, and how residuals are summed up."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from errormodel.arrays import Array
+from errormodel.chain import Chain
+from errormodel.survey import Survey
+from identification.estimation.bounded import AtBound
+from identification.estimation.least_squares import Solution
+from identification.estimation.motions import Motions
+from identification.estimation.outliers import Outlier, Sorting
+from identification.observation.assembly import Problem
+from identification.observation.frames import Pose
+from identification.observation.models import PositionView, View
+from identification.observation.normal_equations import view_vector
+
+if TYPE_CHECKING:
+    from identification.bayes.posterior import Posterior
+    from identification.uncertainty.budget import Budgets
+    from identification.uncertainty.further_poses import Gain
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Statistics of residual vectors, um. For rows with missing components the vector is that of what was measured."""
+
+    rms_um: float  # root mean square of the 3-D residual
+    mean_um: float  # mean magnitude
+    max_um: float
+    n: int
+
+    @classmethod
+    def of(cls, residuals: Array) -> Spread:
+        """Of residuals (n, 3) in mm, NaN where not measured."""
+        seen = np.isfinite(residuals).any(axis=1)
+        length = 1e3 * np.sqrt(np.nansum(np.square(residuals[seen]), axis=1))
+        if not len(length):
+            return cls(float("nan"), float("nan"), float("nan"), 0)
+        return cls(float(np.sqrt(np.mean(length**2))), float(length.mean()), float(length.max()), len(length))
+
+
+@dataclass(frozen=True)
+class TestFile:
+    """One file that was not fitted: nominal and predicted, after what it may estimate for itself."""
+
+    __test__ = False  # not a test of pytest's
+
+    path: str
+    survey: Survey
+    nominal: Spread
+    fitted: Spread
+    residuals: Array  # (n, 3) mm, after the fit
+    nominal_residuals: Array
+    refit: dict[str, float]  # what was re-estimated: frame and tool parameters by name
+    frames: dict[str, Pose]
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fitted machine."""
+
+    chain: Chain
+    survey: Survey  # rows of role `fit`
+    problem: Problem
+    solution: Solution
+    nominal: Spread
+    fitted: Spread
+    heldout: Spread
+    folds: int
+    residuals: Array  # (n, 3) mm in the measuring frame, NaN where not measured
+    nominal_residuals: Array
+    heldout_residuals: Array
+    tests: tuple[TestFile, ...] = ()
+    notes: tuple[str, ...] = field(default=())
+    posterior: Posterior | None = None
+    motions: Motions | None = None  # of rows about error motions, if there are any
+    sorting: Sorting | None = None  # of a robust fit; residuals are then NaN for its outliers
+    at_bound: tuple[AtBound, ...] = ()  # groups that are held where physics or the user ends them
+    counted: tuple[View, ...] = ()  # the problem's views as they count: weighted by a robust fit
+
+    @property
+    def outliers(self) -> tuple[Outlier, ...]:
+        """What a robust fit leaves out; nothing else does."""
+        return () if self.sorting is None else self.sorting.outliers
+
+    @property
+    def held(self) -> Array:
+        """The chain's parameters at the solution, without frames: (chain parameters,)."""
+        named = self.solution.named()
+        return self.chain.vector(
+            {i: named[i] for i in named if i in self.chain.index and i not in self.chain.frame_ids}
+        )
+
+    @property
+    def sigma_mm(self) -> float:
+        """Standard uncertainty of one measured coordinate as the residuals show it, mm."""
+        return position_sigma(self.problem.views, self.solution)
+
+    @cached_property
+    def budgets(self) -> Budgets:
+        """The uncertainty budgets of the prediction and of each group."""
+        from identification.uncertainty.budget import budgets_of
+
+        return budgets_of(self)
+
+    @cached_property
+    def gain(self) -> Gain:
+        """What ten more poses would bring."""
+        from identification.uncertainty.further_poses import gain_of
+
+        return gain_of(self)
+
+    @property
+    def inflation(self) -> float:
+        """Factor on standard uncertainties: residuals clearly larger than declared are taken at their word (Birge)."""
+        s = self.solution
+        if not s.declared or s.dof <= 0:
+            return 1.0
+        from scipy.special import chdtrc
+
+        return float(np.sqrt(s.chi2 / s.dof)) if chdtrc(s.dof, s.chi2) < 0.01 else 1.0
+
+
+def position_sigma(views: Sequence[View], solution: Solution) -> float:
+    """Noise of one measured coordinate, mm: from residuals, in the mean over rows and directions."""
+    whiteners = [v.whitener for v in views if v.kind == "position"]
+    if not whiteners:
+        return float("nan")
+    if "position" not in solution.declared:
+        return solution.sigma["position"]
+    # for a covariance a row, 1/trace(L'L) of what was measured: the mean precision, turned back into a deviation
+    precision = np.concatenate([np.square(w) if w.ndim == 1 else np.square(w).sum(axis=(1, 2)) / 3 for w in whiteners])
+    return float(np.sqrt(np.mean(1 / precision[precision > 0]) * max(solution.chi2 / max(solution.dof, 1), 0.0)))
+
+
+def residuals_of(views: Sequence[View], unknowns: Mapping[str, int], values: Array, held: Array, rows: int) -> Array:
+    """Measured minus predicted positions (rows, 3), mm in the measuring frame, NaN where not measured."""
+    out = np.full((rows, 3), np.nan)
+    for view in views:
+        if isinstance(view, PositionView):
+            gaps = np.empty((3, len(view)))
+            for part, gap in view.gaps(view_vector(view, unknowns, values, held)):
+                gaps[:, part] = gap
+            out[view.index] = np.where(view.components, (view.pose.rotation @ gaps).T, np.nan)
+    return out

@@ -1,0 +1,261 @@
+"""The fit of a machine to a survey, from aligned frames to residuals on data that was not fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from errormodel.arrays import Array
+from errormodel.chain import Chain
+from errormodel.exceptions import InputError
+from errormodel.machine import Machine
+from errormodel.survey import Survey
+from errormodel.yamlfile import Document
+from identification.bayes.settings import PriorForm
+from identification.estimation.bounded import bounded
+from identification.estimation.checks import another, check_enough, check_redundant, check_runs, far_off
+from identification.estimation.least_squares import Solution, solve
+from identification.estimation.motions import Motions, before_fit, motion_residuals
+from identification.estimation.noise import Noise, correlated
+from identification.estimation.outliers import sort_rows
+from identification.estimation.result import Fit, Spread, TestFile, residuals_of
+from identification.estimation.robust import first_judgement, settle
+from identification.estimation.weights import Judgement
+from identification.observation.assembly import Problem, build, determined_columns, frame_columns, frame_labels
+from identification.observation.frames import IDENTITY, Pose, rotation_notes
+from identification.observation.models import MotionView, OrientationView, PositionView, View
+from identification.observation.normal_equations import accumulate, total
+
+BLOCK_ROWS = 600  # consecutive rows left out together, in large surveys; a tenth of the rows in small ones
+
+
+def fit_machine(
+    machine: Machine,
+    survey: Survey,
+    robust: bool = False,
+    bounds: Mapping[str, PriorForm] | None = None,
+    document: Document | None = None,
+) -> Fit:
+    """Fit all parameters, frames and noise levels to the survey's fit rows; then look at its test files.
+
+    Parameters
+    ----------
+    robust : rows far from what the others agree on count less or nothing, and are named.
+    bounds : of parameters, in place of what physics says of them; `document`: the file they stand in, for messages.
+
+    Raises
+    ------
+    InputError
+        The survey has no rows to fit, or fewer equations than identifiable unknowns; of a robust fit, most rows are
+        outliers.
+    """
+    with threadpool_limits(1, "blas"):  # blocks are small: two threads would wait for each other
+        return _fit(Chain(machine), survey, robust, bounds or {}, document)
+
+
+def _fit(chain: Chain, survey: Survey, robust: bool, bounds: Mapping[str, PriorForm], document: Document | None) -> Fit:
+    rows = survey.fit
+    if not len(rows):
+        raise InputError(str(survey.source), "no file has role: fit", "Give at least one file the role fit")
+    check_runs(chain, rows)
+    problem = build(chain, rows)
+    judged = None
+    if robust:
+        check_redundant(rows, problem)
+        judged = first_judgement(chain, problem.views, problem.unknowns, None, problem.declared)
+    problem, nominal_residuals = anchored(problem, len(rows), judged=judged)
+    if judged is None:
+        solution, weighted = solve(chain, problem.views, problem.unknowns, declared=problem.declared), problem
+    else:
+        solution, judged = settle(chain, problem.views, problem.unknowns, None, problem.declared, judged)
+        weighted = replace(problem, views=judged.weigh(problem.views))
+    solution, noise = correlated(weighted, solution)
+    if sum(s.count for s in solution.sums.values()) <= len(problem.unknowns):
+        check_enough(survey, problem, solution)
+    solution, at_bound, dropped = bounded(chain, solution, bounds, document)
+    place, zero = problem.place(), np.zeros(len(chain.ids))
+    residuals = residuals_of(problem.views, place, solution.values, zero, len(rows))
+    heldout, folds = held_out(weighted, solution, len(rows), [b.id for b in at_bound])
+    motions = None
+    if any(isinstance(v, MotionView) for v in problem.views):
+        left_out, _ = held_out(weighted, solution, len(rows), [b.id for b in at_bound], motion_residuals)
+        motions = Motions(
+            before_fit(problem.views, place, zero, len(rows)),
+            motion_residuals(problem.views, place, solution.values, zero, len(rows)),
+            left_out,
+        ).without(problem.views, judged)
+    sorting = None
+    if judged is not None:
+        sorting = sort_rows(rows, problem.views, judged, residuals, nominal_residuals)
+        residuals, nominal_residuals, heldout = map(sorting.without, (residuals, nominal_residuals, heldout))
+    notes = (*_notes(survey, solution, noise, max(map(len, problem.views))), *dropped, *rotation_notes(problem.frames))
+    nominal = Spread.of(nominal_residuals)
+    if another(chain, nominal):
+        notes = (*notes, far_off(nominal))
+    notes = (*notes, *(b.statement for b in at_bound))
+    fit = Fit(
+        chain, rows, problem, solution, nominal, Spread.of(residuals), Spread.of(heldout), folds,
+        residuals, nominal_residuals, heldout, notes=notes, sorting=sorting, at_bound=at_bound,
+        counted=weighted.views, motions=motions,
+    )  # fmt: skip
+    tests, more = [], []
+    for test in survey.test:
+        if np.isfinite(test.measured).any():
+            tests.append(look_at(fit, test))
+        else:
+            more.append(
+                f"{test.table['file'].iloc[0]} holds error motions only, each from a zero of its own: not judged here; "
+                "`errormodel thermal` does it where they drift"
+            )
+    return replace(fit, tests=tuple(tests), notes=(*fit.notes, *more))
+
+
+def anchored(
+    problem: Problem, rows: int, held: Array | None = None, judged: Judgement | None = None
+) -> tuple[Problem, Array]:
+    """The problem with its frames at their least-squares best fit to the given parameters (None: nominal).
+
+    Small frame parameters then count from there, and what is left over, returned as (rows, 3), is the nominal error.
+    With a judgement, rows count for the frames what they count by it.
+    """
+    held = np.zeros(len(problem.chain.ids)) if held is None else held
+    weighted = problem.views if judged is None else judged.weigh(problem.views)
+    positions = [v for v in weighted if isinstance(v, PositionView)]
+    poses = dict(problem.frames)
+    free = [c for label, pose in poses.items() for c in determined_columns(problem.chain, label, pose)]
+    if free:
+        best = solve(problem.chain, positions, free, held, problem.declared & {"position"}).named()
+        poses = {label: moved(problem.chain, pose, best, label) for label, pose in poses.items()}
+    views: list[View] = []
+    for view in problem.views:
+        if isinstance(view, PositionView | OrientationView) and poses:
+            label = next(la for la in poses if frame_columns(problem.chain, la)[0] == view.columns[0])
+            views.append(replace(view, pose=poses[label]))
+        else:
+            views.append(view)
+    out = replace(problem, views=tuple(views), frames=poses)
+    return out, residuals_of(views, {}, np.zeros(0), held, rows)
+
+
+def moved(chain: Chain, pose: Pose, values: dict[str, float], label: str) -> Pose:
+    """A frame's pose followed by its small parameters ``Trans(d) Rx Ry Rz``."""
+    from scipy.spatial.transform import Rotation
+
+    small = np.array([values.get(c, 0.0) for c in frame_columns(chain, label)])
+    return pose.then_small(small[:3], Rotation.from_euler("XYZ", small[3:]).as_matrix())
+
+
+def held_out(
+    problem: Problem,
+    solution: Solution,
+    rows: int,
+    fixed: Sequence[str] = (),
+    residuals: Callable[[Sequence[View], Mapping[str, int], Array, Array, int], Array] = residuals_of,
+) -> tuple[Array, int]:
+    """Residuals (rows, 3) of blocks of consecutive rows, each predicted by a fit without it; and how many blocks.
+
+    Leaving a block out takes its sums away from the whole's: no data is streamed twice. What is `fixed` (at a bound)
+    stays. `residuals` says of what: `motion_residuals` are (rows, 6).
+    """
+    blocks = np.array_split(np.arange(rows), min(max(10, round(rows / BLOCK_ROWS)), rows))
+    zero, place, base = np.zeros(len(problem.chain.ids)), problem.place(), solution.groups.base
+    base = base[~np.isin(np.array(solution.unknowns)[base], fixed)]
+    pick = np.ix_(base, base)
+    gram = total(solution.sums, solution.sigma)[0][pick] + np.diag(solution.precision[base])
+    scale = 1 / np.sqrt(np.diag(gram))
+    out = residuals([], place, solution.values, zero, rows)
+    for block in blocks:
+        views = [v.part((v.index >= block[0]) & (v.index <= block[-1])) for v in problem.views]
+        views = [v for v in views if len(v)]
+        if not views:  # nothing was measured there
+            continue
+        own = accumulate(views, place, solution.values, zero)
+        own_gram, own_slope = total(own, solution.sigma)
+        less, slope = gram - own_gram[pick], -own_slope[base]
+        values = solution.values.copy()
+        # what the other blocks cannot determine stays as it was fitted
+        step = np.linalg.pinv(less * np.outer(scale, scale), rcond=1e-13, hermitian=True) @ (scale * slope)
+        values[base] += scale * step
+        part = residuals(views, place, values, zero, rows)
+        out[block] = part[block]
+    return out, len(blocks)
+
+
+def look_at(fit: Fit, test: Survey) -> TestFile:
+    """A file that was not fitted: it estimates its own frame, if it has one, and what `refit` names, nothing else."""
+    chain, held = fit.chain, fit.held
+    tool = chain.tool_ids[:3] if "tool" in test.refit else ()
+    labels = frame_labels(test)
+    known = fit.problem.frames
+    own_frame = test.frame == "per-file" or any(label not in known for label in labels if test.frame != "fixed")
+    ids: Sequence[str] = tool
+    problem = build(chain, test, held, ids, mount=fit.problem.mount)
+    zero = np.zeros(len(chain.ids))
+    unknowns = [u for u in problem.unknowns if u not in chain.tool_ids[3:] and (own_frame or u in tool)]
+    declared = problem.declared & {"position"}
+    judged = None
+    if fit.sorting is not None and unknowns:
+        judged = first_judgement(chain, _positions(problem), unknowns, held, declared)
+    if own_frame:
+        nominal_problem = build(chain, test, zero, ())
+        nominal_problem = replace(nominal_problem, views=_positions(nominal_problem))
+        _, nominal = anchored(nominal_problem, len(test), judged=judged)
+    else:
+        named = fit.solution.named()
+        poses = {label: moved(chain, known[label], named, label) if known else IDENTITY for label in set(labels)}
+        problem = placed(problem, poses)
+        nominal = residuals_of(placed(problem, known or poses).views, {}, np.zeros(0), zero, len(test))
+    views = _positions(problem)
+    refit: dict[str, float] = {}
+    if judged is not None:
+        refit = settle(chain, views, unknowns, held, declared, judged)[0].named()
+    elif unknowns:  # a file in a frame that is known has nothing to estimate
+        refit = solve(chain, views, unknowns, held, declared).named()
+    places = {name: k for k, name in enumerate(refit)}
+    residuals = residuals_of(views, places, np.array([*refit.values()]), held, len(test))
+    path = str(test.table["file"].iloc[0])
+    return TestFile(path, test, Spread.of(nominal), Spread.of(residuals), residuals, nominal, refit, problem.frames)
+
+
+def _positions(problem: Problem) -> tuple[PositionView, ...]:
+    return tuple(v for v in problem.views if isinstance(v, PositionView))
+
+
+def placed(problem: Problem, poses: dict[str, Pose]) -> Problem:
+    """The problem with its measuring frames, by label, at the given poses."""
+    labels = {frame_columns(problem.chain, label)[0]: label for label in poses}
+    views = tuple(
+        replace(v, pose=poses[labels[v.columns[0]]]) if isinstance(v, PositionView | OrientationView) else v
+        for v in problem.views
+    )
+    return replace(problem, views=views)
+
+
+def _notes(survey: Survey, solution: Solution, noise: Noise | None, longest: int) -> tuple[str, ...]:
+    notes = list(survey.notes)
+    if noise is not None:
+        part = 100 * noise.part / (1 + noise.part)
+        notes.append(
+            f"the residuals are correlated over about {noise.length:.0f} rows ({part:.0f} % of their variance): "
+            "standard uncertainties take it into account"
+        )
+        if noise.length > longest / 4:
+            notes.append(
+                f"that is no shorter than a quarter of the longest run ({longest} rows), so that such noise cannot be "
+                "told from an offset or a drift: standard uncertainties are lower limits. Measure longer or repeat the "
+                "run, or let `errormodel diagnose` look for a drift"
+            )
+    if np.isfinite(solution.within):
+        notes.append(
+            "the poses leave some error motions so open that the fit ran away along them: all are held to zero within "
+            f"{1e3 * solution.within:.2g} mm a metre of the machine, which changes nothing that was seen. Measure "
+            "where the joints have not been (`errormodel plan`), or declare fewer errors in machine.yaml"
+        )
+    if not solution.converged:
+        notes.append(
+            "the iteration has not settled: errors are too large for this model, or rows contradict each other"
+        )
+    return tuple(notes)

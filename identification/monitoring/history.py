@@ -1,0 +1,139 @@
+"""The history of a monitored machine: an SQLite file, which several runs may share and a crash leaves whole.
+
+SQLite stands in Python's standard library, takes a lock across processes and commits a cycle whole or not at all: a few
+rows a day need no more, where an analytical store such as DuckDB lets one process in at a time.
+"""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from errormodel.exceptions import ErrorModelError, InputError
+from identification.monitoring.quantities import Cycle
+
+SCHEMA = "errormodel.monitor/1"
+PATIENCE = 60.0  # seconds to wait for another run
+CURE = "Move it away to begin a new history, or put a copy of it back"
+TABLES = """
+create table if not exists about (key text primary key, value text not null) strict;
+create table if not exists cycles (
+  number integer primary key, digest text not null unique, source text not null, added text not null,
+  status text not null, accepted integer not null, flagged text not null,
+  estimates blob not null, covariance blob not null) strict;
+"""
+
+
+@dataclass(frozen=True)
+class Record:
+    """One cycle of the history: its number from 1, where it came from, what was said of it.
+
+    `normal`: it belongs to the normal range, because it raised no alarm or was accepted. `flagged`: ids of what did.
+    """
+
+    number: int
+    digest: str
+    source: str
+    status: str
+    accepted: bool
+    flagged: tuple[str, ...]
+    cycle: Cycle
+
+    @property
+    def normal(self) -> bool:
+        return self.status != "alarm" or self.accepted
+
+
+class History:
+    """The cycles of one model, in order, while nobody else writes."""
+
+    def __init__(self, connection: sqlite3.Connection, path: Path) -> None:
+        self.connection, self.path = connection, path
+        self.records = [
+            self._record(row) for row in connection.execute(f"select {COLUMNS} from cycles order by number")
+        ]
+
+    def _record(self, row: tuple[Any, ...]) -> Record:
+        number, digest, source, status, accepted, flagged, estimates, covariance = row
+        values = np.frombuffer(estimates)
+        shape = (len(values), len(values))
+        cycle = Cycle(values, np.frombuffer(covariance).reshape(shape))
+        return Record(number, digest, source, status, bool(accepted), tuple(json.loads(flagged)), cycle)
+
+    def find(self, digest: str) -> Record | None:
+        return next((r for r in self.records if r.digest == digest), None)
+
+    def add(self, record: Record) -> Record:
+        """Store a cycle under the next number."""
+        record = replace(record, number=1 + max((r.number for r in self.records), default=0))
+        row = (record.number, record.digest, record.source, record.status, int(record.accepted))
+        numbers = (record.cycle.values.tobytes(), record.cycle.covariance.tobytes())
+        self.connection.execute(
+            f"insert into cycles ({COLUMNS}, added) values (?, ?, ?, ?, ?, ?, ?, ?, datetime())",
+            (*row, json.dumps(record.flagged), *numbers),
+        )
+        self.records.append(record)
+        return record
+
+    def accept(self, record: Record) -> Record:
+        """Take a cycle that raised an alarm into the normal range."""
+        self.connection.execute("update cycles set accepted = 1 where number = ?", (record.number,))
+        new = replace(record, accepted=True)
+        self.records[self.records.index(record)] = new
+        return new
+
+
+COLUMNS = "number, digest, source, status, accepted, flagged, estimates, covariance"
+
+
+@contextmanager
+def opened(path: Path, model: str) -> Iterator[History]:
+    """The history at `path`, made if there is none, locked; what the block did is kept if it ends without an error.
+
+    Raises
+    ------
+    InputError
+        The file is not a history, is damaged, or was learned with another `model`.
+    ErrorModelError
+        Another run has held it for a minute.
+    """
+    try:
+        with closing(sqlite3.connect(path, timeout=PATIENCE, isolation_level=None)) as connection:
+            connection.execute("begin immediate")
+            try:
+                _check(connection, path, model)
+                history = History(connection, path)
+            except (ValueError, KeyError, TypeError) as error:
+                raise InputError(str(path), f"it cannot be read as a history ({error})", CURE) from error
+            yield history
+            connection.execute("commit")
+    except sqlite3.OperationalError as error:
+        if "locked" in str(error):
+            raise ErrorModelError(
+                f"{path}: another run has held the history for {PATIENCE:.0f} s. Try again"
+            ) from error
+        raise InputError(str(path), f"it cannot be opened ({error})", "Give a folder that can be written to") from error
+    except sqlite3.DatabaseError as error:
+        raise InputError(str(path), f"it is damaged, or no history ({error})", CURE) from error
+
+
+def _check(connection: sqlite3.Connection, path: Path, model: str) -> None:
+    sound = connection.execute("pragma integrity_check(1)").fetchone()[0]
+    if sound != "ok":
+        raise InputError(str(path), f"it is damaged ({sound})", CURE)
+    for statement in TABLES.split(";"):
+        connection.execute(statement)
+    about = dict(connection.execute("select key, value from about"))
+    for key, value in {"schema": SCHEMA, "model": model}.items():
+        if about.setdefault(key, value) != value:
+            other = "another model than the fit in this folder" if key == "model" else f"the schema {about[key]!r}"
+            found = f"its normal range was learned with {other}"
+            raise InputError(str(path), found, "Move it away to begin a new history, or monitor the fit it belongs to")
+        connection.execute("insert or ignore into about values (?, ?)", (key, value))

@@ -1,0 +1,1 @@
+"""From survey rows to equations: observation models, measuring frames, normal equations, identifiability."""

@@ -1,0 +1,197 @@
+"""What the rows of a survey see of a chain: one view a kind of observation and measuring frame.
+
+A view streams, block by block, the distinct functions of its design matrix and the gap between what was measured and
+what the exact kinematics predict. Nothing here stores M. Gaps and design are in the axes of the machine's reference;
+the whitener of a view takes them to units of one standard uncertainty.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Literal, Self
+
+import numpy as np
+
+from errormodel.arrays import Array, Index, Mask, Rows, as_rows
+from errormodel.chain import TOOL_CHANNELS, Chain, What
+from errormodel.kernel import BLOCK, Kernel
+from identification.observation.frames import IDENTITY, Pose
+
+Kind = Literal["position", "orientation", "displacement", "angle"]  # one noise level each, where none is declared
+
+
+@dataclass(frozen=True, kw_only=True)
+class View(ABC):
+    """Rows that see the chain in the same way.
+
+    Attributes
+    ----------
+    kind : which noise level the rows share where no uncertainty is declared.
+    chain, ids : the chain and its parameters that this view depends on.
+    columns : for each of `ids`, the unknown it is in the solution (a frame's parameters carry the frame's label).
+    rows : the chain's channels, each (n,), mm and rad.
+    whitener : (n,) 1/sigma, or (n, 3, 3) ``L`` with ``L'L`` the inverse covariance in the measuring frame;
+        0 for what was not measured.
+    index : (n,) the survey's rows.
+    fixed : channels that are one number in all rows: folded into the kernels, which then do less.
+    """
+
+    kind: Kind
+    chain: Chain
+    ids: tuple[str, ...]
+    columns: tuple[str, ...]
+    rows: list[Array]
+    whitener: Array
+    index: Index
+
+    fixed: Mapping[str, float] = field(default_factory=dict)
+    outputs: tuple[int, ...] = (0, 1, 2)
+    what: What = "design"
+
+    def __len__(self) -> int:
+        return len(self.index)
+
+    @property
+    def count(self) -> int:
+        """Scalar observations."""
+        if self.whitener.ndim == 1:
+            return int((self.whitener > 0).sum()) * len(self.outputs)
+        return int(self.components.sum())
+
+    @property
+    def components(self) -> Mask:
+        """Which were measured, (n, outputs); of a view with one weight a row all."""
+        if self.whitener.ndim == 1:
+            return np.ones((len(self), len(self.outputs)), dtype=bool)
+        return np.asarray(np.abs(self.whitener).sum(axis=2) > 0)
+
+    def part(self, rows: Rows) -> Self:
+        """The same view with some of its rows."""
+        return replace(
+            self, rows=as_rows(*(c[rows] for c in self.rows)), whitener=self.whitener[rows], index=self.index[rows]
+        )
+
+    def design(self, linearised: bool) -> Kernel:
+        """Kernel of ``outputs x ids``, column by column."""
+        what = "linearised" if linearised and self.what == "design" else self.what
+        return self.chain.kernel(what, self.ids, self.fixed, self.outputs)
+
+    @abstractmethod
+    def gaps(self, p: Array) -> Iterator[tuple[slice, Array]]:
+        """Measured minus exact at the chain's parameters `p`: (len(outputs), m) a block."""
+
+    def whiten(self, part: slice, vectors: Array) -> Array:
+        """(..., outputs, m) in the reference's axes to units of one sigma."""
+        return vectors * self.whitener[part]
+
+
+def anywhere(view: View, poses: int) -> View:
+    """The view as it would be with poses all over the travels: same tools, components and other channels."""
+    rng = np.random.default_rng(0)
+    more = view.part(np.arange(poses) % len(view))
+    joints = [rng.uniform(*j.travel, poses) for j in view.chain.machine.joints]
+    return replace(more, rows=as_rows(*joints, *more.rows[len(joints) :]))
+
+
+def fixed_tool(chain: Chain, rows: Sequence[Array]) -> dict[str, float]:
+    """Tool components that are one number in all rows of the chain's channels."""
+    start = chain.channels.index(TOOL_CHANNELS[0])
+    columns = rows[start : start + 3]
+    return {n: float(c[0]) for n, c in zip(TOOL_CHANNELS, columns, strict=True) if len(c) and (c == c[0]).all()}
+
+
+@dataclass(frozen=True, kw_only=True)
+class PositionView(View):
+    """Positions of the functional point in a measuring frame of known pose; small frame parameters follow the pose."""
+
+    measured: Array  # (n, 3) mm, 0 where not measured
+    pose: Pose = IDENTITY
+
+    def part(self, rows: Rows) -> Self:
+        return replace(super().part(rows), measured=self.measured[rows])
+
+    def gaps(self, p: Array) -> Iterator[tuple[slice, Array]]:
+        kernel = self.chain.kernel("actual" if p.any() else "nominal", (), self.fixed, self.outputs)
+        for part, functions in kernel.blocks(self.rows, p):
+            yield part, self.pose.invert(self.measured[part]).T - kernel.expand(functions)
+
+    def whiten(self, part: slice, vectors: Array) -> Array:
+        if self.whitener.ndim == 1:
+            return vectors * self.whitener[part]
+        turned = self.whitener[part] @ self.pose.rotation
+        white: Array = np.einsum("mij,...jm->...im", turned, vectors, optimize=True)
+        return white
+
+
+@dataclass(frozen=True, kw_only=True)
+class GapView(View):
+    """Gaps that are already known: those of another view at fixed parameters, for linear models.
+
+    `identification.observation.normal_equations.accumulate` keeps them at the residual of the values it was last given.
+    """
+
+    gap: Array  # (outputs, n), actual minus nominal in the reference's axes
+
+    def part(self, rows: Rows) -> Self:
+        return replace(super().part(rows), gap=self.gap[:, rows])
+
+    def gaps(self, p: Array) -> Iterator[tuple[slice, Array]]:
+        for start in range(0, len(self), BLOCK):
+            part = slice(start, min(start + BLOCK, len(self)))
+            yield part, self.gap[:, part]
+
+    @classmethod
+    def of(cls, view: View, p: Array) -> GapView:
+        """The gaps of a view at the chain's parameters `p`, taken once."""
+        gap = np.empty((len(view.outputs), len(view)))
+        for part, block in view.gaps(p):
+            gap[:, part] = block
+        return cls(
+            kind=view.kind, chain=view.chain, ids=view.ids, columns=view.columns, rows=view.rows,
+            whitener=view.whitener, index=view.index, fixed=view.fixed, outputs=view.outputs, what=view.what, gap=gap,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class OrientationView(View):
+    """Orientations of a 6-D target: `mount` is the target in the last frame, `turned` (n, 3, 3) what was measured."""
+
+    turned: Array
+    pose: Pose = IDENTITY
+    mount: Array = field(default_factory=lambda: np.eye(3))
+    kind: Kind = "orientation"
+    outputs: tuple[int, ...] = (3, 4, 5)
+
+    def part(self, rows: Rows) -> Self:
+        return replace(super().part(rows), turned=self.turned[rows])
+
+    def gaps(self, p: Array) -> Iterator[tuple[slice, Array]]:
+        from scipy.spatial.transform import Rotation
+
+        kernel = self.chain.kernel("actual" if p.any() else "nominal", (), self.fixed, tuple(range(3, 12)))
+        for part, functions in kernel.blocks(self.rows, p):
+            here = kernel.expand(functions).reshape(3, 3, -1).transpose(2, 1, 0)
+            seen = self.pose.rotation.T @ self.turned[part] @ self.mount.T
+            yield part, Rotation.from_matrix(seen @ here.transpose(0, 2, 1)).as_rotvec().T
+
+
+@dataclass(frozen=True, kw_only=True)
+class MotionView(View):
+    """One error motion of one joint, read by an instrument with a zero of its own.
+
+    The last six columns are the instrument's zeros; only that of this motion (``outputs[0]``) has an effect.
+    """
+
+    measured: Array  # (n,) mm or rad
+    what: What = "terms"
+
+    def part(self, rows: Rows) -> Self:
+        return replace(super().part(rows), measured=self.measured[rows])
+
+    def gaps(self, p: Array) -> Iterator[tuple[slice, Array]]:
+        kernel = self.design(linearised=False)
+        values = np.concatenate([[p[self.chain.index[i]] for i in self.ids], np.zeros(6)])
+        for part, functions in kernel.blocks(self.rows, p):
+            yield part, self.measured[None, part] - values @ kernel.expand(functions)

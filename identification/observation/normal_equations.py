@@ -1,0 +1,214 @@
+"""Sufficient statistics of least squares, accumulated by streaming the views' rows through the kernels."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from errormodel.arrays import Array, Index
+from errormodel.kernel import Kernel
+from identification.observation.models import GapView, Kind, View, anywhere
+
+Selector = tuple[Index, Array]
+SAMPLE = 400  # rows that the rank is decided on, before all rows are asked whether they agree
+
+
+@dataclass
+class Sums:
+    """``M'WM``, ``M'Wr``, ``r'Wr`` and the number of scalar observations."""
+
+    gram: Array  # (p, p)
+    slope: Array  # (p,)
+    square: float = 0.0
+    count: int = 0
+
+    @classmethod
+    def zero(cls, p: int) -> Sums:
+        return cls(np.zeros((p, p)), np.zeros(p))
+
+    def moved(self, base: Index, step: Array) -> Sums:
+        """The sums with the residual taken a small step of some unknowns further, without streaming."""
+        along = self.gram[:, base] @ step
+        square = self.square - 2 * float(step @ self.slope[base]) + float(step @ along[base])
+        return Sums(self.gram, self.slope - along, square, self.count)
+
+
+def accumulate(
+    views: Sequence[View],
+    unknowns: Mapping[str, int],
+    values: Array,
+    held: Array,
+    *,
+    exact: bool = True,
+    at: Array | None = None,
+    gram: bool = True,
+    taken: Array | None = None,
+) -> dict[Kind, Sums]:
+    """Sums of each kind of observation over the unknowns.
+
+    Parameters
+    ----------
+    unknowns : place of each unknown in the sums; a view's columns that are not named are held.
+    values : (unknowns,)
+        Where the residual is taken.
+    held : (chain parameters,)
+        Values of what is not unknown.
+    exact : bool
+        Residual of the exact kinematics, or of the linear model ``gap(held) - M values``.
+    at : (unknowns,)
+        Where M is taken; None: at `held` zero errors, which is cheaper and, errors being small, nearly always enough.
+    gram : bool
+        False leaves ``M'WM`` out (it does not change while M is not taken anew).
+    taken : (unknowns,)
+        Values that the gaps of `GapView`s are already free of; afterwards they are free of `values`.
+    """
+    sums: dict[Kind, Sums] = {}
+    for view in views:
+        local = np.array([k for k, c in enumerate(view.columns) if c in unknowns], dtype=np.intp)
+        places = np.array([unknowns[view.columns[k]] for k in local], dtype=np.intp)
+        fresh = values if taken is None or not isinstance(view, GapView) else values - taken
+        linear = fresh[places] * (np.array([exact and k < len(view.ids) for k in local]) == 0)
+        p = view_vector(view, unknowns, values, held) if exact else held
+        here = None if at is None else view_vector(view, unknowns, at, held)
+        own = _Task(view, local, linear if linear.any() else None, p, here, gram).run()
+        whole = sums.setdefault(view.kind, Sums.zero(len(unknowns)))
+        whole.gram[np.ix_(places, places)] += own.gram
+        whole.slope[places] += own.slope
+        whole.square += own.square
+        whole.count += view.count
+    return sums
+
+
+def total(sums: Mapping[Kind, Sums], sigma: Mapping[Kind, float]) -> tuple[Array, Array]:
+    """``M'WM`` and ``M'Wr`` of all kinds together, each at its noise level."""
+    parts = [(s, 1 / sigma[kind] ** 2) for kind, s in sums.items()]
+    size = len(parts[0][0].slope)
+    gram, slope = np.zeros((size, size)), np.zeros(size)
+    for own, weight in parts:
+        gram += weight * own.gram
+        slope += weight * own.slope
+    return gram, slope
+
+
+def view_vector(view: View, unknowns: Mapping[str, int], values: Array, held: Array) -> Array:
+    """The chain's parameters as this view sees them: held ones, and the unknowns among its columns."""
+    p = held.copy()
+    for identity, column in zip(view.ids, view.columns, strict=False):  # a motion view's zeros are not the chain's
+        if column in unknowns:
+            p[view.chain.index[identity]] = values[unknowns[column]]
+    return p
+
+
+@dataclass(frozen=True)
+class _Task:
+    """One pass over one view."""
+
+    view: View
+    columns: Index
+    linear: Array | None
+    p: Array
+    at: Array | None
+    gram: bool
+
+    def run(self) -> Sums:
+        kernel = self.view.design(linearised=self.at is not None)
+        selectors = selectors_of(kernel, len(self.view.outputs), self.columns)
+        components, columns = len(selectors), len(self.columns)
+        alike = self.view.whitener.ndim == 1 and kernel.n_functions**2 < 2 * components * columns**2
+        return self._alike(kernel, selectors) if alike else self._directed(kernel, selectors)
+
+    def _blocks(self, kernel: Kernel, selectors: list[Selector]) -> Iterator[tuple[slice, Array, Array]]:
+        design = kernel.blocks(self.view.rows, self.p if self.at is None else self.at)
+        n = kernel.n_functions
+        slopes = None if self.linear is None else np.array([np.bincount(k, s * self.linear, n) for k, s in selectors])
+        for (part, functions), (_, gap) in zip(design, self.view.gaps(self.p), strict=True):
+            block = np.asarray(functions)
+            kept = gap if isinstance(self.view, GapView) else None  # whose gaps stay at the residual
+            yield part, block, gap if slopes is None else np.subtract(gap, slopes @ block, out=kept)
+
+    def _alike(self, kernel: Kernel, selectors: list[Selector]) -> Sums:
+        """Weights alike in all directions: one Gram matrix of the distinct functions serves all components."""
+        n, c = kernel.n_functions, len(selectors)
+        gram, slope, square = np.zeros((n, n)), np.zeros((n, c)), np.zeros(c)
+        whitener = self.view.whitener
+        same = len(whitener) > 0 and bool((whitener == whitener[0]).all())
+        for part, functions, gap in self._blocks(kernel, selectors):
+            white, left = (functions, gap) if same else (functions * whitener[part], gap * whitener[part])
+            if self.gram:
+                gram += white @ white.T
+            slope += white @ left.T
+            square += np.einsum("cm,cm->c", left, left)
+        weight = float(whitener[0]) ** 2 if same else 1.0
+        sums = Sums.zero(len(self.columns))
+        sums.square = weight * float(square.sum())
+        for k, (place, factor) in enumerate(selectors):
+            if self.gram:
+                sums.gram += weight * np.outer(factor, factor) * gram[np.ix_(place, place)]
+            sums.slope += weight * factor * slope[place, k]
+        return sums
+
+    def _directed(self, kernel: Kernel, selectors: list[Selector]) -> Sums:
+        """A covariance for each row, or hardly a function that two columns share: M is whitened as it is."""
+        sums = Sums.zero(len(self.columns))
+        for part, functions, gap in self._blocks(kernel, selectors):
+            white = self.view.whiten(part, _expanded(functions, selectors)).reshape(len(self.columns), -1)
+            flat = self.view.whiten(part, gap).ravel()
+            if self.gram:
+                sums.gram += white @ white.T
+            sums.slope += white @ flat
+            sums.square += float(flat @ flat)
+        return sums
+
+
+def selectors_of(kernel: Kernel, components: int, columns: Index) -> list[Selector]:
+    """For each component c the function that each column of ``M_c`` is, and by what factor."""
+    places = [columns * components + c for c in range(components)]
+    return [
+        (np.asarray(kernel.index[k], dtype=np.intp), np.asarray(kernel.coefficient[k], dtype=float)) for k in places
+    ]
+
+
+def _expanded(functions: Array, selectors: list[Selector]) -> Array:
+    """Columns of M (columns, components, m) from the distinct functions (functions, m)."""
+    return np.array([factor[:, None] * functions[place] for place, factor in selectors]).transpose(1, 0, 2)
+
+
+def sampled(view: View, most: int) -> View:
+    """At most `most` of a view's rows, evenly spread."""
+    return view if len(view) <= most else view.part(np.unique(np.linspace(0, len(view) - 1, most).astype(int)))
+
+
+def full_norms(view: View, unknowns: Mapping[str, int]) -> Array:
+    """(unknowns,) what the norms of the view's columns would be all over the travels and with the longest lever."""
+    chain, poses = view.chain, 200
+    terms = chain.kernel("terms", view.ids, view.fixed)(anywhere(view, poses).rows, np.zeros(len(view.chain.ids)))
+    motions = terms.reshape(-1, 6, poses)[: len(view.columns)]
+    shift, turn = (np.sqrt(np.square(m).sum(axis=1).mean(axis=1)) for m in (motions[:, :3], motions[:, 3:]))
+    reach = shift + chain.size * turn if view.outputs[0] < 3 else turn
+    weight = np.sqrt(weight_of(view))
+    out = np.zeros(len(unknowns))
+    for column, length in zip(view.columns, reach * weight, strict=True):
+        if column in unknowns:
+            out[unknowns[column]] = length
+    return out
+
+
+def weight_of(view: View) -> float:
+    """Sum over a view's rows of the squared weight, the largest of each row's components."""
+    return float(np.square(view.whitener).reshape(len(view), -1).max(axis=1).sum())
+
+
+def design_rows(view: View, unknowns: Mapping[str, int], most: int = SAMPLE) -> Array:
+    """Whitened rows of M, dense, of at most `most` of the view's rows, evenly spread: (rows * components, unknowns)."""
+    view = sampled(view, most)
+    kernel = view.design(linearised=False)
+    local = np.array([k for k, c in enumerate(view.columns) if c in unknowns], dtype=np.intp)
+    places = [unknowns[view.columns[k]] for k in local]
+    selectors = selectors_of(kernel, len(view.outputs), local)
+    functions = kernel.functions(view.rows, np.zeros(len(view.chain.ids)))
+    design = _expanded(functions, selectors)
+    out = np.zeros((len(view) * len(selectors), len(unknowns)))
+    out[:, places] = view.whiten(slice(None), design).reshape(len(local), len(out)).T
+    return out

@@ -1,0 +1,80 @@
+"""Poses that let effects be told apart: T-optimality (A. C. Atkinson & V. V. Fedorov, Biometrika 62 (1975) 57).
+
+Of a pair, T is what is left of one effect after geometry, measuring frame and the other effect have been fitted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from errormodel.arrays import Array, Index
+from identification.planning.design import Design, Space
+
+KEEP = 0.9  # D-efficiency that remains
+MOST_SWAPS = 20
+TRIED = 24  # poses, those that the design loses least by, that one exchange chooses from
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Columns of two effects at all candidates, (n, 3, k) each, of which the first is to show beside the second."""
+
+    shown: Array
+    beside: Array
+
+
+def told_apart(space: Space, chosen: Index, pairs: Sequence[Pair], correlation: float) -> Index:
+    """Exchange poses until the pairs' correlations are below the given one, as far as D-efficiency stays above `KEEP`.
+
+    The pair that is nearest to it comes first; one that no exchange helps is given up.
+    """
+    design = Design(space, chosen)
+    floor = design.value - np.log(KEEP) * space.rank  # of log det C
+    goal = float(np.log(1 - correlation**2))
+    open_ = [
+        (_extended(space.X, p.shown), _extended(space.X, p.beside), _extended(space.X, p.beside, p.shown))
+        for p in pairs
+    ]
+    for _ in range(MOST_SWAPS):
+        left = [_left(space, design.chosen, *own) for own in open_]
+        near = [k for k in range(len(open_)) if left[k] < goal]
+        if not near:
+            break
+        k = max(near, key=lambda k: left[k])
+        beside, both = (Design(s, design.chosen) for s in open_[k][1:])
+        chosen = _swapped(design, beside, both, floor)
+        if _left(space, chosen, *open_[k]) > left[k] + 0.01:
+            design = Design(space, chosen)
+        else:
+            del open_[k]
+    return design.chosen
+
+
+def _left(base: Space, chosen: Index, shown: Space, beside: Space, both: Space) -> float:
+    """Logarithm of the part of an effect, geometry taken out, that the other one does not explain."""
+    alone = shown.log_det(chosen) - base.log_det(chosen)
+    return both.log_det(chosen) - beside.log_det(chosen) - alone
+
+
+def _swapped(base: Design, beside: Design, both: Design, floor: float) -> Index:
+    """The poses after the exchange of one of them that raises T most."""
+    best, chosen = 0.0, base.chosen
+    for k in base.least()[:TRIED].tolist():
+        i = base.chosen[k]
+        kept = base.gains(i)
+        gain = both.gains(i) - beside.gains(i)
+        gain = np.where(base.value - (kept - kept[i]) <= floor, gain - gain[i], -np.inf)
+        j = int(np.argmax(gain))
+        if gain[j] > best:
+            best, chosen = float(gain[j]), base.chosen.copy()
+            chosen[k] = j
+    return chosen
+
+
+def _extended(X: Array, *more: Array) -> Space:
+    """The space with further columns, each of unit length over all candidates."""
+    columns = [c / np.maximum(np.sqrt(np.square(c).sum(axis=(0, 1))), 1e-300) for c in more]
+    return Space(np.concatenate([X, *columns], axis=2), np.zeros((0, 3, X.shape[2] + sum(c.shape[2] for c in more))))

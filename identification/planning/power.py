@@ -1,0 +1,244 @@
+"""What a plan could detect, tell apart, or never see: every effect of the library against the planned rows.
+
+Detected is what `diagnose` would accept with `POWER` probability: its rule, turned around. Two effects are told apart
+as long as neither, with the geometry taken out, is explained by the other beyond the correlation `SAME`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from errormodel.arrays import Array, Index
+from errormodel.effects import registry
+from errormodel.effects.base import Effect
+from identification.diagnosis.linear.linear_model import Workbench
+from identification.diagnosis.search.candidates import ABSORBED, Candidates
+from identification.diagnosis.search.scoring import DETECT
+
+QUANTILE = 1.645  # of the normal distribution: 95 % power
+SAME = 0.95  # correlation beyond which two effects cannot be told apart
+POSSIBLE = 2.0  # standard deviations of its physical size: what an effect can be
+SHAPES = 5  # shapes of one effect, at one place and of one motion, that stand for all
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the plan makes of one effect at one place.
+
+    Attributes
+    ----------
+    verdict : detectable, confusable (seen, but not told from those in `alike`) or invisible.
+    smallest, apart, possible : size of the first parameter from which it is detected, from which it is told from the
+        nearest other effect as well, and what it can physically be, in `unit`; None where no size is enough.
+    absorbed : share of it that geometry and measuring frame take, 0 to 1.
+    reason, needs : why, and the measurement that would help; empty for what is detected and told apart.
+    typical : the shape in the middle by how well it is seen; `rivals`: what explains it, best first.
+    """
+
+    effect: str
+    where: str
+    verdict: str
+    smallest: float | None
+    apart: float | None
+    possible: float | None
+    unit: str
+    absorbed: float
+    drivers: tuple[str, ...] = ()
+    motion: str | None = None
+    alike: tuple[str, ...] = ()
+    reason: str = ""
+    needs: str = ""
+    typical: Effect | None = None
+    rivals: tuple[Effect, ...] = ()
+
+    @property
+    def key(self) -> tuple[object, ...]:
+        return (self.effect, self.where, self.drivers, self.motion)
+
+
+def verdicts(bench: Workbench) -> list[Verdict]:
+    """A verdict for every effect of the library and every place that it could have; first those best seen."""
+    effects, shapes, searched = _library(bench)
+    candidates = Candidates.of(bench, effects)
+    absorbed = candidates.scores(bench).absorbed
+    strength, possible, columns, owner = _seen(bench, candidates, shapes, searched)
+    share = _explained(columns, owner, len(candidates.effects))
+    groups: dict[tuple[object, ...], list[int]] = {}
+    for n, effect in enumerate(candidates.effects):
+        groups.setdefault(family_of(effect), []).append(n)
+    number = {key: k for k, key in enumerate(dict.fromkeys(candidates.keys))}
+    place = np.array([number[key] for key in candidates.keys])
+    found = []
+    for members in groups.values():
+        live = sorted((n for n in members if np.isfinite(strength[n])), key=lambda n: float(strength[n]))
+        typical = live[len(live) // 2] if live else members[0]
+        others = {n: np.flatnonzero((share[n] > SAME**2) & (place != place[n])) for n in live}
+        mistaken = [n for n in live if len(others[n])]
+        rivals: list[int] = []
+        if 2 * len(mistaken) > len(live):  # most of its shapes are taken for something else
+            typical = typical if typical in mistaken else mistaken[len(mistaken) // 2]
+            rivals = sorted(others[typical].tolist(), key=lambda n: -float(share[typical, n]))
+        least = min(float(absorbed[n]) for n in members)
+        nearest = float(np.max(share[typical], where=place != place[typical], initial=0.0))
+        size = float(strength[typical])
+        sizes = (size, size / np.sqrt(max(1 - nearest, 1e-12)), float(possible[typical]))
+        found.append(_verdict(bench, candidates, typical, rivals, least, sizes))
+    return [*sorted(found, key=_rank), *_absent({v.effect for v in found})]
+
+
+def family_of(effect: Effect) -> tuple[object, ...]:
+    """The same for all shapes of one effect of one motion at one place."""
+    return (*effect.key, getattr(effect, "motion", None))
+
+
+def _verdict(
+    bench: Workbench,
+    candidates: Candidates,
+    typical: int,
+    rivals: Sequence[int],
+    least: float,
+    sizes: tuple[float, float, float],
+) -> Verdict:
+    """Of the family whose shape in the middle is `typical`; `least`: the part absorbed of the shape seen best.
+
+    `sizes`: detected and told apart from, in standard deviations of what is possible, and `POSSIBLE` of them.
+    """
+    effect = candidates.effects[typical]
+    term = effect.terms(bench.channel, bench.chain.machine)[0]
+    seen, apart, possible = sizes
+    named = tuple(dict.fromkeys(_named(candidates.effects[n]) for n in rivals))
+    word, reason = _judged(seen, least, named, effect)
+    return Verdict(
+        effect=effect.effect,
+        where=effect.where,
+        motion=getattr(effect, "motion", None),
+        drivers=effect.drivers,
+        verdict=word,
+        smallest=seen * possible / POSSIBLE if np.isfinite(seen) else None,
+        apart=apart * possible / POSSIBLE if apart <= POSSIBLE else None,
+        possible=possible,
+        unit=term.unit,
+        absorbed=least,
+        alike=named if word == "confusable" else (),
+        reason=reason,
+        needs=effect.separate if word != "detectable" else "",
+        typical=effect,
+        rivals=tuple(candidates.effects[n] for n in rivals),
+    )
+
+
+def _rank(verdict: Verdict) -> tuple[int, float]:
+    place = ("detectable", "confusable", "invisible").index(verdict.verdict)
+    return place, (verdict.smallest or np.inf) / (verdict.possible or 1.0)
+
+
+def _named(effect: Effect) -> str:
+    return f"{effect.effect} at {effect.where}"
+
+
+def _judged(strength: float, absorbed: float, alike: Sequence[str], effect: Effect) -> tuple[str, str]:
+    if not np.isfinite(strength):
+        return "invisible", f"geometry and measuring frame absorb {100 * absorbed:.1f} % of it"
+    if strength > POSSIBLE:
+        return "invisible", f"it would have to be {strength / POSSIBLE:.1f} times what is physically possible"
+    if not alike:
+        return "detectable", ""
+    if all(other.startswith(f"{effect.effect} at ") for other in alike):
+        return "confusable", "its name is told, its place is not"
+    return "confusable", "the other acts alike on these rows, once geometry and frame are taken out"
+
+
+def _absent(present: set[str]) -> list[Verdict]:
+    """Effects that nothing in the planned rows would show."""
+    reason = "nothing of this machine or in the planned rows would show it"
+    return [
+        Verdict(name, "", "invisible", None, None, None, "", 1.0, reason=reason, needs=kind.separate)
+        for name, kind in registry().items()
+        if name not in present and not kind.generic and kind.family != "blunder"
+    ]
+
+
+def _library(bench: Workbench) -> tuple[list[Effect], dict[tuple[object, ...], int], int]:
+    """Proposals thinned to a few shapes each, how many shapes each key has in full, and how many keys are searched."""
+    kept: list[Effect] = []
+    shapes: dict[tuple[object, ...], int] = {}
+    for kind in registry().values():
+        alike: dict[tuple[object, ...], list[Effect]] = {}
+        for effect in kind.proposals(bench.scene):
+            shapes[effect.key] = shapes.get(effect.key, 0) + 1
+            if not kind.generic:
+                alike.setdefault(family_of(effect), []).append(effect)
+        for family in alike.values():
+            pick = np.unique(np.linspace(0, len(family) - 1, SHAPES).round().astype(int))
+            kept += [family[k] for k in pick]
+    return kept, shapes, len(shapes)
+
+
+def _seen(
+    bench: Workbench, candidates: Candidates, shapes: dict[tuple[object, ...], int], searched: int
+) -> tuple[Array, Array, Array, Index]:
+    """Of each proposal: size that is detected, in standard deviations of what is possible (inf: none), and `POSSIBLE`.
+
+    Also the columns of all, what the geometry absorbs taken out and scaled to their physical sizes, and whose they are.
+    """
+    count, free = len(candidates.effects), bench.freedom
+    strength, possible = np.full(count, np.inf), np.zeros(count)
+    parts, owners = [], []
+    for block in candidates.blocks:
+        numbers, columns = block.numbers, block.columns
+        m, k, n = columns.shape
+        left = bench.project(columns.reshape(m * k, n).astype(float)).reshape(m, k, n)
+        possible[numbers] = POSSIBLE * block.sizes[:, 0]
+        gram = left @ left.transpose(0, 2, 1)
+        norm = np.sqrt(block.square)
+        seen = np.linalg.eigvalsh(gram / norm[:, :, None] / norm[:, None, :]).max(axis=1) > 1 - ABSORBED
+        gain = np.maximum(np.linalg.eigvalsh(gram), 0.0)
+        cost = np.array([candidates.effects[i].cost + np.log(shapes[candidates.keys[i]]) for i in numbers])
+        nats = DETECT + np.log(searched) + 0.5 * np.log1p(gain).sum(axis=1) + cost
+        drop = free * np.expm1(np.minimum(2 * nats / max(free, 1), 500.0))
+        needed = (np.sqrt(drop) + QUANTILE) ** 2  # of the noncentrality, in noise variances
+        signal = gain.sum(axis=1) / k
+        strength[numbers] = np.where(seen, np.sqrt(needed / np.maximum(signal, 1e-300)), np.inf)
+        parts.append(np.where(seen[:, None, None], left, 0.0).reshape(m * k, n))
+        owners.append(np.repeat(numbers, k))
+    return strength, possible, np.vstack(parts), np.concatenate(owners)
+
+
+def _explained(columns: Array, owner: Index, count: int) -> Array:
+    """(count, count) share of each proposal's columns (row) that each other's (column) explain: squared correlation."""
+    order = np.argsort(owner, kind="stable")
+    columns, owner = columns[order], owner[order]
+    starts = np.searchsorted(owner, np.arange(count))
+    bases = np.zeros_like(columns)
+    for own in (slice(a, b) for a, b in zip(starts, [*starts[1:], len(owner)], strict=True)):
+        norms = np.linalg.norm(columns[own], axis=1)
+        some = norms > 0
+        if some.any():
+            q, r = np.linalg.qr((columns[own][some] / norms[some, None]).T)
+            q = q[:, np.abs(np.diag(r)) > 1e-6]
+            bases[own.start : own.start + q.shape[1]] = q.T
+    whole = np.add.reduceat(np.square(columns).sum(axis=1), starts)
+    inner = np.add.reduceat(np.add.reduceat(np.square(columns @ bases.T), starts, axis=0), starts, axis=1)
+    return np.asarray(inner / np.maximum(whole, 1e-300)[:, None])
+
+
+def classes(found: Sequence[Verdict]) -> list[list[str]]:
+    """Sets of effects, by name and place, that cannot be told apart: connected through `alike`."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    names = list(dict.fromkeys(n for v in found if v.alike for n in (f"{v.effect} at {v.where}", *v.alike)))
+    place = {n: k for k, n in enumerate(names)}
+    edges = [(place[f"{v.effect} at {v.where}"], place[n]) for v in found for n in v.alike]
+    if not edges:
+        return []
+    one, two = np.array(edges).T
+    graph = coo_array((np.ones(len(one)), (one, two)), shape=(len(names), len(names)))
+    _, labels = connected_components(graph, directed=False)
+    sets: dict[int, list[str]] = {}
+    for name, label in zip(names, labels, strict=True):
+        sets.setdefault(int(label), []).append(name)
+    return sorted(sets.values(), key=len)

@@ -1,0 +1,321 @@
+"""The plan: from candidate poses to rows in order, their predicted uncertainty, and what they could show of physics."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from errormodel.arrays import Index
+from errormodel.chain import TOOL_CHANNELS, Chain
+from errormodel.channels import POINT
+from errormodel.exceptions import InputError
+from errormodel.instruments.base import Instrument
+from errormodel.machine import Machine
+from errormodel.simulation import Truth, measured_at, outward
+from errormodel.survey_columns import MEASURED
+from identification.diagnosis.linear.linear_model import set_up
+from identification.diagnosis.search.criteria import likeness
+from identification.estimation.result import Fit
+from identification.estimation.run import fit_machine
+from identification.observation.identifiability import Groups
+from identification.planning.candidates import Stage, prepare
+from identification.planning.design import Design, Space, exchange, rounded
+from identification.planning.discrimination import Pair, told_apart
+from identification.planning.poses import as_survey
+from identification.planning.power import SAME, Verdict, classes, verdicts
+from identification.planning.run_order import arranged, revisits
+from identification.planning.setup import Setup
+from identification.planning.weights import optimal_weights
+from identification.runtime.progress import Tell, silent
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+RANDOM = 20  # designs of random poses to compare with
+UNSEEN = 1e7  # variance, of a unit that all candidates together know as 1, of what a design does not show
+LONGER = 0.4  # of a tool's length: how much longer a second one would be
+MOST_PAIRS = 12  # of effects that poses are exchanged for
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """Predicted standard uncertainty of the position (root of the sum over its components) in the volume, um, k = 1."""
+
+    worst_um: float
+    median_um: float
+
+
+@dataclass(frozen=True)
+class Change:
+    """A verdict that another way of measuring changes."""
+
+    by: str
+    effect: str
+    where: str
+    before: str
+    after: str
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Poses in order and what they can show.
+
+    Attributes
+    ----------
+    table : the rows to measure, mm and rad.
+    groups : what they identify, the measuring frame included.
+    uncertainty : with these rows; `random`: the median of as many random ones (and of twice as many, `twice`).
+    d_efficiency : information by rank against the best weights; `d_random`: against random poses (above 1: better).
+    found : verdicts on the library's effects; `changes`: what the plan gains, and what a second tool would.
+    blind : share of the volume where parameters matter that no allowed pose shows.
+    repeated : rows in the end that repeat the first.
+    """
+
+    chain: Chain
+    table: pd.DataFrame
+    groups: Groups
+    uncertainty: Uncertainty
+    random: Uncertainty
+    twice: Uncertainty
+    d_efficiency: float
+    d_random: float
+    found: list[Verdict]
+    changes: list[Change]
+    blind: float
+    repeated: int
+
+    def as_json(self) -> dict[str, Any]:
+        return {
+            "schema": "errormodel.plan/1",
+            "machine": self.chain.machine.name,
+            "n_points": len(self.table),
+            "n_parameters": len(self.chain.machine_ids),
+            "rank": self.groups.rank,
+            "condition": self.groups.condition,
+            "groups": self.groups.listed(),
+            "no_effect": list(self.groups.no_effect),
+            "uncertainty": _numbers(self.uncertainty),
+            "random": {"same": _numbers(self.random), "twice": _numbers(self.twice)},
+            "d_efficiency": self.d_efficiency,
+            "d_efficiency_vs_random": self.d_random,
+            "blind": self.blind,
+            "repeated_rows": self.repeated,
+            "effects": [_verdict(v) for v in self.found],
+            "classes": classes(self.found),
+            "changes": [vars(c) for c in self.changes],
+        }
+
+
+def _numbers(u: Uncertainty) -> dict[str, float]:
+    return {"worst_um": u.worst_um, "median_um": u.median_um}
+
+
+def _verdict(v: Verdict) -> dict[str, Any]:
+    return {
+        "effect": v.effect,
+        "where": v.where,
+        "motion": v.motion,
+        "driver": list(v.drivers),
+        "verdict": v.verdict,
+        "smallest": v.smallest,
+        "apart": v.apart,
+        "possible": v.possible,
+        "unit": v.unit,
+        "absorbed": v.absorbed,
+        "with": list(v.alike),
+        "reason": v.reason,
+        "needs": v.needs,
+    }
+
+
+def plan(
+    machine: Machine,
+    setup: Setup,
+    count: int,
+    noise: Instrument | float,
+    seed: int = 0,
+    *,
+    worst: bool = True,
+    tell: Tell = silent,
+) -> Plan:
+    """Plan `count` rows.
+
+    Parameters
+    ----------
+    noise : an instrument, or one standard uncertainty of all coordinates, mm.
+    worst : minimise the largest predicted uncertainty in the volume; else the determinant (D-optimal).
+    tell : surrounds each long part, with its name.
+
+    Raises
+    ------
+    InputError
+        Too few rows for the machine's identifiable groups, or no pose is allowed.
+    """
+    with threadpool_limits(1, "blas"):  # blocks are small: two threads would wait for each other
+        return _plan(machine, setup, count, noise, seed, worst, tell)
+
+
+def _plan(
+    machine: Machine,
+    setup: Setup,
+    count: int,
+    noise: Instrument | float,
+    seed: int,
+    worst: bool,
+    tell: Tell,
+) -> Plan:
+    with tell("Choosing poses"):
+        stage = prepare(machine, setup, noise, seed)
+        space = stage.space
+        chosen, ceiling = optimal(space, count, worst)
+    with tell("Asking what they would show of physics"):
+        walked = chosen[np.lexsort(stage.positions[chosen].T[::-1])]  # joint by joint, as a program would
+        plain, _ = _verdicts(stage, stage.table.iloc[walked], seed)
+    with tell("Telling effects apart"):
+        repeat = revisits(count, space.rank)
+        pairs = _pairs(stage, plain, seed)
+        chosen = told_apart(space, without(space, chosen, repeat), pairs, SAME)
+        rows = chosen[_arranged(stage, chosen, repeat, seed)]
+        table = stage.table.iloc[rows].reset_index(drop=True)
+        found, groups = _verdicts(stage, table, seed)
+        changes = _changes("the order, repeats and poses of this plan", plain, found)
+    if len(setup.points(machine)) == 1 and repeat:  # a second tool has parameters of its own: rows must be to spare
+        with tell("Asking what a second tool would show"):
+            more, how = _second_tool(table, machine)
+            changes += _changes(how, found, _verdicts(stage, more, seed)[0])
+    rng = np.random.default_rng([seed, 3])
+    pool = stage.scattered or len(stage.table)
+    chance = [rng.choice(pool, 2 * count, replace=2 * count > pool) for _ in range(RANDOM)]
+    information = -Design(space, rows).value
+    by_chance = float(np.median([-Design(space, r[:count]).value for r in chance]))
+    return Plan(
+        stage.chain,
+        table,
+        groups,
+        uncertainty_of(space, rows),
+        _middle([uncertainty_of(space, r[:count]) for r in chance]),
+        _middle([uncertainty_of(space, r) for r in chance]),
+        float(np.exp((information - ceiling) / space.rank)) / count,
+        float(np.exp((information - by_chance) / space.rank)),
+        found,
+        changes,
+        stage.blind,
+        repeat,
+    )
+
+
+def optimal(space: Space, count: int, worst: bool) -> tuple[Index, float]:
+    """An optimal design of `count` poses, and what ``log det`` of no design of weight 1 exceeds.
+
+    Raises
+    ------
+    InputError
+        No design of so few poses shows all identifiable groups.
+    """
+    weights, ceiling = optimal_weights(space, worst)
+    chosen = exchange(space, rounded(weights, count), worst=False)
+    if not shows_all(space, chosen):
+        more = range(max(count, space.rank // 3) + 1, count + space.rank + 1)
+        least = next((n for n in more if shows_all(space, exchange(space, rounded(weights, n), worst=False))), more[-1])
+        found = f"no {count} poses show all {space.rank} identifiable groups, measuring frame included"
+        raise InputError("--points", found, f"Plan at least {least}, better {2 * least}")
+    return exchange(space, chosen, worst=True) if worst else chosen, ceiling
+
+
+def shows_all(space: Space, chosen: Index) -> bool:
+    """Whether a design has an equation to spare, and no combination of the groups that it does not show."""
+    return 3 * len(chosen) > space.rank and bool(np.linalg.eigvalsh(space.covariance(chosen))[-1] < UNSEEN)
+
+
+def without(space: Space, chosen: Index, number: int) -> Index:
+    """The design without the poses that it loses least by."""
+    for _ in range(number):
+        chosen = np.delete(chosen, Design(space, chosen).least()[0])
+    return chosen
+
+
+def uncertainty_of(space: Space, chosen: Index) -> Uncertainty:
+    """Predicted standard uncertainty in the volume with a design."""
+    u = 1e3 * np.sqrt(space.variances(space.covariance(chosen)))
+    return Uncertainty(float(u.max()), float(np.median(u)))
+
+
+def as_file(plan: Plan, setup: Setup) -> pd.DataFrame:
+    """The rows as a points file has them: joints in mm and degrees, the tool where there are several."""
+    machine = plan.chain.machine
+    table = outward(plan.table, machine).round(6)
+    return table if setup.tools else table.drop(columns=list(TOOL_CHANNELS))
+
+
+def _middle(several: list[Uncertainty]) -> Uncertainty:
+    return Uncertainty(*(float(np.median([getattr(u, n) for u in several])) for n in ("worst_um", "median_um")))
+
+
+def _verdicts(stage: Stage, table: pd.DataFrame, seed: int) -> tuple[list[Verdict], Groups]:
+    """What rows in this order would show: by a survey of them that holds nothing but noise."""
+    fit = _noise_only(stage, table, seed)
+    return verdicts(set_up(fit)), fit.solution.groups
+
+
+def _noise_only(stage: Stage, table: pd.DataFrame, seed: int) -> Fit:
+    machine = stage.chain.machine
+    survey = as_survey(stage.chain, stage.setup, table.reset_index(drop=True), stage.noise)
+    seen = measured_at(machine, survey.table, Truth({}), stage.noise, seed)
+    names = list(MEASURED)
+    return fit_machine(machine, replace(survey, table=survey.table.assign(**{n: seen[n] for n in names})))
+
+
+def _arranged(stage: Stage, chosen: Index, repeat: int, seed: int) -> Index:
+    view = stage.view.part(chosen)
+    chain = stage.chain
+    arms = chain.kernel("levers", (), view.fixed, (0, 1, 2))(view.rows, np.zeros(len(chain.ids)))
+    arms = view.whiten(slice(None), arms.reshape(-1, 3, len(view))).transpose(0, 2, 1)  # (6 elements, n, 3)
+    places = {name: 6 * k for k, name in enumerate(chain.element_names)}
+    levers = []
+    for joint in chain.machine.joints:
+        start = places[joint.name] + (3 if joint.type == "rotary" else 0)
+        levers.append(np.tensordot(np.array(joint.axis), arms[start : start + 3], axes=1))
+    return arranged(stage.space.X[chosen], stage.positions[chosen], np.array(levers), arms[:3], repeat, seed)
+
+
+def _pairs(stage: Stage, found: list[Verdict], seed: int) -> list[Pair]:
+    """Pairs of effects of different names that depend on position only and are not told apart; the worst first."""
+    known = {j.name for j in stage.chain.machine.joints} | set(POINT)
+    open_ = []
+    for shown in (v.typical for v in found if v.typical is not None and {*v.drivers} <= known):
+        others = (e for v in found if v.typical is shown for e in v.rivals)
+        rival = next((e for e in others if e.effect != shown.effect and {*e.drivers} <= known), None)
+        if rival is not None:
+            open_.append((shown, rival))
+    if not open_:
+        return []
+    bench = set_up(_noise_only(stage, stage.table, seed))
+    n = len(stage.table)
+    if bench.size != 3 * n:  # some component is not measured anywhere
+        return []
+    columns = [tuple(bench.columns(e)[0] for e in pair) for pair in open_]
+    best = [likeness(bench, *pair) for pair in columns]  # with all poses
+    order = [k for k in np.argsort(best, kind="stable") if best[k] < SAME]
+    return [Pair(*(c.reshape(-1, 3, n).transpose(2, 1, 0) for c in columns[k])) for k in order[:MOST_PAIRS]]
+
+
+def _second_tool(table: pd.DataFrame, machine: Machine) -> tuple[pd.DataFrame, str]:
+    """Every other row with a longer tool, and how to say it."""
+    tool = np.array(machine.tool)
+    length = float(np.linalg.norm(tool)) * LONGER
+    longer = tool * (1 + LONGER) if length else np.array([0.0, 0.0, -100.0])
+    table = table.copy()
+    table.loc[table.index[::2], list(TOOL_CHANNELS)] = longer
+    return table, f"a second tool, {length or 100.0:.0f} mm longer, in every other row"
+
+
+def _changes(by: str, before: list[Verdict], after: list[Verdict]) -> list[Change]:
+    old = {v.key: v.verdict for v in before}
+    return [
+        Change(by, v.effect, v.where, old.get(v.key, "invisible"), v.verdict)
+        for v in after
+        if v.verdict != old.get(v.key, "invisible")
+    ]

@@ -1,0 +1,1 @@
+"""Results as they are stored, tabulated and handed to users."""

@@ -1,0 +1,134 @@
+"""What a machine's model holds and what a set of poses could tell of it, before anything is measured."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from errormodel.chain import Chain
+from errormodel.channels import root
+from errormodel.machine import Machine
+from errormodel.simulation import random_points
+from errormodel.survey_columns import MEASURED
+from identification.estimation.least_squares import identifiable
+from identification.observation.assembly import build
+from identification.observation.identifiability import Groups
+from identification.observation.models import PositionView, View, fixed_tool
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from errormodel.survey import Survey
+
+POSES = 2000  # random poses: enough that chance does not hide a direction, few enough to answer at once
+
+
+@dataclass(frozen=True)
+class Description:
+    """The identifiable groups of a machine.
+
+    Attributes
+    ----------
+    groups : of the machine's own parameters, seen from a known measuring frame.
+    reasons : why each parameter without effect has none.
+    with_frame : the same when the measuring frame is unknown too, as the survey has it; None without a survey.
+    split : groups of the machine with its one tool that the survey's poses and tools take apart.
+    """
+
+    chain: Chain
+    groups: Groups
+    reasons: dict[str, str]
+    with_frame: Groups | None = None
+    split: tuple[str, ...] = ()
+
+    def as_json(self) -> dict[str, Any]:
+        """The JSON form of the contract, section 3."""
+        out: dict[str, Any] = {
+            "machine": self.chain.machine.name,
+            "n_parameters": len(self.chain.machine_ids),
+            "n_no_effect": len(self.groups.no_effect),
+            "rank": self.groups.rank,
+            "groups": self.groups.listed(),
+            "no_effect": list(self.groups.no_effect),
+            "no_effect_reasons": self.reasons,
+            "condition": self.groups.condition,
+        }
+        if self.with_frame is not None:
+            groups = self.with_frame
+            out["split"] = list(self.split)
+            out["with_frame"] = {
+                "rank": groups.rank,
+                "groups": groups.listed(),
+                "no_effect": list(groups.no_effect),
+                "condition": groups.condition,
+            }
+        return out
+
+
+def describe(machine: Machine, survey: Survey | None = None) -> Description:
+    """Parameters, rank and groups; without a survey for random poses over the travels and one tool."""
+    chain = Chain(machine)
+    ids = chain.machine_ids
+    alone = identifiable(chain, [_random_view(chain)], ids)
+    if survey is None:
+        return Description(chain, alone, no_effect_reasons(chain, alone, None))
+    survey = _as_if_measured(chain, survey)
+    problem = build(chain, survey)
+    groups = identifiable(chain, problem.views, ids)
+    names = {groups.name(k) for k in range(groups.rank)}
+    split = tuple(alone.name(k) for k in range(alone.rank) if alone.name(k) not in names)
+    return Description(
+        chain,
+        groups,
+        no_effect_reasons(chain, groups, survey),
+        identifiable(chain, problem.views, problem.unknowns),
+        split,
+    )
+
+
+def _random_view(chain: Chain) -> View:
+    rows = chain.columns(_random_table(chain))
+    return PositionView(
+        kind="position", chain=chain, ids=chain.machine_ids, columns=chain.machine_ids, rows=rows,
+        whitener=np.ones(POSES), index=np.arange(POSES), fixed=fixed_tool(chain, rows), measured=np.zeros((POSES, 3)),
+    )  # fmt: skip
+
+
+def _random_table(chain: Chain) -> pd.DataFrame:
+    """Random poses with one tool; the other columns that effects depend on vary as they would in a day's work."""
+    table = random_points(chain.machine, POSES)
+    rng = np.random.default_rng(1)
+    ranges = {"T_": (18.0, 24.0), "w_": (0.0, 1.0), "feed": (500.0, 5000.0), "load": (0.0, 500.0)}
+    for word in dict.fromkeys(map(root, chain.channels)):
+        for prefix, (low, high) in ranges.items():
+            if word.startswith(prefix):
+                table[word] = rng.uniform(low, high, POSES)
+    return table.assign(time=60.0 * np.arange(POSES))  # s
+
+
+def _as_if_measured(chain: Chain, survey: Survey) -> Survey:
+    """A survey's rows to fit; commands alone count as poses at which all three coordinates will be measured."""
+    rows = survey.fit if len(survey.fit) else survey
+    if "joint" in rows.table or np.isfinite(rows.measured).any():
+        return rows
+    nominal = chain.kernel("nominal", outputs=(0, 1, 2))(chain.columns(rows.table))
+    return replace(rows, table=rows.table.assign(**dict(zip(MEASURED, nominal, strict=True))))
+
+
+def no_effect_reasons(chain: Chain, groups: Groups, survey: Survey | None) -> dict[str, str]:
+    """Why each parameter without effect has none, in words."""
+    out = {}
+    for identity in groups.no_effect:
+        parameter = chain.parameters[chain.index[identity]]
+        still = (
+            survey is not None and parameter.element in survey.table and survey.table[parameter.element].nunique() < 2
+        )
+        if still:
+            out[identity] = f"{parameter.element} stands still in this survey"
+        elif parameter.motion in ("ea", "eb", "ec"):
+            out[identity] = "the functional point stays on the axis of this rotation: it has no lever"
+        else:
+            out[identity] = "nothing is measured in its direction"
+    return out

@@ -1,0 +1,129 @@
+"""What stands in a folder of results: its own files, what other commands keep there, and what is somebody's work."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+from errormodel.exceptions import ErrorModelError, InputError
+from errormodel.files import LOCK, sha256
+from errormodel.inputs import running
+from identification.results import manifest
+from identification.results.manifest import Manifest
+from identification.results.output_file import RECORD, recorded
+
+HISTORY_FILE = "monitor.sqlite"
+HISTORY = re.compile(r"monitor\.sqlite(-journal|-wal|-shm)?")
+CHAIN = "chain"  # an unfinished chain of `fit --bayes`
+PIECE = re.compile(r"\.?piece_[0-9a-f]+_\d+(\.\d+\.part)?\.npz")
+UNFINISHED = re.compile(r"\..+\.(\w+\.part(\.\w+)?|old)")  # of a run that is at work, or was killed
+SERVANTS = (RECORD, LOCK, ".DS_Store", "Thumbs.db", "desktop.ini")  # errormodel's, and what file managers leave
+BEFORE = (  # there were manifests
+    "machine.yaml", "parameters.csv", "residuals.csv", "covariance.csv", "fit.json", "report.html", "posterior.nc",
+    "diagnosis.json", "thermal.json", "thermal_drift.png",
+)  # fmt: skip
+MONITORED = ("monitor.json", "monitor.html")
+CURE = "Choose another folder, or move that file away"
+
+
+def kept_of(folder: Path, own: Manifest | None) -> list[str]:
+    """The files and folders of a folder of results that stay when the results are replaced.
+
+    Raises
+    ------
+    InputError
+        There is something that errormodel did not write, or that was changed since.
+    """
+    entries = sorted(folder.iterdir())
+    old = BEFORE if own is None and any(e.name in BEFORE for e in entries) else ()
+    if old:
+        _check_before(folder)
+    written = recorded(folder)
+    kept = []
+    for entry in entries:
+        name = entry.name
+        if name == manifest.NAME or name in old:
+            continue
+        plain = entry.is_file() and not entry.is_symlink()
+        if own is not None and _is_own(folder, entry, own):
+            continue
+        if plain:
+            servant = name in SERVANTS or HISTORY.fullmatch(name) or (old and name in MONITORED)
+            if not (servant or UNFINISHED.fullmatch(name) or (name in written and sha256(entry) in written[name])):
+                raise _not_ours(entry)
+        elif not _is_anothers(entry):
+            raise _not_ours(entry)
+        kept.append(name)
+    return kept
+
+
+def outdated(folder: Path, kept: list[str], new: Mapping[str, str]) -> Iterator[str]:
+    """Sentences on what stays in a folder although it was made from earlier results than the `new` files (digests)."""
+    own = manifest.read(folder)
+    if own is not None and own.files.get("machine.yaml") != new.get("machine.yaml") and HISTORY_FILE in kept:
+        yield f"{folder / HISTORY_FILE} stays, and was learned with the model that was here before"
+    for name in kept:
+        made = manifest.read(folder / name) if (folder / name).is_dir() else None
+        if made is not None and "fit.json" in made.inputs and new.get("fit.json") not in made.inputs["fit.json"]:
+            yield f"{folder / name} stays, and was made from the fit that was here before: run {made.command} again"
+
+
+def _is_own(folder: Path, entry: Path, own: Manifest) -> bool:
+    """Whether a file is as the manifest has it, or all files of a folder are.
+
+    Raises
+    ------
+    InputError
+        Some are, or it is the file but was changed.
+    """
+    name = entry.relative_to(folder).as_posix()
+    if entry.is_symlink():
+        return False
+    if entry.is_dir():
+        if not any(listed.startswith(f"{name}/") for listed in own.files):
+            return False
+        for part in entry.iterdir():
+            if not _is_own(folder, part, own):
+                raise _not_ours(part)
+        return True
+    if name in own.files and sha256(entry) != own.files[name]:
+        raise InputError(str(entry), "it was changed since errormodel wrote it", CURE)
+    return name in own.files
+
+
+def _is_anothers(entry: Path) -> bool:
+    """Whether a folder is a result of its own, an unfinished chain, or of a run at work."""
+    if entry.is_symlink() or not entry.is_dir():
+        return False
+    if entry.name == CHAIN and all(PIECE.fullmatch(p.name) for p in entry.iterdir()):
+        return True
+    tables = (entry / "compensation.json").is_file()  # of a version without manifests
+    return tables or bool(UNFINISHED.fullmatch(entry.name)) or manifest.read(entry) is not None
+
+
+def _check_before(folder: Path) -> None:
+    """Whether the files of a folder without a manifest are a fit of a version that wrote none, and nobody edited it.
+
+    Raises
+    ------
+    InputError
+        They are not, or that cannot be known.
+    """
+    from errormodel.machine_file import machine_text, read_machine
+    from identification.results.store import read_files
+
+    path = folder / "machine.yaml"
+    try:
+        with running(None):  # this is no input, and the folder may be locked already
+            read_files(folder)
+            plain = path.read_text(encoding="utf-8") == machine_text(read_machine(path))
+    except (ErrorModelError, OSError, ValueError) as error:
+        name = next(n for n in BEFORE if (folder / n).exists())
+        raise _not_ours(folder / name) from error
+    if not plain:
+        raise InputError(str(path), "it was edited since errormodel wrote it", CURE)
+
+
+def _not_ours(path: Path) -> InputError:
+    return InputError(str(path), "errormodel did not write it, and would remove it with the old results", CURE)

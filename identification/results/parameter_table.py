@@ -1,0 +1,90 @@
+"""The fitted groups as they are printed: numbered, named, in um and urad."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import floor, log10
+from typing import Literal
+
+from errormodel.machine import Joint
+from identification.estimation.result import Fit
+from identification.results.store import parameters
+
+PRINTED: dict[str, tuple[float, str]] = {
+    "mm": (1e3, "µm"),
+    "rad": (1e6, "µrad"),
+    "1": (1e6, "µm/m"),
+    "rad/mm": (1e9, "µrad/m"),
+    "1/K": (1e6, "µm/m/K"),
+    "1/(mm K)": (1e9, "µrad/m/K"),
+    "s": (1e3, "ms"),
+    "rad s/mm": (1e6, "µrad s/mm"),
+}
+ARCSEC = 0.20626480624709636  # of a microradian
+
+
+def printed(unit: str) -> tuple[float, str]:
+    """Factor and name of the unit in which people read values of an internal one, those of effects such as mm/K too."""
+    head, slash, rest = unit.partition("/")
+    if unit in PRINTED or not slash:
+        return PRINTED.get(unit, (1.0, unit))
+    factor, name = PRINTED[head] if head in ("mm", "rad") else (1e6, "1e-6") if head == "1" else (1.0, head)
+    return factor, f"{name}/{rest}"
+
+
+def decimals(std: float) -> int:
+    """Decimals that show two digits of a standard uncertainty, four at most."""
+    return min(max(0, 1 - floor(log10(std))), 4) if 0 < std < float("inf") else 3
+
+
+Kind = Literal["member", "joint", "effect", "frame", "zero"]
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One identifiable group.
+
+    Attributes
+    ----------
+    number : from 1, in the order of the fit.
+    id : the parameter that stands for the group; `name` has an ellipsis where it has others with it.
+    formula : the whole group; `symbol` is the ISO 230-1 name, if there is one, and `meaning` a location error in words.
+    value, std : in `unit` (um, urad, um/m, urad/m); std is k = 1.
+    kind : of a structural member, joint, effect, measuring frame (or a target's mount), or zero of an instrument.
+    """
+
+    number: int
+    id: str
+    name: str
+    formula: str
+    symbol: str
+    meaning: str
+    value: float
+    std: float
+    unit: str
+    kind: Kind
+
+    @property
+    def significance(self) -> float:
+        """The value in units of its standard uncertainty."""
+        return abs(self.value) / self.std if self.std else float("inf")
+
+
+def estimates(fit: Fit) -> list[Estimate]:
+    """All groups of a fit."""
+    joints = {e.name for e in fit.chain.machine.elements if isinstance(e, Joint)}
+    members = {e.name for e in fit.chain.machine.elements} - joints
+    of_effects = fit.chain.of_effects
+    out = []
+    for number, p in enumerate(parameters(fit), start=1):
+        factor, unit = printed(p["unit"])
+        kind: Kind = "zero" if p["id"].startswith("zero[") else "frame"
+        if p["id"] in fit.chain.index:
+            known = fit.chain.parameters[fit.chain.index[p["id"]]]
+            kind = "joint" if known.element in joints else "member" if known.element in members else "frame"
+            kind = "effect" if p["id"] in of_effects else kind
+        more = " …" if len(p["members"]) > 1 else ""
+        symbol = p["symbol"] + more if p["symbol"] and not p["meaning"] else p["symbol"]
+        values = (factor * p["value"], factor * p["std"])
+        out.append(Estimate(number, p["id"], p["id"] + more, p["group"], symbol, p["meaning"], *values, unit, kind))
+    return out

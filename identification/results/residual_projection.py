@@ -1,0 +1,313 @@
+"""What the figures of a finding share: residuals without it and with it, and the channel along which they are drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from errormodel.arrays import Array, Index
+from errormodel.channels import CALL, POINT, root
+from errormodel.conventions import MOTIONS, Motion, iso_symbol
+from errormodel.effects.base import Effect
+from identification.diagnosis.linear.linear_model import Workbench
+from identification.diagnosis.search.model import Growth
+from identification.diagnosis.search.scoring import Step
+from identification.plots import style
+
+MANY = 15  # periods in the recorded range, beyond which a wave is folded onto one
+LOOKS = ((style.FITTED, "-"), ("#009E73", "--"), ("#D55E00", "-."))  # of levels, from low to high
+SIDES = ("arrived from below", "arrived from above")
+MINUS = " − "
+PAIR = "\0"  # between two channels whose difference is meant: no name holds it
+
+
+@dataclass(frozen=True)
+class Abscissa:
+    """A channel as an axis shows it: what it is called, with its unit, and the factor that leads to that unit."""
+
+    name: str
+    label: str
+    factor: float = 1.0
+    period: float | None = None  # folded onto one period
+
+    def shown(self, values: Array) -> Array:
+        """Channel values as they are printed."""
+        folded = np.mod(values, self.period) if self.period else values
+        return self.factor * folded
+
+
+@dataclass(frozen=True)
+class Split:
+    """What rows and curves are told apart by: sides of arrival, or levels of a second channel.
+
+    Attributes
+    ----------
+    levels : (k,) channel's value of each curve; `labels` in words; `member` (n,) the level each row belongs to.
+    """
+
+    name: str
+    levels: Array
+    labels: tuple[str, ...]
+    member: Index
+
+    @property
+    def looks(self) -> Sequence[tuple[str, str]]:
+        """Colour and line style of each level."""
+        return LOOKS if len(self.levels) == 3 else LOOKS[::2]
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """A finding on the bench.
+
+    Attributes
+    ----------
+    bench : without the finding, everything else fitted; `first` (n,) an observation of each row.
+    element, motion : the motion that shows most; `direction` (n, 3) where it moves the tip, reference's axes.
+    before, after : (n,) residual along it without the finding and with it, um.
+    """
+
+    group: Sequence[Step]
+    bench: Workbench
+    first: Index
+    element: str
+    motion: Motion
+    before: Array
+    after: Array
+    abscissa: Abscissa
+    split: Split | None
+
+    @property
+    def effect(self) -> Effect:
+        return self.group[0].effect
+
+    def channel(self, name: str) -> Array:
+        """A channel at each row, (n,); a difference of two where the name says so."""
+        return _channel(self.bench, name)[self.first]
+
+    @property
+    def waves(self) -> float:
+        """How many periods the abscissa shows of a periodic effect; 0 for others."""
+        period = getattr(self.effect, "period", None)
+        span = float(np.ptp(self.abscissa.shown(self.channel(self.abscissa.name)))) / self.abscissa.factor
+        return span / float(period) if period and self.abscissa.name == self.effect.drivers[0] else 0.0
+
+    @property
+    def from_mean(self) -> bool:
+        """Whether its motions count from their mean along the abscissa: waves, and free curves."""
+        return bool(self.waves) or any(s.effect.tied for s in self.group)
+
+    @property
+    def looks(self) -> Sequence[tuple[str, str]]:
+        """Colour and line style of each level, or of the one curve there is."""
+        return self.split.looks if self.split else LOOKS[:1]
+
+    @property
+    def symbol(self) -> str:
+        """The motion in words: ``dy of W (EYW)``."""
+        joints = {j.name for j in self.bench.chain.machine.joints}
+        iso = f" ({iso_symbol(self.element, self.motion)})" if self.element in joints else ""
+        return style.plain(f"{self.motion} of {self.element}{iso}", 30)
+
+
+def evidence_of(growth: Growth, group: Sequence[Step]) -> Evidence:
+    """The evidence for one of a growth's findings."""
+    bench = growth.without(group)
+    rows = _Rows(bench)
+    seen = len(bench.index)  # behind the observations there may be ties
+    before, after = bench.residual[:seen], growth.bench.residual[:seen]
+    whole, explained = rows.vectors(np.array([before, before - after]))
+    shown: dict[tuple[str, Motion], tuple[float, Array]] = {}
+    for element, motion in motions(bench, [group[0].effect]):
+        (lever,) = rows.vectors(bench.levers[element][MOTIONS.index(motion)][None])
+        length = np.linalg.norm(lever, axis=1, keepdims=True)
+        direction = np.divide(lever, length, out=np.zeros_like(lever), where=length > 0)
+        shown[element, motion] = float(np.square((explained * direction).sum(axis=1)).sum()), direction
+    (element, motion), (_, direction) = max(shown.items(), key=lambda item: item[1][0])
+    before, part = (1e3 * (v * direction).sum(axis=1) for v in (whole, explained))
+    abscissa, split = _axes(bench, group, rows.first, part)
+    return Evidence(group, bench, rows.first, element, motion, before, before - part, abscissa, split)
+
+
+def motions(bench: Workbench, effects: Sequence[Effect]) -> list[tuple[str, Motion]]:
+    """Elements and motions of effects, in the order of their terms."""
+    terms = [t for e in effects for t in e.terms(bench.channel, bench.chain.machine)]
+    return list(dict.fromkeys((t.element, m) for t in terms for m in t.motion))
+
+
+class _Rows:
+    """The bench's rows: its whitened observations, up to three of each, as vectors in mm.
+
+    The frame's three translations, which are whitened alike, say what one mm is.
+    """
+
+    def __init__(self, bench: Workbench) -> None:
+        _, self.first, self._place = np.unique(bench.index, return_index=True, return_inverse=True)
+        order = np.argsort(self._place, kind="stable")
+        self._slot = np.empty_like(order)
+        self._slot[order] = np.arange(len(order)) - np.searchsorted(self._place[order], self._place[order])
+        frame = self._stack(bench.levers[bench.chain.element_names[0]][:3])
+        self._back = np.linalg.pinv(frame.transpose(1, 2, 0))
+
+    def vectors(self, observations: Array) -> Array:
+        """Observations (k, N) as (k, n, 3), mm in the reference's axes."""
+        out: Array = np.einsum("nij,knj->kni", self._back, self._stack(observations))
+        return out
+
+    def _stack(self, observations: Array) -> Array:
+        out = np.zeros((len(observations), len(self.first), 3))
+        out[:, self._place, self._slot] = observations
+        return out
+
+
+def channels_of(bench: Workbench, effects: Sequence[Effect]) -> list[str]:
+    """Channels that effects ask for and that vary; what follows a joint with a play depends on the side of arrival."""
+    asked = dict.fromkeys(name for e in effects for name in e.channels(bench.chain.machine))
+    for name in list(asked):
+        if call := CALL.fullmatch(name):
+            asked[f"dir_{call[2]}" if call[1] == "play" else name] = None
+    return [n for n in asked if not n.startswith("play(") and np.ptp(bench.channel(n)) > 0]
+
+
+def is_warm(name: str) -> bool:
+    """Whether a channel is time, or a temperature, as read or behind a lag."""
+    return name == "time" or root(name).startswith("T_")
+
+
+def _axes(bench: Workbench, group: Sequence[Step], first: Index, part: Array) -> tuple[Abscissa, Split | None]:
+    """The pair of channels, or the one, along which bins show most of what the finding explains."""
+    effect = group[0].effect
+    own = channels_of(bench, [effect])
+    sides = [n for n in own if n.startswith("dir_")]
+    names = [n for n in own if n not in sides]
+    warm = [n for n in names if is_warm(n)]
+    whole = channels_of(bench, [s.effect for s in group])
+    every = [n for n in whole if is_warm(n)]
+    if warm:
+        pair = PAIR.join(warm[:2]) if set(every) == set(warm) and len(warm) == 2 and "time" not in warm else ""
+        one = pair or (warm[0] if len({root(n) for n in every}) == 1 and len(every) == 1 else "time")
+        one = one if bench.scene.duration else warm[0]
+        names = [*(n for n in names if n not in warm), one]
+    names = names or [n.removeprefix("dir_") for n in sides]
+    seconds = [*names, *(n for n in whole if n not in (*names, *every, *sides) and not n.startswith("dir_"))]
+    period = getattr(effect, "period", None)
+    if period and effect.drivers[0] in names:
+        return folded(bench, effect.drivers[0], float(period)), _second_wave(bench, effect, first)
+    tries: list[tuple[float, int, str, Split | None]] = []
+    for name in names:
+        x = _channel(bench, name)[first]
+        splits: list[Split | None] = [_sides(bench, n, first) for n in sides] or [
+            None,
+            *_levels(bench, seconds, name, first),
+        ]
+        for split in splits:
+            share = _explained(part, x, split) - 0.1 * (split is not None and not sides)
+            tries.append((share + 0.05 * (name in effect.drivers), len(tries), name, split))
+    _, _, name, split = max(tries)
+    return axis_of(bench, name), split
+
+
+def _explained(part: Array, x: Array, split: Split | None) -> float:
+    """The part of a sum of squares that means in bins of x, for each level by itself, follow."""
+    cell = bin_of(x, int(np.clip(len(x) // 30, 3, 12)))
+    if split is not None:
+        cell = cell * len(split.levels) + split.member
+    sums, counts = np.bincount(cell, part), np.bincount(cell)
+    return float(np.sum(sums[counts > 0] ** 2 / counts[counts > 0]) / max(float(part @ part), 1e-300))
+
+
+def bin_of(x: Array, bins: int) -> Index:
+    """For each value the number of its bin: of equally many values, or of one value where there are few different."""
+    starts = np.unique(x)
+    if len(starts) > bins:
+        starts = np.unique(np.quantile(x, np.linspace(0, 1, bins + 1)[:-1]))
+    return np.searchsorted(starts, x, side="right") - 1
+
+
+def _sides(bench: Workbench, name: str, first: Index) -> Split:
+    member = (_channel(bench, name)[first] < 0).astype(np.intp)
+    labels = tuple(f"{style.plain(name[4:], 16)} {side}" for side in SIDES)
+    return Split(name, np.array([1.0, -1.0]), labels, member)
+
+
+def _levels(bench: Workbench, names: Sequence[str], but: str, first: Index) -> Iterator[Split]:
+    """Thirds of the other channels; of one with two or three values, the values."""
+    for name in names:
+        if name == but:
+            continue
+        values, axis = _channel(bench, name)[first], axis_of(bench, name)
+        levels = np.unique(values)
+        if len(levels) > 3:
+            low, high = np.quantile(values, (1 / 3, 2 / 3))
+            member = np.digitize(values, [low, high])
+            levels = np.quantile(values, (1 / 6, 0.5, 5 / 6))
+        else:
+            member = np.searchsorted(levels, values)
+        what, _, unit = axis.label.partition(" / ")
+        labels = tuple(f"{what} {_digits(axis.factor * v)} {unit}".rstrip() for v in levels)
+        yield Split(name, levels, labels, member.astype(np.intp))
+
+
+def _second_wave(bench: Workbench, effect: Effect, first: Index) -> Split | None:
+    """Of a wave in two channels, thirds of the second one's period."""
+    by, period = getattr(effect, "by", None), getattr(effect, "by_period", None)
+    if by is None:
+        return None
+    if period is None:
+        return next(_levels(bench, [by], "", first))
+    values, axis = _channel(bench, by)[first], axis_of(bench, by)
+    member = np.floor(3 * np.mod(values, period) / period).astype(np.intp) % 3
+    middle = np.floor(float(np.median(values)) / period) * period
+    what, _, unit = axis.label.partition(" / ")
+    labels = tuple(f"{what}, {k} third of {_digits(axis.factor * period)} {unit}" for k in ("1st", "2nd", "3rd"))
+    return Split(by, middle + period * (np.arange(3) + 0.5) / 3, labels, member)
+
+
+def folded(bench: Workbench, name: str, period: float) -> Abscissa:
+    """A periodic effect's channel: modulo the period, where the range holds many."""
+    axis = axis_of(bench, name)
+    if np.ptp(bench.channel(name)) < MANY * period:
+        return axis
+    what, _, unit = axis.label.partition(" / ")
+    length = f"{axis.factor * period:.4g} {unit}".replace(" °", "°")
+    return Abscissa(name, f"{what} within its period of {length} / {unit}", axis.factor, period)
+
+
+def _digits(value: float) -> str:
+    return (f"{value:.0f}" if abs(value) >= 100 else f"{value:.3g}").replace("-", "−")
+
+
+def axis_of(bench: Workbench, name: str) -> Abscissa:
+    """The axis of any channel."""
+    joint = next((j for j in bench.chain.machine.joints if j.name == name), None)
+    word = style.plain(name, 16)
+    if joint is not None:
+        turning = joint.type == "rotary"
+        return Abscissa(name, f"{word} / {'°' if turning else 'mm'}", float(np.degrees(1.0)) if turning else 1.0)
+    if name == "time":
+        hours = bench.scene.duration > 3 * 3600
+        return Abscissa(name, f"time / {'h' if hours else 'min'}", 1 / (3600 if hours else 60))
+    if PAIR in name:
+        one, other = (style.plain(root(n), 16) for n in name.split(PAIR))
+        behind = _behind(name.split(PAIR, maxsplit=1)[0])
+        return Abscissa(name, f"{one}{MINUS}{other}{behind} / K")
+    if is_warm(name):
+        return Abscissa(name, f"{style.plain(root(name), 16)}{_behind(name)} / °C")
+    if name in POINT:
+        return Abscissa(name, f"tip's {name[-1]} / mm")
+    units = {"feed": " / mm/min", "load": " / kg"} | {f"tool_{a}": " / mm" for a in "xyz"}
+    return Abscissa(name, f"{word}{units.get(name, '')}")
+
+
+def _behind(name: str) -> str:
+    call = CALL.fullmatch(name)
+    return f", {float(call[3]) / 60:.3g} min behind" if call else ""
+
+
+def _channel(bench: Workbench, name: str) -> Array:
+    if PAIR in name:
+        one, other = name.split(PAIR)
+        return bench.channel(one) - bench.channel(other)
+    return bench.channel(name)

@@ -1,0 +1,246 @@
+"""A folder of results: made beside its place, sealed by its manifest, and exchanged as a whole.
+
+Killed at any point, the old results are there, or the new ones. What other commands keep in the folder stays: tables in
+a folder of their own, the history of a monitored machine, an unfinished chain. Anything else is somebody's work.
+"""
+
+from __future__ import annotations
+
+import os
+import secrets
+import shutil
+import stat
+import sys
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from errormodel.exceptions import InputError
+from errormodel.files import flush, locked, plain_mode, taken, unwritable, write_text_atomic
+from identification.results import manifest
+from identification.results.folder_contents import kept_of, outdated
+from identification.results.output_file import same
+
+ELSEWHERE = "Choose another folder, or move that one away"
+
+
+class ResultsFolder:
+    """A folder to write.
+
+    Parameters
+    ----------
+    path : Path
+    holds : "model" or "tables"
+        One never takes the place of the other.
+    """
+
+    def __init__(self, path: Path, holds: str = "model") -> None:
+        self.path, self.holds = path, holds
+        self.notes: tuple[str, ...] = ()  # on what stayed in the folder and is of earlier results
+
+    def __str__(self) -> str:
+        return str(self.path)
+
+    def covers(self, path: Path) -> bool:
+        """Whether `path` is this folder or stands in it."""
+        return any(same(self.path, place) for place in (path, path.absolute().parent, *_parents(path)))
+
+    def joins(self, folder: Path, suffixes: Collection[str]) -> bool:
+        """A folder is no file of another one."""
+        return False
+
+    def check(self) -> list[str]:
+        """Before any work: whether the folder may be written; returns what stays in it.
+
+        Raises
+        ------
+        InputError
+            It holds what errormodel did not write, or what was changed since, or cannot be exchanged.
+        """
+        try:
+            recover(self.path)
+            if not self.path.exists():
+                plain_mode(self.path)  # a link that leads nowhere
+                return []
+            if self.path.resolve() in (Path.cwd(), *Path.cwd().parents) or self.path.is_mount():
+                where = "a mount point" if self.path.is_mount() else "the folder that the command runs in, or one above"
+                found = f"{where}, which cannot be exchanged as a whole"
+                raise InputError(str(self.path), found, f"Give a folder in it, such as {self.path / 'results'}")
+            old = manifest.read(self.path)
+            if old is not None and old.holds != self.holds:
+                found = f"it holds what `errormodel {old.command}` wrote, which is no earlier result of this command"
+                raise InputError(str(self.path), found, ELSEWHERE)
+            return kept_of(self.path, old)
+        except OSError as error:
+            raise unwritable(self.path, error) from error
+
+    def workspace(self, name: str) -> Path:
+        """A folder in this one for what a command keeps of unfinished work (see `folder_contents`)."""
+        return self.path / name
+
+    @contextmanager
+    def replaced(self) -> Iterator[Path]:
+        """An empty folder to write to; it takes the place of this one when the block ends without an error.
+
+        Raises
+        ------
+        InputError
+            See `check`; or the place cannot be written to.
+        """
+        self.check()
+        target = self.path.resolve()  # a link to a folder stays one
+        part, handle = None, None
+        try:
+            target.parent.mkdir(parents=True, exist_ok=True)
+            with locked(target.parent):
+                _clear(target)
+                part = target.with_name(f".{target.name}.{secrets.token_hex(4)}.part")
+                part.mkdir()
+                handle = _held(part)
+            yield part
+            text = manifest.written(part, self.holds)
+            write_text_atomic(_json(text), part / manifest.NAME)
+            with locked(target.parent):
+                kept = self.check()
+                self.notes = tuple(outdated(target, kept, text["files"]))
+                for name in kept:
+                    _carry(target / name, part / name)
+                _like(target, part)
+                for folder in (p for p in part.rglob("*") if p.is_dir()):
+                    flush(folder)
+                flush(part)
+                _exchange(part, target)
+                flush(target.parent)
+        except OSError as error:
+            raise unwritable(self.path, error) from error
+        finally:
+            if part is not None:
+                shutil.rmtree(part, ignore_errors=True)
+            if handle is not None:
+                os.close(handle)
+
+
+def _parents(path: Path) -> Sequence[Path]:
+    try:
+        return path.resolve().parents
+    except (OSError, ValueError, RuntimeError):  # no name of a file
+        return ()
+
+
+def recover(path: Path) -> None:
+    """Put an old folder back that a run was about to exchange when it was killed (see `_exchange`)."""
+    target = path.resolve()
+    if not target.exists() and _aside(target).is_dir():
+        with locked(target.parent):
+            if not target.exists() and _aside(target).is_dir():
+                _aside(target).rename(target)
+
+
+@contextmanager
+def whole(folder: Path) -> Iterator[None]:
+    """Read a folder of results in the block: its files belong together, and are not exchanged meanwhile.
+
+    Raises
+    ------
+    InputError
+        A file was changed or is of another result.
+    """
+    with suppress(OSError):
+        recover(folder)
+    with locked(folder.resolve().parent):
+        try:
+            yield
+        except InputError as error:
+            # its reader says best what is wrong with a file, its digest which of two that contradict each other
+            if not any(error.where.startswith(str(folder / name)) for name in manifest.wrong(folder)):
+                manifest.check_whole(folder)
+            raise
+        manifest.check_whole(folder)
+
+
+def _json(data: object) -> str:
+    import json
+
+    return json.dumps(data, indent=1, ensure_ascii=False, default=str) + "\n"
+
+
+def _exchange(part: Path, target: Path) -> None:
+    """Put `part` in the place of `target`; what was there is then `part`, or gone."""
+    if not target.exists():
+        part.rename(target)
+    elif not _swapped(part, target):
+        aside = _aside(target)
+        target.rename(aside)
+        try:
+            part.rename(target)
+        except BaseException:
+            aside.rename(target)
+            raise
+        shutil.rmtree(aside, ignore_errors=True)
+
+
+def _aside(target: Path) -> Path:
+    return target.with_name(f".{target.name}.old")
+
+
+def _swapped(part: Path, target: Path) -> bool:
+    """Exchange two folders in one step, where the system can."""
+    if sys.platform != "linux":
+        return False
+    import ctypes
+
+    here, exchange = -100, 2  # AT_FDCWD, RENAME_EXCHANGE
+    try:
+        call = ctypes.CDLL(None, use_errno=True).renameat2
+    except (OSError, AttributeError):
+        return False
+    return bool(call(here, os.fsencode(part), here, os.fsencode(target), exchange) == 0)
+
+
+def _carry(old: Path, new: Path) -> None:
+    """The same file in the new folder, not a copy where it can be helped: a history may be open."""
+    if old.is_dir():
+        new.mkdir()
+        for entry in old.iterdir():
+            _carry(entry, new / entry.name)
+        shutil.copystat(old, new)
+        return
+    if new.exists():
+        raise InputError(str(old), "it is in the way of a result of that name", "Move it away")
+    try:
+        os.link(old, new, follow_symlinks=False)
+    except OSError:
+        shutil.copy2(old, new, follow_symlinks=False)
+
+
+def _like(target: Path, part: Path) -> None:
+    """Give the new folder and its files the permissions of the old ones."""
+    if target.exists():
+        part.chmod(stat.S_IMODE(target.stat().st_mode))
+        for new in (p for p in part.rglob("*") if p.is_file()):
+            mode = plain_mode(target / new.relative_to(part))
+            if mode is not None:
+                new.chmod(mode)
+
+
+def _clear(target: Path) -> None:
+    """Remove what runs that were killed have left beside a folder."""
+    if target.exists():
+        shutil.rmtree(_aside(target), ignore_errors=True)
+    for old in target.parent.iterdir():
+        if old.name.startswith(f".{target.name}.") and old.name.endswith(".part") and old.is_dir():
+            handle = _held(old)
+            if handle is not None:
+                shutil.rmtree(old, ignore_errors=True)
+                os.close(handle)
+
+
+def _held(part: Path) -> int | None:
+    """Lock a folder for as long as this process lives; None if another one does, or where that cannot be known."""
+    if sys.platform == "win32":
+        return None
+    handle = os.open(part, os.O_RDONLY)
+    if taken(handle):
+        return handle
+    os.close(handle)
+    return None

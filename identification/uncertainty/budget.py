@@ -1,0 +1,320 @@
+"""The uncertainty budget of a fit by the GUM: inputs, sensitivities, degrees of freedom, coverage factor.
+
+Two kinds of measurand: a component of the predicted volumetric error where it is known worst, and each parameter group.
+Measurement noise reaches both through the fit; a systematic input (a scale factor, a temperature sensor's offset, a
+tool's length) moves what was measured, so the fitted parameters, so the prediction. Inputs are independent. Combination
+and effective degrees of freedom are GTC's (B. D. Hall; JCGM 100:2008, 5.1 and G.4.1).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from itertools import product
+from math import ceil, floor, inf, isfinite, sqrt
+from typing import Any
+
+import numpy as np
+
+from errormodel.arrays import Array, as_rows
+from errormodel.channels import root
+from errormodel.simulation import random_points
+from errormodel.survey import Survey
+from errormodel.survey_file import BudgetEntry
+from identification.estimation.result import Fit
+from identification.observation.assembly import marginal_whitener
+from identification.observation.models import PositionView
+from identification.observation.normal_equations import design_rows, total
+from identification.results.store import parameters, stored
+from identification.uncertainty.prediction import predict
+
+LEVEL = 0.95  # coverage probability
+POSES = 400  # all over the travels and, for few joints, in all their corners: where the prediction is known worst
+CLEARLY = 3.0  # standard deviations of its estimate by which held-out variance must exceed the noise's
+CHUNK = 4000  # rows whose M is held at a time
+STEP = 1e-4  # of a channel's unit, for its sensitivity
+WORTH = 0.01  # of the combined variance: what is left of the fit's covariance is a line of its own above this
+
+
+@dataclass(frozen=True)
+class Input:
+    """One line: `std` in `unit`, `sensitivity` in units of the measurand per that, `dof` may be infinite."""
+
+    name: str
+    type: str  # A: from a statistical analysis of observations, B: from elsewhere
+    distribution: str
+    std: float
+    unit: str
+    sensitivity: float
+    dof: float = inf
+
+    @property
+    def contribution(self) -> float:
+        return abs(self.sensitivity) * self.std
+
+
+@dataclass(frozen=True)
+class Budget:
+    """A budget: combined standard uncertainty, effective degrees of freedom, coverage factor, expanded uncertainty."""
+
+    measurand: str
+    unit: str
+    inputs: tuple[Input, ...]
+    std: float
+    dof: float
+    k: float
+    expanded: float
+    level: float
+
+    def as_json(self) -> dict[str, Any]:
+        """With infinite degrees of freedom as null."""
+        lines = [
+            asdict(i) | {"contribution": i.contribution, "dof": i.dof if isfinite(i.dof) else None} for i in self.inputs
+        ]
+        dof = self.dof if isfinite(self.dof) else None
+        return {
+            "measurand": self.measurand, "unit": self.unit, "inputs": lines, "standard_uncertainty": self.std,
+            "effective_dof": dof, "k": self.k, "expanded_uncertainty": self.expanded, "level": self.level,
+        }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Budgets:
+    """Of the prediction at its worst, None where no position was measured; and of each group, in the fit's order."""
+
+    prediction: Budget | None
+    groups: tuple[Budget, ...]
+
+    def as_json(self) -> dict[str, Any]:
+        """The key ``budget`` of ``fit.json``."""
+        worst = self.prediction.as_json() if self.prediction else None
+        return {"prediction": worst, "groups": [b.as_json() for b in self.groups]}
+
+
+def combine(measurand: str, unit: str, inputs: Sequence[Input], level: float = LEVEL) -> Budget:
+    """The budget of independent inputs: law of propagation, Welch-Satterthwaite, Student's coverage factor.
+
+    Effective degrees of freedom are rounded down before the coverage factor is looked up (GUM G.4.1, note 1).
+    """
+    import GTC
+
+    terms = [i.sensitivity * GTC.ureal(0.0, i.std, i.dof, label=i.name) for i in inputs if i.contribution > 0]
+    if not terms:
+        return Budget(measurand, unit, tuple(inputs), 0.0, inf, 0.0, 0.0, level)
+    sum_ = terms[0]
+    for term in terms[1:]:
+        sum_ = sum_ + term
+    std, dof = float(GTC.uncertainty(sum_)), float(GTC.dof(sum_))
+    whole = max(1.0, floor(dof + 1e-9)) if isfinite(dof) else inf
+    k = float(GTC.reporting.k_factor(whole, 100 * level))
+    return Budget(measurand, unit, tuple(inputs), std, dof, k, k * std, level)
+
+
+def budgets_of(fit: Fit) -> Budgets:
+    """The budgets of a fit, by its survey's instrument and ``budget`` block."""
+    effects = list(_effects(fit))
+    groups = tuple(
+        combine(p["group"], p["unit"], [e.of_group(k) for e in effects]) for k, p in enumerate(parameters(fit))
+    )
+    return Budgets(_prediction(fit, effects) if np.isfinite(fit.residuals).any() else None, groups)
+
+
+@dataclass(frozen=True)
+class _Effect:
+    """How an input reaches the groups: by the covariance (p, p) that it causes, or by their change (p,) per unit."""
+
+    input: Input
+    covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    change: Array | None = None
+
+    def line(self, row: Array) -> Input:
+        """The budget's line for the measurand ``row @ groups``."""
+        if self.change is not None:
+            return replace(self.input, sensitivity=float(row @ self.change))
+        return self._noise(float(row @ self.covariance @ row))
+
+    def of_group(self, k: int) -> Input:
+        """The same for one group."""
+        if self.change is not None:
+            return replace(self.input, sensitivity=float(self.change[k]))
+        return self._noise(float(self.covariance[k, k]))
+
+    def _noise(self, variance: float) -> Input:
+        return replace(self.input, sensitivity=sqrt(max(variance, 0.0)) / self.input.std)
+
+
+def _effects(fit: Fit) -> Iterator[_Effect]:
+    """What reaches the prediction through the fit: noise by its parts, then systematic inputs."""
+    s = fit.solution
+    base = s.groups.base
+    pick = np.ix_(base, base)
+    inverse = _inverse(total(s.sums, s.sigma)[0][pick] + np.diag(s.precision[base]))
+    left = s.covariance * fit.inflation**2
+    whole = left
+    parts = _caused(fit) if "position" in s.declared and not _own_sigmas(fit.survey) else []
+    for line, caused in parts:
+        covariance = inverse @ caused @ inverse
+        left = left - covariance
+        yield _Effect(line, covariance)
+    rest = float(np.trace(left / whole.diagonal()[:, None])) / len(base) if len(base) else 0.0
+    estimated = "position" not in s.declared
+    if parts and rest > WORTH:
+        name = "scatter beyond the instrument's (residuals, correlation of neighbours)"
+        if fit.posterior is not None:
+            name = "noise level and shapes of effects, as the posterior has them"
+        yield _Effect(Input(name, "A", "normal", fit.sigma_mm, "mm", 0.0, _dof(fit)), left)
+    elif not parts:
+        name = "measurement noise, from the residuals" if estimated else "measurement noise, as declared"
+        known = not estimated and fit.inflation == 1
+        dof = inf if known else _dof(fit)
+        size = next((v for v in (fit.sigma_mm, *s.sigma.values()) if isfinite(v) and v > 0), 1.0)
+        unit = "mm" if any(v.kind in ("position", "displacement") for v in fit.problem.views) else "rad"
+        yield _Effect(Input(name, "B" if known else "A", "normal", size, unit, 0.0, dof), left)
+    for entry in fit.survey.budget:
+        if entry.acts != "prediction":
+            change = inverse @ _moved_by(fit, entry.acts)
+            yield _Effect(_input(entry, _unit(fit, entry.acts)), change=change)
+
+
+def _dof(fit: Fit) -> float:
+    return float(max(fit.solution.dof, 1))
+
+
+def _input(entry: BudgetEntry, unit: str) -> Input:
+    return Input(entry.name, entry.type, entry.shape, entry.standard, unit, 1.0, entry.dof or inf)
+
+
+def _unit(fit: Fit, acts: str) -> str:
+    joint = next((j for j in fit.chain.machine.joints if j.name == acts), None)
+    if joint is not None:
+        return "rad" if joint.type == "rotary" else "mm"
+    return "1" if acts == "scale" else "K" if acts.startswith("T_") else "mm"
+
+
+def _own_sigmas(survey: Survey) -> bool:
+    return any(name in survey.table for name in ("sigma_x", "sigma_y", "sigma_z"))
+
+
+def _rows(fit: Fit) -> Iterator[tuple[PositionView, Array]]:
+    """Position rows in pieces, and their whitened M (3, m, p) in units of the noise."""
+    base, place = fit.solution.groups.base, fit.problem.place()
+    for view in fit.counted:
+        if isinstance(view, PositionView):
+            for k in range(0, len(view), CHUNK):
+                part = view.part(slice(k, k + CHUNK))
+                rows = design_rows(part, place, most=CHUNK)[:, base] / fit.solution.sigma["position"]
+                yield part, rows.reshape(3, len(part), -1)
+
+
+def _caused(fit: Fit) -> list[tuple[Input, Array]]:
+    """Each source of the declared instrument: its line, and ``M'W S W M`` (p, p) of the covariance S of the rows."""
+    instrument = fit.survey.instrument
+    lines: dict[str, Input] = {}
+    caused: dict[str, Array] = {}
+    for view, rows in _rows(fit):
+        sources = instrument.sources(view.measured)
+        whole = instrument.covariance(view.measured)
+        assert whole is not None
+        # in units of the noise; what a robust fit takes off a row stands in M, so that the parts add up to the whole
+        white = marginal_whitener(whole, ~np.isfinite(fit.survey.measured[view.index]))
+        for source in sources:
+            if source.std > 0:
+                turned = white @ source.covariance @ white.transpose(0, 2, 1)
+                part = np.einsum("imp,mij,jmq->pq", rows, turned, rows, optimize=True)
+                name = f"{instrument.type}, {source.name}"
+                lines[name] = Input(name, "B", "normal", source.std, source.unit, 0.0)
+                caused[name] = caused[name] + part if name in caused else part
+    return [(line, caused[name]) for name, line in lines.items()]
+
+
+def _moved_by(fit: Fit, acts: str) -> Array:
+    """``M'W d`` (p,), d the change of what was measured minus predicted per unit of a systematic input."""
+    out = np.zeros(len(fit.solution.groups.base))
+    p = fit.held
+    for view, rows in _rows(fit):
+        if acts == "scale":
+            change = view.pose.rotation.T @ view.measured.T
+        else:
+            step = STEP if acts.startswith("T_") or acts == "load" else 1e-3
+            shifted = [c + step * (root(name) == acts) for name, c in zip(view.chain.channels, view.rows, strict=True)]
+            other = replace(view, rows=as_rows(*shifted), fixed={k: v for k, v in view.fixed.items() if k != acts})
+            here, there = (np.hstack([g for _, g in v.gaps(p)]) for v in (view, other))
+            change = (there - here) / step
+        white = view.whiten(slice(None), change) / fit.solution.sigma["position"]
+        out += np.einsum("imp,im->p", rows, white)
+    return out
+
+
+def _prediction(fit: Fit, effects: Sequence[_Effect]) -> Budget:
+    """Of the component of the predicted error that is known worst, at the pose where it is, with the machine's tool."""
+    machine = fit.chain.machine
+    table = random_points(machine, POSES, 0)
+    corners = list(product(*(j.travel for j in machine.joints)))[: POSES // 2]
+    table.iloc[: len(corners), : len(machine.joints)] = np.array(corners)
+    source = fit.survey.table
+    for name in source:  # temperatures, load and the rest as they were in the mean
+        if str(name).startswith(("T_", "w_")) or name in ("time", "feed", "load"):
+            table[name] = float(source[name].mean())
+    first = source.iloc[0]
+    table = table.assign(run=first["run"], file=first["file"], role="fit", row=np.arange(1, POSES + 1))
+    points = replace(fit.survey, table=table)
+    known = predict(stored(fit), points)[["ux", "uy", "uz"]].to_numpy()
+    worst, axis = np.unravel_index(int(np.argmax(known)), known.shape)
+    rows = as_rows(*(c[[worst]] for c in fit.chain.columns(table)))
+    label = next(iter(fit.problem.frames), None)
+    row = _design(fit, rows, label)[:, axis]
+    lines = [e.line(row) for e in effects]
+    through = float(row @ (fit.solution.covariance * fit.inflation**2) @ row)
+    unseen = float(known[worst, axis]) ** 2 - through
+    if unseen > 1e-6 * through:
+        name = "parameters that the survey does not identify"
+        lines.append(Input(name, "B", "normal", sqrt(unseen), "mm", 1.0))
+    form = _form(fit)
+    if form > 0:
+        name = "form of the model, from blocks of rows left out"
+        lines.append(Input(name, "A", "normal", form, "mm", 1.0, float(max(fit.folds - 1, 1))))
+    lines += [_input(e, "mm") for e in fit.survey.budget if e.acts == "prediction"]
+    pose = ", ".join(
+        f"{j.name} = {float(np.degrees(c) if j.type == 'rotary' else c):.4g} {'°' if j.type == 'rotary' else 'mm'}"
+        for j, c in zip(machine.joints, (r[0] for r in rows), strict=False)
+    )
+    return combine(f"predicted volumetric error along {'xyz'[axis]} at {pose}", "mm", lines)
+
+
+def _design(fit: Fit, rows: list[Array], label: str | None) -> Array:
+    """Change (p, 3) of the predicted position in the measuring frame per unit of each group, at one pose."""
+    chain, view = fit.chain, fit.problem.views[0]
+    columns = dict(zip(view.columns, view.ids, strict=False)) if isinstance(view, PositionView) else {}
+    ids = [columns.get(fit.solution.unknowns[j], fit.solution.unknowns[j]) for j in fit.solution.groups.base]
+    own = [k for k, i in enumerate(ids) if i in chain.index and i not in chain.tool_ids]
+    out = np.zeros((len(ids), 3))
+    design = chain.kernel("design", tuple(ids[k] for k in own), outputs=(0, 1, 2))(rows)
+    turn = fit.problem.frames[label].rotation if label is not None else np.eye(3)
+    out[own] = design.reshape(len(own), 3) @ turn.T
+    return out
+
+
+def _form(fit: Fit) -> float:
+    """Standard uncertainty (mm) of a coordinate by what blocks left out are missed by, beyond noise and estimates."""
+    if not fit.heldout.n:
+        return 0.0
+    count = sum(own.count for own in fit.solution.sums.values())
+    used = len(fit.solution.groups.base)
+    noise = (1e-3 * fit.fitted.rms_um) ** 2 / 3 * count / max(count - used, 1)
+    # the other blocks alone know the groups less well than all rows do
+    others = count * (1 - 1 / max(fit.folds, 2)) - used
+    left = (1e-3 * fit.heldout.rms_um) ** 2 / 3 - noise * (1 + used / max(others, 1))
+    return sqrt(left) if left > CLEARLY * noise * sqrt(2 / max(count, 1)) else 0.0
+
+
+def _inverse(gram: Array) -> Array:
+    d = 1 / np.sqrt(np.diag(gram))
+    return np.asarray(np.linalg.pinv(gram * np.outer(d, d), hermitian=True) * np.outer(d, d))
+
+
+def rounded(value: float, digits: int = 2) -> str:
+    """An uncertainty as it is signed: rounded up, two digits."""
+    if value <= 0 or not isfinite(value):
+        return "0" if value == 0 else "–"
+    places = digits - 1 - floor(np.log10(value))
+    return f"{ceil(value * 10.0**places - 1e-9) / 10.0**places:.{max(places, 0)}f}"

@@ -1,0 +1,96 @@
+"""What each row holds of a fit, and what ten more poses would bring, like those measured or the best there are.
+
+Best are those that lower the variances of all groups most, relative to what they are (A-optimal in units of the present
+standard uncertainties), taken one after another from random poses over the travels.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from errormodel.arrays import Array
+from identification.observation.models import PositionView, anywhere
+from identification.observation.normal_equations import design_rows
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from identification.estimation.result import Fit
+
+MORE = 10  # poses
+CANDIDATES = 400
+BLOCK = 4000  # rows whose M is held at once
+
+
+@dataclass(frozen=True)
+class Gain:
+    """Standard uncertainties (rank,) of the groups after ten more poses, and the commands (10, joints) of the best.
+
+    `best` and `poses` are None where no position was measured. Uncertainties carry the fit's inflation.
+    """
+
+    like_these: Array
+    best: Array | None
+    poses: pd.DataFrame | None
+
+
+def gain_of(fit: Fit) -> Gain:
+    """The gain of a fit by ten more poses of the same noise."""
+    s = fit.solution
+    known = s.precision[s.groups.base]
+    rows = int(np.isfinite(fit.residuals).any(axis=1).sum()) or len(fit.survey)
+    information = np.linalg.inv(_unit(s.covariance)) - np.diag(known * np.diag(s.covariance))
+    std = np.sqrt(np.diag(s.covariance)) * fit.inflation
+    more = np.linalg.inv(information * (1 + MORE / rows) + np.diag(known * np.diag(s.covariance)))
+    like = std * np.sqrt(np.diag(more))
+    view = next((v for v in fit.problem.views if isinstance(v, PositionView)), None)
+    if view is None or not s.groups.rank:
+        return Gain(like, None, None)
+    somewhere = anywhere(view, CANDIDATES)
+    design = design_rows(somewhere, fit.problem.place(), CANDIDATES)[:, s.groups.base] / s.sigma["position"]
+    design = (design * np.sqrt(np.diag(s.covariance))).reshape(3, CANDIDATES, -1).transpose(1, 0, 2)
+    C, chosen = _unit(s.covariance), []
+    for _ in range(MORE):
+        seen = design @ C
+        noise = np.linalg.inv(seen @ design.transpose(0, 2, 1) + np.eye(3))
+        drop = np.einsum("nap,nab,nbp->n", seen, noise, seen)
+        k = int(drop.argmax())
+        chosen.append(k)
+        C = C - seen[k].T @ noise[k] @ seen[k]
+    poses = _commands(fit, [c[chosen] for c in somewhere.rows])
+    return Gain(like, std * np.sqrt(np.diag(C)), poses)
+
+
+def leverages(fit: Fit) -> Array:
+    """(rows,) how much of the fit's degrees of freedom each row of the survey holds; NaN where nothing was measured.
+
+    Their sum is the number of groups; a row with more than two or three times the mean is one that a group hangs on.
+    """
+    s, place = fit.solution, fit.problem.place()
+    out = np.full(len(fit.survey), np.nan)
+    for view in fit.problem.views:
+        for start in range(0, len(view), BLOCK):
+            part = view.part(slice(start, start + BLOCK))
+            rows = design_rows(part, place, BLOCK)[:, s.groups.base] / s.sigma[view.kind]
+            own = np.einsum("np,np->n", rows @ s.covariance, rows).reshape(len(view.outputs), -1).sum(axis=0)
+            out[part.index] = np.nan_to_num(out[part.index]) + own
+    return out if fit.sorting is None else out * fit.sorting.weight
+
+
+def _unit(covariance: Array) -> Array:
+    std = np.sqrt(np.diag(covariance))
+    return np.asarray(covariance / np.outer(std, std))
+
+
+def _commands(fit: Fit, rows: list[Array]) -> pd.DataFrame:
+    """Joint positions, mm and degrees."""
+    import pandas as pd
+
+    from errormodel.simulation import outward
+
+    machine = fit.chain.machine
+    table = pd.DataFrame({j.name: c for j, c in zip(machine.joints, rows, strict=False)})
+    return outward(table, machine)

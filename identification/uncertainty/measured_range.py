@@ -1,0 +1,63 @@
+"""What the fitted rows covered of each joint and channel, and a word on points beyond that."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from errormodel.chain import Chain
+from errormodel.channels import root
+from errormodel.simulation import outward
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+MARGIN = 0.1  # of the range: so little beyond its ends a curve goes on
+ROUND = 324.0  # deg: a joint that was nearly all around has no side that nobody saw
+_WORDS = ("dir_", "run(", "point_", "tool_")  # channels that have no range, or whose unknown share `predict` counts
+
+
+def covered(chain: Chain, table: pd.DataFrame) -> dict[str, list[float]]:
+    """Lowest and highest value of each joint and channel of the model, in the units of files (mm, deg, s, degC)."""
+    table = outward(table, chain.machine)
+    names = dict.fromkeys((*(j.name for j in chain.machine.joints), *map(root, chain.channels)))
+    out = {}
+    for name in names:
+        if name.startswith(_WORDS) or name not in table:
+            continue
+        values = table[name].to_numpy(dtype=np.float64)
+        if np.isfinite(values).any():
+            out[name] = [float(np.nanmin(values)), float(np.nanmax(values))]
+    return out
+
+
+def beyond_notes(chain: Chain, ranges: Mapping[str, list[float]], table: pd.DataFrame) -> Iterator[str]:
+    """A note for each joint and channel of which a table goes beyond what was fitted: how often, and the farthest row.
+
+    The stated uncertainty is that of the model's parameters. It says nothing of a model that ends to hold.
+    """
+    table = outward(table, chain.machine)
+    kinds = {j.name: j.type for j in chain.machine.joints}
+    for name, (low, high) in ranges.items():
+        if name not in table or (kinds.get(name) == "rotary" and high - low >= ROUND):
+            continue
+        values = table[name].to_numpy(dtype=np.float64)
+        beyond = np.fmax(low - values, values - high)
+        outside = beyond > MARGIN * (high - low) + 1e-9 * max(abs(low), abs(high))
+        if not outside.any():
+            continue
+        at = int(np.nanargmax(np.where(outside, beyond, np.nan)))
+        row = table.iloc[at]
+        unit = {"prismatic": " mm", "rotary": " deg"}.get(kinds.get(name, ""), _unit(name))
+        count = f"{outside.sum()} point{'s lie' if outside.sum() > 1 else ' lies'}"
+        yield (
+            f"{count} beyond what was measured of {name}, {low:.6g} to {high:.6g}{unit}; the farthest at "
+            f"{values[at]:.6g}{unit} ({row['file']}, row {row['row']}). There the model is carried on unproven, and "
+            "its uncertainty holds only if it goes on as it was"
+        )
+
+
+def _unit(name: str) -> str:
+    return " degC" if name.startswith("T_") else " s" if name == "time" else ""

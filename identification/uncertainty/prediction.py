@@ -1,0 +1,157 @@
+"""Predictions of a stored fit: what would be measured, the volumetric error, and how well both are known."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from errormodel.arrays import Array, as_rows
+from errormodel.conventions import MOTIONS
+from errormodel.survey import Survey
+from errormodel.survey_columns import UNCERTAINTY
+from identification.observation.assembly import frame_columns, frame_labels
+from identification.observation.frames import IDENTITY, Pose, rotation_notes
+from identification.results.store import StoredFit
+from identification.uncertainty.measured_range import beyond_notes
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+BLOCK = 8192  # rows whose M is held at a time
+
+# What an error nobody could identify may be where no identified one of its kind gives a scale (mm, rad, 1, rad/mm)
+PLAUSIBLE = {"mm": 0.02, "rad": 5e-5, "1": 5e-5, "rad/mm": 5e-8}
+
+
+def predict(fit: StoredFit, points: Survey) -> pd.DataFrame:
+    """Predict at commands: ``mx my mz`` (mm, measuring frame), ``ex ey ez`` (actual minus nominal), ``ux uy uz``.
+
+    What effects of the instrument do (a station that moved, a drift, its scale) is in what would be measured, not in
+    the machine's error. The uncertainty is that of the model: estimated parameters with their covariance, and
+    parameters that the survey could not identify (another tool may bring them in) with the size of the identified ones
+    of their kind.
+
+    Rows about one joint (column ``joint``) get its error motions ``dx ... ec`` (mm, rad) from the joint's own zero, and
+    their standard uncertainties ``u_dx ... u_ec``.
+    """
+    import pandas as pd
+
+    labels = _labels(fit, points)
+    channels = fit.chain.columns(points.table)
+    out = np.full((len(points), 9), np.nan)
+    first = next(iter(fit.frames), None)
+    for label in dict.fromkeys(labels):
+        used = label if label in fit.frames else first
+        index = np.flatnonzero(labels == label)
+        for part in np.array_split(index, len(index) // BLOCK + 1):
+            out[part] = _predict_frame(fit, as_rows(*(c[part] for c in channels)), used)
+    table = pd.DataFrame(out, columns=["mx", "my", "mz", "ex", "ey", "ez", "ux", "uy", "uz"], index=points.table.index)
+    if "joint" in points.table:
+        table[[*MOTIONS, *UNCERTAINTY]] = _motions(fit, points, channels)
+    return table
+
+
+def _motions(fit: StoredFit, points: Survey, channels: list[Array]) -> Array:
+    """Error motions and their standard uncertainties (n, 12) in rows about a joint; NaN in others."""
+    chain, out = fit.chain, np.full((len(points), 12), np.nan)
+    joint = points.table["joint"].to_numpy(dtype=object)
+    for name in dict.fromkeys(joint[joint != ""]):
+        index = np.flatnonzero(joint == name)
+        ids = tuple(i for i in chain.machine_ids if chain.parameters[chain.index[i]].element == name)
+        rows = as_rows(*(np.nan_to_num(c[index]) for c in channels))
+        terms = chain.kernel("terms", ids)(rows, np.zeros(len(chain.ids))).reshape(-1, 6, len(index))[: len(ids)]
+        values = np.array([fit.values.get(i, 0.0) for i in ids])
+        out[index, :6] = np.einsum("p,pim->mi", values, terms)
+        out[index, 6:] = np.sqrt(_variance(fit, [*ids], terms)).T
+    return out
+
+
+def _labels(fit: StoredFit, points: Survey) -> Array:
+    """The frame of each row, by the rule of the survey that was fitted: mere commands have none of their own."""
+    return frame_labels(points, fit.frame_mode)
+
+
+def notes(fit: StoredFit, points: Survey) -> tuple[str, ...]:
+    """Notes on assumed rotations and borrowed measuring frames, points beyond what was measured, sides of arrival."""
+    beyond = beyond_notes(fit.chain, fit.data.get("covered", {}), points.table)
+    return (*rotation_notes(fit.frames), *_unfitted(fit, points), *beyond, *_arrivals(fit, points))
+
+
+def _arrivals(fit: StoredFit, points: Survey) -> Iterator[str]:
+    """A note for each joint whose side of arrival matters and is in no column: where it comes from."""
+    names = [c.removeprefix("dir_") for c in fit.chain.channels if c.startswith("dir_")]
+    for name in names:
+        given = points.table.get(f"dir_{name}")
+        if given is None or given.isna().any():
+            yield (
+                f"the side from which {name} arrives is in no column dir_{name} and is taken from the order of the "
+                f"rows (upward where it never moves). If they are not driven in this order, write dir_{name}: +1 or -1"
+            )
+
+
+def _unfitted(fit: StoredFit, points: Survey) -> tuple[str, ...]:
+    """A note on rows whose run (or file) was not fitted: they are predicted in the first one's frame."""
+    what = {"per-run": "run", "per-file": "file"}.get(fit.frame_mode)
+    unknown = [label for label in dict.fromkeys(_labels(fit, points)) if label not in fit.frames]
+    if what is None or not fit.frames or not unknown or (what == "file" and len(fit.frames) == 1):
+        return ()
+    more = f" and {len(unknown) - 1} more" if len(unknown) > 1 else ""
+    return (f"{what} {unknown[0]}{more} was not fitted: predicted in the frame of {what} {next(iter(fit.frames))}",)
+
+
+def _predict_frame(fit: StoredFit, rows: list[Array], label: str | None) -> Array:
+    chain = fit.chain
+    pose: Pose = fit.frames[label] if label is not None else IDENTITY
+    columns = (*(frame_columns(chain, label) if label is not None else chain.frame_ids), *chain.ids[6:])
+    p = np.array([fit.values.get(c, 0.0) for c in columns])
+    actual = chain.kernel("actual", outputs=(0, 1, 2))(rows, p).T
+    nominal = chain.kernel("nominal", outputs=(0, 1, 2))(rows).T
+    measured = pose.apply(actual)
+    instrument = np.isin(columns, [*chain.instrument_ids])
+    error = actual if not p[instrument].any() else chain.kernel("actual", outputs=(0, 1, 2))(rows, p * ~instrument).T
+    unseen = {*chain.tool_ids, *(chain.frame_ids if label is None else ())}
+    own = tuple(i for i in chain.ids if i not in unseen)
+    design = chain.kernel("design", own, outputs=(0, 1, 2))(rows).reshape(len(own), 3, -1)
+    design = np.einsum("ij,pjm->pim", pose.rotation, design)
+    names = [columns[chain.index[i]] for i in own]
+    variance = _variance(fit, names, design)
+    return np.hstack([measured, pose.apply(error) - pose.apply(nominal), np.sqrt(variance).T])
+
+
+def _variance(fit: StoredFit, names: list[str], design: Array) -> Array:
+    """(3, m): of the estimated groups, plus what the dependent parameters add where they are no longer dependent."""
+    place = {n: k for k, n in enumerate(names)}
+    kept = [k for k, n in enumerate(fit.base) if n in place]
+    base = design[[place[fit.base[k]] for k in kept]]
+    covariance = fit.covariance[np.ix_(kept, kept)]
+    variance: Array = np.einsum("aim,ab,bim->im", base, covariance, base, optimize=True)
+    groups = np.zeros((len(kept), len(names)))
+    for row, k in enumerate(kept):
+        for member, coefficient in fit.groups[fit.base[k]].items():
+            if member in place:
+                groups[row, place[member]] = coefficient
+    scale = _plausible(fit)
+    units = {p.id: p.unit for p in fit.chain.parameters}
+    priors = {p.id: p.prior for p in fit.chain.parameters if p.prior is not None}
+    for name in names:
+        if name in fit.base or name not in units or name in fit.chain.frame_ids:
+            continue
+        column = design[place[name]]
+        mix = groups[:, place[name]]
+        some = np.flatnonzero(mix)
+        left = column - np.tensordot(mix[some], base[some], axes=1)
+        left[np.abs(left) < 1e-6 * np.abs(column).max(initial=1e-300)] = 0.0  # the group acts here as it did there
+        variance += np.square(left * priors.get(name, scale.get(units[name], 0.0)))
+    return variance
+
+
+def _plausible(fit: StoredFit) -> dict[str, float]:
+    """Size of an unidentified parameter of each unit: the root mean square of the identified ones, if there are any."""
+    out = dict(PLAUSIBLE)
+    for unit, least in PLAUSIBLE.items():
+        values = [v for i, v in fit.values.items() if fit.units[i] == unit and not i.startswith(("frame", "zero["))]
+        if len(values) > 2:
+            out[unit] = max(float(np.sqrt(np.mean(np.square(values)))), 1e-3 * least)
+    return out
