@@ -91,6 +91,7 @@ def test_quiet_prints_nothing(mill: Path, tmp_path: Path) -> None:
 
 def test_a_pose_outside_the_travels_is_noted_and_not_refused(mill: Path, tmp_path: Path) -> None:
     table = pd.read_csv(mill / "s.csv")
+    table.loc[3, "mx"] += 400.0 - table.loc[3, "X"]
     table.loc[3, "X"] = 400.0
     table.to_csv(tmp_path / "far.csv", index=False)
     for command in (

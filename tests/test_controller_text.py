@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from errormodel.controllers import isg, klipper, klipper_probe, registry, siemens, target
-from errormodel.controllers.base import Controller, Rewriter
+from errormodel.controllers.base import Controller
 from errormodel.controllers.polarity_steps import check_of
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.text import Comment, printable
@@ -111,17 +111,13 @@ def test_a_sensors_name_changes_nothing_but_comments(text: str) -> None:
 
 @given(text=names)
 @many
-def test_names_in_what_a_probe_and_a_rewriter_write(text: str) -> None:
+def test_names_in_what_a_probe_writes(text: str) -> None:
     setup = plain_setup(probe=(20.0, -5.0))
     twist = klipper_probe.Twist(0.0, 100.0, np.array([0.0, 0.01]))
     both = [
         code({"a.cfg": klipper_probe.write({"X": twist, "Y": twist}, s)}) for s in (setup, replace(setup, machine=text))
     ]
     assert both[0] == both[1]
-    rewriter = target("gcode")
-    assert isinstance(rewriter, Rewriter)
-    q = np.array([[0.0, 10.0, -60.0]])
-    assert rewriter.example(replace(setup, machine=text), q) == rewriter.example(setup, q)
 
 
 def test_klippers_temperature_names_its_sensor_in_a_comment() -> None:

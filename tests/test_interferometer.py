@@ -15,7 +15,8 @@ from errormodel.channels import direction
 from errormodel.exceptions import InputError
 from errormodel.machine_file import read_machine
 from errormodel.survey import Survey, read_survey
-from identification.compensation.run import Compensation, compensate
+from identification.compensation.result import Compensation
+from identification.compensation.run import compensate
 from identification.diagnosis.pipeline import diagnose
 from identification.estimation.run import fit_machine
 from identification.results.store import load, save

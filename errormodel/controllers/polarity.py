@@ -21,6 +21,7 @@ OWN = (0.050, 0.040, 0.030)  # mm, of the first, second, third axis: plain to se
 CROSS = (0.030, 0.050, 0.040)
 MOST = 0.2  # mm, of a table whose value is multiplied by a short lever
 SEEN = 0.005  # mm: less is not read
+NODES = 2  # of a table: one for the peak, one for the other, and a third to be zero at
 MARGIN = 1.0  # mm, that every position keeps from the ends of the travel
 
 
@@ -46,7 +47,7 @@ class Step:
 
 def polarity_check(controller: Controller, setup: Setup, terms: Sequence[Term]) -> tuple[dict[str, str], list[Step]]:
     """Files with a peak for each axis, and what to read where once they are loaded."""
-    own = {m: t for m in setup.watched if (t := _own(controller, setup, terms, m))}
+    own = {m: t for m in setup.watched if (t := _own(controller, setup, terms, m)) and len(_grid(setup, m, t)) > NODES}
     if not own:
         return {}, []
     places = _places(setup, own)
@@ -91,13 +92,17 @@ def _places(setup: Setup, own: Mapping[str, Term]) -> dict[str, tuple[float, flo
     """Positions of each axis for its own peak and for the cross tables', nodes of its table."""
     out = {}
     for m, term in own.items():
-        grid = np.asarray(
-            term.grids[term.inputs.index(m)] if m in term.inputs else np.linspace(*setup.axis(m).measured, 9)
-        )
+        grid = _grid(setup, m, term)
         zero = float(np.clip(0.0, grid[0], grid[-1])) if term.zero else None
         high = _node(grid, 0.75, [zero] if zero is not None else [])
         out[m] = (high, _node(grid[grid != high], 0.25, [high, *([zero] if zero is not None else [])]))
     return out
+
+
+def _grid(setup: Setup, m: str, term: Term) -> Array:
+    """The different positions of an axis that its table has nodes at."""
+    own = term.grids[term.inputs.index(m)] if m in term.inputs else np.linspace(*setup.axis(m).measured, 9)
+    return np.unique(np.asarray(own))
 
 
 def _within(setup: Setup, name: str, x: float) -> float:

@@ -80,7 +80,10 @@ def nothing(q: Array, direction: Array, tool: Array | None) -> Array:
 
 def assess(volume: Volume, correct: Correct, held: Rows | None, seed: int) -> list[Figures]:
     """Figures for fresh poses of the volume, and for held-out rows if there are any."""
-    return [_figures(volume, correct, rows) for rows in (fresh_rows(volume, seed), *_by_tool(volume, held))]
+    return [
+        _figures(volume, correct, rows)
+        for rows in (fresh_rows(volume, seed), *_by_joint(held), *_by_tool(volume, held))
+    ]
 
 
 def left(volume: Volume, correct: Correct, seed: int) -> Error:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -23,19 +22,17 @@ from errormodel.exceptions import InputError
 from errormodel.gcode.reading import Reading
 from errormodel.inputs import noted
 from errormodel.machine import Vector
-from identification.compensation.advice import Advice, mechanical_advice
-from identification.compensation.assessment import Correct, Figures, assess, emulated
+from identification.compensation.advice import mechanical_advice
+from identification.compensation.assessment import Correct, assess, emulated
 from identification.compensation.conditions import (
-    Conditions,
-    backlash_lines,
     check_size,
     conditions_of,
-    shift_lines,
     state_lines,
 )
 from identification.compensation.field import Field
 from identification.compensation.read_motions import joints_read, known_at_tip, motion_rows, notes_on_motions
 from identification.compensation.reduction import leftover, reduce
+from identification.compensation.result import Compensation, Own, Stated
 from identification.compensation.reversal import reversals
 from identification.compensation.rows import Rows, held_out, read_rows
 from identification.compensation.volume import Volume, levels
@@ -43,119 +40,12 @@ from identification.observation.frames import rotation_notes
 from identification.results import store
 from identification.runtime.progress import Tell, silent
 
-SCHEMA = "errormodel.compensation/1"
 POSES = 3000  # that stand for the volume, or a multiple of them:
 FINE = 1600  # values of a lattice over all axes, from which on it takes the exact corrections at its nodes
 WORK, MOST = 30, 8  # this over the number of tables, and at most that
 CLEAN = 0.03  # of the error: what a plain structure may leave without a richer one being tried
 ENOUGH = 0.9  # of what the plainer structure leaves: a richer one must be better than that
 STEADY = ("time", "w_", "feed", "load", "T_")  # channels that no table can follow
-
-
-@dataclass(frozen=True)
-class Stated:
-    """Files for one state of the machine (its temperatures), and what they leave."""
-
-    label: str  # folder below the output's, "" where there is one state
-    state: Mapping[str, float]
-    files: dict[str, str]
-    tables: Tables
-    figures: list[Figures]
-    conditions: Conditions | None = None  # None for corrected commands, which hold everything
-    notes: tuple[str, ...] = ()  # on rewritten programmes
-
-
-@dataclass(frozen=True)
-class Own:
-    """A controller's own temperature compensation in place of a set for each state, and what it leaves at each."""
-
-    files: Mapping[str, str]
-    figures: list[Figures]
-    doubt: str
-
-
-@dataclass(frozen=True)
-class Compensation:
-    """All that `compensate` writes and prints."""
-
-    controller: Target
-    setup: Setup
-    sets: list[Stated]
-    tests: dict[str, str]  # files of the check of signs and axes
-    thermal: Own | None  # the controller's own temperature compensation, if it has one
-    probing: Probing | None  # what the controller adds to a probe's readings
-    advice: list[Advice]
-    notes: tuple[str, ...]
-    states: tuple[str, ...] = ()  # for which state of the machine the tables are, and what other states leave
-
-    @property
-    def usual(self) -> Stated:
-        """The set for the middling state."""
-        return self.sets[len(self.sets) // 2]
-
-    @property
-    def checklist(self) -> list[str]:
-        """What to do at the machine, in order; first what the tables cannot hold, and what is left without it."""
-        usual, controller = self.usual, self.controller
-        before = [line for s in self.sets if s.conditions for line in shift_lines(s.label, s.tables, s.conditions)]
-        if isinstance(controller, Controller) and usual.conditions:
-            before += backlash_lines(controller, self.setup, usual.tables, usual.conditions)
-            before += controller.about(usual.tables, self.setup)
-        return [*before, *self.states, *controller.checklist(self.setup)]
-
-    def as_json(self) -> dict[str, Any]:
-        """``compensation.json``."""
-        return {
-            "schema": SCHEMA,
-            "controller": self.controller.name,
-            "machine": self.setup.machine,
-            "doubt": self.controller.doubt,
-            "tool": list(self.setup.tool),
-            "region": {a.joint: {"axis": a.name, "measured": a.measured, "travel": a.travel} for a in self.setup.axes},
-            "corrects": list(self.setup.movers),
-            "axes": {
-                a.joint: {"axis": a.name, "address": self.controller.address(self.setup, a.name)}
-                for a in self.setup.axes
-            },
-            "inverted": self.setup.inverted,
-            "sets": [
-                {
-                    "folder": s.label,
-                    "state": dict(s.state),
-                    "files": list(s.files),
-                    "notes": list(s.notes),
-                    "tables": [_table_json(t) for t in s.tables],
-                    "figures": [asdict(f) | {"removed": f.removed()} for f in s.figures],
-                    "conditions": s.conditions.as_json() if s.conditions else None,
-                }
-                for s in self.sets
-            ],
-            "own_temperature_compensation": None
-            if self.thermal is None
-            else {
-                "files": list(self.thermal.files),
-                "doubt": self.thermal.doubt,
-                "figures": [
-                    {"state": dict(s.state)} | asdict(f) | {"removed": f.removed()}
-                    for s, f in zip(self.sets, self.thermal.figures, strict=True)
-                ],
-            },
-            "probe": None if self.probing is None else asdict(self.probing) | {"files": list(self.probing.files)},
-            "advice": [asdict(a) for a in self.advice],
-            "checklist": self.checklist,
-            "notes": list(self.notes),
-        }
-
-
-def _table_json(table: Table) -> dict[str, Any]:
-    t = table.term
-    return {
-        "output": t.output,
-        "inputs": list(t.inputs),
-        "points": list(t.shape),
-        "factor": t.factor,
-        "direction": t.direction,
-    }
 
 
 def compensate(
@@ -193,6 +83,7 @@ def compensate(
         The folder holds no fit, there is no such controller, or the format cannot hold this machine's corrections.
     """
     controller = target_of(name)
+    _check_invert(controller, invert)
     source = _source(controller, program, reading)
     with tell("Reading"):
         fit = store.load(folder)
@@ -212,7 +103,6 @@ def compensate(
     by_axis = None if read is None else {a.name: read.get(a.joint, ()) for a in setup.axes}
     setup = replace(setup, probe=probe, inverted=invert, reversals=reversals(field, letters), read=by_axis)
     controller.suits(setup)
-    _check_invert(controller, invert)
     probing = _probing(controller, setup, volume) if probe else None
     channels = [root(c) for c in field.chain.channels]
     states = levels(table, channels)

@@ -9,7 +9,7 @@ from textwrap import wrap
 from errormodel.controllers.setup import Axis, Setup
 from identification.command_line.console import one_line
 from identification.compensation.assessment import OTHER_TOOLS, Error, Figures
-from identification.compensation.run import Compensation, Stated
+from identification.compensation.result import Compensation, Stated
 
 WIDTH = 110
 IDLE = 1e-3  # of the error: a change by less is none

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from errormodel.files import write_text_atomic
-from identification.compensation.run import Compensation
+from identification.compensation.result import Compensation
 from identification.compensation.text import OWN, compensation_lines
 from identification.results.store import dumps
 

@@ -47,13 +47,14 @@ def passed(machine: Machine, survey: Survey, fitted: Callable[[], Fit], robust: 
     try:
         fit = looked_over(fitted())
     except InputError:
-        examine(machine, survey, robust)  # a mistake is a better reason than what came of it
+        if not robust:  # which says itself that too many rows are wrong
+            examine(machine, survey)  # a mistake is a better reason than what came of it
         raise
     nominal = fit.nominal
     if not nominal.n or 1e-3 * nominal.max_um < SMALL * fit.chain.size:
         return fit
     examine(machine, survey, robust)
-    if another(fit.chain, nominal) and not _known_by(fit):
+    if _whole(survey) and another(fit.chain, nominal) and not _known_by(fit):
         raise InputError(str(survey.source), "this is not the machine that was measured", far_off(nominal))
     return fit
 
@@ -66,7 +67,7 @@ def examine(machine: Machine, survey: Survey, robust: bool = False) -> None:
     InputError
         There is one: what is wrong, and what to write instead.
     """
-    if np.isfinite(survey.fit.measured).all(axis=1).sum() < FEWEST:
+    if not _whole(survey):
         return
     chain = Chain(machine)
     for blunder in find_blunders(machine, survey):
@@ -74,6 +75,11 @@ def examine(machine: Machine, survey: Survey, robust: bool = False) -> None:
             raise InputError(str(survey.source), f"{blunder.text}{misses(blunder)}", _cure(blunder))
     if not robust:
         _refuse_wild(chain, survey)
+
+
+def _whole(survey: Survey) -> bool:
+    """Whether enough rows have all three components, without which nobody knows where a point lies."""
+    return bool(np.isfinite(survey.fit.measured).all(axis=1).sum() >= FEWEST)
 
 
 def _cure(blunder: Blunder) -> str:

@@ -1,0 +1,127 @@
+"""What a compensation is: tables and files for each state of a machine, what they leave, what to do at the machine."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from errormodel.controllers.base import Controller, Target
+from errormodel.controllers.klipper_probe import Probing
+from errormodel.controllers.setup import Setup
+from errormodel.controllers.tables import Table, Tables
+from identification.compensation.advice import Advice
+from identification.compensation.assessment import Figures
+from identification.compensation.conditions import (
+    Conditions,
+    backlash_lines,
+    shift_lines,
+)
+
+SCHEMA = "errormodel.compensation/1"
+
+
+@dataclass(frozen=True)
+class Stated:
+    """Files for one state of the machine (its temperatures), and what they leave."""
+
+    label: str  # folder below the output's, "" where there is one state
+    state: Mapping[str, float]
+    files: dict[str, str]
+    tables: Tables
+    figures: list[Figures]
+    conditions: Conditions | None = None  # None for corrected commands, which hold everything
+    notes: tuple[str, ...] = ()  # on rewritten programmes
+
+
+@dataclass(frozen=True)
+class Own:
+    """A controller's own temperature compensation in place of a set for each state, and what it leaves at each."""
+
+    files: Mapping[str, str]
+    figures: list[Figures]
+    doubt: str
+
+
+@dataclass(frozen=True)
+class Compensation:
+    """All that `compensate` writes and prints."""
+
+    controller: Target
+    setup: Setup
+    sets: list[Stated]
+    tests: dict[str, str]  # files of the check of signs and axes
+    thermal: Own | None  # the controller's own temperature compensation, if it has one
+    probing: Probing | None  # what the controller adds to a probe's readings
+    advice: list[Advice]
+    notes: tuple[str, ...]
+    states: tuple[str, ...] = ()  # for which state of the machine the tables are, and what other states leave
+
+    @property
+    def usual(self) -> Stated:
+        """The set for the middling state."""
+        return self.sets[len(self.sets) // 2]
+
+    @property
+    def checklist(self) -> list[str]:
+        """What to do at the machine, in order; first what the tables cannot hold, and what is left without it."""
+        usual, controller = self.usual, self.controller
+        before = [line for s in self.sets if s.conditions for line in shift_lines(s.label, s.tables, s.conditions)]
+        if isinstance(controller, Controller) and usual.conditions:
+            before += backlash_lines(controller, self.setup, usual.tables, usual.conditions)
+            before += controller.about(usual.tables, self.setup)
+        return [*before, *self.states, *controller.checklist(self.setup)]
+
+    def as_json(self) -> dict[str, Any]:
+        """``compensation.json``."""
+        return {
+            "schema": SCHEMA,
+            "controller": self.controller.name,
+            "machine": self.setup.machine,
+            "doubt": self.controller.doubt,
+            "tool": list(self.setup.tool),
+            "region": {a.joint: {"axis": a.name, "measured": a.measured, "travel": a.travel} for a in self.setup.axes},
+            "corrects": list(self.setup.movers),
+            "axes": {
+                a.joint: {"axis": a.name, "address": self.controller.address(self.setup, a.name)}
+                for a in self.setup.axes
+            },
+            "inverted": self.setup.inverted,
+            "sets": [
+                {
+                    "folder": s.label,
+                    "state": dict(s.state),
+                    "files": list(s.files),
+                    "notes": list(s.notes),
+                    "tables": [_table_json(t) for t in s.tables],
+                    "figures": [asdict(f) | {"removed": f.removed()} for f in s.figures],
+                    "conditions": s.conditions.as_json() if s.conditions else None,
+                }
+                for s in self.sets
+            ],
+            "own_temperature_compensation": None
+            if self.thermal is None
+            else {
+                "files": list(self.thermal.files),
+                "doubt": self.thermal.doubt,
+                "figures": [
+                    {"state": dict(s.state)} | asdict(f) | {"removed": f.removed()}
+                    for s, f in zip(self.sets, self.thermal.figures, strict=True)
+                ],
+            },
+            "probe": None if self.probing is None else asdict(self.probing) | {"files": list(self.probing.files)},
+            "advice": [asdict(a) for a in self.advice],
+            "checklist": self.checklist,
+            "notes": list(self.notes),
+        }
+
+
+def _table_json(table: Table) -> dict[str, Any]:
+    t = table.term
+    return {
+        "output": t.output,
+        "inputs": list(t.inputs),
+        "points": list(t.shape),
+        "factor": t.factor,
+        "direction": t.direction,
+    }
