@@ -3,6 +3,53 @@
 The way of the data: ``machine.yaml`` -> :class:`~errormodel.machine.Machine` ->
 :class:`~errormodel.chain.Chain` (CasADi) -> :class:`~errormodel.kernel.Kernel` (NumPy).
 Inference lives in the sister package ``identification``, which imports this one.
+
+Public names: `read_machine`, `write_machine`, `machine_names`, `read_survey`, `simulate`, and the types `Machine`,
+`Survey` and `InputError`. They are imported when they are first asked for, so that ``import errormodel`` costs nothing.
 """
 
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from errormodel.exceptions import InputError
+    from errormodel.machine import Machine
+    from errormodel.machine_file import machine_names, read_machine, write_machine
+    from errormodel.simulation import simulate
+    from errormodel.survey import Survey, read_survey
+
 __version__ = "0.1.0"
+
+_WHERE = {
+    "InputError": "exceptions",
+    "Machine": "machine",
+    "machine_names": "machine_file",
+    "read_machine": "machine_file",
+    "write_machine": "machine_file",
+    "simulate": "simulation",
+    "Survey": "survey",
+    "read_survey": "survey",
+}
+
+__all__ = [
+    "InputError",
+    "Machine",
+    "Survey",
+    "machine_names",
+    "read_machine",
+    "read_survey",
+    "simulate",
+    "write_machine",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _WHERE:
+        raise AttributeError(f"module 'errormodel' has no attribute '{name}'")
+    return getattr(import_module(f"errormodel.{_WHERE[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *_WHERE])

@@ -18,7 +18,7 @@ Vector = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Basis:
-    """How one error motion of a joint depends on the joint's position (contract, section 1)."""
+    """How one error motion of a joint depends on the joint's position (``docs/file_formats.md``, section 1)."""
 
     kind: Literal["first-order", "polynomial", "harmonic", "spline"]
     n: int = 1

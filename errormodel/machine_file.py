@@ -6,6 +6,7 @@ drives is one joint with ``drives: [Y1, Y2]``, its columns in a survey, and thei
 
 from __future__ import annotations
 
+import json
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -80,7 +81,9 @@ class _ErrorsBlock(FileModel):
     joints: Any = "none"
 
 
-class _MachineFile(VersionedModel):
+class MachineForm(VersionedModel):
+    """``machine.yaml``."""
+
     name: str | None = Field(None, description="the machine's name, in quotes if need be")
     units: UnitsBlock = Field(UnitsBlock(), description="units such as {length: mm, angle: deg}")
     chain: Annotated[list[dict[str, Any]], Field(min_length=1)] = Field(
@@ -99,26 +102,49 @@ class _MachineFile(VersionedModel):
     source: str | None = Field(None, description="text, in quotes if need be")
 
 
+def machine_names() -> list[str]:
+    """Names of the machines that come with the tool.
+
+    Returns
+    -------
+    list of str
+        In alphabetical order; `read_machine` takes them.
+    """
+    return list(library())
+
+
 def library() -> dict[str, Path]:
     """The shipped machines: their names, in alphabetical order, and files."""
     folder = Path(errormodel.__file__).parent.parent / "machines"
     return {file.stem: file for file in sorted(folder.glob("*.yaml"))}
 
 
-def read_machine(name_or_path: str | Path) -> Machine:
+def read_machine(source: str | Path | Mapping[str, Any]) -> Machine:
     """Read a machine, and try its effects on it; what is hardly meant is said in its ``doubts``.
 
     Parameters
     ----------
-    name_or_path : str or Path
-        A file, a folder that holds ``machine.yaml``, or a name of the library.
+    source : str, Path or mapping
+        A file, a folder that holds ``machine.yaml``, a name of the library, or what such a file holds as a dict.
+
+    Returns
+    -------
+    Machine
+        The chain, its error models and effects, in mm and rad.
 
     Raises
     ------
     InputError
         There is no such machine, its file is wrong, or it is no serial chain.
+
+    Examples
+    --------
+    >>> from errormodel import read_machine
+    >>> [joint.name for joint in read_machine("vertical_three_axis").joints]
+    ['X', 'Y', 'Z']
     """
-    document = load(_find(name_or_path))
+    is_file = isinstance(source, str | Path)
+    document = load(_find(source)) if is_file else parse(json.dumps(source, default=str), "machine")
     machine = resolve(document)
     check_line(document, machine.elements)
     check_degrees(document, machine.elements)
@@ -148,8 +174,8 @@ def _find(name_or_path: str | Path) -> Path:
 
 def resolve(document: Document) -> Machine:
     """The machine that a parsed ``machine.yaml`` describes, in mm and radians."""
-    check_words(document, _MachineFile.model_fields)
-    file = validate(document, _MachineFile)
+    check_words(document, MachineForm.model_fields)
+    file = validate(document, MachineForm)
     length, angle = factor(file.units.length, "length"), factor(file.units.angle, "angle")
     elements = [_element(document, ("chain", i), length, angle) for i in range(len(file.chain))]
     _check_names(document, elements)
@@ -278,6 +304,16 @@ def write_machine(machine: Machine, path: str | Path) -> None:
     """Write a machine as ``machine.yaml`` (mm, deg), whole or not at all.
 
     What is written is read back first, so that nothing is left behind that could not be read.
+
+    Parameters
+    ----------
+    machine : Machine
+    path : str or Path
+
+    Raises
+    ------
+    InputError
+        The file cannot be written.
     """
     text = machine_text(machine)
     resolve(parse(text, str(path)))

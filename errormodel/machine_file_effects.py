@@ -11,17 +11,6 @@ from errormodel.exceptions import EffectError, InputError, nearest
 from errormodel.machine import EffectSpec, Joint, Machine, Shape
 from errormodel.yamlfile import Document, Keys, shown
 
-_EFFECT_WORDS = """
-    scale-expansion warm-up spindle-growth structure-drift thermal-squareness thermal-bending
-    backlash lost-motion hysteresis
-    pitch-cyclic rail-waviness eccentricity wobble gear-cyclic
-    ram-sag beam-sag beam-torsion column-bending cross-axis-compliance telescoping-compliance ground-compliance
-    payload-sag joint-compliance gantry-racking
-    tracker-drift station-shift refraction scale-ppm target-offset outliers clock-offset
-    servo-lag compensation-active higher-order-geometry local-defect contact-knee axis-blunder unnamed
-"""
-EFFECTS = frozenset(_EFFECT_WORDS.split())
-
 
 def read_effect(document: Document, keys: Keys, elements: Sequence[Joint | Shape]) -> EffectSpec:
     """One effect; its own keys are left to the effect, but for the names of elements."""
@@ -29,9 +18,8 @@ def read_effect(document: Document, keys: Keys, elements: Sequence[Joint | Shape
     if "effect" not in options:
         raise document.error((*keys, "effect"), "the key 'effect' is missing", "Write effect: and its name")
     effect = options.pop("effect")
-    if not isinstance(effect, str) or (effect not in EFFECTS and effect not in registry()):
-        known = {*EFFECTS, *registry()}
-        raise document.error((*keys, "effect"), f"unknown effect {shown(effect)}", nearest(str(effect), known))
+    if not isinstance(effect, str) or effect not in registry():
+        raise document.error((*keys, "effect"), f"unknown effect {shown(effect)}", nearest(str(effect), registry()))
     joints = [e.name for e in elements if isinstance(e, Joint)]
     shapes = [e.name for e in elements if isinstance(e, Shape)]
     places = {"joint": joints, "shape": shapes, "where": [*joints, *shapes, FRAME, TOOL, INSTRUMENT]}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from errormodel.chain import TOOL_CHANNELS, Chain
 from errormodel.conventions import MOTIONS
 from errormodel.exceptions import InputError, nearest
 from errormodel.instruments.base import Instrument
-from errormodel.machine import Machine
+from errormodel.machine import Machine, Vector
 from errormodel.survey_columns import MEASURED, ORIENTATION
 
 if TYPE_CHECKING:
@@ -142,3 +142,78 @@ def outward(table: pd.DataFrame, machine: Machine) -> pd.DataFrame:
         if joint.type == "rotary":
             table[joint.name] = _degrees(table[joint.name].to_numpy(dtype=np.float64))
     return table
+
+
+def simulate(
+    machine: Machine | str | Path | Mapping[str, Any],
+    points: int | str | Path | pd.DataFrame,
+    parameters: Mapping[str, float] | str | Path | None = None,
+    *,
+    translation: Vector = (0.0, 0.0, 0.0),
+    rotation: Vector = (0.0, 0.0, 0.0),
+    noise: float | Instrument | Literal["instrument"] = 0.0,
+    seed: int = 0,
+) -> pd.DataFrame:
+    """Simulate a survey of a machine whose errors are known, in exact (finite) kinematics.
+
+    Parameters
+    ----------
+    machine : Machine, str, Path or dict
+    points : int, str, Path or DataFrame
+        So many random poses over the travels, or the commands of a survey.
+    parameters : dict, str, Path or None
+        ``{id: value}`` in mm, rad and their ratios, or a file with ``parameters:`` and ``frame:``.
+    translation, rotation : (3,)
+        Measuring frame, mm and degrees (``Rx Ry Rz``): ``measured = rotation @ actual + translation``.
+    noise : float, Instrument or "instrument"
+        Standard deviation of each coordinate in mm; or an instrument; or that of the survey given as `points`.
+    seed : int
+
+    Returns
+    -------
+    DataFrame
+        Commands (mm, degrees) and ``mx my mz`` (mm), a survey that `identification.fit` takes.
+
+    Raises
+    ------
+    InputError
+        The machine, the commands or a parameter's id cannot be read.
+
+    Examples
+    --------
+    >>> from errormodel import simulate
+    >>> simulate("vertical_three_axis", 3, {"X.dx.1": 0.02}).shape[0]
+    3
+    """
+    from errormodel.effects.axis_blunder import marred
+    from errormodel.instruments.plain import Plain
+    from errormodel.machine_file import read_machine
+    from errormodel.survey import read_survey
+
+    model = machine if isinstance(machine, Machine) else read_machine(machine)
+    instrument: Instrument = Plain()
+    if isinstance(points, int):
+        table = random_points(model, points, seed)
+    else:
+        survey = read_survey(points, model, measured=False)
+        table, instrument = survey.table, survey.instrument
+    if noise == "instrument" and isinstance(instrument, Plain):
+        cure = "Add `instrument:` to survey.yaml, or give a standard deviation in mm"
+        raise InputError("noise", "the survey names no instrument", cure)
+    chain = Chain(model)
+    if isinstance(parameters, str | Path):
+        truth = read_truth(Path(parameters), chain)
+    else:
+        for identity in parameters or {}:
+            if identity not in chain.index:
+                found = f"the machine has no parameter '{identity}'"
+                raise InputError("parameters", found, nearest(identity, chain.ids))
+        a, b, c = np.radians(rotation).tolist()
+        truth = Truth(parameters or {}, translation, (a, b, c))
+    measured = measured_at(model, table, truth, instrument if noise == "instrument" else noise, seed)
+    # orientations are exact, which no instrument is: those of the survey go, none take their place
+    stale = ["file", "role", "row", *ORIENTATION]
+    result = table.drop(columns=stale, errors="ignore")
+    for name in measured.columns.difference(stale, sort=False):
+        result[name] = measured[name]
+    return outward(marred(result, model), model)

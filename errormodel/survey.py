@@ -15,7 +15,7 @@ from errormodel.conventions import MOTIONS
 from errormodel.drives import check_series, in_step
 from errormodel.effects.axis_blunder import mended
 from errormodel.exceptions import InputError, nearest
-from errormodel.formats import open_tables
+from errormodel.formats import data_frame, open_tables
 from errormodel.formats.base import Table
 from errormodel.instruments.base import Instrument
 from errormodel.machine import Machine
@@ -123,25 +123,36 @@ class Survey:
         return direction(self.table, joint)
 
 
-def read_survey(path: Path | str, machine: Machine, measured: bool = True) -> Survey:
+def read_survey(source: Path | str | pd.DataFrame, machine: Machine, measured: bool = True) -> Survey:
     """Read a survey: a table, a folder of its parts, or a ``survey.yaml`` that points to tables.
 
     Parameters
     ----------
-    path : Path or str
+    source : Path, str or DataFrame
+        A file or folder; or a table with the columns of a survey's file (mm, degrees for rotary joints).
     machine : Machine
         Names the joints and gives the tool.
     measured : bool
         False for mere commands (to simulate or predict), where nothing measured is needed.
+
+    Returns
+    -------
+    Survey
+        Its table in mm and rad.
 
     Raises
     ------
     InputError
         The first thing that is wrong, with file, row and column or line and key.
     """
-    path = Path(path)
-    form, document, folder = read_form(path)
-    opened = [(entry, open_tables(folder / entry.path, entry.path)) for entry in form.files]
+    if isinstance(source, pd.DataFrame):
+        path = Path(data_frame.NAME)
+        form, document, _ = read_form(path)
+        opened: list[tuple[FileEntry, list[Table]]] = [(form.files[0], [data_frame.table_of(source)])]
+    else:
+        path = Path(source)
+        form, document, folder = read_form(path)
+        opened = [(entry, open_tables(folder / entry.path, entry.path)) for entry in form.files]
     check_map(document, machine, form.columns, [table for _, tables in opened for table in tables])
     notes: dict[str, None] = {}  # in order, and each once
     parts: list[Part] = []

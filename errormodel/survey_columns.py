@@ -1,4 +1,4 @@
-"""Which column of a file is which of ours (contract: the columns of a survey), and what to say of the others."""
+"""Which column of a file is which of ours (``docs/file_formats.md``, section 2), and what to say of the others."""
 
 from __future__ import annotations
 

@@ -1,1 +1,25 @@
-"""Inference on top of ``errormodel``: groups, fits, reports and the command line."""
+"""Inference on top of ``errormodel``: what a survey says of a machine, and how sure it is.
+
+Public functions, as on the command line: `describe`, `plan`, `fit`, `diagnose`, `predict`, `compensate`, `load` and
+`save`. They are imported when they are first asked for, so that ``import identification`` costs nothing.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from identification.api import compensate, describe, diagnose, fit, load, plan, predict, save
+
+__all__ = ["compensate", "describe", "diagnose", "fit", "load", "plan", "predict", "save"]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in __all__:
+        raise AttributeError(f"module 'identification' has no attribute '{name}'")
+    return getattr(import_module("identification.api"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *__all__])

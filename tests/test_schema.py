@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 from errormodel import machine_file as schema
 from errormodel import yamlfile
 from errormodel.conventions import MOTIONS
+from errormodel.effects import registry
 from errormodel.exceptions import InputError
 from errormodel.machine import Basis, EffectSpec, Joint, Machine, Shape
-from errormodel.machine_file_effects import EFFECTS
 from errormodel.machine_file_errors import first_order_motions
 
 EXAMPLE = """\
@@ -437,7 +437,7 @@ def machines(draw: st.DrawFn) -> Machine:
         st.one_of(finite, st.integers(), texts, st.booleans(), st.lists(finite, max_size=3)),
         max_size=3,
     )
-    effects = draw(st.lists(st.builds(EffectSpec, st.sampled_from(sorted(EFFECTS)), options), max_size=3))
+    effects = draw(st.lists(st.builds(EffectSpec, st.sampled_from(sorted(registry())), options), max_size=3))
     return Machine(draw(texts), tuple(elements), draw(vectors), tuple(effects), notes=draw(texts))
 
 

@@ -21,7 +21,6 @@ OWN = (0.050, 0.040, 0.030)  # mm, of the first, second, third axis: plain to se
 CROSS = (0.030, 0.050, 0.040)
 MOST = 0.2  # mm, of a table whose value is multiplied by a short lever
 SEEN = 0.005  # mm: less is not read
-NODES = 2  # of a table: one for the peak, one for the other, and a third to be zero at
 MARGIN = 1.0  # mm, that every position keeps from the ends of the travel
 
 
@@ -47,7 +46,7 @@ class Step:
 
 def polarity_check(controller: Controller, setup: Setup, terms: Sequence[Term]) -> tuple[dict[str, str], list[Step]]:
     """Files with a peak for each axis, and what to read where once they are loaded."""
-    own = {m: t for m in setup.watched if (t := _own(controller, setup, terms, m)) and len(_grid(setup, m, t)) > NODES}
+    own = {m: t for m in setup.watched if (t := _own(controller, setup, terms, m)) and len(_grid(setup, m, t)) > 1}
     if not own:
         return {}, []
     places = _places(setup, own)

@@ -59,7 +59,7 @@ class Effect(BaseModel, ABC):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    effect: ClassVar[str]  # the word of the contract, section 5
+    effect: ClassVar[str]  # its word in files and findings
     family: ClassVar[str]
     source: ClassVar[str]  # where form and sizes come from
     alike: ClassVar[tuple[str, ...]] = ()  # effects that can look the same

@@ -3,14 +3,23 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 
+from errormodel.discovery import modules
 from errormodel.exceptions import InputError, nearest
-from errormodel.formats import csv_file, parquet_file
 from errormodel.formats.base import Table
 from errormodel.inputs import noted, noted_folder
 
-_OPENERS = {suffix: module.open_table for module in (csv_file, parquet_file) for suffix in module.SUFFIXES}
+
+def _openers() -> dict[str, Callable[[Path, str], Table]]:
+    """What opens a file, by its suffix: every module of this package that has ``SUFFIXES`` and ``open_table``."""
+    found = [module for module in map(import_module, modules(__name__)) if hasattr(module, "SUFFIXES")]
+    return {suffix: module.open_table for module in found for suffix in module.SUFFIXES}
+
+
+_OPENERS = _openers()
 SUFFIXES = tuple(_OPENERS)
 
 

@@ -44,7 +44,7 @@ class Description:
     split: tuple[str, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
-        """The JSON form of the contract, section 3."""
+        """The JSON form (``docs/file_formats.md``, section 3)."""
         out: dict[str, Any] = {
             "machine": self.chain.machine.name,
             "n_parameters": len(self.chain.machine_ids),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -28,6 +28,9 @@ from identification.observation.frames import Pose
 from identification.results.results_folder import ResultsFolder, whole
 from identification.uncertainty.further_poses import leverages
 from identification.uncertainty.measured_range import covered
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 SCHEMA = "errormodel.fit/1"
 PARAMETERS = (  # columns
@@ -154,7 +157,7 @@ def write(fit: Fit, folder: Path) -> None:
     write_machine(fit.chain.machine, folder / "machine.yaml")
     table = pd.DataFrame(parameters(fit), columns=list(PARAMETERS))
     write_csv(table, folder / "parameters.csv")
-    write_csv(_residual_table(fit), folder / "residuals.csv")
+    write_csv(residual_table(fit), folder / "residuals.csv")
     names = [fit.solution.unknowns[j] for j in fit.solution.groups.base]
     covariance = pd.DataFrame(fit.solution.covariance * fit.inflation**2, columns=names)
     write_csv(covariance, folder / "covariance.csv")
@@ -186,7 +189,7 @@ def _pose_json(pose: Pose) -> dict[str, list[float]]:
     } | ({"undetermined": pose.undetermined.tolist()} if len(pose.undetermined) else {})
 
 
-def _residual_table(fit: Fit) -> Any:
+def residual_table(fit: Fit) -> pd.DataFrame:
     """Every measured row: nominal and fitted residual (and held out), um, in the measuring frame."""
     import pandas as pd
 

@@ -1,4 +1,4 @@
-"""What a diagnosis says (contract, section 4), and how sure it is of a name."""
+"""What a diagnosis says (``docs/file_formats.md``, section 4), and how sure it is of a name."""
 
 from __future__ import annotations
 
@@ -49,9 +49,9 @@ class HeldOut:
 class Finding:
     """One entry of ``findings``.
 
-    Beyond the contract: `size_um`, the root mean square of what it does at the tip over the survey's rows, `rows` (of
-    outliers: data rows, from 1), `brief`, its name and size, and `positive`, what a positive parameter does where that
-    is not a rise of the motion in its name. `period` in mm, of a rotary joint in degrees.
+    Beyond what that page lists: `size_um`, the root mean square of what it does at the tip over the survey's rows,
+    `rows` (of outliers: data rows, from 1), `brief`, its name and size, and `positive`, what a positive parameter does
+    where that is not a rise of the motion in its name. `period` in mm, of a rotary joint in degrees.
     """
 
     effect: str

@@ -1,0 +1,149 @@
+"""Pages of reference, written from the code: what the program has is what they say.
+
+``python docs/generate.py`` writes them to ``docs/reference/``; the build of the documentation does it by itself.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+HERE = Path(__file__).parent / "reference"
+
+
+def write(folder: Path) -> list[Path]:
+    """Write all pages; those that are as they were stay untouched."""
+    pages = {
+        "commands.md": commands(),
+        "effects.md": effects(),
+        "controllers.md": controllers(),
+        "instruments.md": instruments(),
+        "machine_keys.md": machine_keys(),
+        "survey_keys.md": survey_keys(),
+    }
+    folder.mkdir(exist_ok=True)
+    out = []
+    for name, lines in pages.items():
+        path, text = folder / name, "\n".join(lines) + "\n"
+        if not path.exists() or path.read_text(encoding="utf-8") != text:
+            path.write_text(text, encoding="utf-8")
+        out.append(path)
+    return out
+
+
+def table(head: Iterable[str], rows: Iterable[Iterable[object]]) -> Iterator[str]:
+    """A Markdown table; what would end a cell or a line is taken out of the cells."""
+    head = list(head)
+    yield "| " + " | ".join(head) + " |"
+    yield "|" + "---|" * len(head)
+    for row in rows:
+        yield "| " + " | ".join(" ".join(str(cell).replace("|", "\\|").split()) for cell in row) + " |"
+
+
+def commands() -> Iterator[str]:
+    """Every command with its help."""
+    import click
+
+    from identification.command_line.main import app
+
+    yield "# Commands"
+    yield ""
+    yield "Written from the program. `errormodel COMMAND --help` prints the same."
+    for name, command in app.commands.items():
+        context = click.Context(command, info_name=f"errormodel {name}", max_content_width=100)
+        yield from ("", f"## {name}", "", "```text", command.get_help(context), "```")
+
+
+def effects() -> Iterator[str]:
+    """Every physical effect: what it does, its keys, its source, what it looks like."""
+    from errormodel.effects import registry
+
+    yield "# Effects"
+    yield ""
+    yield (
+        "Physics beyond the rigid error motions. Each is one class in one file of `errormodel/effects/`, or comes with "
+        "another package (see [how to add one](../extending.md)). The words are those of `effects:` in `machine.yaml`, "
+        "of findings and of `diagnosis.json`."
+    )
+    families: dict[str, list[Any]] = {}
+    for kind in registry().values():
+        families.setdefault(kind.family, []).append(kind)
+    yield ""
+    yield from table(
+        ("family", "effects"),
+        ((f, ", ".join(f"[{k.effect}](#{k.effect})" for k in kinds)) for f, kinds in families.items()),
+    )
+    for family, kinds in families.items():
+        yield from ("", f"## {family.capitalize()} effects")
+        for kind in kinds:
+            keys = ", ".join(f"`{name}`" for name in kind.model_fields) or "none"
+            example = ", ".join(f"{k}: {_yaml(v)}" for k, v in {"effect": kind.effect, **kind.example}.items())
+            yield from ("", f"### {kind.effect}", "", inspect.cleandoc(kind.__doc__ or ""), "")
+            yield from (f"- Example: `- {{{example}}}`", f"- Keys: {keys}", f"- Source: {kind.source}")
+            if kind.alike:
+                yield f"- Can look like: {', '.join(kind.alike)}"
+            yield f"- Told apart by this measurement: {kind.separate}"
+
+
+def controllers() -> Iterator[str]:
+    """Every controller: what its format is, and what no public source says of it."""
+    from errormodel.controllers import registry
+
+    yield "# Controllers"
+    yield ""
+    yield "Targets of `errormodel compensate --controller NAME`. Each is one class in `errormodel/controllers/`."
+    for name, kind in registry().items():
+        yield from ("", f"## {name}", "", f"**{kind.title}.** {inspect.cleandoc(kind.__doc__ or '')}", "")
+        yield f"- Source: {kind.source}"
+        yield f"- Not certain: {kind.doubt or 'nothing'}"
+
+
+def instruments() -> Iterator[str]:
+    """Every instrument and its keys."""
+    from errormodel.instruments import instruments as registry
+
+    yield "# Instruments"
+    yield ""
+    yield "What `instrument:` in a `survey.yaml` may be. Each is one class in `errormodel/instruments/`."
+    for name, kind in registry().items():
+        yield from ("", f"## {name}", "", inspect.cleandoc(kind.__doc__ or ""), "")
+        yield from _fields(kind)
+
+
+def machine_keys() -> Iterator[str]:
+    """Keys of ``machine.yaml``."""
+    from errormodel.machine_file import MachineForm
+
+    yield from ("# Keys of machine.yaml", "")
+    yield from _fields(MachineForm)
+
+
+def survey_keys() -> Iterator[str]:
+    """Keys of ``survey.yaml``, and the columns of its tables."""
+    from errormodel.survey_file import SurveyForm
+
+    yield from ("# Keys of survey.yaml", "")
+    yield from _fields(SurveyForm)
+
+
+def _fields(model: Any) -> Iterator[str]:
+    rows = []
+    for name, field in model.model_fields.items():
+        default = "required" if field.is_required() else f"`{field.get_default(call_default_factory=True)!r}`"
+        rows.append((f"`{name}`", field.description or "", default if len(default) < 80 else "see the description"))
+    yield from table(("key", "what to write", "where it is left out"), rows)
+
+
+def _yaml(value: object) -> str:
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{k}: {_yaml(v)}" for k, v in value.items()) + "}"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(map(_yaml, value)) + "]"
+    return str(value)
+
+
+if __name__ == "__main__":
+    for page in write(HERE):
+        print(page)  # noqa: T201  a script's own output

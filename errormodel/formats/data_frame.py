@@ -1,0 +1,43 @@
+"""A pandas table in place of a file."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from errormodel.formats.base import Table, as_numbers
+
+NAME = "DataFrame"
+
+
+@dataclass(frozen=True)
+class FrameTable(Table):
+    """A DataFrame whose columns are named as those of a survey's file."""
+
+    frame: pd.DataFrame = field(default_factory=pd.DataFrame)
+
+    def read(self, numbers: Collection[str], texts: Collection[str]) -> tuple[pd.DataFrame, tuple[str, ...]]:
+        columns: dict[str, object] = {name: self._text(name) for name in texts}
+        for name in numbers:
+            column = self.frame[name]
+            if pd.api.types.is_numeric_dtype(column) and not pd.api.types.is_bool_dtype(column):
+                columns[name] = column.to_numpy(dtype=np.float64, na_value=np.nan)
+                continue
+            text = self._text(name)
+            values, bad = as_numbers(text)
+            columns[name] = text if bad.any() else values
+        order = [*numbers, *texts]
+        return pd.DataFrame({name: columns[name] for name in order}), ()
+
+    def _text(self, name: str) -> pd.Series[str]:
+        column = self.frame[name].reset_index(drop=True)
+        return column.astype("str").mask(column.isna(), "")
+
+
+def table_of(frame: pd.DataFrame) -> FrameTable:
+    """A DataFrame as a table of a survey; its index does not count."""
+    return FrameTable(Path(NAME), NAME, tuple(str(c).strip() for c in frame.columns), frame.rename(columns=str.strip))

@@ -1,0 +1,64 @@
+"""Compensation tables as a notebook uses them."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from identification.compensation.result import Compensation
+
+
+class CompensationResult:
+    """What `identification.compensate` returns.
+
+    Attributes
+    ----------
+    compensation : the tables and their assessment.
+    checklist : what to do at the machine, in order.
+    notes : what needs attention, as sentences.
+    """
+
+    def __init__(self, compensation: Compensation) -> None:
+        self.compensation = compensation
+        self.checklist = compensation.checklist
+        self.notes = compensation.notes
+
+    @property
+    def files(self) -> dict[str, str]:
+        """Text of each table file by its path in the folder of results."""
+        return {f"{s.label}/{n}".lstrip("/"): text for s in self.compensation.sets for n, text in s.files.items()}
+
+    @cached_property
+    def figures(self) -> pd.DataFrame:
+        """Rms and largest error (um) before, after an ideal compensation and after these tables, for each set."""
+        import pandas as pd
+
+        rows = [
+            {"state": s.label, "poses": f.poses, "stage": stage}
+            | {"rms_um": getattr(f, stage).rms_um, "worst_um": getattr(f, stage).worst_um}
+            for s in self.compensation.sets
+            for f in s.figures
+            for stage in ("before", "ideal", "after")
+        ]
+        table = pd.DataFrame(rows)
+        table.attrs["units"] = {"rms_um": "um", "worst_um": "um"}
+        return table
+
+    def write(self, folder: str | Path) -> Path:
+        """Make a folder that of the controller's files, ``checklist.txt`` and ``compensation.json``, as a whole."""
+        from identification.compensation.write import write_compensation
+        from identification.results.results_folder import ResultsFolder
+
+        out = ResultsFolder(Path(folder), "tables")
+        out.check()
+        with out.replaced() as part:
+            write_compensation(self.compensation, part)
+        return out.path
+
+    def _repr_html_(self) -> str:
+        steps = "".join(f"<li>{step}</li>" for step in self.checklist)
+        return f"{self.figures.to_html(index=False)}<ol>{steps}</ol>"

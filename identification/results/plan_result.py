@@ -1,0 +1,53 @@
+"""A plan of a measurement as a notebook uses it."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from identification.planning.run import Plan
+
+
+class PlanResult:
+    """What `identification.plan` returns.
+
+    Attributes
+    ----------
+    plan : the design behind it.
+    poses : DataFrame of the rows to measure in their order, mm and degrees.
+    """
+
+    def __init__(self, plan: Plan, poses: pd.DataFrame) -> None:
+        self.plan = plan
+        self.poses = poses
+
+    @property
+    def rank(self) -> int:
+        """Groups of parameters that the poses identify."""
+        return self.plan.groups.rank
+
+    @cached_property
+    def uncertainty(self) -> pd.DataFrame:
+        """Predicted standard uncertainty (um) in the volume, worst and median, beside random poses."""
+        import pandas as pd
+
+        rows = {"planned": self.plan.uncertainty, "random": self.plan.random, "twice as many": self.plan.twice}
+        table = pd.DataFrame({k: {"worst_um": u.worst_um, "median_um": u.median_um} for k, u in rows.items()}).T
+        table.attrs["units"] = dict.fromkeys(table.columns, "um")
+        return table
+
+    @cached_property
+    def effects(self) -> pd.DataFrame:
+        """One row an effect: whether the poses can show it, from which size, and what it looks like."""
+        import pandas as pd
+
+        rows: list[dict[str, Any]] = self.plan.as_json()["effects"]
+        return pd.DataFrame(rows)
+
+    def _repr_html_(self) -> str:
+        return (
+            f"<p>{len(self.poses)} rows, rank {self.rank}</p>{self.uncertainty.to_html()}{self.poses.head().to_html()}"
+        )
