@@ -143,14 +143,19 @@ def read_machine(source: str | Path | Mapping[str, Any]) -> Machine:
     >>> [joint.name for joint in read_machine("vertical_three_axis").joints]
     ['X', 'Y', 'Z']
     """
-    is_file = isinstance(source, str | Path)
-    document = load(_find(source)) if is_file else parse(json.dumps(source, default=str), "machine")
+    document = _document(source)
     machine = resolve(document)
     check_line(document, machine.elements)
     check_degrees(document, machine.elements)
     for i, spec in enumerate(machine.effects):
         check_effect(document, ("effects", i), spec, machine)
     return replace(machine, doubts=tuple(doubts(document, machine.elements)))
+
+
+def _document(source: str | Path | Mapping[str, Any]) -> Document:
+    if isinstance(source, str | Path):
+        return load(_find(source))
+    return parse(json.dumps(source, default=str), "machine")
 
 
 def _find(name_or_path: str | Path) -> Path:
