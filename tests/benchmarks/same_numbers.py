@@ -23,6 +23,10 @@ ROOT = Path(__file__).resolve().parents[2]
 ROUNDING = 1e-3  # standard uncertainties
 
 
+class RefusedError(Exception):
+    """A command that ended with another code than 0, and its last words."""
+
+
 def command(checkout: Path, *words: object) -> None:
     """Run a command of the checkout's program."""
     scripts = tomllib.loads((checkout / "pyproject.toml").read_text())["project"]["scripts"]
@@ -34,7 +38,7 @@ def command(checkout: Path, *words: object) -> None:
         [sys.executable, "-c", program, *words], env=environment, capture_output=True, cwd=checkout, check=False
     )
     if done.returncode:
-        raise SystemExit(f"{checkout}: {' '.join(words)}\n{done.stderr.decode()}")
+        raise RefusedError(f"{checkout.name} {words[0]}: {done.stderr.decode().splitlines()[-1]}")
 
 
 def results(checkout: Path, case: Path, folder: Path) -> dict[str, Any]:
@@ -78,7 +82,12 @@ def main() -> None:
     changed = 0
     for case in cases:
         with tempfile.TemporaryDirectory() as folder:
-            both = [results(c, case, Path(folder) / str(k)) for k, c in enumerate((arguments.old, arguments.new))]
+            try:
+                both = [results(c, case, Path(folder) / str(k)) for k, c in enumerate((arguments.old, arguments.new))]
+            except RefusedError as refused:
+                print(f"{case.name:24} {refused}", flush=True)
+                changed += 1
+                continue
         old, new = both
         fit, extended = (difference(old[name], new[name]) for name in ("fit", "diagnose"))
         same = named(old["findings"]) == named(new["findings"])
