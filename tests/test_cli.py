@@ -283,3 +283,15 @@ def test_a_survey_of_one_joint_is_simulated_fitted_and_predicted(tmp_path: Path)
     predicted = pd.read_csv(tmp_path / "p.csv")
     np.testing.assert_allclose(predicted[XYZ][21:], both[XYZ][21:], atol=1e-6)
     assert predicted[XYZ][:21].isna().all(axis=None)
+
+
+def test_ctrl_c_says_so_and_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def stopped(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("errormodel.survey.read_survey", stopped)
+    (tmp_path / "s.csv").write_text("X,Y,Z,mx,my,mz\n")
+    result = run("fit", MILL, tmp_path / "s.csv", "--out", tmp_path / "fit")
+    assert result.code == 130
+    assert "stopped" in result.err
+    assert not (tmp_path / "fit").exists()

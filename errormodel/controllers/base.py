@@ -109,6 +109,7 @@ class Controller(Target):
     other_sign: ClassVar[str] = ""
     dialect: ClassVar[Dialect | None]
     backlash_parameter: ClassVar[str]
+    backlash_beside: ClassVar[str] = "leave {} as it was during the survey"  # where tables hold the backlash
     first_number: ClassVar[int | None] = None
     number_form: ClassVar[str] = "{}"
     lettered: ClassVar[bool] = True  # needs the controller's own letters

@@ -34,6 +34,9 @@ class LinuxCnc1(Controller):
     comment: ClassVar[Comment | None] = Comment("# ")
     sign_known: ClassVar[bool] = True
     backlash_parameter: ClassVar[str] = "BACKLASH in [{axis}]"
+    backlash_beside: ClassVar[str] = (
+        "{} is ignored beside a COMP_FILE; if it was not 0 during the survey, set it to 0 and measure again first"
+    )
     first_number: ClassVar[int | None] = 0
     number_form: ClassVar[str] = "JOINT_{}"
     dialect: ClassVar[Dialect | None] = Dialect(
@@ -100,7 +103,7 @@ class LinuxCnc1(Controller):
         return [
             "copy the .comp files beside the INI file and the lines of compensation.ini into its [JOINT_n] sections",
             "compare the joint numbers above with those of the axes on this machine ([TRAJ] COORDINATES, [KINS])",
-            "take BACKLASH out of these joints: it is ignored where a COMP_FILE is given",
+            "BACKLASH of these joints is ignored where a COMP_FILE is given: take it out",
             "restart LinuxCNC (a reload in the same session appends to the table), home, then check with an indicator",
         ]
 

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from identification.results.results_folder import ResultsFolder
     from identification.runtime.report_worker import Ahead
 
+STOPPED = 130  # exit code of what Ctrl-C ended: 128 and the number of SIGINT
 DRAWINGS = (".svg", ".png", ".pdf")
 MOST_POSES = 10_000_000  # simulated in one go
 MOST_PLANNED = 2000
@@ -357,7 +358,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
         name = context.command_path if context is not None else "errormodel"
         found = error.format_message().rstrip(".")
         _fail(f"{name}: {found}{'' if found.endswith('?') else '.'} See {name} --help")
-    except (click.exceptions.Abort, BrokenPipeError):
+    except click.exceptions.Abort:
+        click.echo("stopped: nothing was put in place", err=True)
+        sys.exit(STOPPED)
+    except BrokenPipeError:
         sys.exit(1)
 
 

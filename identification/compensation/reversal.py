@@ -78,7 +78,7 @@ def reversal_lines(controller: Controller, setup: Setup, tables: Tables) -> list
             axis=controller.address(setup, name), number=controller.number(setup, name)
         )
         if name in held:
-            lines.append(f"{found}. These tables hold it, one for each direction" + _untouched(parameter))
+            lines.append(f"{found}. These tables hold it, one for each direction" + _beside(controller, parameter))
         elif parameter:
             value = controller.backlash_value(setup, name, -r.mean)
             lines.append(
@@ -89,5 +89,5 @@ def reversal_lines(controller: Controller, setup: Setup, tables: Tables) -> list
     return lines
 
 
-def _untouched(parameter: str) -> str:
-    return f": leave {parameter} as it was during the survey" if parameter else ""
+def _beside(controller: Controller, parameter: str) -> str:
+    return f": {controller.backlash_beside.format(parameter)}" if parameter else ""
