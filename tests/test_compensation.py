@@ -411,6 +411,17 @@ def test_levels_are_states_that_were_there() -> None:
     assert levels(table, ["T_c"]) == [{}]
 
 
+def test_a_programme_that_was_corrected_is_not_corrected_again(fitted: Path, tmp_path: Path) -> None:
+    """It stands beside the manifest that says so; line ends are those of the plain programme."""
+    (tmp_path / "p.ngc").write_bytes(b"G21 G90 G17\r\nG0 X0 Y0 Z300\r\nG1 X20 Y10 F500\r\nM2\r\n")
+    command = ("compensate", fitted / "fit", "--controller", "gcode", "--dialect", "iso", "--at", "start=X0,Y0,Z300")
+    done(*command, "--program", tmp_path / "p.ngc", "--out", tmp_path / "a")
+    written = (tmp_path / "a/p.ngc").read_bytes()
+    assert written.count(b"\n") == written.count(b"\r\n") > 3
+    again = run(*command, "--program", tmp_path / "a/p.ngc", "--out", tmp_path / "b")
+    assert (again.code, "corrected already" in again.err) == (2, True)
+
+
 def test_the_command_prints_writes_and_repeats_itself(fitted: Path, tmp_path: Path) -> None:
     first = done("compensate", fitted / "fit", "--controller", "isg", "--out", tmp_path / "a").out
     for text in (

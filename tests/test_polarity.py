@@ -18,6 +18,7 @@ from errormodel.controllers.tables import Table
 from errormodel.exceptions import InputError
 from tests.setups import filled, plain_setup, setups
 from tests.test_controller_axes import setup_of
+from tests.test_controller_text import tables_and_setup
 
 TABLED = sorted(n for n, kind in registry().items() if issubclass(kind, Controller))
 INDICATED = [n for n in TABLED if n not in ("csv", "duet", "klipper")]
@@ -38,7 +39,9 @@ LANGUAGES: dict[str, tuple[str, list[str], str, list[str]]] = {
             "%",
             r"O70\d\d",
             "M0",
-            "G21 G90 G94 G40 G49 G80 G59",
+            r"IF\[#4008NE49\]GOTO900",
+            "G69",
+            "G21 G90 G94 G40 G80 G59",
             *(rf"IF\[ABS\[#504{n}-#502{n}\]GT0\.01\]GOTO900" for n in "123"),
         ],
         rf"G1 {AXIS}{NUMBER} {FEED}",
@@ -255,3 +258,11 @@ def test_the_spindle_comes_to_the_indicator_from_its_free_side(tool: tuple[float
     assert came == pytest.approx({"X": -10.0, "Y": -10.0, "Z": start})
     high = replace(steps[0], axis="Z", place={**steps[0].place, "Z": -52.0 if start > 0 else -248.0})
     assert approach(setup, high) is None  # no room on that side, and none below the nose
+
+
+def test_after_the_other_sign_the_cure_is_to_leave_it_out_again() -> None:
+    """Tables that were turned round, and are wrong again, want the plain sign."""
+    controller, setup, tables = tables_and_setup("heidenhain")
+    plain, turned = (check_of(controller, s, tables)["steps.txt"] for s in (setup, replace(setup, inverted=True)))
+    assert "write the tables again with --invert" in plain
+    assert "write the tables again without --invert" in turned

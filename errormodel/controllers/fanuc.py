@@ -65,7 +65,8 @@ class FanucDialect(Dialect):
     def prepare(self, numbers: Mapping[str, int]) -> list[str]:
         """Modes, and the comparison of both positions of every axis (#5021 to #5028, #5041 to #5048)."""
         known = [n for n in sorted(numbers.values()) if n <= 8]
-        return [*self.head, *(f"IF[ABS[#{5040 + n}-#{5020 + n}]GT0.01]GOTO900" for n in known)]
+        # G49 with an active length offset may move the axis itself, so it is not reached with one
+        return ["IF[#4008NE49]GOTO900", *self.head, *(f"IF[ABS[#{5040 + n}-#{5020 + n}]GT0.01]GOTO900" for n in known)]
 
 
 class Fanuc(Controller):
@@ -81,12 +82,13 @@ class Fanuc(Controller):
         suffix=".nc",
         comment=CAPITALS,
         opening=("%", "O{number}"),
-        head=("G21 G90 G94 G40 G49 G80 G59",),
+        head=("G69", "G21 G90 G94 G40 G80 G59"),
         move="G1 {axis}{to:.3f} F{feed:g}",
-        end=("M30", "N900 #3000=1(G59 OR EXT OFFSET NOT ZERO)", "%"),
+        end=("M30", "N900 #3000=1(LENGTH OFFSET, G59 OR EXT NOT ZERO)", "%"),
         stop="M0",
         needs=(
             "for machining centres: in lathe G code system A, G90 and G94 are cycles: do not run it there",
+            "no tool in the spindle; cancel its length offset by hand, the axis free: G49 may move it",
             "the programme numbers O7001 and on must be free",
             "write down G59 and the external offset (EXT), set both to zero, and put them back at the end",
             "an alarm 3001 or an unknown word at the IF lines means: nothing moved, go there by hand",
@@ -224,7 +226,8 @@ class Fanuc3d(Fanuc):
     source: ClassVar[str] = "FANUC A-79351E p. 3 (trilinear over eight corners)"
     doubt: ClassVar[str] = (
         "parameter numbers from 10800 (axes, points, reference, magnification, interval), the order of the points "
-        "(first axis fastest, then N11000 and on, x y z each) and the sign (taken as a correction)"
+        "(the axis of N10800 fastest; from N11000 on, at each point a value for each axis, in the order of N10800 on) "
+        "and the sign (taken as a correction)"
     )
     most_points: ClassVar[int] = 128
     most_nodes: ClassVar[int] = 500

@@ -52,7 +52,7 @@ class Heidenhain(Controller):
         block="{n} ",
         needs=(
             "M91 counts from the machine datum; tool 0 has no length; TCPM, tilted plane and mirror image off first",
-            "after TOOL CALL 0 the control may ask for a tool change: leave the spindle empty",
+            "call tool 0 by hand, spindle empty, before the indicator is mounted: TOOL CALL 0 may start a change",
         ),
         source="HEIDENHAIN TNC 360 user's manual p. 5-39 (M91 in a positioning block), TNC 426 p. 119 (L, R0, F, M)",
     )
@@ -102,7 +102,7 @@ class Heidenhain(Controller):
             "back up config.cma and the tables it names; AXISPOS counts from the machine datum (MP_refPosition)",
             "copy the tables, check the column names against CfgAxes/axisList",
             "only one line of config.cma is active (*); take the star away to switch all of them off",
-            "BACKLASH is empty: reversal errors stay with their own machine parameter, as above",
+            "BACKLASH is empty: reversal errors stay with their own machine parameter",
         ]
 
 

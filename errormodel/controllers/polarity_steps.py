@@ -169,7 +169,7 @@ def _reading(controller: Controller, setup: Setup, k: int, step: Step, start: fl
         f"{k}. Watch {axis} ({step.table}) at {_place(step.place, setup.watched)}, coming {come}",
         f"   {want:+.3f} mm ({axis} further towards {_side(want > 0)}): right.",
         f"   {-want:+.3f} mm: the control wants the other sign. Do not load the real tables: "
-        f"{controller.other_sign or OTHER}.",
+        f"{_cure(controller, setup)}.",
         "   0.000 mm: the compensation is not active, or acts on another axis.",
     ]
     if step.by_itself is not None and abs(step.by_itself) >= SEEN:
@@ -182,6 +182,12 @@ def _reading(controller: Controller, setup: Setup, k: int, step: Step, start: fl
 
 
 OTHER = "the sign is public for this control, so look for a direction of motion that was turned round in its settings"
+
+
+def _cure(controller: Controller, setup: Setup) -> str:
+    """What to do where the control wants the other sign: of tables that were turned round, leave that out again."""
+    cure = controller.other_sign or OTHER
+    return cure.replace("with --invert", "without --invert") if setup.inverted else cure
 
 
 def _place(place: Mapping[str, float], axes: Sequence[str]) -> str:

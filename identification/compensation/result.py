@@ -19,6 +19,10 @@ from identification.compensation.conditions import (
 )
 
 SCHEMA = "errormodel.compensation/1"
+AGAIN = (
+    "once the tables act, touch off work offsets, datum and tool setter again: positions that were taken without them "
+    "are shifted by the corrections there"
+)
 
 
 @dataclass(frozen=True)
@@ -70,7 +74,8 @@ class Compensation:
         if isinstance(controller, Controller) and usual.conditions:
             before += backlash_lines(controller, self.setup, usual.tables, usual.conditions)
             before += controller.about(usual.tables, self.setup)
-        return [*before, *self.states, *controller.checklist(self.setup)]
+        after = [AGAIN] if isinstance(controller, Controller) else []
+        return [*before, *self.states, *controller.checklist(self.setup), *after]
 
     def as_json(self) -> dict[str, Any]:
         """``compensation.json``."""

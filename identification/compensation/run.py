@@ -37,7 +37,7 @@ from identification.compensation.reversal import reversals
 from identification.compensation.rows import Rows, held_out, read_rows
 from identification.compensation.volume import Volume, levels
 from identification.observation.frames import rotation_notes
-from identification.results import store
+from identification.results import manifest, store
 from identification.runtime.progress import Tell, silent
 
 POSES = 3000  # that stand for the volume, or a multiple of them:
@@ -241,7 +241,9 @@ def _rewritten(
         out[:, movers] = np.round(moved / step) * step * np.where(field.rotary[movers], np.pi / 180, 1.0)
         return out
 
-    return Stated(label, state, {name: done.text}, (), assess(volume, rounded, held, seed), None, done.notes)
+    # the control's line ends: those of the plain programme
+    new = re.sub(r"\r?\n", "\r\n", done.text) if "\r\n" in text else done.text
+    return Stated(label, state, {name: new}, (), assess(volume, rounded, held, seed), None, done.notes)
 
 
 def _source(controller: Target, path: Path | None, reading: Reading | None) -> tuple[str, str]:
@@ -260,6 +262,9 @@ def _source(controller: Target, path: Path | None, reading: Reading | None) -> t
         return "", ""
     if path is None:
         raise InputError(f"--controller {controller.name}", "--program is missing", "Give the programme to correct")
+    beside = manifest.read(path.parent)
+    if beside is not None and path.name in beside.files:
+        raise InputError(str(path), "a programme that compensate wrote: it is corrected already", "Give the plain one")
     try:
         return path.name, noted(path).read_bytes().decode("utf-8")  # a lone CR is no line end to every control
     except (OSError, ValueError) as error:
