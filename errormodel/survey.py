@@ -32,6 +32,7 @@ from errormodel.survey_columns import (
     plan_columns,
 )
 from errormodel.survey_file import BudgetEntry, FileEntry, Frame, Refit, SurveyForm, read_form
+from errormodel.survey_gaps import filled
 from errormodel.survey_plausibility import check_sizes, travel_notes
 from errormodel.yamlfile import Document
 
@@ -167,9 +168,8 @@ def read_survey(source: Path | str | pd.DataFrame, machine: Machine, measured: b
     if measured and all(entry.role == "test" for entry in form.files):
         raise document.error(("files",), "only test files", "Give at least one file the role fit")
     table = mended(_assemble(parts, machine), machine)
-    if not measured:
-        table, more = in_step(table, machine)
-        notes |= dict.fromkeys(more)
+    table, more = filled(table) if measured else in_step(table, machine)  # states somebody asks about have no course
+    notes |= dict.fromkeys(more)
     notes |= dict.fromkeys(travel_notes(table, machine))
     if measured:
         notes |= dict.fromkeys(_side_notes(table, machine, form.frame))

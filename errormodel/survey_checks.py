@@ -30,7 +30,7 @@ from errormodel.survey_columns import (
     quantity_of,
     unit_of_column,
 )
-from errormodel.survey_missing_values import without_nines, zeros
+from errormodel.survey_missing_values import below_absolute_zero, without_nines, zeros
 from errormodel.units import to_internal
 from errormodel.yamlfile import shown
 
@@ -126,6 +126,9 @@ def read_part(table: Table, plan: Plan, machine: Machine, units: SurveyUnits, me
     _check_labels(offences, frame, machine)
     offences.raise_first()
     frame["row"] = raw.index.to_numpy() + 1
+    for name, rows, note in below_absolute_zero(frame):
+        frame.loc[rows, name] = np.nan
+        notes = (*notes, note)
     for rows, note in zeros(frame, [j.name for j in machine.joints]):
         frame.loc[rows, list(MEASURED)] = np.nan
         notes = (*notes, note)
@@ -218,7 +221,10 @@ def _check_labels(offences: _Offences, frame: pd.DataFrame, machine: Machine) ->
     if "time" in frame:
         gaps = frame["time"].isna().to_numpy()
         if not gaps.all():
-            offences.add("time", gaps, "no time", "Give every row of the file a time, or no row")
+            cure = "Give every row of the file a time, or no row"
+            written = ~_is_empty(offences.raw["time"])
+            offences.add("time", gaps & written, "{}, which stands for no time", cure)
+            offences.add("time", gaps, "no time", cure)
     if "run" in frame:
         gaps = (frame["run"] == "").to_numpy(dtype=bool)
         if not gaps.all():

@@ -21,6 +21,9 @@ Mask = NDArray[np.bool_]
 _WHOLE, _PLACES = range(2, 8), range(5)
 NINES = np.array([float("9" * n + "." + "9" * k) for n in _WHOLE for k in _PLACES if n + k > 2])
 FEWEST = 8  # other rows, to say where they lie
+IMPOSSIBLE = 9999.0  # no temperature of a machine, in whatever unit
+ABSOLUTE_ZERO = -273.15  # degC
+RECORDED = ("time", "feed", "load")
 AWAY = 0.05  # of what the others extend over, and
 NEAREST = 1.0  # mm: so far from all others lies what was not seen
 
@@ -28,10 +31,11 @@ NEAREST = 1.0  # mm: so far from all others lies what was not seen
 def without_nines(
     columns: Mapping[str, Array], joints: Sequence[str], rows: Array
 ) -> tuple[dict[str, Array], list[str]]:
-    """Measured columns with NaN for 999, -9999, -999.9 and their like, and notes.
+    """Measured and recorded columns with NaN for 999, -9999, -999.9 and their like, and notes.
 
     Such a number counts as none where it is repeated to the last digit farther from all other values than these are
     from each other, or stands in all of mx my mz. It is a measurement where a joint of its row was commanded there.
+    In a recorded column (T_*, w_*, time, feed, load) a single cell is enough.
 
     Parameters
     ----------
@@ -40,7 +44,8 @@ def without_nines(
     rows : number of each row in its file, from 1.
     """
     out, notes = dict(columns), list[str]()
-    names = [n for n in columns if n in (*MEASURED, *ORIENTATION, *MOTIONS) or n.startswith(("T_", "w_"))]
+    known = (*MEASURED, *ORIENTATION, *MOTIONS, *RECORDED)
+    names = [n for n in columns if n in known or n.startswith(("T_", "w_"))]
     nines = {n: found for n in names if (found := np.isin(np.abs(columns[n]), NINES)).any()}
     if not nines:
         return out, notes
@@ -51,13 +56,42 @@ def without_nines(
             for joint in joints:
                 here &= np.abs(columns.get(joint, np.zeros(len(rows)))) != abs(value)
             others = columns[name][np.isfinite(columns[name]) & ~found]
-            here &= _all_three(columns, value) | bool(here.sum() > 1 and _far(value, others, int(here.sum())))
+            if name in RECORDED or name.startswith(("T_", "w_")):
+                here &= _no_record(name, float(value), columns[name], others)
+            else:
+                here &= _all_three(columns, value) | bool(here.sum() > 1 and _far(value, others, int(here.sum())))
             if here.any():
                 out[name] = np.where(here, np.nan, out[name])
                 said.setdefault((float(value), here.tobytes()), []).append(name)
     for (value, mask), own in said.items():
         notes.append(_note(f"{value:.10g}", own, rows[np.frombuffer(mask, dtype=bool)]))
     return out, notes
+
+
+def _no_record(name: str, value: float, column: Array, others: Array) -> Mask | bool:
+    """Where a number is no value of what was recorded: a clock runs on, and a feed of 9999 mm/min is one."""
+    if name in RECORDED and value < 0:
+        return not (others < 0).any()
+    if name == "feed":
+        return False
+    far = _far(value, others, int((column == value).sum()))
+    if name == "time":
+        return far & (np.fmin.accumulate(column[::-1])[::-1] < column)
+    return far or (name.startswith("T_") and abs(value) >= IMPOSSIBLE)
+
+
+def below_absolute_zero(frame: pd.DataFrame) -> Iterator[tuple[str, Mask, str]]:
+    """Temperature columns with cells that are no temperature, these cells, and the note on them.
+
+    Parameters
+    ----------
+    frame : one file, temperatures in degC, with ``row``.
+    """
+    for name in (n for n in map(str, frame.columns) if n.startswith("T_")):
+        cold = frame[name].to_numpy(dtype=np.float64) < ABSOLUTE_ZERO - 1e-6
+        if cold.any():
+            rows = spoken(frame["row"].to_numpy()[cold].tolist())
+            yield name, cold, f"less than {ABSOLUTE_ZERO} degC, absolute zero, in {name} of {rows} read as not measured"
 
 
 def _all_three(columns: Mapping[str, Array], value: float) -> Mask | bool:

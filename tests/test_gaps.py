@@ -148,3 +148,145 @@ def test_a_command_that_is_a_placeholder_is_still_missing(table: pd.DataFrame, t
     result = run("fit", MILL, tmp_path / "s.csv", "--out", tmp_path / "out", "--quiet")
     assert result.code == 2
     assert "row 4 (line 5), column X: no commanded position" in result.err
+
+
+def warm(table: pd.DataFrame, rate: float = 0.05) -> pd.DataFrame:
+    """The survey with a clock and a sensor that warms by `rate` K a row."""
+    n = np.arange(len(table))
+    return table.assign(time=45.0 * n, T_x=20 + rate * n + 0.01 * (n % 2), feed=1000.0, load=0.0, w_a=0.1 * n)
+
+
+@pytest.mark.parametrize("value", [-9999, 9999, -999.9, -99999])
+@pytest.mark.parametrize("name", ["T_x", "load", "w_a"])
+def test_one_placeholder_in_a_recorded_column(name: str, value: float, table: pd.DataFrame, tmp_path: Path) -> None:
+    spoilt = warm(table).astype({name: float})
+    spoilt.loc[7, name] = value
+    survey = read(spoilt, tmp_path)
+    assert any(f"s.csv: {value:.10g} in {name} of row 8 read as not measured" in note for note in survey.notes)
+    assert abs(survey.table[name][7]) < 30 or np.isnan(survey.table[name][7])
+
+
+def test_a_feed_of_nines_is_one_and_a_negative_one_is_none(table: pd.DataFrame, tmp_path: Path) -> None:
+    spoilt = warm(table)
+    spoilt.loc[[7, 8], "feed"] = [9999, -9999]
+    survey = read(spoilt, tmp_path)
+    assert survey.table["feed"][7] == 9999
+    assert np.flatnonzero(survey.table["feed"].isna()).tolist() == [8]
+
+
+@pytest.mark.parametrize("value", [-9999, 9999, 99999])
+def test_a_placeholder_for_a_time_is_refused(value: float, table: pd.DataFrame, tmp_path: Path) -> None:
+    spoilt = warm(table)
+    spoilt.loc[7, "time"] = value
+    spoilt.to_csv(tmp_path / "s.csv", index=False)
+    result = run("fit", MILL, tmp_path / "s.csv", "--out", tmp_path / "out", "--quiet")
+    assert result.code == 2
+    assert f"row 8 (line 9), column time: {value}, which stands for no time" in result.err
+
+
+@given(last=st.sampled_from([float(v) for v in NINES if v > 999]), count=st.integers(10, 40))
+def test_a_clock_that_runs_on_to_nines_is_a_clock(last: float, count: int) -> None:
+    time = np.append(np.arange(float(count)), last)
+    out, notes = without_nines({"time": time}, ["X"], np.arange(1, count + 2))
+    np.testing.assert_array_equal(out["time"], time)
+    assert not notes
+
+
+@pytest.mark.parametrize(("unit", "value"), [("degC", -300), ("degC", -1e5), ("K", -1), ("degF", -500)])
+def test_less_than_absolute_zero_is_no_temperature(
+    unit: str, value: float, table: pd.DataFrame, tmp_path: Path
+) -> None:
+    """Whatever is written: one cell, among two rows, in every unit; and nothing is made up in a prediction."""
+    few = warm(table).head(2).copy()
+    few["T_x"] = {"degC": 20.0, "K": 293.15, "degF": 68.0}[unit]
+    few.loc[1, "T_x"] = value
+    few.to_csv(tmp_path / "s.csv", index=False)
+    write(tmp_path / "s.yaml", f"errormodel: 1\nfiles: [{{path: s.csv}}]\nunits: {{temperature: {unit}}}\n")
+    survey = read_survey(tmp_path / "s.yaml", read_machine(MILL), measured=False)
+    assert survey.table["T_x"][0] == pytest.approx(20.0)
+    assert np.isnan(survey.table["T_x"][1])
+    assert any("absolute zero, in T_x of row 2 read as not measured" in note for note in survey.notes)
+
+
+@pytest.mark.parametrize("timed", [True, False])
+def test_a_short_gap_of_a_sensor_is_interpolated(timed: bool, table: pd.DataFrame, tmp_path: Path) -> None:
+    full = warm(table, 0.1)
+    if timed:
+        full.loc[20:, "time"] += 20  # the line is one over time, not over rows
+    spoilt = full.copy()
+    spoilt.loc[[7, 19, 20], "T_x"] = np.nan
+    if not timed:
+        full, spoilt = full.drop(columns="time"), spoilt.drop(columns="time")
+    survey = read(spoilt, tmp_path)
+    note = "s.csv: T_x has no value in 3 rows (8, 20, 21): 3 cells interpolated between the readings before and after"
+    assert any(note in said for said in survey.notes)
+    at = full["time"] if timed else np.arange(len(full))
+    known = spoilt["T_x"].notna()
+    np.testing.assert_allclose(survey.table["T_x"], np.interp(at, at[known], spoilt["T_x"][known]), atol=1e-9)
+
+
+def _many(t: pd.DataFrame) -> None:
+    t.loc[::8, "T_x"] = np.nan
+
+
+def _long(t: pd.DataFrame) -> None:
+    t.loc[10:13, "T_x"] = np.nan
+
+
+def _end(t: pd.DataFrame) -> None:
+    t.loc[len(t) - 1, "T_x"] = np.nan
+
+
+def _pause(t: pd.DataFrame) -> None:
+    t.loc[20:, "time"] += 7200
+    t.loc[20, "T_x"] = np.nan
+
+
+def _step(t: pd.DataFrame) -> None:
+    t.loc[20:, "T_x"] += 8
+    t.loc[20, "T_x"] = np.nan
+
+
+def _states(t: pd.DataFrame) -> None:
+    t["T_x"] = np.random.default_rng(0).uniform(20, 30, len(t))
+    t.loc[20, "T_x"] = np.nan
+
+
+def _runs(t: pd.DataFrame) -> None:
+    t["run"] = np.where(t.index < 20, 1, 2)
+    t.loc[20:, "time"] -= t["time"][20]
+    t.loc[20, "T_x"] = np.nan
+
+
+@pytest.mark.parametrize("spoil", [_many, _long, _end, _pause, _step, _states, _runs])
+def test_a_gap_that_neighbours_do_not_show_stays_one(spoil: object, table: pd.DataFrame, tmp_path: Path) -> None:
+    assert callable(spoil)
+    spoilt = warm(table)
+    spoil(spoilt)
+    survey = read(spoilt, tmp_path)
+    np.testing.assert_array_equal(survey.table["T_x"], spoilt["T_x"])
+    assert not any("interpolated" in note for note in survey.notes)
+
+
+@pytest.mark.parametrize("share", [0.02, 0.3])
+def test_diagnose_with_gaps_of_a_sensor(share: float, tmp_path: Path) -> None:
+    """Few gaps leave the sensor a cause; with many it is none, and what cannot be seen says why."""
+    machine = write(
+        tmp_path / "m.yaml",
+        "errormodel: 1\nchain:\n  - {joint: X, type: prismatic, axis: x, travel: [0, 800]}\n"
+        "  - {joint: Y, type: prismatic, axis: y, travel: [0, 500]}\n"
+        "  - {joint: Z, type: prismatic, axis: z, travel: [0, 400]}\n",
+    )
+    rng, n = np.random.default_rng(1), np.arange(160)
+    poses = pd.DataFrame({j: rng.uniform(0, most, 160) for j, most in zip("XYZ", (800, 500, 400), strict=True)})
+    warmth = 20 + 3 * np.sin(n / 25)
+    points = poses.to_numpy() + rng.normal(0, 0.002, (160, 3))
+    points[:, 0] += 11e-6 * (warmth - 20) * poses["X"]
+    spoilt = poses.assign(time=45.0 * n, T_x=np.round(warmth, 2), **dict(zip(XYZ, points.T, strict=True)))
+    gaps = 3 + np.flatnonzero(np.arange(150) % round(1 / share) == 0)
+    spoilt.loc[gaps, "T_x"] = np.nan
+    spoilt.to_csv(tmp_path / "s.csv", index=False)
+    result = done("diagnose", machine, tmp_path / "s.csv", "--out", tmp_path / "out")
+    assert ("Scale-expansion of X, driven by T_x" in result.out) == (share < 0.1)
+    assert "no temperature was recorded" not in result.out
+    assert (f"T_x cannot be used: no value in {len(gaps)} of 160 rows" in result.out) == (share > 0.1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -20,13 +20,15 @@ class Scene:
     """A machine and the columns of a survey of it, each (n,), in mm, rad, s, degC.
 
     `stations` are where its instrument may have stood, in the reference's axes, mm. `motions_of` is the one joint
-    whose error motions were measured, so that nothing else can be at fault.
+    whose error motions were measured, so that nothing else can be at fault. `unusable` are the temperature sensors left
+    out of the columns, each with the reason.
     """
 
     machine: Machine
     columns: Mapping[str, Array]
     stations: tuple[Vector, ...] = ((0.0, 0.0, 0.0),)
     motions_of: str = ""
+    unusable: Mapping[str, str] = field(default_factory=dict)
 
     @cached_property
     def all_motions(self) -> bool:

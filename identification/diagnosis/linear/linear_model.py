@@ -6,7 +6,7 @@ standard uncertainty. What M (with frames and tool) can absorb is taken out of e
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -244,8 +244,9 @@ def set_up(fit: Fit, most: int = MOST_ROWS) -> Workbench:
     names = chain.element_names
     # a member called "frame" goes before the measuring frame, as in the chain
     arms_of = {n: stacked[6 * k : 6 * k + 6][:, live] for k, n in enumerate(names)}
-    seen_columns = _scene_columns(fit.survey, table, chain)
-    scene = Scene(chain.machine, seen_columns, _stations(fit), fit.survey.motions_of)
+    dead = dead_sensors(fit.survey)
+    seen_columns = _scene_columns(fit.survey, table, chain, dead)
+    scene = Scene(chain.machine, seen_columns, _stations(fit), fit.survey.motions_of, dead)
     return Workbench(chain, residual - q @ (q.T @ residual), q, arms_of, _Lazy(table, rows[live]), rows[live], scene)
 
 
@@ -257,10 +258,9 @@ def _stations(fit: Fit) -> tuple[Vector, ...]:
     return tuple((x, y, z) for x, y, z in sorted(places))
 
 
-def _scene_columns(survey: Survey, table: _Channels, chain: Chain) -> dict[str, Array]:
+def _scene_columns(survey: Survey, table: _Channels, chain: Chain, dead: Collection[str]) -> dict[str, Array]:
     """What the survey's rows hold, with the side of arrival of every joint that the data knows it of."""
     plain = ("time", "feed", "load", *TOOL_CHANNELS)
-    dead = dead_sensors(survey)
     names = [c for c in survey.table.columns if (str(c).startswith(("T_", "w_")) and c not in dead) or c in plain]
     columns = {str(n): survey.table[n].to_numpy(dtype=float) for n in names}
     labels, counts = np.unique(survey.table["run"].astype(str), return_counts=True)

@@ -125,7 +125,8 @@ def _lacking(names: Sequence[str], scene: Scene) -> Iterator[str]:
         elif channel in joints and not scene.varies(channel):
             yield f"{channel} did not move"
         elif channel.startswith("T_") and not scene.sensors:
-            yield "no temperature was recorded"
+            faults = (f"{name} cannot be used: {reason}" for name, reason in scene.unusable.items())
+            yield "; ".join(faults) or "no temperature was recorded"
         elif channel in ("time", "feed", "load") and not scene.varies(channel):
             yield f"no {channel} was recorded that changes"
         elif channel in TOOL_CHANNELS and not any(scene.varies(c) for c in TOOL_CHANNELS):

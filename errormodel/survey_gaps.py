@@ -1,0 +1,102 @@
+"""Single gaps of a temperature sensor filled from the readings before and after them, and said.
+
+A logger loses a reading now and then. A temperature that follows its neighbours is known there all the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import pairwise
+
+import numpy as np
+import pandas as pd
+
+from errormodel.arrays import Array, Index
+from errormodel.channels import NOISE
+from errormodel.formats.base import spoken
+
+MOST = 0.1  # of the rows of a clock
+LONGEST = 3  # rows in a row
+LONGER = 3.0  # times the usual time between as many readings: what happened in a longer pause nobody knows
+
+
+def filled(table: pd.DataFrame) -> tuple[pd.DataFrame, list[str]]:
+    """The table with short gaps of its temperatures filled by straight lines over time, and notes.
+
+    Without time the order of the rows stands for it. Neighbours are of one file, and of one run where times go back.
+    A gap is filled where readings at other rows, left out in turn, lie within `NOISE` (rms) of such a line.
+
+    Parameters
+    ----------
+    table : the table of a survey, temperatures in degC.
+    """
+    names = [str(n) for n in table if str(n).startswith("T_") and table[n].isna().any()]
+    if not names:
+        return table, []
+    out, notes, courses = table.copy(), list[str](), list(_courses(table))
+    for name in names:
+        values = table[name].to_numpy(dtype=np.float64).copy()
+        for rows, time in courses:
+            own = values[rows]
+            values[rows] = _interpolated(own, time)
+            now = rows[np.isnan(own) & ~np.isnan(values[rows])]
+            if len(now):
+                file, numbers = table["file"].iloc[now[0]], sorted(table["row"].iloc[now].tolist())
+                cells = "1 cell" if len(now) == 1 else f"{len(now)} cells"
+                notes.append(
+                    f"{file}: {name} has no value in {spoken(numbers)}: {cells} interpolated between the readings "
+                    "before and after"
+                )
+        out[name] = values
+    return out, notes
+
+
+def _courses(table: pd.DataFrame) -> Iterator[tuple[Index, Array]]:
+    """Rows of one clock in the order of time, and their times (numbers of the rows without any)."""
+    for own in table.groupby("file", sort=False).indices.values():
+        rows = np.sort(own)
+        timed = "time" in table and table["time"].iloc[rows].notna().all()
+        time = table["time"].to_numpy(dtype=np.float64)[rows] if timed else np.arange(len(rows), dtype=np.float64)
+        apart = not timed or bool((np.diff(time) < 0).any())
+        run = table["run"].astype(str).to_numpy()[rows] if apart else np.zeros(len(rows))
+        for label in np.unique(run):
+            which = np.flatnonzero(run == label)
+            which = which[np.argsort(time[which], kind="stable")]
+            yield rows[which], time[which]
+
+
+def _interpolated(values: Array, time: Array) -> Array:
+    """Readings (n,) in the order of time, with the gaps filled that a line fills as well as it does known readings."""
+    gap = np.isnan(values)
+    if not gap.any() or gap.sum() > MOST * len(values):
+        return values
+    out, known = values.copy(), np.flatnonzero(~gap)
+    for before, after in pairwise(known):
+        size = int(after - before - 1)
+        if not 0 < size <= LONGEST:
+            continue
+        starts = np.arange(len(values) - size - 1)
+        starts = starts[~np.isnan(values[starts]) & ~np.isnan(values[starts + size + 1])]
+        starts = starts[starts != before]
+        ends = starts + size + 1
+        if not len(starts):
+            continue
+        inside = [starts + k for k in range(1, size + 1)]
+        off = np.concatenate([_line(values, time, starts, ends, at) - values[at] for at in inside])
+        off = off[~np.isnan(off)]
+        rise, span = np.abs(values[ends] - values[starts]), time[ends] - time[starts]
+        error = float(np.sqrt(np.mean(off**2))) if len(off) else np.inf
+        if error > NOISE or time[after] - time[before] > LONGER * np.median(span):
+            continue
+        if abs(values[after] - values[before]) <= rise.max() + NOISE:
+            inner = np.arange(before + 1, after)
+            out[inner] = _line(values, time, np.full(size, before), np.full(size, after), inner)
+    return out
+
+
+def _line(values: Array, time: Array, start: Index, end: Index, at: Index) -> Array:
+    """Values at rows `at` of the lines from rows `start` to rows `end`; the mean of both where no time passes."""
+    span = time[end] - time[start]
+    part = np.where(span > 0, (time[at] - time[start]) / np.where(span > 0, span, 1.0), 0.5)
+    out: Array = values[start] + part * (values[end] - values[start])
+    return out
