@@ -30,7 +30,7 @@ def travel_notes(table: pd.DataFrame, machine: Machine) -> Iterator[str]:
             count = f"{outside.sum()} pose{'s are' if outside.sum() > 1 else ' is'}"
             clear = outside.mean() > _MANY and np.nanmax(q) - np.nanmin(q) > _FILLED * (high - low)
             shift = _other_zero(joint, q, scale) if clear else None
-            zero = "" if shift is None else f"; {_mended_travel(joint, q, shift, outside.all())}"
+            zero = "" if shift is None else f"; {_mended_travel(joint, q, shift, bool(outside.all()))}"
             yield (
                 f"{count} outside the travel of {joint.name}, {low * scale:.6g} to {high * scale:.6g} {unit}; "
                 f"the farthest at {worst[joint.name] * scale:.6g} {unit} ({worst['file']}, row {worst['row']}){zero}"

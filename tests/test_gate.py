@@ -213,7 +213,7 @@ chain:
   - {joint: Z, type: prismatic, axis: z, travel: [0, 500]}
   - {shape: spindle}
 tool: [0, 0, -150]
-errors: {joints: none}
+errors: {shapes: all, joints: none}
 """
 BALL = np.array([90.0, 20.0, 60.0])
 
