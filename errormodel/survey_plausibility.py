@@ -1,4 +1,4 @@
-"""Do the numbers fit the machine? Units that cannot be right are refused; poses outside the travels are noted.
+"""Do the numbers fit the machine? Units that cannot be right are refused.
 
 Distances between measured points equal those between nominal positions but for a fraction of a millimetre, wherever the
 instrument stands. A wrong unit shows as one factor, such as 1000 or 25.4, in nearly all of them; nothing else does.
@@ -33,7 +33,7 @@ _FLYING = 5e3  # mm/s
 _RESTING = 3600.0  # s
 _FEW = 10  # rows, that say nothing of a pace
 _ROWS = 1000  # tell as much as a million
-_MANY = 0.1  # of the poses outside a travel: no slip of one row, but another zero
+_ODD = 0.05  # part of the pairs: where no more agree, a unit is wrong
 _CLEAR = 0.7  # part of the pairs that must agree on a factor
 _FEWEST = 3  # rows that have a range
 # Error motions of a machine as it is sold or worn: a rolled screw of the coarsest class in use (ISO 3408-3, T7) is off
@@ -66,8 +66,8 @@ def check_sizes(frame: pd.DataFrame, machine: Machine, units: SurveyUnits, name:
     if frame.empty:
         return []
     prismatic = [j for j in machine.joints if j.type == "prismatic"]
-    notes = [_check_commands(frame, prismatic, units, name)]
     sample = _sample(frame, machine) if measured else None
+    notes = [_check_commands(frame, prismatic, units, name, sample)]
     if sample is not None:
         _check_measured(sample, prismatic, units, name)
     notes += [_radians(frame, machine, units, sample), _temperatures(frame, units), _pace(frame, prismatic, units)]
@@ -137,47 +137,9 @@ def _pace(frame: pd.DataFrame, joints: Sequence[Joint], units: SurveyUnits) -> s
     return None
 
 
-def travel_notes(table: pd.DataFrame, machine: Machine) -> Iterator[str]:
-    """A note for every joint that is commanded beyond its travel: how often, and where the farthest is."""
-    for joint in machine.joints:
-        low, high = joint.travel
-        q = table[joint.name].to_numpy()
-        beyond = np.fmax(low - q, q - high)
-        outside = beyond > 1e-6 * (high - low)
-        if outside.any():
-            worst = table.loc[int(np.nanargmax(beyond)), [joint.name, "file", "row"]]
-            unit, scale = ("mm", 1.0) if joint.type == "prismatic" else ("deg", 180 / math.pi)
-            count = f"{outside.sum()} pose{'s are' if outside.sum() > 1 else ' is'}"
-            shift = _other_zero(joint, q, scale) if outside.mean() > _MANY else None
-            zero = ""
-            if shift is not None:
-                sure = "" if outside.all() else "it may be that "
-                travel = f"[{low * scale - shift:.6g}, {high * scale - shift:.6g}]"
-                zero = (
-                    f"; {sure}{joint.name} counts from another zero: then add {shift:.6g} {unit} to its column, or "
-                    f"write travel: {travel} in machine.yaml"
-                )
-            yield (
-                f"{count} outside the travel of {joint.name}, {low * scale:.6g} to {high * scale:.6g} {unit}; "
-                f"the farthest at {worst[joint.name] * scale:.6g} {unit} ({worst['file']}, row {worst['row']}){zero}"
-            )
-
-
-def _other_zero(joint: Joint, q: Array, scale: float) -> float | None:
-    """The roundest constant, in the user's unit, that brings all positions into the travel; None if none does."""
-    least = (joint.travel[0] - float(np.nanmin(q))) * scale
-    most = (joint.travel[1] - float(np.nanmax(q))) * scale
-    slack = 1e-6 * (joint.travel[1] - joint.travel[0]) * scale
-    if most < least - slack or least <= 0 <= most:
-        return None
-    for step in (1000, 500, 360, 180, 100, 90, 50, 10, 5, 1):
-        nearest = math.ceil((least - slack) / step) * step
-        if nearest and nearest <= most + slack:
-            return float(nearest)
-    return (least + most) / 2
-
-
-def _check_commands(frame: pd.DataFrame, joints: Sequence[Joint], units: SurveyUnits, name: str) -> str | None:
+def _check_commands(
+    frame: pd.DataFrame, joints: Sequence[Joint], units: SurveyUnits, name: str, sample: _Sample | None
+) -> str | None:
     """InputError if the prismatic joints that move are off their travels and another unit brings all back.
 
     Where they are not off but would fill all travels in inches, a note.
@@ -186,7 +148,8 @@ def _check_commands(frame: pd.DataFrame, joints: Sequence[Joint], units: SurveyU
     said = {unit_of_column(j.name, "length", units) for j, _ in moving}
     if len(said) != 1:  # nothing moves; or columns whose units were looked at one by one
         return None
-    names = " ".join(j.name for j, _ in moving)
+    moved = [j.name for j, _ in moving]
+    names = " ".join(moved)
     filled = np.array([np.ptp(q) / (j.travel[1] - j.travel[0]) for j, q in moving])
 
     def inside(scale: float) -> list[float]:
@@ -195,12 +158,15 @@ def _check_commands(frame: pd.DataFrame, joints: Sequence[Joint], units: SurveyU
     outside = min(inside(1.0)) < 0.05
     tiny = len(moving) > 1 and filled.max() < 0.002  # all poses in a thousandth of the machine: metres
     for scale, unit in _other_units(*said):
-        cure = _cure([j.name for j, _ in moving], unit, units)
         fits = min(inside(scale)) > 0.95 and (filled * scale).max() < 1.5
         if fits and (filled * scale).min() > 0.02 and (outside or (tiny and scale == 1000)):
             found = f"positions of {names} that fit the travels only if they are in {unit}"
+            # the measured points may be right as they are
+            alone = sample is not None and sample.agreement() <= _ODD and sample.agreement(lengths=scale) > _CLEAR
+            cure = _cure([j.name for j in joints] if alone else moved, unit, units, alone=alone)
             raise InputError(f"{name}, columns {names}", found, f"Write {cure} in a survey.yaml")
         if fits and (filled * scale).min() > 0.7 and len(moving) > 1 and unit == "inch":
+            cure = _cure(moved, unit, units)
             return f"{names} fill their travels if they are in inch; if so, write {cure}"
     return None
 
@@ -217,19 +183,20 @@ def _other_units(unit: str) -> Iterator[tuple[float, str]]:
     return ((mm / said, other) for other, mm in _UNITS.items() if mm != said)
 
 
-def _cure(columns: Sequence[str], unit: str, units: SurveyUnits) -> str:
-    """What to write where columns are in another unit: of all lengths, or of these if they were stated singly."""
-    keys = columns if any(c in units.of_columns for c in columns) else ["length"]
+def _cure(columns: Sequence[str], unit: str, units: SurveyUnits, alone: bool = False) -> str:
+    """What to write where columns are in another unit: of all lengths, or of these if `alone` or stated singly."""
+    keys = columns if alone or any(c in units.of_columns for c in columns) else ["length"]
     return f"units: {{{', '.join(f'{key}: {unit}' for key in keys)}}}"
 
 
 @dataclass(frozen=True)
 class _Sample:
-    """Some rows in their order: channels (k, n) of `machine`, measured components (n, c)."""
+    """Some rows in their order: channels (k, n) of `machine`, measured values (n, c) of the components named."""
 
     machine: Machine
     rows: Array
     measured: Array
+    components: tuple[str, ...]
 
     def agreement(self, measured: float = 1.0, lengths: float = 1.0, angles: float = 1.0) -> float:
         """Part of the pairs of rows whose measured and nominal distances agree, with the columns scaled so."""
@@ -265,12 +232,12 @@ def _sample(frame: pd.DataFrame, machine: Machine) -> _Sample | None:
         for name, value in zip(TOOL, machine.tool, strict=True)
     ]
     rows = np.array([*(frame[name].to_numpy() for name in joints), *tool], dtype=np.float64)
-    return _Sample(machine, rows, frame[components].to_numpy(dtype=np.float64))
+    return _Sample(machine, rows, frame[components].to_numpy(dtype=np.float64), tuple(components))
 
 
 def _check_measured(sample: _Sample, prismatic: list[Joint], units: SurveyUnits, name: str) -> None:
     """InputError if the distances between measured points are off by one factor, that of another unit."""
-    if sample.agreement() > 0.05:
+    if sample.agreement() > _ODD:
         return
     row = {j.name: q for j, q in zip(sample.machine.joints, sample.rows[:-3], strict=True)}
     # metres measured and micrometres commanded give the same distances: what fits the travels is right
@@ -285,8 +252,9 @@ def _check_measured(sample: _Sample, prismatic: list[Joint], units: SurveyUnits,
                 stated = ", ".join(dict.fromkeys(unit_of_column(c, "length", units) for c in others)) or units.length
                 where = " ".join(others) or "the machine"
                 found = f"in {unit}, it seems, where {where} {'are' if others else 'is'} in {stated}"
-                one = f"Write all lengths in one unit; if it is {unit}, say {_cure(columns, unit, units)}"
-                raise InputError(f"{name}, columns {' '.join(columns)}", found, f"{one} in a survey.yaml")
+                present = [*sample.components] if measured else columns
+                cure = f"If so, write {_cure(present, unit, units, alone=True)} in a survey.yaml"
+                raise InputError(f"{name}, columns {' '.join(columns)}", found, cure)
 
 
 def _radians(frame: pd.DataFrame, machine: Machine, units: SurveyUnits, sample: _Sample | None) -> str | None:

@@ -196,3 +196,101 @@ def test_a_zero_off_by_a_constant_is_said(sound: Path, tmp_path: Path) -> None:
     result = done("fit", sound / "m.yaml", tmp_path / "s.csv", "--out", tmp_path / "out")
     assert "X counts from another zero: then add -1000 mm to its column" in result.err
     assert "travel: [1000, 1800]" in result.err
+    assert "Levers and scales are wrong until this is mended" in result.err
+
+
+TABLE = """\
+errormodel: 1
+chain:
+  - {joint: C, type: rotary, axis: z, travel: [0, 360]}
+  - {shape: table}
+  - {joint: Y, type: prismatic, axis: y, travel: [-300, 300]}
+  - {shape: saddle}
+  - {joint: X, type: prismatic, axis: x, travel: [-300, 300]}
+  - {shape: column}
+  - {joint: A, type: rotary, axis: x, travel: [-60, 60]}
+  - {shape: head}
+  - {joint: Z, type: prismatic, axis: z, travel: [0, 500]}
+  - {shape: spindle}
+tool: [0, 0, -150]
+errors: {shapes: all, joints: none}
+"""
+BALL = np.array([90.0, 20.0, 60.0])
+
+
+def one_ball() -> pd.DataFrame:
+    """A ball on a turning table, which the tool follows: the same point in all poses."""
+    random = np.random.default_rng(4)
+    c, a = np.radians(np.linspace(0, 350, 36)), np.radians(random.uniform(-50, 50, 36))
+    tip = Rotation.from_euler("z", -c[:, None]).apply(BALL)  # Y and X turn with the table's commands undone
+    z = (tip[:, 2]) / np.cos(a) + 150
+    y = tip[:, 1] + np.sin(a) * (z - 150)
+    table = pd.DataFrame({"X": tip[:, 0], "Y": y, "Z": z, "A": np.degrees(a), "C": np.degrees(c)})
+    return table.assign(**dict(zip(XYZ, (BALL + random.normal(0, 0.003, (36, 3))).T, strict=True)))
+
+
+ONE_BALL: dict[str, tuple[Callable[[pd.DataFrame], pd.DataFrame], str]] = {
+    "sign": (lambda t: t.assign(C=-t["C"]), "the sign of column C is wrong:"),
+    "zero": (lambda t: t.assign(X=t["X"] + 200), "column X has another zero than the machine's dimensions, -200.000"),
+    "unit": (lambda t: t.assign(X=t["X"] / 25.4), "column X is in another unit: it must be multiplied by 25.4"),
+    "two": (lambda t: t.assign(C=-t["C"], Z=t["Z"] / 2), "look at the sign, the zero and the unit of each joint"),
+}
+
+
+@pytest.mark.parametrize("frame", ["shared", "fixed"])
+@pytest.mark.parametrize("kind", ONE_BALL)
+def test_nominal_points_that_leave_the_one_ball(kind: str, frame: str, tmp_path: Path) -> None:
+    edit, expected = ONE_BALL[kind]
+    write(tmp_path / "m.yaml", TABLE)
+    write(tmp_path / "s.yaml", f"errormodel: 1\nfiles: [{{path: s.csv}}]\nframe: {frame}\n")
+    one_ball().to_csv(tmp_path / "s.csv", index=False)
+    done("fit", tmp_path / "m.yaml", tmp_path / "s.yaml", "--out", tmp_path / "right")
+    edit(one_ball()).to_csv(tmp_path / "s.csv", index=False)
+    result = run("fit", tmp_path / "m.yaml", tmp_path / "s.yaml", "--out", tmp_path / "out", "--quiet")
+    assert result.code == 2
+    assert "the measured points stay at one place" in result.err
+    assert expected in result.err
+    assert "parallel" not in result.err
+
+
+def test_a_fixed_frame_of_points_in_another_is_said(sound: Path, tmp_path: Path) -> None:
+    survey = "errormodel: 1\nfiles: [{path: s.csv}]\nframe: fixed\n"
+    write(tmp_path / "s.yaml", survey)
+    table = pd.read_csv(sound / "s.csv")
+    table.to_csv(tmp_path / "s.csv", index=False)
+    result = run("fit", sound / "m.yaml", tmp_path / "s.yaml", "--out", tmp_path / "out", "--quiet")
+    assert result.code == 2
+    assert "must be in the machine's own reference, and in the mean they are off by (" in result.err
+    assert "Write frame: shared" in result.err
+    assert "parallel" not in result.err
+    write(tmp_path / "s.yaml", survey.replace("fixed", "shared"))
+    done("fit", sound / "m.yaml", tmp_path / "s.yaml", "--out", tmp_path / "cured")
+    write(tmp_path / "s.yaml", survey)
+    shuffled(table).to_csv(tmp_path / "s.csv", index=False)
+    result = run("fit", sound / "m.yaml", tmp_path / "s.yaml", "--out", tmp_path / "out", "--quiet")
+    assert result.code == 2
+    assert "Write frame: shared" not in result.err
+    assert "at its own command" in result.err
+
+
+def test_deviations_of_one_ball_in_a_fixed_frame(tmp_path: Path) -> None:
+    write(tmp_path / "m.yaml", TABLE)
+    write(tmp_path / "s.yaml", "errormodel: 1\nfiles: [{path: s.csv}]\nframe: fixed\n")
+    table = one_ball()
+    table[XYZ] -= BALL
+    table.to_csv(tmp_path / "s.csv", index=False)
+    result = run("fit", tmp_path / "m.yaml", tmp_path / "s.yaml", "--out", tmp_path / "out", "--quiet")
+    assert result.code == 2
+    assert "off by (-90, -20, -60) mm" in result.err
+    assert "If the columns hold deviations" in result.err
+
+
+@pytest.mark.parametrize(("frame", "name"), [("fixed", "nominal "), ("shared", "nominal, best frame ")])
+def test_the_nominal_machine_is_said_with_its_frame(frame: str, name: str, tmp_path: Path) -> None:
+    write(tmp_path / "m.yaml", MILL)
+    write(tmp_path / "s.yaml", f"errormodel: 1\nfiles: [{{path: s.csv}}]\nframe: {frame}\n")
+    done("simulate", tmp_path / "m.yaml", 60, "--noise", 0.003, "--out", tmp_path / "s.csv")
+    result = done("fit", tmp_path / "m.yaml", tmp_path / "s.yaml", "--out", tmp_path / "out")
+    (line,) = [line for line in result.out.splitlines() if line.startswith("nominal")]
+    assert line.startswith(name)
+    assert ("best frame" in (tmp_path / "out" / "report.html").read_text()) == (frame == "shared")

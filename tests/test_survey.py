@@ -209,8 +209,12 @@ def test_measured_in_another_unit(tmp_path: Path, unit: str, mm: float, componen
     frame = poses()
     frame[["mx", "my", "mz"]] /= mm
     write_csv(frame[[*JOINTS, *components]], tmp_path / "s.csv")
-    with pytest.raises(InputError, match=rf"columns mx my mz: in {unit}, it seems, .*length: {unit}"):
+    with pytest.raises(InputError, match=rf"columns mx my mz: in {unit}, it seems") as caught:
         read_survey(tmp_path / "s.csv", MACHINE)
+    cure = f"units: {{{', '.join(f'{c}: {unit}' for c in components)}}}"
+    assert cure in str(caught.value)
+    expected = poses()[[*components]].to_numpy()
+    np.testing.assert_allclose(read_survey(yaml(tmp_path, cure), MACHINE).table[[*components]], expected, rtol=1e-12)
     arm = read_machine("six_axis_arm")
     frame = poses(60, arm)
     frame[["mx", "my", "mz"]] /= mm
@@ -238,8 +242,13 @@ def test_commands_in_another_unit(tmp_path: Path, unit: str, mm: float):
     frame = poses()
     frame[[*JOINTS[1:]]] /= mm
     write_csv(frame, tmp_path / "s.csv")
-    with pytest.raises(InputError, match=rf"columns X Y Z: .* in {unit}"):
+    with pytest.raises(InputError, match=rf"columns X Y Z: .* in {unit}") as caught:
         read_survey(tmp_path / "s.csv", MACHINE)
+    cure = f"units: {{{', '.join(f'{joint}: {unit}' for joint in JOINTS[1:])}}}"
+    assert cure in str(caught.value)
+    cured, expected = read_survey(yaml(tmp_path, cure), MACHINE), poses()
+    np.testing.assert_allclose(cured.commands(JOINTS[1:]), expected[[*JOINTS[1:]]], rtol=1e-12)
+    np.testing.assert_allclose(cured.measured, expected[["mx", "my", "mz"]], rtol=1e-12)
 
 
 def test_commands_that_may_be_inches_are_noted(tmp_path: Path):
@@ -306,6 +315,41 @@ def test_poses_outside_the_travel_are_noted(tmp_path: Path):
     assert "1 pose is outside the travel of B, 0 to 360 deg; the farthest at 361 deg" in notes[0]
     assert "travel of X, -500 to 500 mm" in notes[1]
     assert notes[1].endswith("row 8)")
+
+
+def x_note(tmp_path: Path, positions: np.ndarray) -> str:
+    """The note of a survey's positions of X, whose travel is -500 to 500 mm."""
+    write_csv(poses(len(positions)).assign(X=positions), tmp_path / "s.csv")
+    (note,) = read_survey(tmp_path / "s.csv", MACHINE, measured=False).notes
+    return note
+
+
+def test_another_zero_is_advised_only_where_it_is_clear(tmp_path: Path):
+    few = np.linspace(-400, 520, 40)
+    note = x_note(tmp_path, few)
+    assert note.startswith("1 pose is outside")
+    assert "another zero" not in note
+    assert "another zero" not in x_note(tmp_path, np.where(np.arange(40) % 4 == 0, 510.0, np.linspace(-300, 400, 40)))
+    assert "another zero" not in x_note(tmp_path, np.full(40, 600.0) + np.linspace(0, 1, 40))
+    assert "another zero" not in x_note(tmp_path, np.linspace(600, 1700, 40))  # wider than the travel
+    wrong = "Levers and scales are wrong until this is mended"
+    every = x_note(tmp_path, np.linspace(600, 1400, 40))
+    assert "40 poses are outside" in every
+    assert "add -1000 mm" in every
+    assert wrong in every
+    most = x_note(tmp_path, np.linspace(400, 1300, 40))
+    assert "it may be that X counts from another zero" in most
+    assert wrong not in most
+
+
+def test_a_sign_that_may_be_wrong_is_no_other_zero_to_add(tmp_path: Path):
+    machine = read_machine("bridge_cmm")
+    joint = next(j for j in machine.joints if j.travel[0] == 0)
+    frame = poses(40, machine)
+    write_csv(frame.assign(**{joint.name: -np.linspace(0.1, 0.9, 40) * joint.travel[1]}), tmp_path / "s.csv")
+    (note,) = [n for n in read_survey(tmp_path / "s.csv", machine, measured=False).notes if "outside" in n]
+    assert f"the sign of {joint.name} is wrong, or its zero" in note
+    assert "add" not in note
 
 
 # ---- good input in all its spellings

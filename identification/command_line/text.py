@@ -88,7 +88,7 @@ def _spread_lines(fit: Fit) -> Iterator[str]:
     """Sizes of the error of position, and the noise of a coordinate."""
     yield ""
     rows: list[tuple[str, Spread]] = [
-        ("nominal, best frame", fit.nominal),
+        ("nominal" if fit.survey.frame == "fixed" else "nominal, best frame", fit.nominal),
         ("fitted", fit.fitted),
         (f"held out ({fit.folds} blocks)", fit.heldout),
     ]

@@ -63,8 +63,9 @@ def results(fit: Fit) -> list[Result]:
     """Nominal, fitted, held out, and each test file before and after; none if no position was measured."""
     if not fit.fitted.n:
         return []
+    frame = "" if fit.survey.frame == "fixed" else "best frame, "
     rows = [
-        Result("Nominal", "best frame, no error parameter", fit.nominal),
+        Result("Nominal", f"{frame}no error parameter", fit.nominal),
         Result("Fitted", f"groups identified: {fit.solution.groups.rank}", fit.fitted),
         Result("Held out", f"each of {fit.folds} blocks of rows predicted without it", fit.heldout),
     ]

@@ -178,10 +178,10 @@ def _likeliest(tries: list[tuple[float, Changes]], columns: Sheet, chain: Chain)
     A mirrored joint and a mirrored column can be one and the same reflection.
     """
     alike = [c for misfit, c in tries if misfit <= ALIKE * _least(tries) + 1e-8]
-    return min(alike, key=lambda c: round(_outside(mended(columns, c), chain.machine), 1))
+    return min(alike, key=lambda c: round(outside_travels(mended(columns, c), chain.machine), 1))
 
 
-def _outside(columns: Sheet, machine: Machine) -> float:
+def outside_travels(columns: Sheet, machine: Machine) -> float:
     """Part of the positions that lie outside the travels, summed over the joints."""
     total = 0.0
     for joint in machine.joints:

@@ -1,0 +1,136 @@
+"""Measured points that fit the commands no better than those of any other rows would: refused, with what to look at."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from errormodel.arrays import Array
+from errormodel.chain import Chain
+from errormodel.effects.axis_blunder import AxisBlunder
+from errormodel.exceptions import InputError
+from errormodel.machine import Joint
+from errormodel.serial_chain import ONLY_SERIAL
+from errormodel.survey import Survey
+from errormodel.survey_columns import MEASURED
+from identification.diagnosis.data_checks.blunder import Points, Sheet, groups, sheet
+from identification.diagnosis.data_checks.columns import BETTER, TWO, Changes, mended, outside_travels, single_changes
+from identification.diagnosis.data_checks.rows import FEWEST
+
+SHUFFLES = 20
+RELATED = 0.5  # of the misfit of rows that have nothing to do with each other
+STAYS = 0.1  # of the spread of the other points: points at one place
+FALLS = 20.0  # times: nominal points that one change of a column brings together
+TOLD = 3  # changes in a message
+OWN_COMMAND = "See that each row holds what was measured at its own command"
+
+
+def refuse_unrelated(chain: Chain, survey: Survey) -> None:
+    """InputError where measured points fit the commands no better than those of any other rows would."""
+    for rows in groups(survey):
+        columns = sheet(chain, survey.table.iloc[rows])
+        points = Points.of(chain, columns, survey.frame == "fixed")
+        found = points.misfit()
+        if len(rows) < FEWEST or found < TWO * chain.size:
+            continue
+        rng = np.random.default_rng(0)
+        any_order = [replace(points, measured=rng.permutation(points.measured)).misfit() for _ in range(SHUFFLES)]
+        shuffled = float(np.median(any_order))
+        if found <= RELATED * shuffled:
+            continue
+        if points.reach < STAYS * points.spread:
+            what, cure = _one_place(chain, columns, points)
+        elif points.fixed:
+            what, cure = _fixed(chain, points, found)
+        elif points.spread < STAYS * points.reach:
+            what = (
+                f"measured points that wander by {points.reach:.4g} mm, where the commands keep the tool at one place, "
+                f"within {points.spread:.4g} mm"
+            )
+            cure = f"{OWN_COMMAND}, and that this is the machine"
+        else:
+            what = (
+                f"measured points that have nothing to do with the commands: the best frame leaves {found:.0f} mm, "
+                f"rows in any order would leave {shuffled:.0f} mm"
+            )
+            cure = f"{OWN_COMMAND}, and that this is the machine. {ONLY_SERIAL}"
+        raise InputError(f"{survey.table['file'].iloc[rows[0]]}, columns {' '.join(MEASURED)}", what, cure)
+
+
+def _one_place(chain: Chain, columns: Sheet, points: Points) -> tuple[str, str]:
+    """What is wrong, and the cure, where the measured points stay at one place and the nominal ones do not."""
+    what = (
+        f"the measured points stay at one place, within {points.reach:.4g} mm, and the nominal points of the commands "
+        f"wander by {points.spread:.4g} mm"
+    )
+    together = [change[0].text(chain.machine) for change in _bring_together(chain, columns, points)]
+    if 0 < len(together) <= TOLD:
+        one = " or ".join(together)
+        return what, f"If one ball was measured, {one}: with that alone put right the nominal points coincide"
+    return what, (
+        "If one ball was measured, look at the sign, the zero and the unit of each joint's column. If the columns hold "
+        "deviations from the commanded points, write the points that were measured"
+    )
+
+
+def _bring_together(chain: Chain, columns: Sheet, points: Points) -> list[Changes]:
+    """The changes of one joint's column that bring the nominal points together; a zero only if no other does.
+
+    Of several, those that keep the joints within their travels: a mirrored joint and another can be one reflection.
+    """
+
+    def spread(changes: Changes) -> float:
+        return Points.of(chain, mended(columns, changes), fixed=True).spread
+
+    joints = {joint.name for joint in chain.machine.joints}
+    simple = [c for c in single_changes(chain.machine) if c[0].column in joints]
+    enough = points.spread / FALLS
+    found = [c for c in simple if spread(c) < enough] or [c for c in _zeros(chain, columns) if spread(c) < enough]
+    outside = [round(outside_travels(mended(columns, c), chain.machine), 1) for c in found]
+    return [c for c, out in zip(found, outside, strict=True) if out == min(outside)]
+
+
+def _zeros(chain: Chain, columns: Sheet) -> Iterator[Changes]:
+    """For each joint the zero of its column that brings the nominal points nearest together."""
+    for joint in chain.machine.joints:
+        zero = _zero(chain, columns, joint)
+        yield (AxisBlunder(column=joint.name, offset=float(f"{zero:.4g}")),)
+
+
+def _zero(chain: Chain, columns: Sheet, joint: Joint) -> float:
+    """Gauss-Newton on the distances of the nominal points from their middle; mm or rad."""
+    turns = joint.type == "rotary"
+    step = 1e-4 if turns else 1.0
+
+    def about(zero: float) -> Array:
+        nominal = Points.of(chain, columns | {joint.name: columns[joint.name] + zero}, fixed=True).nominal
+        return np.asarray(nominal - nominal.mean(axis=0))
+
+    starts = (np.arange(-6, 6) * np.pi / 6).tolist() if turns else [0.0]
+    zero = float(min(starts, key=lambda start: float(np.sum(about(start) ** 2))))
+    for _ in range(10):
+        slope = (about(zero + step) - about(zero - step)) / (2 * step)
+        move = float(np.sum(slope * about(zero)) / max(float(np.sum(slope**2)), 1e-12))
+        zero -= move
+        if abs(move) < 1e-3 * step:
+            break
+    return float(np.angle(np.exp(1j * zero))) if turns else zero
+
+
+def _fixed(chain: Chain, points: Points, found: float) -> tuple[str, str]:
+    """What is wrong, and the cure, where the frame is fixed and the measured points lie elsewhere."""
+    off = ", ".join(f"{v:.4g}" for v in np.mean(points.measured - points.nominal, axis=0))
+    what = (
+        "with frame: fixed the measured points must be in the machine's own reference, and in the mean they are off by "
+        f"({off}) mm"
+    )
+    shared = replace(points, fixed=False).misfit()
+    if shared < found / BETTER and shared < TWO * chain.size:
+        cure = f"Write frame: shared in the survey.yaml: a frame of their own leaves {shared:.3g} mm of {found:.4g} mm"
+        if np.abs(points.measured).max() < TWO * chain.size:
+            cure += ". If the columns hold deviations, add the commanded point to keep the frame fixed"
+        return what, cure
+    what += f"; a frame of their own leaves {shared:.0f} mm"
+    return what, f"{OWN_COMMAND}, and that this is the machine. {ONLY_SERIAL}"
