@@ -33,7 +33,7 @@ from errormodel.survey_columns import (
 )
 from errormodel.survey_file import BudgetEntry, FileEntry, Frame, Refit, SurveyForm, read_form
 from errormodel.survey_gaps import filled
-from errormodel.survey_plausibility import check_sizes, travel_notes
+from errormodel.survey_plausibility import check_sizes
 from errormodel.survey_travels import travel_notes
 from errormodel.yamlfile import Document
 
