@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 # A sensor may have any name, with commas and brackets: the number is what stands after the last comma.
 CALL = re.compile(r"(lag|play)\((.+),([^,()]+)\)", re.DOTALL)
 SETTLE = 240.0  # s: the quickest members take some ten minutes to follow the air or a motor
-NOISE = 0.3  # K rms: no sensor has more; a temperature that leaves its smooth course by more than this did so itself
 APART = 0.1  # K rms: what a common clock leaves of runs that have clocks of their own, at least; sensors leave 0.05
 _GAPLESS = ("T_", "w_", "time", "feed", "load")  # positions may be missing in rows about another joint
 JUMP = 2.5  # of the usual step between targets: so far goes back who begins anew
@@ -83,7 +82,7 @@ def settled(table: pd.DataFrame, names: Iterable[str]) -> pd.DataFrame:
     A member's temperature changes slowly; a sensor adds noise from row to row, which an effect of 10 um/K would carry
     into every prediction. A local straight line over `SETTLE` seconds takes most of it out and leaves what takes longer
     than a quarter of an hour as it is, however many rows there are. A table without time is left as it is, and so are
-    rows that no time passes between (states that somebody asks about) and temperatures that change faster than that.
+    rows that no time passes between (states that somebody asks about).
     """
     names = [n for n in names if n in table and table[n].notna().all()]
     if not names or "time" not in table or not table["time"].notna().all():
@@ -93,9 +92,8 @@ def settled(table: pd.DataFrame, names: Iterable[str]) -> pd.DataFrame:
         recorded = table[name].to_numpy(dtype=np.float64)
         values, clock = recorded.copy(), clocks(table, name)
         for rows in _by_label(clock):
-            smooth = _local_line(time[rows], recorded[rows])
-            if np.ptp(time[rows]) > 0 and _rms(smooth - recorded[rows]) <= NOISE:
-                values[rows] = smooth
+            if np.ptp(time[rows]) > 0:
+                values[rows] = _local_line(time[rows], recorded[rows])
         out[name] = values
     return out
 

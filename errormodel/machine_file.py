@@ -107,8 +107,7 @@ def machine_names() -> list[str]:
 
     Returns
     -------
-    list of str
-        In alphabetical order; `read_machine` takes them.
+    list of str, in alphabetical order; `read_machine` takes them.
     """
     return list(library())
 
@@ -306,9 +305,7 @@ def _with_errors(
 
 
 def write_machine(machine: Machine, path: str | Path) -> None:
-    """Write a machine as ``machine.yaml`` (mm, deg), whole or not at all.
-
-    What is written is read back first, so that nothing is left behind that could not be read.
+    """Write a machine as ``machine.yaml`` (mm, deg), read back first, whole or not at all.
 
     Parameters
     ----------

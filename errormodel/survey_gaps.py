@@ -12,9 +12,9 @@ import numpy as np
 import pandas as pd
 
 from errormodel.arrays import Array, Index
-from errormodel.channels import NOISE
 from errormodel.formats.base import spoken
 
+NOISE = 0.3  # K rms: no sensor has more
 MOST = 0.1  # of the rows of a clock
 LONGEST = 3  # rows in a row
 LONGER = 3.0  # times the usual time between as many readings: what happened in a longer pause nobody knows

@@ -253,7 +253,7 @@ def test_a_failure_at_any_step_leaves_a_whole_folder(place: Path, monkeypatch: p
 SAVING = """
 import itertools, sys, time
 from pathlib import Path
-from identification import results_folder
+from identification.results import results_folder
 from identification.results.results_folder import ResultsFolder
 if len(sys.argv) > 4:
     results_folder._swapped = lambda *_: False
