@@ -84,7 +84,7 @@ class Fanuc(Controller):
         opening=("%", "O{number}"),
         head=("G69", "G21 G90 G94 G40 G80 G59"),
         move="G1 {axis}{to:.3f} F{feed:g}",
-        end=("M30", "N900 #3000=1(LENGTH OFFSET, G59 OR EXT NOT ZERO)", "%"),
+        end=("M30", "N900 #3000=1(LENGTH G59 OR EXT NOT ZERO)", "%"),
         stop="M0",
         needs=(
             "for machining centres: in lathe G code system A, G90 and G94 are cycles: do not run it there",

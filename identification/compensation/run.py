@@ -262,8 +262,7 @@ def _source(controller: Target, path: Path | None, reading: Reading | None) -> t
         return "", ""
     if path is None:
         raise InputError(f"--controller {controller.name}", "--program is missing", "Give the programme to correct")
-    beside = manifest.read(path.parent)
-    if beside is not None and path.name in beside.files:
+    if manifest.lists(path):
         raise InputError(str(path), "a programme that compensate wrote: it is corrected already", "Give the plain one")
     try:
         return path.name, noted(path).read_bytes().decode("utf-8")  # a lone CR is no line end to every control

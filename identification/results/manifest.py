@@ -81,6 +81,15 @@ def read(folder: Path) -> Manifest | None:
         raise InputError(str(path), found, CURE) from error
 
 
+def lists(path: Path) -> bool:
+    """Whether the manifest beside a file names it: a command wrote it. A foreign manifest names nothing."""
+    try:
+        beside = read(path.parent)
+    except InputError:
+        return False
+    return beside is not None and path.name in beside.files
+
+
 def wrong(folder: Path) -> list[str]:
     """Files of `folder` that are not those of its manifest; what is missing is not among them."""
     manifest = read(folder)
