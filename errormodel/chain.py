@@ -120,7 +120,7 @@ class Chain:
             for motion, value in term.motion.items():
                 column[MOTIONS.index(motion)] = value
             label = f"{spec.effect}-{term.label}" if term.label else spec.effect
-            prior = term.size if effect.tied else None
+            prior = term.size if effect.random else None
             out.append((term.element, Term(next(iter(term.motion)), label, term.unit, column, prior, term.low)))
         return out
 

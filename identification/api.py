@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from identification.runtime.progress import Tell, silent
+from identification.runtime.progress import Progress, silent
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -71,7 +71,7 @@ def plan(
     noise: float | Instrument | None = None,
     criterion: str = "worst",
     seed: int = 0,
-    progress: Tell = silent,
+    progress: Progress = silent,
 ) -> PlanResult:
     """Plan poses to measure, by optimal design, and say which effects they could show (power analysis).
 
@@ -110,7 +110,7 @@ def plan(
     else:
         circumstances = read_setup(Path(str(setup)), model)
     sigma = noise_of(circumstances, noise) if noise is None or isinstance(noise, int | float) else noise
-    result = stage.plan(model, circumstances, points, sigma, seed, worst=criterion == "worst", tell=progress)
+    result = stage.plan(model, circumstances, points, sigma, seed, worst=criterion == "worst", progress=progress)
     return PlanResult(result, stage.as_file(result, circumstances))
 
 
@@ -120,7 +120,7 @@ def fit(
     *,
     robust: bool = False,
     bounds: Mapping[str, Mapping[str, float]] | None = None,
-    progress: Tell = silent,
+    progress: Progress = silent,
 ) -> FitResult:
     """Fit a machine's parameters, measuring frames and noise levels to a survey.
 
@@ -172,7 +172,7 @@ def fit(
         return FitResult(passed(model, data, lambda: fit_machine(model, data, robust, forms), robust))
 
 
-def diagnose(machine: AnyMachine, survey: AnySurvey, *, progress: Tell = silent) -> DiagnosisResult:
+def diagnose(machine: AnyMachine, survey: AnySurvey, *, progress: Progress = silent) -> DiagnosisResult:
     """Fit, then find the physics that the machine's model leaves out, and fit the extended machine.
 
     Data checks first; then every effect of the library at every place and with every driver is scored by its marginal
@@ -249,7 +249,7 @@ def compensate(
     program: str | Path | None = None,
     tool: tuple[float, float, float] | None = None,
     seed: int = 0,
-    progress: Tell = silent,
+    progress: Progress = silent,
     **options: Any,
 ) -> CompensationResult:
     """Write a controller's compensation tables, and judge by emulation what they leave.
@@ -289,13 +289,13 @@ def compensate(
     path = None if program is None else Path(program)
     if isinstance(fit, str | Path):
         return CompensationResult(
-            stage(Path(fit), controller, points, resolution, path, tool=tool, seed=seed, tell=progress, **options)
+            stage(Path(fit), controller, points, resolution, path, tool=tool, seed=seed, progress=progress, **options)
         )
     with tempfile.TemporaryDirectory() as folder:
         here = Path(folder) / "fit"
         fit.save(here)
         return CompensationResult(
-            stage(here, controller, points, resolution, path, tool=tool, seed=seed, tell=progress, **options)
+            stage(here, controller, points, resolution, path, tool=tool, seed=seed, progress=progress, **options)
         )
 
 

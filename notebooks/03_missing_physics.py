@@ -104,19 +104,19 @@ print(*diagnosis_lines(found.diagnosis), sep="\n")
 
 # %%
 groups = numbered(found)
-draw_where_map(found.growth, found.ranking, list(groups.items()))
+draw_where_map(found.model, found.ranking, list(groups.items()))
 
 # %% [markdown]
 # Residuals along the driver, without the finding and with it. The geometry had taken most of the effect, which is why
 # the residuals on the left are smaller than the effect itself, below.
 
 # %%
-evidence = evidence_of(found.growth, groups[1])
+evidence = evidence_of(found.model, groups[1])
 residuals = draw_residuals_along_driver(evidence, found.final.sigma_mm)
 residuals
 
 # %%
-draw_effect_curve(evidence, found.growth, found.final)
+draw_effect_curve(evidence, found.model, found.final)
 
 # %% [markdown]
 # What the missing effect had falsified: parameters of the geometry that the plain fit reported, and that are put

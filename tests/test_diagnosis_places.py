@@ -49,7 +49,7 @@ def test_two_temperatures_of_one_motion() -> None:
     result = diagnose(machine, showing(replace(survey, table=table), machine, effects, 0.004))
     (finding,) = result.diagnosis.findings
     assert finding.effect in ("structure-drift", "tracker-drift", "thermal-squareness", "warm-up")
-    causes = {getattr(s.effect, "sensor", ""): getattr(s.effect, "tau", 0.0) for s in result.growth.steps}
+    causes = {getattr(s.effect, "sensor", ""): getattr(s.effect, "tau", 0.0) for s in result.model.steps}
     assert causes["T_0"] == pytest.approx(300, rel=0.4)
     assert causes["T_1"] == pytest.approx(2400, rel=0.4)
     assert result.final.heldout.rms_um < 1.1 * np.sqrt(3) * 4
@@ -113,6 +113,6 @@ def test_one_cause_has_its_name(name: str) -> None:
     (finding,) = result.diagnosis.findings
     assert finding.effect == spec.effect
     assert finding.where == where or not where
-    main = result.growth.findings[0][0]
-    assert main.evidence <= main.alone  # what noise that goes along from row to row leaves of it
+    main = result.model.findings[0][0]
+    assert main.evidence <= main.marginal  # what noise that goes along from row to row leaves of it
     assert finding.probability > 0.5

@@ -26,7 +26,7 @@ from errormodel.simulation import Truth, measured_at, random_points
 from errormodel.survey import Survey
 from identification.command_line.text import comparison
 from identification.diagnosis.data_checks.temperature_sensors import dead_sensors
-from identification.diagnosis.linear.linear_model import Workbench, set_up
+from identification.diagnosis.linear.linear_model import LinearModel, set_up
 from identification.diagnosis.pipeline import _moved, diagnose
 from identification.diagnosis.results.effect_size import Whole, whole_of
 from identification.diagnosis.results.findings import BETTER, alternatives_of, look_alikes, probability_of
@@ -191,11 +191,11 @@ def test_causes_in_words() -> None:
 def test_what_cannot_be_told_apart_is_named() -> None:
     backlash, lost = made("backlash", joint="X"), made("lost-motion", joint="X")
     far = made("hysteresis", joint="X", width=20.0)
-    step = Step(backlash, 50.0, 60.0, 0.3, rivals=(Step(lost, 48.0, 58.0, 0.3), Step(far, 20.0, 30.0, 0.3)))
+    step = Step(backlash, 50.0, 60.0, 0.3, alternatives=(Step(lost, 48.0, 58.0, 0.3), Step(far, 20.0, 30.0, 0.3)))
     table = battery.table("gantry").drop(columns=["run", "file", "role", "row"])
-    bench = set_up(fit_machine(battery.GANTRY, survey_of(battery.GANTRY, table, {})))
+    linear = set_up(fit_machine(battery.GANTRY, survey_of(battery.GANTRY, table, {})))
     probability = probability_of(step)
-    first, second = alternatives_of(step, bench, probability)
+    first, second = alternatives_of(step, linear, probability)
     assert (first.effect, first.separable, first.driver, first.motion) == ("lost-motion", False, ["dir_X"], ["dx"])
     assert (second.effect, second.separable) == ("hysteresis", True)
     assert look_alikes(step) == [lost]
@@ -219,7 +219,7 @@ RIVALS = [
 
 
 @cache
-def _gantry() -> Workbench:
+def _gantry() -> LinearModel:
     table = battery.table("gantry").drop(columns=["run", "file", "role", "row"])
     return set_up(fit_machine(battery.GANTRY, survey_of(battery.GANTRY, table, {})))
 
@@ -237,7 +237,7 @@ def test_probabilities_of_all_explanations_belong_together(
     """Whatever the rivals: one distribution, and a reason wherever something fits better than what was chosen."""
     ranked = zip(sorted(more, reverse=True), order, strict=False)
     rivals = tuple(Step(RIVALS[k], evidence + nats, 1.1 * evidence, 0.3) for nats, k in ranked)
-    step = Step(made("backlash", joint="X"), evidence, 1.1 * evidence, 0.3, rivals=rivals, searched=50)
+    step = Step(made("backlash", joint="X"), evidence, 1.1 * evidence, 0.3, alternatives=rivals, trials=50)
     for probability in (probability_of(step), witness):  # as evidence has it, and after a witness was asked
         listed = alternatives_of(step, _gantry(), probability)
         own = [a.probability for a in listed if a.probability is not None]
@@ -251,9 +251,9 @@ def test_probabilities_of_all_explanations_belong_together(
 
 
 def test_a_rival_that_fits_better_says_why_it_was_not_chosen() -> None:
-    warm, growth = made("warm-up", joint="X", tau=1800.0), made("backlash", joint="X")
+    warm, model = made("warm-up", joint="X", tau=1800.0), made("backlash", joint="X")
     form = made("unnamed", element="X", motion="dx", driver="time")
-    step = Step(growth, 50.0, 60.0, 0.3, rivals=(Step(form, 50.3, 60.3, 0.3), Step(warm, 50.2, 60.2, 0.3)))
+    step = Step(model, 50.0, 60.0, 0.3, alternatives=(Step(form, 50.3, 60.3, 0.3), Step(warm, 50.2, 60.2, 0.3)))
     words = {a.effect: "; ".join(comparison(a)) for a in alternatives_of(step, _gantry(), probability_of(step))}
     assert "a curve without a name can follow anything: known physics is preferred" in words["unnamed"]
     assert "fits this data better, but" in words["warm-up"]
@@ -268,10 +268,10 @@ def test_moved_where_rows_are_thinned() -> None:
     survey = survey_of(extended, table, {"X.dx.backlash": 0.05})
     survey.table.loc[::7, "my"] = np.nan
     before = fit_machine(battery.GANTRY, survey)
-    bench = set_up(before)
-    assert len(np.unique(bench.index)) < 3000
-    columns, values = bench.estimates([effect])
-    moved = _moved(before, bench, columns[:, : len(bench.index)], values)
+    linear = set_up(before)
+    assert len(np.unique(linear.index)) < 3000
+    columns, values = linear.estimates([effect])
+    moved = _moved(before, linear, columns[:, : len(linear.index)], values)
     assert moved
     after = fit_machine(extended, survey).solution.named()
     for name, step in moved.items():
@@ -284,11 +284,11 @@ def test_a_blunder_is_told_by_held_out_errors() -> None:
     survey.table["Y"] *= -1
     stages = []
 
-    def tell(text: str) -> AbstractContextManager[None]:
+    def progress(text: str) -> AbstractContextManager[None]:
         stages.append(text)
         return nullcontext()
 
-    result = diagnose(machine, survey, tell)
+    result = diagnose(machine, survey, progress)
     assert len(stages) == 5
     (finding,) = result.diagnosis.findings
     assert finding.effect == "axis-blunder"

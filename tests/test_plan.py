@@ -213,24 +213,24 @@ def test_verdicts_are_those_of_a_survey_of_the_rows(mill: Plan) -> None:
     """The size that is said to be detected is accepted by the diagnosis' rule nearly always, a third of it hardly."""
     machine = mill.chain.machine
     rows = as_survey(mill.chain, PLAIN, mill.table, UM)
-    bench = set_up(fit_machine(machine, rows))
-    found = [v for v in verdicts(bench) if v.verdict == "detectable"]
+    linear = set_up(fit_machine(machine, rows))
+    found = [v for v in verdicts(linear) if v.verdict == "detectable"]
     rng = np.random.default_rng(0)
-    searched = len({e.key for kind in _kinds() for e in kind.proposals(bench.scene)})
-    tried = {v.effect: v for v in found if v.typical is not None and len(bench.columns(v.typical)[0]) == 1}
+    trials = len({e.key for kind in _kinds() for e in kind.proposals(linear.scene)})
+    tried = {v.effect: v for v in found if v.typical is not None and len(linear.columns(v.typical)[0]) == 1}
     assert len(tried) >= 3
     for verdict in list(tried.values())[:4]:
         assert verdict.typical is not None
         assert verdict.smallest is not None
-        column = bench.project(bench.columns(verdict.typical)[0])[0]
-        same = sum(e.key == verdict.typical.key for e in type(verdict.typical).proposals(bench.scene))
-        asked = DETECT + np.log(searched) + np.log(same)
+        column = linear.project(linear.columns(verdict.typical)[0])[0]
+        same = sum(e.key == verdict.typical.key for e in type(verdict.typical).proposals(linear.scene))
+        asked = DETECT + np.log(trials) + np.log(same)
         accepted = []
         for part in (1.0, 0.33):
             hits = 0
             for _ in range(60):
-                noise = bench.project(rng.normal(size=(1, bench.size)))[0]
-                seen = replace(bench, residual=noise + part * verdict.smallest * column)
+                noise = linear.project(rng.normal(size=(1, linear.size)))[0]
+                seen = replace(linear, residual=noise + part * verdict.smallest * column)
                 hits += bool(Candidates.of(seen, [verdict.typical]).scores(seen).evidence[0] >= asked)
             accepted.append(hits / 60)
         assert accepted[0] >= 0.85

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from tests.proof.alternatives import FORMS
 
 from errormodel.chain import Chain
 from errormodel.machine_file import read_machine
@@ -26,7 +27,6 @@ from tests.proof.catalogue import BUILDERS
 from tests.proof.kinematics import geometry, position
 from tests.proof.noise import Noise
 from tests.proof.plans import PLANS, walk
-from tests.proof.rivals import FORMS
 from tests.proof.run import run_case
 from tests.proof.score import Scored, at, calibration, says, wilson
 from tests.proof.seal import BrokenSealError, opened, sealed

@@ -23,7 +23,7 @@ from identification.diagnosis.linear.linear_model import set_up
 from identification.diagnosis.pipeline import Diagnosed, diagnose
 from identification.diagnosis.results.findings import Alternative, Finding, HeldOut, Untestable
 from identification.diagnosis.search.candidates import Candidates
-from identification.diagnosis.search.model import Growth
+from identification.diagnosis.search.model import EffectModel
 from identification.diagnosis.search.scoring import Step
 from identification.estimation.result import Fit
 from identification.estimation.run import fit_machine
@@ -43,7 +43,7 @@ NOISE = 0.003
 
 
 @cache
-def grown(word: str) -> tuple[Growth, Fit, dict[str, float]]:
+def grown(word: str) -> tuple[EffectModel, Fit, dict[str, float]]:
     """An effect of the battery as the one finding of its recording, the fit with it, and the truth."""
     machine, effect = battery.example(word)
     ids, frame = battery.own_ids(machine), battery.table(machine.name)
@@ -52,23 +52,23 @@ def grown(word: str) -> tuple[Growth, Fit, dict[str, float]]:
     measured = measured_at(machine, frame, Truth(truth), battery.NOISE, seed=6)[["mx", "my", "mz"]]
     table = pd.concat([frame, measured], axis=1)
     survey = Survey(table, "shared", ("frame",), battery.Plain(), Path("battery.csv"))
-    bench = set_up(fit_machine(replace(machine, effects=()), survey))
+    linear = set_up(fit_machine(replace(machine, effects=()), survey))
     step = Step(effect, 100.0, 100.0, 0.5)
-    return Growth(bench, bench.with_effect(effect), (step,)), fit_machine(machine, survey), truth
+    return EffectModel(linear, linear.with_effect(effect), (step,)), fit_machine(machine, survey), truth
 
 
 @pytest.mark.parametrize("word", MOVING)
 def test_every_effect_can_be_drawn(word: str) -> None:
-    growth, fit, _ = grown(word)
-    evidence = evidence_of(growth, growth.findings[0])
+    model, fit, _ = grown(word)
+    evidence = evidence_of(model, model.findings[0])
     assert np.square(evidence.after).sum() < np.square(evidence.before).sum()
     assert evidence.abscissa.label
-    figures = (draw_residuals_along_driver(evidence, fit.sigma_mm), draw_effect_curve(evidence, growth, fit))
+    figures = (draw_residuals_along_driver(evidence, fit.sigma_mm), draw_effect_curve(evidence, model, fit))
     for figure in figures:
         assert all(axes.get_xlabel() for axes in figure.axes)
         assert figure.axes[0].get_ylabel().endswith(("/ µm", "/ µrad"))
         assert len(render(figure, "png", 50)) > 1000
-    families = curves(evidence, growth, fit)
+    families = curves(evidence, model, fit)
     assert 0 < len(families) <= 6
     for family in families.values():
         assert len(family) == (len(evidence.split.levels) if evidence.split else 1)
@@ -78,9 +78,9 @@ def test_every_effect_can_be_drawn(word: str) -> None:
 
 
 def test_the_curve_is_the_effect_within_its_band() -> None:
-    growth, fit, truth = grown("lost-motion")
-    evidence = evidence_of(growth, growth.findings[0])
-    ((key, (up, down)),) = curves(evidence, growth, fit).items()
+    model, fit, truth = grown("lost-motion")
+    evidence = evidence_of(model, model.findings[0])
+    ((key, (up, down)),) = curves(evidence, model, fit).items()
     assert key == ("X", "dx")
     assert (up.label, down.label) == ("X arrived from below", "X arrived from above")
     true = 1e3 * (truth["X.dx.lost-motion-growth"] * up.x / 2000 + truth["X.dx.lost-motion-size"]) / 2
@@ -90,8 +90,8 @@ def test_the_curve_is_the_effect_within_its_band() -> None:
 
 
 def test_residuals_are_those_of_the_fit() -> None:
-    growth, fit, _ = grown("backlash")
-    evidence = evidence_of(growth, growth.findings[0])
+    model, fit, _ = grown("backlash")
+    evidence = evidence_of(model, model.findings[0])
     assert (evidence.element, evidence.motion) == ("X", "dx")
     np.testing.assert_allclose(evidence.after, 1e3 * fit.residuals[:, 0], atol=0.05)
     up = evidence.channel("dir_X") > 0
@@ -102,31 +102,31 @@ def test_residuals_are_those_of_the_fit() -> None:
 
 
 def test_a_wave_with_many_periods_is_folded() -> None:
-    growth, fit, _ = grown("pitch-cyclic")
-    evidence = evidence_of(growth, growth.findings[0])
+    model, fit, _ = grown("pitch-cyclic")
+    evidence = evidence_of(model, model.findings[0])
     assert evidence.abscissa.period == pytest.approx(10.0)
     shown = evidence.abscissa.shown(evidence.channel("X"))
     assert 0 <= shown.min() < shown.max() <= 10
-    ((curve,),) = curves(evidence, growth, fit).values()
+    ((curve,),) = curves(evidence, model, fit).values()
     assert np.ptp(curve.x) == pytest.approx(30)
 
 
 def test_few_values_are_drawn_as_they_are() -> None:
     """A target offset belongs to one of two tools, and there is nothing between them."""
-    growth, fit, _ = grown("target-offset")
-    evidence = evidence_of(growth, growth.findings[0])
+    model, fit, _ = grown("target-offset")
+    evidence = evidence_of(model, model.findings[0])
     assert evidence.abscissa.name == "tool_z"
-    for (curve,) in curves(evidence, growth, fit).values():
+    for (curve,) in curves(evidence, model, fit).values():
         np.testing.assert_array_equal(curve.x, np.unique(evidence.channel("tool_z")))
         assert np.count_nonzero(curve.value) == 1
 
 
 def test_hysteresis_is_drawn_there_and_back() -> None:
-    growth, fit, truth = grown("hysteresis")
-    effect = growth.steps[0].effect
+    model, fit, truth = grown("hysteresis")
+    effect = model.steps[0].effect
     assert isinstance(effect, Hysteresis)
-    evidence = evidence_of(growth, growth.findings[0])
-    ((up, down),) = curves(evidence, growth, fit).values()
+    evidence = evidence_of(model, model.findings[0])
+    ((up, down),) = curves(evidence, model, fit).values()
     size = 1e3 * truth["X.dx.hysteresis"]
     assert (up.value[0], up.value[-1]) == pytest.approx((-size / 2, size / 2), abs=2 * up.band.max())
     assert (down.value[0], down.value[-1]) == pytest.approx((-size / 2, size / 2), abs=2 * up.band.max())
@@ -147,9 +147,9 @@ def test_bins_hold_all_rows_and_their_scatter() -> None:
 
 
 def test_the_map_shows_where() -> None:
-    growth, _, _ = grown("backlash")
-    ranking = Candidates.of(growth.start).scores(growth.start).ranking()
-    found = where_map(growth, ranking, [(3, growth.findings[0])])
+    model, _, _ = grown("backlash")
+    ranking = Candidates.of(model.start).scores(model.start).ranking()
+    found = where_map(model, ranking, [(3, model.findings[0])])
     row, column = found.rows.index(("X", "dx")), found.columns.index("dir_X")
     assert found.marks == {(row, column): [3]}
     assert found.share[row, column] > 0.9
@@ -258,8 +258,8 @@ def test_odds_in_words(power: float, words: str) -> None:
 
 def test_a_long_recording_stays_small() -> None:
     """Figures hold at most some thousand dots, whatever the survey."""
-    growth, fit, _ = grown("backlash")
-    evidence = evidence_of(growth, growth.findings[0])
+    model, fit, _ = grown("backlash")
+    evidence = evidence_of(model, model.findings[0])
     many = replace(
         evidence,
         first=np.tile(evidence.first, 40),

@@ -16,9 +16,9 @@ from identification.diagnosis.linear.linear_model import set_up
 from identification.diagnosis.pipeline import diagnose
 from identification.diagnosis.results.findings import probability_of
 from identification.diagnosis.search.candidates import Candidates
-from identification.diagnosis.search.forward_selection import grow, in_place, second_look
+from identification.diagnosis.search.forward_selection import conditional_scores, forward_select, reselect
 from identification.diagnosis.search.model import replayed
-from identification.diagnosis.search.model_comparison import borrowed, retold, story
+from identification.diagnosis.search.model_comparison import compare_alternatives, empirical_evidence, log_evidence
 from identification.diagnosis.search.refinement import refined, with_sections
 from identification.diagnosis.search.scoring import Step
 from identification.estimation.run import fit_machine
@@ -30,10 +30,10 @@ def test_a_story_gains_by_what_is_there_and_loses_by_what_is_not() -> None:
     machine = read_machine("bridge_cmm")
     survey = empty_survey(machine, 400, 11, channels=True, grid=False)
     truth = EffectSpec("structure-drift", {"element": "carriage", "motion": "dx", "sensor": "T_0"})
-    bench = set_up(fit_machine(machine, showing(survey, machine, [(truth, [0.005])], 0.003)))
+    linear = set_up(fit_machine(machine, showing(survey, machine, [(truth, [0.005])], 0.003)))
 
     def told(*specs: EffectSpec) -> float:
-        return story(replayed(bench, [Step(make(s), 0.0, 0.0, 0.0, searched=1000) for s in specs]))
+        return log_evidence(replayed(linear, [Step(make(s), 0.0, 0.0, 0.0, trials=1000) for s in specs]))
 
     play = EffectSpec("backlash", {"joint": "X"})
     assert told() == 0
@@ -42,16 +42,16 @@ def test_a_story_gains_by_what_is_there_and_loses_by_what_is_not() -> None:
     assert told(truth, play) < told(truth)
 
 
-@pytest.mark.parametrize(("bend", "refines"), [(0.01, 0), (0.1, None)])
-def test_a_beam_that_twists_also_bends_a_little(bend: float, refines: int | None) -> None:
+@pytest.mark.parametrize(("bend", "parent"), [(0.01, 0), (0.1, None)])
+def test_a_beam_that_twists_also_bends_a_little(bend: float, parent: int | None) -> None:
     """And is one finding; what bends it more than it twists it is another."""
     machine = read_machine("bridge_cmm")
     survey = empty_survey(machine, 400, 11, channels=True, grid=False)
     twist = EffectSpec("beam-torsion", {"joint": "X", "load_joint": "Z"})
     sag = EffectSpec("beam-sag", {"joint": "X", "motion": "dy"})
-    bench = set_up(fit_machine(machine, showing(survey, machine, [(twist, [1e-4]), (sag, [bend])], 0.002)))
-    growth = replayed(bench, [Step(make(twist), 100.0, 100.0, 0.9)])
-    assert refined(growth, Step(make(sag), 20.0, 40.0, 0.9)) == refines
+    linear = set_up(fit_machine(machine, showing(survey, machine, [(twist, [1e-4]), (sag, [bend])], 0.002)))
+    model = replayed(linear, [Step(make(twist), 100.0, 100.0, 0.9)])
+    assert refined(model, Step(make(sag), 20.0, 40.0, 0.9)) == parent
 
 
 def test_a_refinement_that_is_what_the_finding_should_be_called() -> None:
@@ -59,14 +59,14 @@ def test_a_refinement_that_is_what_the_finding_should_be_called() -> None:
     machine = read_machine("vertical_three_axis")
     survey = empty_survey(machine, 400, 5, channels=True, grid=False)
     spec = EffectSpec("structure-drift", {"element": "head", "motion": "dz", "sensor": "T_0"})
-    bench = set_up(fit_machine(machine, showing(survey, machine, [(spec, [0.02])], 0.003)))
-    candidates = Candidates.of(bench)
-    ranked = candidates.scores(bench).by_key()
+    linear = set_up(fit_machine(machine, showing(survey, machine, [(spec, [0.02])], 0.003)))
+    candidates = Candidates.of(linear)
+    ranked = candidates.scores(linear).by_key()
     air = next(e for _, n in ranked if (e := candidates.effects[n]).effect == "refraction")
-    taken = [Step(air, 50.0, 100.0, 0.5), Step(make(spec), 50.0, 100.0, 0.5, refines=0)]
-    looked = second_look(replayed(bench, taken), candidates)
+    taken = [Step(air, 50.0, 100.0, 0.5), Step(make(spec), 50.0, 100.0, 0.5, parent=0)]
+    looked = reselect(replayed(linear, taken), candidates)
     assert [s.effect.effect for s in looked.steps] == ["structure-drift"]
-    assert second_look(looked, candidates).steps[0].effect.key == looked.steps[0].effect.key
+    assert reselect(looked, candidates).steps[0].effect.key == looked.steps[0].effect.key
 
 
 def test_findings_are_weighed_beside_each_other() -> None:
@@ -78,24 +78,24 @@ def test_findings_are_weighed_beside_each_other() -> None:
         EffectSpec("backlash", {"joint": "X"}),
     )
     effects = list(zip(specs, ([0.006], [0.004]), strict=True))
-    bench = set_up(fit_machine(machine, showing(survey, machine, effects, 0.003)))
-    candidates = Candidates.of(bench)
+    linear = set_up(fit_machine(machine, showing(survey, machine, effects, 0.003)))
+    candidates = Candidates.of(linear)
     drift, play = map(make, specs)
-    stale = Step(play, 1e4, 100.0, 0.1, worth=300.0, rivals=(Step(drift, 1e5, 1.0, 0.1),))
-    weighed = in_place(replayed(bench, [Step(drift, 1e4, 100.0, 0.1), stale]), candidates)
+    stale = Step(play, 1e4, 100.0, 0.1, evidence_of_form=300.0, alternatives=(Step(drift, 1e5, 1.0, 0.1),))
+    weighed = conditional_scores(replayed(linear, [Step(drift, 1e4, 100.0, 0.1), stale]), candidates)
     for step, other in zip(weighed.steps, (play, drift), strict=True):
-        beside = bench.with_effect(other)
+        beside = linear.with_effect(other)
         [alone] = Candidates.of(beside, [step.effect]).scores(beside).evidence
         assert alone - 5 < step.evidence < alone + 25  # less for its shapes, more for a bend
-        assert step.worth < 25
-        assert 0 < max(r.evidence for r in step.rivals) < 1e3
-        assert step.effect.key not in {r.effect.key for r in step.rivals}
-    [lone] = in_place(replayed(bench, [stale]), candidates).steps
+        assert step.evidence_of_form < 25
+        assert 0 < max(r.evidence for r in step.alternatives) < 1e3
+        assert step.effect.key not in {r.effect.key for r in step.alternatives}
+    [lone] = conditional_scores(replayed(linear, [stale]), candidates).steps
     assert 0 < lone.evidence < 1e3
     form = Unnamed(element="carriage", motion="dx", driver="T_0", center=21.0, half_range=2.0)
-    named_after_its_form = [Step(form, 1.0, 1.0, 0.1), Step(play, 1.0, 1.0, 0.1, refines=0)]
-    [main, _] = in_place(replayed(bench, named_after_its_form), candidates).steps
-    [alone] = Candidates.of(bench, [form]).scores(bench).evidence
+    named_after_its_form = [Step(form, 1.0, 1.0, 0.1), Step(play, 1.0, 1.0, 0.1, parent=0)]
+    [main, _] = conditional_scores(replayed(linear, named_after_its_form), candidates).steps
+    [alone] = Candidates.of(linear, [form]).scores(linear).evidence
     assert main.evidence > alone + 30  # with the play, which is part of it
     assert probability_of(main) > 0.9
 
@@ -109,11 +109,11 @@ def test_what_looked_like_a_findings_own_form_is_a_second_cause() -> None:
         EffectSpec("structure-drift", {"element": "head", "motion": "dz", "sensor": "T_1"}),
     )
     effects = list(zip(specs, ([2e-5], [0.01]), strict=True))
-    bench = set_up(fit_machine(machine, showing(survey, machine, effects, 0.003)))
-    candidates = Candidates.of(bench)
+    linear = set_up(fit_machine(machine, showing(survey, machine, effects, 0.003)))
+    candidates = Candidates.of(linear)
     form = Unnamed(element="X", motion="dx", driver="T_1", center=21.0, half_range=2.0)
-    taken = [Step(make(specs[0]), 100.0, 100.0, 0.5), Step(form, 50.0, 50.0, 0.5, refines=0)]
-    told = retold(replayed(bench, taken), candidates)
+    taken = [Step(make(specs[0]), 100.0, 100.0, 0.5), Step(form, 50.0, 50.0, 0.5, parent=0)]
+    told = compare_alternatives(replayed(linear, taken), candidates)
     assert {(main.effect.effect, main.effect.where) for main, *_ in told.findings} >= {
         ("scale-expansion", "X"),
         ("structure-drift", "head"),
@@ -128,19 +128,19 @@ def test_two_names_before_a_form_that_does_for_both() -> None:
     table["feed"] = np.random.default_rng(4).choice([500.0, 1500.0, 4000.0], len(table))
     play, lag = EffectSpec("backlash", {"joint": "Z"}), EffectSpec("servo-lag", {"joint": "Z"})
     shown = showing(replace(survey, table=table), machine, [(play, [0.01]), (lag, [1e-4])], 0.003)
-    bench = set_up(fit_machine(machine, shown))
-    candidates = Candidates.of(bench)
-    growth = grow(bench, candidates)
-    assert growth.steps[0].effect.generic  # it explains more than either of the two
-    assert borrowed(growth) > 100
-    told = retold(growth, candidates)
+    linear = set_up(fit_machine(machine, shown))
+    candidates = Candidates.of(linear)
+    model = forward_select(linear, candidates)
+    assert model.steps[0].effect.empirical  # it explains more than either of the two
+    assert empirical_evidence(model) > 100
+    told = compare_alternatives(model, candidates)
     assert {main.effect.effect for main, *_ in told.findings} == {"backlash", "servo-lag"}
-    assert borrowed(told) == 0
+    assert empirical_evidence(told) == 0
 
 
-@pytest.mark.parametrize(("shift", "sensor", "refines"), [(0.001, "T_1", 0), (0.01, "T_1", None), (0.01, "T_0", 0)])
+@pytest.mark.parametrize(("shift", "sensor", "parent"), [(0.001, "T_1", 0), (0.01, "T_1", None), (0.01, "T_0", 0)])
 def test_what_has_a_name_and_explains_much_is_no_form_of_another_finding(
-    shift: float, sensor: str, refines: int | None
+    shift: float, sensor: str, parent: int | None
 ) -> None:
     """A head that drifts does much the same as a column that tilts: it may be the tilt's own form.
 
@@ -152,29 +152,29 @@ def test_what_has_a_name_and_explains_much_is_no_form_of_another_finding(
     survey = replace(survey, table=survey.table.assign(T_1=near))
     tilt = EffectSpec("structure-drift", {"element": "column", "motion": "eb", "sensor": "T_0"})
     drift = EffectSpec("structure-drift", {"element": "head", "motion": "dx", "sensor": sensor})
-    bench = set_up(fit_machine(machine, showing(survey, machine, [(tilt, [2e-5]), (drift, [shift])], 0.002)))
-    growth = replayed(bench, [Step(make(tilt), 100.0, 100.0, 0.9)])
-    assert refined(growth, Step(make(drift), 20.0, 40.0, 0.9)) == refines
+    linear = set_up(fit_machine(machine, showing(survey, machine, [(tilt, [2e-5]), (drift, [shift])], 0.002)))
+    model = replayed(linear, [Step(make(tilt), 100.0, 100.0, 0.9)])
+    assert refined(model, Step(make(drift), 20.0, 40.0, 0.9)) == parent
 
 
 def test_sections_of_a_surface_are_no_findings_of_their_own() -> None:
     """What goes with one of the two joints that a finding without a name follows; another motion is another matter."""
     machine = read_machine("vertical_three_axis")
     survey = empty_survey(machine, 400, 5, channels=True, grid=False)
-    bench = set_up(fit_machine(machine, survey))
+    linear = set_up(fit_machine(machine, survey))
     (one, _), (_, half) = ((j.name, 0.5 * j.travel[1]) for j in machine.joints[:2])
     surface = Unnamed(element="Y", motion="dz", driver=one, half_range=500.0, by="Y", by_half_range=500.0)
     dent = make(EffectSpec("local-defect", {"joint": "Y", "motion": "dz", "at": half, "width": 30.0}))
     tilt = make(EffectSpec("local-defect", {"joint": "Y", "motion": "dx", "at": half, "width": 30.0}))
-    found = with_sections(replayed(bench, [Step(e, 50.0, 100.0, 0.5) for e in (dent, surface, tilt)]))
+    found = with_sections(replayed(linear, [Step(e, 50.0, 100.0, 0.5) for e in (dent, surface, tilt)]))
     assert [[s.effect for s in group] for group in found.findings] == [[surface, dent], [tilt]]
-    lone = replayed(bench, [Step(e, 50.0, 100.0, 0.5) for e in (dent, tilt)])
+    lone = replayed(linear, [Step(e, 50.0, 100.0, 0.5) for e in (dent, tilt)])
     assert with_sections(lone) is lone
     level = make(EffectSpec("higher-order-geometry", {"joint": "Y", "motion": "dz", "degrees": [0]}))
     line = Unnamed(element="Y", motion="dz", driver=one, half_range=500.0)
-    found = with_sections(replayed(bench, [Step(e, 50.0, 100.0, 0.5) for e in (level, line, surface)]))
+    found = with_sections(replayed(linear, [Step(e, 50.0, 100.0, 0.5) for e in (level, line, surface)]))
     assert [[s.effect for s in group] for group in found.findings] == [[surface, level, line]]
-    lone = replayed(bench, [Step(e, 50.0, 100.0, 0.5) for e in (level, line)])
+    lone = replayed(linear, [Step(e, 50.0, 100.0, 0.5) for e in (level, line)])
     assert with_sections(lone) is lone  # a curve of one joint is no surface
 
 
@@ -204,7 +204,7 @@ def test_pulses_become_a_curve_over_their_period() -> None:
     assert found.period is not None
     assert abs(found.period - 900) < 5
     assert "with a period of 15 min" in found.statement
-    assert [(s.refines, s.effect.tied) for s in told.growth.steps] == [(None, False), (0, True)]
+    assert [(s.parent, s.effect.random) for s in told.model.steps] == [(None, False), (0, True)]
 
 
 @pytest.mark.parametrize("steps", [(True, True), (True, False), (False, True), (False, False)])
@@ -224,7 +224,7 @@ def test_what_switches_over_two_joints_gets_its_edges(steps: tuple[bool, bool]) 
     assert found.effect == "unnamed"
     assert set(found.driver) == set(waves)
     assert found.heldout_rms_um.after < 9.4  # 9 of them noise; waves leave 12
-    main = told.growth.findings[0][0].effect
+    main = told.model.findings[0][0].effect
     assert isinstance(main, Unnamed)
     edges = dict(zip(main.drivers, (main.edge, main.by_edge), strict=True))
     assert [edges[j.name] is not None for j in joints] == list(steps)

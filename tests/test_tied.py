@@ -12,7 +12,7 @@ from errormodel.chain import Chain
 from errormodel.machine import EffectSpec
 from errormodel.machine_file import read_machine
 from errormodel.simulation import random_points
-from identification.diagnosis.linear.random_effects import Tied
+from identification.diagnosis.linear.random_effects import RandomEffects
 from identification.diagnosis.pipeline import diagnose
 from identification.estimation.run import fit_machine
 from identification.uncertainty.prediction import predict
@@ -29,12 +29,12 @@ def test_scale_is_recovered_and_many_columns_cost_nothing_where_there_is_nothing
     for size in (0.3, 1.0):
         y = columns.T @ rng.normal(0, size, 60) + rng.normal(size=900)
         left = y - basis @ (basis.T @ y)
-        ratio, evidence, noise = Tied.of(columns, basis, left, 880).best()
+        ratio, evidence, noise = RandomEffects.of(columns, basis, left, 880).best()
         assert math.sqrt(ratio * noise) == pytest.approx(size, rel=0.25)
         assert noise == pytest.approx(1.0, rel=0.15)
         assert evidence > 50
     y = rng.normal(size=900)
-    assert Tied.of(columns, basis, y - basis @ (basis.T @ y), 880).best()[1] < 2.0
+    assert RandomEffects.of(columns, basis, y - basis @ (basis.T @ y), 880).best()[1] < 2.0
 
 
 def test_curve_of_a_joint_is_fitted_and_returns_to_zero_where_nothing_was_measured() -> None:
@@ -73,7 +73,7 @@ def test_curve_is_found() -> None:
     result = diagnose(plain, survey(positions(measured(machine, p, 400, noise=0.02))))
     (finding,) = result.diagnosis.findings
     assert (finding.effect, finding.where) == ("higher-order-geometry", "J2")
-    (step,) = result.growth.findings[0][:1]
-    assert step.effect.tied
+    (step,) = result.model.findings[0][:1]
+    assert step.effect.random
     assert getattr(step.effect, "size", 0.0) == pytest.approx(SIZE / 2, rel=0.5)
     assert result.final.heldout.rms_um < 0.5 * result.baseline.heldout.rms_um

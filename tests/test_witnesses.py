@@ -16,7 +16,7 @@ from errormodel.simulation import random_points
 from errormodel.survey import Survey
 from identification.diagnosis.pipeline import diagnose
 from identification.diagnosis.results.findings import Finding
-from identification.diagnosis.results.witnesses import Account, weighed, witnesses
+from identification.diagnosis.results.witnesses import WitnessResult, weighed, witnesses
 from tests.chains import errors
 from tests.surveys import measured, positions
 from tests.surveys import survey as survey_of
@@ -38,7 +38,7 @@ def test_names_say_what_is_seen() -> None:
 
 
 def test_who_goes_along_raises_the_odds() -> None:
-    along = Account("w_a", "supports", 1.0, 0.1)
+    along = WitnessResult("w_a", "supports", 1.0, 0.1)
     assert weighed(0.6, []) == pytest.approx(0.6)
     assert weighed(0.6, [replace(along, word="contradicts")]) == pytest.approx(0.6)
     assert 0.9 < weighed(0.6, [along]) < weighed(0.6, [along, along]) < 1

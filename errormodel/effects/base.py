@@ -65,8 +65,8 @@ class Effect(BaseModel, ABC):
     alike: ClassVar[tuple[str, ...]] = ()  # effects that can look the same
     separate: ClassVar[str]  # the measurement that tells them apart
     example: ClassVar[Mapping[str, object]]  # as in machine.yaml, on the machine of the test battery
-    generic: ClassVar[bool] = False  # a form, not a physics: names nothing
-    pliant: ClassVar[bool] = False  # physics of no form of its own: follows any smooth curve
+    empirical: ClassVar[bool] = False  # a form, not a physics: names nothing
+    flexible: ClassVar[bool] = False  # physics of no form of its own: follows any smooth curve
     shape: ClassVar[str] = ""  # a field that `terms` also takes as an array, (n, 1) for n values at once
 
     @property
@@ -117,7 +117,7 @@ class Effect(BaseModel, ABC):
         return ""
 
     @property
-    def tied(self) -> bool:
+    def random(self) -> bool:
         """Whether its parameters are many that a prior ties to zero, all with the same standard deviation."""
         return False
 

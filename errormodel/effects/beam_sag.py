@@ -11,7 +11,7 @@ from pydantic import Field
 from errormodel.effects.base import Channels, Effect, EffectTerm
 from errormodel.effects.ops import fmax
 from errormodel.effects.search_space.survey_summary import Scene
-from errormodel.effects.shared import across, bent, joint_as
+from errormodel.effects.shared import across, bending, joint_as
 from errormodel.effects.travel import Translation, fraction, length, sag_direction, tilt_of, turn
 from errormodel.machine import Machine
 
@@ -47,7 +47,7 @@ class BeamSag(Effect):
         arch = fmax(4 * u * (1 - u), 0)
         tilt = arch ** (p - 1) * (1 - 2 * u)
         # of a travelling load the beam's angle under it is half the slope of the path
-        sag = bent(beam, motion, arch**p, 2 * p / length(beam) * tilt)
+        sag = bending(beam, motion, arch**p, 2 * p / length(beam) * tilt)
         return [
             EffectTerm(self.joint, "", "mm", sag, 0.05),
             EffectTerm(self.joint, "slope", "rad", turn(tilt_of(beam, motion), tilt), 5e-5),

@@ -32,7 +32,7 @@ class CrossAxisCompliance(JointEffect):
     alike: ClassVar[tuple[str, ...]] = ("gantry-racking", "column-bending", "beam-torsion", "higher-order-geometry")
     separate: ClassVar[str] = "a level or a second target on the joint while only the other joint travels"
     example: ClassVar[Mapping[str, object]] = {"joint": "X", "motion": "ec", "other": "Y"}
-    pliant: ClassVar[bool] = True
+    flexible: ClassVar[bool] = True
 
     motion: Motion
     other: str

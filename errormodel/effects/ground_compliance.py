@@ -25,7 +25,7 @@ class GroundCompliance(Effect):
     alike: ClassVar[tuple[str, ...]] = ("column-bending", "cross-axis-compliance", "tracker-drift")
     separate: ClassVar[str] = "a level on the base, or targets on the floor, while the axis travels"
     example: ClassVar[Mapping[str, object]] = {"joint": "Y", "motion": "ea"}
-    pliant: ClassVar[bool] = True
+    flexible: ClassVar[bool] = True
 
     joint: str  # the heavy axis
     motion: Rotation | None = None  # None: the first across the axis

@@ -49,7 +49,7 @@ class HigherOrderGeometry(JointEffect):
     )
     separate: ClassVar[str] = "the error motion of this joint alone, measured directly at four times as many positions"
     example: ClassVar[Mapping[str, object]] = {"joint": "X", "motion": "dy"}
-    pliant: ClassVar[bool] = True
+    flexible: ClassVar[bool] = True
 
     motion: Motion
     degrees: tuple[Degree, ...] = ()  # (): the one above the declared model
@@ -78,7 +78,7 @@ class HigherOrderGeometry(JointEffect):
         return [EffectTerm(self.joint, label, unit, {self.motion: value}, size) for label, value in shapes.items()]
 
     @property
-    def tied(self) -> bool:
+    def random(self) -> bool:
         return self.every is not None
 
     @classmethod

@@ -10,7 +10,7 @@ from pydantic import Field
 
 from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect
 from errormodel.effects.search_space.survey_summary import Scene
-from errormodel.effects.shared import across, bent, joint_as
+from errormodel.effects.shared import across, bending, joint_as
 from errormodel.effects.travel import (
     ENDS,
     End,
@@ -52,7 +52,7 @@ class RamSag(JointEffect):
         u, sense = extension(ram, channel(self.joint), end), 1 if end == "low" else -1
         # u^2, u^3 and u^4 have 2, 3/2 and 4/3 of sag over length as the angle at the end: p / (p - 1)
         slope = sense * u ** (p - 1)
-        sag = bent(ram, motion, u**p, p / (p - 1) / length(ram) * slope)
+        sag = bending(ram, motion, u**p, p / (p - 1) / length(ram) * slope)
         return [
             EffectTerm(self.joint, "", "mm", sag, 0.05),
             EffectTerm(self.joint, "slope", "rad", turn(tilt_of(ram, motion), slope), 5e-5),

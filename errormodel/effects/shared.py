@@ -82,7 +82,7 @@ def across(joint: Joint, kind: Literal["d", "e"]) -> tuple[Motion, ...]:
     return tuple(name for k, name in enumerate(names) if k != int(np.argmax(size)))
 
 
-def bent(joint: Joint, motion: Motion, deflection: Value, slope: Value) -> dict[Motion, Value]:
+def bending(joint: Joint, motion: Motion, deflection: Value, slope: Value) -> dict[Motion, Value]:
     """A deflection across the axis and the small rotation that comes with its slope, d deflection / d position."""
     side = np.array([float(m == motion) for m in TRANSLATIONS])
     turn = np.cross(joint.axis, side)

@@ -54,7 +54,7 @@ class StructureDrift(Effect):
         return thermal(self.sensor, self.minus)
 
     @property
-    def tied(self) -> bool:
+    def random(self) -> bool:
         return self.std is not None
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
@@ -62,7 +62,7 @@ class StructureDrift(Effect):
         warm = warmth(channel, self.sensor, self.minus, self.tau)
         size = self.std or (0.01 if self.motion in TRANSLATIONS else 1e-5)
         # several at one place are told apart by what they follow
-        name = f"{self.sensor}{f'-{self.tau:g}s' if self.tau else ''}" if self.tied else ""
+        name = f"{self.sensor}{f'-{self.tau:g}s' if self.tau else ''}" if self.random else ""
         if not self.order:
             return [EffectTerm(self.element, name, unit, self._turned(warm), size)]
         joint = joint_of(machine, self.element)

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect
 from errormodel.effects.search_space.survey_summary import Scene
-from errormodel.effects.shared import STEEL, Lag, across, bent, joint_as, lags, thermal, warmth
+from errormodel.effects.shared import STEEL, Lag, across, bending, joint_as, lags, thermal, warmth
 from errormodel.effects.travel import Translation
 from errormodel.machine import Machine
 
@@ -42,7 +42,7 @@ class ThermalBending(JointEffect):
         joint = joint_as(machine, self.joint, "prismatic", self.effect)
         (low, high), q = joint.travel, channel(self.joint)
         warm = warmth(channel, self.sensor, self.minus, self.tau)
-        bow = bent(joint, self.motion, warm * (q - low) * (high - q) / 2, warm * ((low + high) / 2 - q))
+        bow = bending(joint, self.motion, warm * (q - low) * (high - q) / 2, warm * ((low + high) / 2 - q))
         slope = {name: value for name, value in bow.items() if name != self.motion}
         return [
             EffectTerm(self.joint, "bow", "1/(mm K)", bow, STEEL / 300),

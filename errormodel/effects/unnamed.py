@@ -37,7 +37,7 @@ class Unnamed(Effect):
     source: ClassVar[str] = "no physics; sizes of usual error motions"
     separate: ClassVar[str] = "only the driver varied, all else kept; the motion measured directly at the element"
     example: ClassVar[Mapping[str, object]] = {"element": "X", "motion": "dx", "driver": "w_level", "form": "square"}
-    generic: ClassVar[bool] = True
+    empirical: ClassVar[bool] = True
     shape: ClassVar[str] = "period"
 
     element: str
@@ -71,7 +71,7 @@ class Unnamed(Effect):
         return (*super().key, self.motion, self.period is None, self.by_period is None, self.pieces is None)
 
     @property
-    def tied(self) -> bool:
+    def random(self) -> bool:
         return self.pieces is not None
 
     @property

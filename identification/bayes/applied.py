@@ -11,7 +11,7 @@ from errormodel.arrays import Array
 from errormodel.machine import EffectSpec, Machine
 from identification.bayes.marginal_posterior import Collapsed
 from identification.bayes.posterior import Posterior
-from identification.bayes.shape_parameters import Bend
+from identification.bayes.shape_parameters import ShapeInterpolation
 from identification.bayes.statistics import posed
 from identification.estimation.result import Fit, Spread, residuals_of
 from identification.estimation.run import look_at
@@ -20,13 +20,13 @@ from identification.observation.normal_equations import accumulate
 COMPARED = 8  # draws at which the linear model is compared with the exact kinematics
 
 
-def bent_machine(machine: Machine, bends: Sequence[Bend], shapes: Array) -> Machine:
+def machine_at(machine: Machine, interpolations: Sequence[ShapeInterpolation], shapes: Array) -> Machine:
     """The machine with shapes (all shapes,) as moved."""
     specs, start = list(machine.effects), 0
-    for bend in bends:
-        effect = bend.bent(shapes[start : start + len(bend.names)])
-        specs[bend.number] = EffectSpec(effect.effect, effect.model_dump(exclude_defaults=True))
-        start += len(bend.names)
+    for shape in interpolations:
+        effect = shape.effect_at(shapes[start : start + len(shape.names)])
+        specs[shape.number] = EffectSpec(effect.effect, effect.model_dump(exclude_defaults=True))
+        start += len(shape.names)
     return replace(machine, effects=tuple(specs))
 
 
@@ -58,8 +58,8 @@ def departure(fit: Fit, linear: Collapsed, values: Array, moved: Array) -> float
     exact = np.empty(COMPARED)
     problem = posed(fit, fit.chain.machine)
     for k in range(COMPARED):
-        if statistics.bends:
-            problem = posed(fit, bent_machine(fit.chain.machine, statistics.bends, shapes[k]))
+        if statistics.interpolations:
+            problem = posed(fit, machine_at(fit.chain.machine, statistics.interpolations, shapes[k]))
         # an effect's parameters keep their names whatever its shape
         place = {name: j for j, name in enumerate(statistics.names)}
         views = [v.part(~np.isin(v.index, statistics.apart.index)) for v in problem.views if v.kind == "position"]

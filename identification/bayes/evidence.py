@@ -19,8 +19,8 @@ def evidence_of(fit: Fit) -> tuple[EffectEvidence, ...]:
     out = []
     for number, spec in enumerate(fit.chain.machine.effects):
         effect = effects.make(spec)
-        bench, _ = without_effect(fit, number)
-        scores = Candidates.of(bench, [effect]).scores(bench)
+        linear, _ = without_effect(fit, number)
+        scores = Candidates.of(linear, [effect]).scores(linear)
         if len(scores.evidence) and np.isfinite(scores.evidence[0]):
             nats = float(scores.evidence[0] + effect.cost)
             out.append(EffectEvidence(effect.effect, effect.where, float(nats / np.log(10))))

@@ -26,7 +26,7 @@ class Collapsed:
 
     @property
     def _shapes(self) -> slice:
-        return slice(len(self.free), len(self.free) + sum(len(b.names) for b in self.statistics.bends))
+        return slice(len(self.free), len(self.free) + sum(len(b.names) for b in self.statistics.interpolations))
 
     def levels(self, points: Array) -> Array:
         """Inverse noise variances (n, kinds)."""
@@ -45,10 +45,10 @@ class Collapsed:
         """Of the coordinates, and of ties' scales what normalises the ties; minus infinity where nothing is known."""
         total = sum((c.log_prior(x) for c, x in zip(self.coordinates, points.T, strict=True)), np.zeros(len(points)))
         shapes, start = self.shapes(points), 0
-        for bend in self.statistics.bends:
-            own = shapes[:, start : start + len(bend.names)]
-            total = np.where(((own >= bend.low) & (own <= bend.high)).all(axis=1), total, -np.inf)
-            start += len(bend.names)
+        for shape in self.statistics.interpolations:
+            own = shapes[:, start : start + len(shape.names)]
+            total = np.where(((own >= shape.low) & (own <= shape.high)).all(axis=1), total, -np.inf)
+            start += len(shape.names)
         return np.asarray(total + self.prior.log_ties(self.scales(points)))
 
     def normal(self, points: Array) -> tuple[Array, Array, Array]:

@@ -86,7 +86,7 @@ def prior_of(fit: Fit, given: Mapping[str, PriorForm], document: Document | None
         if form.std is not None:
             std[place[name]], mean[place[name]] = form.std, form.mean
     tied = [np.array([base[i] for i in ids if i in base], dtype=np.intp) for ids in chain.effect_ids]
-    ties = [(t, n) for n, t in enumerate(tied) if len(t) and effects.make(chain.machine.effects[n]).tied]
+    ties = [(t, n) for n, t in enumerate(tied) if len(t) and effects.make(chain.machine.effects[n]).random]
     sizes = [float(chain.parameters[chain.index[unknowns[groups.base[t[0]]]]].prior or 1.0) for t, _ in ties]
     mix = groups.coefficients
     spread = (mix * std**2) @ mix.T

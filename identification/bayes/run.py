@@ -13,7 +13,7 @@ from errormodel.arrays import Array
 from errormodel.exceptions import InputError, nearest
 from errormodel.machine import Machine
 from errormodel.yamlfile import Document
-from identification.bayes.applied import bent_machine, departure, with_posterior
+from identification.bayes.applied import departure, machine_at, with_posterior
 from identification.bayes.checks import predictive_checks
 from identification.bayes.evidence import evidence_of
 from identification.bayes.full_posterior import Whole
@@ -24,7 +24,7 @@ from identification.bayes.posterior import Method, Posterior
 from identification.bayes.priors import prior_of
 from identification.bayes.sampling import Chains, Reference, Target, inside, sample, walkers_for
 from identification.bayes.settings import PriorForm, prior_error
-from identification.bayes.shape_parameters import find_bends
+from identification.bayes.shape_parameters import shape_interpolations
 from identification.bayes.statistics import gather
 from identification.bayes.unknowns import (
     check_against_data,
@@ -35,12 +35,12 @@ from identification.bayes.unknowns import (
 )
 from identification.estimation.result import Fit
 from identification.results.store import parameters
-from identification.runtime.progress import Steps, Tell, silent, uncounted
+from identification.runtime.progress import Progress, Steps, silent, uncounted
 
 CHAINS, DRAWS = 4, 1000  # of exact draws
 MOST_DRAWS = 8000  # kept of a chain
 GRID = 400  # points of a quadrature
-BENT = 0.5  # nats by which the linear model may miss the exact kinematics
+MOST_DEPARTURE = 0.5  # nats by which the linear model may miss the exact kinematics
 
 
 def bayesian(
@@ -52,7 +52,7 @@ def bayesian(
     robust: bool = False,
     seed: int = 0,
     folder: Path | None = None,
-    tell: Tell = silent,
+    progress: Progress = silent,
     count: Steps = uncounted,
 ) -> Fit:
     """A fit with the posterior of its parameters, noise levels, shapes of effects and, `robust`, outliers.
@@ -73,20 +73,20 @@ def bayesian(
     """
     given = given or {}
     with threadpool_limits(1, "blas"):
-        with tell("Gathering sufficient statistics"):
+        with progress("Gathering sufficient statistics"):
             linear, whole, notes = model_of(fit, given, document, robust)
         posterior, moved = drawn(fit, linear, whole, seed, folder, count)
-        with tell("Checking the posterior"):
+        with progress("Checking the posterior"):
             values = posterior.values.reshape(-1, len(posterior.names))
             away = departure(fit, linear, values, moved[:, : len(linear.coordinates)])
-            if away > BENT:
+            if away > MOST_DEPARTURE:
                 notes = (
                     *notes,
                     f"the kinematics bend over the posterior: log-probabilities are off by up to {away:.1f}",
                 )
-            if linear.statistics.bends:
+            if linear.statistics.interpolations:
                 shapes = linear.shapes(moved).mean(axis=0)
-                fit = refit(bent_machine(fit.chain.machine, linear.statistics.bends, shapes))
+                fit = refit(machine_at(fit.chain.machine, linear.statistics.interpolations, shapes))
             fit = with_posterior(fit, posterior)
             checks = predictive_checks(fit, posterior, np.random.default_rng(seed))
             posterior = replace(
@@ -102,7 +102,7 @@ def model_of(
     known = fit.solution.unknowns
     prior = prior_of(fit, {n: f for n, f in given.items() if n in known}, document)
     check_against_data(fit, prior, given, document)
-    bends, notes = find_bends(fit)
+    interpolations, notes = shape_interpolations(fit)
     share = 1.0 if robust else counted(fit)
     if share < 1:
         notes = (*notes, f"noise is correlated from row to row: each row counts as {share:.2f} of one")
@@ -111,7 +111,7 @@ def model_of(
     if robust:
         square, seen = squares_of(fit)
         keep = in_doubt(square, seen, level)
-    statistics = gather(fit, bends, keep, share)
+    statistics = gather(fit, interpolations, keep, share)
     own = (with_prior(c, given, document) for c in coordinates_of(fit, statistics, prior))
     linear = Collapsed(statistics, prior, tuple(own), free_kinds(fit, statistics))
     mixture = None

@@ -18,7 +18,7 @@ from annotated_types import Ge, Gt, Le, Lt
 from errormodel import effects
 from errormodel.arrays import Array
 from errormodel.effects.base import Effect
-from identification.diagnosis.linear.linear_model import Workbench, set_up
+from identification.diagnosis.linear.linear_model import LinearModel, set_up
 from identification.diagnosis.search.shape_fit import SHAPES
 from identification.estimation.result import Fit
 from identification.observation.models import PositionView
@@ -31,7 +31,7 @@ EXACT = 0.2  # of a standard uncertainty of all rows together: how well columns 
 
 
 @dataclass(frozen=True)
-class Bend:
+class ShapeInterpolation:
     """An effect of the machine with its shapes between bounds.
 
     Attributes
@@ -50,7 +50,7 @@ class Bend:
     high: Array
     count: int = NODES[0]
 
-    def bent(self, moved: Array) -> Effect:
+    def effect_at(self, moved: Array) -> Effect:
         """The effect with shapes (shapes,) as moved."""
         values = [float(np.exp(x)) if log else float(x) for x, log in zip(moved, self.logarithmic, strict=True)]
         return self.effect.model_copy(update=dict(zip(self.names, values, strict=True)))
@@ -75,24 +75,24 @@ class Bend:
         return out
 
 
-def find_bends(fit: Fit) -> tuple[tuple[Bend, ...], tuple[str, ...]]:
+def shape_interpolations(fit: Fit) -> tuple[tuple[ShapeInterpolation, ...], tuple[str, ...]]:
     """The shapes that can be sampled, and notes on those that stay as machine.yaml has them."""
-    bends, notes = [], list[str]()
+    interpolations, notes = [], list[str]()
     seen = any(isinstance(v, PositionView) for v in fit.problem.views)
     for number, spec in enumerate(fit.chain.machine.effects):
         effect = effects.make(spec)
         names = tuple(n for n in SHAPES if n != "per_turn" and n in type(effect).model_fields and _shaped(effect, n))
-        if not names or effect.tied:
+        if not names or effect.random:
             continue
-        bend = _bend(fit, number, effect, names) if seen else None
-        if bend is None:
+        shape = _interpolated(fit, number, effect, names) if seen else None
+        if shape is None:
             held = " and ".join(f"{n} {getattr(effect, n):g}" for n in names)
             notes.append(
                 f"{effect.effect} at {effect.where}: {held} stays as it is, the data do not vary smoothly with it"
             )
         else:
-            bends.append(bend)
-    return tuple(bends), tuple(notes)
+            interpolations.append(shape)
+    return tuple(interpolations), tuple(notes)
 
 
 def _shaped(effect: Effect, name: str) -> bool:
@@ -100,14 +100,14 @@ def _shaped(effect: Effect, name: str) -> bool:
     return isinstance(value, float) and (value > 0 or name == "at")
 
 
-def _bend(fit: Fit, number: int, effect: Effect, names: tuple[str, ...]) -> Bend | None:
-    bench, share = without_effect(fit, number)
+def _interpolated(fit: Fit, number: int, effect: Effect, names: tuple[str, ...]) -> ShapeInterpolation | None:
+    linear, share = without_effect(fit, number)
     logs = tuple(n != "at" for n in names)
     start = np.array(
         [np.log(getattr(effect, n)) if log else getattr(effect, n) for n, log in zip(names, logs, strict=True)]
     )
-    bend = Bend(number, effect, names, logs, start, start, start)
-    limits = [_limits(bench, effect, name, x) for name, x in zip(names, start, strict=True)]
+    shape = ShapeInterpolation(number, effect, names, logs, start, start, start)
+    limits = [_limits(linear, effect, name, x) for name, x in zip(names, start, strict=True)]
     low, high, best = start.copy(), start.copy(), start.copy()
     for _ in range(1 if len(names) == 1 else 2):
         for k, (floor, ceiling) in enumerate(limits):
@@ -115,38 +115,38 @@ def _bend(fit: Fit, number: int, effect: Effect, names: tuple[str, ...]) -> Bend
             def misfit(x: float, k: int = k) -> float:
                 moved = best.copy()
                 moved[k] = x
-                return bench.with_effect(bend.bent(moved)).square * share
+                return linear.with_effect(shape.effect_at(moved)).square * share
 
             best[k], low[k], high[k] = bracket(misfit, float(best[k]), floor, ceiling)
     if len(names) > 1:  # each was bracketed with the other held: together they have more room
         spread = 2.0
         low = np.maximum(best - spread * (best - low), [a for a, _ in limits])
         high = np.minimum(best + spread * (high - best), [b for _, b in limits])
-    bend = replace(bend, best=best, low=low, high=high)
+    shape = replace(shape, best=best, low=low, high=high)
     for count in NODES:
-        bend = replace(bend, count=count)
+        shape = replace(shape, count=count)
         if count ** len(names) > MOST_NODES:
             return None
-        if _error(bend, bench) * np.sqrt(share) < EXACT:
-            return bend
+        if _error(shape, linear) * np.sqrt(share) < EXACT:
+            return shape
     return None
 
 
-def without_effect(fit: Fit, number: int) -> tuple[Workbench, float]:
+def without_effect(fit: Fit, number: int) -> tuple[LinearModel, float]:
     """The bench with all but one effect fitted, and how many of the survey's rows each of its rows stands for."""
     solution, own = fit.solution, fit.chain.effect_ids[number]
     ours = [k for k, j in enumerate(solution.groups.base) if solution.unknowns[j] not in own]
     groups = replace(solution.groups, base=solution.groups.base[ours], coefficients=solution.groups.coefficients[ours])
     values = np.where(np.isin(solution.unknowns, own), 0.0, solution.values)
-    bench = set_up(replace(fit, solution=replace(solution, groups=groups, values=values)))
+    linear = set_up(replace(fit, solution=replace(solution, groups=groups, values=values)))
     rows = sum(len(v) for v in fit.problem.views if isinstance(v, PositionView))
-    return bench, rows / len(np.unique(bench.index))
+    return linear, rows / len(np.unique(linear.index))
 
 
-def _limits(bench: Workbench, effect: Effect, name: str, start: float) -> tuple[float, float]:
+def _limits(linear: LinearModel, effect: Effect, name: str, start: float) -> tuple[float, float]:
     """How far a shape may move, as moved: what its field allows, and what the survey covers."""
     if name == "at":
-        values = bench.channel(effect.drivers[0])
+        values = linear.channel(effect.drivers[0])
         return float(values.min()), float(values.max())
     low, high = start - WIDEST, start + WIDEST
     for rule in type(effect).model_fields[name].metadata:
@@ -189,15 +189,15 @@ def _walk(
         step *= 1.5
 
 
-def _error(bend: Bend, bench: Workbench) -> float:
+def _error(shape: ShapeInterpolation, linear: LinearModel) -> float:
     """By how much columns between the nodes are missed, as the effect acts, in standard uncertainties of the bench."""
-    nodes = np.array([bench.columns(bend.bent(x))[0] for x in bend.nodes])
-    _, values = bench.estimates([bend.bent(bend.best)])
-    tests = np.random.default_rng(0).uniform(bend.low, bend.high, (9, len(bend.names)))
-    tests = np.vstack([tests, bend.low, bend.high])
+    nodes = np.array([linear.columns(shape.effect_at(x))[0] for x in shape.nodes])
+    _, values = linear.estimates([shape.effect_at(shape.best)])
+    tests = np.random.default_rng(0).uniform(shape.low, shape.high, (9, len(shape.names)))
+    tests = np.vstack([tests, shape.low, shape.high])
     worst = 0.0
-    for x, weights in zip(tests, bend.weights(tests), strict=True):
-        true, _ = bench.columns(bend.bent(x))
+    for x, weights in zip(tests, shape.weights(tests), strict=True):
+        true, _ = linear.columns(shape.effect_at(x))
         missed = values @ (true - np.tensordot(weights, nodes, axes=1))
         worst = max(worst, float(np.linalg.norm(missed)))
     return worst

@@ -10,7 +10,7 @@ import numpy as np
 from errormodel.arrays import Array, Index, Mask
 from errormodel.chain import Chain
 from errormodel.machine import EffectSpec, Machine
-from identification.bayes.shape_parameters import Bend
+from identification.bayes.shape_parameters import ShapeInterpolation
 from identification.estimation.result import Fit
 from identification.estimation.run import placed
 from identification.observation.assembly import Problem, build
@@ -39,15 +39,15 @@ class Statistics:
     Attributes
     ----------
     names : (p,) the groups' base parameters.
-    places : for each of them its extended unknowns; `bend`: the number of its bend, or None.
+    places : for each of them its extended unknowns; `shape`: the number of its bend, or None.
     gram (K, e, e), slope (K, e), square (K,), count (K,) : of each kind of observation, `y` the gap at zero parameters.
     apart : rows that these leave out; `share`: what the others count, each.
     """
 
     names: tuple[str, ...]
     places: tuple[Index, ...]
-    bend: tuple[int | None, ...]
-    bends: tuple[Bend, ...]
+    shape: tuple[int | None, ...]
+    interpolations: tuple[ShapeInterpolation, ...]
     kinds: tuple[Kind, ...]
     gram: Array
     slope: Array
@@ -59,22 +59,22 @@ class Statistics:
     def weights(self, shapes: Array) -> list[Array]:
         """Of each bend its nodes' weights (n, nodes), from shapes (n, all shapes) as moved."""
         out, start = [], 0
-        for bend in self.bends:
-            out.append(bend.weights(shapes[:, start : start + len(bend.names)]))
-            start += len(bend.names)
+        for shape in self.interpolations:
+            out.append(shape.weights(shapes[:, start : start + len(shape.names)]))
+            start += len(shape.names)
         return out
 
     def extended(self, values: Array, shapes: Array) -> Array:
         """The extended unknowns (n, e) of parameters (n, p) and shapes (n, all shapes)."""
         weights = self.weights(shapes)
         out = np.zeros((len(values), self.gram.shape[1]))
-        for k, (place, bend) in enumerate(zip(self.places, self.bend, strict=True)):
-            out[:, place] = values[:, k, None] if bend is None else values[:, k, None] * weights[bend]
+        for k, (place, shape) in enumerate(zip(self.places, self.shape, strict=True)):
+            out[:, place] = values[:, k, None] if shape is None else values[:, k, None] * weights[shape]
         return out
 
     def squares(self, values: Array, shapes: Array) -> Array:
         """Residual sum of squares (n, K) of each kind."""
-        v = self.extended(values, shapes) if self.bends else values
+        v = self.extended(values, shapes) if self.interpolations else values
         parts = [
             c - 2 * (v @ h) + np.einsum("ni,ni->n", v @ g, v)
             for g, h, c in zip(self.gram, self.slope, self.square, strict=True)
@@ -85,12 +85,12 @@ class Statistics:
         """``M'WM`` (n, p, p), ``M'Wy`` (n, p) and ``y'Wy`` (n,) at weights (n, K) of the kinds and at shapes."""
         gram = np.tensordot(levels, self.gram, axes=1)
         slope, square = levels @ self.slope, levels @ self.square
-        if not self.bends:
+        if not self.interpolations:
             return gram, slope, square
         weights = self.weights(shapes)
         mix = np.zeros((len(levels), gram.shape[1], len(self.names)))
-        for k, (place, bend) in enumerate(zip(self.places, self.bend, strict=True)):
-            mix[:, place, k] = 1.0 if bend is None else weights[bend]
+        for k, (place, shape) in enumerate(zip(self.places, self.shape, strict=True)):
+            mix[:, place, k] = 1.0 if shape is None else weights[shape]
         return mix.transpose(0, 2, 1) @ gram @ mix, np.einsum("nek,ne->nk", mix, slope), square
 
 
@@ -101,7 +101,9 @@ def posed(fit: Fit, machine: Machine) -> Problem:
     return placed(problem, fit.problem.frames) if fit.problem.frames else problem
 
 
-def gather(fit: Fit, bends: Sequence[Bend], keep: Mask | None = None, share: float = 1.0) -> Statistics:
+def gather(
+    fit: Fit, interpolations: Sequence[ShapeInterpolation], keep: Mask | None = None, share: float = 1.0
+) -> Statistics:
     """The statistics of a fit's rows, in one stream.
 
     Parameters
@@ -110,18 +112,18 @@ def gather(fit: Fit, bends: Sequence[Bend], keep: Mask | None = None, share: flo
     share : what a row counts, below 1 where noise is correlated from row to row.
     """
     machine, solution = fit.chain.machine, fit.solution
-    by_number = {b.number: k for k, b in enumerate(bends)}
+    by_number = {b.number: k for k, b in enumerate(interpolations)}
     specs: list[EffectSpec] = []
     copies: list[range] = []
     for number, spec in enumerate(machine.effects):
         same = [spec]
         if number in by_number:
-            bend = bends[by_number[number]]
-            bent = [bend.bent(x) for x in bend.nodes]
-            same = [EffectSpec(e.effect, e.model_dump(exclude_defaults=True)) for e in bent]
+            shape = interpolations[by_number[number]]
+            effect_at = [shape.effect_at(x) for x in shape.nodes]
+            same = [EffectSpec(e.effect, e.model_dump(exclude_defaults=True)) for e in effect_at]
         copies.append(range(len(specs), len(specs) + len(same)))
         specs += same
-    problem = posed(fit, replace(machine, effects=tuple(specs)) if bends else machine)
+    problem = posed(fit, replace(machine, effects=tuple(specs)) if interpolations else machine)
     chain = problem.chain
     names = tuple(solution.unknowns[j] for j in solution.groups.base)
     owner = {i: (n, t) for n, ids in enumerate(fit.chain.effect_ids) for t, i in enumerate(ids)}
@@ -138,7 +140,7 @@ def gather(fit: Fit, bends: Sequence[Bend], keep: Mask | None = None, share: flo
     # residuals are those of the exact kinematics at the fit, M is taken there
     at = np.zeros(len(place))
     for k, j in enumerate(solution.groups.base):
-        own = None if bend_of[k] is None else bends[bend_of[k] or 0]
+        own = None if bend_of[k] is None else interpolations[bend_of[k] or 0]
         at[places[k]] = solution.values[j] * (1.0 if own is None else own.weights(own.best[None])[0])
     keep = np.zeros(len(fit.survey), dtype=bool) if keep is None else keep
     apart = [v.part(keep[v.index]) for v in problem.views if isinstance(v, PositionView)]
@@ -150,7 +152,7 @@ def gather(fit: Fit, bends: Sequence[Bend], keep: Mask | None = None, share: flo
     slope = share * np.array([s.slope for s in sums.values()])
     square = share * np.array([s.square for s in sums.values()]) + 2 * slope @ at + np.einsum("kij,i,j", gram, at, at)
     return Statistics(
-        names, tuple(places), tuple(bend_of), tuple(bends), kinds, gram, slope + gram @ at, square,
+        names, tuple(places), tuple(bend_of), tuple(interpolations), kinds, gram, slope + gram @ at, square,
         share * np.array([s.count for s in sums.values()]), _apart([v for v in apart if len(v)], place, at, zero),
         share,
     )  # fmt: skip

@@ -67,14 +67,14 @@ def coordinates_of(fit: Fit, statistics: Statistics, prior: Prior) -> tuple[Coor
         level = fit.solution.sigma[kind] * fit.inflation
         scale = (2 * max(statistics.count[k], 1.0)) ** -0.5
         out.append(Coordinate(f"noise.{kind}", unit, float(np.log(level)), scale, 1e-3 * level, 1e3 * level))
-    for bend in statistics.bends:
-        for k, name in enumerate(bend.names):
-            scale = float(bend.high[k] - bend.low[k]) / 14  # the interval ends 7 standard deviations out
-            low, high = bend.low[k], bend.high[k]
-            bounds = (float(np.exp(low)), float(np.exp(high))) if bend.logarithmic[k] else (float(low), float(high))
-            unit = _unit(fit, bend.effect.drivers[0], name)
-            label = f"{bend.effect.where}.{bend.effect.effect}.{name}"
-            out.append(Coordinate(label, unit, float(bend.best[k]), scale, *bounds, bend.logarithmic[k]))
+    for shape in statistics.interpolations:
+        for k, name in enumerate(shape.names):
+            scale = float(shape.high[k] - shape.low[k]) / 14  # the interval ends 7 standard deviations out
+            low, high = shape.low[k], shape.high[k]
+            bounds = (float(np.exp(low)), float(np.exp(high))) if shape.logarithmic[k] else (float(low), float(high))
+            unit = _unit(fit, shape.effect.drivers[0], name)
+            label = f"{shape.effect.where}.{shape.effect.effect}.{name}"
+            out.append(Coordinate(label, unit, float(shape.best[k]), scale, *bounds, shape.logarithmic[k]))
     tied = [n for n, ids in enumerate(fit.chain.effect_ids) if any(fit.solution.precision[_place(fit, i)] for i in ids)]
     for place, number in zip(prior.ties, tied, strict=True):
         spec = fit.chain.machine.effects[number]

@@ -58,7 +58,15 @@ def with_posterior(
     from identification.results.folder_contents import CHAIN
 
     result = bayesian(
-        fit, refit, given, document, robust=robust, seed=seed, folder=out.workspace(CHAIN), tell=working, count=counting
+        fit,
+        refit,
+        given,
+        document,
+        robust=robust,
+        seed=seed,
+        folder=out.workspace(CHAIN),
+        progress=working,
+        count=counting,
     )
     if result.posterior is not None:
         say(result.posterior.statement)

@@ -133,7 +133,7 @@ def plan(
     model = read_model(machine)
     circumstances = Setup(errormodel=1) if setup is None else read_setup(setup, model)
     sigma = noise_of(circumstances, noise)
-    result = stage.plan(model, circumstances, points, sigma, seed, worst=criterion == "worst", tell=working)
+    result = stage.plan(model, circumstances, points, sigma, seed, worst=criterion == "worst", progress=working)
     if out is not None:
         out.write_csv(stage.as_file(result, circumstances))
     if json_file is not None:

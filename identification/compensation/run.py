@@ -38,7 +38,7 @@ from identification.compensation.rows import Rows, held_out, read_rows
 from identification.compensation.volume import Volume, levels
 from identification.observation.frames import rotation_notes
 from identification.results import manifest, store
-from identification.runtime.progress import Tell, silent
+from identification.runtime.progress import Progress, silent
 
 POSES = 3000  # that stand for the volume, or a multiple of them:
 FINE = 1600  # values of a lattice over all axes, from which on it takes the exact corrections at its nodes
@@ -57,7 +57,7 @@ def compensate(
     probe: tuple[float, float] | None = None,
     tool: Vector | None = None,
     seed: int = 0,
-    tell: Tell = silent,
+    progress: Progress = silent,
     reading: Reading | None = None,
     *,
     axes: str | None = None,
@@ -85,7 +85,7 @@ def compensate(
     controller = target_of(name)
     _check_invert(controller, invert)
     source = _source(controller, program, reading)
-    with tell("Reading"):
+    with progress("Reading"):
         fit = store.load(folder)
         table = read_rows(folder, fit.chain.machine)
         read = joints_read(table)
@@ -97,7 +97,7 @@ def compensate(
             field = field.of_joints(known_at_tip(folder, read))
             held = motion_rows(field, table, read)
     volume = Volume.of(field, table, fit.frame_mode != "fixed", turns=read is None)
-    with tell("Following the errors along each axis"):
+    with progress("Following the errors along each axis"):
         setup, notes = volume.setup(points, resolution, axes)
     letters = {a.joint: a.name for a in setup.axes}
     by_axis = None if read is None else {a.name: read.get(a.joint, ()) for a in setup.axes}
@@ -114,9 +114,9 @@ def compensate(
         label = re.sub(r"[^\w.-]", "_", "_".join(f"{k}_{v:.1f}" for k, v in state.items()), flags=re.ASCII)
         what = f"{controller.title}{f', {label}' if label else ''}"
         if isinstance(controller, Controller):
-            sets.append(_one_state(controller, setup, here, held, label, state, seed, allow_large, what, tell))
+            sets.append(_one_state(controller, setup, here, held, label, state, seed, allow_large, what, progress))
         elif isinstance(controller, Rewriter):
-            with tell(f"Commands for {what}"):
+            with progress(f"Commands for {what}"):
                 sets.append(_rewritten(controller, setup, here, held, label, state, source, reading, seed))
     tests: dict[str, str] = {}
     own = None
@@ -166,9 +166,9 @@ def _one_state(
     seed: int,
     allow_large: bool,
     what: str,
-    tell: Tell,
+    progress: Progress,
 ) -> Stated:
-    with tell(f"Tables for {what}"):
+    with progress(f"Tables for {what}"):
         tables = best_tables(controller, setup, volume)
     if setup.read is not None and not any(
         np.abs(t.values).max(initial=0.0) > controller.quantum(setup) for t in tables
@@ -176,10 +176,10 @@ def _one_state(
         joints = " and ".join(a.joint for a in setup.axes if setup.read.get(a.name))
         found = f"nothing of what was read of {joints} can be taken away by tables of this format"
         raise InputError(f"--controller {controller.name}", found, "Use --controller csv, or siemens-cec, or gcode")
-    with tell("Writing and reading them back"):
+    with progress("Writing and reading them back"):
         files = written(controller, tables, setup)
         back = read_back(controller, files, setup)
-    with tell("Judging what they leave"):
+    with progress("Judging what they leave"):
         figures = assess(volume, emulated(controller, back, setup, volume), held, seed)
         conditions = conditions_of(controller, setup, volume, back, seed)
     check_size(conditions.largest_mm, allow_large)

@@ -146,7 +146,7 @@ class Volume:
             q = np.repeat(starts, steps + 1, axis=0)
             q[:, k] = np.tile(self.low[k] + share * (self.high[k] - self.low[k]), len(starts))
             c = self._correction(q, np.repeat(came, steps + 1, axis=0)).reshape(len(starts), steps + 1, -1)
-            out.append(next((n for n in INTERVALS if _bend(c, n) < TOLERANCE * largest), steps))
+            out.append(next((n for n in INTERVALS if _interpolated(c, n) < TOLERANCE * largest), steps))
         return out
 
     def _correction(self, q: Array, came: Array) -> Array:
@@ -213,7 +213,7 @@ class Volume:
         return setup, notes
 
 
-def _bend(values: Array, intervals: int) -> float:
+def _interpolated(values: Array, intervals: int) -> float:
     """Largest distance of curves (lines, steps + 1, k) from straight pieces."""
     size = values.shape[1]
     x = np.arange(size) / (size - 1)

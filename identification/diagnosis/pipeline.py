@@ -18,7 +18,7 @@ from identification.diagnosis.data_checks.blunder import Blunder, listed, misses
 from identification.diagnosis.data_checks.checks import find_blunders, without
 from identification.diagnosis.data_checks.outliers import gross_rows
 from identification.diagnosis.data_checks.temperature_sensors import dead_sensors
-from identification.diagnosis.linear.linear_model import MOST_ROWS, Workbench, set_up
+from identification.diagnosis.linear.linear_model import MOST_ROWS, LinearModel, set_up
 from identification.diagnosis.linear.motions_as_points import as_points, carried
 from identification.diagnosis.linear.residual_rows import heldout_um, views_of
 from identification.diagnosis.results.effect_size import Amount, whole_of
@@ -45,18 +45,18 @@ from identification.diagnosis.results.statements import (
 )
 from identification.diagnosis.results.untestable import unseen
 from identification.diagnosis.results.verdict import judge
-from identification.diagnosis.results.witnesses import Account, heard, weighed
+from identification.diagnosis.results.witnesses import WitnessResult, apply_witnesses, weighed
 from identification.diagnosis.search.candidates import Candidates, Ranked, enough_rows, proposed
-from identification.diagnosis.search.forward_selection import grow, in_noise
-from identification.diagnosis.search.instrument_noise import sighted
-from identification.diagnosis.search.model import Growth
-from identification.diagnosis.search.model_comparison import retold
+from identification.diagnosis.search.forward_selection import forward_select, in_correlated_noise
+from identification.diagnosis.search.instrument_noise import tracker_noise
+from identification.diagnosis.search.model import EffectModel
+from identification.diagnosis.search.model_comparison import compare_alternatives
 from identification.diagnosis.search.scoring import Step
 from identification.estimation.result import Fit
 from identification.estimation.run import fit_machine
 from identification.observation.normal_equations import design_rows
 from identification.runtime.process_pool import side_by_side
-from identification.runtime.progress import Tell, silent
+from identification.runtime.progress import Progress, silent
 
 
 @dataclass(frozen=True)
@@ -70,17 +70,17 @@ class Diagnosed:
     diagnosis: Diagnosis
     baseline: Fit
     final: Fit
-    growth: Growth
+    model: EffectModel
     ranking: list[Ranked]
     parts: tuple[Diagnosed, ...] = ()
 
 
-def diagnose(machine: Machine, survey: Survey, tell: Tell = silent) -> Diagnosed:
+def diagnose(machine: Machine, survey: Survey, progress: Progress = silent) -> Diagnosed:
     """Find what physics a survey shows beyond the machine's model, and put it into the model.
 
     Parameters
     ----------
-    tell : surrounds each long part, with its name.
+    progress : surrounds each long part, with its name.
 
     Raises
     ------
@@ -92,12 +92,12 @@ def diagnose(machine: Machine, survey: Survey, tell: Tell = silent) -> Diagnosed
         from identification.diagnosis.together import together
 
         return together(
-            machine, survey, [(p, diagnose_points(p.machine, p.survey, p.telling(tell), True)) for p in parts]
+            machine, survey, [(p, diagnose_points(p.machine, p.survey, p.telling(progress), True)) for p in parts]
         )
-    return diagnose_points(machine, survey, tell)
+    return diagnose_points(machine, survey, progress)
 
 
-def diagnose_points(machine: Machine, survey: Survey, tell: Tell = silent, read: bool = False) -> Diagnosed:
+def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silent, read: bool = False) -> Diagnosed:
     """The diagnosis of measured positions; `read`: they stand for error motions, in which no column can be wrong."""
     if not np.isfinite(survey.fit.measured).any():
         nothing = "no row to fit has a measured position or error motion, which the diagnosis works on"
@@ -105,28 +105,28 @@ def diagnose_points(machine: Machine, survey: Survey, tell: Tell = silent, read:
         raise InputError(str(survey.source), nothing, cure)
     blunders = []
     if not read:
-        with tell("Looking for mistakes in the columns"):
+        with progress("Looking for mistakes in the columns"):
             blunders = find_blunders(machine, survey)
-    with tell("Fitting the machine"):
+    with progress("Fitting the machine"):
         before = [_try(machine, s) for s in (survey, *(b.survey for b in blunders))[: len(blunders)]]
         survey = blunders[-1].survey if blunders else survey
         mended = fit_machine(machine, survey)
-        judged = bool(survey.motions_of) and not read  # by the registration that they come from
-        sound, fit, bad = _without_outliers(machine, survey, mended, 0 if judged else 3)
+        noise_checked = bool(survey.motions_of) and not read  # by the registration that they come from
+        sound, fit, bad = _without_outliers(machine, survey, mended, 0 if noise_checked else 3)
     changes = [change for b in blunders for change in b.changes]
-    found = _explained(fit, sound, changes, tell)
-    if bad.any() and found.growth.steps:
+    found = _explained(fit, sound, changes, progress)
+    if bad.any() and found.model.steps:
         # what was found may explain rows that were far out: then they are no outliers, and show its form best
         extended = found.final.chain.machine
         _, _, still = _without_outliers(extended, survey, fit_machine(extended, survey))
         if still.sum() < bad.sum():
             bad, sound = still, _without_fit_rows(survey, still)
             fit = fit_machine(machine, sound)
-            found = _explained(fit, sound, changes, tell)
-    growth, final, first = found.growth, found.final, found.first
+            found = _explained(fit, sound, changes, progress)
+    model, final, first = found.model, found.final, found.first
     fits = [*before, mended]
     findings = [_blunder_finding(b, *fits[k : k + 2]) for k, b in enumerate(blunders)]
-    causes = [_finding(g, growth, final, found.before, first, found.said.get(g[0].effect, [])) for g in growth.findings]
+    causes = [_finding(g, model, final, found.before, first, found.said.get(g[0].effect, [])) for g in model.findings]
     findings += sorted(causes, key=lambda f: -f.heldout_rms_um.before)
     if bad.any():
         findings.append(_outlier_finding(bad, mended, fit))
@@ -143,7 +143,7 @@ def diagnose_points(machine: Machine, survey: Survey, tell: Tell = silent, read:
         verdict.unexplained,
         (*final.notes, *dead, *contrary_sides(survey), *verdict.notes),
     )
-    return Diagnosed(diagnosis, baseline, final, growth, found.ranking)
+    return Diagnosed(diagnosis, baseline, final, model, found.ranking)
 
 
 @dataclass(frozen=True)
@@ -155,49 +155,51 @@ class _Found:
     """
 
     before: Fit
-    growth: Growth
+    model: EffectModel
     final: Fit
-    said: dict[Effect, list[Account]]
+    said: dict[Effect, list[WitnessResult]]
     untestable: list[Untestable]
     ranking: list[Ranked]
     first: int
 
 
-def _explained(fit: Fit, survey: Survey, changes: Sequence[Effect], tell: Tell) -> _Found:
+def _explained(fit: Fit, survey: Survey, changes: Sequence[Effect], progress: Progress) -> _Found:
     """What explains a fit's residuals, and the survey fitted with it; `changes` are effects that mend blunders."""
-    bench, candidates = _tried(fit, tell)
-    if (seen := sighted(fit, bench, candidates, survey)) is not None:
+    linear, candidates = _tried(fit, progress)
+    if (seen := tracker_noise(fit, linear, candidates, survey)) is not None:
         survey, fit = seen, fit_machine(fit.chain.machine, seen)
-        bench, candidates = _tried(fit, tell)
-    scores = candidates.scores(bench)
-    growth, said = heard(in_noise(retold(grow(bench, candidates, tell), candidates, tell)))
-    effects = [*changes, *(s.effect for s in growth.steps)]
+        linear, candidates = _tried(fit, progress)
+    scores = candidates.scores(linear)
+    model, said = apply_witnesses(
+        in_correlated_noise(compare_alternatives(forward_select(linear, candidates, progress), candidates, progress))
+    )
+    effects = [*changes, *(s.effect for s in model.steps)]
     machine = fit.chain.machine
     first = len(machine.effects) + len(changes)
 
     def fitted() -> Fit:
-        return with_form(fit_machine(_extended(machine, effects), survey), growth, first) if effects else fit
+        return with_form(fit_machine(_extended(machine, effects), survey), model, first) if effects else fit
 
     def hidden() -> list[Untestable]:
-        beside = scores.beside(growth.start, growth.bench)
-        return unseen(growth.start.scene, beside, [s.effect for s in growth.steps])
+        beside = scores.beside(model.start, model.linear)
+        return unseen(model.start.scene, beside, [s.effect for s in model.steps])
 
     jobs: list[Callable[[], Any]] = [fitted, hidden]
-    with (tell if effects else silent)("Fitting the extended machine"):
+    with (progress if effects else silent)("Fitting the extended machine"):
         final, untestable = side_by_side(jobs)
-    return _Found(fit, growth, final, said, untestable, scores.ranking(), first)
+    return _Found(fit, model, final, said, untestable, scores.ranking(), first)
 
 
-def _tried(fit: Fit, tell: Tell) -> tuple[Workbench, Candidates]:
+def _tried(fit: Fit, progress: Progress) -> tuple[LinearModel, Candidates]:
     """The workbench of a fit, and every effect at every place that its survey shows."""
-    with tell("Trying all effects at all places"):
-        bench = set_up(fit)
-        library = proposed(bench.scene)
+    with progress("Trying all effects at all places"):
+        linear = set_up(fit)
+        library = proposed(linear.scene)
         if (most := enough_rows(library)) < MOST_ROWS:
-            bench = set_up(fit, most)
-        candidates = Candidates.of(bench, library)
-        candidates.scores(bench)
-    return bench, candidates
+            linear = set_up(fit, most)
+        candidates = Candidates.of(linear, library)
+        candidates.scores(linear)
+    return linear, candidates
 
 
 def _try(machine: Machine, survey: Survey) -> Fit | None:
@@ -242,17 +244,17 @@ def _summary(fit: Fit) -> dict[str, float | None]:
 
 
 def _finding(
-    group: Sequence[Step], growth: Growth, final: Fit, before: Fit, first: int, told: Sequence[Account]
+    group: Sequence[Step], model: EffectModel, final: Fit, before: Fit, first: int, told: Sequence[WitnessResult]
 ) -> Finding:
     """A finding from its steps: the effect, and the refinements of its form."""
     step, machine = group[0], final.chain.machine
     main = step.effect
-    bench = growth.without(group)  # geometry and the other findings fitted, this one not
-    columns, values = bench.estimates([s.effect for s in group])
-    numbers = [first + k for k, step in enumerate(growth.steps) if any(step is s for s in group)]
+    linear = model.without(group)  # geometry and the other findings fitted, this one not
+    columns, values = linear.estimates([s.effect for s in group])
+    numbers = [first + k for k, step in enumerate(model.steps) if any(step is s for s in group)]
     whole = whole_of(final, [s.effect for s in group], numbers)
     probability = weighed(probability_of(step), told)
-    others = alternatives_of(step, bench, probability)
+    others = alternatives_of(step, linear, probability)
     known = {(a.effect, a.where): a.probability for a in others}
     alike = sorted(look_alikes(step), key=lambda e: -(known.get((e.effect, e.where)) or 0.0))
     names = [named(subject(e), known.get((e.effect, e.where))) for e in alike]
@@ -261,7 +263,7 @@ def _finding(
     return Finding(
         effect=main.effect,
         where=main.where,
-        motion=motions_of(main, bench),
+        motion=motions_of(main, linear),
         driver=list(main.drivers),
         runs=[d[4:-1] for d in main.drivers if d.startswith("run(")] or None,
         time=[float(at)] if at is not None else None,
@@ -270,9 +272,9 @@ def _finding(
         parameters=whole.amounts,
         probability=probability,
         p_value=p_value_of(step),
-        heldout_rms_um=HeldOut(*(heldout_um(before, b) for b in (bench, growth.bench))),
+        heldout_rms_um=HeldOut(*(heldout_um(before, b) for b in (linear, model.linear))),
         absorbed=step.absorbed,
-        moved=_moved(before, growth.start, columns[:, : len(bench.index)], values),
+        moved=_moved(before, model.start, columns[:, : len(linear.index)], values),
         alternatives=others,
         next_measurement=next_measurement(main, alike[0] if alike else None),
         size_um=whole.size_um,
@@ -281,11 +283,11 @@ def _finding(
     )
 
 
-def _moved(before: Fit, bench: Workbench, columns: Array, values: Array) -> dict[str, float]:
+def _moved(before: Fit, linear: LinearModel, columns: Array, values: Array) -> dict[str, float]:
     """How far the missing effect had pushed the geometry's parameters, by the bench's own rows."""
     base, place = before.solution.groups.base, before.problem.place()
     designs = []
-    for part in views_of(before, bench):
+    for part in views_of(before, linear):
         rows = design_rows(part, place, most=len(part))[:, base]
         designs.append(rows[part.components.T.ravel()])  # component by component
     design = np.vstack(designs) / before.solution.sigma["position"]

@@ -25,7 +25,7 @@ EVEN = 0.5  # probability of a name beside one that no reading could tell from i
 
 def together(machine: Machine, survey: Survey, parts: Sequence[tuple[Carried, Diagnosed]]) -> Diagnosed:
     """What was found in each joint's displacements and rotations, and the whole survey fitted with it."""
-    steps = [d.growth.steps for _, d in parts]
+    steps = [d.model.steps for _, d in parts]
     specs = [EffectSpec(s.effect.effect, s.effect.model_dump(exclude_defaults=True)) for own in steps for s in own]
     before = fit_machine(machine, survey)
     final, first = before, len(machine.effects)
@@ -33,7 +33,7 @@ def together(machine: Machine, survey: Survey, parts: Sequence[tuple[Carried, Di
         final = fit_machine(replace(machine, effects=(*machine.effects, *specs)), survey)
     for own, (_, d) in zip(steps, parts, strict=True):
         if own:
-            final = with_form(final, d.growth, first)
+            final = with_form(final, d.model, first)
         first += len(own)
     parts = [(c, replace(d, diagnosis=replace(d.diagnosis, findings=_findings(c, d)))) for c, d in parts]
     findings = sorted((f for _, d in parts for f in d.diagnosis.findings), key=lambda f: -f.heldout_rms_um.before)
@@ -50,8 +50,8 @@ def together(machine: Machine, survey: Survey, parts: Sequence[tuple[Carried, Di
         "; ".join(left) or None,
         (*final.notes, *dict.fromkeys(notes)),
     )
-    main = max((d for _, d in parts), key=lambda d: len(d.growth.steps))
-    return Diagnosed(diagnosis, before, final, main.growth, main.ranking, tuple(d for _, d in parts))
+    main = max((d for _, d in parts), key=lambda d: len(d.model.steps))
+    return Diagnosed(diagnosis, before, final, main.model, main.ranking, tuple(d for _, d in parts))
 
 
 def _findings(part: Carried, diagnosed: Diagnosed) -> tuple[Finding, ...]:
@@ -65,7 +65,7 @@ def _sampled(finding: Finding, part: Carried, diagnosed: Diagnosed) -> Finding:
     """A finding along the travel of a joint that was read at few targets: what repeats with a lead looks the same."""
     joint = part.machine.joints[0]
     along = joint.type == "prismatic" and axis_motion(joint) in finding.motion and finding.driver == [joint.name]
-    least = resolved(diagnosed.growth.start.scene, joint, SHORTEST)
+    least = resolved(diagnosed.model.start.scene, joint, SHORTEST)
     if not along or finding.effect == PitchCyclic.effect or least <= LEAD:
         return finding
     probability = min(finding.probability, EVEN)

@@ -14,7 +14,7 @@ import numpy as np
 from errormodel.arrays import Array, Index
 from errormodel.effects import registry
 from errormodel.effects.base import Effect
-from identification.diagnosis.linear.linear_model import Workbench
+from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.search.candidates import ABSORBED, Candidates
 from identification.diagnosis.search.scoring import DETECT
 
@@ -59,12 +59,12 @@ class Verdict:
         return (self.effect, self.where, self.drivers, self.motion)
 
 
-def verdicts(bench: Workbench) -> list[Verdict]:
+def verdicts(linear: LinearModel) -> list[Verdict]:
     """A verdict for every effect of the library and every place that it could have; first those best seen."""
-    effects, shapes, searched = _library(bench)
-    candidates = Candidates.of(bench, effects)
-    absorbed = candidates.scores(bench).absorbed
-    strength, possible, columns, owner = _seen(bench, candidates, shapes, searched)
+    effects, shapes, trials = _library(linear)
+    candidates = Candidates.of(linear, effects)
+    absorbed = candidates.scores(linear).absorbed
+    strength, possible, columns, owner = _seen(linear, candidates, shapes, trials)
     share = _explained(columns, owner, len(candidates.effects))
     groups: dict[tuple[object, ...], list[int]] = {}
     for n, effect in enumerate(candidates.effects):
@@ -85,7 +85,7 @@ def verdicts(bench: Workbench) -> list[Verdict]:
         nearest = float(np.max(share[typical], where=place != place[typical], initial=0.0))
         size = float(strength[typical])
         sizes = (size, size / np.sqrt(max(1 - nearest, 1e-12)), float(possible[typical]))
-        found.append(_verdict(bench, candidates, typical, rivals, least, sizes))
+        found.append(_verdict(linear, candidates, typical, rivals, least, sizes))
     return [*sorted(found, key=_rank), *_absent({v.effect for v in found})]
 
 
@@ -95,7 +95,7 @@ def family_of(effect: Effect) -> tuple[object, ...]:
 
 
 def _verdict(
-    bench: Workbench,
+    linear: LinearModel,
     candidates: Candidates,
     typical: int,
     rivals: Sequence[int],
@@ -107,7 +107,7 @@ def _verdict(
     `sizes`: detected and told apart from, in standard deviations of what is possible, and `POSSIBLE` of them.
     """
     effect = candidates.effects[typical]
-    term = effect.terms(bench.channel, bench.chain.machine)[0]
+    term = effect.terms(linear.channel, linear.chain.machine)[0]
     seen, apart, possible = sizes
     named = tuple(dict.fromkeys(_named(candidates.effects[n]) for n in rivals))
     word, reason = _judged(seen, least, named, effect)
@@ -157,19 +157,19 @@ def _absent(present: set[str]) -> list[Verdict]:
     return [
         Verdict(name, "", "invisible", None, None, None, "", 1.0, reason=reason, needs=kind.separate)
         for name, kind in registry().items()
-        if name not in present and not kind.generic and kind.family != "blunder"
+        if name not in present and not kind.empirical and kind.family != "blunder"
     ]
 
 
-def _library(bench: Workbench) -> tuple[list[Effect], dict[tuple[object, ...], int], int]:
+def _library(linear: LinearModel) -> tuple[list[Effect], dict[tuple[object, ...], int], int]:
     """Proposals thinned to a few shapes each, how many shapes each key has in full, and how many keys are searched."""
     kept: list[Effect] = []
     shapes: dict[tuple[object, ...], int] = {}
     for kind in registry().values():
         alike: dict[tuple[object, ...], list[Effect]] = {}
-        for effect in kind.proposals(bench.scene):
+        for effect in kind.proposals(linear.scene):
             shapes[effect.key] = shapes.get(effect.key, 0) + 1
-            if not kind.generic:
+            if not kind.empirical:
                 alike.setdefault(family_of(effect), []).append(effect)
         for family in alike.values():
             pick = np.unique(np.linspace(0, len(family) - 1, SHAPES).round().astype(int))
@@ -178,26 +178,26 @@ def _library(bench: Workbench) -> tuple[list[Effect], dict[tuple[object, ...], i
 
 
 def _seen(
-    bench: Workbench, candidates: Candidates, shapes: dict[tuple[object, ...], int], searched: int
+    linear: LinearModel, candidates: Candidates, shapes: dict[tuple[object, ...], int], trials: int
 ) -> tuple[Array, Array, Array, Index]:
     """Of each proposal: size that is detected, in standard deviations of what is possible (inf: none), and `POSSIBLE`.
 
     Also the columns of all, what the geometry absorbs taken out and scaled to their physical sizes, and whose they are.
     """
-    count, free = len(candidates.effects), bench.freedom
+    count, free = len(candidates.effects), linear.freedom
     strength, possible = np.full(count, np.inf), np.zeros(count)
     parts, owners = [], []
     for block in candidates.blocks:
         numbers, columns = block.numbers, block.columns
         m, k, n = columns.shape
-        left = bench.project(columns.reshape(m * k, n).astype(float)).reshape(m, k, n)
+        left = linear.project(columns.reshape(m * k, n).astype(float)).reshape(m, k, n)
         possible[numbers] = POSSIBLE * block.sizes[:, 0]
         gram = left @ left.transpose(0, 2, 1)
         norm = np.sqrt(block.square)
         seen = np.linalg.eigvalsh(gram / norm[:, :, None] / norm[:, None, :]).max(axis=1) > 1 - ABSORBED
         gain = np.maximum(np.linalg.eigvalsh(gram), 0.0)
         cost = np.array([candidates.effects[i].cost + np.log(shapes[candidates.keys[i]]) for i in numbers])
-        nats = DETECT + np.log(searched) + 0.5 * np.log1p(gain).sum(axis=1) + cost
+        nats = DETECT + np.log(trials) + 0.5 * np.log1p(gain).sum(axis=1) + cost
         drop = free * np.expm1(np.minimum(2 * nats / max(free, 1), 500.0))
         needed = (np.sqrt(drop) + QUANTILE) ** 2  # of the noncentrality, in noise variances
         signal = gain.sum(axis=1) / k

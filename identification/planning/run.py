@@ -17,7 +17,7 @@ from errormodel.machine import Machine
 from errormodel.simulation import Truth, measured_at, outward
 from errormodel.survey_columns import MEASURED
 from identification.diagnosis.linear.linear_model import set_up
-from identification.diagnosis.search.criteria import likeness
+from identification.diagnosis.search.criteria import canonical_correlation
 from identification.estimation.result import Fit
 from identification.estimation.run import fit_machine
 from identification.observation.identifiability import Groups
@@ -29,7 +29,7 @@ from identification.planning.power import SAME, Verdict, classes, verdicts
 from identification.planning.run_order import arranged, revisits
 from identification.planning.setup import Setup
 from identification.planning.weights import optimal_weights
-from identification.runtime.progress import Tell, silent
+from identification.runtime.progress import Progress, silent
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -139,7 +139,7 @@ def plan(
     seed: int = 0,
     *,
     worst: bool = True,
-    tell: Tell = silent,
+    progress: Progress = silent,
 ) -> Plan:
     """Plan `count` rows.
 
@@ -147,7 +147,7 @@ def plan(
     ----------
     noise : an instrument, or one standard uncertainty of all coordinates, mm.
     worst : minimise the largest predicted uncertainty in the volume; else the determinant (D-optimal).
-    tell : surrounds each long part, with its name.
+    progress : surrounds each long part, with its name.
 
     Raises
     ------
@@ -155,7 +155,7 @@ def plan(
         Too few rows for the machine's identifiable groups, or no pose is allowed.
     """
     with threadpool_limits(1, "blas"):  # blocks are small: two threads would wait for each other
-        return _plan(machine, setup, count, noise, seed, worst, tell)
+        return _plan(machine, setup, count, noise, seed, worst, progress)
 
 
 def _plan(
@@ -165,16 +165,16 @@ def _plan(
     noise: Instrument | float,
     seed: int,
     worst: bool,
-    tell: Tell,
+    progress: Progress,
 ) -> Plan:
-    with tell("Choosing poses"):
+    with progress("Choosing poses"):
         stage = prepare(machine, setup, noise, seed)
         space = stage.space
         chosen, ceiling = optimal(space, count, worst)
-    with tell("Asking what they would show of physics"):
+    with progress("Asking what they would show of physics"):
         walked = chosen[np.lexsort(stage.positions[chosen].T[::-1])]  # joint by joint, as a program would
         plain, _ = _verdicts(stage, stage.table.iloc[walked], seed)
-    with tell("Telling effects apart"):
+    with progress("Telling effects apart"):
         repeat = revisits(count, space.rank)
         pairs = _pairs(stage, plain, seed)
         chosen = told_apart(space, without(space, chosen, repeat), pairs, SAME)
@@ -183,7 +183,7 @@ def _plan(
         found, groups = _verdicts(stage, table, seed)
         changes = _changes("the order, repeats and poses of this plan", plain, found)
     if len(setup.points(machine)) == 1 and repeat:  # a second tool has parameters of its own: rows must be to spare
-        with tell("Asking what a second tool would show"):
+        with progress("Asking what a second tool would show"):
             more, how = _second_tool(table, machine)
             changes += _changes(how, found, _verdicts(stage, more, seed)[0])
     rng = np.random.default_rng([seed, 3])
@@ -292,12 +292,12 @@ def _pairs(stage: Stage, found: list[Verdict], seed: int) -> list[Pair]:
             open_.append((shown, rival))
     if not open_:
         return []
-    bench = set_up(_noise_only(stage, stage.table, seed))
+    linear = set_up(_noise_only(stage, stage.table, seed))
     n = len(stage.table)
-    if bench.size != 3 * n:  # some component is not measured anywhere
+    if linear.size != 3 * n:  # some component is not measured anywhere
         return []
-    columns = [tuple(bench.columns(e)[0] for e in pair) for pair in open_]
-    best = [likeness(bench, *pair) for pair in columns]  # with all poses
+    columns = [tuple(linear.columns(e)[0] for e in pair) for pair in open_]
+    best = [canonical_correlation(linear, *pair) for pair in columns]  # with all poses
     order = [k for k in np.argsort(best, kind="stable") if best[k] < SAME]
     return [Pair(*(c.reshape(-1, 3, n).transpose(2, 1, 0) for c in columns[k])) for k in order[:MOST_PAIRS]]
 

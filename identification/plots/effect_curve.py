@@ -14,7 +14,7 @@ from errormodel.channels import CALL, root
 from errormodel.conventions import MOTIONS, Motion, unit_of
 from errormodel.effects import make
 from errormodel.effects.base import Effect
-from identification.diagnosis.search.model import Growth
+from identification.diagnosis.search.model import EffectModel
 from identification.estimation.result import Fit
 from identification.plots import style
 from identification.results.parameter_table import printed
@@ -40,14 +40,14 @@ class Curve:
     line: str
 
 
-def draw_effect_curve(evidence: Evidence, growth: Growth, fit: Fit) -> Figure:
+def draw_effect_curve(evidence: Evidence, model: EffectModel, fit: Fit) -> Figure:
     """The finding's motions (um, urad), each in a panel, with bands of twice their standard uncertainty.
 
     `fit` is that of the extended machine. What the finding depends on beside the abscissa is a family of curves, or
     two branches by the side of arrival; all else stands at its median. Along time a motion counts from the first row,
     a wave or a free curve from its mean.
     """
-    panels = curves(evidence, growth, fit)
+    panels = curves(evidence, model, fit)
     lines = -(-len(panels) // 2)
     top = 0.3 if evidence.split else 0.08
     height = lines * (TALL + 0.62) + top
@@ -75,14 +75,14 @@ def _draw(axes: Axes, evidence: Evidence, family: Sequence[Curve]) -> None:
         )
         mark = "o" if len(curve.x) <= FEW else ""
         axes.plot(curve.x, curve.value, color=curve.colour, ls=curve.line, lw=1.6, marker=mark, ms=4, label=curve.label)
-    label = axis_of(evidence.bench, evidence.abscissa.name).label  # not folded
+    label = axis_of(evidence.linear, evidence.abscissa.name).label  # not folded
     axes.set_xlabel(label, size=style.BODY, color=style.INK)
     axes.margins(x=0.02 if len(family[0].x) <= FEW else 0)
 
 
-def curves(evidence: Evidence, growth: Growth, fit: Fit) -> dict[tuple[str, Motion], list[Curve]]:
+def curves(evidence: Evidence, model: EffectModel, fit: Fit) -> dict[tuple[str, Motion], list[Curve]]:
     """The family of curves of each motion of a finding that matters, the one that shows most first."""
-    effects = list(_effects(evidence, growth, fit))
+    effects = list(_effects(evidence, model, fit))
     place = {fit.solution.unknowns[j]: k for k, j in enumerate(fit.solution.groups.base)}
     known = [i for _, ids in effects for i in ids if i in place]  # others act as a group does that is in the fit
     some = [place[i] for i in known]
@@ -106,7 +106,7 @@ def curves(evidence: Evidence, growth: Growth, fit: Fit) -> dict[tuple[str, Moti
             label = evidence.split.labels[level] if evidence.split else ""
             curve = Curve(x, factor * value, 2 * factor * std, label, *evidence.looks[level])
             out.setdefault(key, []).append(curve)
-            arm = float(np.linalg.norm(evidence.bench.levers[key[0]][MOTIONS.index(key[1])]))
+            arm = float(np.linalg.norm(evidence.linear.levers[key[0]][MOTIONS.index(key[1])]))
             size[key] = max(size.get(key, 0.0), float(np.abs(value).max()) * arm)
     keys = sorted(out, key=lambda key: -size[key])
     keys = [k for k in keys if size[k] > SMALL * size[keys[0]]] or keys[:1]
@@ -123,7 +123,7 @@ def _zero(evidence: Evidence, rates: Array) -> Array:
     return rates.mean(axis=1, keepdims=True) if evidence.from_mean else np.zeros((len(rates), 1))
 
 
-def _effects(evidence: Evidence, growth: Growth, fit: Fit) -> Iterator[tuple[Effect, list[str]]]:
+def _effects(evidence: Evidence, model: EffectModel, fit: Fit) -> Iterator[tuple[Effect, list[str]]]:
     """The finding's effects as they are in the fit, with the ids of their parameters.
 
     The growth's steps are the machine's last effects. Effects of the same kind at one place have the same labels: the
@@ -132,10 +132,10 @@ def _effects(evidence: Evidence, growth: Growth, fit: Fit) -> Iterator[tuple[Eff
     chain = fit.chain
     left = list(chain.parameters)
     specs = chain.machine.effects
-    owners = [False] * (len(specs) - len(growth.steps)) + [s in evidence.group for s in growth.steps]
+    owners = [False] * (len(specs) - len(model.steps)) + [s in evidence.group for s in model.steps]
     for spec, own in zip(specs, owners, strict=True):
         effect, ids = make(spec), []
-        for term in effect.terms(evidence.bench.channel, chain.machine):
+        for term in effect.terms(evidence.linear.channel, chain.machine):
             label = f"{spec.effect}-{term.label}" if term.label else spec.effect
             sought = (term.element, next(iter(term.motion)), label)
             found = next(p for p in left if (p.element, p.motion, p.term) == sought)
@@ -155,7 +155,7 @@ def _grids(evidence: Evidence) -> Iterator[tuple[Array, Channels, int]]:
         if name == "time":
             order = np.argsort(evidence.channel("time"), kind="stable")
             rows = evidence.first[order[np.unique(np.linspace(0, len(order) - 1, POINTS).astype(int))]]
-            x = evidence.bench.channel("time")[rows]
+            x = evidence.linear.channel("time")[rows]
             yield evidence.abscissa.factor * x, Channels(evidence, given, rows), level
         else:
             x = _range(evidence)
@@ -194,7 +194,7 @@ class Channels:
 
     def __call__(self, name: str) -> Array:
         if self._rows is not None and is_warm(name):
-            return self._evidence.bench.channel(name)[self._rows]
+            return self._evidence.linear.channel(name)[self._rows]
         call = CALL.fullmatch(name)
         if call and call[1] == "play":
             return self._behind(self(call[2]), float(call[3]) / 2)

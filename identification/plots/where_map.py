@@ -14,7 +14,7 @@ from errormodel.arrays import Array
 from errormodel.channels import root
 from errormodel.conventions import MOTIONS, Motion, iso_symbol
 from identification.diagnosis.search.candidates import Ranked
-from identification.diagnosis.search.model import Growth
+from identification.diagnosis.search.model import EffectModel
 from identification.diagnosis.search.scoring import Step
 from identification.plots import style
 from identification.results.residual_projection import motions
@@ -37,14 +37,16 @@ class WhereMap:
     marks: dict[tuple[int, int], list[int]]
 
 
-def where_map(growth: Growth, ranking: Sequence[Ranked], numbered: Sequence[tuple[int, Sequence[Step]]]) -> WhereMap:
+def where_map(
+    model: EffectModel, ranking: Sequence[Ranked], numbered: Sequence[tuple[int, Sequence[Step]]]
+) -> WhereMap:
     """The best proposal of each cell before anything is accepted, as a share of the excess over noise.
 
     `ranking` is that of the growth's start, `numbered` its findings by their number in the report. A proposal with
     several motions or channels counts in all their cells; a channel that adds nothing to the proposal's others does
     not count.
     """
-    start, end = growth.start, growth.bench
+    start, end = model.start, model.linear
     excess = start.square - start.freedom * end.square / end.freedom
     unit = start.square / start.freedom
     shares: dict[Cell, dict[frozenset[str], float]] = {}
@@ -65,11 +67,11 @@ def where_map(growth: Growth, ranking: Sequence[Ranked], numbered: Sequence[tupl
         for cell in motions(start, [group[0].effect]):
             for driver in dict.fromkeys(map(root, group[0].effect.drivers)):
                 marked.setdefault((cell, driver), []).append(number)
-    return _laid_out(growth, best, marked)
+    return _laid_out(model, best, marked)
 
 
 def _laid_out(
-    growth: Growth, best: Mapping[tuple[Cell, str], float], marked: Mapping[tuple[Cell, str], list[int]]
+    model: EffectModel, best: Mapping[tuple[Cell, str], float], marked: Mapping[tuple[Cell, str], list[int]]
 ) -> WhereMap:
     """Rows in the order of the chain, the strongest of very many; columns: joints, sides of arrival, all else."""
     strongest: dict[Cell, float] = {}
@@ -77,9 +79,9 @@ def _laid_out(
         strongest[cell] = max(strongest.get(cell, 0.0), share)
     strongest |= {cell: 2.0 for cell, _ in marked}  # never left out
     kept = [c for c in sorted(strongest, key=lambda cell: -strongest[cell]) if strongest[c] >= TOLD][:MOST_ROWS]
-    names = growth.start.chain.element_names
+    names = model.start.chain.element_names
     rows = sorted(kept, key=lambda cell: (names.index(cell[0]), MOTIONS.index(cell[1])))
-    joints = [j.name for j in growth.start.chain.machine.joints]
+    joints = [j.name for j in model.start.chain.machine.joints]
     order = [*joints, *(f"dir_{j}" for j in joints)]
     told = [key for key, share in best.items() if share >= TOLD and key[0] in kept]
     used = {driver for _, driver in (*told, *marked)}
@@ -89,9 +91,11 @@ def _laid_out(
     return WhereMap(rows, columns, shares.reshape(len(rows), len(columns)), marks)
 
 
-def draw_where_map(growth: Growth, ranking: Sequence[Ranked], numbered: Sequence[tuple[int, Sequence[Step]]]) -> Figure:
+def draw_where_map(
+    model: EffectModel, ranking: Sequence[Ranked], numbered: Sequence[tuple[int, Sequence[Step]]]
+) -> Figure:
     """Heat map of :func:`where_map`: the darker, the more one effect there would explain; findings are framed."""
-    found = where_map(growth, ranking, numbered)
+    found = where_map(model, ranking, numbered)
     n, m = found.share.shape
     left, wide = 1.55, min(MOST_WIDE, 4.7 / m)
     tall = n * HIGH
@@ -107,7 +111,7 @@ def draw_where_map(growth: Growth, ranking: Sequence[Ranked], numbered: Sequence
     axes.vlines(np.arange(m + 1) - 0.5, -0.5, n - 0.5, color=style.FAINT, lw=0.6)
     axes.hlines(np.arange(n + 1) - 0.5, -0.5, m - 0.5, color=style.FAINT, lw=0.6)
     axes.tick_params(length=0, labeltop=True, labelbottom=False)
-    axes.set_yticks(range(n), [_row(growth, cell) for cell in found.rows], size=style.SMALL)
+    axes.set_yticks(range(n), [_row(model, cell) for cell in found.rows], size=style.SMALL)
     turned: dict[str, Any] = {"rotation": 40, "ha": "left", "rotation_mode": "anchor"} if slanted else {}
     axes.set_xticks(range(m), names, size=style.SMALL, **turned)
     axes.spines[:].set_visible(False)
@@ -130,9 +134,9 @@ def draw_where_map(growth: Growth, ranking: Sequence[Ranked], numbered: Sequence
     return figure
 
 
-def _row(growth: Growth, cell: Cell) -> str:
+def _row(model: EffectModel, cell: Cell) -> str:
     element, motion = cell
-    joint = any(j.name == element for j in growth.start.chain.machine.joints)
+    joint = any(j.name == element for j in model.start.chain.machine.joints)
     iso = f"  {iso_symbol(element, motion)}" if joint else ""
     return style.plain(f"{element}.{motion}{iso}", 24)
 

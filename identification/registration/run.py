@@ -21,7 +21,7 @@ from identification.registration.motions import with_uncertainty
 from identification.registration.mount import Mount, given_mount, identify_mount
 from identification.registration.readers import read_cloud
 from identification.registration.surface import Surface, fit_surface
-from identification.runtime.progress import Tell, silent
+from identification.runtime.progress import Progress, silent
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -50,7 +50,7 @@ class Registered:
     notes: tuple[str, ...]
 
 
-def register(cold: Path, warm: Sequence[Path], profiler: Path, tell: Tell = silent) -> Registered:
+def register(cold: Path, warm: Sequence[Path], profiler: Path, progress: Progress = silent) -> Registered:
     """The thermal error motions at every artefact, in every WARM folder.
 
     Parameters
@@ -59,7 +59,7 @@ def register(cold: Path, warm: Sequence[Path], profiler: Path, tell: Tell = sile
         Folders with one cloud an artefact.
     profiler : Path
         ``profiler.yaml``.
-    tell : Tell
+    progress : Tell
         How to show progress.
 
     Raises
@@ -74,13 +74,13 @@ def register(cold: Path, warm: Sequence[Path], profiler: Path, tell: Tell = sile
     count = len(form.positions)
     cold_files = clouds_in(cold, count)
     warm_files = [clouds_in(folder, count, cold_files) for folder in warm]
-    with tell("Identifying the mount"):
+    with progress("Identifying the mount"):
         mount = _mount(form, document, profiler)
     lever = np.array(form.lever)
     rows: list[dict[str, float | str]] = []
     moved: list[Displacement] = []
     for k, position in enumerate(form.positions):
-        with tell(f"Artefact {k + 1} of {count} at {form.joint} = {position:g}"):
+        with progress(f"Artefact {k + 1} of {count} at {form.joint} = {position:g}"):
             reference = _cloud(cold_files[k], form, mount)
             surface = fit_surface(reference)
             for run, files, time in zip(runs, warm_files, times, strict=True):

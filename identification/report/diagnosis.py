@@ -93,14 +93,14 @@ def diagnosis_part(diagnosed: Diagnosed) -> DiagnosisPart:
         _heldout(diagnosed),
         (*(n for n in diagnosis.notes if n not in diagnosed.final.notes), *(named if doubtful else ()), *left),
         findings,
-        [_where(p, own) for p in parts if (own := {n: g for n, g in groups.items() if g[0] in p.growth.steps})],
+        [_where(p, own) for p in parts if (own := {n: g for n, g in groups.items() if g[0] in p.model.steps})],
         diagnosis.untestable,
     )
 
 
 def numbered(diagnosed: Diagnosed) -> dict[int, Sequence[Step]]:
     """The growth's steps behind each finding, by its number on the page; blunders and outliers have none."""
-    left = [g for p in diagnosed.parts or (diagnosed,) for g in p.growth.findings]
+    left = [g for p in diagnosed.parts or (diagnosed,) for g in p.model.findings]
     out: dict[int, Sequence[Step]] = {}
     for number_, finding in enumerate(diagnosed.diagnosis.findings, start=1):
         place = (finding.effect, finding.where, tuple(finding.driver))
@@ -136,7 +136,7 @@ def _value(value: float | None) -> float:
 
 
 def _part(diagnosed: Diagnosed, count: int, finding: Finding, group: Sequence[Step] | None) -> FindingPart:
-    evidence = evidence_of(diagnosed.growth, group) if group else None
+    evidence = evidence_of(diagnosed.model, group) if group else None
     facts = [("Name", sure(finding))] if group else []
     if finding.motion:
         facts.append(("Motion", ", ".join(finding.motion)))
@@ -219,14 +219,14 @@ def _amount(name: str, value: float, std: float | None, unit: str) -> list[str]:
 
 
 def _unit(diagnosed: Diagnosed, name: str) -> str:
-    units = {p.id: p.unit for p in diagnosed.growth.start.chain.parameters}
+    units = {p.id: p.unit for p in diagnosed.model.start.chain.parameters}
     motion = name.rsplit(".", 1)[-1]
     return units.get(name) or (unit_of(motion) if motion in ("dx", "dy", "dz", "ea", "eb", "ec") else "1")
 
 
 def _where(diagnosed: Diagnosed, groups: dict[int, Sequence[Step]]) -> Picture:
     return picture(
-        partial(draw_where_map, diagnosed.growth, diagnosed.ranking, list(groups.items())),
+        partial(draw_where_map, diagnosed.model, diagnosed.ranking, list(groups.items())),
         "Where: each cell is a motion of an element (row) that goes with a channel (column; side: from which side the "
         "joint arrived). Figures and colour are the share, in per cent, of the error beyond noise that the best single "
         "effect there would explain before anything is accepted; empty cells explain nothing, rows and columns below "
@@ -261,7 +261,7 @@ def _pictures(diagnosed: Diagnosed, count: int, evidence: Evidence) -> list[Pict
             f"Residuals against {driver} without and with {name}",
         ),
         picture(
-            partial(draw_effect_curve, evidence, diagnosed.growth, final),
+            partial(draw_effect_curve, evidence, diagnosed.model, final),
             f"What the finding adds to the machine's motions over the recorded range of {driver.split(' within')[0]}"
             f"{split}, with bands of ± 2 standard uncertainties. All else stands at its median.{rest}{periods}",
             f"Curves of the motions of {name}, against {driver}, with their uncertainty",

@@ -91,4 +91,4 @@ class DiagnosisPlots(FitPlots):
 
         if not self._diagnosed.diagnosis.findings:
             raise InputError("where", "nothing was found that a map could show", "Look at residuals() instead")
-        return draw_where_map(self._diagnosed.growth, self._diagnosed.ranking, [])
+        return draw_where_map(self._diagnosed.model, self._diagnosed.ranking, [])

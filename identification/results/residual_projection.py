@@ -11,8 +11,8 @@ from errormodel.arrays import Array, Index
 from errormodel.channels import CALL, POINT, root
 from errormodel.conventions import MOTIONS, Motion, iso_symbol
 from errormodel.effects.base import Effect
-from identification.diagnosis.linear.linear_model import Workbench
-from identification.diagnosis.search.model import Growth
+from identification.diagnosis.linear.linear_model import LinearModel
+from identification.diagnosis.search.model import EffectModel
 from identification.diagnosis.search.scoring import Step
 from identification.plots import style
 
@@ -64,13 +64,13 @@ class Evidence:
 
     Attributes
     ----------
-    bench : without the finding, everything else fitted; `first` (n,) an observation of each row.
+    linear : without the finding, everything else fitted; `first` (n,) an observation of each row.
     element, motion : the motion that shows most; `direction` (n, 3) where it moves the tip, reference's axes.
     before, after : (n,) residual along it without the finding and with it, um.
     """
 
     group: Sequence[Step]
-    bench: Workbench
+    linear: LinearModel
     first: Index
     element: str
     motion: Motion
@@ -85,7 +85,7 @@ class Evidence:
 
     def channel(self, name: str) -> Array:
         """A channel at each row, (n,); a difference of two where the name says so."""
-        return _channel(self.bench, name)[self.first]
+        return _channel(self.linear, name)[self.first]
 
     @property
     def waves(self) -> float:
@@ -97,7 +97,7 @@ class Evidence:
     @property
     def from_mean(self) -> bool:
         """Whether its motions count from their mean along the abscissa: waves, and free curves."""
-        return bool(self.waves) or any(s.effect.tied for s in self.group)
+        return bool(self.waves) or any(s.effect.random for s in self.group)
 
     @property
     def looks(self) -> Sequence[tuple[str, str]]:
@@ -107,33 +107,33 @@ class Evidence:
     @property
     def symbol(self) -> str:
         """The motion in words: ``dy of W (EYW)``."""
-        joints = {j.name for j in self.bench.chain.machine.joints}
+        joints = {j.name for j in self.linear.chain.machine.joints}
         iso = f" ({iso_symbol(self.element, self.motion)})" if self.element in joints else ""
         return style.plain(f"{self.motion} of {self.element}{iso}", 30)
 
 
-def evidence_of(growth: Growth, group: Sequence[Step]) -> Evidence:
+def evidence_of(model: EffectModel, group: Sequence[Step]) -> Evidence:
     """The evidence for one of a growth's findings."""
-    bench = growth.without(group)
-    rows = _Rows(bench)
-    seen = len(bench.index)  # behind the observations there may be ties
-    before, after = bench.residual[:seen], growth.bench.residual[:seen]
+    linear = model.without(group)
+    rows = _Rows(linear)
+    seen = len(linear.index)  # behind the observations there may be ties
+    before, after = linear.residual[:seen], model.linear.residual[:seen]
     whole, explained = rows.vectors(np.array([before, before - after]))
     shown: dict[tuple[str, Motion], tuple[float, Array]] = {}
-    for element, motion in motions(bench, [group[0].effect]):
-        (lever,) = rows.vectors(bench.levers[element][MOTIONS.index(motion)][None])
+    for element, motion in motions(linear, [group[0].effect]):
+        (lever,) = rows.vectors(linear.levers[element][MOTIONS.index(motion)][None])
         length = np.linalg.norm(lever, axis=1, keepdims=True)
         direction = np.divide(lever, length, out=np.zeros_like(lever), where=length > 0)
         shown[element, motion] = float(np.square((explained * direction).sum(axis=1)).sum()), direction
     (element, motion), (_, direction) = max(shown.items(), key=lambda item: item[1][0])
     before, part = (1e3 * (v * direction).sum(axis=1) for v in (whole, explained))
-    abscissa, split = _axes(bench, group, rows.first, part)
-    return Evidence(group, bench, rows.first, element, motion, before, before - part, abscissa, split)
+    abscissa, split = _axes(linear, group, rows.first, part)
+    return Evidence(group, linear, rows.first, element, motion, before, before - part, abscissa, split)
 
 
-def motions(bench: Workbench, effects: Sequence[Effect]) -> list[tuple[str, Motion]]:
+def motions(linear: LinearModel, effects: Sequence[Effect]) -> list[tuple[str, Motion]]:
     """Elements and motions of effects, in the order of their terms."""
-    terms = [t for e in effects for t in e.terms(bench.channel, bench.chain.machine)]
+    terms = [t for e in effects for t in e.terms(linear.channel, linear.chain.machine)]
     return list(dict.fromkeys((t.element, m) for t in terms for m in t.motion))
 
 
@@ -143,12 +143,12 @@ class _Rows:
     The frame's three translations, which are whitened alike, say what one mm is.
     """
 
-    def __init__(self, bench: Workbench) -> None:
-        _, self.first, self._place = np.unique(bench.index, return_index=True, return_inverse=True)
+    def __init__(self, linear: LinearModel) -> None:
+        _, self.first, self._place = np.unique(linear.index, return_index=True, return_inverse=True)
         order = np.argsort(self._place, kind="stable")
         self._slot = np.empty_like(order)
         self._slot[order] = np.arange(len(order)) - np.searchsorted(self._place[order], self._place[order])
-        frame = self._stack(bench.levers[bench.chain.element_names[0]][:3])
+        frame = self._stack(linear.levers[linear.chain.element_names[0]][:3])
         self._back = np.linalg.pinv(frame.transpose(1, 2, 0))
 
     def vectors(self, observations: Array) -> Array:
@@ -162,13 +162,13 @@ class _Rows:
         return out
 
 
-def channels_of(bench: Workbench, effects: Sequence[Effect]) -> list[str]:
+def channels_of(linear: LinearModel, effects: Sequence[Effect]) -> list[str]:
     """Channels that effects ask for and that vary; what follows a joint with a play depends on the side of arrival."""
-    asked = dict.fromkeys(name for e in effects for name in e.channels(bench.chain.machine))
+    asked = dict.fromkeys(name for e in effects for name in e.channels(linear.chain.machine))
     for name in list(asked):
         if call := CALL.fullmatch(name):
             asked[f"dir_{call[2]}" if call[1] == "play" else name] = None
-    return [n for n in asked if not n.startswith("play(") and np.ptp(bench.channel(n)) > 0]
+    return [n for n in asked if not n.startswith("play(") and np.ptp(linear.channel(n)) > 0]
 
 
 def is_warm(name: str) -> bool:
@@ -176,37 +176,37 @@ def is_warm(name: str) -> bool:
     return name == "time" or root(name).startswith("T_")
 
 
-def _axes(bench: Workbench, group: Sequence[Step], first: Index, part: Array) -> tuple[Abscissa, Split | None]:
+def _axes(linear: LinearModel, group: Sequence[Step], first: Index, part: Array) -> tuple[Abscissa, Split | None]:
     """The pair of channels, or the one, along which bins show most of what the finding explains."""
     effect = group[0].effect
-    own = channels_of(bench, [effect])
+    own = channels_of(linear, [effect])
     sides = [n for n in own if n.startswith("dir_")]
     names = [n for n in own if n not in sides]
     warm = [n for n in names if is_warm(n)]
-    whole = channels_of(bench, [s.effect for s in group])
+    whole = channels_of(linear, [s.effect for s in group])
     every = [n for n in whole if is_warm(n)]
     if warm:
         pair = PAIR.join(warm[:2]) if set(every) == set(warm) and len(warm) == 2 and "time" not in warm else ""
         one = pair or (warm[0] if len({root(n) for n in every}) == 1 and len(every) == 1 else "time")
-        one = one if bench.scene.duration else warm[0]
+        one = one if linear.scene.duration else warm[0]
         names = [*(n for n in names if n not in warm), one]
     names = names or [n.removeprefix("dir_") for n in sides]
     seconds = [*names, *(n for n in whole if n not in (*names, *every, *sides) and not n.startswith("dir_"))]
     period = getattr(effect, "period", None)
     if period and effect.drivers[0] in names:
-        return folded(bench, effect.drivers[0], float(period)), _second_wave(bench, effect, first)
+        return folded(linear, effect.drivers[0], float(period)), _second_wave(linear, effect, first)
     tries: list[tuple[float, int, str, Split | None]] = []
     for name in names:
-        x = _channel(bench, name)[first]
-        splits: list[Split | None] = [_sides(bench, n, first) for n in sides] or [
+        x = _channel(linear, name)[first]
+        splits: list[Split | None] = [_sides(linear, n, first) for n in sides] or [
             None,
-            *_levels(bench, seconds, name, first),
+            *_levels(linear, seconds, name, first),
         ]
         for split in splits:
             share = _explained(part, x, split) - 0.1 * (split is not None and not sides)
             tries.append((share + 0.05 * (name in effect.drivers), len(tries), name, split))
     _, _, name, split = max(tries)
-    return axis_of(bench, name), split
+    return axis_of(linear, name), split
 
 
 def _explained(part: Array, x: Array, split: Split | None) -> float:
@@ -226,18 +226,18 @@ def bin_of(x: Array, bins: int) -> Index:
     return np.searchsorted(starts, x, side="right") - 1
 
 
-def _sides(bench: Workbench, name: str, first: Index) -> Split:
-    member = (_channel(bench, name)[first] < 0).astype(np.intp)
+def _sides(linear: LinearModel, name: str, first: Index) -> Split:
+    member = (_channel(linear, name)[first] < 0).astype(np.intp)
     labels = tuple(f"{style.plain(name[4:], 16)} {side}" for side in SIDES)
     return Split(name, np.array([1.0, -1.0]), labels, member)
 
 
-def _levels(bench: Workbench, names: Sequence[str], but: str, first: Index) -> Iterator[Split]:
+def _levels(linear: LinearModel, names: Sequence[str], but: str, first: Index) -> Iterator[Split]:
     """Thirds of the other channels; of one with two or three values, the values."""
     for name in names:
         if name == but:
             continue
-        values, axis = _channel(bench, name)[first], axis_of(bench, name)
+        values, axis = _channel(linear, name)[first], axis_of(linear, name)
         levels = np.unique(values)
         if len(levels) > 3:
             low, high = np.quantile(values, (1 / 3, 2 / 3))
@@ -250,14 +250,14 @@ def _levels(bench: Workbench, names: Sequence[str], but: str, first: Index) -> I
         yield Split(name, levels, labels, member.astype(np.intp))
 
 
-def _second_wave(bench: Workbench, effect: Effect, first: Index) -> Split | None:
+def _second_wave(linear: LinearModel, effect: Effect, first: Index) -> Split | None:
     """Of a wave in two channels, thirds of the second one's period."""
     by, period = getattr(effect, "by", None), getattr(effect, "by_period", None)
     if by is None:
         return None
     if period is None:
-        return next(_levels(bench, [by], "", first))
-    values, axis = _channel(bench, by)[first], axis_of(bench, by)
+        return next(_levels(linear, [by], "", first))
+    values, axis = _channel(linear, by)[first], axis_of(linear, by)
     member = np.floor(3 * np.mod(values, period) / period).astype(np.intp) % 3
     middle = np.floor(float(np.median(values)) / period) * period
     what, _, unit = axis.label.partition(" / ")
@@ -265,10 +265,10 @@ def _second_wave(bench: Workbench, effect: Effect, first: Index) -> Split | None
     return Split(by, middle + period * (np.arange(3) + 0.5) / 3, labels, member)
 
 
-def folded(bench: Workbench, name: str, period: float) -> Abscissa:
+def folded(linear: LinearModel, name: str, period: float) -> Abscissa:
     """A periodic effect's channel: modulo the period, where the range holds many."""
-    axis = axis_of(bench, name)
-    if np.ptp(bench.channel(name)) < MANY * period:
+    axis = axis_of(linear, name)
+    if np.ptp(linear.channel(name)) < MANY * period:
         return axis
     what, _, unit = axis.label.partition(" / ")
     length = f"{axis.factor * period:.4g} {unit}".replace(" °", "°")
@@ -279,15 +279,15 @@ def _digits(value: float) -> str:
     return (f"{value:.0f}" if abs(value) >= 100 else f"{value:.3g}").replace("-", "−")
 
 
-def axis_of(bench: Workbench, name: str) -> Abscissa:
+def axis_of(linear: LinearModel, name: str) -> Abscissa:
     """The axis of any channel."""
-    joint = next((j for j in bench.chain.machine.joints if j.name == name), None)
+    joint = next((j for j in linear.chain.machine.joints if j.name == name), None)
     word = style.plain(name, 16)
     if joint is not None:
         turning = joint.type == "rotary"
         return Abscissa(name, f"{word} / {'°' if turning else 'mm'}", float(np.degrees(1.0)) if turning else 1.0)
     if name == "time":
-        hours = bench.scene.duration > 3 * 3600
+        hours = linear.scene.duration > 3 * 3600
         return Abscissa(name, f"time / {'h' if hours else 'min'}", 1 / (3600 if hours else 60))
     if PAIR in name:
         one, other = (style.plain(root(n), 16) for n in name.split(PAIR))
@@ -306,8 +306,8 @@ def _behind(name: str) -> str:
     return f", {float(call[3]) / 60:.3g} min behind" if call else ""
 
 
-def _channel(bench: Workbench, name: str) -> Array:
+def _channel(linear: LinearModel, name: str) -> Array:
     if PAIR in name:
         one, other = name.split(PAIR)
-        return bench.channel(one) - bench.channel(other)
-    return bench.channel(name)
+        return linear.channel(one) - linear.channel(other)
+    return linear.channel(name)

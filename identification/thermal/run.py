@@ -19,7 +19,7 @@ from errormodel.simulation import Truth, measured_at
 from errormodel.survey import Survey
 from identification.estimation.result import Fit
 from identification.estimation.run import fit_machine
-from identification.runtime.progress import Tell, silent
+from identification.runtime.progress import Progress, silent
 from identification.thermal.recordings import Drift, Recordings, recordings
 from identification.thermal.selection import centred, choose
 from identification.thermal.stepwise import stepwise
@@ -92,7 +92,7 @@ class Thermal:
         }
 
 
-def thermal(machine: Machine, survey: Survey, tell: Tell = silent) -> Thermal:
+def thermal(machine: Machine, survey: Survey, progress: Progress = silent) -> Thermal:
     """Find what temperatures each recorded error motion follows, fit the machine with that, and judge it.
 
     Raises
@@ -103,15 +103,15 @@ def thermal(machine: Machine, survey: Survey, tell: Tell = silent) -> Thermal:
     if any(e.effect == StructureDrift.effect and e.options.get("std") for e in machine.effects):
         found = f"{StructureDrift.effect} with std: the machine has a thermal model already"
         raise InputError(f"{machine.source}, key effects", found, "Start from the machine without it")
-    with tell("Reading the recordings"):
+    with progress("Reading the recordings"):
         taken = recordings(machine, survey)
         pairs = list(zip(taken.fit, taken.test, strict=True))
-    with tell("Choosing temperatures and lags"):
+    with progress("Choosing temperatures and lags"):
         effects = _followed(machine, taken)
-    with tell("Fitting the machine with them"):
+    with progress("Fitting the machine with them"):
         specs = (EffectSpec(e.effect, e.model_dump(exclude_defaults=True)) for own in effects for e in own)
         fit = fit_machine(replace(machine, effects=(*machine.effects, *specs)), _without_test_drifts(taken))
-    with tell("Judging by the other cycle"):
+    with progress("Judging by the other cycle"):
         said = _by_model(fit, taken)
         usual = [_by_regression(taken, *pair) for pair in pairs]
     motions = tuple(map(_judged, pairs, effects, said, usual))

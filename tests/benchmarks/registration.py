@@ -98,7 +98,7 @@ def rms(rows):
 def main():
     cases = int(sys.argv[1]) if len(sys.argv) > 1 else 100
     step = float(sys.argv[2]) if len(sys.argv) > 2 else 0.4
-    done = [one(seed, step, rivals=seed < 5) for seed in range(cases)]
+    done = [one(seed, step, alternatives=seed < 5) for seed in range(cases)]
     stack = {k: np.array([d[k] for d in done]) for k in ("gap", "u", "motions", "u_motions", "bound")}
     print(f"{cases} cases, {int(np.mean([d['points'] for d in done]))} points a cloud")
     print(f"{'rms, um and urad':44}" + "".join(f"{n:>10}" for n in NAMES))

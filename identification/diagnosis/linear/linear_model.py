@@ -22,7 +22,7 @@ from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.machine import Vector
 from errormodel.survey import Survey
 from identification.diagnosis.data_checks.temperature_sensors import dead_sensors
-from identification.diagnosis.linear.random_effects import Tied
+from identification.diagnosis.linear.random_effects import RandomEffects
 from identification.estimation.result import Fit
 from identification.observation.models import PositionView
 from identification.observation.normal_equations import design_rows, view_vector
@@ -36,7 +36,7 @@ LEAST_RUN = 8  # rows of a run that may differ
 
 
 @dataclass(frozen=True, eq=False)
-class Workbench:
+class LinearModel:
     """Observations of a fit, ready for candidates.
 
     Attributes
@@ -115,7 +115,7 @@ class Workbench:
         """Columns (k, N + ties) without what the basis spans."""
         return columns - (columns @ self.basis) @ self.basis.T
 
-    def with_columns(self, columns: Array) -> Workbench:
+    def with_columns(self, columns: Array) -> LinearModel:
         """The workbench after further columns (k, N + ties) have been fitted."""
         left = self.project(self.project(columns))
         norms = np.linalg.norm(left, axis=1)
@@ -132,10 +132,10 @@ class Workbench:
             q = q[:, np.abs(np.diag(r)) >= DEPENDENT]
         return replace(self, basis=np.hstack([self.basis, q]), residual=self.residual - q @ (q.T @ self.residual))
 
-    def with_effect(self, effect: Effect) -> Workbench:
+    def with_effect(self, effect: Effect) -> LinearModel:
         """The workbench after an effect has been fitted."""
         columns, size = self.columns(effect)
-        if not effect.tied:
+        if not effect.random:
             return self.with_columns(columns)
         more = np.zeros((len(columns), self.basis.shape[1])), np.zeros(len(columns))
         wider = replace(self, basis=np.vstack([self.basis, more[0]]), residual=np.append(self.residual, more[1]))
@@ -143,7 +143,7 @@ class Workbench:
 
     def square_with(self, effect: Effect) -> float:
         """Residual sum of squares after an effect has been fitted: that of `with_effect`, without making it."""
-        if effect.tied:
+        if effect.random:
             return self.with_effect(effect).square
         columns, _ = self.columns(effect)
         norms = np.linalg.norm(columns, axis=1)
@@ -154,19 +154,19 @@ class Workbench:
         slopes = vectors[:, kept].T @ (scaled @ self.residual)
         return self.square - float(np.sum(slopes**2 / values[kept]))
 
-    def tied(self, columns: Array) -> Tied:
+    def random(self, columns: Array) -> RandomEffects:
         """Columns (k, N) or (k, N + ties) as those of tied parameters."""
-        return Tied.of(columns, self.basis, self.residual, self.freedom)
+        return RandomEffects.of(columns, self.basis, self.residual, self.freedom)
 
-    def drop(self, after: Workbench) -> float:
+    def delta_chi2(self, after: LinearModel) -> float:
         """Of the residual sum of squares once more has been fitted, in present noise variances."""
         return (self.square - after.square) * self.freedom / self.square
 
     def _hold(self, effect: Effect, columns: Array, size: Array) -> Array:
         """Weight of each parameter's equation ``0 = parameter``, (k,), in units of the noise that the effect leaves."""
-        if not effect.tied:
+        if not effect.random:
             return np.zeros(len(size))
-        noise = self.tied(columns).noise(float(size[0]))
+        noise = self.random(columns).noise(float(size[0]))
         return np.asarray(np.sqrt(noise) / size)
 
     def estimates(self, effects: Sequence[Effect]) -> tuple[Array, Array]:
@@ -208,7 +208,7 @@ class _Channels(dict[str, Array]):
         return self[name]
 
 
-def set_up(fit: Fit, most: int = MOST_ROWS) -> Workbench:
+def set_up(fit: Fit, most: int = MOST_ROWS) -> LinearModel:
     """The workbench of a fit, in units of its noise, of at most so many rows."""
     chain, problem, solution = fit.chain, fit.problem, fit.solution
     place = problem.place()
@@ -247,7 +247,7 @@ def set_up(fit: Fit, most: int = MOST_ROWS) -> Workbench:
     dead = dead_sensors(fit.survey)
     seen_columns = _scene_columns(fit.survey, table, chain, dead)
     scene = Scene(chain.machine, seen_columns, _stations(fit), fit.survey.motions_of, dead)
-    return Workbench(chain, residual - q @ (q.T @ residual), q, arms_of, _Lazy(table, rows[live]), rows[live], scene)
+    return LinearModel(chain, residual - q @ (q.T @ residual), q, arms_of, _Lazy(table, rows[live]), rows[live], scene)
 
 
 def _stations(fit: Fit) -> tuple[Vector, ...]:

@@ -23,7 +23,7 @@ from errormodel.effects.base import axis_motion
 from errormodel.machine import Basis, EffectSpec, Joint, Machine
 from errormodel.survey import Survey
 from errormodel.survey_columns import MEASURED, SIGMA, UNCERTAINTY
-from identification.runtime.progress import Tell
+from identification.runtime.progress import Progress
 
 ASIDE = 5000.0  # mm: far enough that the noise of a component is that of the angle that it shows
 POINTS = (((0.0, 0.0, 0.0), (0, 1, 2)), ((ASIDE, 0.0, 0.0), (1, 2)), ((0.0, ASIDE, 0.0), (2,)))
@@ -51,9 +51,9 @@ class Carried:
     def __str__(self) -> str:
         return f"{'rotations' if self.turning else 'displacements'} of {self.joint}"
 
-    def telling(self, tell: Tell) -> Tell:
+    def telling(self, progress: Progress) -> Progress:
         """What is done to this part, by its name."""
-        return lambda text: tell(f"{text}, {self}")
+        return lambda text: progress(f"{text}, {self}")
 
 
 def carried(machine: Machine, survey: Survey) -> list[Carried]:

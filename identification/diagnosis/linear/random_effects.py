@@ -17,7 +17,7 @@ SCALES = np.logspace(-3, 6, 91)  # of a parameter's effect over all rows, in noi
 
 
 @dataclass(frozen=True)
-class Tied:
+class RandomEffects:
     """Tied columns beside a fitted basis.
 
     Attributes
@@ -33,7 +33,7 @@ class Tied:
     freedom: int
 
     @classmethod
-    def of(cls, columns: Array, basis: Array, residual: Array, freedom: int) -> Tied:
+    def of(cls, columns: Array, basis: Array, residual: Array, freedom: int) -> RandomEffects:
         """From columns (k, N), an orthonormal basis (N + ties, r) and the residual (N + ties,) that it leaves."""
         seen = columns.shape[1]
         inner, gram = columns @ basis[:seen], columns @ columns.T
@@ -41,7 +41,7 @@ class Tied:
         return cls.from_products(left, slopes, float(np.trace(gram)), float(residual @ residual), freedom)
 
     @classmethod
-    def from_products(cls, gram: Array, slopes: Array, whole: float, square: float, freedom: int) -> Tied:
+    def from_products(cls, gram: Array, slopes: Array, whole: float, square: float, freedom: int) -> RandomEffects:
         """From products of what the geometry leaves of the columns: with each other (k, k), with the residual (k,)."""
         values, vectors = np.linalg.eigh(gram)
         left = values > max(1e-9 * values[-1], ROUNDED * whole)

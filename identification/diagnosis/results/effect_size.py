@@ -58,7 +58,7 @@ class Whole:
         """The main effect's parameters first; a curve of many tied ones is summed up."""
         out = []
         for effect, ids in zip(self.effects, self.ids, strict=True):
-            if effect.tied:
+            if effect.random:
                 out += self._summary(effect, ids)
             else:
                 out += [Amount(i, *self.total({i: 1.0}), self.units[i]) for i in ids]

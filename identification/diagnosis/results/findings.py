@@ -10,7 +10,7 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.effects.base import Effect
-from identification.diagnosis.linear.linear_model import Workbench
+from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.results.effect_size import Amount
 from identification.diagnosis.search.scoring import FORM, Step
 
@@ -131,42 +131,42 @@ BETTER = 0.05  # decimal logarithm of the Bayes factor from which a rival is sai
 UNKNOWN = 0.015  # odds that it is something else which no catalogue has, and which looks like the name
 
 
-def motions_of(effect: Effect, bench: Workbench) -> list[str]:
+def motions_of(effect: Effect, linear: LinearModel) -> list[str]:
     """Motions that an effect makes, in the order of its terms."""
-    return list(dict.fromkeys(m for t in effect.terms(bench.channel, bench.chain.machine) for m in t.motion))
+    return list(dict.fromkeys(m for t in effect.terms(linear.channel, linear.chain.machine) for m in t.motion))
 
 
-def alternatives_of(step: Step, bench: Workbench, probability: float, most: int = 5) -> list[Alternative]:
+def alternatives_of(step: Step, linear: LinearModel, probability: float, most: int = 5) -> list[Alternative]:
     """The best other explanations, one for each effect and place, the most probable first.
 
     Parameters
     ----------
-    step, bench : what was chosen, and the model without it.
+    step, linear : what was chosen, and the model without it.
     probability : of the finding; the others share what it leaves.
     """
     best: dict[tuple[str, str], Step] = {}
-    for one in (step, *step.rivals):
+    for one in (step, *step.alternatives):
         best.setdefault((one.effect.effect, one.effect.where), one)
     names = probabilities_of(step)
     left = (1 - probability) / (1 - min(names[step.effect.effect], MOST_SURE))
     weights = {key: np.exp(_weight(one, step) - _weight(step, step)) for key, one in best.items()}
     out = []
-    for key, rival in list(best.items())[1 : most + 1]:
+    for key, alternative in list(best.items())[1 : most + 1]:
         name, places = key[0], sum(w for (other, _), w in weights.items() if other == key[0])
         share = weights[key] / max(places, TINY)
         own = None if name == step.effect.effect else float(left * names[name] * share)
-        factor = log10_factor(step, rival)
-        more = motions_of(rival.effect, bench), list(rival.effect.drivers)
-        why = preference(step, rival) if factor > BETTER else ""
+        factor = log10_factor(step, alternative)
+        more = motions_of(alternative.effect, linear), list(alternative.effect.drivers)
+        why = preference(step, alternative) if factor > BETTER else ""
         out.append(Alternative(*key, factor, abs(factor) > SEPARABLE, *more, own, why))
     return sorted(out, key=lambda a: -1.0 if a.probability is None else -a.probability)
 
 
-def preference(step: Step, rival: Step) -> str:
+def preference(step: Step, alternative: Step) -> str:
     """Why a step was chosen although a rival fits this data better."""
-    if rival.effect.generic and not step.effect.generic:
+    if alternative.effect.empirical and not step.effect.empirical:
         return "a curve without a name can follow anything: known physics is preferred"
-    if _odds(rival) > _odds(step):
+    if _odds(alternative) > _odds(step):
         return "it can follow any smooth curve: a form that physics fixes is preferred"
     return "what it leaves looks less like noise, or it departs more from its textbook form"
 
@@ -174,17 +174,17 @@ def preference(step: Step, rival: Step) -> str:
 def look_alikes(step: Step) -> list[Effect]:
     """Physics of other names that the data do not separate from a step, the likeliest first, each name once."""
     best: dict[str, Effect] = {}
-    for rival in step.rivals:
-        effect = rival.effect
-        other = effect.effect != step.effect.effect and not effect.generic
-        if other and abs(log10_factor(step, rival)) <= SEPARABLE:
+    for alternative in step.alternatives:
+        effect = alternative.effect
+        other = effect.effect != step.effect.effect and not effect.empirical
+        if other and abs(log10_factor(step, alternative)) <= SEPARABLE:
             best.setdefault(effect.effect, effect)
     return list(best.values())
 
 
-def log10_factor(step: Step, rival: Step) -> float:
+def log10_factor(step: Step, alternative: Step) -> float:
     """Decimal logarithm of the Bayes factor of a rival against a step."""
-    return float((rival.evidence - step.evidence) / np.log(10))
+    return float((alternative.evidence - step.evidence) / np.log(10))
 
 
 def probability_of(step: Step) -> float:
@@ -197,19 +197,19 @@ def probabilities_of(step: Step) -> dict[str, float]:
 
     Evidence is tempered: no form is exact, so that a difference counts for less the more is explained.
     """
-    best = {CHANCE: float(np.log(max(step.searched, 1))) / _temper(step)}
-    for one in (step, *step.rivals):
+    best = {CHANCE: float(np.log(max(step.trials, 1))) / _temper(step)}
+    for one in (step, *step.alternatives):
         name = one.effect.effect
         best[name] = max(best.get(name, -np.inf), _weight(one, step))
     best[step.effect.effect] += CHOSEN
     weights = {name: np.exp(value - max(best.values())) for name, value in best.items()}
-    unknown = 0.0 if step.effect.generic else UNKNOWN * weights[step.effect.effect]
+    unknown = 0.0 if step.effect.empirical else UNKNOWN * weights[step.effect.effect]
     total = sum(weights.values()) + unknown
     return {name: float(weight / total) for name, weight in weights.items() if name != CHANCE}
 
 
 def _temper(step: Step) -> float:
-    return min(1.0 + 0.02 * max(step.drop, 0.0), TEMPER)
+    return min(1.0 + 0.02 * max(step.delta_chi2, 0.0), TEMPER)
 
 
 def _weight(one: Step, step: Step) -> float:
@@ -221,15 +221,15 @@ def _weight(one: Step, step: Step) -> float:
 
 def _odds(step: Step) -> float:
     """Nats by which physics of a form of its own, as textbooks have it, is the likelier beforehand."""
-    bends = step.effect.pliant or step.drop - step.bend < FORM * step.drop
-    return FORM_ODDS if step.effect.generic else PLIANT_ODDS if bends else 0.0
+    bends = step.effect.flexible or step.delta_chi2 - step.delta_chi2_of_form < FORM * step.delta_chi2
+    return FORM_ODDS if step.effect.empirical else PLIANT_ODDS if bends else 0.0
 
 
 def p_value_of(step: Step) -> float:
     """Chance of such a drop of the residual sum of squares by noise alone, anywhere among what was searched."""
     from scipy.special import chdtrc
 
-    return float(min(1.0, max(step.searched, 1) * chdtrc(step.count, step.drop)))
+    return float(min(1.0, max(step.trials, 1) * chdtrc(step.count, step.delta_chi2)))
 
 
 def moved_by(design: Array, names: Sequence[str], columns: Array, values: Array) -> dict[str, float]:

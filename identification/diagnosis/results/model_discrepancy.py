@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from identification.diagnosis.search.model import Growth
+from identification.diagnosis.search.model import EffectModel
 from identification.diagnosis.search.scoring import Step
 from identification.diagnosis.search.shape_fit import SHAPES
 from identification.estimation.result import Fit
@@ -22,18 +22,18 @@ INEXACT = {
 known: what a fit by the best form leaves of an effect that is not of the library's form."""
 
 
-def with_form(final: Fit, growth: Growth, first: int) -> Fit:
+def with_form(final: Fit, model: EffectModel, first: int) -> Fit:
     """The fit with the doubt of its effects' forms in the covariance; its effects from `first` on are the growth's."""
     solution = final.solution
     place = {solution.unknowns[j]: k for k, j in enumerate(solution.groups.base)}
     more = np.zeros(len(place))
-    for group in growth.findings:
-        ids = [final.chain.effect_ids[first + growth.steps.index(step)] for step in group]
+    for group in model.findings:
+        ids = [final.chain.effect_ids[first + model.steps.index(step)] for step in group]
         names = [name for own in ids for name in own]
         sizes = np.array([solution.values[solution.unknowns.index(name)] for name in names])
         doubts = [_relative(step) / (1 if len(group) == 1 else 2) for step in group]
         relative = np.repeat(doubts, [len(own) for own in ids])
-        columns = np.vstack([growth.start.columns(step.effect)[0] for step in group])[:, : len(growth.start.index)]
+        columns = np.vstack([model.start.columns(step.effect)[0] for step in group])[:, : len(model.start.index)]
         # two lags that nearly cancel are each much larger than what they make: it is that which is in doubt
         alone = np.sum(sizes**2 * np.sum(columns**2, axis=1))
         part = np.sum((sizes @ columns) ** 2) / alone if alone else 0.0
@@ -46,7 +46,7 @@ def with_form(final: Fit, growth: Growth, first: int) -> Fit:
 def _relative(step: Step) -> float:
     """Standard uncertainty of the form, of the effect's size."""
     effect = step.effect
-    if effect.tied:  # bends to any form
+    if effect.random:  # bends to any form
         return 0.0
     shapes = sum(bool(getattr(effect, name, None)) for name in SHAPES if name in type(effect).model_fields)
-    return float(np.hypot(INEXACT.get(effect.family, 0.0), np.sqrt(shapes / max(step.drop, 10.0 * (shapes + 1)))))
+    return float(np.hypot(INEXACT.get(effect.family, 0.0), np.sqrt(shapes / max(step.delta_chi2, 10.0 * (shapes + 1)))))

@@ -27,14 +27,14 @@ def statement_of(whole: Whole, machine: Machine, absorbed: float, probability: f
     """The sentence. `others`: explanations that this data cannot tell from it, as ``lost-motion of X``, in words."""
     main = whole.effects[0]
     name = subject(main)
-    same = [main] if main.generic else [e for e in whole.effects if e.effect == main.effect]
+    same = [main] if main.empirical else [e for e in whole.effects if e.effect == main.effect]
     cause = "the same in all rows" if _steady(whole) else f"driven by {causes(same)}{shape(main, machine)}"
     parts = [f"{name[0].upper()}{name[1:]}, {cause}: "]
     parts.append("; ".join((*_figures(whole, machine), f"{length(whole.size_um)} rms at the tip")))
     if absorbed > HIDDEN:
         parts.append(f"; the geometry had hidden {100 * absorbed:.0f} % of it")
     parts.append(f". Probability {probability:.2f}")
-    if probability < SURE and not main.generic:
+    if probability < SURE and not main.empirical:
         parts.append(f": the name is uncertain{', it may as well be ' + ' or '.join(others[:3]) if others else ''}")
     return "".join(parts) + "."
 
@@ -42,7 +42,7 @@ def statement_of(whole: Whole, machine: Machine, absorbed: float, probability: f
 def subject(effect: Effect) -> str:
     """An effect with its place."""
     place = PLACES.get(effect.where, effect.where)
-    return f"an effect without a name at {place}" if effect.generic else f"{effect.effect} of {place}"
+    return f"an effect without a name at {place}" if effect.empirical else f"{effect.effect} of {place}"
 
 
 def brief_of(whole: Whole, machine: Machine) -> str:
@@ -156,9 +156,9 @@ def shape(effect: Effect, machine: Machine) -> str:
         words.append(f"from {at:.5g} s on" if "time" in effect.drivers else f"at {position(joint, at)}")
     if width := getattr(effect, "width", None):
         words.append(f"within {position(joint, width)}")
-    if effect.tied and (every := getattr(effect, "every", None)):
+    if effect.random and (every := getattr(effect, "every", None)):
         words.append(f"as a curve of splines {position(joint, every)} apart")
-    if effect.tied and getattr(effect, "pieces", None):
+    if effect.random and getattr(effect, "pieces", None):
         words.append("as a surface of splines" if getattr(effect, "by", None) else "as a curve of splines")
     return f", {', '.join(words)}" if words else ""
 
@@ -167,11 +167,11 @@ def _figures(whole: Whole, machine: Machine) -> Iterator[str]:
     """How large: the physical parameter where there is one, and the motions that show most."""
     main = whole.effects[0]
     other = sum(e.effect != main.effect or _grows(e) != _grows(main) for e in whole.effects)
-    known = not (main.tied or main.generic or other)  # a size that can be compared with what is usual
+    known = not (main.random or main.empirical or other)  # a size that can be compared with what is usual
     coefficients = _coefficients(whole, machine) if known else ""
     if coefficients:
         yield coefficients
-    if main.tied and whole.amounts:
+    if main.random and whole.amounts:
         rms = whole.amounts[0]
         yield f"{plus_minus(rms.value, rms.std, rms.unit)} rms"
     ranked = sorted(whole.tip, key=lambda place: -whole.tip[place])
@@ -262,13 +262,17 @@ def plus_minus(value: float, std: float, unit: str) -> str:
 
 def unequal(effect: Effect, others: Sequence[Effect]) -> Iterator[Effect]:
     """Of other explanations, physics with another name."""
-    return (o for o in others if o.effect != effect.effect and not o.generic)
+    return (o for o in others if o.effect != effect.effect and not o.empirical)
 
 
-def next_measurement(effect: Effect, rival: Effect | None) -> str:
+def next_measurement(effect: Effect, alternative: Effect | None) -> str:
     """The measurement to do; with a rival of another name that this data cannot tell from it, both by name."""
-    if rival is None:
+    if alternative is None:
         return effect.separate
-    known = rival.effect in effect.alike or effect.generic or registry()[rival.effect].separate == effect.separate
-    how = effect.separate if known else f"{effect.separate}; {rival.separate}"
-    return f"this data cannot tell {subject(effect)} from {subject(rival)}: {how}"
+    known = (
+        alternative.effect in effect.alike
+        or effect.empirical
+        or registry()[alternative.effect].separate == effect.separate
+    )
+    how = effect.separate if known else f"{effect.separate}; {alternative.separate}"
+    return f"this data cannot tell {subject(effect)} from {subject(alternative)}: {how}"

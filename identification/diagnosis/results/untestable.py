@@ -38,11 +38,11 @@ def unseen(scene: Scene, scores: Scores, found: Collection[Effect]) -> list[Unte
     for numbers in scores.candidates.of_key.values():
         place = variant_of(scores.candidates.effects[numbers[0]])
         before = least.get(place, (1.0, 0.0))
-        least[place] = min(before[0], *scores.absorbed[numbers]), max(before[1], *scores.reach[numbers])
+        least[place] = min(before[0], *scores.absorbed[numbers]), max(before[1], *scores.expected_delta_chi2[numbers])
     shown = set(map(variant_of, found))
     out = []
     for name, kind in sorted(registry().items()):
-        if kind.generic or kind.family == "blunder":
+        if kind.empirical or kind.family == "blunder":
             continue
         possible: dict[Variant, list[Effect]] = {}
         for effect in kind.proposals(full_scene(scene)):
@@ -54,10 +54,10 @@ def unseen(scene: Scene, scores: Scores, found: Collection[Effect]) -> list[Unte
             if variant in shown:
                 continue
             where = variant[1] if not both else f"{variant[1]} {'as it changes' if variant[2] else 'if constant'}"
-            part, reach = least.get(variant, (None, np.inf))
+            part, expected_delta_chi2 = least.get(variant, (None, np.inf))
             if part is None:
                 reasons.setdefault(_missing(effects, scene), []).append(where)
-            elif reach < HARDLY and part > MOSTLY:
+            elif expected_delta_chi2 < HARDLY and part > MOSTLY:
                 reason = "what the geometry leaves of it at its usual size stays within the noise"
                 reasons.setdefault(reason, []).append(where)
             elif part > ABSORBED:

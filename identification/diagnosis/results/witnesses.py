@@ -22,9 +22,9 @@ from errormodel.effects import registry
 from errormodel.effects.base import Effect, axis_motion
 from errormodel.machine import Joint, Machine
 from errormodel.units import factor, is_unit
-from identification.diagnosis.linear.linear_model import Workbench
+from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.results.statements import subject
-from identification.diagnosis.search.model import Growth, of_groups
+from identification.diagnosis.search.model import EffectModel, of_groups
 from identification.diagnosis.search.scoring import Step
 
 ENCODER = re.compile(r"enc(oder)?\d*|scale|ruler", re.IGNORECASE)
@@ -35,7 +35,7 @@ LITTLE = 0.3  # of the motion that the finding claims: a witness that surely sho
 AGREES = 10.0  # times the odds, for each witness that goes along
 WORTH = 7.0  # nats: what explains less is no other explanation
 
-Word = Literal["supports", "contradicts"]
+Agreement = Literal["supports", "contradicts"]
 
 
 @dataclass(frozen=True)
@@ -51,11 +51,11 @@ class Witness:
 
 
 @dataclass(frozen=True)
-class Account:
+class WitnessResult:
     """What a witness says of an effect: the part of the claimed motion that it shows, with its standard error."""
 
     name: str
-    word: Word
+    word: Agreement
     share: float
     error: float
 
@@ -94,74 +94,74 @@ def _scale(unit: str, motion: Motion) -> float:
     return factor(unit, quantity) if unit and is_unit(unit, quantity) else 1.0
 
 
-def heard(growth: Growth) -> tuple[Growth, dict[Effect, list[Account]]]:
+def apply_witnesses(model: EffectModel) -> tuple[EffectModel, dict[Effect, list[WitnessResult]]]:
     """The growth without what a witness contradicts, and what the witnesses say of each finding.
 
     A contradicted finding gives way to its best rival that is not; its refinements go with it.
     """
-    start = growth.start
+    start = model.start
     seen = list(witnesses(start.chain.machine, start.scene.witnesses))
-    said: dict[Effect, list[Account]] = {}
+    said: dict[Effect, list[WitnessResult]] = {}
     if not seen:
-        return growth, said
+        return model, said
     groups: list[list[Step]] = []
-    for group in growth.findings:
-        bench = growth.without(group)
-        told = _told(bench, group, seen)
+    for group in model.findings:
+        linear = model.without(group)
+        told = _searched_from(linear, group, seen)
         against = [t for t in told if t.word == "contradicts"]
         new = group
         if against:
-            new = _instead(bench, group[0], seen)
+            new = _instead(linear, group[0], seen)
             if not new:
                 continue
             named = subject(group[0].effect)
-            told = [*_told(bench, new, seen), *(replace(t, against=named) for t in against)]
+            told = [*_searched_from(linear, new, seen), *(replace(t, against=named) for t in against)]
         said[new[0].effect] = told
         groups.append(new)
-    heeded = any(t.against for told in said.values() for t in told) or len(groups) < len(growth.findings)
-    return (of_groups(start, groups) if heeded else growth), said
+    heeded = any(t.against for told in said.values() for t in told) or len(groups) < len(model.findings)
+    return (of_groups(start, groups) if heeded else model), said
 
 
-def weighed(probability: float, told: Sequence[Account]) -> float:
+def weighed(probability: float, told: Sequence[WitnessResult]) -> float:
     """The probability of a name once its witnesses have been heard."""
     odds = AGREES ** sum(t.word == "supports" for t in told) * probability / max(1 - probability, 1e-9)
     return min(odds / (1 + odds), 0.999)
 
 
-def _told(bench: Workbench, group: Sequence[Step], seen: Sequence[Witness]) -> list[Account]:
-    return [t for w in seen if (t := account(bench, [s.effect for s in group], w)) is not None]
+def _searched_from(linear: LinearModel, group: Sequence[Step], seen: Sequence[Witness]) -> list[WitnessResult]:
+    return [t for w in seen if (t := witness_result(linear, [s.effect for s in group], w)) is not None]
 
 
-def account(bench: Workbench, effects: Sequence[Effect], witness: Witness) -> Account | None:
+def witness_result(linear: LinearModel, effects: Sequence[Effect], witness: Witness) -> WitnessResult | None:
     """What a witness says of effects of one finding, the rest being fitted; None where it cannot say anything."""
     own = effects[0]
     if witness.name in {root(d) for e in effects for d in e.drivers}:
         return None
-    if witness.encoder and registry()[own.effect].family not in DRIVES and not own.generic:
+    if witness.encoder and registry()[own.effect].family not in DRIVES and not own.empirical:
         return None
-    claims = _claims(bench, effects, witness)
+    claims = _claims(linear, effects, witness)
     if len(claims) <= witness.blind:
         return None
-    _, first = np.unique(bench.index, return_index=True)
-    values = witness.scale * bench.channel(witness.name)[first]
-    found = [_share(bench, witness.element, claim[first], values, first) for claim in claims]
+    _, first = np.unique(linear.index, return_index=True)
+    values = witness.scale * linear.channel(witness.name)[first]
+    found = [_share(linear, witness.element, claim[first], values, first) for claim in claims]
     share, error = max(found, key=lambda f: abs(f[0]) / f[1])
     if abs(share) > SEEN * error:
-        return Account(witness.name, "supports", share, error)
+        return WitnessResult(witness.name, "supports", share, error)
     sure = sum(abs(s) + 3 * e < LITTLE for s, e in found)
     if sure == len(found):
-        return Account(witness.name, "contradicts", share, error)
+        return WitnessResult(witness.name, "contradicts", share, error)
     return None
 
 
-def _claims(bench: Workbench, effects: Sequence[Effect], witness: Witness) -> list[Array]:
+def _claims(linear: LinearModel, effects: Sequence[Effect], witness: Witness) -> list[Array]:
     """The motions of the witness' element that effects make, each (N,) in mm or rad; those that change."""
-    machine = bench.chain.machine
-    _, values = bench.estimates(list(effects))
-    terms = [t for e in effects for t in e.terms(bench.channel, machine)]
+    machine = linear.chain.machine
+    _, values = linear.estimates(list(effects))
+    terms = [t for e in effects for t in e.terms(linear.channel, machine)]
     claims = []
     for motion in witness.motions:
-        total = np.zeros(len(bench.index))
+        total = np.zeros(len(linear.index))
         for term, value in zip(terms, values, strict=True):
             if term.element == witness.element and motion in term.motion:
                 total += value * term.motion[motion]
@@ -170,13 +170,13 @@ def _claims(bench: Workbench, effects: Sequence[Effect], witness: Witness) -> li
     return claims
 
 
-def _share(bench: Workbench, element: str, claim: Array, values: Array, rows: Index) -> tuple[float, float]:
+def _share(linear: LinearModel, element: str, claim: Array, values: Array, rows: Index) -> tuple[float, float]:
     """Regression of a witness on a claimed motion beside a line in the element's position, and its standard error.
 
     Noise that hangs together from row to row widens the error.
     """
-    joint: Joint | None = next((j for j in bench.chain.machine.joints if j.name == element), None)
-    beside = [np.ones(len(values)), *([bench.channel(element)[rows]] if joint is not None else [])]
+    joint: Joint | None = next((j for j in linear.chain.machine.joints if j.name == element), None)
+    beside = [np.ones(len(values)), *([linear.channel(element)[rows]] if joint is not None else [])]
     design = np.column_stack([claim, *beside])
     norms = np.linalg.norm(design, axis=0)
     inverse = np.linalg.pinv((design / norms).T @ (design / norms))
@@ -188,14 +188,16 @@ def _share(bench: Workbench, element: str, claim: Array, values: Array, rows: In
     return float(solution[0] / norms[0]), float(max(error, 1e-9))
 
 
-def _instead(bench: Workbench, step: Step, seen: Sequence[Witness]) -> list[Step]:
+def _instead(linear: LinearModel, step: Step, seen: Sequence[Witness]) -> list[Step]:
     """The best rival of a contradicted step that no witness contradicts, names before mere forms; or nothing."""
-    for generic in (False, True):
-        for rival in step.rivals:
-            if rival.effect.generic is not generic or rival.evidence < max(WORTH, step.evidence / 2):
+    for empirical in (False, True):
+        for alternative in step.alternatives:
+            if alternative.effect.empirical is not empirical or alternative.evidence < max(WORTH, step.evidence / 2):
                 continue
-            alone = replace(rival, drop=bench.drop(bench.with_effect(rival.effect)), partner=())
-            if any(t.word == "contradicts" for t in _told(bench, [alone], seen)):
+            alone = replace(
+                alternative, delta_chi2=linear.delta_chi2(linear.with_effect(alternative.effect)), partner=()
+            )
+            if any(t.word == "contradicts" for t in _searched_from(linear, [alone], seen)):
                 continue
-            return [replace(alone, rivals=tuple(r for r in step.rivals if r is not rival))]
+            return [replace(alone, alternatives=tuple(r for r in step.alternatives if r is not alternative))]
     return []

@@ -20,9 +20,9 @@ from errormodel.arrays import Array, Columns, Index, Mask
 from errormodel.effects import registry
 from errormodel.effects.base import Effect
 from errormodel.effects.search_space.survey_summary import Scene
-from identification.diagnosis.linear.linear_model import Workbench
+from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.linear.projection_cache import Directions
-from identification.diagnosis.linear.random_effects import Tied
+from identification.diagnosis.linear.random_effects import RandomEffects
 from identification.runtime.process_pool import Ground, side_by_side
 
 AT_ONCE = 16  # columns made in one go: they stay within the processor's cache
@@ -63,16 +63,16 @@ class Block(NamedTuple):
     exact: bool
 
     @classmethod
-    def of(cls, bench: Workbench, numbers: Index, columns: Columns, sizes: Array, exact: bool = False) -> Block:
+    def of(cls, linear: LinearModel, numbers: Index, columns: Columns, sizes: Array, exact: bool = False) -> Block:
         """A block; products of tied parameters' columns are to be `exact`: much is known of very little of them."""
         m, k, n = columns.shape
-        rank = bench.basis.shape[1]
+        rank = linear.basis.shape[1]
         plain = cls(numbers, columns, sizes, np.empty((m, k, 0)), np.empty((m, k)), rank, exact)
         gram = np.array([c @ c.T for c in plain.parts()], float) if exact else (columns @ columns.transpose(0, 2, 1))
         whole = gram.astype(float)
         undefined = ~np.isfinite(whole).all(axis=(1, 2))
         columns[undefined], whole[undefined] = 0.0, 0.0
-        inner = plain.times(bench.basis[:n])
+        inner = plain.times(linear.basis[:n])
         square = np.maximum(np.diagonal(whole, axis1=1, axis2=2), NOTHING)
         return plain._replace(gram=whole - inner @ inner.transpose(0, 2, 1), square=square)
 
@@ -109,21 +109,21 @@ class Candidates:
     effects: list[Effect]
     blocks: list[Block]
     keys: list[tuple[object, ...]] = field(default_factory=list)
-    _known: WeakKeyDictionary[Workbench, Scores] = field(default_factory=WeakKeyDictionary, repr=False)
+    _known: WeakKeyDictionary[LinearModel, Scores] = field(default_factory=WeakKeyDictionary, repr=False)
     _directions: Directions = field(default_factory=Directions, repr=False)
 
     @classmethod
-    def of(cls, bench: Workbench, effects: Sequence[Effect] | None = None) -> Candidates:
+    def of(cls, linear: LinearModel, effects: Sequence[Effect] | None = None) -> Candidates:
         """All proposals of the library (or the given ones) whose channels the survey has."""
         if effects is None:
-            effects = proposed(bench.scene)
+            effects = proposed(linear.scene)
         lists = list(_alike(effects))
         # not as many as there are cores: results must not depend on them
         parts = [lists[k::PARTS] for k in range(PARTS)] if len(effects) > MANY else [lists]
         listed = [[e for alike in part for e in alike] for part in parts]
         first = np.cumsum([0, *map(len, listed)]).tolist()
         ground = Ground(GROUND, len(parts))
-        jobs = [partial(_blocks, bench, part, first[k], partial(ground.empty, k)) for k, part in enumerate(parts)]
+        jobs = [partial(_blocks, linear, part, first[k], partial(ground.empty, k)) for k, part in enumerate(parts)]
         blocks = [block for made in side_by_side(jobs, ground) for block in made]
         every = [e for part in listed for e in part]
         return cls(every, blocks, [e.key for e in every])._that_move()
@@ -164,38 +164,40 @@ class Candidates:
         """The same for a search of its own: in what order searches are made must not round their scores otherwise."""
         return Candidates(self.effects, self.blocks, self.keys, _directions=self._directions.copy())
 
-    def scores(self, bench: Workbench) -> Scores:
+    def scores(self, linear: LinearModel) -> Scores:
         """Evidence of each proposal beside what the bench has accepted."""
-        if bench not in self._known:
-            self._known[bench] = self._scored(bench)
-        return self._known[bench]
+        if linear not in self._known:
+            self._known[linear] = self._scored(linear)
+        return self._known[linear]
 
-    def _scored(self, bench: Workbench) -> Scores:
+    def _scored(self, linear: LinearModel) -> Scores:
         evidence = np.full(len(self.effects), -np.inf)
-        drop = np.zeros(len(self.effects))
+        delta_chi2 = np.zeros(len(self.effects))
         absorbed = np.ones(len(self.effects))
-        reach = np.full(len(self.effects), np.inf)
-        products = self._products(bench)
+        expected_delta_chi2 = np.full(len(self.effects), np.inf)
+        products = self._products(linear)
         alike: dict[tuple[bool, int], list[Block]] = {}
         for block in self.blocks:
-            kind = self.effects[block.numbers[0]].tied, block.columns.shape[1]
+            kind = self.effects[block.numbers[0]].random, block.columns.shape[1]
             alike.setdefault(kind, []).append(block)
-        for (tied, _), blocks in alike.items():
+        for (random, _), blocks in alike.items():
             own = np.concatenate([block.numbers for block in blocks])
-            if tied:
-                scores = _tied_scores(bench, blocks, products)
+            if random:
+                scores = _tied_scores(linear, blocks, products)
             else:
-                scores = _free_scores(bench, blocks, products, np.array([self.effects[n].generic for n in own]))
-            evidence[own], drop[own], absorbed[own], reach[own] = scores
-        return Scores(self, evidence - np.array([e.cost for e in self.effects]), drop, absorbed, reach)
+                scores = _free_scores(linear, blocks, products, np.array([self.effects[n].empirical for n in own]))
+            evidence[own], delta_chi2[own], absorbed[own], expected_delta_chi2[own] = scores
+        return Scores(
+            self, evidence - np.array([e.cost for e in self.effects]), delta_chi2, absorbed, expected_delta_chi2
+        )
 
-    def _products(self, bench: Workbench) -> Products:
+    def _products(self, linear: LinearModel) -> Products:
         """Products of a block's columns with what the bench has accepted beyond the geometry, and with the residual.
 
         All blocks were made beside one bench.
         """
         rank, n = next(((b.rank, b.columns.shape[-1]) for b in self.blocks), (0, 0))
-        beyond = np.column_stack([bench.basis[:n, rank:], bench.residual[:n]])  # behind them may be ties
+        beyond = np.column_stack([linear.basis[:n, rank:], linear.residual[:n]])  # behind them may be ties
         if len(self.effects) > MANY:
             coordinates = self._directions.coordinates(beyond)
             return lambda block: self._directions.products(block.columns, block.times, coordinates)
@@ -228,19 +230,19 @@ def _alike(effects: Sequence[Effect]) -> Iterator[list[Effect]]:
     yield from lists.values()
 
 
-def _blocks(bench: Workbench, lists: Sequence[Sequence[Effect]], first: int, empty: Empty) -> list[Block]:
+def _blocks(linear: LinearModel, lists: Sequence[Sequence[Effect]], first: int, empty: Empty) -> list[Block]:
     """The effects of some lists, numbered from `first` on, in blocks."""
     stacks: dict[tuple[bool, int], _Stack] = {}
     for alike in lists:
-        terms = bench.terms(alike)
-        kind = (alike[0].tied, len(terms))
+        terms = linear.terms(alike)
+        kind = (alike[0].random, len(terms))
         if kind not in stacks:
-            stacks[kind] = _Stack(len(terms), bench.size, empty)
+            stacks[kind] = _Stack(len(terms), linear.size, empty)
         sizes = np.array([t.size for t in terms])
         room = stacks[kind].room(first, len(alike), sizes)
-        bench.fill(terms, room, scaled=True)
+        linear.fill(terms, room, scaled=True)
         first += len(alike)
-    return [Block.of(bench, *part, tied) for (tied, _), stack in sorted(stacks.items()) for part in stack.parts()]
+    return [Block.of(linear, *part, random) for (random, _), stack in sorted(stacks.items()) for part in stack.parts()]
 
 
 class _Stack:
@@ -275,31 +277,31 @@ class _Stack:
 
 
 class Ranked(NamedTuple):
-    """The best proposal of a key: its evidence, with all shapes of the key, in nats, and its `Scores.drop`."""
+    """The best proposal of a key: its evidence, with all shapes of the key, in nats, and its `Scores.delta_chi2`."""
 
     effect: Effect
     evidence: float
-    drop: float
+    delta_chi2: float
 
 
 @dataclass(frozen=True)
 class Scores:
     """Of each proposal: evidence, drop of the residual sum of squares, and the part of it that the geometry absorbs.
 
-    Evidence in nats against nothing; the drop in noise variances, as `reach`: what it would be at the effect's usual
+    Evidence in nats against nothing; the drop in noise variances, as `expected_delta_chi2`: what it would be at the effect's usual
     size.
     """
 
     candidates: Candidates
     evidence: Array
-    drop: Array
+    delta_chi2: Array
     absorbed: Array
-    reach: Array
+    expected_delta_chi2: Array
 
-    def beside(self, before: Workbench, after: Workbench) -> Scores:
+    def beside(self, before: LinearModel, after: LinearModel) -> Scores:
         """With the reach that the noise leaves which remains after more has been explained."""
         noise = (before.square / before.freedom) / (after.square / after.freedom)
-        return replace(self, reach=self.reach * noise)
+        return replace(self, expected_delta_chi2=self.expected_delta_chi2 * noise)
 
     def by_key(self) -> list[tuple[float, int]]:
         """(evidence of the key with its shapes integrated out, its best proposal), best first."""
@@ -321,10 +323,10 @@ class Scores:
         """The keys whose evidence outweighs how many there are, best first."""
         ranked = self.by_key()
         effects = self.candidates.effects
-        return [Ranked(effects[n], e, float(self.drop[n])) for e, n in ranked if e >= log(len(ranked))]
+        return [Ranked(effects[n], e, float(self.delta_chi2[n])) for e, n in ranked if e >= log(len(ranked))]
 
 
-def _free_scores(bench: Workbench, blocks: Sequence[Block], products: Products, generic: Mask) -> Scored:
+def _free_scores(linear: LinearModel, blocks: Sequence[Block], products: Products, empirical: Mask) -> Scored:
     """Evidence, drop, absorbed part and reach of the proposals of blocks of as many parameters each.
 
     A physical effect is weighed with its usual size, more seldom with others: machines are small and large. A mere form
@@ -336,22 +338,27 @@ def _free_scores(bench: Workbench, blocks: Sequence[Block], products: Products, 
     norm = np.sqrt(np.concatenate([block.square for block in blocks]))
     unit = gram / norm[:, :, None] / norm[:, None, :]
     values, vectors = np.linalg.eigh(unit)
-    seen = values > 1 - np.where(generic, FORM_ABSORBED, ABSORBED)[:, None]
+    seen = values > 1 - np.where(empirical, FORM_ABSORBED, ABSORBED)[:, None]
     t = np.einsum("aij,ai->aj", vectors, slope / norm)
-    variance = bench.square / bench.freedom
+    variance = linear.square / linear.freedom
     # directions of the scaled columns have prior sizes of their own: those of the columns, taken along them
     prior = np.einsum("aij,ai->aj", np.square(vectors), np.square(norm))
-    reach = np.sum(np.maximum(values, 0.0) / variance * prior, axis=1)
+    expected_delta_chi2 = np.sum(np.maximum(values, 0.0) / variance * prior, axis=1)
     gain = np.where(seen, values / variance * prior, 0.0)
     count = np.maximum(seen.sum(axis=1), 1)
     safe = np.where(seen, values, 1.0)
-    drop = np.where(seen, t**2 / safe, 0.0) / variance
-    fitting = np.maximum(drop.sum(axis=1) / count, 1.0) - 1.0
-    gain = np.where(generic[:, None], np.where(seen, fitting[:, None], 0.0), gain)
-    by_size = np.array([_weighed(bench, drop, np.where(generic[:, None], gain, gain * s**2)) for s in SIZES])
-    evidence = logsumexp(by_size, axis=0, b=np.array([*SIZES.values()])[:, None]) - generic
+    delta_chi2 = np.where(seen, t**2 / safe, 0.0) / variance
+    fitting = np.maximum(delta_chi2.sum(axis=1) / count, 1.0) - 1.0
+    gain = np.where(empirical[:, None], np.where(seen, fitting[:, None], 0.0), gain)
+    by_size = np.array([_weighed(linear, delta_chi2, np.where(empirical[:, None], gain, gain * s**2)) for s in SIZES])
+    evidence = logsumexp(by_size, axis=0, b=np.array([*SIZES.values()])[:, None]) - empirical
     absorbed = 1 - np.where(seen.any(axis=1), values.mean(axis=1), values.max(axis=1))
-    return np.where(seen.any(axis=1), evidence, -np.inf), drop.sum(axis=1), np.clip(absorbed, 0.0, 1.0), reach
+    return (
+        np.where(seen.any(axis=1), evidence, -np.inf),
+        delta_chi2.sum(axis=1),
+        np.clip(absorbed, 0.0, 1.0),
+        expected_delta_chi2,
+    )
 
 
 def _left(blocks: Sequence[Block], products: Products) -> tuple[Array, Array]:
@@ -364,20 +371,20 @@ def _left(blocks: Sequence[Block], products: Products) -> tuple[Array, Array]:
     return gram - inner @ inner.transpose(0, 2, 1), all_products[..., -1]
 
 
-def _tied_scores(bench: Workbench, blocks: Sequence[Block], products: Products) -> Scored:
+def _tied_scores(linear: LinearModel, blocks: Sequence[Block], products: Products) -> Scored:
     """The same of proposals whose parameters are tied; however large, they have no reach."""
     rows = []
     wholes = np.concatenate([block.square for block in blocks]).sum(axis=1)
     for gram, slopes, whole in zip(*_left(blocks, products), wholes.tolist(), strict=True):
-        own = Tied.from_products(gram, slopes, whole, bench.square, bench.freedom)
+        own = RandomEffects.from_products(gram, slopes, whole, linear.square, linear.freedom)
         _, evidence, noise = own.best()
-        rows.append((evidence, bench.freedom * (1 - noise * bench.freedom / bench.square), own.absorbed, np.inf))
-    evidence, drop, absorbed, reach = np.array(rows).T
-    return evidence, drop, absorbed, reach
+        rows.append((evidence, linear.freedom * (1 - noise * linear.freedom / linear.square), own.absorbed, np.inf))
+    evidence, delta_chi2, absorbed, expected_delta_chi2 = np.array(rows).T
+    return evidence, delta_chi2, absorbed, expected_delta_chi2
 
 
-def _weighed(bench: Workbench, drop: Array, gain: Array) -> Array:
+def _weighed(linear: LinearModel, delta_chi2: Array, gain: Array) -> Array:
     """Evidence (m,) of independent directions (m, k) with prior variances of `gain` times those of their estimates."""
-    kept = (drop * gain / (1 + gain)).sum(axis=1)
-    left = np.log1p(-np.minimum(kept / bench.freedom, 1 - 1e-12))
-    return np.asarray(-bench.freedom / 2 * left - 0.5 * np.log1p(gain).sum(axis=1))
+    kept = (delta_chi2 * gain / (1 + gain)).sum(axis=1)
+    left = np.log1p(-np.minimum(kept / linear.freedom, 1 - 1e-12))
+    return np.asarray(-linear.freedom / 2 * left - 0.5 * np.log1p(gain).sum(axis=1))

@@ -16,7 +16,7 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.effects.base import Effect
-from identification.diagnosis.linear.linear_model import Workbench
+from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.search.candidates import Block, Candidates
 from identification.estimation.noise import Noise, noises
 
@@ -26,25 +26,25 @@ WHITE = 0.5  # how likely noise is to be white
 LONGEST, PART, LARGEST = (20.0, 60.0), 1 / 15, 2.0
 
 
-def evidence(bench: Workbench, groups: Sequence[Sequence[Effect]]) -> list[tuple[float, float]]:
+def evidence(linear: LinearModel, groups: Sequence[Sequence[Effect]]) -> list[tuple[float, float]]:
     """Nats for each group of effects beside what the bench has accepted: in white noise, and in any of this kind."""
     from scipy.special import logsumexp
 
-    parts = [[bench.columns(e) for e in group] for group in groups]
+    parts = [[linear.columns(e) for e in group] for group in groups]
     scaled = [np.vstack([c * s[:, None] for c, s in own]) for own in parts]
     sizes = [np.concatenate([s for _, s in own]) for own in parts]
     mains = [main for main, *_ in groups]
     kinds: dict[tuple[bool, int], list[int]] = {}
     for k, (main, size) in enumerate(zip(mains, sizes, strict=True)):
-        kinds.setdefault((main.tied, len(size)), []).append(k)
-    edges = _edges(bench)
+        kinds.setdefault((main.random, len(size)), []).append(k)
+    edges = _edges(linear)
     rows = []
-    for likelihood, filtered, noise in _benches(bench):
+    for likelihood, filtered, noise in _linear_models(linear):
         blocks = []
         for own in kinds.values():
             columns = np.array([scaled[k] for k in own])
             if noise is not None:
-                columns = noise.whitened(columns.reshape(-1, bench.size), edges).reshape(columns.shape)
+                columns = noise.whitened(columns.reshape(-1, linear.size), edges).reshape(columns.shape)
             blocks.append(Block.of(filtered, np.array(own), columns, np.array([sizes[k] for k in own])))
         gains = Candidates(mains, blocks, [main.key for main in mains]).scores(filtered).evidence
         rows.append([likelihood, *(likelihood + gains)])
@@ -58,33 +58,33 @@ def _beforehand(count: int) -> Array:
     return np.array([WHITE, *[(1 - WHITE) / (count - 1)] * (count - 1)])[:, None]
 
 
-def _edges(bench: Workbench) -> Array:
+def _edges(linear: LinearModel) -> Array:
     """Where the series of one component of one view begin, and where the last one ends."""
-    return np.concatenate([[0], np.flatnonzero(np.diff(bench.index) <= 0) + 1, [len(bench.index)]])
+    return np.concatenate([[0], np.flatnonzero(np.diff(linear.index) <= 0) + 1, [len(linear.index)]])
 
 
 @lru_cache(maxsize=1)
-def _benches(bench: Workbench) -> list[tuple[float, Workbench, Noise | None]]:
+def _linear_models(linear: LinearModel) -> list[tuple[float, LinearModel, Noise | None]]:
     """Restricted log likelihood of what the bench has accepted, and the bench whitened, for each noise.
 
     Kept for the latest bench: explanations of one step are weighed in several rounds.
     """
     from scipy.linalg.blas import dtrsm
 
-    longest = np.clip(PART * np.diff(_edges(bench)).max(), *LONGEST)
-    out: list[tuple[float, Workbench, Noise | None]] = [(_likelihood(bench, 0.0), bench, None)]
+    longest = np.clip(PART * np.diff(_edges(linear)).max(), *LONGEST)
+    out: list[tuple[float, LinearModel, Noise | None]] = [(_likelihood(linear, 0.0), linear, None)]
     for noise in noises():
         if noise.length > longest or noise.part > LARGEST:
             continue
-        both = noise.whitened(np.vstack([bench.basis.T, bench.residual]), _edges(bench))
+        both = noise.whitened(np.vstack([linear.basis.T, linear.residual]), _edges(linear))
         # what was orthonormal before is nearly so behind the filter: its products are well conditioned
         triangle = np.linalg.cholesky(both[:-1] @ both[:-1].T)
         basis = np.asarray(dtrsm(1.0, triangle, both[:-1].T, side=1, lower=1, trans_a=1))
         residual = both[-1] - basis @ (basis.T @ both[-1])
-        filtered = replace(bench, basis=basis, residual=residual)
+        filtered = replace(linear, basis=basis, residual=residual)
         out.append((_likelihood(filtered, float(np.log(np.diag(triangle)).sum())), filtered, noise))
     return out
 
 
-def _likelihood(bench: Workbench, determinant: float) -> float:
-    return -bench.freedom / 2 * float(np.log(bench.square)) - determinant
+def _likelihood(linear: LinearModel, determinant: float) -> float:
+    return -linear.freedom / 2 * float(np.log(linear.square)) - determinant

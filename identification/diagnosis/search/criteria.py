@@ -7,19 +7,19 @@ import numpy as np
 from errormodel.arrays import Array
 from errormodel.channels import root
 from errormodel.effects.base import Effect
-from identification.diagnosis.linear.linear_model import Workbench
+from identification.diagnosis.linear.linear_model import LinearModel
 
 
-def moves(bench: Workbench, effect: Effect) -> frozenset[tuple[str, str]]:
+def moves(linear: LinearModel, effect: Effect) -> frozenset[tuple[str, str]]:
     """Elements and motions that an effect moves."""
-    return frozenset((t.element, m) for t in effect.terms(bench.channel, bench.chain.machine) for m in t.motion)
+    return frozenset((t.element, m) for t in effect.terms(linear.channel, linear.chain.machine) for m in t.motion)
 
 
-def likeness(bench: Workbench, one: Array, other: Array) -> float:
+def canonical_correlation(linear: LinearModel, one: Array, other: Array) -> float:
     """Largest canonical correlation of two effects' columns (k, N), the geometry taken out of both."""
     bases = []
     for columns in (one, other):
-        left = bench.project(columns)
+        left = linear.project(columns)
         norms = np.linalg.norm(left, axis=1)
         keep = norms > 1e-2 * np.linalg.norm(columns, axis=1)
         if not keep.any():
@@ -28,7 +28,7 @@ def likeness(bench: Workbench, one: Array, other: Array) -> float:
     return float(np.linalg.svd(bases[0].T @ bases[1], compute_uv=False)[0])
 
 
-def roots(effect: Effect) -> frozenset[str]:
+def base_channels(effect: Effect) -> frozenset[str]:
     """Channels at the bottom of an effect's drivers: of ``lag(T_bed,600)``, ``T_bed``.
 
     Warmth, by whatever sensor or clock, is one cause.
@@ -43,21 +43,21 @@ def one_sensor(one: Effect, other: Effect) -> bool:
     return any(n.startswith("T_") for n in both)
 
 
-def heldout_rms(bench: Workbench) -> float:
+def heldout_rms(linear: LinearModel) -> float:
     """Root mean square of what blocks of rows leave, each predicted without it, in units of the noise."""
-    return float(np.sqrt(np.mean(left_out(bench) ** 2)))
+    return float(np.sqrt(np.mean(cross_validation_residuals(linear) ** 2)))
 
 
-def left_out(bench: Workbench, blocks: int = 12) -> Array:
+def cross_validation_residuals(linear: LinearModel, blocks: int = 12) -> Array:
     """Residuals (N,) of blocks of consecutive rows, each predicted without it, in units of the noise.
 
     With an orthonormal basis Q, leaving block b out turns its residual r into ``r + Q_b (I - Q_b'Q_b)^-1 Q_b' r``.
     """
-    number = bench.blocks(blocks)
+    number = linear.blocks(blocks)
     out = np.empty(len(number))
     for b in np.unique(number):
         rows = np.flatnonzero(number == b)
-        q, r = bench.basis[rows], bench.residual[rows]
+        q, r = linear.basis[rows], linear.residual[rows]
         # what only this block determines has no part in its residual: a trace of the identity keeps that solvable
         inner = (1 + 1e-9) * np.eye(q.shape[1]) - q.T @ q
         out[rows] = r + q @ np.linalg.solve(inner, q.T @ r)

@@ -13,11 +13,11 @@ from itertools import pairwise
 import numpy as np
 
 from errormodel.effects.base import Effect
-from identification.diagnosis.linear.linear_model import Workbench
+from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.search import correlated_noise as coloured
 from identification.diagnosis.search.candidates import Candidates
-from identification.diagnosis.search.criteria import heldout_rms, roots
-from identification.diagnosis.search.model import Growth, of_groups, replayed, with_step
+from identification.diagnosis.search.criteria import base_channels, heldout_rms
+from identification.diagnosis.search.model import EffectModel, of_groups, replayed, with_step
 from identification.diagnosis.search.refinement import (
     forms,
     is_departure,
@@ -26,11 +26,11 @@ from identification.diagnosis.search.refinement import (
     truly_named,
     with_sections,
 )
-from identification.diagnosis.search.scoring import DETECT, FORM, Step, choose, convincing, in_any_noise
+from identification.diagnosis.search.scoring import DETECT, FORM, Step, accepted, choose, evidence_in_any_noise
 from identification.diagnosis.search.sensor_pairs import best_pair
-from identification.diagnosis.search.shape_fit import polished, weighed
+from identification.diagnosis.search.shape_fit import optimise_shapes, weighed
 from identification.diagnosis.search.step_functions import switched
-from identification.runtime.progress import Tell, silent
+from identification.runtime.progress import Progress, silent
 
 LEAK = 0.06  # of what is already explained: less than this elsewhere may be the shape of what was found
 WORTH = 7.0  # nats below which nothing is looked at further
@@ -40,174 +40,181 @@ MOST_STEPS = 24
 MOST_TOGETHER = 3
 SHAPES_TRIED = 3.0  # nats for the shapes of one effect
 SWEEPS = 4  # over all time constants
-LIKELY, RIVALS = 12, 8  # proposals that are looked at closely: to be accepted next, and beside a finding
+LIKELY, MOST_ALTERNATIVES_TRIED = (
+    12,
+    8,
+)  # proposals that are looked at closely: to be accepted next, and beside a finding
 
 Likely = tuple[list[Step], Step] | None
 
 
-def grow(bench: Workbench, candidates: Candidates, tell: Tell = silent, begin: Sequence[Step] = ()) -> Growth:
+def forward_select(
+    linear: LinearModel, candidates: Candidates, progress: Progress = silent, begin: Sequence[Step] = ()
+) -> EffectModel:
     """Accept explanations one by one, after those it begins with, while evidence and held-out error ask for them."""
-    growth = replayed(bench, begin)
+    model = replayed(linear, begin)
     for step in begin:
-        candidates = candidates.joined(Candidates.of(bench, list(forms(bench, step.effect))))
-    seen = {_causes(growth)}
-    while len(growth.steps) < MOST_STEPS:
-        last = growth.steps[-1].effect if growth.steps else None
-        with tell(f"Looking further than {last.effect} of {last.where}" if last else "Looking for what was left out"):
-            likely = _likely(growth.bench, candidates)
+        candidates = candidates.joined(Candidates.of(linear, list(forms(linear, step.effect))))
+    seen = {_causes(model)}
+    while len(model.steps) < MOST_STEPS:
+        last = model.steps[-1].effect if model.steps else None
+        with progress(
+            f"Looking further than {last.effect} of {last.where}" if last else "Looking for what was left out"
+        ):
+            likely = _likely(model.linear, candidates)
             further = (
-                grown(growth, likely)
-                or together(growth, likely, candidates)
-                or grown(growth, able := _able(growth.bench, likely))
-                or grown(growth, _predicting(growth, able))
+                add_best(model, likely)
+                or together(model, likely, candidates)
+                or add_best(model, able := _accepted(model.linear, likely))
+                or add_best(model, _that_predict(model, able))
             )
         if further is None:
             break
-        added = further.steps[len(growth.steps) :]
-        growth = switched(paired(further, candidates))
+        added = further.steps[len(model.steps) :]
+        model = switched(add_second_sensor(further, candidates))
         for step in added:
-            if step.refines is None:
-                candidates = candidates.joined(Candidates.of(bench, list(forms(bench, step.effect))))
-        beside = len(growth.findings) > 1 and any(s.refines is None for s in added)
-        if beside or any(_otherwise_named(growth, s) for s in added if s.refines is not None):
-            looked = second_look(growth, candidates)
-            if _causes(looked) == _causes(growth) or _causes(looked) not in seen:  # never in a circle
-                growth = looked
-            seen.add(_causes(growth))
-    return in_place(with_sections(truly_named(still_needed(growth))), candidates)
+            if step.parent is None:
+                candidates = candidates.joined(Candidates.of(linear, list(forms(linear, step.effect))))
+        beside = len(model.findings) > 1 and any(s.parent is None for s in added)
+        if beside or any(_otherwise_named(model, s) for s in added if s.parent is not None):
+            looked = reselect(model, candidates)
+            if _causes(looked) == _causes(model) or _causes(looked) not in seen:  # never in a circle
+                model = looked
+            seen.add(_causes(model))
+    return conditional_scores(with_sections(truly_named(backward_eliminate(model))), candidates)
 
 
-def together(growth: Growth, likely: Likely, candidates: Candidates) -> Growth | None:
+def together(model: EffectModel, likely: Likely, candidates: Candidates) -> EffectModel | None:
     """With two or three further effects at once, each convincing only beside the others, or None.
 
     What one leaves over while the others are not yet modelled looks like noise that goes along with it.
     """
-    trial = growth
+    trial = model
     for _ in range(MOST_TOGETHER):
-        further = grown(trial, likely, judged=False)
-        if further is None or further.steps[len(trial.steps)].refines is not None:
+        further = add_best(trial, likely, noise_checked=False)
+        if further is None or further.steps[len(trial.steps)].parent is not None:
             return None
-        trial = paired(further, candidates)
-        new = trial.findings[len(growth.findings) :]
-        if len(new) > 1 and all(_beside(trial.without(g), g) for g in new):
+        trial = add_second_sensor(further, candidates)
+        new = trial.findings[len(model.findings) :]
+        if len(new) > 1 and all(_accepted_beside(trial.without(g), g) for g in new):
             return trial
-        likely = _likely(trial.bench, candidates)
+        likely = _likely(trial.linear, candidates)
     return None
 
 
-def still_needed(growth: Growth) -> Growth:
+def backward_eliminate(model: EffectModel) -> EffectModel:
     """Without findings that what was found after them explains as well, the slightest first."""
-    for group in sorted(growth.findings, key=lambda g: g[0].drop):
-        others = [g for g in growth.findings if g[0] is not group[0]]
-        if others and not _beside(growth.without(group), group):
-            fewer = of_groups(growth.start, others)
-            if heldout_rms(fewer.bench) < HARDLY * heldout_rms(growth.bench):
-                growth = fewer
-    return growth
+    for group in sorted(model.findings, key=lambda g: g[0].delta_chi2):
+        others = [g for g in model.findings if g[0] is not group[0]]
+        if others and not _accepted_beside(model.without(group), group):
+            fewer = of_groups(model.start, others)
+            if heldout_rms(fewer.linear) < HARDLY * heldout_rms(model.linear):
+                model = fewer
+    return model
 
 
-def _beside(bench: Workbench, group: Sequence[Step]) -> bool:
+def _accepted_beside(linear: LinearModel, group: Sequence[Step]) -> bool:
     """Whether a finding is convincing beside what the bench has, whatever the noise."""
-    effects = [s.effect for s in group if s.effect.tied == group[0].effect.tied]
-    [(_, evidence)] = coloured.evidence(bench, [effects])
-    return bool(evidence - np.log(max(group[0].searched, 1)) - SHAPES_TRIED >= DETECT)
+    effects = [s.effect for s in group if s.effect.random == group[0].effect.random]
+    [(_, evidence)] = coloured.evidence(linear, [effects])
+    return bool(evidence - np.log(max(group[0].trials, 1)) - SHAPES_TRIED >= DETECT)
 
 
-def grown(growth: Growth, likely: Likely, *, judged: bool = True) -> Growth | None:
+def add_best(model: EffectModel, likely: Likely, *, noise_checked: bool = True) -> EffectModel | None:
     """With the best of what is likely next, or None where nothing more is to be found.
 
-    Not `judged`: an effect that outweighs the search in white noise will do.
+    Not `noise_checked`: an effect that outweighs the search in white noise will do.
     """
-    bench = growth.bench
+    linear = model.linear
     if likely is None:
         return None
     steps, best = likely
-    explained = sum(s.drop for s in growth.steps if not s.effect.tied)  # a curve has no shape of its own to miss
-    own = refined(growth, best)
+    explained = sum(s.delta_chi2 for s in model.steps if not s.effect.random)  # a curve has no shape of its own to miss
+    own = refined(model, best)
     if own is None:  # what little there is a finding explains as well, in another form: that is the simpler story
-        could = [(s, refined(growth, s)) for s in steps if s.evidence > 0.7 * best.evidence]
-        others = [s for s, k in could if k is not None and is_departure(growth, k, best.effect)]
+        could = [(s, refined(model, s)) for s in steps if s.evidence > 0.7 * best.evidence]
+        others = [s for s, k in could if k is not None and is_departure(model, k, best.effect)]
         best = max(others, key=lambda s: s.evidence, default=best)
-        own = refined(growth, best) if others else left_over(growth, best)
+        own = refined(model, best) if others else left_over(model, best)
     if own is not None:
-        best = replace(best, refines=own)
+        best = replace(best, parent=own)
     elif (
-        not convincing(bench, best, judged=judged)
-        or best.drop < LEAK * explained
-        or len(growth.findings) >= MOST_FINDINGS
+        not accepted(linear, best, noise_checked=noise_checked)
+        or best.delta_chi2 < LEAK * explained
+        or len(model.findings) >= MOST_FINDINGS
     ):
         # not enough for a finding: perhaps a refinement among what follows
-        further = [s for s in steps if s.evidence > WORTH and refined(growth, s) is not None]
+        further = [s for s in steps if s.evidence > WORTH and refined(model, s) is not None]
         if not further:
             return None
-        best = replace(further[0], refines=refined(growth, further[0]))
+        best = replace(further[0], parent=refined(model, further[0]))
     tries = [best]
-    if best.refines is not None:  # of what else the finding may be made of, the best together with what it is now
+    if best.parent is not None:  # of what else the finding may be made of, the best together with what it is now
         near = [s for s in steps if s is not best and s.evidence > max(WORTH, 0.3 * best.evidence)]
-        tries += [replace(s, refines=best.refines) for s in near if refined(growth, s) == best.refines][:4]
+        tries += [replace(s, parent=best.parent) for s in near if refined(model, s) == best.parent][:4]
     error, _, best_growth = min(
-        (heldout_rms(g.bench), k, g) for k, g in enumerate(lags_settled(with_step(growth, s)) for s in tries)
+        (heldout_rms(g.linear), k, g) for k, g in enumerate(refit_time_constants(with_step(model, s)) for s in tries)
     )
-    return best_growth if error < heldout_rms(bench) else None
+    return best_growth if error < heldout_rms(linear) else None
 
 
-def _likely(bench: Workbench, candidates: Candidates) -> Likely:
+def _likely(linear: LinearModel, candidates: Candidates) -> Likely:
     """The best proposals beside what the bench has, polished, and the one to be preferred among them."""
-    steps = polished(bench, candidates, LIKELY, WORTH)
+    steps = optimise_shapes(linear, candidates, LIKELY, WORTH)
     if not steps:
         return None
-    best = choose(bench, steps)
-    if "temperature" in roots(best.effect) and (best.effect.generic or not convincing(bench, best)):
-        best = _by_two_causes(bench, candidates, steps, best) or best
+    best = choose(linear, steps)
+    if "temperature" in base_channels(best.effect) and (best.effect.empirical or not accepted(linear, best)):
+        best = _by_two_causes(linear, candidates, steps, best) or best
     return steps, best
 
 
-def _able(bench: Workbench, likely: Likely) -> Likely:
+def _accepted(linear: LinearModel, likely: Likely) -> Likely:
     """Those that are convincing by themselves: what bends to two effects at once is neither, one of them may be."""
-    able = [s for s in likely[0] if convincing(bench, s)] if likely else []
-    return (able, choose(bench, able)) if able else None
+    able = [s for s in likely[0] if accepted(linear, s)] if likely else []
+    return (able, choose(linear, able)) if able else None
 
 
-def _predicting(growth: Growth, able: Likely) -> Likely:
+def _that_predict(model: EffectModel, able: Likely) -> Likely:
     """Of the convincing ones those that predict left-out rows better: of two sensors alike, one may and one may not.
 
     Only before anything was found: what is slight beside a finding, and predicts a little, is no further one.
     """
-    if able is None or growth.steps:
+    if able is None or model.steps:
         return None
-    before = heldout_rms(growth.bench)
-    better = [s for s in able[0] if heldout_rms(with_step(growth, s).bench) < before]
-    return (better, choose(growth.bench, better)) if better else None
+    before = heldout_rms(model.linear)
+    better = [s for s in able[0] if heldout_rms(with_step(model, s).linear) < before]
+    return (better, choose(model.linear, better)) if better else None
 
 
-def _by_two_causes(bench: Workbench, candidates: Candidates, steps: Sequence[Step], form: Step) -> Step | None:
+def _by_two_causes(linear: LinearModel, candidates: Candidates, steps: Sequence[Step], form: Step) -> Step | None:
     """The thermal effect that, once it has two sensors or lags, explains most, if as much as a mere form does."""
     able: list[Step] = []
-    for step in sorted((s for s in steps if not s.effect.generic), key=lambda s: -s.evidence):
-        found = best_pair(bench, step.effect, candidates.effects)
+    for step in sorted((s for s in steps if not s.effect.empirical), key=lambda s: -s.evidence):
+        found = best_pair(linear, step.effect, candidates.effects)
         if found is None or found[2] < WORTH:
             continue
         one, other, more = found
-        both = bench.with_effect(one).with_effect(other)
-        drop = bench.drop(both)
-        if drop > FORM * form.drop:
-            able.append(replace(step, effect=one, partner=(other,), evidence=step.evidence + more, drop=drop))
-    return max(able, key=lambda s: s.drop, default=None)
+        both = linear.with_effect(one).with_effect(other)
+        drop = linear.delta_chi2(both)
+        if drop > FORM * form.delta_chi2:
+            able.append(replace(step, effect=one, partner=(other,), evidence=step.evidence + more, delta_chi2=drop))
+    return max(able, key=lambda s: s.delta_chi2, default=None)
 
 
-def lags_settled(growth: Growth) -> Growth:
+def refit_time_constants(model: EffectModel) -> EffectModel:
     """All time constants once more, each with the other effects in place: two that lag share what each had alone."""
     from scipy.optimize import minimize_scalar
 
-    for _ in range(SWEEPS if len(growth.steps) > 1 else 0):
-        before = growth.bench.square
-        for k, step in enumerate(growth.steps):
-            tau, quickest = getattr(step.effect, "tau", None), growth.start.scene.duration / 1000
+    for _ in range(SWEEPS if len(model.steps) > 1 else 0):
+        before = model.linear.square
+        for k, step in enumerate(model.steps):
+            tau, quickest = getattr(step.effect, "tau", None), model.start.scene.duration / 1000
             if tau is None or not quickest:
                 continue
-            rest = growth.without([step])
+            rest = model.without([step])
 
-            def left(x: float, effect: Effect = step.effect, rest: Workbench = rest) -> float:
+            def left(x: float, effect: Effect = step.effect, rest: LinearModel = rest) -> float:
                 return rest.square_with(_with_tau(effect, x))
 
             middle = float(np.log(tau or 6 * quickest))  # none at all: from hardly any to the shortest that was tried
@@ -215,90 +222,90 @@ def lags_settled(growth: Growth) -> Growth:
             bounds = (middle - reach, middle + reach)
             found = minimize_scalar(left, bounds=bounds, method="bounded", options={"maxiter": 12})
             if found.fun < rest.square_with(step.effect) - 1e-9:
-                steps = list(growth.steps)
+                steps = list(model.steps)
                 steps[k] = replace(step, effect=_with_tau(step.effect, float(found.x)))
-                growth = replayed(growth.start, steps)
-        if growth.bench.square > 0.995 * before:
+                model = replayed(model.start, steps)
+        if model.linear.square > 0.995 * before:
             break
-    return growth
+    return model
 
 
-def paired(growth: Growth, candidates: Candidates) -> Growth:
+def add_second_sensor(model: EffectModel, candidates: Candidates) -> EffectModel:
     """The latest finding as that of two causes, where they explain it better than what it is made of now."""
-    *others, group = growth.findings
-    if any(s.effect.generic for s in group[:1]) or len(group) > 2:
-        return growth
-    bench = growth.without(group)
-    found = best_pair(bench, group[0].effect, candidates.effects)
+    *others, group = model.findings
+    if any(s.effect.empirical for s in group[:1]) or len(group) > 2:
+        return model
+    linear = model.without(group)
+    found = best_pair(linear, group[0].effect, candidates.effects)
     if found is None or found[2] < WORTH:
-        return growth
+        return model
     one, other, evidence = found
     pair = [replace(group[0], effect=one), Step(other, evidence, 0.0, group[0].absorbed)]
-    trial = lags_settled(of_groups(growth.start, [*others, pair]))
-    return trial if heldout_rms(trial.bench) < heldout_rms(growth.bench) else growth
+    trial = refit_time_constants(of_groups(model.start, [*others, pair]))
+    return trial if heldout_rms(trial.linear) < heldout_rms(model.linear) else model
 
 
 def _with_tau(effect: Effect, logarithm: float) -> Effect:
     return effect.model_copy(update={"tau": float(f"{np.exp(logarithm):.6g}")})
 
 
-def _causes(growth: Growth) -> frozenset[object]:
+def _causes(model: EffectModel) -> frozenset[object]:
     """What each finding is and where."""
-    return frozenset(main.effect.key for main, *_ in growth.findings)
+    return frozenset(main.effect.key for main, *_ in model.findings)
 
 
-def _otherwise_named(growth: Growth, step: Step) -> bool:
+def _otherwise_named(model: EffectModel, step: Step) -> bool:
     """Whether a refinement has a name of its own, and no curve's: perhaps it is what the finding should be called."""
-    main = growth.steps[step.refines or 0].effect
-    return not (step.effect.generic or step.effect.pliant) and step.effect.effect != main.effect
+    main = model.steps[step.parent or 0].effect
+    return not (step.effect.empirical or step.effect.flexible) and step.effect.effect != main.effect
 
 
-def second_look(growth: Growth, candidates: Candidates) -> Growth:
+def reselect(model: EffectModel, candidates: Candidates) -> EffectModel:
     """Each finding once more, with the others in place: another explanation may now be the better one, or none."""
-    groups = growth.findings
+    groups = model.findings
     for group in groups:
         old, *more = group
-        bench = growth.without(group)
-        steps = polished(bench, candidates, RIVALS)
+        linear = model.without(group)
+        steps = optimise_shapes(linear, candidates, MOST_ALTERNATIVES_TRIED)
         if not steps:
             continue
-        best = choose(bench, steps)
+        best = choose(linear, steps)
         same = best.effect == old.effect or (bool(more) and best.effect.key == old.effect.key)
-        as_good = same or best.drop < 1.02 * bench.drop(bench.with_effect(old.effect))
-        if as_good or not convincing(bench, best):
+        as_good = same or best.delta_chi2 < 1.02 * linear.delta_chi2(linear.with_effect(old.effect))
+        if as_good or not accepted(linear, best):
             continue
         # refinements whose finding has gone, or whose number has changed, stand or fall with the next search
         mains = [g[0] for g in groups if g is not group]
-        return replayed(growth.start, [*mains, best])
-    return growth
+        return replayed(model.start, [*mains, best])
+    return model
 
 
-def in_place(growth: Growth, candidates: Candidates) -> Growth:
+def conditional_scores(model: EffectModel, candidates: Candidates) -> EffectModel:
     """Each finding's evidence and rivals as they are beside the others: what these explain is no longer theirs."""
-    groups = growth.findings
+    groups = model.findings
     for k, (main, *more) in enumerate(groups):
-        bench = growth.without([main, *more])
-        steps = polished(bench, candidates, RIVALS)
-        own = weighed(bench, main.effect, len(candidates.of_key.get(main.effect.key, [0])), main.searched) or main
+        linear = model.without([main, *more])
+        steps = optimise_shapes(linear, candidates, MOST_ALTERNATIVES_TRIED)
+        own = weighed(linear, main.effect, len(candidates.of_key.get(main.effect.key, [0])), main.trials) or main
         alone = max([own.evidence, *(s.evidence for s in steps if s.effect.key == main.effect.key)])
         # with what is said of it: further causes of its name, such as a second sensor; without a name, all of it
-        evidence, beside = own.evidence, bench
+        evidence, beside = own.evidence, linear
         for before, step in pairwise([main, *more]):
             beside = beside.with_effect(before.effect)
-            if main.effect.generic or step.effect.effect == main.effect.effect:
+            if main.effect.empirical or step.effect.effect == main.effect.effect:
                 evidence += max([0.0, *Candidates.of(beside, [step.effect]).scores(beside).evidence.tolist()])
-        rivals = tuple(s for s in sorted(steps, key=lambda s: -s.evidence) if s.effect.key != main.effect.key)
-        groups[k] = [replace(own, evidence=max(evidence, alone), alone=alone, rivals=rivals), *more]
-    return of_groups(growth.start, groups)
+        alternatives = tuple(s for s in sorted(steps, key=lambda s: -s.evidence) if s.effect.key != main.effect.key)
+        groups[k] = [replace(own, evidence=max(evidence, alone), marginal=alone, alternatives=alternatives), *more]
+    return of_groups(model.start, groups)
 
 
-def in_noise(growth: Growth) -> Growth:
+def in_correlated_noise(model: EffectModel) -> EffectModel:
     """Each finding's evidence and its rivals' as noise that goes along from row to row leaves them."""
-    groups = growth.findings
+    groups = model.findings
     for k, (main, *more) in enumerate(groups):
-        steps = [main, *main.rivals]
-        nats = in_any_noise(growth.without([main, *more]), steps)
-        best, *rivals = (replace(s, evidence=min(s.evidence, n)) for s, n in zip(steps, nats, strict=True))
-        rivals.sort(key=lambda r: -r.evidence)
-        groups[k] = [replace(best, rivals=tuple(rivals)), *more]
-    return of_groups(growth.start, groups)
+        steps = [main, *main.alternatives]
+        nats = evidence_in_any_noise(model.without([main, *more]), steps)
+        best, *alternatives = (replace(s, evidence=min(s.evidence, n)) for s, n in zip(steps, nats, strict=True))
+        alternatives.sort(key=lambda r: -r.evidence)
+        groups[k] = [replace(best, alternatives=tuple(alternatives)), *more]
+    return of_groups(model.start, groups)

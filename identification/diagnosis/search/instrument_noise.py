@@ -18,7 +18,7 @@ from errormodel.instruments.laser_tracker import LaserTracker
 from errormodel.instruments.plain import Plain
 from errormodel.survey import Survey
 from errormodel.survey_columns import SIGMA
-from identification.diagnosis.linear.linear_model import Workbench
+from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.linear.residual_rows import by_rows
 from identification.diagnosis.search.candidates import Candidates
 from identification.diagnosis.search.scoring import DETECT
@@ -37,18 +37,18 @@ ORIGIN = 4.0  # nats that a station elsewhere must gain: coordinates are the tra
 LEAST = 0.1  # of the noise: what a target's seat has in any case
 
 
-def sighted(fit: Fit, bench: Workbench, candidates: Candidates, survey: Survey) -> Survey | None:
+def tracker_noise(fit: Fit, linear: LinearModel, candidates: Candidates, survey: Survey) -> Survey | None:
     """The survey as a tracker's, weighed by what its residuals show of it; None where they show none, or it is known.
 
     None as well where they are not noise yet: an arm's joints, each with a curve of its own, leave more than that.
 
     Parameters
     ----------
-    bench, candidates : of the fit; what explains the residuals best is taken out of them, whatever its name.
+    linear, candidates : of the fit; what explains the residuals best is taken out of them, whatever its name.
     """
     if not isinstance(survey.instrument, Plain) or any(name in survey.table for name in SIGMA):
         return None
-    cleared = _cleared(bench, candidates)
+    cleared = _cleared(linear, candidates)
     parts = [] if cleared is None else [*_triples(fit, cleared)]
     points, residuals = (np.vstack(p) for p in zip(*parts, strict=True)) if parts else (np.empty((0, 3)),) * 2
     if len(points) < FEWEST:
@@ -63,19 +63,19 @@ def sighted(fit: Fit, bench: Workbench, candidates: Candidates, survey: Survey) 
     return replace(survey, instrument=relative, sized=False, notes=(*survey.notes, _note(tracker, points)))
 
 
-def _cleared(bench: Workbench, candidates: Candidates) -> Workbench | None:
+def _cleared(linear: LinearModel, candidates: Candidates) -> LinearModel | None:
     """The bench with the best proposals fitted until there is evidence for no more; None where there always is."""
     for _ in range(MOST):
-        ranked = candidates.scores(bench).by_key()
+        ranked = candidates.scores(linear).by_key()
         if not ranked or ranked[0][0] - np.log(len(ranked)) < DETECT:
-            return bench
-        bench = bench.with_effect(candidates.effects[ranked[0][1]])
+            return linear
+        linear = linear.with_effect(candidates.effects[ranked[0][1]])
     return None
 
 
-def _triples(fit: Fit, bench: Workbench) -> Iterator[tuple[Array, Array]]:
+def _triples(fit: Fit, linear: LinearModel) -> Iterator[tuple[Array, Array]]:
     """Points and residuals (m, 3) in the axes of their measuring frame, of rows with three components."""
-    for part, white in by_rows(fit, bench, bench.residual[: len(bench.index)]):
+    for part, white in by_rows(fit, linear, linear.residual[: len(linear.index)]):
         whole = np.isfinite(white).all(axis=1)
         # without a missing component a view is whitened in the reference's axes
         turn = part.pose.rotation.T if part.whitener.ndim == 1 else np.eye(3)

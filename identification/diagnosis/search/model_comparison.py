@@ -14,17 +14,17 @@ from functools import partial
 import numpy as np
 
 from errormodel.effects.base import Effect
-from identification.diagnosis.linear.linear_model import Workbench
+from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.search import correlated_noise as coloured
 from identification.diagnosis.search.candidates import Candidates
 from identification.diagnosis.search.criteria import heldout_rms, one_sensor
-from identification.diagnosis.search.forward_selection import RIVALS, grow
-from identification.diagnosis.search.model import Growth, replayed
+from identification.diagnosis.search.forward_selection import MOST_ALTERNATIVES_TRIED, forward_select
+from identification.diagnosis.search.model import EffectModel, replayed
 from identification.diagnosis.search.refinement import OWN, apart, distinct
 from identification.diagnosis.search.scoring import CLEARLY, NEAR, Step, choose
-from identification.diagnosis.search.shape_fit import polished
+from identification.diagnosis.search.shape_fit import optimise_shapes
 from identification.runtime.process_pool import side_by_side
-from identification.runtime.progress import Tell, silent
+from identification.runtime.progress import Progress, silent
 
 SERIOUS = 7.0  # nats by which a rival may be behind
 MOST_RIVALS = 2  # of a finding
@@ -34,113 +34,113 @@ SLIGHT = 0.03  # of a finding's evidence: what is left of a very large one is la
 NO_WORSE = 1.02  # held-out error of a better story: blocks of rows tell such small differences by chance
 
 
-def retold(growth: Growth, candidates: Candidates, tell: Tell = silent) -> Growth:
+def compare_alternatives(model: EffectModel, candidates: Candidates, progress: Progress = silent) -> EffectModel:
     """The best of a growth and those that begin with a rival of one of its findings instead, or with a second cause."""
-    begin = [[*others, rival] for rival, others in _rivals(growth)]
-    begin += _seconds(growth, candidates)
+    begin = [[*others, alternative] for alternative, others in _alternatives(model)]
+    begin += _second_causes(model, candidates)
     if not begin:
-        return growth
-    best, worth = growth, story(growth)
-    with tell("Telling it from its rivals' side"):
-        told = side_by_side([partial(_told, growth.start, candidates, steps) for steps in begin])
+        return model
+    best, worth = model, log_evidence(model)
+    with progress("Telling it from its rivals' side"):
+        told = side_by_side([partial(_searched_from, model.start, candidates, steps) for steps in begin])
     for steps in told:
-        other = replayed(growth.start, steps)
-        value = story(other)
+        other = replayed(model.start, steps)
+        value = log_evidence(other)
         # of two that are nearly as good, the one of which half as much rests on forms
-        least = worth + (CLEARLY if 2 * borrowed(other) + CLEARLY > borrowed(best) else -CLEARLY)
-        if value > least and heldout_rms(other.bench) < NO_WORSE * heldout_rms(best.bench):
+        least = worth + (CLEARLY if 2 * empirical_evidence(other) + CLEARLY > empirical_evidence(best) else -CLEARLY)
+        if value > least and heldout_rms(other.linear) < NO_WORSE * heldout_rms(best.linear):
             best, worth = other, value
     return best
 
 
-def _told(start: Workbench, candidates: Candidates, begin: list[Step]) -> tuple[Step, ...]:
-    return grow(start, candidates.branch(), begin=begin).steps
+def _searched_from(start: LinearModel, candidates: Candidates, begin: list[Step]) -> tuple[Step, ...]:
+    return forward_select(start, candidates.branch(), begin=begin).steps
 
 
-def story(growth: Growth) -> float:
+def log_evidence(model: EffectModel) -> float:
     """Nats of all effects of a growth together, whatever the noise, less the places that were looked at for each."""
-    effects = [s.effect for s in growth.steps]
-    bench, total = growth.start, 0.0
-    for curve in (e for e in effects if e.tied):
-        total += bench.tied(bench.columns(curve)[0]).best()[1]
-        bench = bench.with_effect(curve)
+    effects = [s.effect for s in model.steps]
+    linear, total = model.start, 0.0
+    for curve in (e for e in effects if e.random):
+        total += linear.random(linear.columns(curve)[0]).best()[1]
+        linear = linear.with_effect(curve)
     # names first: what comes first says whether the usual sizes of the parameters count
-    if rest := sorted((e for e in effects if not e.tied), key=lambda e: e.generic):
-        [(_, evidence)] = coloured.evidence(bench, [rest])
+    if rest := sorted((e for e in effects if not e.random), key=lambda e: e.empirical):
+        [(_, evidence)] = coloured.evidence(linear, [rest])
         total += evidence
-    searched = max((s.searched for s in growth.steps), default=1)
-    return total - len(growth.steps) * float(np.log(max(searched, 1)))
+    trials = max((s.trials for s in model.steps), default=1)
+    return total - len(model.steps) * float(np.log(max(trials, 1)))
 
 
-def borrowed(growth: Growth) -> float:
+def empirical_evidence(model: EffectModel) -> float:
     """Nats of what has no name, and of what is taken for the form of a finding without having its name."""
     return sum(
         step.evidence
-        for group in growth.findings
+        for group in model.findings
         for step in group
-        if step.effect.generic or step.effect.effect != group[0].effect.effect
+        if step.effect.empirical or step.effect.effect != group[0].effect.effect
     )
 
 
-def _rivals(growth: Growth) -> Iterator[tuple[Step, list[Step]]]:
+def _alternatives(model: EffectModel) -> Iterator[tuple[Step, list[Step]]]:
     """Serious rivals, each as a step of its own, with the findings beside which it is to be tried."""
-    groups = growth.findings
-    if len(growth.steps) < 2:
+    groups = model.findings
+    if len(model.steps) < 2:
         return
     for group in groups:
         main = group[0]
         seen = {main.effect.effect}
         others = [g[0] for g in groups if g[0] is not main]
-        bench = growth.without(group)
+        linear = model.without(group)
         refined = len(group) > 1
-        near = OF_A_FORM if main.effect.generic else NEAR
-        least = main.alone - (max(SERIOUS, near * main.alone) if refined else SERIOUS)
-        for rival in sorted(main.rivals, key=lambda r: -r.evidence):
-            effect = rival.effect
-            if effect.generic or effect.effect in seen or rival.evidence < least:
+        near = OF_A_FORM if main.effect.empirical else NEAR
+        least = main.marginal - (max(SERIOUS, near * main.marginal) if refined else SERIOUS)
+        for alternative in sorted(main.alternatives, key=lambda r: -r.evidence):
+            effect = alternative.effect
+            if effect.empirical or effect.effect in seen or alternative.evidence < least:
                 continue
             seen.add(effect.effect)
             if len(seen) > (OF_REFINED if refined else MOST_RIVALS) + 1:
                 break
-            own = Candidates.of(bench, [effect]).scores(bench)
-            drop, absorbed = float(own.drop[0]), float(own.absorbed[0])
-            yield replace(rival, drop=drop, absorbed=absorbed), others
+            own = Candidates.of(linear, [effect]).scores(linear)
+            drop, absorbed = float(own.delta_chi2[0]), float(own.absorbed[0])
+            yield replace(alternative, delta_chi2=drop, absorbed=absorbed), others
 
 
-def _seconds(growth: Growth, candidates: Candidates) -> Iterator[list[Step]]:
+def _second_causes(model: EffectModel, candidates: Candidates) -> Iterator[list[Step]]:
     """Beginnings in which what is taken for a finding's own form is a second cause.
 
     By the likeliest other name at another place, or by something else that drives it; or as it is named already.
     """
-    groups = growth.findings
+    groups = model.findings
     for main, *more in groups:
         if sum(s.evidence for s in more) < max(SERIOUS, SLIGHT * main.evidence):
             continue
         others = [g[0] for g in groups if g[0] is not main]
-        likely = polished(growth.without(more), candidates, RIVALS)
+        likely = optimise_shapes(model.without(more), candidates, MOST_ALTERNATIVES_TRIED)
         elsewhere = [s for s in likely if s.effect.where != main.effect.where or distinct(main.effect, s.effect)]
         # of what has been named already, what is too much for a departure from the finding's form
-        much = [s for s in more if main.effect.generic or s.drop > OWN * main.drop]
+        much = [s for s in more if main.effect.empirical or s.delta_chi2 > OWN * main.delta_chi2]
         named = [s for s in much if s.effect.where != main.effect.where or apart(main.effect, s.effect)]
         begun: set[object] = {main.effect.key}
         for steps in (elsewhere, named):
             able = (s for s in steps if _another_cause(main.effect, s.effect))
-            second = replace(max(able, key=lambda s: s.evidence, default=main), refines=None)
+            second = replace(max(able, key=lambda s: s.evidence, default=main), parent=None)
             if second.evidence < SERIOUS or second.effect.key in begun:
                 continue
             begun.add(second.effect.key)
-            first = _named(main, growth.start, [*others, second], candidates) if main.effect.generic else main
+            first = _named(main, model.start, [*others, second], candidates) if main.effect.empirical else main
             yield [*others, first, second]
 
 
 def _another_cause(one: Effect, other: Effect) -> bool:
     """Whether an effect is another cause by its name; a curve that bends to anything is none of its own."""
-    named = not (other.generic or other.pliant) and other.effect != one.effect
+    named = not (other.empirical or other.flexible) and other.effect != one.effect
     return named and not one_sensor(one, other)
 
 
-def _named(main: Step, start: Workbench, others: Sequence[Step], candidates: Candidates) -> Step:
+def _named(main: Step, start: LinearModel, others: Sequence[Step], candidates: Candidates) -> Step:
     """What a finding without a name is beside others."""
-    bench = replayed(start, others).bench
-    steps = polished(bench, candidates, RIVALS)
-    return choose(bench, steps) if steps else main
+    linear = replayed(start, others).linear
+    steps = optimise_shapes(linear, candidates, MOST_ALTERNATIVES_TRIED)
+    return choose(linear, steps) if steps else main

@@ -14,9 +14,9 @@ from errormodel.effects.base import Effect
 from errormodel.effects.travel import legendre
 from errormodel.effects.unnamed import Unnamed
 from errormodel.machine import Joint
-from identification.diagnosis.linear.linear_model import Workbench
-from identification.diagnosis.search.criteria import likeness, moves, one_sensor, roots
-from identification.diagnosis.search.model import Growth, of_groups
+from identification.diagnosis.linear.linear_model import LinearModel
+from identification.diagnosis.search.criteria import base_channels, canonical_correlation, moves, one_sensor
+from identification.diagnosis.search.model import EffectModel, of_groups
 from identification.diagnosis.search.scoring import Step
 
 PIECES = 10  # of each joint's range, of a surface; of a period
@@ -27,30 +27,30 @@ ALIKE = 0.6  # correlation beyond which a later effect is a further form of an e
 LEFT = 0.05  # of what a finding explains: no more is no other effect with its drivers at its place
 OWN = 0.3  # of what a finding explains: as much is no departure from its form
 DISTINCT = {"feed", "load", "point_x", "point_y", "point_z"}  # what follows them is no form of what does not
-BENT = {0.03: 1.0, 0.1: 3.0, 0.3: 8.0}  # part of an effect's size by which its form departs, and nats for it
+MOST_DEPARTURE = {0.03: 1.0, 0.1: 3.0, 0.3: 8.0}  # part of an effect's size by which its form departs, and nats for it
 
 
-def forms(bench: Workbench, effect: Effect) -> Iterator[Effect]:
+def forms(linear: LinearModel, effect: Effect) -> Iterator[Effect]:
     """Generic terms at the effect's place by its drivers (lagged too, where it is warmth), along its joint's travel.
 
     Of a wave without a name also what it may be instead of a sine.
     """
-    if isinstance(effect, Unnamed) and effect.period and not effect.tied:
+    if isinstance(effect, Unnamed) and effect.period and not effect.random:
         yield from _repeating(effect, effect.period)
-    joint = next((j for j in bench.scene.moving if j.name == effect.where), None)
-    for element, motion in sorted(moves(bench, effect)):
-        for driver in _drivers(bench, effect):
-            center, half = _range(bench, driver)
+    joint = next((j for j in linear.scene.moving if j.name == effect.where), None)
+    for element, motion in sorted(moves(linear, effect)):
+        for driver in _drivers(linear, effect):
+            center, half = _range(linear, driver)
             if half <= 0 or not np.isfinite(half):
                 continue
             common = {"element": element, "motion": motion, "driver": driver, "center": center, "half_range": half}
             for form in FORMS[: 1 if driver.startswith("dir_") else 3]:
                 yield Unnamed.model_validate({**common, "form": form})
             if joint is not None and driver != joint.name:
-                by_center, by_half = _range(bench, joint.name)
+                by_center, by_half = _range(linear, joint.name)
                 both = {**common, "by": joint.name, "by_center": by_center, "by_half_range": by_half}
-                rows = len(bench.scene.columns[joint.name])
-                if any(j.name == driver for j in bench.scene.moving) and rows > (PIECES + 3) ** 2:
+                rows = len(linear.scene.columns[joint.name])
+                if any(j.name == driver for j in linear.scene.moving) and rows > (PIECES + 3) ** 2:
                     yield Unnamed.model_validate({**both, "pieces": PIECES})
                 for form in FORMS:
                     yield Unnamed.model_validate({**both, "by_form": form})
@@ -66,207 +66,213 @@ def _repeating(wave: Unnamed, period: float) -> Iterator[Effect]:
             yield wave.model_copy(update={"period": period / n, "by_period": wave.by_period / m})
 
 
-def bent(bench: Workbench, effect: Effect) -> tuple[float, float]:
+def bent(linear: LinearModel, effect: Effect) -> tuple[float, float]:
     """Nats, and further drop of the residual sum of squares, for an effect whose form departs from the textbook's.
 
     What nature adds is small beside the effect itself: all further forms together are tied to zero with some part of
     its size, and the part that suits the data best is paid for.
     """
-    if effect.tied or effect.generic:
+    if effect.random or effect.empirical:
         return 0.0, 0.0
-    further = list(_bends(bench, effect))
+    further = list(_bends(linear, effect))
     if not further:
         return 0.0, 0.0
-    own, values = bench.estimates([effect])
+    own, values = linear.estimates([effect])
     columns = np.array(further)
     norms = np.linalg.norm(columns, axis=1)
     columns = columns[norms > 0] / norms[norms > 0, None] / np.sqrt(len(norms))
-    tied = bench.with_effect(effect).tied(columns)
+    random = linear.with_effect(effect).random(columns)
     size = float(np.linalg.norm(own.T @ values))
-    if not len(tied.values) or not size:
+    if not len(random.values) or not size:
         return 0.0, 0.0
-    worth, part = max((tied.evidence(part * size) - cost, part) for part, cost in BENT.items())
+    worth, part = max((random.evidence(part * size) - cost, part) for part, cost in MOST_DEPARTURE.items())
     if worth <= 0:
         return 0.0, 0.0
-    left = tied.left((part * size) ** 2 / tied.noise(part * size))
-    return worth, (tied.square - float(left)) * bench.freedom / bench.square
+    left = random.left((part * size) ** 2 / random.noise(part * size))
+    return worth, (random.square - float(left)) * linear.freedom / linear.square
 
 
-def _bends(bench: Workbench, effect: Effect) -> Iterator[Array]:
+def _bends(linear: LinearModel, effect: Effect) -> Iterator[Array]:
     """Columns (N,): what the effect moves, in any smooth way with what drives it."""
-    joints = [j for j in bench.scene.moving if j.name in map(root, effect.drivers)]
-    shapes = [list(_smooth(bench, j)) for j in joints]
+    joints = [j for j in linear.scene.moving if j.name in map(root, effect.drivers)]
+    shapes = [list(_smooth(linear, j)) for j in joints]
     series = [s for own in shapes for s in own]
     series += [a * b for one, other in combinations(shapes, 2) for a in one[:3] for b in other[:3]]
-    for element, motion in sorted(moves(bench, effect)):
+    for element, motion in sorted(moves(linear, effect)):
         for s in series:
-            yield bench.levers[element][MOTIONS.index(motion)] * s
+            yield linear.levers[element][MOTIONS.index(motion)] * s
     if len(joints) < len(set(map(root, effect.drivers))):
-        for form in forms(bench, effect):
+        for form in forms(linear, effect):
             if isinstance(form, Unnamed) and "cubic" in (form.form, form.by_form):
-                yield from bench.columns(form)[0][:, : len(bench.index)]
+                yield from linear.columns(form)[0][:, : len(linear.index)]
 
 
-def _smooth(bench: Workbench, joint: Joint) -> Iterator[Array]:
+def _smooth(linear: LinearModel, joint: Joint) -> Iterator[Array]:
     """Series (N,) of a joint's position: Legendre polynomials, or harmonics of a turn."""
-    q = bench.channel(joint.name)
+    q = linear.channel(joint.name)
     if joint.type == "rotary":
         for k in range(1, 1 + SMOOTH // 2):
             yield from (np.sin(k * q), np.cos(k * q))
     else:
-        low, high = bench.scene.span(joint)
+        low, high = linear.scene.span(joint)
         for k in range(1, 1 + SMOOTH):
             yield legendre(k, (2 * q - low - high) / (high - low))
 
 
-def _drivers(bench: Workbench, effect: Effect) -> list[str]:
+def _drivers(linear: LinearModel, effect: Effect) -> list[str]:
     names = list(dict.fromkeys(map(root, effect.drivers)))
     if any(n.startswith("T_") or n == "time" for n in names):
-        warm = [n for n in names if n.startswith("T_")] or list(bench.scene.sensors)
-        span = bench.scene.duration
+        warm = [n for n in names if n.startswith("T_")] or list(linear.scene.sensors)
+        span = linear.scene.duration
         names = [*names, *warm, *(["time"] if span else [])]
         names += [f"lag({n},{span / part:.4g})" for n in warm if span for part in (32, 12, 5)]
     return list(dict.fromkeys(names))
 
 
-def _range(bench: Workbench, name: str) -> tuple[float, float]:
+def _range(linear: LinearModel, name: str) -> tuple[float, float]:
     """Middle and half range of a channel as the survey has it, to four digits: they go into the model's file."""
-    values = bench.channel(name)
+    values = linear.channel(name)
     low, high = float(values.min()), float(values.max())
     return float(f"{(low + high) / 2:.4g}"), float(f"{(high - low) / 2:.4g}")
 
 
-def refined(growth: Growth, step: Step) -> int | None:
+def refined(model: EffectModel, step: Step) -> int | None:
     """The finding that this effect is another form of, if there is one.
 
     The same effect or the same motion at the same place by the same driver, or two that do much the same to the data
     once the geometry is taken out: what a sensor's lag or another exponent leaves over.
     """
-    bench = growth.start
-    for k, earlier in enumerate(growth.steps):
-        if earlier.refines is not None:
+    linear = model.start
+    for k, earlier in enumerate(model.steps):
+        if earlier.parent is not None:
             continue
         one, other = earlier.effect, step.effect
-        if one.tied and not (one.generic or other.generic) and other.family != one.family:
+        if one.random and not (one.empirical or other.empirical) and other.family != one.family:
             continue  # a curve of the joint's own position leaves nothing of that kind: this is something else
         if distinct(one, other):
             continue
-        there = one.where == other.where and roots(one) & roots(other)
-        if there and (one.effect == other.effect or moves(bench, one) & moves(bench, other)):
-            if apart(one, other) and not is_departure(growth, k, other):
+        there = one.where == other.where and base_channels(one) & base_channels(other)
+        if there and (one.effect == other.effect or moves(linear, one) & moves(linear, other)):
+            if apart(one, other) and not is_departure(model, k, other):
                 continue
             return k
-        if there and _of_one_weight(one, other) and is_departure(growth, k, other):
+        if there and _of_one_weight(one, other) and is_departure(model, k, other):
             return k  # a weight that twists a beam also bends it a little: the finding's form in other motions
-        if not (one.tied or other.tied) and _much_the_same(growth, one, other):
-            if other.generic or one_sensor(one, other) or is_departure(growth, k, other):
+        if not (one.random or other.random) and _much_the_same(model, one, other):
+            if other.empirical or one_sensor(one, other) or is_departure(model, k, other):
                 return k
             continue  # too much of it has a name and a cause of its own
-        if _is_surface(one) and roots(other) <= roots(one) and _motions(bench, one, other):
+        if _is_surface(one) and base_channels(other) <= base_channels(one) and _motions(linear, one, other):
             return k  # what a product leaves over goes with either of the two, wherever between them
     return None
 
 
 def distinct(one: Effect, other: Effect) -> bool:
     """Whether something drives one of two effects, but not the other, whose forms nobody takes for each other's."""
-    return bool(((roots(other) - roots(one)) | (set() if other.generic else roots(one) - roots(other))) & DISTINCT)
+    return bool(
+        (
+            (base_channels(other) - base_channels(one))
+            | (set() if other.empirical else base_channels(one) - base_channels(other))
+        )
+        & DISTINCT
+    )
 
 
-def left_over(growth: Growth, step: Step) -> int | None:
+def left_over(model: EffectModel, step: Step) -> int | None:
     """The finding with whose drivers, at whose place, a further effect explains so little that it is left of it."""
-    for k, earlier in enumerate(growth.steps):
+    for k, earlier in enumerate(model.steps):
         one, other = earlier.effect, step.effect
-        near = one.where == other.where and roots(other) <= roots(one) | {one.where}
-        if earlier.refines is None and near and is_departure(growth, k, other, LEFT):
+        near = one.where == other.where and base_channels(other) <= base_channels(one) | {one.where}
+        if earlier.parent is None and near and is_departure(model, k, other, LEFT):
             return k
     return None
 
 
-def is_departure(growth: Growth, number: int, effect: Effect, share: float = OWN) -> bool:
+def is_departure(model: EffectModel, number: int, effect: Effect, share: float = OWN) -> bool:
     """Whether a further effect explains so little beside a finding that it may be what its form does not fit."""
-    group = [s for k, s in enumerate(growth.steps) if number in (k, s.refines)]
-    explained = growth.without(group).square - growth.bench.square
-    return growth.bench.square - growth.bench.square_with(effect) < share * explained
+    group = [s for k, s in enumerate(model.steps) if number in (k, s.parent)]
+    explained = model.without(group).square - model.linear.square
+    return model.linear.square - model.linear.square_with(effect) < share * explained
 
 
-def truly_named(growth: Growth) -> Growth:
+def truly_named(model: EffectModel) -> EffectModel:
     """Findings of which a mere form explains a good part are that form's: what has the name is no more than like it.
 
     But warmth by whatever sensor and lag is one cause, and what lags is no other physics.
     """
     groups = []
-    for main, *more in growth.findings:
-        bench = growth.without([main, *more])
-        explained, own = bench.square - growth.bench.square, bench
-        forms = [s for s in more if s.effect.generic and "temperature" not in roots(s.effect)]
+    for main, *more in model.findings:
+        linear = model.without([main, *more])
+        explained, own = linear.square - model.linear.square, linear
+        forms = [s for s in more if s.effect.empirical and "temperature" not in base_channels(s.effect)]
         for step in (s for s in (main, *more) if s not in forms):
             own = own.with_effect(step.effect)
         gained = {id(s): own.square - own.square_with(s.effect) for s in forms}
         best = max(forms, key=lambda s: gained[id(s)], default=main)
-        if main.effect.generic or best is main or gained[id(best)] < OWN * explained:
+        if main.effect.empirical or best is main or gained[id(best)] < OWN * explained:
             groups.append([main, *more])
             continue
         groups.append([best, *(s for s in (main, *more) if s is not best)])
-    return of_groups(growth.start, groups) if groups != growth.findings else growth
+    return of_groups(model.start, groups) if groups != model.findings else model
 
 
-def with_sections(growth: Growth) -> Growth:
+def with_sections(model: EffectModel) -> EffectModel:
     """Findings without a name that follow two joints take what goes with one of the two: sections of one surface.
 
     In the same motion, or as slight as a departure from the surface's form: what its pieces miss at an edge looks like
     a dent or a knee in whatever motion has a lever there. Waves in other motions are none.
     """
-    bench, groups = growth.start, growth.findings
+    linear, groups = model.start, model.findings
     surfaces = [k for k, (main, *_) in enumerate(groups) if _is_surface(main.effect)]
-    explained = [growth.without(g).square - growth.bench.square if surfaces else 0.0 for g in groups]
+    explained = [model.without(g).square - model.linear.square if surfaces else 0.0 for g in groups]
 
     def section(k: int, n: int) -> bool:
         part, wide = groups[k][0].effect, groups[n][0].effect
-        if not roots(part) < roots(wide) or (part.tied and not wide.tied):
+        if not base_channels(part) < base_channels(wide) or (part.random and not wide.random):
             return False
-        return bool(_motions(bench, wide, part)) or (part.shape != "period" and explained[k] < OWN * explained[n])
+        return bool(_motions(linear, wide, part)) or (part.shape != "period" and explained[k] < OWN * explained[n])
 
     taken: dict[int, int] = {}  # section -> surface; none of these is one itself, as no form follows more than two
     for k in range(len(groups)):
         if (n := next((n for n in surfaces if section(k, n)), None)) is not None:
             taken[k] = n
     if not taken:
-        return growth
+        return model
     kept = [k for k in range(len(groups)) if k not in taken]
-    return of_groups(bench, [[*groups[k], *(s for n, w in taken.items() if w == k for s in groups[n])] for k in kept])
+    return of_groups(linear, [[*groups[k], *(s for n, w in taken.items() if w == k for s in groups[n])] for k in kept])
 
 
 def _is_surface(effect: Effect) -> bool:
     """Whether an effect is a form over two channels."""
-    return effect.generic and len(roots(effect)) > 1
+    return effect.empirical and len(base_channels(effect)) > 1
 
 
-def _much_the_same(growth: Growth, one: Effect, other: Effect) -> bool:
+def _much_the_same(model: EffectModel, one: Effect, other: Effect) -> bool:
     """Whether a further effect does to the data what an accepted one does, each as large as all together make it.
 
     Of many parameters (six of a frame that moves) some combination is like almost anything: it is what they are that
     counts.
     """
-    bench = growth.start
-    effects = [*(s.effect for s in growth.steps if not s.effect.tied), other]
-    columns, values = bench.estimates(effects)
-    owner = np.repeat(np.arange(len(effects)), [len(bench.columns(e)[1]) for e in effects])
+    linear = model.start
+    effects = [*(s.effect for s in model.steps if not s.effect.random), other]
+    columns, values = linear.estimates(effects)
+    owner = np.repeat(np.arange(len(effects)), [len(linear.columns(e)[1]) for e in effects])
     made = [(values * (owner == k)) @ columns for k in (effects.index(one), len(effects) - 1)]
-    return likeness(bench, *(m[None] for m in made)) > ALIKE
+    return canonical_correlation(linear, *(m[None] for m in made)) > ALIKE
 
 
-def _motions(bench: Workbench, one: Effect, other: Effect) -> set[str]:
+def _motions(linear: LinearModel, one: Effect, other: Effect) -> set[str]:
     """Motions that both make, at whatever elements."""
-    return {m for _, m in moves(bench, one)} & {m for _, m in moves(bench, other)}
+    return {m for _, m in moves(linear, one)} & {m for _, m in moves(linear, other)}
 
 
 def _of_one_weight(one: Effect, other: Effect) -> bool:
     """Whether the second of two effects may be the same weight's on the same member: nothing else need move for it."""
-    return one.family == other.family == "gravity" and roots(other) <= roots(one)
+    return one.family == other.family == "gravity" and base_channels(other) <= base_channels(one)
 
 
 def apart(one: Effect, other: Effect) -> bool:
     """Whether two effects at a place are known by different signs: a wave, a bump or a form; a clock or a sensor."""
-    named = not (one.generic or other.generic) and one.effect != other.effect
+    named = not (one.empirical or other.empirical) and one.effect != other.effect
     by_clock = ("time" in one.drivers) != ("time" in other.drivers)
-    return named and (type(one).shape != type(other).shape or by_clock or not (one.pliant or other.pliant))
+    return named and (type(one).shape != type(other).shape or by_clock or not (one.flexible or other.flexible))

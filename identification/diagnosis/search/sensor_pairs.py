@@ -12,38 +12,40 @@ import numpy as np
 
 from errormodel.arrays import Array, Index
 from errormodel.effects.base import Effect
-from identification.diagnosis.linear.linear_model import Workbench
+from identification.diagnosis.linear.linear_model import LinearModel
 
 CAUSE = {"sensor", "minus", "tau", "start"}  # fields that say what warms, not what moves
 
 
-def best_pair(bench: Workbench, effect: Effect, effects: Sequence[Effect]) -> tuple[Effect, Effect, float] | None:
+def best_pair(linear: LinearModel, effect: Effect, effects: Sequence[Effect]) -> tuple[Effect, Effect, float] | None:
     """The two causes that together explain most of what `effect` moves, the greater one first, and the evidence (nats).
 
     Parameters
     ----------
-    bench : with all fitted but this finding.
+    linear : with all fitted but this finding.
     effects : proposals, of which those are taken that move the same by another cause.
 
     Returns
     -------
     The evidence is that for the pair against the likeliest single cause, less the search among pairs.
     """
-    family = [e for e in effects if type(e) is type(effect) and e.tied == effect.tied and _moved(e) == _moved(effect)]
+    family = [
+        e for e in effects if type(e) is type(effect) and e.random == effect.random and _moved(e) == _moved(effect)
+    ]
     if not CAUSE & set(type(effect).model_fields) or len(family) < 2:
         return None
-    columns = np.array([bench.project(bench.columns(e)[0]) for e in family])
+    columns = np.array([linear.project(linear.columns(e)[0]) for e in family])
     m, k, _ = columns.shape
     norms = np.linalg.norm(columns, axis=2, keepdims=True)
     flat = (columns / np.where(norms > 0, norms, 1.0)).reshape(m * k, -1)
-    gram, slope = flat @ flat.T + 1e-9 * np.eye(m * k), flat @ bench.residual
+    gram, slope = flat @ flat.T + 1e-9 * np.eye(m * k), flat @ linear.residual
     one, other = np.triu_indices(m, 1)
     singles = _drops(gram, slope, np.arange(m)[:, None] * k + np.arange(k))
     first, second = (np.arange(k) + k * i[:, None] for i in (one, other))
     drops = _drops(gram, slope, np.hstack([first, second]))
     best = int(np.argmax(drops))
-    left = np.maximum(bench.square - np.array([singles.max(), drops[best]]), 1e-12 * bench.square)
-    evidence = bench.freedom / 2 * np.log(left[0] / left[1]) - k / 2 * np.log(bench.freedom) - np.log(len(drops))
+    left = np.maximum(linear.square - np.array([singles.max(), drops[best]]), 1e-12 * linear.square)
+    evidence = linear.freedom / 2 * np.log(left[0] / left[1]) - k / 2 * np.log(linear.freedom) - np.log(len(drops))
     pair = sorted((int(one[best]), int(other[best])), key=lambda i: -singles[i])
     return family[pair[0]], family[pair[1]], float(evidence)
 

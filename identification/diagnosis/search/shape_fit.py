@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from errormodel.effects.base import Effect
-from identification.diagnosis.linear.linear_model import Workbench
+from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.search.candidates import Candidates, Scores
 from identification.diagnosis.search.refinement import bent
 from identification.diagnosis.search.scoring import Step
@@ -19,7 +19,7 @@ MAYBE = 0.5  # of the best evidence
 SHAPES = ("period", "by_period", "edge", "by_edge", "per_turn", "tau", "at", "width", "exponent", "overlap")
 
 
-def polished(bench: Workbench, candidates: Candidates, first: int, least: float = -np.inf) -> list[Step]:
+def optimise_shapes(linear: LinearModel, candidates: Candidates, first: int, least: float = -np.inf) -> list[Step]:
     """The first proposals beside what the bench has, and some that follow.
 
     Parameters
@@ -27,12 +27,12 @@ def polished(bench: Workbench, candidates: Candidates, first: int, least: float 
     first : how many, at least.
     least : nats; nothing is returned where no proposal has as much.
     """
-    scores = candidates.scores(bench)
+    scores = candidates.scores(linear)
     ranked = scores.by_key()
     if not ranked or ranked[0][0] < least:
         return []
     numbers = _shortlist(candidates, ranked, first)
-    steps = side_by_side([partial(_polished, candidates, scores, bench, n, len(ranked)) for n in numbers])
+    steps = side_by_side([partial(_optimised, candidates, scores, linear, n, len(ranked)) for n in numbers])
     return [step for step in steps if step is not None]
 
 
@@ -49,18 +49,18 @@ def _shortlist(candidates: Candidates, ranked: Sequence[tuple[float, int]], firs
     return out
 
 
-def _polished(candidates: Candidates, scores: Scores, bench: Workbench, number: int, searched: int) -> Step | None:
+def _optimised(candidates: Candidates, scores: Scores, linear: LinearModel, number: int, trials: int) -> Step | None:
     """The proposal with its shape parameters moved off the grid to where they fit best."""
     from scipy.optimize import minimize_scalar
 
     effect = candidates.effects[number]
-    if effect.tied:
-        ratio, _, noise = bench.tied(bench.columns(effect)[0]).best()
+    if effect.random:
+        ratio, _, noise = linear.random(linear.columns(effect)[0]).best()
         effect = effect.model_copy(update={"size": float(f"{np.sqrt(ratio * noise):.3g}")})
     family = [candidates.effects[n] for n in candidates.of_key[effect.key]]
     for name in SHAPES:
         value = getattr(effect, name, None) if name in type(effect).model_fields else None
-        if not isinstance(value, float) or value == 0 or effect.tied:  # a curve repeats with the wave that it refines
+        if not isinstance(value, float) or value == 0 or effect.random:  # a curve repeats with the wave that it refines
             continue
         grid = sorted({float(getattr(e, name)) for e in family})
         edge = 0.3 * abs(value)
@@ -70,38 +70,38 @@ def _polished(candidates: Candidates, scores: Scores, bench: Workbench, number: 
         below, above = max(below, lowest), min(above, highest)
 
         def left(x: float, name: str = name, effect: Effect = effect) -> float:
-            return bench.square_with(effect.model_copy(update={name: float(x)}))
+            return linear.square_with(effect.model_copy(update={name: float(x)}))
 
         found = minimize_scalar(left, bounds=(below, above), method="bounded", options={"maxiter": 20})
         if found.fun < left(value):
             effect = effect.model_copy(update={name: float(found.x)})
-    step = weighed(bench, effect, len(family), searched)
-    if step is None or scores.evidence[number] > step.evidence - step.worth + np.log(len(family)) + ROUNDED:
+    step = weighed(linear, effect, len(family), trials)
+    if step is None or scores.evidence[number] > step.evidence - step.evidence_of_form + np.log(len(family)) + ROUNDED:
         # where the squares are least a size may be beyond what is usual
-        step = weighed(bench, candidates.effects[number], len(family), searched)
+        step = weighed(linear, candidates.effects[number], len(family), trials)
     return step
 
 
-def weighed(bench: Workbench, effect: Effect, shapes: int, searched: int) -> Step | None:
+def weighed(linear: LinearModel, effect: Effect, shapes: int, trials: int) -> Step | None:
     """An effect as a step beside what the bench has; None where it moves nothing.
 
     Parameters
     ----------
     shapes : how many of it were tried, for which its evidence pays.
-    searched : places looked at.
+    trials : places looked at.
     """
-    own = Candidates.of(bench, [effect]).scores(bench)
+    own = Candidates.of(linear, [effect]).scores(linear)
     if not len(own.evidence):
         return None
-    evidence, drop, absorbed = (float(v[0]) for v in (own.evidence, own.drop, own.absorbed))
-    worth, bend = bent(bench, effect)
+    evidence, drop, absorbed = (float(v[0]) for v in (own.evidence, own.delta_chi2, own.absorbed))
+    worth, bend = bent(linear, effect)
     return Step(
         effect,
         evidence + worth - float(np.log(shapes)),
         drop + bend,
         absorbed,
-        len(bench.columns(effect)[1]),
-        bend=bend,
-        worth=worth,
-        searched=searched,
+        len(linear.columns(effect)[1]),
+        delta_chi2_of_form=bend,
+        evidence_of_form=worth,
+        trials=trials,
     )

@@ -16,8 +16,8 @@ import numpy as np
 from errormodel.arrays import Array
 from errormodel.conventions import MOTIONS
 from errormodel.effects.unnamed import Unnamed, switch
-from identification.diagnosis.linear.linear_model import Workbench
-from identification.diagnosis.search.model import Growth, of_groups
+from identification.diagnosis.linear.linear_model import LinearModel
+from identification.diagnosis.search.model import EffectModel, of_groups
 from identification.diagnosis.search.scoring import CLEARLY
 
 PERIODS = np.geomspace(0.75, 1.33, 17)  # times that of the wave
@@ -57,51 +57,55 @@ class _Driver:
             yield from (replace(self, period=period, edge=self.edge + period * float(s)) for s in shifts)
 
 
-def switched(growth: Growth) -> Growth:
+def switched(model: EffectModel) -> EffectModel:
     """The latest finding as one that switches, where that explains it clearly better."""
-    if not growth.findings:
-        return growth
-    *others, group = growth.findings
+    if not model.findings:
+        return model
+    *others, group = model.findings
     main = group[0].effect
-    if not isinstance(main, Unnamed) or main.tied or (main.edge, main.by_edge) != (None, None):
-        return growth
-    bench = growth.without(group)
-    spent = sum(len(bench.columns(s.effect)[1]) + _shapes(s.effect) for s in group)
-    worth = _worth(growth.bench, spent) + CLEARLY
+    if not isinstance(main, Unnamed) or main.random or (main.edge, main.by_edge) != (None, None):
+        return model
+    linear = model.without(group)
+    spent = sum(len(linear.columns(s.effect)[1]) + _shapes(s.effect) for s in group)
+    worth = _worth(model.linear, spent) + CLEARLY
     step = None
-    for form in _switching(bench, main):
-        after, count = bench.with_effect(form), len(bench.columns(form)[1])
+    for form in _switching(linear, main):
+        after, count = linear.with_effect(form), len(linear.columns(form)[1])
         value = _worth(after, count + _shapes(form))
         if value > worth:
-            step, worth = replace(group[0], effect=form, drop=bench.drop(after), count=count), value
+            step, worth = replace(group[0], effect=form, delta_chi2=linear.delta_chi2(after), count=count), value
     if step is None:
-        return growth
-    return of_groups(growth.start, [*others, [step]])
+        return model
+    return of_groups(model.start, [*others, [step]])
 
 
-def _worth(bench: Workbench, parameters: int) -> float:
+def _worth(linear: LinearModel, parameters: int) -> float:
     """Nats of a model by what it leaves, Schwarz's criterion."""
-    n = len(bench.index)
-    return float(-0.5 * n * np.log(bench.square) - 0.5 * parameters * np.log(n))
+    n = len(linear.index)
+    return float(-0.5 * n * np.log(linear.square) - 0.5 * parameters * np.log(n))
 
 
 def _shapes(effect: object) -> int:
     return sum(getattr(effect, name, None) is not None for name in ("period", "by_period", "edge", "by_edge"))
 
 
-def _switching(bench: Workbench, form: Unnamed) -> Iterator[Unnamed]:
+def _switching(linear: LinearModel, form: Unnamed) -> Iterator[Unnamed]:
     """The best of each kind at the form's place by its drivers, where these can switch."""
-    started = _started(bench, form)
+    started = _started(linear, form)
     for kinds in product((True, False), repeat=len(started)):
         if any(kinds):
             drivers = [replace(d, switches=kind) for d, kind in zip(started, kinds, strict=True)]
-            yield _as_effect(form, _searched(bench, form, drivers))
+            yield _as_effect(form, _searched(linear, form, drivers))
 
 
-def _searched(bench: Workbench, form: Unnamed, drivers: list[_Driver]) -> list[_Driver]:
+def _searched(linear: LinearModel, form: Unnamed, drivers: list[_Driver]) -> list[_Driver]:
     """Periods and edges that leave least, one driver after the other."""
-    seen = len(bench.index)
-    lever, basis, residual = bench.levers[form.element][MOTIONS.index(form.motion)], bench.basis[:seen], bench.residual
+    seen = len(linear.index)
+    lever, basis, residual = (
+        linear.levers[form.element][MOTIONS.index(form.motion)],
+        linear.basis[:seen],
+        linear.residual,
+    )
     for sweep in range(SWEEPS):
         narrow = FINER if sweep == SWEEPS - 1 else 1.0
         for k in range(len(drivers)):
@@ -126,10 +130,10 @@ def _as_effect(form: Unnamed, drivers: list[_Driver]) -> Unnamed:
     return form.model_copy(update=fields)
 
 
-def _started(bench: Workbench, form: Unnamed) -> list[_Driver]:
+def _started(linear: LinearModel, form: Unnamed) -> list[_Driver]:
     """The form's drivers with the phases that its own fit has."""
-    joints = {j.name for j in bench.scene.moving}
-    x = bench.channel(form.driver)
+    joints = {j.name for j in linear.scene.moving}
+    x = linear.channel(form.driver)
     if form.by is None and form.period is None:
         half = float(np.ptp(x)) / 2
         if form.driver in joints or form.driver.startswith(("dir_", "run(")) or form.driver == "time" or not half:
@@ -137,12 +141,12 @@ def _started(bench: Workbench, form: Unnamed) -> list[_Driver]:
         return [_Driver(x, ALONE * half, float(np.median(x)), once=True)]
     if form.period is None or (form.by is not None and form.by_period is None):
         return []
-    _, values = bench.estimates([form])
+    _, values = linear.estimates([form])
     if form.by is None or form.by_period is None:
         return [_Driver(x, form.period, _edge(values, form.period))]
     left, _, right = np.linalg.svd(values.reshape(2, 2))
     one = _Driver(x, form.period, _edge(left[:, 0], form.period))
-    return [one, _Driver(bench.channel(form.by), form.by_period, _edge(right[0], form.by_period))]
+    return [one, _Driver(linear.channel(form.by), form.by_period, _edge(right[0], form.by_period))]
 
 
 def _edge(wave: Array, period: float) -> float:
