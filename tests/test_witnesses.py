@@ -16,7 +16,7 @@ from errormodel.simulation import random_points
 from errormodel.survey import Survey
 from identification.diagnosis.pipeline import diagnose
 from identification.diagnosis.results.findings import Finding
-from identification.diagnosis.results.witnesses import WitnessResult, weighed, witnesses
+from identification.diagnosis.results.witnesses import WitnessResult, with_witnesses, witnesses
 from tests.chains import errors
 from tests.surveys import measured, positions
 from tests.surveys import survey as survey_of
@@ -39,9 +39,9 @@ def test_names_say_what_is_seen() -> None:
 
 def test_who_goes_along_raises_the_odds() -> None:
     along = WitnessResult("w_a", "supports", 1.0, 0.1)
-    assert weighed(0.6, []) == pytest.approx(0.6)
-    assert weighed(0.6, [replace(along, word="contradicts")]) == pytest.approx(0.6)
-    assert 0.9 < weighed(0.6, [along]) < weighed(0.6, [along, along]) < 1
+    assert with_witnesses(0.6, []) == pytest.approx(0.6)
+    assert with_witnesses(0.6, [replace(along, word="contradicts")]) == pytest.approx(0.6)
+    assert 0.9 < with_witnesses(0.6, [along]) < with_witnesses(0.6, [along, along]) < 1
 
 
 @cache

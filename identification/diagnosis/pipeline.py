@@ -45,7 +45,7 @@ from identification.diagnosis.results.statements import (
 )
 from identification.diagnosis.results.untestable import unseen
 from identification.diagnosis.results.verdict import judge
-from identification.diagnosis.results.witnesses import WitnessResult, apply_witnesses, weighed
+from identification.diagnosis.results.witnesses import WitnessResult, apply_witnesses, with_witnesses
 from identification.diagnosis.search.candidates import Candidates, Ranked, enough_rows, proposed
 from identification.diagnosis.search.forward_selection import forward_select, in_correlated_noise
 from identification.diagnosis.search.instrument_noise import tracker_noise
@@ -126,7 +126,9 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
     model, final, first = found.model, found.final, found.first
     fits = [*before, mended]
     findings = [_blunder_finding(b, *fits[k : k + 2]) for k, b in enumerate(blunders)]
-    causes = [_finding(g, model, final, found.before, first, found.said.get(g[0].effect, [])) for g in model.findings]
+    causes = [
+        _finding(g, model, final, found.before, first, found.witnessed.get(g[0].effect, [])) for g in model.findings
+    ]
     findings += sorted(causes, key=lambda f: -f.heldout_rms_um.before)
     if bad.any():
         findings.append(_outlier_finding(bad, mended, fit))
@@ -148,7 +150,7 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
 
 @dataclass(frozen=True)
 class _Found:
-    """What explains a fit's residuals, the fit with it, what witnesses said, and what could not be seen.
+    """Effects that explain a fit's residuals, the fit with them, witness results, and what is untestable.
 
     `before` is the fit without, its rows weighed as in the `final` one. `ranking` is that before all; `first` the
     number of the first effect that was found, among the final machine's.
@@ -157,7 +159,7 @@ class _Found:
     before: Fit
     model: EffectModel
     final: Fit
-    said: dict[Effect, list[WitnessResult]]
+    witnessed: dict[Effect, list[WitnessResult]]
     untestable: list[Untestable]
     ranking: list[Ranked]
     first: int
@@ -170,7 +172,7 @@ def _explained(fit: Fit, survey: Survey, changes: Sequence[Effect], progress: Pr
         survey, fit = seen, fit_machine(fit.chain.machine, seen)
         linear, candidates = _tried(fit, progress)
     scores = candidates.scores(linear)
-    model, said = apply_witnesses(
+    model, witnessed = apply_witnesses(
         in_correlated_noise(compare_alternatives(forward_select(linear, candidates, progress), candidates, progress))
     )
     effects = [*changes, *(s.effect for s in model.steps)]
@@ -187,11 +189,11 @@ def _explained(fit: Fit, survey: Survey, changes: Sequence[Effect], progress: Pr
     jobs: list[Callable[[], Any]] = [fitted, hidden]
     with (progress if effects else silent)("Fitting the extended machine"):
         final, untestable = side_by_side(jobs)
-    return _Found(fit, model, final, said, untestable, scores.ranking(), first)
+    return _Found(fit, model, final, witnessed, untestable, scores.ranking(), first)
 
 
 def _tried(fit: Fit, progress: Progress) -> tuple[LinearModel, Candidates]:
-    """The workbench of a fit, and every effect at every place that its survey shows."""
+    """The linear model of a fit, and every effect at every place that its survey shows."""
     with progress("Trying all effects at all places"):
         linear = set_up(fit)
         library = proposed(linear.scene)
@@ -244,7 +246,7 @@ def _summary(fit: Fit) -> dict[str, float | None]:
 
 
 def _finding(
-    group: Sequence[Step], model: EffectModel, final: Fit, before: Fit, first: int, told: Sequence[WitnessResult]
+    group: Sequence[Step], model: EffectModel, final: Fit, before: Fit, first: int, results: Sequence[WitnessResult]
 ) -> Finding:
     """A finding from its steps: the effect, and the refinements of its form."""
     step, machine = group[0], final.chain.machine
@@ -253,7 +255,7 @@ def _finding(
     columns, values = linear.estimates([s.effect for s in group])
     numbers = [first + k for k, step in enumerate(model.steps) if any(step is s for s in group)]
     whole = whole_of(final, [s.effect for s in group], numbers)
-    probability = weighed(probability_of(step), told)
+    probability = with_witnesses(probability_of(step), results)
     others = alternatives_of(step, linear, probability)
     known = {(a.effect, a.where): a.probability for a in others}
     alike = sorted(look_alikes(step), key=lambda e: -(known.get((e.effect, e.where)) or 0.0))
@@ -268,7 +270,7 @@ def _finding(
         runs=[d[4:-1] for d in main.drivers if d.startswith("run(")] or None,
         time=[float(at)] if at is not None else None,
         period=period_of(main, machine),
-        statement=" ".join((statement, *(f"{t}." for t in told))),
+        statement=" ".join((statement, *(f"{t}." for t in results))),
         parameters=whole.amounts,
         probability=probability,
         p_value=p_value_of(step),
@@ -284,7 +286,7 @@ def _finding(
 
 
 def _moved(before: Fit, linear: LinearModel, columns: Array, values: Array) -> dict[str, float]:
-    """How far the missing effect had pushed the geometry's parameters, by the bench's own rows."""
+    """How far the missing effect had pushed the geometry's parameters, in the linear model's rows."""
     base, place = before.solution.groups.base, before.problem.place()
     designs = []
     for part in views_of(before, linear):

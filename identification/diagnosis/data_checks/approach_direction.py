@@ -1,4 +1,4 @@
-"""A side of arrival that the rows' own order contradicts: then the column's sign is the wrong way round."""
+"""Check of the column ``dir_<joint>`` against the direction of approach that the row order implies."""
 
 from __future__ import annotations
 

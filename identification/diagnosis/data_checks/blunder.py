@@ -1,4 +1,4 @@
-"""What the gate before any physics finds, and the measure it goes by: how far points lie from the nominal machine's."""
+"""A mistake in a recording (blunder), and its measure: distance of the points from the nominal machine's."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rows that no physics explains: found by their distance in units of a robust noise, one round at a time."""
+"""Gross outliers: rows whose distance exceeds a quantile of the noise distribution, found round by round."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ GROSS = 10.0  # standard deviations of one component: Gaussian noise never gets 
 MOST = 0.15  # of the rows: more is not a handful of accidents
 # degrees of freedom of Student's noise; the last is Gaussian
 TAILS = (2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 12.0, 30.0, 1000.0)
-NEARLY = 2.0  # nats by which a heavier tail may be less likely
+NEARLY = 2.0  # log-likelihood by which a heavier tail may be less likely
 CHANCE = 0.02  # rows of a survey that noise with such tails throws as far as what is called gross
 
 
@@ -52,7 +52,7 @@ def _farthest(square: Array, components: int) -> float:
     density += k / 2 * np.log(k / free) - betaln(k / 2, free / 2) - np.log(size)
     edge = least / size
     inside = np.log(betainc(k / 2, free / 2, k * edge / (k * edge + free)))
-    nats = density.sum(axis=0) - len(near) * inside
-    heaviest = int(np.argmax(nats > nats.max() - NEARLY))
+    likelihood = density.sum(axis=0) - len(near) * inside
+    heaviest = int(np.argmax(likelihood > likelihood.max() - NEARLY))
     tail = size[heaviest] * quantile(free[heaviest], CHANCE / len(square))
     return max(least, float(tail))

@@ -1,6 +1,6 @@
 """Rows in which commands and measured points do not belong together: another order, frame or meaning of a column.
 
-Most rows say where the frame stands; those far from their nominal points are then asked what would bring them there.
+Most rows say where the frame stands; hypotheses are tried for rows far from their nominal points.
 """
 
 from __future__ import annotations

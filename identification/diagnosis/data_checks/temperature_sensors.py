@@ -1,4 +1,4 @@
-"""Temperatures that are none: a sensor that is dead, stuck, torn off or loose drives nothing, however well it fits."""
+"""Temperature sensors that are dead, stuck, torn off or loose: they are excluded as drivers of effects."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Measured points that fit the commands no better than those of any other rows would: refused, with what to look at."""
+"""Permutation test of whether measured points belong to their commands; a survey that fails it is refused."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ SHUFFLES = 20
 RELATED = 0.5  # of the misfit of rows that have nothing to do with each other
 STAYS = 0.1  # of the spread of the other points: points at one place
 FALLS = 20.0  # times: nominal points that one change of a column brings together
-TOLD = 3  # changes in a message
+LISTED_CHANGES = 3  # changes in a message
 OWN_COMMAND = "See that each row holds what was measured at its own command"
 
 
@@ -66,7 +66,7 @@ def _one_place(chain: Chain, columns: Sheet, points: Points) -> tuple[str, str]:
         f"wander by {points.spread:.4g} mm"
     )
     together = [change[0].text(chain.machine) for change in _bring_together(chain, columns, points)]
-    if 0 < len(together) <= TOLD:
+    if 0 < len(together) <= LISTED_CHANGES:
         one = " or ".join(together)
         return what, f"If one ball was measured, {one}: with that alone put right the nominal points coincide"
     return what, (

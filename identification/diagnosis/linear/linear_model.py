@@ -1,7 +1,7 @@
-"""The linear world in which candidates are scored: whitened residuals, the fitted geometry's columns, and levers.
+"""The linear model in which candidates are scored: whitened residuals, a basis of the geometry, and levers.
 
-Everything is stacked as one list of scalar observations (component by component, view by view), in units of one
-standard uncertainty. What M (with frames and tool) can absorb is taken out of every candidate before it is looked at.
+All scalar observations are stacked (component by component, view by view), in units of one standard uncertainty. The
+columns of M (with frames and tool) are projected out of every candidate (Frisch-Waugh-Lovell theorem).
 """
 
 from __future__ import annotations
@@ -116,7 +116,7 @@ class LinearModel:
         return columns - (columns @ self.basis) @ self.basis.T
 
     def with_columns(self, columns: Array) -> LinearModel:
-        """The workbench after further columns (k, N + ties) have been fitted."""
+        """The linear model after further columns (k, N + ties) have been fitted."""
         left = self.project(self.project(columns))
         norms = np.linalg.norm(left, axis=1)
         keep = norms > 1e-6 * np.linalg.norm(columns, axis=1)
@@ -133,7 +133,7 @@ class LinearModel:
         return replace(self, basis=np.hstack([self.basis, q]), residual=self.residual - q @ (q.T @ self.residual))
 
     def with_effect(self, effect: Effect) -> LinearModel:
-        """The workbench after an effect has been fitted."""
+        """The linear model after an effect has been fitted."""
         columns, size = self.columns(effect)
         if not effect.random:
             return self.with_columns(columns)
@@ -155,11 +155,11 @@ class LinearModel:
         return self.square - float(np.sum(slopes**2 / values[kept]))
 
     def random(self, columns: Array) -> RandomEffects:
-        """Columns (k, N) or (k, N + ties) as those of tied parameters."""
+        """Columns (k, N) or (k, N + ties) as those of random effects."""
         return RandomEffects.of(columns, self.basis, self.residual, self.freedom)
 
     def delta_chi2(self, after: LinearModel) -> float:
-        """Of the residual sum of squares once more has been fitted, in present noise variances."""
+        """Decrease of the residual sum of squares in a larger model, in this model's noise variances."""
         return (self.square - after.square) * self.freedom / self.square
 
     def _hold(self, effect: Effect, columns: Array, size: Array) -> Array:
@@ -209,7 +209,7 @@ class _Channels(dict[str, Array]):
 
 
 def set_up(fit: Fit, most: int = MOST_ROWS) -> LinearModel:
-    """The workbench of a fit, in units of its noise, of at most so many rows."""
+    """The linear model of a fit, in units of its noise, of at most `most` rows."""
     chain, problem, solution = fit.chain, fit.problem, fit.solution
     place = problem.place()
     base = solution.groups.base
@@ -259,7 +259,7 @@ def _stations(fit: Fit) -> tuple[Vector, ...]:
 
 
 def _scene_columns(survey: Survey, table: _Channels, chain: Chain, dead: Collection[str]) -> dict[str, Array]:
-    """What the survey's rows hold, with the side of arrival of every joint that the data knows it of."""
+    """Summary of the survey's rows, with the direction of approach of every joint whose column or order gives it."""
     plain = ("time", "feed", "load", *TOOL_CHANNELS)
     names = [c for c in survey.table.columns if (str(c).startswith(("T_", "w_")) and c not in dead) or c in plain]
     columns = {str(n): survey.table[n].to_numpy(dtype=float) for n in names}

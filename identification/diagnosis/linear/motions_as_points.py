@@ -1,4 +1,4 @@
-"""Error motions of one joint as points that the joint carries, so that a survey of them can be diagnosed.
+"""Conversion of a joint's error motions into points that the joint carries, so that a survey of them can be diagnosed.
 
 Six motions of a joint move the functional point and two others far beside it; the components of these that show each
 motion once are what a tracker would have measured there. All other joints stand in the middle of their travel.

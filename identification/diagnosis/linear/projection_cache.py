@@ -1,7 +1,7 @@
-"""Products of very many columns with what benches span: each direction is looked at once in a search.
+"""Cache of products of very many columns with the bases of linear models.
 
-Benches of one search differ by a few accepted effects. What they span lies within some hundred directions, and products
-with a bench's basis are put together from those with the directions, without going through the columns again.
+The linear models of one search differ by a few accepted effects. Their bases lie within some hundred directions.
+Products with a basis are combined from those with the directions, so that each direction is multiplied only once.
 """
 
 from __future__ import annotations

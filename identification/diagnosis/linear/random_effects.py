@@ -1,4 +1,4 @@
-"""Many parameters tied to zero together, with one standard deviation for all: how large it is, and what that is worth.
+"""Random effects: many parameters with mean zero and one common standard deviation, its estimate and its log evidence.
 
 Restricted maximum likelihood with the noise and the geometry integrated out; in the eigenbasis of what the geometry
 leaves of the columns, a scale costs a sum (D. A. Harville, J. Am. Stat. Assoc. 72, 1977).
@@ -18,7 +18,7 @@ SCALES = np.logspace(-3, 6, 91)  # of a parameter's effect over all rows, in noi
 
 @dataclass(frozen=True)
 class RandomEffects:
-    """Tied columns beside a fitted basis.
+    """Columns of random effects, given a fitted basis.
 
     Attributes
     ----------
@@ -58,7 +58,7 @@ class RandomEffects:
         return np.asarray(np.maximum(out, ROUNDED * self.square))
 
     def best(self) -> tuple[float, float, float]:
-        """The likeliest ratio of a parameter's variance to the noise's, its evidence (nats), and the noise variance."""
+        """Likeliest ratio of a parameter's variance to the noise's, its log Bayes factor, and the noise variance."""
         if not len(self.values):
             return 0.0, -np.inf, self.square / self.freedom
         ratios = SCALES / self.values.mean()
@@ -69,7 +69,7 @@ class RandomEffects:
         return float(ratios[k]), float(evidence[k]) - 1.0, float(left[k]) / self.freedom  # a nat for the choice
 
     def evidence(self, size: float) -> float:
-        """Nats for parameters of a known standard deviation."""
+        """Log Bayes factor for parameters of a known standard deviation."""
         ratio = size**2 / self.noise(size)
         return float(-self.freedom / 2 * np.log(self.left(ratio) / self.square)) - 0.5 * float(
             np.log1p(ratio * self.values).sum()

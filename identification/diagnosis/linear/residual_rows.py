@@ -1,4 +1,4 @@
-"""What a bench holds, observation by observation, as rows of the survey's views again."""
+"""Residuals of a linear model, arranged again as rows of the survey's views."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from identification.observation.models import PositionView
 
 
 def views_of(fit: Fit, linear: LinearModel) -> Iterator[PositionView]:
-    """The rows of each view of the bench's fit that the bench has."""
+    """The rows of each view of the fit that the linear model holds."""
     for view in fit.problem.views:
         if isinstance(view, PositionView) and (own := np.isin(view.index, linear.index)).any():
             yield view.part(own)
 
 
 def by_rows(fit: Fit, linear: LinearModel, values: Array) -> Iterator[tuple[PositionView, Array]]:
-    """Values (N,) of the bench's observations as (m, 3) a view, NaN where nothing was measured."""
+    """Values (N,) of the linear model's observations as (m, 3) a view, NaN where nothing was measured."""
     first = 0
     for part in views_of(fit, linear):
         last = first + part.count

@@ -1,4 +1,4 @@
-"""How large a finding is in the final fit: its parameters, the motions they make, and what these do at the tip."""
+"""Size of a finding in the final fit: parameters, the motions they cause, and their effect at the tool tip."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a diagnosis says (``docs/file_formats.md``, section 4), and how sure it is of a name."""
+"""Contents of ``diagnosis.json`` (``docs/file_formats.md``, section 4), and the posterior probability of a name."""
 
 from __future__ import annotations
 
@@ -121,13 +121,13 @@ SEPARABLE = 2.0  # decimal logarithm of the Bayes factor beyond which the data t
 # the next two on 389 (seeds 69069 and 271828); by their likelihood the last two on 588 (seeds 141421, 17320508 and
 # 2236067).
 TEMPER = 2.0
-FORM_ODDS = 6.0  # nats by which physics that has a name is the likelier story than a form that can bend to anything
-PLIANT_ODDS = 2.5  # nats by which physics of a form of its own is likelier than what follows any smooth curve
-CHOSEN = 2.0  # nats for what was preferred among equals: it needs least bending and no correlated noise
+FORM_ODDS = 6.0  # log prior odds of named physics against an empirical term
+FLEXIBLE_ODDS = 2.5  # log prior odds of an effect of fixed form against one that follows any smooth curve
+CHOSEN = 2.0  # log odds of the preferred step among near-ties: least discrepancy, no correlated noise
 MOST_SURE = 0.999
 CHANCE = "none"
 TINY = 1e-300
-BETTER = 0.05  # decimal logarithm of the Bayes factor from which a rival is said to fit better
+BETTER = 0.05  # decimal logarithm of the Bayes factor from which an alternative is said to fit better
 UNKNOWN = 0.015  # odds that it is something else which no catalogue has, and which looks like the name
 
 
@@ -163,7 +163,7 @@ def alternatives_of(step: Step, linear: LinearModel, probability: float, most: i
 
 
 def preference(step: Step, alternative: Step) -> str:
-    """Why a step was chosen although a rival fits this data better."""
+    """Why a step was preferred to an alternative that fits this data better."""
     if alternative.effect.empirical and not step.effect.empirical:
         return "a curve without a name can follow anything: known physics is preferred"
     if _odds(alternative) > _odds(step):
@@ -183,7 +183,7 @@ def look_alikes(step: Step) -> list[Effect]:
 
 
 def log10_factor(step: Step, alternative: Step) -> float:
-    """Decimal logarithm of the Bayes factor of a rival against a step."""
+    """Decimal logarithm of the Bayes factor of an alternative against a step."""
     return float((alternative.evidence - step.evidence) / np.log(10))
 
 
@@ -193,9 +193,10 @@ def probability_of(step: Step) -> float:
 
 
 def probabilities_of(step: Step) -> dict[str, float]:
-    """Of each name among a step and its rivals; what they lack of 1 is chance, or what no catalogue has.
+    """Posterior probability of each name among a step and its alternatives; the rest is chance, or an unknown effect.
 
-    Evidence is tempered: no form is exact, so that a difference counts for less the more is explained.
+    Evidence is tempered (a power likelihood): no form is exact, so that a difference counts for less the more is
+    explained.
     """
     best = {CHANCE: float(np.log(max(step.trials, 1))) / _temper(step)}
     for one in (step, *step.alternatives):
@@ -213,20 +214,20 @@ def _temper(step: Step) -> float:
 
 
 def _weight(one: Step, step: Step) -> float:
-    """Tempered evidence of a step or one of its rivals, with its odds beforehand, nats."""
-    # what was passed over for a name counts for no more than that: of 47 such names 45 were right (seeds 86602540
-    # and 10488088)
+    """Tempered log Bayes factor of a step or one of its alternatives, plus its log prior odds."""
+    # an alternative counts for no more than the chosen name: of 47 such names 45 were right (seeds 86602540 and
+    # 10488088)
     return min(one.evidence, step.evidence) / _temper(step) - _odds(one)
 
 
 def _odds(step: Step) -> float:
-    """Nats by which physics of a form of its own, as textbooks have it, is the likelier beforehand."""
-    bends = step.effect.flexible or step.delta_chi2 - step.delta_chi2_of_form < FORM * step.delta_chi2
-    return FORM_ODDS if step.effect.empirical else PLIANT_ODDS if bends else 0.0
+    """Log prior odds of named physics of a fixed form against this step."""
+    adaptable = step.effect.flexible or step.delta_chi2 - step.delta_chi2_of_form < FORM * step.delta_chi2
+    return FORM_ODDS if step.effect.empirical else FLEXIBLE_ODDS if adaptable else 0.0
 
 
 def p_value_of(step: Step) -> float:
-    """Chance of such a drop of the residual sum of squares by noise alone, anywhere among what was searched."""
+    """Chance of such a delta chi-squared by noise alone, anywhere in the search (Bonferroni)."""
     from scipy.special import chdtrc
 
     return float(min(1.0, max(step.trials, 1) * chdtrc(step.count, step.delta_chi2)))

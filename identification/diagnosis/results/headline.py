@@ -1,4 +1,4 @@
-"""The first line of a diagnosis: what was found and how large it is, or that nothing was."""
+"""The headline of a diagnosis: findings by name and size, or that nothing was found."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""How well the form of an effect is known: no textbook's is exact, and a time constant or a period has its own error.
+"""Uncertainty of an effect's form (model discrepancy), added to the covariance of its parameters.
 
-The fit knows the size of an effect given its form. To its variance comes that of the form: each shape parameter that
-was searched costs as much as a size does, and what no shape of the library bends to is some hundredths of the effect.
+The fit gives the variance of an effect's size for a fixed form. Added to it are the variance of each optimised shape
+parameter, and a relative discrepancy by family: no textbook form is exact.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ known: what a fit by the best form leaves of an effect that is not of the librar
 
 
 def with_form(final: Fit, model: EffectModel, first: int) -> Fit:
-    """The fit with the doubt of its effects' forms in the covariance; its effects from `first` on are the growth's."""
+    """The fit with the discrepancy of the effects' forms in its covariance; effects from `first` on are the model's."""
     solution = final.solution
     place = {solution.unknowns[j]: k for k, j in enumerate(solution.groups.base)}
     more = np.zeros(len(place))
@@ -31,10 +31,10 @@ def with_form(final: Fit, model: EffectModel, first: int) -> Fit:
         ids = [final.chain.effect_ids[first + model.steps.index(step)] for step in group]
         names = [name for own in ids for name in own]
         sizes = np.array([solution.values[solution.unknowns.index(name)] for name in names])
-        doubts = [_relative(step) / (1 if len(group) == 1 else 2) for step in group]
-        relative = np.repeat(doubts, [len(own) for own in ids])
+        relative_of = [_relative(step) / (1 if len(group) == 1 else 2) for step in group]
+        relative = np.repeat(relative_of, [len(own) for own in ids])
         columns = np.vstack([model.start.columns(step.effect)[0] for step in group])[:, : len(model.start.index)]
-        # two lags that nearly cancel are each much larger than what they make: it is that which is in doubt
+        # two lags that nearly cancel are each much larger than their sum: the uncertainty is that of the sum
         alone = np.sum(sizes**2 * np.sum(columns**2, axis=1))
         part = np.sum((sizes @ columns) ** 2) / alone if alone else 0.0
         for name, variance in zip(names, part * (relative * sizes) ** 2, strict=True):

@@ -1,4 +1,4 @@
-"""Repeated poses: what scatters where nothing was changed is noise (pure error), whatever the model may lack."""
+"""Pure error: the scatter of repeated poses estimates the noise without the model, and tests it for lack of fit."""
 
 from __future__ import annotations
 
@@ -39,14 +39,14 @@ class Repeats:
     @property
     def text(self) -> str:
         """What they say, for a report."""
-        told = (
+        words = (
             "the residuals are larger than that: the model lacks something"
             if self.misfit
             else "which is as much as the residuals hold"
         )
         return (
             f"{self.poses} poses were visited again ({self.count} rows): one coordinate repeats to {self.sigma_um:.2f} "
-            f"um, {told}"
+            f"um, {words}"
         )
 
 

@@ -1,4 +1,4 @@
-"""What a finding says: one sentence an engineer can act on, with figures in the units people read."""
+"""The sentences of a finding: what was found and how large, in shop units, and the next measurement."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from identification.diagnosis.results.effect_size import Whole
 from identification.results.parameter_table import decimals, printed
 
 SURE = 0.7  # probability below which a name is only one of several
-HIDDEN = 0.05  # smaller parts that the geometry had taken are not worth a word
-SECOND = 0.5  # of what the largest motion does at the tip: a second one is told if it does as much
+HIDDEN = 0.05  # smaller shares that are collinear with the geometry are not mentioned
+SECOND = 0.5  # of what the largest motion does at the tip: a second one is mentioned if it does as much
 USUAL, LARGE = 2.0, 4.0  # physical sizes: up to there an effect is usual, up to there large
-MOST_TURNS = 3  # a turn: fewer are told as a period only
+MOST_TURNS = 3  # a turn: fewer are given as a period only
 PLACES = {FRAME: "the measuring frame", TOOL: "the tool", INSTRUMENT: "the instrument"}
 CAUSE = ("sensor", "minus", "tau", "start", "anchor")  # fields that say what warms, not what grows
 
@@ -266,7 +266,7 @@ def unequal(effect: Effect, others: Sequence[Effect]) -> Iterator[Effect]:
 
 
 def next_measurement(effect: Effect, alternative: Effect | None) -> str:
-    """The measurement to do; with a rival of another name that this data cannot tell from it, both by name."""
+    """The measurement to do; with an alternative that this data cannot distinguish, both by name."""
     if alternative is None:
         return effect.separate
     known = (

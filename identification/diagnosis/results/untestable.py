@@ -1,4 +1,4 @@
-"""What a survey could not have shown, why, and what would: said, not guessed.
+"""Effects that a survey cannot test, the reason, and the measurement that would show them.
 
 An effect is looked for at every place that a full survey of the same machine (all joints moving, from both sides, with
 two tools, temperatures, times, feeds and loads) would let it be looked for at. Where this survey lacks a channel, or
@@ -23,17 +23,14 @@ from errormodel.machine import Joint, joint_of
 from identification.diagnosis.results.findings import Untestable
 from identification.diagnosis.search.candidates import ABSORBED, Scores
 
-HARDLY = 26.0  # noise variances: less is not convincing among some hundred places
+HARDLY = 26.0  # expected delta chi-squared: less is not accepted among some hundred places
 MOSTLY = 0.9  # of its length squared
 Variant = tuple[str, str, bool]
 ROWS = 400  # of the full survey
 
 
 def unseen(scene: Scene, scores: Scores, found: Collection[Effect]) -> list[Untestable]:
-    """Effects, with their places, that a survey cannot show, from the `scores` of what it lets be looked for.
-
-    What was `found` was large enough.
-    """
+    """Untestable effects with their places, from the scores of all candidates; `found` effects are not among them."""
     least: dict[Variant, tuple[float, float]] = {}
     for numbers in scores.candidates.of_key.values():
         place = variant_of(scores.candidates.effects[numbers[0]])

@@ -1,4 +1,4 @@
-"""Whether what is left over agrees with the noise, by what is known of the noise without the model."""
+"""The verdict of a diagnosis: lack-of-fit test of the final residuals against repeats or the declared uncertainty."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def judge(final: Fit, found: bool) -> Verdict:
     """The verdict on a fit, after `found` something or nothing.
 
     Misfit is what exceeds the scatter of repeated poses; without repeats, what exceeds a declared uncertainty. Without
-    either, the noise is only known as what the model leaves, and cannot contradict it.
+    either, a lack-of-fit test is impossible.
     """
     s = final.solution
     repeats = repeats_of(final)

@@ -1,4 +1,4 @@
-"""Witness channels: what stands on a member and sees its motion supports a finding there, or contradicts it.
+"""Witness channels: a sensor on a member that sees its motion supports a finding there, or contradicts it.
 
 A column ``w_<name>`` is a witness of a place if words of its name, apart by ``_``, are a chain element's name and a
 motion (``w_level_X_ea``), an encoder or scale (a joint's own positioning: ``w_encoder_X``), or a level (rotations but
@@ -30,17 +30,17 @@ from identification.diagnosis.search.scoring import Step
 ENCODER = re.compile(r"enc(oder)?\d*|scale|ruler", re.IGNORECASE)
 LEVEL = re.compile(r"(spirit)?level\d*|tilt|incl(inometer)?", re.IGNORECASE)
 DRIVES = ("reversal", "periodic", "dynamic")  # families that an encoder sees: its own growth and a lever it does not
-SEEN = 6.0  # standard errors: the witness goes along
-LITTLE = 0.3  # of the motion that the finding claims: a witness that surely shows less contradicts it
-AGREES = 10.0  # times the odds, for each witness that goes along
-WORTH = 7.0  # nats: what explains less is no other explanation
+SEEN = 6.0  # standard errors from which a witness supports a finding
+LITTLE = 0.3  # of the predicted motion: a witness that certainly shows less contradicts the finding
+AGREES = 10.0  # Bayes factor of each supporting witness
+LEAST_EVIDENCE_INSTEAD = 7.0  # log Bayes factor that an alternative must have to replace a contradicted finding
 
 Agreement = Literal["supports", "contradicts"]
 
 
 @dataclass(frozen=True)
 class Witness:
-    """A channel and the motions of a chain element that it sees; `blind` to so many of them, nobody knows which."""
+    """A channel and the motions of a chain element that it sees; it does not see `blind` of them (unknown which)."""
 
     name: str
     element: str
@@ -52,14 +52,14 @@ class Witness:
 
 @dataclass(frozen=True)
 class WitnessResult:
-    """What a witness says of an effect: the part of the claimed motion that it shows, with its standard error."""
+    """Regression of a witness on a predicted motion: the share that it shows, with its standard error."""
 
     name: str
     word: Agreement
     share: float
     error: float
 
-    against: str = ""  # what it contradicted and brought down, where that is not the finding itself
+    against: str = ""  # the finding that it contradicted, where this one replaced it
 
     def __str__(self) -> str:
         share = f"{self.share:.2f} +- {self.error:.2f} of it"
@@ -95,9 +95,9 @@ def _scale(unit: str, motion: Motion) -> float:
 
 
 def apply_witnesses(model: EffectModel) -> tuple[EffectModel, dict[Effect, list[WitnessResult]]]:
-    """The growth without what a witness contradicts, and what the witnesses say of each finding.
+    """The model without contradicted findings, and the witness results of each finding.
 
-    A contradicted finding gives way to its best rival that is not; its refinements go with it.
+    A contradicted finding, with its refinements, is replaced by its best alternative that no witness contradicts.
     """
     start = model.start
     seen = list(witnesses(start.chain.machine, start.scene.witnesses))
@@ -107,33 +107,33 @@ def apply_witnesses(model: EffectModel) -> tuple[EffectModel, dict[Effect, list[
     groups: list[list[Step]] = []
     for group in model.findings:
         linear = model.without(group)
-        told = _searched_from(linear, group, seen)
-        against = [t for t in told if t.word == "contradicts"]
+        results = _results(linear, group, seen)
+        against = [t for t in results if t.word == "contradicts"]
         new = group
         if against:
             new = _instead(linear, group[0], seen)
             if not new:
                 continue
             named = subject(group[0].effect)
-            told = [*_searched_from(linear, new, seen), *(replace(t, against=named) for t in against)]
-        said[new[0].effect] = told
+            results = [*_results(linear, new, seen), *(replace(t, against=named) for t in against)]
+        said[new[0].effect] = results
         groups.append(new)
-    heeded = any(t.against for told in said.values() for t in told) or len(groups) < len(model.findings)
+    heeded = any(t.against for results in said.values() for t in results) or len(groups) < len(model.findings)
     return (of_groups(start, groups) if heeded else model), said
 
 
-def weighed(probability: float, told: Sequence[WitnessResult]) -> float:
-    """The probability of a name once its witnesses have been heard."""
-    odds = AGREES ** sum(t.word == "supports" for t in told) * probability / max(1 - probability, 1e-9)
+def with_witnesses(probability: float, results: Sequence[WitnessResult]) -> float:
+    """The probability of a name, updated by its supporting witnesses (Bayes factor `AGREES` each)."""
+    odds = AGREES ** sum(t.word == "supports" for t in results) * probability / max(1 - probability, 1e-9)
     return min(odds / (1 + odds), 0.999)
 
 
-def _searched_from(linear: LinearModel, group: Sequence[Step], seen: Sequence[Witness]) -> list[WitnessResult]:
+def _results(linear: LinearModel, group: Sequence[Step], seen: Sequence[Witness]) -> list[WitnessResult]:
     return [t for w in seen if (t := witness_result(linear, [s.effect for s in group], w)) is not None]
 
 
 def witness_result(linear: LinearModel, effects: Sequence[Effect], witness: Witness) -> WitnessResult | None:
-    """What a witness says of effects of one finding, the rest being fitted; None where it cannot say anything."""
+    """The result of a witness for the effects of one finding, given the rest; None where it shows neither."""
     own = effects[0]
     if witness.name in {root(d) for e in effects for d in e.drivers}:
         return None
@@ -173,7 +173,7 @@ def _claims(linear: LinearModel, effects: Sequence[Effect], witness: Witness) ->
 def _share(linear: LinearModel, element: str, claim: Array, values: Array, rows: Index) -> tuple[float, float]:
     """Regression of a witness on a claimed motion beside a line in the element's position, and its standard error.
 
-    Noise that hangs together from row to row widens the error.
+    The standard error allows for first-order autocorrelation.
     """
     joint: Joint | None = next((j for j in linear.chain.machine.joints if j.name == element), None)
     beside = [np.ones(len(values)), *([linear.channel(element)[rows]] if joint is not None else [])]
@@ -189,15 +189,17 @@ def _share(linear: LinearModel, element: str, claim: Array, values: Array, rows:
 
 
 def _instead(linear: LinearModel, step: Step, seen: Sequence[Witness]) -> list[Step]:
-    """The best rival of a contradicted step that no witness contradicts, names before mere forms; or nothing."""
+    """The best alternative of a contradicted step that no witness contradicts, named effects first; or nothing."""
     for empirical in (False, True):
         for alternative in step.alternatives:
-            if alternative.effect.empirical is not empirical or alternative.evidence < max(WORTH, step.evidence / 2):
+            if alternative.effect.empirical is not empirical or alternative.evidence < max(
+                LEAST_EVIDENCE_INSTEAD, step.evidence / 2
+            ):
                 continue
             alone = replace(
                 alternative, delta_chi2=linear.delta_chi2(linear.with_effect(alternative.effect)), partner=()
             )
-            if any(t.word == "contradicts" for t in _searched_from(linear, [alone], seen)):
+            if any(t.word == "contradicts" for t in _results(linear, [alone], seen)):
                 continue
             return [replace(alone, alternatives=tuple(r for r in step.alternatives if r is not alternative))]
     return []

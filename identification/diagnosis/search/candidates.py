@@ -1,7 +1,8 @@
-"""Every effect the library proposes for a survey, as columns, and how much evidence each has beside what is accepted.
+"""Candidate effects of a survey as design columns, and the log Bayes factor of each against the current model.
 
-Evidence is that of a linear-Gaussian model with priors of physical size, in closed form; a shape parameter is
-integrated over its grid, which pays for looking elsewhere. Nats throughout.
+The marginal likelihood of a linear-Gaussian model with priors of physical size, in closed form (C. M. Bishop, Pattern
+Recognition and Machine Learning, 2006, section 3.5). A shape parameter is averaged over its grid: that is its trials
+factor. All log Bayes factors are natural logarithms.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from identification.runtime.process_pool import Ground, side_by_side
 
 AT_ONCE = 16  # columns made in one go: they stay within the processor's cache
 Part = tuple[Index, Columns, Array]  # proposals' numbers, columns and sizes
-Scored = tuple[Array, Array, Array, Array]  # evidence, drop, absorbed part and reach of proposals
+Scored = tuple[Array, Array, Array, Array]  # evidence, delta chi2, absorbed part and expected delta chi2 of proposals
 Empty = Callable[[tuple[int, ...], DTypeLike], Columns]
 BLOCK = 250  # proposals scored in one go
 MANY, PARTS = 1000, 4  # proposals beyond which products are kept, and columns made side by side, in so many parts
@@ -37,14 +38,15 @@ USUAL = 2  # parameters of a proposal
 SIZES = {0.1: 0.1, 0.3: 0.2, 1.0: 0.4, 3.0: 0.2, 10.0: 0.1}  # times the usual one: how often
 NOTHING = 1e-300  # length squared of a column
 SINGLE = np.float32  # of the columns that are kept: what is left of one, a thousandth at least, is known to 1e-4
-ABSORBED = 0.999  # of a column's length squared: beyond it an effect cannot be told from the geometry
+ABSORBED = 0.999  # of a column's length squared: beyond it an effect is collinear with the geometry
 FORM_ABSORBED = 0.99  # the same for a form that has no size of its own
 
 
 class Block(NamedTuple):
-    """Proposals of as many parameters each, beside the first `rank` columns of a bench's basis: the geometry's.
+    """Proposals with the same number of parameters, and their products without the geometry.
 
-    What has been accepted since is taken out when they are scored, so that the geometry need be only once.
+    The geometry is the first `rank` columns of the linear model's basis. It is projected out once; what has been
+    accepted since is projected out when the proposals are scored.
 
     Attributes
     ----------
@@ -64,7 +66,7 @@ class Block(NamedTuple):
 
     @classmethod
     def of(cls, linear: LinearModel, numbers: Index, columns: Columns, sizes: Array, exact: bool = False) -> Block:
-        """A block; products of tied parameters' columns are to be `exact`: much is known of very little of them."""
+        """A block; `exact`: products in double precision, as random effects need them."""
         m, k, n = columns.shape
         rank = linear.basis.shape[1]
         plain = cls(numbers, columns, sizes, np.empty((m, k, 0)), np.empty((m, k)), rank, exact)
@@ -161,11 +163,11 @@ class Candidates:
         return Candidates([*self.effects, *other.effects], blocks, keys, _directions=self._directions)
 
     def branch(self) -> Candidates:
-        """The same for a search of its own: in what order searches are made must not round their scores otherwise."""
+        """A copy for an independent search, so that the order of searches does not change how scores are rounded."""
         return Candidates(self.effects, self.blocks, self.keys, _directions=self._directions.copy())
 
     def scores(self, linear: LinearModel) -> Scores:
-        """Evidence of each proposal beside what the bench has accepted."""
+        """Scores of each proposal, given the effects that the linear model holds."""
         if linear not in self._known:
             self._known[linear] = self._scored(linear)
         return self._known[linear]
@@ -183,7 +185,7 @@ class Candidates:
         for (random, _), blocks in alike.items():
             own = np.concatenate([block.numbers for block in blocks])
             if random:
-                scores = _tied_scores(linear, blocks, products)
+                scores = _random_scores(linear, blocks, products)
             else:
                 scores = _free_scores(linear, blocks, products, np.array([self.effects[n].empirical for n in own]))
             evidence[own], delta_chi2[own], absorbed[own], expected_delta_chi2[own] = scores
@@ -192,12 +194,14 @@ class Candidates:
         )
 
     def _products(self, linear: LinearModel) -> Products:
-        """Products of a block's columns with what the bench has accepted beyond the geometry, and with the residual.
+        """Products of a block's columns with the accepted effects' basis vectors, and with the residual.
 
-        All blocks were made beside one bench.
+        All blocks were made with one linear model.
         """
         rank, n = next(((b.rank, b.columns.shape[-1]) for b in self.blocks), (0, 0))
-        beyond = np.column_stack([linear.basis[:n, rank:], linear.residual[:n]])  # behind them may be ties
+        beyond = np.column_stack(
+            [linear.basis[:n, rank:], linear.residual[:n]]
+        )  # rows behind them are those of random effects
         if len(self.effects) > MANY:
             coordinates = self._directions.coordinates(beyond)
             return lambda block: self._directions.products(block.columns, block.times, coordinates)
@@ -277,7 +281,7 @@ class _Stack:
 
 
 class Ranked(NamedTuple):
-    """The best proposal of a key: its evidence, with all shapes of the key, in nats, and its `Scores.delta_chi2`."""
+    """The best proposal of a key: its log Bayes factor, averaged over the key's shapes, and its delta chi-squared."""
 
     effect: Effect
     evidence: float
@@ -286,10 +290,14 @@ class Ranked(NamedTuple):
 
 @dataclass(frozen=True)
 class Scores:
-    """Of each proposal: evidence, drop of the residual sum of squares, and the part of it that the geometry absorbs.
+    """Scores of each proposal.
 
-    Evidence in nats against nothing; the drop in noise variances, as `expected_delta_chi2`: what it would be at the effect's usual
-    size.
+    Attributes
+    ----------
+    evidence : log Bayes factor against the model without it.
+    delta_chi2 : decrease of the residual sum of squares, in noise variances.
+    absorbed : share of the effect that is collinear with the geometry (R squared).
+    expected_delta_chi2 : what delta chi-squared would be at the effect's usual size.
     """
 
     candidates: Candidates
@@ -299,7 +307,7 @@ class Scores:
     expected_delta_chi2: Array
 
     def beside(self, before: LinearModel, after: LinearModel) -> Scores:
-        """With the reach that the noise leaves which remains after more has been explained."""
+        """With the expected delta chi-squared for the noise that remains once more has been explained."""
         noise = (before.square / before.freedom) / (after.square / after.freedom)
         return replace(self, expected_delta_chi2=self.expected_delta_chi2 * noise)
 
@@ -327,10 +335,10 @@ class Scores:
 
 
 def _free_scores(linear: LinearModel, blocks: Sequence[Block], products: Products, empirical: Mask) -> Scored:
-    """Evidence, drop, absorbed part and reach of the proposals of blocks of as many parameters each.
+    """Scores of proposals with fixed effects, of blocks with the same number of parameters.
 
-    A physical effect is weighed with its usual size, more seldom with others: machines are small and large. A mere form
-    has none and gets the scale that suits it best (one nat is paid for the choice).
+    The prior of a physical effect is a mixture over `SIZES` times its usual size, as machines are small and large. An
+    empirical term has no usual size: its scale maximises the evidence, and 1 is subtracted for that choice.
     """
     from scipy.special import logsumexp
 
@@ -350,7 +358,9 @@ def _free_scores(linear: LinearModel, blocks: Sequence[Block], products: Product
     delta_chi2 = np.where(seen, t**2 / safe, 0.0) / variance
     fitting = np.maximum(delta_chi2.sum(axis=1) / count, 1.0) - 1.0
     gain = np.where(empirical[:, None], np.where(seen, fitting[:, None], 0.0), gain)
-    by_size = np.array([_weighed(linear, delta_chi2, np.where(empirical[:, None], gain, gain * s**2)) for s in SIZES])
+    by_size = np.array(
+        [_log_evidence(linear, delta_chi2, np.where(empirical[:, None], gain, gain * s**2)) for s in SIZES]
+    )
     evidence = logsumexp(by_size, axis=0, b=np.array([*SIZES.values()])[:, None]) - empirical
     absorbed = 1 - np.where(seen.any(axis=1), values.mean(axis=1), values.max(axis=1))
     return (
@@ -362,17 +372,17 @@ def _free_scores(linear: LinearModel, blocks: Sequence[Block], products: Product
 
 
 def _left(blocks: Sequence[Block], products: Products) -> tuple[Array, Array]:
-    """What is left of the columns of blocks, as products with each other (m, k, k) and with the residual (m, k).
+    """Products of the projected columns of blocks with each other (m, k, k) and with the residual (m, k).
 
-    The columns without what the bench spans are never formed: it is a projection.
+    The projected columns themselves are never formed.
     """
     gram, all_products = (np.concatenate(a) for a in zip(*((b.gram, products(b)) for b in blocks), strict=True))
     inner = all_products[..., :-1]
     return gram - inner @ inner.transpose(0, 2, 1), all_products[..., -1]
 
 
-def _tied_scores(linear: LinearModel, blocks: Sequence[Block], products: Products) -> Scored:
-    """The same of proposals whose parameters are tied; however large, they have no reach."""
+def _random_scores(linear: LinearModel, blocks: Sequence[Block], products: Products) -> Scored:
+    """Scores of proposals whose parameters are random effects; their usual size is not known."""
     rows = []
     wholes = np.concatenate([block.square for block in blocks]).sum(axis=1)
     for gram, slopes, whole in zip(*_left(blocks, products), wholes.tolist(), strict=True):
@@ -383,7 +393,7 @@ def _tied_scores(linear: LinearModel, blocks: Sequence[Block], products: Product
     return evidence, delta_chi2, absorbed, expected_delta_chi2
 
 
-def _weighed(linear: LinearModel, delta_chi2: Array, gain: Array) -> Array:
+def _log_evidence(linear: LinearModel, delta_chi2: Array, gain: Array) -> Array:
     """Evidence (m,) of independent directions (m, k) with prior variances of `gain` times those of their estimates."""
     kept = (delta_chi2 * gain / (1 + gain)).sum(axis=1)
     left = np.log1p(-np.minimum(kept / linear.freedom, 1 - 1e-12))

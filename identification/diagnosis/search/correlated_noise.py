@@ -1,9 +1,8 @@
-"""Noise that is correlated from row to row: white plus first-order, averaged over with and without an effect.
+"""Log Bayes factors under correlated noise: white plus first-order autoregressive, averaged over both hypotheses.
 
-Air that moves and an instrument that drifts leave residuals which go along with anything that changes slowly. Evidence
-for an effect is therefore what remains when the noise may be of that kind: the likelihood of the geometry with the
-effect, in all noises, each as likely as it is beforehand, over that of the geometry alone, in all noises. Neither
-side's noise is estimated from what the other would explain.
+Moving air and a drifting instrument leave residuals that correlate with anything that changes slowly. The marginal
+likelihood with an effect and that without it are therefore both averaged over a grid of noise models (Bayesian model
+averaging). Neither side's noise is estimated from what the other would explain.
 """
 
 from __future__ import annotations
@@ -20,14 +19,14 @@ from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.search.candidates import Block, Candidates
 from identification.estimation.noise import Noise, noises
 
-WHITE = 0.5  # how likely noise is to be white
+WHITE = 0.5  # prior probability of white noise
 # rows, part of the longest series (but never less than the first) and white variances: beyond them it is no noise any
 # more, but a drift with a cause
 LONGEST, PART, LARGEST = (20.0, 60.0), 1 / 15, 2.0
 
 
 def evidence(linear: LinearModel, groups: Sequence[Sequence[Effect]]) -> list[tuple[float, float]]:
-    """Nats for each group of effects beside what the bench has accepted: in white noise, and in any of this kind."""
+    """Log Bayes factor of each group of effects, given the linear model: in white noise, and over all noises."""
     from scipy.special import logsumexp
 
     parts = [[linear.columns(e) for e in group] for group in groups]
@@ -54,20 +53,20 @@ def evidence(linear: LinearModel, groups: Sequence[Sequence[Effect]]) -> list[tu
 
 
 def _beforehand(count: int) -> Array:
-    """How likely each noise is before anything was seen (count, 1): the first is white, the others alike."""
+    """Prior probability of each noise model (count, 1): the first is white, the others are equally likely."""
     return np.array([WHITE, *[(1 - WHITE) / (count - 1)] * (count - 1)])[:, None]
 
 
 def _edges(linear: LinearModel) -> Array:
-    """Where the series of one component of one view begin, and where the last one ends."""
+    """First index of each series (one component of one view), and the end of the last."""
     return np.concatenate([[0], np.flatnonzero(np.diff(linear.index) <= 0) + 1, [len(linear.index)]])
 
 
 @lru_cache(maxsize=1)
 def _linear_models(linear: LinearModel) -> list[tuple[float, LinearModel, Noise | None]]:
-    """Restricted log likelihood of what the bench has accepted, and the bench whitened, for each noise.
+    """Restricted log likelihood of a linear model, and the model whitened, for each noise.
 
-    Kept for the latest bench: explanations of one step are weighed in several rounds.
+    Kept for the latest model: the explanations of one step are scored in several rounds.
     """
     from scipy.linalg.blas import dtrsm
 

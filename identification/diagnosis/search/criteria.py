@@ -1,4 +1,4 @@
-"""What judges effects beside each other: how alike they act, what drives them, and left-out rows."""
+"""Similarity of effects (canonical correlation, common causes) and blocked cross-validation of a linear model."""
 
 from __future__ import annotations
 
@@ -29,22 +29,22 @@ def canonical_correlation(linear: LinearModel, one: Array, other: Array) -> floa
 
 
 def base_channels(effect: Effect) -> frozenset[str]:
-    """Channels at the bottom of an effect's drivers: of ``lag(T_bed,600)``, ``T_bed``.
+    """Recorded channels behind an effect's drivers: of ``lag(T_bed,600)``, ``T_bed``.
 
-    Warmth, by whatever sensor or clock, is one cause.
+    All temperatures, and time, count as one cause: "temperature".
     """
     names = map(root, effect.drivers)
     return frozenset("temperature" if n.startswith("T_") or n == "time" else n for n in names)
 
 
 def one_sensor(one: Effect, other: Effect) -> bool:
-    """Whether one temperature drives both of two effects: what one source of heat does in two ways is one cause."""
+    """Whether one temperature drives both effects: one source of heat is one cause."""
     both = set(map(root, one.drivers)) & set(map(root, other.drivers))
     return any(n.startswith("T_") for n in both)
 
 
 def heldout_rms(linear: LinearModel) -> float:
-    """Root mean square of what blocks of rows leave, each predicted without it, in units of the noise."""
+    """Root mean square of the cross-validation residuals, in units of the noise."""
     return float(np.sqrt(np.mean(cross_validation_residuals(linear) ** 2)))
 
 

@@ -1,7 +1,8 @@
-"""Growing the model: the best explanation first, named physics before mere forms, then a second look at each.
+"""Forward selection of effects by log Bayes factor and cross-validation, with reselection and backward elimination.
 
-What an accepted effect leaves over because nature does not follow textbooks (another exponent, a sensor that lags) is
-modelled at the same place and driver as a refinement of the same finding; it is not a second finding.
+The best candidate is added first, named physics before empirical terms. What it leaves over because its form is not
+exact (another exponent, a sensor that lags) is added at the same place and driver as a refinement of the same finding,
+not as a second finding.
 """
 
 from __future__ import annotations
@@ -28,17 +29,17 @@ from identification.diagnosis.search.refinement import (
 )
 from identification.diagnosis.search.scoring import DETECT, FORM, Step, accepted, choose, evidence_in_any_noise
 from identification.diagnosis.search.sensor_pairs import best_pair
-from identification.diagnosis.search.shape_fit import optimise_shapes, weighed
+from identification.diagnosis.search.shape_fit import optimise_shapes, scored
 from identification.diagnosis.search.step_functions import switched
 from identification.runtime.progress import Progress, silent
 
-LEAK = 0.06  # of what is already explained: less than this elsewhere may be the shape of what was found
-WORTH = 7.0  # nats below which nothing is looked at further
-HARDLY = 1.05  # times the held-out error: what no evidence asks for gains as much by chance
+LEAK = 0.06  # share of what is explained already: a smaller effect elsewhere may be a discrepancy of a finding
+LEAST_EVIDENCE = 7.0  # log Bayes factor below which a proposal is not examined
+HARDLY = 1.05  # times the cross-validation error: a superfluous effect gains as much by chance
 MOST_FINDINGS = 12
 MOST_STEPS = 24
 MOST_TOGETHER = 3
-SHAPES_TRIED = 3.0  # nats for the shapes of one effect
+SHAPES_TRIED = 3.0  # log of the trials factor of one effect's shapes
 SWEEPS = 4  # over all time constants
 LIKELY, MOST_ALTERNATIVES_TRIED = (
     12,
@@ -51,7 +52,12 @@ Likely = tuple[list[Step], Step] | None
 def forward_select(
     linear: LinearModel, candidates: Candidates, progress: Progress = silent, begin: Sequence[Step] = ()
 ) -> EffectModel:
-    """Accept explanations one by one, after those it begins with, while evidence and held-out error ask for them."""
+    """The model after forward selection: effects are added while evidence and cross-validation support them.
+
+    Parameters
+    ----------
+    begin : steps that the selection starts with.
+    """
     model = replayed(linear, begin)
     for step in begin:
         candidates = candidates.joined(Candidates.of(linear, list(forms(linear, step.effect))))
@@ -64,7 +70,7 @@ def forward_select(
             likely = _likely(model.linear, candidates)
             further = (
                 add_best(model, likely)
-                or together(model, likely, candidates)
+                or add_jointly(model, likely, candidates)
                 or add_best(model, able := _accepted(model.linear, likely))
                 or add_best(model, _that_predict(model, able))
             )
@@ -78,16 +84,18 @@ def forward_select(
         beside = len(model.findings) > 1 and any(s.parent is None for s in added)
         if beside or any(_otherwise_named(model, s) for s in added if s.parent is not None):
             looked = reselect(model, candidates)
-            if _causes(looked) == _causes(model) or _causes(looked) not in seen:  # never in a circle
+            if (
+                _causes(looked) == _causes(model) or _causes(looked) not in seen
+            ):  # a model seen before would start a cycle
                 model = looked
             seen.add(_causes(model))
     return conditional_scores(with_sections(truly_named(backward_eliminate(model))), candidates)
 
 
-def together(model: EffectModel, likely: Likely, candidates: Candidates) -> EffectModel | None:
-    """With two or three further effects at once, each convincing only beside the others, or None.
+def add_jointly(model: EffectModel, likely: Likely, candidates: Candidates) -> EffectModel | None:
+    """The model with two or three further effects added jointly, each accepted only given the others; or None.
 
-    What one leaves over while the others are not yet modelled looks like noise that goes along with it.
+    While one of them is missing, its contribution looks like correlated noise.
     """
     trial = model
     for _ in range(MOST_TOGETHER):
@@ -103,7 +111,7 @@ def together(model: EffectModel, likely: Likely, candidates: Candidates) -> Effe
 
 
 def backward_eliminate(model: EffectModel) -> EffectModel:
-    """Without findings that what was found after them explains as well, the slightest first."""
+    """The model without findings that later ones have made superfluous, the smallest first."""
     for group in sorted(model.findings, key=lambda g: g[0].delta_chi2):
         others = [g for g in model.findings if g[0] is not group[0]]
         if others and not _accepted_beside(model.without(group), group):
@@ -114,24 +122,24 @@ def backward_eliminate(model: EffectModel) -> EffectModel:
 
 
 def _accepted_beside(linear: LinearModel, group: Sequence[Step]) -> bool:
-    """Whether a finding is convincing beside what the bench has, whatever the noise."""
+    """Whether a finding passes the acceptance test under correlated noise, given the linear model."""
     effects = [s.effect for s in group if s.effect.random == group[0].effect.random]
     [(_, evidence)] = coloured.evidence(linear, [effects])
     return bool(evidence - np.log(max(group[0].trials, 1)) - SHAPES_TRIED >= DETECT)
 
 
 def add_best(model: EffectModel, likely: Likely, *, noise_checked: bool = True) -> EffectModel | None:
-    """With the best of what is likely next, or None where nothing more is to be found.
+    """The model with the best proposal added, as a finding or as a refinement; None where none is accepted.
 
-    Not `noise_checked`: an effect that outweighs the search in white noise will do.
+    Without `noise_checked`, the acceptance test assumes white noise.
     """
     linear = model.linear
     if likely is None:
         return None
     steps, best = likely
-    explained = sum(s.delta_chi2 for s in model.steps if not s.effect.random)  # a curve has no shape of its own to miss
+    explained = sum(s.delta_chi2 for s in model.steps if not s.effect.random)  # a free curve has no discrepancy
     own = refined(model, best)
-    if own is None:  # what little there is a finding explains as well, in another form: that is the simpler story
+    if own is None:  # before a new finding, try it as a refinement of an existing one
         could = [(s, refined(model, s)) for s in steps if s.evidence > 0.7 * best.evidence]
         others = [s for s, k in could if k is not None and is_departure(model, k, best.effect)]
         best = max(others, key=lambda s: s.evidence, default=best)
@@ -143,14 +151,14 @@ def add_best(model: EffectModel, likely: Likely, *, noise_checked: bool = True) 
         or best.delta_chi2 < LEAK * explained
         or len(model.findings) >= MOST_FINDINGS
     ):
-        # not enough for a finding: perhaps a refinement among what follows
-        further = [s for s in steps if s.evidence > WORTH and refined(model, s) is not None]
+        # below the acceptance level: try the following proposals as refinements
+        further = [s for s in steps if s.evidence > LEAST_EVIDENCE and refined(model, s) is not None]
         if not further:
             return None
         best = replace(further[0], parent=refined(model, further[0]))
     tries = [best]
-    if best.parent is not None:  # of what else the finding may be made of, the best together with what it is now
-        near = [s for s in steps if s is not best and s.evidence > max(WORTH, 0.3 * best.evidence)]
+    if best.parent is not None:  # other refinements of the same finding compete by cross-validation
+        near = [s for s in steps if s is not best and s.evidence > max(LEAST_EVIDENCE, 0.3 * best.evidence)]
         tries += [replace(s, parent=best.parent) for s in near if refined(model, s) == best.parent][:4]
     error, _, best_growth = min(
         (heldout_rms(g.linear), k, g) for k, g in enumerate(refit_time_constants(with_step(model, s)) for s in tries)
@@ -159,8 +167,8 @@ def add_best(model: EffectModel, likely: Likely, *, noise_checked: bool = True) 
 
 
 def _likely(linear: LinearModel, candidates: Candidates) -> Likely:
-    """The best proposals beside what the bench has, polished, and the one to be preferred among them."""
-    steps = optimise_shapes(linear, candidates, LIKELY, WORTH)
+    """The best proposals with optimised shapes, and the preferred one among them."""
+    steps = optimise_shapes(linear, candidates, LIKELY, LEAST_EVIDENCE)
     if not steps:
         return None
     best = choose(linear, steps)
@@ -170,7 +178,7 @@ def _likely(linear: LinearModel, candidates: Candidates) -> Likely:
 
 
 def _accepted(linear: LinearModel, likely: Likely) -> Likely:
-    """Those that are convincing by themselves: what bends to two effects at once is neither, one of them may be."""
+    """The proposals that pass the acceptance test on their own, and the preferred one among them."""
     able = [s for s in likely[0] if accepted(linear, s)] if likely else []
     return (able, choose(linear, able)) if able else None
 
@@ -188,22 +196,22 @@ def _that_predict(model: EffectModel, able: Likely) -> Likely:
 
 
 def _by_two_causes(linear: LinearModel, candidates: Candidates, steps: Sequence[Step], form: Step) -> Step | None:
-    """The thermal effect that, once it has two sensors or lags, explains most, if as much as a mere form does."""
+    """The thermal effect that explains most with two sensors or lags, if it explains as much as the empirical term."""
     able: list[Step] = []
     for step in sorted((s for s in steps if not s.effect.empirical), key=lambda s: -s.evidence):
         found = best_pair(linear, step.effect, candidates.effects)
-        if found is None or found[2] < WORTH:
+        if found is None or found[2] < LEAST_EVIDENCE:
             continue
         one, other, more = found
         both = linear.with_effect(one).with_effect(other)
-        drop = linear.delta_chi2(both)
-        if drop > FORM * form.delta_chi2:
-            able.append(replace(step, effect=one, partner=(other,), evidence=step.evidence + more, delta_chi2=drop))
+        gained = linear.delta_chi2(both)
+        if gained > FORM * form.delta_chi2:
+            able.append(replace(step, effect=one, partner=(other,), evidence=step.evidence + more, delta_chi2=gained))
     return max(able, key=lambda s: s.delta_chi2, default=None)
 
 
 def refit_time_constants(model: EffectModel) -> EffectModel:
-    """All time constants once more, each with the other effects in place: two that lag share what each had alone."""
+    """The model with each time constant optimised again, given the other effects, in up to `SWEEPS` sweeps."""
     from scipy.optimize import minimize_scalar
 
     for _ in range(SWEEPS if len(model.steps) > 1 else 0):
@@ -231,13 +239,13 @@ def refit_time_constants(model: EffectModel) -> EffectModel:
 
 
 def add_second_sensor(model: EffectModel, candidates: Candidates) -> EffectModel:
-    """The latest finding as that of two causes, where they explain it better than what it is made of now."""
+    """The model with two sensors or lags for its latest finding, where that lowers the cross-validation error."""
     *others, group = model.findings
     if any(s.effect.empirical for s in group[:1]) or len(group) > 2:
         return model
     linear = model.without(group)
     found = best_pair(linear, group[0].effect, candidates.effects)
-    if found is None or found[2] < WORTH:
+    if found is None or found[2] < LEAST_EVIDENCE:
         return model
     one, other, evidence = found
     pair = [replace(group[0], effect=one), Step(other, evidence, 0.0, group[0].absorbed)]
@@ -250,18 +258,18 @@ def _with_tau(effect: Effect, logarithm: float) -> Effect:
 
 
 def _causes(model: EffectModel) -> frozenset[object]:
-    """What each finding is and where."""
+    """Keys (effect and place) of all findings."""
     return frozenset(main.effect.key for main, *_ in model.findings)
 
 
 def _otherwise_named(model: EffectModel, step: Step) -> bool:
-    """Whether a refinement has a name of its own, and no curve's: perhaps it is what the finding should be called."""
+    """Whether a refinement is named physics of another kind: the finding may have to be named after it."""
     main = model.steps[step.parent or 0].effect
     return not (step.effect.empirical or step.effect.flexible) and step.effect.effect != main.effect
 
 
 def reselect(model: EffectModel, candidates: Candidates) -> EffectModel:
-    """Each finding once more, with the others in place: another explanation may now be the better one, or none."""
+    """The model with one finding replaced, where another effect is preferred given the other findings."""
     groups = model.findings
     for group in groups:
         old, *more = group
@@ -274,38 +282,41 @@ def reselect(model: EffectModel, candidates: Candidates) -> EffectModel:
         as_good = same or best.delta_chi2 < 1.02 * linear.delta_chi2(linear.with_effect(old.effect))
         if as_good or not accepted(linear, best):
             continue
-        # refinements whose finding has gone, or whose number has changed, stand or fall with the next search
+        # refinements are dropped: the next round of selection finds those that are still needed
         mains = [g[0] for g in groups if g is not group]
         return replayed(model.start, [*mains, best])
     return model
 
 
 def conditional_scores(model: EffectModel, candidates: Candidates) -> EffectModel:
-    """Each finding's evidence and rivals as they are beside the others: what these explain is no longer theirs."""
+    """The model with the evidence and the alternatives of each finding, given all other findings."""
     groups = model.findings
     for k, (main, *more) in enumerate(groups):
         linear = model.without([main, *more])
         steps = optimise_shapes(linear, candidates, MOST_ALTERNATIVES_TRIED)
-        own = weighed(linear, main.effect, len(candidates.of_key.get(main.effect.key, [0])), main.trials) or main
-        alone = max([own.evidence, *(s.evidence for s in steps if s.effect.key == main.effect.key)])
-        # with what is said of it: further causes of its name, such as a second sensor; without a name, all of it
+        own = scored(linear, main.effect, len(candidates.of_key.get(main.effect.key, [0])), main.trials) or main
+        marginal = max([own.evidence, *(s.evidence for s in steps if s.effect.key == main.effect.key)])
+        # refinements of the same name (a second sensor) add to its evidence; of an unnamed finding, all do
         evidence, beside = own.evidence, linear
         for before, step in pairwise([main, *more]):
             beside = beside.with_effect(before.effect)
             if main.effect.empirical or step.effect.effect == main.effect.effect:
                 evidence += max([0.0, *Candidates.of(beside, [step.effect]).scores(beside).evidence.tolist()])
         alternatives = tuple(s for s in sorted(steps, key=lambda s: -s.evidence) if s.effect.key != main.effect.key)
-        groups[k] = [replace(own, evidence=max(evidence, alone), marginal=alone, alternatives=alternatives), *more]
+        groups[k] = [
+            replace(own, evidence=max(evidence, marginal), marginal=marginal, alternatives=alternatives),
+            *more,
+        ]
     return of_groups(model.start, groups)
 
 
 def in_correlated_noise(model: EffectModel) -> EffectModel:
-    """Each finding's evidence and its rivals' as noise that goes along from row to row leaves them."""
+    """The model with the evidence of each finding and alternative capped at its value under correlated noise."""
     groups = model.findings
     for k, (main, *more) in enumerate(groups):
         steps = [main, *main.alternatives]
-        nats = evidence_in_any_noise(model.without([main, *more]), steps)
-        best, *alternatives = (replace(s, evidence=min(s.evidence, n)) for s, n in zip(steps, nats, strict=True))
+        capped = evidence_in_any_noise(model.without([main, *more]), steps)
+        best, *alternatives = (replace(s, evidence=min(s.evidence, n)) for s, n in zip(steps, capped, strict=True))
         alternatives.sort(key=lambda r: -r.evidence)
         groups[k] = [replace(best, alternatives=tuple(alternatives)), *more]
     return of_groups(model.start, groups)

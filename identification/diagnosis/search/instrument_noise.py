@@ -1,7 +1,7 @@
-"""A tracker that nobody declared: residuals along its line of sight are not as large as those across.
+"""Anisotropic noise of an undeclared laser tracker, by maximum likelihood from the residuals.
 
-Its station, and how its noise grows with range and angle, are estimated from what is left once a survey is explained.
-What is to be explained must be out of the residuals by then: an effect that moves one axis looks like noise in it.
+Residuals along a tracker's line of sight and across it differ. The station and the growth of both noises with the
+distance are estimated once the best candidates are fitted: an effect that moves one axis would look like noise in it.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ if TYPE_CHECKING:
 
 FEWEST = 60  # points with three components
 MOST = 12  # proposals that are taken out first: what so many do not explain is not yet noise
-CLEAR = 25.0  # nats: seven parameters gain three or four by chance, ten in noise with heavy tails
+CLEAR = 25.0  # log-likelihood ratio: seven parameters gain 3 to 4 by chance, 10 in noise with heavy tails
 NEAREST, FARTHEST = 1e-3, 30.0  # of the points' extent: how far the instrument may be from their middle, and deviations
 AWAY = 0.7  # of the extent: where stations are looked for first
 FAR = 2.5  # times the median length: residuals in a tail count as one there, or few would say where the tracker is
-ORIGIN = 4.0  # nats that a station elsewhere must gain: coordinates are the tracker's own, as a rule
+ORIGIN = 4.0  # log-likelihood that a station off the origin must gain: coordinates are usually the tracker's own
 LEAST = 0.1  # of the noise: what a target's seat has in any case
 
 
@@ -64,7 +64,7 @@ def tracker_noise(fit: Fit, linear: LinearModel, candidates: Candidates, survey:
 
 
 def _cleared(linear: LinearModel, candidates: Candidates) -> LinearModel | None:
-    """The bench with the best proposals fitted until there is evidence for no more; None where there always is."""
+    """The linear model with proposals added until there is evidence for no more; None where there always is."""
     for _ in range(MOST):
         ranked = candidates.scores(linear).by_key()
         if not ranked or ranked[0][0] - np.log(len(ranked)) < DETECT:

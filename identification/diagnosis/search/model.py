@@ -1,4 +1,4 @@
-"""A model that grows: the steps accepted so far, each a finding of its own or a refinement of one."""
+"""The current model of the search: accepted effects, each a finding of its own or a refinement of one."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from identification.diagnosis.search.scoring import Step
 
 @dataclass(frozen=True)
 class EffectModel:
-    """The accepted steps, and the bench with all of them fitted."""
+    """The accepted steps, the linear model before them (`start`), and that with all of them (`linear`)."""
 
     start: LinearModel
     linear: LinearModel
@@ -24,7 +24,7 @@ class EffectModel:
         return [[self.steps[k], *(s for s in self.steps if s.parent == k)] for k in main]
 
     def without(self, group: Sequence[Step]) -> LinearModel:
-        """The bench with all steps fitted but those of a group."""
+        """The linear model with all steps but those of a group."""
         linear = self.start
         for step in self.steps:
             if step not in group:
@@ -33,7 +33,7 @@ class EffectModel:
 
 
 def replayed(start: LinearModel, steps: Sequence[Step]) -> EffectModel:
-    """A growth of these steps."""
+    """The model with these steps, in their order."""
     model = EffectModel(start, start)
     for step in steps:
         model = with_step(model, step)
@@ -51,7 +51,7 @@ def with_step(model: EffectModel, step: Step) -> EffectModel:
 
 
 def of_groups(start: LinearModel, groups: Sequence[Sequence[Step]]) -> EffectModel:
-    """A growth of findings, each with its refinements."""
+    """The model with these findings, each with its refinements."""
     model = EffectModel(start, start)
     for main, *more in groups:
         number = len(model.steps)

@@ -1,8 +1,8 @@
-"""Whole explanations beside each other: the name that came first may not be part of the best story.
+"""Comparison of whole models by their log evidence: searches that start from the alternatives of a finding.
 
-What two effects do together can look most like a third one, whose refinements then take up the rest. Where a name has
-a serious rival and did not explain all by itself, the search goes on from the rival as well, and where much is taken
-for its own form, from a second cause; the stories are compared as wholes.
+Forward selection is greedy: two effects together can look most like a third one, whose refinements then take up the
+rest. The search is therefore repeated from each strong alternative of a finding that needed refinements, and from a
+second cause where much of a finding was taken for its discrepancy. The model with the most evidence is kept.
 """
 
 from __future__ import annotations
@@ -26,30 +26,30 @@ from identification.diagnosis.search.shape_fit import optimise_shapes
 from identification.runtime.process_pool import side_by_side
 from identification.runtime.progress import Progress, silent
 
-SERIOUS = 7.0  # nats by which a rival may be behind
-MOST_RIVALS = 2  # of a finding
-OF_REFINED = 3  # of one that is not as its textbook says; then a rival may be behind by `NEAR` of the evidence too
-OF_A_FORM = 0.3  # the same of a form, in place of `NEAR`: it may be two names at once
-SLIGHT = 0.03  # of a finding's evidence: what is left of a very large one is large too, and no second cause
-NO_WORSE = 1.02  # held-out error of a better story: blocks of rows tell such small differences by chance
+SERIOUS = 7.0  # log Bayes factor by which an alternative may be behind
+MOST_ALTERNATIVES = 2  # of a finding, from which the search is repeated
+OF_REFINED = 3  # the same of a refined finding; its alternatives may be behind by `NEAR` of the evidence too
+OF_EMPIRICAL = 0.3  # in place of `NEAR` for an empirical term: it may stand for two effects at once
+SLIGHT = 0.03  # of a finding's evidence: smaller refinements of a large finding are no second cause
+NO_WORSE = 1.02  # times the cross-validation error: smaller differences are chance
 
 
 def compare_alternatives(model: EffectModel, candidates: Candidates, progress: Progress = silent) -> EffectModel:
-    """The best of a growth and those that begin with a rival of one of its findings instead, or with a second cause."""
+    """The model with the most evidence among the given one and searches from its alternatives and second causes."""
     begin = [[*others, alternative] for alternative, others in _alternatives(model)]
     begin += _second_causes(model, candidates)
     if not begin:
         return model
-    best, worth = model, log_evidence(model)
-    with progress("Telling it from its rivals' side"):
-        told = side_by_side([partial(_searched_from, model.start, candidates, steps) for steps in begin])
-    for steps in told:
+    best, most = model, log_evidence(model)
+    with progress("Comparing alternative models"):
+        found = side_by_side([partial(_searched_from, model.start, candidates, steps) for steps in begin])
+    for steps in found:
         other = replayed(model.start, steps)
         value = log_evidence(other)
-        # of two that are nearly as good, the one of which half as much rests on forms
-        least = worth + (CLEARLY if 2 * empirical_evidence(other) + CLEARLY > empirical_evidence(best) else -CLEARLY)
+        # near-ties go to the model that rests half as much on empirical terms
+        least = most + (CLEARLY if 2 * empirical_evidence(other) + CLEARLY > empirical_evidence(best) else -CLEARLY)
         if value > least and heldout_rms(other.linear) < NO_WORSE * heldout_rms(best.linear):
-            best, worth = other, value
+            best, most = other, value
     return best
 
 
@@ -58,13 +58,13 @@ def _searched_from(start: LinearModel, candidates: Candidates, begin: list[Step]
 
 
 def log_evidence(model: EffectModel) -> float:
-    """Nats of all effects of a growth together, whatever the noise, less the places that were looked at for each."""
+    """Log evidence of all effects of a model together, under correlated noise, less the trials factor of each."""
     effects = [s.effect for s in model.steps]
     linear, total = model.start, 0.0
     for curve in (e for e in effects if e.random):
         total += linear.random(linear.columns(curve)[0]).best()[1]
         linear = linear.with_effect(curve)
-    # names first: what comes first says whether the usual sizes of the parameters count
+    # named effects first: the first one's prior sizes are used
     if rest := sorted((e for e in effects if not e.random), key=lambda e: e.empirical):
         [(_, evidence)] = coloured.evidence(linear, [rest])
         total += evidence
@@ -73,7 +73,7 @@ def log_evidence(model: EffectModel) -> float:
 
 
 def empirical_evidence(model: EffectModel) -> float:
-    """Nats of what has no name, and of what is taken for the form of a finding without having its name."""
+    """Log Bayes factor carried by empirical terms, and by refinements of another effect type than their finding."""
     return sum(
         step.evidence
         for group in model.findings
@@ -83,7 +83,7 @@ def empirical_evidence(model: EffectModel) -> float:
 
 
 def _alternatives(model: EffectModel) -> Iterator[tuple[Step, list[Step]]]:
-    """Serious rivals, each as a step of its own, with the findings beside which it is to be tried."""
+    """Strong alternatives, each as a step of its own, with the other findings to search from."""
     groups = model.findings
     if len(model.steps) < 2:
         return
@@ -93,24 +93,24 @@ def _alternatives(model: EffectModel) -> Iterator[tuple[Step, list[Step]]]:
         others = [g[0] for g in groups if g[0] is not main]
         linear = model.without(group)
         refined = len(group) > 1
-        near = OF_A_FORM if main.effect.empirical else NEAR
+        near = OF_EMPIRICAL if main.effect.empirical else NEAR
         least = main.marginal - (max(SERIOUS, near * main.marginal) if refined else SERIOUS)
         for alternative in sorted(main.alternatives, key=lambda r: -r.evidence):
             effect = alternative.effect
             if effect.empirical or effect.effect in seen or alternative.evidence < least:
                 continue
             seen.add(effect.effect)
-            if len(seen) > (OF_REFINED if refined else MOST_RIVALS) + 1:
+            if len(seen) > (OF_REFINED if refined else MOST_ALTERNATIVES) + 1:
                 break
             own = Candidates.of(linear, [effect]).scores(linear)
-            drop, absorbed = float(own.delta_chi2[0]), float(own.absorbed[0])
-            yield replace(alternative, delta_chi2=drop, absorbed=absorbed), others
+            gained, absorbed = float(own.delta_chi2[0]), float(own.absorbed[0])
+            yield replace(alternative, delta_chi2=gained, absorbed=absorbed), others
 
 
 def _second_causes(model: EffectModel, candidates: Candidates) -> Iterator[list[Step]]:
-    """Beginnings in which what is taken for a finding's own form is a second cause.
+    """Starting points in which the refinements of a finding are a second cause.
 
-    By the likeliest other name at another place, or by something else that drives it; or as it is named already.
+    The second cause is the best named effect at another place or by another driver, or a refinement made a finding.
     """
     groups = model.findings
     for main, *more in groups:
@@ -119,7 +119,7 @@ def _second_causes(model: EffectModel, candidates: Candidates) -> Iterator[list[
         others = [g[0] for g in groups if g[0] is not main]
         likely = optimise_shapes(model.without(more), candidates, MOST_ALTERNATIVES_TRIED)
         elsewhere = [s for s in likely if s.effect.where != main.effect.where or distinct(main.effect, s.effect)]
-        # of what has been named already, what is too much for a departure from the finding's form
+        # refinements that are too large for a discrepancy
         much = [s for s in more if main.effect.empirical or s.delta_chi2 > OWN * main.delta_chi2]
         named = [s for s in much if s.effect.where != main.effect.where or apart(main.effect, s.effect)]
         begun: set[object] = {main.effect.key}
@@ -134,13 +134,13 @@ def _second_causes(model: EffectModel, candidates: Candidates) -> Iterator[list[
 
 
 def _another_cause(one: Effect, other: Effect) -> bool:
-    """Whether an effect is another cause by its name; a curve that bends to anything is none of its own."""
+    """Whether an effect is named physics of another cause; a flexible curve is not."""
     named = not (other.empirical or other.flexible) and other.effect != one.effect
     return named and not one_sensor(one, other)
 
 
 def _named(main: Step, start: LinearModel, others: Sequence[Step], candidates: Candidates) -> Step:
-    """What a finding without a name is beside others."""
+    """The preferred step for an unnamed finding, given other findings."""
     linear = replayed(start, others).linear
     steps = optimise_shapes(linear, candidates, MOST_ALTERNATIVES_TRIED)
     return choose(linear, steps) if steps else main

@@ -1,4 +1,4 @@
-"""Further forms of an effect that was found: the same motion by the same cause, but not as the textbook bends it."""
+"""Discrepancy of a finding from its textbook form: further empirical terms of the same motion by the same cause."""
 
 from __future__ import annotations
 
@@ -27,11 +27,15 @@ ALIKE = 0.6  # correlation beyond which a later effect is a further form of an e
 LEFT = 0.05  # of what a finding explains: no more is no other effect with its drivers at its place
 OWN = 0.3  # of what a finding explains: as much is no departure from its form
 DISTINCT = {"feed", "load", "point_x", "point_y", "point_z"}  # what follows them is no form of what does not
-MOST_DEPARTURE = {0.03: 1.0, 0.1: 3.0, 0.3: 8.0}  # part of an effect's size by which its form departs, and nats for it
+DEPARTURES = {
+    0.03: 1.0,
+    0.1: 3.0,
+    0.3: 8.0,
+}  # prior of the discrepancy: share of the effect's size, and minus the log probability of that share
 
 
 def forms(linear: LinearModel, effect: Effect) -> Iterator[Effect]:
-    """Generic terms at the effect's place by its drivers (lagged too, where it is warmth), along its joint's travel.
+    """Empirical terms at the effect's place by its drivers (lagged too, where it is warmth), along its joint's travel.
 
     Of a wave without a name also what it may be instead of a sine.
     """
@@ -66,15 +70,15 @@ def _repeating(wave: Unnamed, period: float) -> Iterator[Effect]:
             yield wave.model_copy(update={"period": period / n, "by_period": wave.by_period / m})
 
 
-def bent(linear: LinearModel, effect: Effect) -> tuple[float, float]:
-    """Nats, and further drop of the residual sum of squares, for an effect whose form departs from the textbook's.
+def discrepancy(linear: LinearModel, effect: Effect) -> tuple[float, float]:
+    """Log Bayes factor and delta chi-squared of an effect's discrepancy from its textbook form.
 
-    What nature adds is small beside the effect itself: all further forms together are tied to zero with some part of
-    its size, and the part that suits the data best is paid for.
+    The discrepancy is a random effect over smooth functions of the drivers (M. C. Kennedy and A. O'Hagan, J. R. Stat.
+    Soc. B 63 (2001) 425). Its standard deviation is a share of the effect's size, with the prior `DEPARTURES`.
     """
     if effect.random or effect.empirical:
         return 0.0, 0.0
-    further = list(_bends(linear, effect))
+    further = list(_smooth_departures(linear, effect))
     if not further:
         return 0.0, 0.0
     own, values = linear.estimates([effect])
@@ -85,15 +89,15 @@ def bent(linear: LinearModel, effect: Effect) -> tuple[float, float]:
     size = float(np.linalg.norm(own.T @ values))
     if not len(random.values) or not size:
         return 0.0, 0.0
-    worth, part = max((random.evidence(part * size) - cost, part) for part, cost in MOST_DEPARTURE.items())
-    if worth <= 0:
+    evidence, part = max((random.evidence(part * size) - cost, part) for part, cost in DEPARTURES.items())
+    if evidence <= 0:
         return 0.0, 0.0
     left = random.left((part * size) ** 2 / random.noise(part * size))
-    return worth, (random.square - float(left)) * linear.freedom / linear.square
+    return evidence, (random.square - float(left)) * linear.freedom / linear.square
 
 
-def _bends(linear: LinearModel, effect: Effect) -> Iterator[Array]:
-    """Columns (N,): what the effect moves, in any smooth way with what drives it."""
+def _smooth_departures(linear: LinearModel, effect: Effect) -> Iterator[Array]:
+    """Columns (N,) of smooth functions of the drivers, in the motions that the effect makes."""
     joints = [j for j in linear.scene.moving if j.name in map(root, effect.drivers)]
     shapes = [list(_smooth(linear, j)) for j in joints]
     series = [s for own in shapes for s in own]
@@ -137,10 +141,10 @@ def _range(linear: LinearModel, name: str) -> tuple[float, float]:
 
 
 def refined(model: EffectModel, step: Step) -> int | None:
-    """The finding that this effect is another form of, if there is one.
+    """Number of the finding that an effect refines, or None.
 
-    The same effect or the same motion at the same place by the same driver, or two that do much the same to the data
-    once the geometry is taken out: what a sensor's lag or another exponent leaves over.
+    It has the same motion at the same place by the same driver, or nearly the same projected contribution: what a wrong
+    lag or exponent leaves over.
     """
     linear = model.start
     for k, earlier in enumerate(model.steps):
@@ -148,7 +152,7 @@ def refined(model: EffectModel, step: Step) -> int | None:
             continue
         one, other = earlier.effect, step.effect
         if one.random and not (one.empirical or other.empirical) and other.family != one.family:
-            continue  # a curve of the joint's own position leaves nothing of that kind: this is something else
+            continue  # a free curve of the joint's position leaves nothing over: this is another effect
         if distinct(one, other):
             continue
         there = one.where == other.where and base_channels(one) & base_channels(other)
@@ -157,18 +161,18 @@ def refined(model: EffectModel, step: Step) -> int | None:
                 continue
             return k
         if there and _of_one_weight(one, other) and is_departure(model, k, other):
-            return k  # a weight that twists a beam also bends it a little: the finding's form in other motions
+            return k  # a weight that twists a beam also bends it: one cause in several motions
         if not (one.random or other.random) and _much_the_same(model, one, other):
             if other.empirical or one_sensor(one, other) or is_departure(model, k, other):
                 return k
             continue  # too much of it has a name and a cause of its own
         if _is_surface(one) and base_channels(other) <= base_channels(one) and _motions(linear, one, other):
-            return k  # what a product leaves over goes with either of the two, wherever between them
+            return k  # the remainder of a product follows either of its two drivers
     return None
 
 
 def distinct(one: Effect, other: Effect) -> bool:
-    """Whether something drives one of two effects, but not the other, whose forms nobody takes for each other's."""
+    """Whether a driver of only one of two effects makes them distinguishable (`DISTINCT`)."""
     return bool(
         (
             (base_channels(other) - base_channels(one))
@@ -179,7 +183,7 @@ def distinct(one: Effect, other: Effect) -> bool:
 
 
 def left_over(model: EffectModel, step: Step) -> int | None:
-    """The finding with whose drivers, at whose place, a further effect explains so little that it is left of it."""
+    """The finding of whose place and drivers a further effect is, if it explains less than `LEFT` of it."""
     for k, earlier in enumerate(model.steps):
         one, other = earlier.effect, step.effect
         near = one.where == other.where and base_channels(other) <= base_channels(one) | {one.where}
@@ -189,16 +193,16 @@ def left_over(model: EffectModel, step: Step) -> int | None:
 
 
 def is_departure(model: EffectModel, number: int, effect: Effect, share: float = OWN) -> bool:
-    """Whether a further effect explains so little beside a finding that it may be what its form does not fit."""
+    """Whether a further effect explains less than `share` of a finding: it may be the finding's discrepancy."""
     group = [s for k, s in enumerate(model.steps) if number in (k, s.parent)]
     explained = model.without(group).square - model.linear.square
     return model.linear.square - model.linear.square_with(effect) < share * explained
 
 
 def truly_named(model: EffectModel) -> EffectModel:
-    """Findings of which a mere form explains a good part are that form's: what has the name is no more than like it.
+    """The model in which a finding is unnamed if an empirical term explains at least `OWN` of it.
 
-    But warmth by whatever sensor and lag is one cause, and what lags is no other physics.
+    Temperatures are excepted: all sensors and lags count as one cause.
     """
     groups = []
     for main, *more in model.findings:
@@ -217,10 +221,10 @@ def truly_named(model: EffectModel) -> EffectModel:
 
 
 def with_sections(model: EffectModel) -> EffectModel:
-    """Findings without a name that follow two joints take what goes with one of the two: sections of one surface.
+    """The model in which empirical terms over two joints take findings over one of these joints: sections of a surface.
 
-    In the same motion, or as slight as a departure from the surface's form: what its pieces miss at an edge looks like
-    a dent or a knee in whatever motion has a lever there. Waves in other motions are none.
+    A finding is merged if it acts in the same motion, or explains less than `OWN` of the surface. A wave in another
+    motion is not merged.
     """
     linear, groups = model.start, model.findings
     surfaces = [k for k, (main, *_) in enumerate(groups) if _is_surface(main.effect)]
@@ -248,10 +252,9 @@ def _is_surface(effect: Effect) -> bool:
 
 
 def _much_the_same(model: EffectModel, one: Effect, other: Effect) -> bool:
-    """Whether a further effect does to the data what an accepted one does, each as large as all together make it.
+    """Whether the fitted contributions of two effects have a canonical correlation above `ALIKE`.
 
-    Of many parameters (six of a frame that moves) some combination is like almost anything: it is what they are that
-    counts.
+    Fitted values are compared, not column spaces: some combination of many parameters is like almost anything.
     """
     linear = model.start
     effects = [*(s.effect for s in model.steps if not s.effect.random), other]
@@ -272,7 +275,7 @@ def _of_one_weight(one: Effect, other: Effect) -> bool:
 
 
 def apart(one: Effect, other: Effect) -> bool:
-    """Whether two effects at a place are known by different signs: a wave, a bump or a form; a clock or a sensor."""
+    """Whether two effects at a place have different signatures: other shape parameters, a clock against a sensor."""
     named = not (one.empirical or other.empirical) and one.effect != other.effect
     by_clock = ("time" in one.drivers) != ("time" in other.drivers)
     return named and (type(one).shape != type(other).shape or by_clock or not (one.flexible or other.flexible))

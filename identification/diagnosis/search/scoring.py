@@ -1,4 +1,4 @@
-"""One explanation against others at a step of the search, and when it is convincing."""
+"""Choice among candidate effects at one step of the search, and the acceptance test."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.search import correlated_noise as coloured
 from identification.diagnosis.search.criteria import base_channels
 
-DETECT = 4.6  # nats beyond the number of places looked at, a hundred to one: of 300 empty surveys the best had 3.4
-CLEARLY = 6.0  # nats
+DETECT = 4.6  # log Bayes factor beyond the trials factor, odds of 100 to 1: of 300 empty surveys the best had 3.4
+CLEARLY = 6.0  # log Bayes factor by which an empirical term must lead physics that has a name
 NEAR = 0.1  # of the best evidence
-# nats for physics of a form of its own, unbent, against what follows any smooth curve: right in 56 of the 66 calls by
-# which it was chosen, of three seeds of the proof (141421, 17320508 and 2236067)
+# log prior odds of physics of a fixed form, without discrepancy, against an effect that follows any smooth curve: right
+# in 56 of the 66 decisions that it made in three seeds of the proof (141421, 17320508 and 2236067)
 ODDS = 1.0
-AS_GOOD = 2.3  # nats: less than ten to one
-STIFF = 2  # parameters of a form that can hardly bend: a line, or a product of two
-FORM = 0.85  # a name may explain this much less than the best mere form: forms bend to anything
-ANOTHER_CAUSE = 0.95  # the same of a line that something else drives
+AS_GOOD = 2.3  # log Bayes factor: odds below 10 to 1
+STIFF = 2  # parameters of an empirical term that can hardly adapt: a line, or a product of two
+FORM = 0.85  # share of the best empirical term's delta chi-squared that a name must explain: such terms fit anything
+ANOTHER_CAUSE = 0.95  # the same where another channel drives the empirical line
 
 
 @dataclass(frozen=True)
@@ -30,12 +30,14 @@ class Step:
 
     Attributes
     ----------
-    evidence : nats against nothing, beside what was accepted before, and of a growth that is done beside all other
-        findings; `alone`: that of it by itself, as its rivals have theirs; `drop`: of the residual sum of squares, in
-        noise variances; `absorbed`: the part of it that the geometry hides.
-    alternatives : other explanations beside all other findings, best first.
-    count : its parameters; `bend`: the part of the drop that is a departure from its textbook form, and
-        `worth`: that of the evidence.
+    evidence : log Bayes factor against the model without it, given the steps before it; of a finished model, given all
+        other findings.
+    delta_chi2 : decrease of the residual sum of squares, in noise variances.
+    absorbed : share of it that is collinear with the geometry.
+    count : number of its parameters.
+    delta_chi2_of_form, evidence_of_form : the parts of delta chi-squared and evidence that come from the discrepancy
+        between the effect and its textbook form.
+    alternatives : other explanations, given all other findings, best first.
     partner : a second cause of the same motion that was accepted with it.
     parent : number of the step that this one refines, or None: a finding of its own.
     """
@@ -55,7 +57,7 @@ class Step:
 
 
 def choose(linear: LinearModel, steps: Sequence[Step]) -> Step:
-    """The named explanation with most evidence, unless a mere form explains clearly more, or as much more simply."""
+    """The named effect with most evidence, unless an empirical term has more, or as much with fewer parameters."""
     ranked = sorted(steps, key=lambda s: -s.evidence)
     forms = [s for s in ranked if s.effect.empirical]
     names = _names(linear, [s for s in ranked if not s.effect.empirical])
@@ -65,8 +67,8 @@ def choose(linear: LinearModel, steps: Sequence[Step]) -> Step:
     def explains_as_much(name: Step) -> bool:
         idle = name.count - forms[0].count  # parameters that the name has and the form does without
         stiff = forms[0].count <= STIFF
-        bends = name.delta_chi2_of_form if stiff else 0.0  # what bends may not be said to explain what does not
-        as_much = name.delta_chi2 - bends >= FORM * forms[0].delta_chi2
+        of_form = name.delta_chi2_of_form if stiff else 0.0  # a discrepancy may not stand in for what a line explains
+        as_much = name.delta_chi2 - of_form >= FORM * forms[0].delta_chi2
         if stiff and not base_channels(forms[0].effect) <= base_channels(name.effect):  # nor what follows another cause
             as_much = as_much and name.delta_chi2 >= ANOTHER_CAUSE * forms[0].delta_chi2
         return as_much and (idle <= 1 or name.delta_chi2 - forms[0].delta_chi2 >= 2 * idle)
@@ -75,10 +77,10 @@ def choose(linear: LinearModel, steps: Sequence[Step]) -> Step:
 
 
 def _names(linear: LinearModel, ranked: Sequence[Step]) -> list[Step]:
-    """Names in the order in which they are to be considered.
+    """Named effects in order of preference.
 
-    Of what is nearly alike, first what leaves residuals that need no correlated noise to be explained; and physics of
-    a form of its own that needs little bending before what follows any smooth curve: that need not be bent.
+    Near-ties are ranked by their log Bayes factor under correlated noise. Among these, effects of a fixed form with
+    little discrepancy come before effects that follow any smooth curve.
     """
     if len(ranked) < 2:
         return list(ranked)
@@ -96,21 +98,21 @@ def _names(linear: LinearModel, ranked: Sequence[Step]) -> list[Step]:
 
 
 def evidence_in_any_noise(linear: LinearModel, steps: Sequence[Step]) -> list[float]:
-    """Nats of each step where noise may go along from row to row: bends take their share of what that leaves."""
+    """Log Bayes factor of each step under correlated noise; the discrepancy's part shrinks in proportion."""
     both = coloured.evidence(linear, [[s.effect] for s in steps])
-    return [s.evidence * max(nats, 0.0) / max(white, 1.0) for s, (white, nats) in zip(steps, both, strict=True)]
+    return [s.evidence * max(averaged, 0.0) / max(white, 1.0) for s, (white, averaged) in zip(steps, both, strict=True)]
 
 
 def accepted(linear: LinearModel, step: Step, *, noise_checked: bool = True) -> bool:
-    """Whether evidence outweighs the places looked at and, `noise_checked`, what correlated noise would make of it."""
+    """Whether the evidence exceeds the trials factor and, if `noise_checked`, what correlated noise explains of it."""
     surplus = step.evidence - np.log(max(step.trials, 1)) - DETECT
-    # to a form that bends, correlated noise would be worth even more: bending helps a name, it detects nothing
+    # a discrepancy may support a name, but it is not counted towards detection
     return bool(
         surplus >= 0 and (not noise_checked or surplus - step.evidence_of_form >= explained_by_noise(linear, step))
     )
 
 
 def explained_by_noise(linear: LinearModel, step: Step) -> float:
-    """Nats of a step's evidence that noise correlated from row to row would make as well."""
+    """The part of a step's log Bayes factor that correlated noise would explain as well."""
     [(white, any_noise)] = coloured.evidence(linear, [[step.effect, *step.partner]])
     return max(0.0, white - any_noise)

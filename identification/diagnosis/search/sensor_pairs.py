@@ -1,7 +1,8 @@
-"""Two temperatures in place of one: what the air does at once and the casting an hour later no single sensor shows.
+"""Best pair of (sensor, lag) regressors for one thermal effect, by exhaustive search.
 
-Adding the second cause to the best single one misses such pairs, because the best single one is already a compromise.
-All pairs of sensors and lags of a finding are therefore tried together; they differ by a small linear system each.
+No single sensor follows both the air (at once) and the casting (an hour later). Adding a second regressor to the best
+single one misses such pairs, because the best single one is a compromise between them. Each pair is a small linear
+system.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ CAUSE = {"sensor", "minus", "tau", "start"}  # fields that say what warms, not w
 
 
 def best_pair(linear: LinearModel, effect: Effect, effects: Sequence[Effect]) -> tuple[Effect, Effect, float] | None:
-    """The two causes that together explain most of what `effect` moves, the greater one first, and the evidence (nats).
+    """The two causes that together explain most of an effect, the greater one first, and the log Bayes factor.
 
     Parameters
     ----------
@@ -27,7 +28,7 @@ def best_pair(linear: LinearModel, effect: Effect, effects: Sequence[Effect]) ->
 
     Returns
     -------
-    The evidence is that for the pair against the likeliest single cause, less the search among pairs.
+    The log Bayes factor is that of the pair against the best single cause (Schwarz), less the pairs' trials.
     """
     family = [
         e for e in effects if type(e) is type(effect) and e.random == effect.random and _moved(e) == _moved(effect)
@@ -51,7 +52,7 @@ def best_pair(linear: LinearModel, effect: Effect, effects: Sequence[Effect]) ->
 
 
 def _drops(gram: Array, slope: Array, choices: Index) -> Array:
-    """Drop of the residual sum of squares by each choice of columns (choices, columns of one choice)."""
+    """Decrease of the residual sum of squares by each choice of columns (choices, columns of one choice)."""
     grams = gram[choices[:, :, None], choices[:, None, :]]
     slopes = slope[choices]
     return np.asarray(np.einsum("ij,ij->i", slopes, np.linalg.solve(grams, slopes[:, :, None])[:, :, 0]))

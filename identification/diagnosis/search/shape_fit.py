@@ -1,4 +1,4 @@
-"""The likeliest proposals beside what has been accepted, each with the shape that suits it best."""
+"""Maximum-likelihood shape parameters (periods, time constants, exponents) of the best candidates, off their grids."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ import numpy as np
 from errormodel.effects.base import Effect
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.search.candidates import Candidates, Scores
-from identification.diagnosis.search.refinement import bent
+from identification.diagnosis.search.refinement import discrepancy
 from identification.diagnosis.search.scoring import Step
 from identification.runtime.process_pool import side_by_side
 
-ROUNDED = 0.01  # nats, in scores from columns in single precision
+ROUNDED = 0.01  # log Bayes factor: round-off of scores from columns in single precision
 MAYBE = 0.5  # of the best evidence
 SHAPES = ("period", "by_period", "edge", "by_edge", "per_turn", "tau", "at", "width", "exponent", "overlap")
 
 
 def optimise_shapes(linear: LinearModel, candidates: Candidates, first: int, least: float = -np.inf) -> list[Step]:
-    """The first proposals beside what the bench has, and some that follow.
+    """The best proposals with optimised shapes, as steps, given the linear model.
 
     Parameters
     ----------
     first : how many, at least.
-    least : nats; nothing is returned where no proposal has as much.
+    least : log Bayes factor; nothing is returned where no proposal has as much.
     """
     scores = candidates.scores(linear)
     ranked = scores.by_key()
@@ -37,7 +37,7 @@ def optimise_shapes(linear: LinearModel, candidates: Candidates, first: int, lea
 
 
 def _shortlist(candidates: Candidates, ranked: Sequence[tuple[float, int]], first: int) -> list[int]:
-    """The first proposals, and the best of each further name that may yet prove the better one when bent a little."""
+    """The first proposals, and the best of each further name that its discrepancy may yet make the better one."""
     names = {candidates.effects[n].effect for _, n in ranked[:first]}
     out = [n for _, n in ranked[:first]]
     for evidence, n in ranked[first:]:
@@ -75,33 +75,33 @@ def _optimised(candidates: Candidates, scores: Scores, linear: LinearModel, numb
         found = minimize_scalar(left, bounds=(below, above), method="bounded", options={"maxiter": 20})
         if found.fun < left(value):
             effect = effect.model_copy(update={name: float(found.x)})
-    step = weighed(linear, effect, len(family), trials)
+    step = scored(linear, effect, len(family), trials)
     if step is None or scores.evidence[number] > step.evidence - step.evidence_of_form + np.log(len(family)) + ROUNDED:
         # where the squares are least a size may be beyond what is usual
-        step = weighed(linear, candidates.effects[number], len(family), trials)
+        step = scored(linear, candidates.effects[number], len(family), trials)
     return step
 
 
-def weighed(linear: LinearModel, effect: Effect, shapes: int, trials: int) -> Step | None:
-    """An effect as a step beside what the bench has; None where it moves nothing.
+def scored(linear: LinearModel, effect: Effect, shapes: int, trials: int) -> Step | None:
+    """An effect scored as a step, given the linear model; None where it moves nothing.
 
     Parameters
     ----------
-    shapes : how many of it were tried, for which its evidence pays.
-    trials : places looked at.
+    shapes : how many of its shapes were tried: divides its Bayes factor.
+    trials : keys (effects at places) searched: the trials factor.
     """
     own = Candidates.of(linear, [effect]).scores(linear)
     if not len(own.evidence):
         return None
-    evidence, drop, absorbed = (float(v[0]) for v in (own.evidence, own.delta_chi2, own.absorbed))
-    worth, bend = bent(linear, effect)
+    evidence, delta_chi2, absorbed = (float(v[0]) for v in (own.evidence, own.delta_chi2, own.absorbed))
+    of_form, delta_of_form = discrepancy(linear, effect)
     return Step(
         effect,
-        evidence + worth - float(np.log(shapes)),
-        drop + bend,
+        evidence + of_form - float(np.log(shapes)),
+        delta_chi2 + delta_of_form,
         absorbed,
         len(linear.columns(effect)[1]),
-        delta_chi2_of_form=bend,
-        evidence_of_form=worth,
+        delta_chi2_of_form=delta_of_form,
+        evidence_of_form=of_form,
         trials=trials,
     )

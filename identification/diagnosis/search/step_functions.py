@@ -1,8 +1,8 @@
-"""Whether what was found without a name switches rather than swings: between two values, at edges, as supports do.
+"""Step functions in place of waves for a finding without a name: a motion that switches between two values at edges.
 
-A wave fitted to it has the right period and misses the corners, and a polynomial misses the jump. Of two drivers one
-may switch and the other swing. Edges are searched on a grid, one driver after the other: what switches has no slope to
-follow.
+Supports and relays switch. A fitted wave has the right period and misses the corners; a polynomial misses the jump. Of
+two drivers one may switch and the other oscillate. Edges are searched on a grid, one driver after the other, because
+a step has no derivative with respect to its edge.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class _Driver:
 
 
 def switched(model: EffectModel) -> EffectModel:
-    """The latest finding as one that switches, where that explains it clearly better."""
+    """The model with its latest finding as a step function, where that explains it clearly better."""
     if not model.findings:
         return model
     *others, group = model.findings
@@ -67,20 +67,20 @@ def switched(model: EffectModel) -> EffectModel:
         return model
     linear = model.without(group)
     spent = sum(len(linear.columns(s.effect)[1]) + _shapes(s.effect) for s in group)
-    worth = _worth(model.linear, spent) + CLEARLY
+    most = _schwarz(model.linear, spent) + CLEARLY
     step = None
     for form in _switching(linear, main):
         after, count = linear.with_effect(form), len(linear.columns(form)[1])
-        value = _worth(after, count + _shapes(form))
-        if value > worth:
-            step, worth = replace(group[0], effect=form, delta_chi2=linear.delta_chi2(after), count=count), value
+        value = _schwarz(after, count + _shapes(form))
+        if value > most:
+            step, most = replace(group[0], effect=form, delta_chi2=linear.delta_chi2(after), count=count), value
     if step is None:
         return model
     return of_groups(model.start, [*others, [step]])
 
 
-def _worth(linear: LinearModel, parameters: int) -> float:
-    """Nats of a model by what it leaves, Schwarz's criterion."""
+def _schwarz(linear: LinearModel, parameters: int) -> float:
+    """Schwarz's approximation of a model's log evidence, up to a constant."""
     n = len(linear.index)
     return float(-0.5 * n * np.log(linear.square) - 0.5 * parameters * np.log(n))
 
@@ -137,7 +137,7 @@ def _started(linear: LinearModel, form: Unnamed) -> list[_Driver]:
     if form.by is None and form.period is None:
         half = float(np.ptp(x)) / 2
         if form.driver in joints or form.driver.startswith(("dir_", "run(")) or form.driver == "time" or not half:
-            return []  # a joint's own bend is geometry, and what comes at a time has names
+            return []  # straightness of the joint itself is geometry, and events in time have names
         return [_Driver(x, ALONE * half, float(np.median(x)), once=True)]
     if form.period is None or (form.by is not None and form.by_period is None):
         return []
