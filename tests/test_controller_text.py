@@ -15,7 +15,7 @@ from errormodel.controllers.base import Controller
 from errormodel.controllers.polarity_steps import check_of
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.text import Comment, printable
-from errormodel.controllers.thermal import EffectModel, laws_of
+from errormodel.controllers.thermal import Growth, laws_of
 from tests.setups import filled, plain_setup
 
 TABLED = sorted(n for n, kind in registry().items() if issubclass(kind, Controller))
@@ -103,7 +103,7 @@ def test_the_check_of_signs_says_the_name_in_comments_only(name: str, text: str)
 def test_a_sensors_name_changes_nothing_but_comments(text: str) -> None:
     for write in (siemens.temperature_file, isg.temperature_file):
         sensor = f"T_{text}"
-        files, plain = (write([EffectModel("X", 0.01, 1e-5, s, 21.3)]) for s in (sensor, "T_a"))
+        files, plain = (write([Growth("X", 0.01, 1e-5, s, 21.3)]) for s in (sensor, "T_a"))
         assert code(files) == code(plain)
         (law,) = [g for t in files.values() for g in laws_of(t)]
         assert (law.axis, law.offset, law.zero) == ("X", 0.01, 21.3)

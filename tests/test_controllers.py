@@ -16,7 +16,7 @@ from errormodel.controllers.base import Controller, Rewriter
 from errormodel.controllers.grids import anchored_grid, even_grid, hats
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Table, Tables, Term
-from errormodel.controllers.thermal import EffectModel, laws_of
+from errormodel.controllers.thermal import Growth, laws_of
 from errormodel.exceptions import InputError
 from tests.setups import filled, plain_setup, setups
 
@@ -69,7 +69,7 @@ def test_probe_and_temperature_files_read_back_to_the_same_correction(
     x = np.linspace(ends[0] - 1.0, ends[1] + 1.0, 100)
     for back in again.values():
         assert np.abs(back.at(x) - twist.at(x)).max() < 2e-6
-    law = EffectModel("X", *rates, "T_x.1", 21.3)
+    law = Growth("X", *rates, "T_x.1", 21.3)
     for write in (siemens.temperature_file, isg.temperature_file):
         (back_law,) = [g for text in write([law]).values() for g in laws_of(text)]
         moved, moved_again = (g.at({"T_x.1": 30.0}, x) for g in (law, back_law))
