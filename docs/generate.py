@@ -20,6 +20,8 @@ def write(folder: Path) -> list[Path]:
         "effects.md": effects(),
         "controllers.md": controllers(),
         "instruments.md": instruments(),
+        "joint_models.md": joint_models(),
+        "formats.md": formats(),
         "machine_keys.md": machine_keys(),
         "survey_keys.md": survey_keys(),
     }
@@ -110,6 +112,39 @@ def instruments() -> Iterator[str]:
     for name, kind in registry().items():
         yield from ("", f"## {name}", "", inspect.cleandoc(kind.__doc__ or ""), "")
         yield from _fields(kind)
+
+
+def joint_models() -> Iterator[str]:
+    """Every error model of a joint and what its number counts."""
+    from errormodel.joint_models import registry
+
+    yield "# Joint error models"
+    yield ""
+    yield (
+        "What `errors: {joints: ...}` in a `machine.yaml` may say of an error motion, beside `none`. Each is one class "
+        "in one file of `errormodel/joint_models/`, or comes with another package (see [how to add one]"
+        "(../extending.md))."
+    )
+    for word, kind in registry().items():
+        written = f"`{{{word}: n}}`, n the {kind.counts}" if kind.counts else f"`{word}`"
+        yield from ("", f"## {word}", "", inspect.cleandoc(kind.__doc__ or ""), "")
+        yield f"- Written: {written}"
+        yield f"- Joints: {', '.join(kind.joints)}"
+        yield f"- Source: {kind.source}"
+
+
+def formats() -> Iterator[str]:
+    """Every format of survey tables with its suffixes."""
+    from errormodel.formats import SUFFIXES, module_of
+
+    yield "# Formats of survey tables"
+    yield ""
+    yield "What a survey, or `path:` of a `survey.yaml`, may be, by its suffix; a folder of such files is one table."
+    yield ""
+    rows: dict[str, list[str]] = {}
+    for suffix in SUFFIXES:
+        rows.setdefault((inspect.getdoc(module_of(suffix)) or "").partition("\n")[0], []).append(f"`{suffix}`")
+    yield from table(("suffixes", "what they are"), ((", ".join(names), text) for text, names in rows.items()))
 
 
 def machine_keys() -> Iterator[str]:

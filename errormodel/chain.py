@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 
 from errormodel import conventions, effects
 from errormodel.arrays import Array, as_rows
+from errormodel.chain_terms import Term, column_of, constant_terms, joint_terms
 from errormodel.channels import POINT, columns
 from errormodel.conventions import FRAME, MOTIONS, TOOL, Motion
 from errormodel.exceptions import InputError, nearest
-from errormodel.joint_models import Term, constant_terms, joint_terms
 from errormodel.kernel import Kernel
 from errormodel.location_errors import LocationError, location_of
 from errormodel.machine import EffectSpec, Joint, Machine, Shape
@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
 TOOL_CHANNELS = ("tool_x", "tool_y", "tool_z")
-NOT_THE_MACHINE = ("instrument", "blunder")  # families of effects that no command can take away
 What = Literal["nominal", "actual", "design", "linearised", "terms", "levers"]
 
 
@@ -116,9 +115,7 @@ class Chain:
             if term.element not in (FRAME, TOOL, *(e.name for e in self.machine.elements)):
                 names = (e.name for e in self.machine.elements)
                 raise InputError(f"effect {spec.effect}", f"no element {term.element}", nearest(term.element, names))
-            column = ca.SX.zeros(6)
-            for motion, value in term.motion.items():
-                column[MOTIONS.index(motion)] = value
+            column = column_of(term.motion)
             label = f"{spec.effect}-{term.label}" if term.label else spec.effect
             prior = term.size if effect.random else None
             out.append((term.element, Term(next(iter(term.motion)), label, term.unit, column, prior, term.low)))
@@ -172,9 +169,9 @@ class Chain:
     @cached_property
     def instrument_ids(self) -> frozenset[str]:
         """Parameters of effects of the instrument and of mistakes in a table: nothing of the machine moves by them."""
-        families = (effects.registry()[spec.effect].family for spec in self.machine.effects)
-        pairs = zip(families, self.effect_ids, strict=True)
-        return frozenset(i for family, ids in pairs if family in NOT_THE_MACHINE for i in ids)
+        kinds = (effects.registry()[spec.effect] for spec in self.machine.effects)
+        pairs = zip(kinds, self.effect_ids, strict=True)
+        return frozenset(i for kind, ids in pairs if not kind.traits().of_machine for i in ids)
 
     @property
     def machine_ids(self) -> tuple[str, ...]:

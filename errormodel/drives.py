@@ -97,7 +97,7 @@ def check_series(frame: pd.DataFrame, machine: Machine, name: str) -> list[str]:
         cure = (
             f"Declare one joint: {{joint: {label}, type: prismatic, axis: ..., travel: [{one.travel[0]:g}, "
             f"{one.travel[1]:g}], drives: [{one.name}, {other.name}]}}; the difference of the two becomes the channel "
-            f"w_sync_{label}, which gantry-racking uses"
+            f"w_sync_{label}, by which the effect of racking is known"
         )
         found = f"{one.name} = {other.name} within {max(apart, 0.001):.2g} mm over {way:.4g} mm"
         if series is None or single is None:

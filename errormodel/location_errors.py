@@ -17,8 +17,8 @@ import casadi as ca
 import numpy as np
 
 from errormodel.arrays import Array
+from errormodel.chain_terms import joint_terms
 from errormodel.conventions import ROTATIONS, TRANSLATIONS
-from errormodel.joint_models import joint_terms
 from errormodel.machine import Joint, Machine, Shape
 
 ALONG = 0.999  # cosine of the angle to a principal direction up to which an axis lies in it

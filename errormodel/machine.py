@@ -20,7 +20,7 @@ Vector = tuple[float, float, float]
 class Basis:
     """How one error motion of a joint depends on the joint's position (``docs/file_formats.md``, section 1)."""
 
-    kind: Literal["first-order", "polynomial", "harmonic", "spline"]
+    kind: str  # the word of a model of `errormodel.joint_models`
     n: int = 1
 
 

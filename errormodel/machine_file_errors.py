@@ -8,36 +8,42 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any
 
-from errormodel.conventions import MOTIONS, ROTATIONS, TRANSLATIONS, Motion, iso_symbol, motion_of_iso
+from errormodel.conventions import MOTIONS, Motion, iso_symbol, motion_of_iso
 from errormodel.exceptions import nearest
 from errormodel.machine import Basis, Joint, Shape
 from errormodel.yamlfile import Document, Keys, shown
 
-MAX_ORDER = 50
+if TYPE_CHECKING:
+    from errormodel.joint_models.base import JointModel
 
-_FAMILIES: dict[Literal["polynomial", "harmonic", "spline"], str] = {
-    "polynomial": "powers of the position",
-    "harmonic": "harmonics of a turn",
-    "spline": "intervals of the travel",
-}
-_MODELS = ("none", "first-order", *_FAMILIES)
-_CURE = "Write none, first-order, {polynomial: 3}, {harmonic: 2} or {spline: 8}"
+LARGEST = 50  # of the number that a model may have
 _WORDS: dict[str, tuple[Motion, ...]] = {"all": MOTIONS, "none": ()}
 
 Models = dict[Motion, Basis]
 
 
-def first_order_motions(joint: Joint) -> tuple[Motion, ...]:
-    """The motions that have a first-order model: all six of a rotary joint, four of a prismatic one.
+def _models() -> Mapping[str, type[JointModel]]:
+    from errormodel.joint_models import registry
 
-    Those of a prismatic joint are the scale (the translation nearest to the axis) and the three angular rates.
-    """
-    if joint.type == "rotary":
-        return MOTIONS
-    along = max(range(3), key=lambda i: abs(joint.axis[i]))
-    return (TRANSLATIONS[along], *ROTATIONS)
+    return registry()
+
+
+def _counted() -> list[str]:
+    """Words of the models that have a number."""
+    return [word for word, model in _models().items() if model.counts]
+
+
+def _words() -> list[str]:
+    """What may stand where a model belongs."""
+    return ["none", *_models()]
+
+
+def _cure() -> str:
+    """What to write: every model as in an example."""
+    forms = [f"{{{word}: {m.example}}}" if m.counts else word for word, m in _models().items()]
+    return f"Write none, {', '.join(forms[:-1])} or {forms[-1]}"
 
 
 def read_shapes(document: Document, keys: Keys, shapes: Sequence[Shape]) -> dict[str, tuple[Motion, ...]]:
@@ -73,14 +79,14 @@ def _shape_motions(document: Document, keys: Keys) -> tuple[Motion, ...]:
 def read_joints(document: Document, keys: Keys, joints: Sequence[Joint]) -> dict[str, Models]:
     """Models of each joint by name, from the value at `keys`."""
     value = document.value_at(keys)
-    names = [joint.name for joint in joints]
-    family = isinstance(value, dict) and len(value) == 1 and next(iter(value)) in {*_FAMILIES} - {*names}
+    names, families = [joint.name for joint in joints], _counted()
+    family = isinstance(value, dict) and len(value) == 1 and next(iter(value)) in {*families} - {*names}
     if family or not isinstance(value, dict):  # one model for all joints
         return {joint.name: _spread(joint, _basis(document, keys, joint)) for joint in joints}
     for key, model in value.items():
-        near = bool(get_close_matches(key, _FAMILIES, n=1))
+        near = bool(get_close_matches(key, families, n=1))
         if key not in names and (near or isinstance(model, int | float)):  # a model of all joints, misspelt
-            raise document.error((*keys, key), f"unknown model '{key}'", f"{nearest(key, _MODELS)}. {_CURE}")
+            raise document.error((*keys, key), f"unknown model '{key}'", f"{nearest(key, _words())}. {_cure()}")
     _check_names(document, keys, "joint", names)
     return {j.name: _joint_models(document, (*keys, j.name), j) if j.name in value else {} for j in joints}
 
@@ -89,7 +95,8 @@ def _joint_models(document: Document, keys: Keys, joint: Joint) -> Models:
     value = document.value_at(keys)
     if not isinstance(value, dict):
         return _spread(joint, _basis(document, keys, joint))
-    whole = [key for key in value if key == "all" or key in _FAMILIES]
+    families = _counted()
+    whole = [key for key in value if key == "all" or key in families]
     if len(whole) > 1:
         raise document.error((*keys, whole[1]), f"a second model of all motions, after '{whole[0]}'", "Write one")
     models: Models = {}
@@ -104,7 +111,7 @@ def _joint_models(document: Document, keys: Keys, joint: Joint) -> Models:
         motion = next((m for m in MOTIONS if m == key.lower()), None) or motion_of_iso(key, joint.name)
         if motion is None:
             symbols = [iso_symbol(joint.name, m) for m in MOTIONS]
-            valid = ["all", *_FAMILIES, *(s.lower() if key.islower() else s for s in symbols)]
+            valid = ["all", *families, *(s.lower() if key.islower() else s for s in symbols)]
             raise document.error((*keys, key), f"'{key}' is no error motion of {joint.name}", nearest(key, valid))
         if motion in seen:
             found = f"a second model of {motion}, after '{seen[motion]}'"
@@ -118,19 +125,15 @@ def _joint_models(document: Document, keys: Keys, joint: Joint) -> Models:
 
 
 def _checked(document: Document, keys: Keys, joint: Joint, motion: Motion, basis: Basis) -> Basis:
-    if basis.kind == "first-order" and motion not in first_order_motions(joint):
-        scale = iso_symbol(joint.name, first_order_motions(joint)[0])
-        found = f"first-order for {motion}, a straightness of {joint.name}"
-        cure = f"Remove it: straightness comes with the angular rates; or write {{polynomial: 2}}. The scale is {scale}"
-        raise document.error(keys, found, cure)
+    model = _models()[basis.kind]
+    if motion not in model.motions(joint):
+        raise document.error(keys, *model.refused(joint, motion))
     return basis
 
 
 def _spread(joint: Joint, basis: Basis | None) -> Models:
     """One model for all motions of a joint that can have it."""
-    if basis is None:
-        return {}
-    return dict.fromkeys(first_order_motions(joint) if basis.kind == "first-order" else MOTIONS, basis)
+    return {} if basis is None else dict.fromkeys(_models()[basis.kind].motions(joint), basis)
 
 
 def _basis(document: Document, keys: Keys, joint: Joint) -> Basis | None:
@@ -138,29 +141,37 @@ def _basis(document: Document, keys: Keys, joint: Joint) -> Basis | None:
     value = document.value_at(keys)
     if value == "none":
         return None
-    if value == "first-order":
-        return Basis("first-order")
     if isinstance(value, dict) and len(value) == 1:
         family = next(iter(value))
-        if family not in _FAMILIES:
-            raise document.error((*keys, family), f"unknown model '{family}'", nearest(family, _FAMILIES))
+        if family not in _counted():
+            raise document.error((*keys, family), f"unknown model '{family}'", nearest(family, _counted()))
         return _family(document, (*keys, family), joint)
     if isinstance(value, str):
-        if value in _FAMILIES:
-            raise document.error(keys, f"'{value}' without a number", f"Write {{{value}: 3}}")
-        raise document.error(keys, f"unknown model '{value}'", f"{nearest(value, _MODELS)}. {_CURE}")
-    raise document.error(keys, shown(value), _CURE)
+        model = _models().get(value)
+        if model is None:
+            raise document.error(keys, f"unknown model '{value}'", f"{nearest(value, _words())}. {_cure()}")
+        if model.counts:
+            raise document.error(keys, f"'{value}' without a number", f"Write {{{value}: {model.example}}}")
+        return _suited(document, keys, joint, Basis(value))
+    raise document.error(keys, shown(value), _cure())
 
 
 def _family(document: Document, keys: Keys, joint: Joint) -> Basis:
     """The model whose name is the last of `keys` and whose order stands there."""
-    family, n = next(family for family in _FAMILIES if family == keys[-1]), document.value_at(keys)
-    if isinstance(n, bool) or not isinstance(n, int) or not 1 <= n <= MAX_ORDER:
-        cure = f"Write {family}: n with a whole number n from 1 to {MAX_ORDER}, the {_FAMILIES[family]}"
+    family, n = str(keys[-1]), document.value_at(keys)
+    if isinstance(n, bool) or not isinstance(n, int) or not 1 <= n <= LARGEST:
+        cure = f"Write {family}: n with a whole number n from 1 to {LARGEST}, the {_models()[family].counts}"
         raise document.error(keys, shown(n), cure)
-    if family == "harmonic" and joint.type == "prismatic":
-        raise document.error(keys, f"harmonics of the prismatic joint {joint.name}", "Write polynomial or spline")
-    return Basis(family, n)
+    return _suited(document, keys, joint, Basis(family, n))
+
+
+def _suited(document: Document, keys: Keys, joint: Joint, basis: Basis) -> Basis:
+    """The model, if the joint's type can have it."""
+    if joint.type not in _models()[basis.kind].joints:
+        others = [word for word in _counted() if joint.type in _models()[word].joints]
+        found = f"{basis.kind} of the {joint.type} joint {joint.name}"
+        raise document.error(keys, found, f"Write {' or '.join(others)}")
+    return basis
 
 
 def written_shapes(shapes: Sequence[Shape]) -> Any:
@@ -192,4 +203,4 @@ def _written_models(joint: Joint) -> Any:
 
 
 def _written_basis(basis: Basis) -> Any:
-    return "first-order" if basis.kind == "first-order" else {basis.kind: basis.n}
+    return {basis.kind: basis.n} if _models()[basis.kind].counts else basis.kind

@@ -10,7 +10,6 @@ from errormodel.machine import Joint, Shape
 from errormodel.yamlfile import Document
 
 LONGEST = 1e5  # mm: gantries for ships' hulls and wings end there
-MOST_TERMS = 8  # of a polynomial: guides need up to five
 FULL = 2 * math.pi + 1e-3
 FIFTEEN = math.radians(15)  # travels end at multiples of it
 
@@ -41,6 +40,8 @@ def _radians(value: float) -> bool:
 
 def doubts(document: Document, elements: Sequence[Joint | Shape]) -> Iterator[str]:
     """Notes on what is hardly meant, each with its line."""
+    from errormodel.joint_models import registry
+
     joints = [(i, e) for i, e in enumerate(elements) if isinstance(e, Joint)]
     for i, joint in joints:
         where = f"{document.name}, line {document.line_of(('chain', i))}, joint {joint.name}"
@@ -56,11 +57,8 @@ def doubts(document: Document, elements: Sequence[Joint | Shape]) -> Iterator[st
                 f"{math.degrees(high):g} deg; if it slides, write type: prismatic"
             )
         for motion, basis in joint.models.items():
-            if basis.kind == "polynomial" and basis.n > MOST_TERMS:
-                yield (
-                    f"{where}: polynomial: {basis.n} for {motion} wants positions at {basis.n + 1} or more places of "
-                    "the travel and swings between them; guides seldom need more than 5, waves want {spline: n}"
-                )
+            if doubt := registry()[basis.kind].doubt(basis.n, motion):
+                yield f"{where}: {doubt}"
                 break
     rotary = [joint for _, joint in joints if joint.type == "rotary"]
     largest = max((math.degrees(abs(q)) for joint in rotary for q in joint.travel), default=math.inf)

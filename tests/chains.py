@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from errormodel.chain import Chain
 from errormodel.conventions import MOTIONS, ROTATIONS, Motion
+from errormodel.joint_models.first_order import FirstOrder
 from errormodel.machine import Basis, Joint, Machine, Shape, Vector
-from errormodel.machine_file_errors import first_order_motions
 from identification.observation.models import PositionView, fixed_tool
 
 Array = NDArray[np.float64]
@@ -42,7 +42,7 @@ def joints(draw: st.DrawFn, name: str) -> Joint:
     bases += [Basis("harmonic", draw(st.integers(1, 3)))] if rotary else []
     models: dict[Motion, Basis] = {}
     for motion in draw(motions):
-        first = [Basis("first-order")] if motion in first_order_motions(bare) else []
+        first = [Basis("first-order")] if motion in FirstOrder.motions(bare) else []
         models[motion] = draw(st.sampled_from(first + bases))
     return Joint(bare.name, bare.type, bare.axis, bare.travel, models)
 

@@ -6,7 +6,6 @@ import json
 from dataclasses import replace
 from math import floor, inf, sqrt
 from pathlib import Path
-from typing import get_args
 
 import numpy as np
 import pytest
@@ -26,6 +25,7 @@ from identification.results.store import stored
 from identification.uncertainty.budget import Budget, Input, budgets_of, combine
 from identification.uncertainty.prediction import predict
 from tests.commands import MILL, done, run, write
+from tests.instrument_settings import settings_of
 from tests.surveys import measured, positions, survey
 
 MACHINE = read_machine(MILL)
@@ -122,27 +122,11 @@ def test_the_target_of_a_tracker_is_a_line_of_its_own_and_counted_once():
     np.testing.assert_allclose(seat, np.broadcast_to(4e-6 * np.eye(3), seat.shape), atol=1e-15)
 
 
-def _settings(kind: type[Instrument]) -> st.SearchStrategy[Instrument]:
-    """An instrument of a kind with any sizes, by the schema of its own fields."""
-
-    def number(schema: dict[str, object]) -> st.SearchStrategy[object]:
-        if schema.get("type") == "array":
-            most = schema.get("maxItems", 3)
-            assert isinstance(most, int)
-            return st.lists(number(dict(schema["items"])), min_size=most, max_size=most)  # type: ignore[call-overload]
-        return st.floats(1e-6, 1e-2)
-
-    fields = kind.model_json_schema()["properties"]
-    word = {"type": st.just(*get_args(kind.model_fields["type"].annotation))}
-    sizes = {name: number(schema) for name, schema in fields.items() if name != "type"}
-    return st.fixed_dictionaries(word | sizes).map(lambda values: kind(**values))
-
-
 @pytest.mark.parametrize("kind", instruments().values(), ids=lambda kind: kind.__name__)
 @settings(max_examples=20, deadline=None)
 @given(st.data())
 def test_the_sources_of_an_instrument_are_all_of_its_noise(kind: type[Instrument], data: st.DataObject):
-    instrument = data.draw(_settings(kind))
+    instrument = data.draw(settings_of(kind))
     sources, whole = instrument.sources(POINTS), instrument.covariance(POINTS)
     assert len({s.name for s in sources}) == len(sources)
     assert (whole is None) == (not sources)
@@ -160,7 +144,7 @@ def test_the_sources_of_an_instrument_are_all_of_its_noise(kind: type[Instrument
 @settings(max_examples=3, deadline=None)
 @given(st.data())
 def test_the_parts_of_every_budget_add_up_to_the_whole(kind: type[Instrument], data: st.DataObject):
-    instrument = data.draw(_settings(kind))
+    instrument = data.draw(settings_of(kind))
     table = positions(measured(MACHINE, np.zeros(len(_chain(MACHINE))), 60, 3, noise=2e-3))
     fit = fit_machine(MACHINE, _survey(table, instrument=instrument))
     std = np.sqrt(np.diag(fit.solution.covariance)) * fit.inflation

@@ -35,7 +35,7 @@ from identification.diagnosis.results.statements import causes, next_measurement
 from identification.diagnosis.results.verdict import judge
 from identification.diagnosis.search.scoring import Step
 from identification.estimation.run import fit_machine
-from tests import test_effects as battery
+from tests import effect_battery as battery
 
 NOISE = 0.003
 

@@ -1,9 +1,13 @@
-"""What a user's own package brings by an entry point works like the project's own: one file an effect, and no other."""
+"""What a user's own package brings by an entry point works like the project's own: one file each, and no other.
+
+The files are those that the documentation shows as examples.
+"""
 
 from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -12,77 +16,21 @@ import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 
-EFFECT = '''
-"""A step of the position where a coupling slips over a tooth."""
-
-from errormodel.effects.base import EffectTerm, JointEffect, along
-from errormodel.machine import joint_of
-
-
-class Slip(JointEffect):
-    """``size`` along the joint's axis beyond the position ``at`` (mm)."""
-
-    effect = "coupling-slip"
-    family = "geometric"
-    source = "a test"
-    separate = "measure across the tooth in steps of a millimetre"
-    example = {"joint": "X", "at": 100.0}
-    at: float
-
-    @property
-    def drivers(self):
-        return (self.joint,)
-
-    def terms(self, channel, machine):
-        joint = joint_of(machine, self.joint)
-        return [EffectTerm(self.joint, "", "mm", along(joint, channel(self.joint) > self.at), 0.02)]
-
-    @classmethod
-    def proposals(cls, scene):
-        for joint in scene.moving:
-            if joint.type == "prismatic":
-                low, high = joint.travel
-                for share in (0.3, 0.4, 0.5, 0.6, 0.7):
-                    yield cls(joint=joint.name, at=low + share * (high - low))
-'''
-INSTRUMENT = '''
-"""A probe that knows z better than x and y."""
-
-from typing import Literal
-
-import numpy as np
-
-from errormodel.instruments.base import Instrument, Positive, Source
+HEADINGS = {
+    "effects": "An effect",
+    "joint_models": "A joint error model",
+    "controllers": "A controller",
+    "instruments": "An instrument",
+    "formats": "A format",
+}
 
 
-class Probe(Instrument):
-    """Standard uncertainties across and along z, mm."""
-
-    type: Literal["flat-probe"] = "flat-probe"
-    across: Positive
-    along: Positive
-
-    def sources(self, points):
-        rows = np.ones((len(points), 1, 1))
-        return [
-            Source("across", self.across, "mm", rows * np.diag([1.0, 1.0, 0.0]) * self.across**2),
-            Source("along", self.along, "mm", rows * np.diag([0.0, 0.0, 1.0]) * self.along**2),
-        ]
-'''
-FORMAT = '''
-"""Tables with a bar between the cells."""
-
-from errormodel.formats.csv_file import open_table as opened
-
-SUFFIXES = (".bar",)
-
-
-def open_table(path, name):
-    table = path.with_suffix(".csv")
-    table.write_text(path.read_text().replace("|", ","))
-    return opened(table, name)
-'''
-GROUPS = {"effects": EFFECT, "instruments": INSTRUMENT, "formats": FORMAT}
+def example(heading: str) -> str:
+    """The file that the documentation shows under a heading, whole."""
+    page = (ROOT / "docs/extending.md").read_text(encoding="utf-8")
+    (section,) = re.findall(rf"^## {heading}\n(.*?)(?=^## |\Z)", page, re.MULTILINE | re.DOTALL)
+    (code,) = re.findall(r"^```python\n(.*?)^```", section, re.MULTILINE | re.DOTALL)
+    return str(code)
 
 
 @pytest.fixture(scope="module")
@@ -93,8 +41,8 @@ def elsewhere(tmp_path_factory: pytest.TempPathFactory) -> Path:
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: shop-floor\nVersion: 1.0\n")
     lines = []
-    for group, text in GROUPS.items():
-        (folder / f"shop_{group}.py").write_text(text)
+    for group, heading in HEADINGS.items():
+        (folder / f"shop_{group}.py").write_text(example(heading))
         lines.append(f"[errormodel.{group}]\nmine = shop_{group}\n")
     (info / "entry_points.txt").write_text("\n".join(lines))
     return folder
@@ -108,6 +56,16 @@ def run(elsewhere: Path, *words: object) -> str:
         cwd=elsewhere, capture_output=True, text=True, check=False, env={**os.environ, "PYTHONPATH": paths},
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def reference(elsewhere: Path, page: str) -> str:
+    """A page of reference as the documentation writes it, with that package installed."""
+    program = f"import sys; sys.path.insert(0, 'docs'); import generate; print(*generate.{page}(), sep='\\n')"
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(elsewhere), str(ROOT)])}
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True, env=environment
+    )
     return done.stdout
 
 
@@ -130,12 +88,7 @@ def test_a_package_of_the_users_brings_an_effect(elsewhere: Path) -> None:
     slip = values["X.dx.coupling-slip"]
     assert abs(slip["value"] - 0.02) < 4 * slip["std"]
     run(elsewhere, "predict", "found", "s.csv", "--out", "p.csv")
-    program = "import sys; sys.path.insert(0, 'docs'); import generate; print(*generate.effects(), sep='\\n')"
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(elsewhere), str(ROOT)])}
-    page = subprocess.run(
-        [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True, env=environment
-    )
-    assert "### coupling-slip" in page.stdout
+    assert "### coupling-slip" in reference(elsewhere, "effects")
 
 
 def test_a_package_of_the_users_brings_an_instrument_and_a_format(elsewhere: Path) -> None:
@@ -145,3 +98,64 @@ def test_a_package_of_the_users_brings_an_instrument_and_a_format(elsewhere: Pat
     (elsewhere / "survey.yaml").write_text(f"errormodel: 1\nfiles: [{{path: data.bar}}]\ninstrument: {instrument}\n")
     run(elsewhere, "fit", "vertical_three_axis", "survey.yaml", "--out", "probed")
     assert json.loads((elsewhere / "probed/fit.json").read_text())["sigma_from"] == "declared"
+    assert "## flat-probe" in reference(elsewhere, "instruments")
+    assert ".bar" in reference(elsewhere, "formats")
+
+
+def test_a_package_of_the_users_brings_a_joint_error_model(elsewhere: Path) -> None:
+    """Described, drawn, simulated, fitted to the truth, reported, predicted, stored and in the documentation."""
+    text = (ROOT / "machines/vertical_three_axis.yaml").read_text()
+    block = "errors:\n  shapes: none\n  joints: {X: {exx: {thread: 2}}, Y: {thread: 1}, Z: first-order}\n"
+    text, count = re.subn(r"^errors:\n(?:^[ #].*\n)*", block, text, flags=re.MULTILINE)
+    assert count == 1
+    (elsewhere / "threads.yaml").write_text(text)
+    assert "X.dx.sin2" in run(elsewhere, "describe", "threads.yaml")
+    truth = {"X.dx.sin2": 0.012, "Y.dz.cos1": -0.008}
+    (elsewhere / "threads_truth.yaml").write_text(f"parameters: {json.dumps(truth)}\n")
+    words = ["--parameters", "threads_truth.yaml", "--noise", 0.001, "--out", "threads.csv"]
+    run(elsewhere, "simulate", "threads.yaml", 200, *words)
+    run(elsewhere, "fit", "threads.yaml", "threads.csv", "--out", "threads")
+    found = {p["id"]: p for p in json.loads((elsewhere / "threads/fit.json").read_text())["parameters"]}
+    for name, value in truth.items():
+        assert abs(found[name]["value"] - value) < 4 * found[name]["std"], name
+    assert "thread: 2" in (elsewhere / "threads/machine.yaml").read_text()
+    assert "thread" in (elsewhere / "threads/report.html").read_text()
+    run(elsewhere, "predict", "threads", "threads.csv", "--out", "threads_predicted.csv")
+    run(elsewhere, "diagnose", "threads.yaml", "threads.csv", "--out", "threads_diagnosed")
+    assert json.loads((elsewhere / "threads_diagnosed/diagnosis.json").read_text())["findings"] == []
+    page = reference(elsewhere, "joint_models")
+    assert "## thread" in page
+    assert "ISO 3408-3" in page
+
+
+def test_a_model_from_elsewhere_is_named_where_a_key_is_wrong(elsewhere: Path) -> None:
+    text = (ROOT / "machines/vertical_three_axis.yaml").read_text()
+    text = re.sub(r"^errors:\n(?:^[ #].*\n)*", "errors: {joints: {X: {tread: 2}}}\n", text, flags=re.MULTILINE)
+    (elsewhere / "wrong.yaml").write_text(text)
+    with pytest.raises(AssertionError, match="Did you mean 'thread'"):
+        run(elsewhere, "describe", "wrong.yaml")
+
+
+def test_a_package_of_the_users_brings_a_controller(elsewhere: Path) -> None:
+    run(elsewhere, "simulate", "vertical_three_axis", 150, "--noise", 0.001, "--seed", 3, "--out", "drives.csv")
+    run(elsewhere, "fit", "vertical_three_axis", "drives.csv", "--out", "drives")
+    assert "shop-table" in run(elsewhere, "compensate", "--controller", "list")
+    said = run(elsewhere, "compensate", "drives", "--controller", "shop-table", "--out", "tables")
+    assert "table of the shop's own drives" in said
+    assert (elsewhere / "tables/shop.tab").read_text().startswith("; machine:")
+    assert "load shop.tab" in (elsewhere / "tables/checklist.txt").read_text()
+    assert "## shop-table" in reference(elsewhere, "controllers")
+
+
+def test_the_contract_tests_run_over_what_a_package_brings(elsewhere: Path) -> None:
+    """A user's own file is held to what the project's own files are held to."""
+    words = ("coupling-slip", "thread", "shop-table", "flat-probe", ".bar")
+    files = [*(ROOT / "tests/contract").glob("test_*.py"), *(ROOT / "tests").rglob("test_effects.py")]
+    files += (ROOT / "tests").rglob("test_controllers.py")
+    chosen = " or ".join(words)
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-n", "0", "-p", "no:cacheprovider", "-k", chosen, *map(str, files)],
+        cwd=ROOT, capture_output=True, text=True, check=False,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(elsewhere), str(ROOT)])},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout[-3000:]

@@ -17,8 +17,8 @@ from errormodel import yamlfile
 from errormodel.conventions import MOTIONS
 from errormodel.effects import registry
 from errormodel.exceptions import InputError
+from errormodel.joint_models.first_order import FirstOrder
 from errormodel.machine import Basis, EffectSpec, Joint, Machine, Shape
-from errormodel.machine_file_errors import first_order_motions
 
 EXAMPLE = """\
 errormodel: 1
@@ -419,7 +419,7 @@ def joints(draw: st.DrawFn, name: str) -> Joint:
     models = draw(
         st.dictionaries(st.sampled_from(MOTIONS), st.builds(Basis, st.sampled_from(families), st.integers(1, 50)))
     )
-    models |= dict.fromkeys(draw(st.sets(st.sampled_from(first_order_motions(joint)))), Basis("first-order"))
+    models |= dict.fromkeys(draw(st.sets(st.sampled_from(FirstOrder.motions(joint)))), Basis("first-order"))
     return replace(joint, models={m: models[m] for m in MOTIONS if m in models})
 
 

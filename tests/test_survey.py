@@ -167,7 +167,7 @@ def test_bad_files(tmp_path: Path):
         read_survey(write(tmp_path, "", "s.xlsx"), MACHINE)
     with pytest.raises(InputError, match="not a readable Parquet file"):
         read_survey(write(tmp_path, "no parquet", "s.parquet"), MACHINE)
-    with pytest.raises(InputError, match=r"both Parquet and CSV"):
+    with pytest.raises(InputError, match=r"both \.csv and \.parquet"):
         read_survey(tmp_path, MACHINE)
     with pytest.raises(InputError, match="only test files"):
         read_survey(yaml(tmp_path, files="[{path: s.csv, role: test}]"), MACHINE)

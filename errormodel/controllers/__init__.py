@@ -20,6 +20,16 @@ def registry() -> Mapping[str, type[Target]]:
     return dict(sorted(found.items()))
 
 
+def instead(kind: type[Target] | None = None) -> str:
+    """What to use where a controller cannot hold the errors of a machine: words of those that hold any, with "or".
+
+    Parameters
+    ----------
+    kind : `Controller` or `Rewriter`, to have those only.
+    """
+    return " or ".join(n for n, k in registry().items() if k.general and (kind is None or issubclass(k, kind)))
+
+
 def target(name: str) -> Target:
     """The controller of that name.
 

@@ -14,8 +14,9 @@ from typing import ClassVar
 import numpy as np
 
 from errormodel.arrays import Array
+from errormodel.controllers import instead, registry
 from errormodel.controllers.dialect import Dialect
-from errormodel.controllers.klipper_probe import Gap, Probing
+from errormodel.controllers.probing import Gap, Probing
 from errormodel.controllers.setup import Axis, Setup
 from errormodel.controllers.tables import Table, Tables, Term
 from errormodel.controllers.text import Comment, Files, printable
@@ -35,6 +36,7 @@ class Target(ABC):
     title: ClassVar[str]
     source: ClassVar[str]  # where grammar and sign come from
     doubt: ClassVar[str] = ""  # what no public source says; empty: nothing
+    general: ClassVar[bool] = False  # holds any error of any machine: messages name it where another cannot
 
     @abstractmethod
     def checklist(self, setup: Setup) -> list[str]:
@@ -104,11 +106,11 @@ class Controller(Target):
     first_number : of the first axis, where files name axes by numbers; `number_form`: how they are then written.
     """
 
-    comment: ClassVar[Comment | None]
+    comment: ClassVar[Comment | None] = None
     sign_known: ClassVar[bool]
     other_sign: ClassVar[str] = ""
-    dialect: ClassVar[Dialect | None]
-    backlash_parameter: ClassVar[str]
+    dialect: ClassVar[Dialect | None] = None
+    backlash_parameter: ClassVar[str] = ""
     backlash_beside: ClassVar[str] = "leave {} as it was during the survey"  # where tables hold the backlash
     first_number: ClassVar[int | None] = None
     number_form: ClassVar[str] = "{}"
@@ -196,8 +198,9 @@ class Controller(Target):
         InputError
             It adds nothing.
         """
-        found = f"{self.title} corrects no readings"
-        raise InputError("--probe", found, "Leave it out, or use --controller klipper")
+        able = [n for n, k in registry().items() if issubclass(k, Controller) and k.probing is not Controller.probing]
+        cure = f"Leave it out, or use --controller {' or '.join(able)}"
+        raise InputError("--probe", f"{self.title} corrects no readings", cure)
 
     def quantum(self, setup: Setup) -> float:
         """Largest change (mm, deg) of a correction by writing and reading back."""
@@ -234,7 +237,8 @@ class Controller(Target):
             raise InputError(
                 f"--controller {self.name}",
                 f"{setup.machine} moves by rotary joints only, and tables of this format correct linear axes",
-                "Use --controller gcode, which corrects the commands themselves (or csv, if few axes moved)",
+                f"Use --controller {instead(Rewriter)}, which corrects the commands themselves "
+                f"(or {instead(Controller)}, if few axes moved)",
             )
         if self.lettered and setup.unsure:
             found = f"it cannot be known which axes of the controller the joints {', '.join(setup.unsure)} are"

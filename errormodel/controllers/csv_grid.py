@@ -6,7 +6,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from errormodel.controllers.base import Controller
+from errormodel.controllers import instead
+from errormodel.controllers.base import Controller, Rewriter
 from errormodel.controllers.dialect import Dialect
 from errormodel.controllers.grids import nodes
 from errormodel.controllers.setup import LARGEST, Setup
@@ -23,6 +24,7 @@ class CsvGrid(Controller):
     name: ClassVar[str] = "csv"
     title: ClassVar[str] = "plain CSV grid over all axes"
     source: ClassVar[str] = "errormodel's own"
+    general: ClassVar[bool] = True
     comment: ClassVar[Comment | None] = None
     sign_known: ClassVar[bool] = True
     dialect: ClassVar[Dialect | None] = None
@@ -37,9 +39,9 @@ class CsvGrid(Controller):
         coarse = any(COARSE * (len(g) - 1) < setup.axis(n).intervals for n, g in zip(names, grids, strict=True))
         if setup.points is None and (coarse or np.prod([len(g) for g in grids]) > LARGEST):
             raise InputError(
-                "--controller csv",
+                f"--controller {self.name}",
                 f"a grid over {len(names)} axes that follows the errors needs more than {LARGEST} nodes",
-                "Use --controller gcode, which needs no grid, or survey a smaller part of the travels",
+                f"Use --controller {instead(Rewriter)}, which needs no grid, or survey a smaller part of the travels",
             )
         return [Term(m, names, grids) for m in setup.movers]
 

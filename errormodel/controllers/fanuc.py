@@ -18,6 +18,7 @@ from typing import ClassVar
 import numpy as np
 
 from errormodel.arrays import Array
+from errormodel.controllers import instead
 from errormodel.controllers.base import Controller, header
 from errormodel.controllers.dialect import Dialect
 from errormodel.controllers.grids import spaced
@@ -237,7 +238,9 @@ class Fanuc3d(Fanuc):
         super().suits(setup)
         if len(setup.linear) != 3:
             found = f"{len(setup.linear)} linear axes that correct, and the lattice has three"
-            raise InputError(f"--controller {self.name}", found, "Use --controller fanuc-pitch or csv")
+            raise InputError(
+                f"--controller {self.name}", found, f"Use --controller {FanucPitch.name} or {instead(Controller)}"
+            )
         still = [m for m in setup.linear if m not in setup.moving]
         if still:
             found = f"errors along {' '.join(setup.linear)} are asked for, and {' '.join(still)} was not measured"

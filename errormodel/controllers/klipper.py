@@ -18,8 +18,9 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.controllers.base import header
-from errormodel.controllers.klipper_probe import Gap, Probing, probing
+from errormodel.controllers.klipper_probe import probing
 from errormodel.controllers.printers import Printer, heights_of, skew_tables, skews_of
+from errormodel.controllers.probing import Gap, Probing
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Table, Tables, Term, check_points, even_step
 from errormodel.controllers.text import Comment, Files, one_file, printable

@@ -11,13 +11,14 @@ Source: Klipper klippy/extras/axis_twist_compensation.py (a reading grows by the
 from __future__ import annotations
 
 import configparser
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.controllers.grids import nodes
+from errormodel.controllers.probing import Gap, Probing
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.text import Comment
 from errormodel.exceptions import InputError
@@ -25,9 +26,6 @@ from errormodel.exceptions import InputError
 SECTION = "axis_twist_compensation"
 KEYS = {"X": "z_compensations", "Y": "zy_compensations"}
 MOST = 33  # values a list
-
-Gap = Callable[[Array], Array]
-"""How much too high (n,) a probe's tip stands over the nozzle's, mm, at places of the bed as positions (n, axes)."""
 
 
 @dataclass(frozen=True)
@@ -44,15 +42,6 @@ class Twist:
         k = np.clip(np.floor((x - self.low) / step).astype(int), 0, len(self.values) - 2)
         share = (x - self.low) / step - k
         return np.asarray((1 - share) * self.values[k] + share * self.values[k + 1])
-
-
-@dataclass(frozen=True)
-class Probing:
-    """Files, and what is left of a probe's error: root mean square and worst, um, before and after, mean taken off."""
-
-    files: Mapping[str, str]
-    before_um: tuple[float, float]
-    after_um: tuple[float, float]
 
 
 def probing(setup: Setup, gap: Gap) -> Probing:

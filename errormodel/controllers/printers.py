@@ -7,6 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from errormodel.controllers import instead
 from errormodel.controllers.base import Controller
 from errormodel.controllers.dialect import Dialect
 from errormodel.controllers.setup import Setup
@@ -28,7 +29,7 @@ class Printer(Controller):
         super().suits(setup)
         if not {"X", "Y"} <= {*setup.linear}:
             found = f"corrections by {', '.join(setup.movers)}; the firmware wants linear axes X, Y (and Z)"
-            raise InputError(f"--controller {self.name}", found, "Use --controller csv or gcode")
+            raise InputError(f"--controller {self.name}", found, f"Use --controller {instead()}")
 
     def own_check(self, setup: Setup, tables: Tables) -> dict[str, str]:
         return {}  # the sign is public, and no indicator fits a nozzle

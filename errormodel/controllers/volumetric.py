@@ -13,6 +13,7 @@ import numpy as np
 
 from errormodel import conventions
 from errormodel.arrays import Array
+from errormodel.controllers import instead
 from errormodel.controllers.base import Controller
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Term
@@ -39,7 +40,7 @@ class Volumetric(Controller):
             raise InputError(
                 f"--controller {self.name}",
                 f"corrections by {', '.join(setup.movers)}; the kernel wants three linear axes X, Y and Z",
-                "Use --controller csv or gcode",
+                f"Use --controller {instead()}",
             )
         self.senses(setup)
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, ClassVar, TypeVar
+from typing import TYPE_CHECKING, Annotated, ClassVar, TypeVar
 
 from errormodel import conventions
 from errormodel.arrays import Array
-from errormodel.effects.base import Channels, Effect, EffectTerm
+from errormodel.effects.base import FIXED, Channels, Effect, EffectTerm
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.machine import Machine
 from errormodel.survey_columns import MEASURED, TOOL
@@ -32,8 +32,8 @@ class AxisBlunder(Effect):
     example: ClassVar[Mapping[str, object]] = {"column": "X", "factor": -1.0}
 
     column: str
-    factor: float = 1.0
-    offset: float = 0.0
+    factor: Annotated[float, FIXED] = 1.0
+    offset: Annotated[float, FIXED] = 0.0
     swap: str = ""
 
     @property

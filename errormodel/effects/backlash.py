@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import ClassVar
 
 from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect, along
@@ -23,6 +23,9 @@ class Backlash(JointEffect):
     @property
     def drivers(self) -> tuple[str, ...]:
         return (f"dir_{self.joint}",)
+
+    def reversal(self, values: Sequence[float]) -> tuple[float, float]:
+        return values[0], values[0]
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         joint = joint_of(machine, self.joint)

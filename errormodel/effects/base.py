@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
@@ -17,6 +17,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict
 
 from errormodel.conventions import Motion
+from errormodel.effects.families import FAMILIES, Traits
 from errormodel.effects.ops import Value
 from errormodel.machine import Joint, Machine
 
@@ -51,23 +52,70 @@ class EffectTerm:
     low: float = -math.inf
 
 
+@dataclass(frozen=True)
+class ShapeParameter:
+    """What a numeric field of an effect is: metadata of its annotation, as in ``Annotated[float, PLACE]``.
+
+    A field of type ``float`` that says nothing is a positive shape parameter in the unit of the first driver. A field
+    of another type (``float | None`` too) is none unless it says so.
+
+    Attributes
+    ----------
+    unit : of the field; empty: that of the effect's first driver (mm, rad or s).
+    place : whether it is a position along the first driver, of any sign. The posterior then moves it evenly over what
+        was measured; any other it moves in its logarithm.
+    searched : whether the diagnosis moves it off the grid of the proposals, to where it fits best.
+    sampled : whether the posterior may have it as an unknown.
+    said : whether a finding's sentence states it, by the name of its field.
+    """
+
+    unit: str = ""
+    place: bool = False
+    searched: bool = True
+    sampled: bool = True
+    said: bool = True
+
+
+PLACE = ShapeParameter(place=True)
+FIXED = ShapeParameter(searched=False, sampled=False, said=False)
+"""Of a number that is given, not found: an origin, a scale, a date."""
+
+
 class Effect(BaseModel, ABC):
     """Base of all effects. A new one is one class in one file of this package; it is found by itself.
 
-    Periodic effects also have a ``period`` (mm or rad), a field or a property.
+    All that others know of an effect stands on its class; what has a default here need not be given. Fields of these
+    names mean the same in every effect, and findings put them in words: ``period`` (mm or rad; a property will do) of
+    what repeats, ``at`` and ``width`` of a place, ``edge`` of a switch, ``sensor`` and ``minus`` of a temperature and
+    what it is the excess over, ``tau`` of a lag (s), ``motion`` of the error motion that moves, ``load_joint`` or
+    ``by`` of a second channel.
+
+    Attributes
+    ----------
+    effect : its word in files and findings.
+    family : physics it belongs to; see :mod:`errormodel.effects.families` for what that implies.
+    source : where form and sizes come from.
+    alike : words of effects that can look the same.
+    separate : the measurement that tells it from these; findings recommend it.
+    example : its keys as in ``machine.yaml``.
+    empirical : whether it is a form without physics, which names nothing.
+    flexible : whether it is physics that can follow any smooth curve.
+    shape : a field that `terms` also takes as an array, (n, 1) for n values at once.
+    cause : fields that say what drives it, not what moves: the diagnosis tries two causes of one movement.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    effect: ClassVar[str]  # its word in files and findings
+    effect: ClassVar[str]
     family: ClassVar[str]
-    source: ClassVar[str]  # where form and sizes come from
-    alike: ClassVar[tuple[str, ...]] = ()  # effects that can look the same
-    separate: ClassVar[str]  # the measurement that tells them apart
-    example: ClassVar[Mapping[str, object]]  # as in machine.yaml, on the machine of the test battery
-    empirical: ClassVar[bool] = False  # a form, not a physics: names nothing
-    flexible: ClassVar[bool] = False  # physics of no form of its own: follows any smooth curve
-    shape: ClassVar[str] = ""  # a field that `terms` also takes as an array, (n, 1) for n values at once
+    source: ClassVar[str]
+    alike: ClassVar[tuple[str, ...]] = ()
+    separate: ClassVar[str]
+    example: ClassVar[Mapping[str, object]]
+    empirical: ClassVar[bool] = False
+    flexible: ClassVar[bool] = False
+    shape: ClassVar[str] = ""
+    cause: ClassVar[frozenset[str]] = frozenset({"sensor", "minus", "tau", "start"})
 
     @property
     @abstractmethod
@@ -100,6 +148,59 @@ class Effect(BaseModel, ABC):
         return list(asked)
 
     @classmethod
+    def traits(cls) -> Traits:
+        """What it has in common with its family."""
+        return FAMILIES.get(cls.family, Traits())
+
+    @classmethod
+    def shapes(cls) -> Mapping[str, ShapeParameter]:
+        """Its shape parameters by field, in the order in which the diagnosis searches them."""
+        out = {}
+        for name, field in cls.model_fields.items():
+            said = next((m for m in field.metadata if isinstance(m, ShapeParameter)), None)
+            kind = said or (ShapeParameter() if field.annotation is float else FIXED)
+            if kind is not FIXED:
+                out[name] = kind
+        return out
+
+    @classmethod
+    def same_parameter(cls) -> frozenset[str]:
+        """Fields in which two effects may differ and still have one and the same parameter, such as an expansion."""
+        return cls.cause
+
+    def unit_of_shape(self, name: str, machine: Machine) -> str:
+        """Unit of a shape parameter: its own, or that of the first driver."""
+        if unit := self.shapes()[name].unit:
+            return unit
+        joint = next((j for j in machine.joints if j.name == self.drivers[0]), None)
+        if joint is None:
+            return "s" if self.drivers[0] == "time" else "mm"
+        return "rad" if joint.type == "rotary" else "mm"
+
+    @classmethod
+    def unresolved(cls, scene: Scene, joint: Joint) -> str:
+        """Why positions of the joint as far apart as a survey's would show it as something else; empty: they do not.
+
+        Asked for findings along a joint: the name is then uncertain, and the sentence is added to the finding's.
+        """
+        return ""
+
+    def reversal(self, values: Sequence[float]) -> tuple[float, float] | None:
+        """What the position along (about) its joint's axis gains by turning round, at both ends of the travel.
+
+        A control holds it in its parameter of backlash. None: it is no such effect.
+
+        Parameters
+        ----------
+        values : of its parameters, in the order of a chain's identities of them.
+
+        Returns
+        -------
+        At the lower and at the upper end, mm or rad; positive where the joint is ahead in its direction of travel.
+        """
+        return None
+
+    @classmethod
     def bounds(cls, name: str) -> tuple[float, float]:
         """Least and greatest value of a field."""
         limits = cls.model_fields[name].metadata
@@ -123,7 +224,7 @@ class Effect(BaseModel, ABC):
 
     @property
     def key(self) -> tuple[object, ...]:
-        """The same for all shapes of one effect at one place: of these only the best counts."""
+        """The same for all shapes of one effect at one place: their evidence is integrated over the shapes."""
         return (self.effect, self.where, self.drivers)
 
 

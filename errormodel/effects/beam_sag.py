@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from itertools import product
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 from pydantic import Field
 
-from errormodel.effects.base import Channels, Effect, EffectTerm
+from errormodel.effects.base import Channels, Effect, EffectTerm, ShapeParameter
 from errormodel.effects.ops import fmax
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import across, bending, joint_as
@@ -31,7 +31,8 @@ class BeamSag(Effect):
 
     joint: str  # that travels along the beam
     motion: Translation | None = None  # None: dz, or dy of a beam along z
-    exponent: float = Field(2.0, ge=1, le=3)  # 1.2 dead weight, 2 travelling load, 3 clamped ends: no ends are stiffer
+    # 1.2 dead weight, 2 travelling load, 3 clamped ends: no ends are stiffer
+    exponent: Annotated[float, ShapeParameter("1", said=False)] = Field(2.0, ge=1, le=3)
 
     @property
     def where(self) -> str:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 
 from errormodel.conventions import MOTIONS, Motion, unit_of
-from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect
+from errormodel.effects.base import PLACE, Channels, Effect, EffectTerm, JointEffect
 from errormodel.effects.ops import fmax
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.travel import length, usual_size
@@ -28,7 +28,7 @@ class ContactKnee(JointEffect):
     example: ClassVar[Mapping[str, object]] = {"joint": "X", "motion": "dz", "at": 1400.0}
 
     motion: Motion
-    at: float  # mm or rad
+    at: Annotated[float, PLACE]  # mm or rad
     side: Literal["above", "below"] = "above"
 
     @property

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
-from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect, along
+from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect, ShapeParameter, along
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import Positive, frequencies, joint_as, resolved, waves
 from errormodel.machine import Machine
@@ -25,7 +25,7 @@ class GearCyclic(JointEffect):
     example: ClassVar[Mapping[str, object]] = {"joint": "B", "per_turn": 90.0}
     shape: ClassVar[str] = "per_turn"
 
-    per_turn: Positive
+    per_turn: Annotated[Positive, ShapeParameter("1", sampled=False, said=False)]
 
     @property
     def drivers(self) -> tuple[str, ...]:

@@ -108,9 +108,7 @@ def curve(joint: Joint, q: Value, every: float) -> Iterator[Value]:
 
 def declared(joint: Joint, motion: Motion) -> int:
     """Highest polynomial degree (prismatic) or harmonic (rotary) that the machine's model of a motion has."""
+    from errormodel.joint_models import registry
+
     basis = joint.models.get(motion)
-    if basis is None:
-        return 0
-    if joint.type == "rotary":
-        return basis.n if basis.kind == "harmonic" else 0
-    return basis.n + 3 if basis.kind == "spline" else basis.n
+    return 0 if basis is None else registry()[basis.kind].order(joint, basis.n)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from itertools import product
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
 from errormodel.conventions import MOTIONS, Motion, unit_of
-from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect
+from errormodel.effects.base import PLACE, Channels, Effect, EffectTerm, JointEffect
 from errormodel.effects.ops import exp
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import Positive
@@ -33,7 +33,7 @@ class LocalDefect(JointEffect):
     shape: ClassVar[str] = "at"
 
     motion: Motion
-    at: float  # mm or rad
+    at: Annotated[float, PLACE]  # mm or rad
     width: Positive
 
     @property

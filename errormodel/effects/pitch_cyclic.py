@@ -8,10 +8,11 @@ from typing import ClassVar
 
 from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect, along
 from errormodel.effects.search_space.survey_summary import Scene
-from errormodel.effects.shared import Positive, joint_as, periods, waves
-from errormodel.machine import Machine
+from errormodel.effects.shared import Positive, joint_as, periods, resolved, waves
+from errormodel.machine import Joint, Machine
 
 SHORTEST = 4.0  # period, mm
+LEAD = 10.0  # mm: the usual one
 PERIODS = 50  # may fit into any travel: those of a small machine are shorter
 
 
@@ -31,6 +32,17 @@ class PitchCyclic(JointEffect):
     @property
     def drivers(self) -> tuple[str, ...]:
         return (self.joint,)
+
+    @classmethod
+    def unresolved(cls, scene: Scene, joint: Joint) -> str:
+        """Between targets that are far apart a lead passes unseen, and what is seen of it looks slower."""
+        least = resolved(scene, joint, SHORTEST)
+        if joint.type != "prismatic" or least <= LEAD:
+            return ""
+        return (
+            f"Targets so far apart show no wave shorter than {least:.0f} mm: what repeats with the lead of a screw or "
+            "the pitch of a scale would look the same."
+        )
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         joint = joint_as(machine, self.joint, "prismatic", self.effect)

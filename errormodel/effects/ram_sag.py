@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from itertools import product
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 from pydantic import Field
 
-from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect
+from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect, ShapeParameter
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import across, bending, joint_as
 from errormodel.effects.travel import (
@@ -40,7 +40,8 @@ class RamSag(JointEffect):
 
     motion: Translation | None = None  # None: dz, or dy of a ram along z
     retracted: End | None = None  # end of travel at which the ram is in; None: that further from the tool's side
-    exponent: float = Field(3.0, ge=1.5, le=4.5)  # 2 end moment, 3 weight at the end, 4 own weight
+    # 2 end moment, 3 weight at the end, 4 own weight
+    exponent: Annotated[float, ShapeParameter("1", said=False)] = Field(3.0, ge=1.5, le=4.5)
 
     @property
     def drivers(self) -> tuple[str, ...]:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
-from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect, along
+from errormodel.effects.base import FIXED, Channels, Effect, EffectTerm, JointEffect, along
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import STEEL, Lag, joint_as, lags, thermal, warmth
 from errormodel.machine import Machine
@@ -28,7 +28,12 @@ class ScaleExpansion(JointEffect):
     sensor: str
     minus: str | None = None
     tau: Lag = 0.0
-    anchor: float = 0.0
+    anchor: Annotated[float, FIXED] = 0.0
+
+    @classmethod
+    def same_parameter(cls) -> frozenset[str]:
+        """An expansion is the same wherever the scale is held."""
+        return cls.cause | {"anchor"}
 
     @property
     def drivers(self) -> tuple[str, ...]:

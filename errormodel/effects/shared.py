@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from errormodel.conventions import ROTATIONS, TRANSLATIONS, Motion
-from errormodel.effects.base import Channels
+from errormodel.effects.base import Channels, ShapeParameter
 from errormodel.effects.ops import Value, atan2, cos, cubic, exp, fmax, fmin, sin
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.exceptions import InputError
 from errormodel.machine import Joint, Machine, joint_of
 
 Positive = Annotated[float, Field(gt=0)]
-Lag = Annotated[float, Field(ge=0)]  # s; 0: none
+Lag = Annotated[float, Field(ge=0), ShapeParameter("s", said=False)]  # 0: none
 Rotation = Literal["ea", "eb", "ec"]
 
 REFERENCE = 20.0  # degC, ISO 1

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import ClassVar, Self
+from typing import Annotated, ClassVar, Self
 
 import numpy as np
 from pydantic import model_validator
 
 from errormodel.conventions import FRAME, MOTIONS, TRANSLATIONS, unit_of
-from errormodel.effects.base import Channels, Effect, EffectTerm
+from errormodel.effects.base import PLACE, Channels, Effect, EffectTerm
 from errormodel.effects.ops import fmax, fmin
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.machine import Machine
@@ -31,7 +31,7 @@ class StationShift(Effect):
     separate: ClassVar[str] = "fixed targets on the floor, measured before and after"
     example: ClassVar[Mapping[str, object]] = {"at": 1800.0}
 
-    at: float | None = None  # s
+    at: Annotated[float | None, PLACE] = None  # s
     run: str | None = None
     turned: bool = True
 

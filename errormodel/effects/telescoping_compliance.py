@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from itertools import product
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 from pydantic import Field
 
-from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect
+from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect, ShapeParameter
 from errormodel.effects.ops import fmax
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import Rotation, across, joint_as
@@ -43,7 +43,8 @@ class TelescopingCompliance(JointEffect):
     motion: Rotation | None = None  # None: that of a sag along dz, or dy of a joint along z
     load_joint: str | None = None  # whose position makes the moment (-1 to 1 for u); None: the joint's own
     retracted: End | None = None  # end of travel with the longest overlap; None: that further from the tool's side
-    overlap: float | None = Field(None, gt=0)  # mm, retracted; None: 1.5 times the travel
+    # mm, retracted; None: 1.5 times the travel
+    overlap: Annotated[float | None, ShapeParameter(said=False)] = Field(None, gt=0)
 
     @property
     def drivers(self) -> tuple[str, ...]:

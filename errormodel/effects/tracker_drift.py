@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 from pydantic import Field
 
 from errormodel.conventions import FRAME, MOTIONS, TRANSLATIONS, unit_of
-from errormodel.effects.base import Channels, Effect, EffectTerm
+from errormodel.effects.base import FIXED, Channels, Effect, EffectTerm, ShapeParameter
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import settling, start_of
 from errormodel.machine import Machine
@@ -24,9 +24,9 @@ class TrackerDrift(Effect):
     separate: ClassVar[str] = "measure fixed targets on the floor again and again between the positions"
     example: ClassVar[Mapping[str, object]] = {"duration": 7200.0}
 
-    start: float = 0.0  # s
-    duration: float = Field(3600.0, gt=0)  # s
-    tau: float = Field(0.0, ge=0)  # s; 0: even drift
+    start: Annotated[float, FIXED] = 0.0  # s
+    duration: Annotated[float, FIXED] = Field(3600.0, gt=0)  # s
+    tau: Annotated[float, ShapeParameter("s")] = Field(0.0, ge=0)  # s; 0: even drift
 
     @property
     def where(self) -> str:

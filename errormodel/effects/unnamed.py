@@ -10,7 +10,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field
 
 from errormodel.conventions import ROTATIONS, Motion, unit_of
-from errormodel.effects.base import Channels, Effect, EffectTerm
+from errormodel.effects.base import FIXED, Channels, Effect, EffectTerm, ShapeParameter
 from errormodel.effects.ops import Value, sin, sqrt
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.search_space.unnamed_grid import lattice
@@ -19,6 +19,7 @@ from errormodel.effects.travel import legendre, usual_size
 from errormodel.machine import Machine
 
 Form = Literal["affine", "linear", "square", "cubic"]
+SEARCHED = ShapeParameter(said=False)
 SHARP = 0.02  # of an amplitude: an edge takes a little way, so that a model has a slope everywhere
 ORDER = {"affine": (0, 1), "linear": (1,), "square": (1, 2), "cubic": (1, 2, 3)}  # affine: with a constant, beside `by`
 
@@ -44,16 +45,16 @@ class Unnamed(Effect):
     motion: Motion
     driver: str
     form: Form = "linear"
-    center: float = 0.0  # in the channel's internal unit, as half_range and period
-    half_range: Positive = 1.0
-    period: Positive | None = None  # makes it a sine and a cosine, or the curve one that repeats
-    edge: float | None = None  # where it switches upwards
+    center: Annotated[float, FIXED] = 0.0  # in the channel's internal unit, as half_range and period
+    half_range: Annotated[Positive, FIXED] = 1.0
+    period: Annotated[Positive | None, SEARCHED] = None  # makes it a sine and a cosine, or the curve one that repeats
+    edge: Annotated[float | None, SEARCHED] = None  # where it switches upwards
     by: str | None = None
     by_form: Form = "linear"
-    by_center: float = 0.0
-    by_half_range: Positive = 1.0
-    by_period: Positive | None = None
-    by_edge: float | None = None
+    by_center: Annotated[float, FIXED] = 0.0
+    by_half_range: Annotated[Positive, FIXED] = 1.0
+    by_period: Annotated[Positive | None, SEARCHED] = None
+    by_edge: Annotated[float | None, SEARCHED] = None
     pieces: Annotated[int, Field(ge=2, le=16)] | None = None
     size: Positive | None = None  # None: that of usual error motions
 
@@ -69,6 +70,12 @@ class Unnamed(Effect):
     def key(self) -> tuple[object, ...]:
         """Each motion is a place; waves apart from polynomials: a period is a shape of the ones only."""
         return (*super().key, self.motion, self.period is None, self.by_period is None, self.pieces is None)
+
+    @classmethod
+    def shapes(cls) -> Mapping[str, ShapeParameter]:
+        """Periods first: an edge means nothing before its wave is found."""
+        own = super().shapes()
+        return {name: own[name] for name in sorted(own, key=lambda name: not name.endswith("period"))}
 
     @property
     def random(self) -> bool:

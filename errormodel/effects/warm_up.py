@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar, Literal, Self
 from pydantic import Field, model_validator
 
 from errormodel.conventions import MOTIONS, TRANSLATIONS, Motion, unit_of
-from errormodel.effects.base import Channels, Effect, EffectTerm, along
+from errormodel.effects.base import FIXED, Channels, Effect, EffectTerm, along
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import (
     STEEL,
@@ -44,7 +44,7 @@ class WarmUp(Effect):
     joint: str | None = None
     element: str | None = None
     tau: Positive = 1800.0
-    start: float = 0.0
+    start: Annotated[float, FIXED] = 0.0
     motion: Motion | Literal["all"] | None = None
     degree: Annotated[int, Field(ge=0, le=8)] = 1
 

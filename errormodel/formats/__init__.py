@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 
 from errormodel.discovery import modules
 from errormodel.exceptions import InputError, nearest
@@ -13,14 +13,24 @@ from errormodel.formats.base import Table
 from errormodel.inputs import noted, noted_folder
 
 
-def _openers() -> dict[str, Callable[[Path, str], Table]]:
-    """What opens a file, by its suffix: every module of this package that has ``SUFFIXES`` and ``open_table``."""
-    found = [module for module in map(import_module, modules(__name__)) if hasattr(module, "SUFFIXES")]
-    return {suffix: module.open_table for module in found for suffix in module.SUFFIXES}
+def _by_suffix() -> dict[str, ModuleType]:
+    """Every module of this package, or from outside, that has ``SUFFIXES`` and ``open_table``; RuntimeError for two."""
+    out: dict[str, ModuleType] = {}
+    for module in map(import_module, modules(__name__)):
+        for suffix in getattr(module, "SUFFIXES", ()):
+            if suffix in out:
+                raise RuntimeError(f"{suffix} is defined twice, by {out[suffix].__name__} and {module.__name__}")
+            out[suffix] = module
+    return out
 
 
-_OPENERS = _openers()
-SUFFIXES = tuple(_OPENERS)
+_MODULES = _by_suffix()
+SUFFIXES = tuple(_MODULES)
+
+
+def module_of(suffix: str) -> ModuleType:
+    """The module that reads files of a suffix, one of `SUFFIXES`."""
+    return _MODULES[suffix]
 
 
 def open_tables(path: Path, name: str) -> list[Table]:
@@ -51,10 +61,10 @@ def open_tables(path: Path, name: str) -> list[Table]:
 
 def _open(path: Path, name: str) -> Table:
     noted(path)
-    opener = _OPENERS.get(path.suffix.lower())
-    if opener is None:
+    module = _MODULES.get(path.suffix.lower())
+    if module is None:
         raise InputError(name, f"a file of type '{path.suffix}'", f"Write the table as one of {', '.join(SUFFIXES)}")
-    table: Table = opener(path, name)
+    table: Table = module.open_table(path, name)
     return table
 
 
@@ -66,7 +76,8 @@ def _parts(folder: Path, name: str) -> list[Path]:
         surveys = [p.name for p in visible if p.suffix.lower() in (".yaml", ".yml")]
         cure = f"Give {name.rstrip('/')}/{surveys[0]}" if surveys else f"Put the parts there: {', '.join(SUFFIXES)}"
         raise InputError(name, "a folder without a table in it", cure)
-    modules = {_OPENERS[p.suffix.lower()] for p in parts}
-    if len(modules) > 1:  # most likely the same data twice
-        raise InputError(name, "a folder with both Parquet and CSV files", "Keep one kind there")
+    kinds = {_MODULES[p.suffix.lower()] for p in parts}
+    if len(kinds) > 1:  # most likely the same data twice
+        found = f"a folder with both {' and '.join(sorted({p.suffix.lower() for p in parts}))} files"
+        raise InputError(name, found, "Keep one kind there")
     return sorted(parts, key=lambda p: ([int(t) if t.isdigit() else t for t in re.split(r"(\d+)", p.name)], p.name))

@@ -10,4 +10,4 @@ from errormodel.instruments.base import LengthDependent
 class CoordinateMeasuringMachine(LengthDependent):
     """A coordinate measuring machine."""
 
-    type: Literal["cmm"]
+    type: Literal["cmm"] = "cmm"

@@ -10,4 +10,4 @@ from errormodel.instruments.base import LengthDependent
 class Interferometer(LengthDependent):
     """An interferometer; what it does not measure is empty in the survey."""
 
-    type: Literal["interferometer"]
+    type: Literal["interferometer"] = "interferometer"

@@ -14,7 +14,7 @@ from errormodel.yamlfile import Vector3
 class LaserTracker(Instrument):
     """A tracker at a station; its own keys are in mm and rad, whatever ``units`` says of the data."""
 
-    type: Literal["laser-tracker"]
+    type: Literal["laser-tracker"] = "laser-tracker"
     station: Vector3 = Field([0.0, 0.0, 0.0], description="[x, y, z] of the tracker in the measuring frame, mm")
     range: Pair = Field(
         description="[a, b] of the standard uncertainty hypot(a, b r) in mm and mm/mm (k = 1), such as [0.5e-3, 3.0e-6]"

@@ -10,4 +10,4 @@ from errormodel.instruments.base import LengthDependent
 class Profiler(LengthDependent):
     """A profile sensor."""
 
-    type: Literal["profiler"]
+    type: Literal["profiler"] = "profiler"

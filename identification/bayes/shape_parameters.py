@@ -19,7 +19,6 @@ from errormodel import effects
 from errormodel.arrays import Array
 from errormodel.effects.base import Effect
 from identification.diagnosis.linear.linear_model import LinearModel, set_up
-from identification.diagnosis.search.shape_fit import SHAPES
 from identification.estimation.result import Fit
 from identification.observation.models import PositionView
 
@@ -81,7 +80,7 @@ def shape_interpolations(fit: Fit) -> tuple[tuple[ShapeInterpolation, ...], tupl
     seen = any(isinstance(v, PositionView) for v in fit.problem.views)
     for number, spec in enumerate(fit.chain.machine.effects):
         effect = effects.make(spec)
-        names = tuple(n for n in SHAPES if n != "per_turn" and n in type(effect).model_fields and _shaped(effect, n))
+        names = tuple(name for name, kind in effect.shapes().items() if kind.sampled and _shaped(effect, name))
         if not names or effect.random:
             continue
         shape = _interpolated(fit, number, effect, names) if seen else None
@@ -97,12 +96,12 @@ def shape_interpolations(fit: Fit) -> tuple[tuple[ShapeInterpolation, ...], tupl
 
 def _shaped(effect: Effect, name: str) -> bool:
     value = getattr(effect, name)
-    return isinstance(value, float) and (value > 0 or name == "at")
+    return isinstance(value, float) and (value > 0 or effect.shapes()[name].place)
 
 
 def _interpolated(fit: Fit, number: int, effect: Effect, names: tuple[str, ...]) -> ShapeInterpolation | None:
     linear, share = without_effect(fit, number)
-    logs = tuple(n != "at" for n in names)
+    logs = tuple(not effect.shapes()[n].place for n in names)
     start = np.array(
         [np.log(getattr(effect, n)) if log else getattr(effect, n) for n, log in zip(names, logs, strict=True)]
     )
@@ -145,7 +144,7 @@ def without_effect(fit: Fit, number: int) -> tuple[LinearModel, float]:
 
 def _limits(linear: LinearModel, effect: Effect, name: str, start: float) -> tuple[float, float]:
     """How far a shape may move, as moved: what its field allows, and what the survey covers."""
-    if name == "at":
+    if effect.shapes()[name].place:
         values = linear.channel(effect.drivers[0])
         return float(values.min()), float(values.max())
     low, high = start - WIDEST, start + WIDEST

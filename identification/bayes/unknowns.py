@@ -72,7 +72,7 @@ def coordinates_of(fit: Fit, statistics: Statistics, prior: Prior) -> tuple[Coor
             scale = float(shape.high[k] - shape.low[k]) / 14  # the interval ends 7 standard deviations out
             low, high = shape.low[k], shape.high[k]
             bounds = (float(np.exp(low)), float(np.exp(high))) if shape.logarithmic[k] else (float(low), float(high))
-            unit = _unit(fit, shape.effect.drivers[0], name)
+            unit = shape.effect.unit_of_shape(name, fit.chain.machine)
             label = f"{shape.effect.where}.{shape.effect.effect}.{name}"
             out.append(Coordinate(label, unit, float(shape.best[k]), scale, *bounds, shape.logarithmic[k]))
     tied = [n for n, ids in enumerate(fit.chain.effect_ids) if any(fit.solution.precision[_place(fit, i)] for i in ids)]
@@ -84,16 +84,6 @@ def coordinates_of(fit: Fit, statistics: Statistics, prior: Prior) -> tuple[Coor
     names = [c.name for c in out]
     # the same effect twice at one place is told apart as its parameters are
     return tuple(replace(c, name=c.name + "'" * names[:k].count(c.name)) for k, c in enumerate(out))
-
-
-def _unit(fit: Fit, driver: str, name: str) -> str:
-    """Of a shape parameter: that of what drives the effect."""
-    if name in ("tau", "exponent"):
-        return "s" if name == "tau" else "1"
-    joint = next((j for j in fit.chain.machine.joints if j.name == driver), None)
-    if joint is None:
-        return "s" if driver == "time" else "mm"
-    return "rad" if joint.type == "rotary" else "mm"
 
 
 def _place(fit: Fit, identity: str) -> int:

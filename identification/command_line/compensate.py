@@ -16,15 +16,19 @@ if TYPE_CHECKING:
 
 @command
 @click.argument("folder", type=FOLDER, required=False)
-@click.option("--controller", "name", required=True, help="Name of the controller; 'list' names them all.")
+@click.option(
+    "--controller", "name", metavar="NAME", required=True, help="Name of the controller; 'list' names them all."
+)
 @click.option("--out", type=OUT_TABLES, help="Folder for the controller's files, checklist.txt and compensation.json.")
 @click.option("--points", type=click.IntRange(2), help="Points an axis. [default: as many as the errors need]")
 @click.option("--resolution", type=float, help="Least increment of the controller in mm. [default: the format's]")
-@click.option("--program", type=FILE, help="For gcode: the programme (or CSV of commands) to rewrite.")
+@click.option("--program", type=FILE, help="The programme (or CSV of commands) to rewrite, where NAME rewrites.")
 @click.option("--dialect", help="Of --program: auto, iso, fanuc or printer. [default: auto]")
 @click.option("--offset", "offsets", multiple=True, help="Of --program: X.. or G54=X..,Y.. or H1=Z.. (mm, deg).")
 @click.option("--at", "after", multiple=True, help="Where axes stand: start=X0,Y0 or G28=Z0 or M6=stay (mm, deg).")
-@click.option("--probe", type=float, nargs=2, metavar="X Y", help="For klipper: x_offset and y_offset of [probe].")
+@click.option(
+    "--probe", type=float, nargs=2, metavar="X Y", help="Probe from the nozzle, mm, where NAME corrects its readings."
+)
 @click.option(
     "--tool", type=float, nargs=3, metavar="X Y Z", help="Tip of the tool the tables are for. [default: machine.yaml's]"
 )

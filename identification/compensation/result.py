@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from errormodel.controllers.base import Controller, Target
-from errormodel.controllers.klipper_probe import Probing
+from errormodel.controllers.probing import Probing
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Table, Tables
 from identification.compensation.advice import Advice

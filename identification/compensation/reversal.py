@@ -10,6 +10,7 @@ from errormodel.arrays import Array
 from errormodel.controllers.base import Controller
 from errormodel.controllers.setup import Reversal, Setup
 from errormodel.controllers.tables import Tables
+from errormodel.effects import make
 from identification.compensation.assessment import Correct
 from identification.compensation.field import Field
 
@@ -17,7 +18,7 @@ LEAST = 5e-4  # mm or deg: less is not written
 
 
 def reversals(field: Field, letters: Mapping[str, str]) -> dict[str, Reversal]:
-    """Reversal values of axes whose effects are backlash or lost motion (mm, deg), by axis.
+    """Reversal values of axes whose effects have one, such as backlash (mm, deg), by axis.
 
     Parameters
     ----------
@@ -27,13 +28,11 @@ def reversals(field: Field, letters: Mapping[str, str]) -> dict[str, Reversal]:
     out: dict[str, Reversal] = {}
     for spec, ids in zip(chain.machine.effects, chain.effect_ids, strict=True):
         values = [float(field.values[chain.index[i]]) for i in ids]
-        if spec.effect == "backlash":
-            ends = (values[0], values[0])
-        elif spec.effect == "lost-motion":
-            ends = (values[1], values[0] + values[1])
-        else:
+        effect = make(spec)
+        ends = effect.reversal(values)
+        if ends is None:
             continue
-        joint = next(j for j in field.joints if j.name == spec.options["joint"])
+        joint = next(j for j in field.joints if j.name == effect.where)
         unit = 180 / np.pi if joint.type == "rotary" else 1.0
         before = out.get(letters[joint.name], Reversal(0.0, 0.0))
         out[letters[joint.name]] = Reversal(before.low + unit * ends[0], before.high + unit * ends[1])

@@ -113,7 +113,7 @@ def held_out(fit: StoredFit, table: pd.DataFrame) -> Rows | None:
             continue
         q, came, tools = commands(table, fit.chain.machine)
         mask = keep.to_numpy(dtype=bool)
-        labels = frame_labels(Survey(part, "shared", (), Plain(type="plain"), Path()), fit.frame_mode)
+        labels = frame_labels(Survey(part, "shared", (), Plain(), Path()), fit.frame_mode)
         measured = 1e-3 * part[names].to_numpy(dtype=np.float64)
         left = np.empty_like(measured)
         for label in dict.fromkeys(labels):

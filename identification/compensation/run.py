@@ -12,10 +12,11 @@ import numpy as np
 from errormodel.arrays import Array
 from errormodel.chain import Chain
 from errormodel.channels import root
+from errormodel.controllers import instead
 from errormodel.controllers import target as target_of
 from errormodel.controllers.base import Controller, Rewriter, Target, read_back, written
-from errormodel.controllers.klipper_probe import Probing
 from errormodel.controllers.polarity_steps import check_of
+from errormodel.controllers.probing import Probing
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Table, Tables
 from errormodel.exceptions import InputError
@@ -175,7 +176,7 @@ def _one_state(
     ):
         joints = " and ".join(a.joint for a in setup.axes if setup.read.get(a.name))
         found = f"nothing of what was read of {joints} can be taken away by tables of this format"
-        raise InputError(f"--controller {controller.name}", found, "Use --controller csv, or siemens-cec, or gcode")
+        raise InputError(f"--controller {controller.name}", found, f"Use --controller {instead()}")
     with progress("Writing and reading them back"):
         files = written(controller, tables, setup)
         back = read_back(controller, files, setup)
@@ -258,7 +259,7 @@ def _source(controller: Target, path: Path | None, reading: Reading | None) -> t
         if path is not None or reading is not None:
             option = "--program" if path is not None else "--dialect, --offset, --at"
             found = f"{controller.title} takes tables, no programme"
-            raise InputError(option, found, "Leave it out, or use --controller gcode")
+            raise InputError(option, found, f"Leave it out, or use --controller {instead(Rewriter)}")
         return "", ""
     if path is None:
         raise InputError(f"--controller {controller.name}", "--program is missing", "Give the programme to correct")

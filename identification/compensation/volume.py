@@ -13,7 +13,7 @@ import numpy as np
 from errormodel.arrays import Array
 from errormodel.controllers.axes import axis_letters, wanted_axes
 from errormodel.controllers.grids import nodes
-from errormodel.controllers.klipper_probe import Gap
+from errormodel.controllers.probing import Gap
 from errormodel.controllers.setup import Axis, Setup
 from errormodel.controllers.tables import Term
 from identification.compensation.field import Field, directions_at_zero

@@ -8,9 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from errormodel.effects import registry
 from errormodel.effects.base import axis_motion
-from errormodel.effects.pitch_cyclic import SHORTEST, PitchCyclic
-from errormodel.effects.shared import resolved
 from errormodel.machine import EffectSpec, Machine
 from errormodel.survey import Survey
 from identification.diagnosis.linear.motions_as_points import Carried
@@ -19,7 +18,6 @@ from identification.diagnosis.results.findings import Alternative, Diagnosis, Fi
 from identification.diagnosis.results.model_discrepancy import with_form
 from identification.estimation.run import fit_machine
 
-LEAD = 10.0  # mm: the usual one
 EVEN = 0.5  # probability of a name beside one that no reading could tell from it
 
 
@@ -62,26 +60,24 @@ def _findings(part: Carried, diagnosed: Diagnosed) -> tuple[Finding, ...]:
 
 
 def _sampled(finding: Finding, part: Carried, diagnosed: Diagnosed) -> Finding:
-    """A finding along the travel of a joint that was read at few targets: what repeats with a lead looks the same."""
+    """A finding along the travel of a joint that was read at few targets: what repeats between them looks the same."""
     joint = part.machine.joints[0]
     along = joint.type == "prismatic" and axis_motion(joint) in finding.motion and finding.driver == [joint.name]
-    least = resolved(diagnosed.model.start.scene, joint, SHORTEST)
-    if not along or finding.effect == PitchCyclic.effect or least <= LEAD:
-        return finding
-    probability = min(finding.probability, EVEN)
-    other = Alternative(PitchCyclic.effect, joint.name, 0.0, False, finding.motion, finding.driver)
-    why = (
-        f"Targets so far apart show no wave shorter than {least:.0f} mm: what repeats with the lead of a screw or the "
-        "pitch of a scale would look the same."
-    )
-    text = re.sub(r"Probability [\d.]+\d", f"Probability {probability:.2f}", finding.statement)
-    return replace(
-        finding,
-        statement=f"{text} {why}",
-        probability=probability,
-        alternatives=[other, *(a for a in finding.alternatives if a.effect != PitchCyclic.effect)],
-        next_measurement=PitchCyclic.separate,
-    )
+    for kind in registry().values() if along else ():
+        why = kind.unresolved(diagnosed.model.start.scene, joint)
+        if not why or finding.effect == kind.effect:
+            continue
+        probability = min(finding.probability, EVEN)
+        other = Alternative(kind.effect, joint.name, 0.0, False, finding.motion, finding.driver)
+        text = re.sub(r"Probability [\d.]+\d", f"Probability {probability:.2f}", finding.statement)
+        finding = replace(
+            finding,
+            statement=f"{text} {why}",
+            probability=probability,
+            alternatives=[other, *(a for a in finding.alternatives if a.effect != kind.effect)],
+            next_measurement=kind.separate,
+        )
+    return finding
 
 
 def _lengths(parts: Sequence[tuple[Carried, Diagnosed]]) -> list[tuple[Carried, Diagnosed]]:

@@ -157,7 +157,7 @@ def _absent(present: set[str]) -> list[Verdict]:
     return [
         Verdict(name, "", "invisible", None, None, None, "", 1.0, reason=reason, needs=kind.separate)
         for name, kind in registry().items()
-        if name not in present and not kind.empirical and kind.family != "blunder"
+        if name not in present and not kind.empirical and kind.traits().physical
     ]
 
 

@@ -17,6 +17,7 @@ from matplotlib.patches import Rectangle
 
 from errormodel.chain import Chain
 from errormodel.conventions import MOTIONS, TRANSLATIONS
+from errormodel.joint_models import registry
 from errormodel.machine import Joint, Machine, Shape, Vector
 from identification.plots import style, symbols
 from identification.plots.space import VIEW, draw_machine
@@ -99,7 +100,8 @@ def _model(chain: Chain, joint: Joint, count: int) -> list[str]:
     symbol = {p.motion: p.symbol for p in chain.parameters if p.element == joint.name}
     halves = (TRANSLATIONS, MOTIONS[len(TRANSLATIONS) :])
     names = [line for half in halves for line in textwrap.wrap(" ".join(symbol[m] for m in half if m in symbol), 18)]
-    bases = dict.fromkeys(b.kind if b.kind == "first-order" else f"{b.kind} {b.n}" for b in joint.models.values())
+    counted = {word for word, model in registry().items() if model.counts}
+    bases = dict.fromkeys(f"{b.kind} {b.n}" if b.kind in counted else b.kind for b in joint.models.values())
     return [*names, *bases, f"{count} parameter{'s' * (count > 1)}"]
 
 

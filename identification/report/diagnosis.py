@@ -48,7 +48,7 @@ class FindingPart:
 
     @property
     def title(self) -> str:
-        word = "An effect without a name" if self.finding.effect == "unnamed" else self.finding.effect.capitalize()
+        word = "An effect without a name" if self.finding.nameless else self.finding.effect.capitalize()
         return f"{self.number}. {word} at {self.finding.where}"
 
     @property
@@ -181,7 +181,7 @@ def _probability(finding: Finding) -> str:
 
 def sure(finding: Finding) -> str:
     """How far to trust the name."""
-    if finding.effect == "unnamed":
+    if finding.nameless:
         return "none: no effect of the library fits; it is modelled by its form alone"
     p = finding.probability
     word = "sure" if p >= SURE else "likely" if p >= LIKELY else "one of several that fit about as well, see below"

@@ -15,12 +15,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 
-from errormodel import effects
+from errormodel import effects, joint_models
 from errormodel.chain import TOOL_CHANNELS, Chain
 from errormodel.channels import direction
 from errormodel.conventions import MOTIONS, ROTATIONS, TRANSLATIONS, Motion
 from errormodel.effects.base import axis_motion
-from errormodel.machine import Basis, EffectSpec, Joint, Machine
+from errormodel.effects.unnamed import Unnamed
+from errormodel.machine import EffectSpec, Joint, Machine
 from errormodel.survey import Survey
 from errormodel.survey_columns import MEASURED, SIGMA, UNCERTAINTY
 from identification.runtime.progress import Progress
@@ -115,9 +116,7 @@ def _behind(joint: Joint, q: np.ndarray, offset: np.ndarray) -> np.ndarray:
 def _turned(joint: Joint) -> Joint:
     """The joint with its rotations only; what first-order angles make of the path is none of these."""
     models = {
-        m: Basis("polynomial", 1) if b.kind == "first-order" and joint.type == "prismatic" else b
-        for m, b in joint.models.items()
-        if m in ROTATIONS
+        m: joint_models.registry()[b.kind].rotation_alone(joint, b.n) for m, b in joint.models.items() if m in ROTATIONS
     }
     return replace(joint, models=models)
 
@@ -127,7 +126,7 @@ def _zeros(joint: str, rows: pd.DataFrame, read: list[Motion]) -> Iterator[Effec
     for run in dict.fromkeys(rows["run"].astype(str)):
         for motion in read:
             if rows.loc[rows["run"].astype(str) == run, motion].notna().any():
-                yield EffectSpec("unnamed", {"element": joint, "motion": motion, "driver": f"run({run})"})
+                yield EffectSpec(Unnamed.effect, {"element": joint, "motion": motion, "driver": f"run({run})"})
 
 
 def _slopes(joint: Joint, read: list[Motion]) -> Iterator[EffectSpec]:
@@ -136,9 +135,9 @@ def _slopes(joint: Joint, read: list[Motion]) -> Iterator[EffectSpec]:
     for motion in read if joint.type == "prismatic" else ():
         model = joint.models.get(motion)
         across = motion in TRANSLATIONS and motion != axis_motion(joint)
-        if across and (model is None or model.kind == "first-order"):
+        if across and (model is None or not joint_models.registry()[model.kind].has_slope(joint, motion)):
             options = {"element": joint.name, "motion": motion, "driver": joint.name, "center": middle}
-            yield EffectSpec("unnamed", {**options, "half_range": half})
+            yield EffectSpec(Unnamed.effect, {**options, "half_range": half})
 
 
 def _effects_at(machine: Machine, joint: Joint) -> Iterator[EffectSpec]:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from errormodel.arrays import Array
+from errormodel.effects import registry
 from errormodel.effects.base import Effect
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.results.effect_size import Amount
@@ -74,6 +75,12 @@ class Finding:
     rows: list[int] | None = None
     brief: str = ""
     positive: str = ""
+
+    @property
+    def nameless(self) -> bool:
+        """Whether it is a form without physics: its word names nothing."""
+        kind = registry().get(self.effect)  # None: a finding that is no effect of a machine, such as outliers
+        return kind is not None and kind.empirical
 
     def as_json(self) -> dict[str, Any]:
         out = asdict(self)

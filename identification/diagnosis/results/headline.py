@@ -25,5 +25,5 @@ def headline(diagnosis: Diagnosis) -> str:
 
 def _named(finding: Finding) -> str:
     text = finding.brief or f"{finding.effect} at {finding.where}"
-    doubtful = finding.probability < SURE and finding.effect != "unnamed"
+    doubtful = finding.probability < SURE and not finding.nameless
     return f"{text} (the name is not sure)" if doubtful else text

@@ -12,14 +12,7 @@ import numpy as np
 
 from identification.diagnosis.search.model import EffectModel
 from identification.diagnosis.search.scoring import Step
-from identification.diagnosis.search.shape_fit import SHAPES
 from identification.estimation.result import Fit
-
-INEXACT = {
-    "thermal": 0.09, "gravity": 0.06, "periodic": 0.05, "geometric": 0.06, "instrument": 0.03, "none of these": 0.10,
-}  # fmt: skip
-"""By family, of an effect's size; what has no form (a play, a step) has none to miss. From recordings whose truth is
-known: what a fit by the best form leaves of an effect that is not of the library's form."""
 
 
 def with_form(final: Fit, model: EffectModel, first: int) -> Fit:
@@ -48,5 +41,7 @@ def _relative(step: Step) -> float:
     effect = step.effect
     if effect.random:  # bends to any form
         return 0.0
-    shapes = sum(bool(getattr(effect, name, None)) for name in SHAPES if name in type(effect).model_fields)
-    return float(np.hypot(INEXACT.get(effect.family, 0.0), np.sqrt(shapes / max(step.delta_chi2, 10.0 * (shapes + 1)))))
+    shapes = sum(bool(getattr(effect, name)) for name, kind in effect.shapes().items() if kind.trials)
+    return float(
+        np.hypot(effect.traits().form_uncertainty, np.sqrt(shapes / max(step.delta_chi2, 10.0 * (shapes + 1))))
+    )

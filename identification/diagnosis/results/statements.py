@@ -18,9 +18,9 @@ SURE = 0.7  # probability below which a name is only one of several
 HIDDEN = 0.05  # smaller shares that are collinear with the geometry are not mentioned
 SECOND = 0.5  # of what the largest motion does at the tip: a second one is mentioned if it does as much
 USUAL, LARGE = 2.0, 4.0  # physical sizes: up to there an effect is usual, up to there large
+SPOKEN = {"period", "edge", "by_edge", "at", "width", "tau"}  # shape parameters with words of their own
 MOST_TURNS = 3  # a turn: fewer are given as a period only
 PLACES = {FRAME: "the measuring frame", TOOL: "the tool", INSTRUMENT: "the instrument"}
-CAUSE = ("sensor", "minus", "tau", "start", "anchor")  # fields that say what warms, not what grows
 
 
 def statement_of(whole: Whole, machine: Machine, absorbed: float, probability: float, others: Sequence[str]) -> str:
@@ -160,7 +160,20 @@ def shape(effect: Effect, machine: Machine) -> str:
         words.append(f"as a curve of splines {position(joint, every)} apart")
     if effect.random and getattr(effect, "pieces", None):
         words.append("as a surface of splines" if getattr(effect, "by", None) else "as a curve of splines")
+    words += [
+        f"with {name.replace('_', ' ')} {_shape_value(effect, name, machine)}"
+        for name, kind in effect.shapes().items()
+        if kind.said and name not in SPOKEN and getattr(effect, name) is not None
+    ]
     return f", {', '.join(words)}" if words else ""
+
+
+def _shape_value(effect: Effect, name: str, machine: Machine) -> str:
+    """A shape parameter in its unit."""
+    unit, value = effect.unit_of_shape(name, machine), float(getattr(effect, name))
+    if unit == "s":
+        return duration(value)
+    return f"{math.degrees(value):.4g} deg" if unit == "rad" else f"{value:.4g} {'' if unit == '1' else unit}".strip()
 
 
 def _figures(whole: Whole, machine: Machine) -> Iterator[str]:
@@ -247,7 +260,7 @@ def _coefficient(value: float, std: float, unit: str, effect: Effect, machine: M
 
 def _grows(effect: Effect) -> dict[str, object]:
     """What grows, whatever warms it."""
-    return {k: v for k, v in effect.model_dump().items() if k not in CAUSE}
+    return {k: v for k, v in effect.model_dump().items() if k not in effect.same_parameter()}
 
 
 def plus_minus(value: float, std: float, unit: str) -> str:

@@ -39,7 +39,7 @@ def unseen(scene: Scene, scores: Scores, found: Collection[Effect]) -> list[Unte
     shown = set(map(variant_of, found))
     out = []
     for name, kind in sorted(registry().items()):
-        if kind.empirical or kind.family == "blunder":
+        if kind.empirical or not kind.traits().physical:
             continue
         possible: dict[Variant, list[Effect]] = {}
         for effect in kind.proposals(full_scene(scene)):

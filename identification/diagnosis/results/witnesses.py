@@ -18,7 +18,6 @@ import numpy as np
 from errormodel.arrays import Array, Index
 from errormodel.channels import root
 from errormodel.conventions import MOTIONS, ROTATIONS, Motion
-from errormodel.effects import registry
 from errormodel.effects.base import Effect, axis_motion
 from errormodel.machine import Joint, Machine
 from errormodel.units import factor, is_unit
@@ -29,7 +28,6 @@ from identification.diagnosis.search.scoring import Step
 
 ENCODER = re.compile(r"enc(oder)?\d*|scale|ruler", re.IGNORECASE)
 LEVEL = re.compile(r"(spirit)?level\d*|tilt|incl(inometer)?", re.IGNORECASE)
-DRIVES = ("reversal", "periodic", "dynamic")  # families that an encoder sees: its own growth and a lever it does not
 SEEN = 6.0  # standard errors from which a witness supports a finding
 LITTLE = 0.3  # of the predicted motion: a witness that certainly shows less contradicts the finding
 AGREES = 10.0  # Bayes factor of each supporting witness
@@ -137,7 +135,7 @@ def witness_result(linear: LinearModel, effects: Sequence[Effect], witness: Witn
     own = effects[0]
     if witness.name in {root(d) for e in effects for d in e.drivers}:
         return None
-    if witness.encoder and registry()[own.effect].family not in DRIVES and not own.empirical:
+    if witness.encoder and not own.traits().encoder_sees and not own.empirical:
         return None
     claims = _claims(linear, effects, witness)
     if len(claims) <= witness.blind:

@@ -117,18 +117,19 @@ def _tracker(station: Iterable[float], uncertainties: Iterable[float]) -> LaserT
     """A tracker by its two of the range, its angle's and its target's, in any unit, to four figures."""
     fixed, growing, angle, target = (float(f"{x:.4g}") for x in uncertainties)
     at = [float(f"{x:.6g}") for x in station]
-    return LaserTracker(type="laser-tracker", station=at, range=[fixed, growing], angle=angle, target=target)
+    return LaserTracker(station=at, range=[fixed, growing], angle=angle, target=target)
 
 
 def _note(tracker: LaserTracker, points: Array) -> str:
     away = float(np.sqrt(np.mean(np.sum((points - tracker.station) ** 2, axis=1))))
     along = np.hypot(tracker.target, np.hypot(tracker.range[0], tracker.range[1] * away))
     across = np.hypot(tracker.target, tracker.angle * away)
-    station, own = list(tracker.station), f"range: {tracker.range}, angle: {tracker.angle}, target: {tracker.target}"
+    own = f"range: {tracker.range}, angle: {tracker.angle}, target: {tracker.target}"
+    block = f"instrument: {{type: {tracker.type}, station: {list(tracker.station)}, {own}}}"
     return (
         f"the residuals are those of an instrument with a line of sight: {1e3 * along:.3g} um along it and "
         f"{1e3 * across:.3g} um across, {away:.0f} mm away. Rows are weighed by that. If it was a tracker, survey.yaml "
-        f"may say so: `instrument: {{type: laser-tracker, station: {station}, {own}}}`, better with its maker's figures"
+        f"may say so: `{block}`, better with its maker's figures"
     )
 
 

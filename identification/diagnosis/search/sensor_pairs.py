@@ -15,8 +15,6 @@ from errormodel.arrays import Array, Index
 from errormodel.effects.base import Effect
 from identification.diagnosis.linear.linear_model import LinearModel
 
-CAUSE = {"sensor", "minus", "tau", "start"}  # fields that say what warms, not what moves
-
 
 def best_pair(linear: LinearModel, effect: Effect, effects: Sequence[Effect]) -> tuple[Effect, Effect, float] | None:
     """The two causes that together explain most of an effect, the greater one first, and the log Bayes factor.
@@ -33,7 +31,7 @@ def best_pair(linear: LinearModel, effect: Effect, effects: Sequence[Effect]) ->
     family = [
         e for e in effects if type(e) is type(effect) and e.random == effect.random and _moved(e) == _moved(effect)
     ]
-    if not CAUSE & set(type(effect).model_fields) or len(family) < 2:
+    if not effect.cause & set(type(effect).model_fields) or len(family) < 2:
         return None
     columns = np.array([linear.project(linear.columns(e)[0]) for e in family])
     m, k, _ = columns.shape
@@ -59,4 +57,4 @@ def _drops(gram: Array, slope: Array, choices: Index) -> Array:
 
 
 def _moved(effect: Effect) -> dict[str, object]:
-    return effect.model_dump(exclude=CAUSE)
+    return effect.model_dump(exclude=set(effect.cause))

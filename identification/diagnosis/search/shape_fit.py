@@ -16,7 +16,6 @@ from identification.runtime.process_pool import side_by_side
 
 ROUNDED = 0.01  # log Bayes factor: round-off of scores from columns in single precision
 MAYBE = 0.5  # of the best evidence
-SHAPES = ("period", "by_period", "edge", "by_edge", "per_turn", "tau", "at", "width", "exponent", "overlap")
 
 
 def optimise_shapes(linear: LinearModel, candidates: Candidates, first: int, least: float = -np.inf) -> list[Step]:
@@ -58,8 +57,8 @@ def _optimised(candidates: Candidates, scores: Scores, linear: LinearModel, numb
         ratio, _, noise = linear.random(linear.columns(effect)[0]).best()
         effect = effect.model_copy(update={"size": float(f"{np.sqrt(ratio * noise):.3g}")})
     family = [candidates.effects[n] for n in candidates.of_key[effect.key]]
-    for name in SHAPES:
-        value = getattr(effect, name, None) if name in type(effect).model_fields else None
+    for name, kind in type(effect).shapes().items():
+        value = getattr(effect, name) if kind.trials else None
         if not isinstance(value, float) or value == 0 or effect.random:  # a curve repeats with the wave that it refines
             continue
         grid = sorted({float(getattr(e, name)) for e in family})

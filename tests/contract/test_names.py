@@ -1,0 +1,124 @@
+"""One thing is one file: no other module of the product has the name of one effect, controller, instrument or format.
+
+What others must know of a plug-in stands on its class. A list of names elsewhere is what a plug-in from outside, or the
+next one in the tree, would have to be added to.
+"""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from errormodel import formats, joint_models
+from errormodel.controllers import registry as controllers
+from errormodel.effects import registry as effects
+from errormodel.instruments import instruments
+
+ROOT = Path(__file__).resolve().parents[2]
+PRODUCT = [p for package in ("errormodel", "identification") for p in sorted((ROOT / package).rglob("*.py"))]
+
+KINDS = {
+    "effects": effects(),
+    "controllers": controllers(),
+    "instruments": instruments(),
+    "joint_models": joint_models.registry(),
+}
+# Where a name may stand outside its own file, and why.
+ALLOWED = {
+    "errormodel/gcode/codes.py": {"heidenhain"},  # a language of programmes, refused by name; not the controller
+    "errormodel/gcode/detect.py": {"heidenhain"},  # the same
+    "errormodel/effects/eccentricity.py": {"harmonic"},  # its own key, the number of the harmonic
+    "errormodel/effects/wobble.py": {"harmonic"},  # the same
+    "errormodel/effects/tracker_drift.py": {"warm-up"},  # of a tracker, in its source
+    "identification/thermal/recordings.py": {"warm-up"},  # a phase of a recording
+    "identification/planning/setup.py": {"cmm"},  # an example in the description of a key
+    "errormodel/survey_file.py": {"cmm"},  # the same
+    "errormodel/machine_file.py": {"ram-sag", "first-order"},  # the same, and what joints without an entry have
+}
+
+
+def strings(tree: ast.Module) -> Iterator[ast.Constant]:
+    """Text of a module but for docstrings, and for `alike`, by which an effect names others."""
+    silent: set[int] = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
+            silent.add(id(node.value))
+        if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name) and node.target.id == "alike":
+            silent |= {id(n) for n in ast.walk(node)}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in silent:
+            yield node
+
+
+def named(text: str, words: set[str]) -> set[str]:
+    """Words that a text is, or that stand in it: at once if they have a hyphen, which English has not."""
+    before = {word: "" if "-" in word else r"(--controller|effect:|type:) " for word in words}
+    inside = {w for w in words if re.search(rf"{before[w]}(?<![\w-]){re.escape(w)}(?![\w-])", text)}
+    return inside | ({text} & words)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_no_module_has_the_name_of_one_plug_in(kind: str) -> None:
+    home = {word: Path(inspect.getfile(found)) for word, found in KINDS[kind].items()}
+    seen = []
+    for path in PRODUCT:
+        words = {word for word, own in home.items() if own != path} - ALLOWED.get(str(path.relative_to(ROOT)), set())
+        for node in strings(ast.parse(path.read_text(encoding="utf-8"))):
+            seen += [f"{path.relative_to(ROOT)}:{node.lineno}: {word}" for word in sorted(named(node.value, words))]
+    assert seen == []
+
+
+def test_no_module_of_surveys_has_the_suffix_of_one_format() -> None:
+    """Other files may be of the same type (tables of a controller, clouds of points): those are no surveys."""
+    surveys = [p for p in PRODUCT if p.name.startswith("survey") or p.parent.name == "formats"]
+    assert len(surveys) > 5
+    own = {suffix: Path(formats.module_of(suffix).__file__ or "") for suffix in formats.SUFFIXES}
+    seen = [
+        f"{path.name}:{node.lineno}: {node.value}"
+        for path in surveys
+        for node in strings(ast.parse(path.read_text(encoding="utf-8")))
+        if node.value in own and own[node.value] != path
+    ]
+    assert seen == []
+
+
+# Plug-ins that the product itself works with, and what for. All others are known by their base class only.
+WORKED_WITH = {
+    "axis_blunder",  # a mistake in a table: put right before anything else looks at the rows
+    "clock_offset",  # the same, of its clock
+    "unnamed",  # the form by which the diagnosis states what has no name
+    "structure_drift",  # what the command for thermal models fits
+    "plain",  # the instrument of a survey that names none
+    "laser_tracker",  # a line of sight, looked for in residuals
+}
+
+
+def test_no_module_works_with_one_plug_in() -> None:
+    """No module outside a kind's own folder imports one of its files, but for the few above."""
+    home = {Path(inspect.getfile(found)) for kind in KINDS.values() for found in kind.values()}
+    files = {".".join(p.relative_to(ROOT).with_suffix("").parts): p for p in home if p.is_relative_to(ROOT)}
+    seen = []
+    for path in PRODUCT:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            target = files.get(node.module or "") if isinstance(node, ast.ImportFrom) else None
+            if target and path.parent != target.parent and target.stem not in WORKED_WITH:
+                seen.append(f"{path.relative_to(ROOT)} imports {target.stem}")
+    assert seen == []
+
+
+BASES = ["effects/base.py", "controllers/base.py", "instruments/base.py", "formats/base.py", "joint_models/base.py"]
+
+
+@pytest.mark.parametrize("base", BASES)
+def test_a_contract_imports_no_plug_in(base: str) -> None:
+    path = ROOT / "errormodel" / base
+    own = {Path(inspect.getfile(found)).stem for kind in KINDS.values() for found in kind.values()}
+    own |= {"csv_file", "parquet_file", "klipper_probe"}
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    imported = {n.module.split(".")[-1] for n in ast.walk(tree) if isinstance(n, ast.ImportFrom) and n.module}
+    assert not imported & own
