@@ -23,7 +23,7 @@ from identification.diagnosis.search.model import EffectModel, replayed
 from identification.diagnosis.search.refinement import OWN, apart, distinct
 from identification.diagnosis.search.scoring import CLEARLY, NEAR, Step, choose
 from identification.diagnosis.search.shape_fit import optimise_shapes
-from identification.runtime.process_pool import side_by_side
+from identification.runtime.parallel import parallel_map
 from identification.runtime.progress import Progress, silent
 
 SERIOUS = 7.0  # nats by which a rival may be behind
@@ -42,7 +42,7 @@ def compare_alternatives(model: EffectModel, candidates: Candidates, progress: P
         return model
     best, worth = model, log_evidence(model)
     with progress("Telling it from its rivals' side"):
-        told = side_by_side([partial(_searched_from, model.start, candidates, steps) for steps in begin])
+        told = parallel_map([partial(_searched_from, model.start, candidates, steps) for steps in begin])
     for steps in told:
         other = replayed(model.start, steps)
         value = log_evidence(other)

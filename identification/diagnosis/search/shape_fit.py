@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 
 import numpy as np
 
@@ -12,7 +11,6 @@ from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.search.candidates import Candidates, Scores
 from identification.diagnosis.search.refinement import bent
 from identification.diagnosis.search.scoring import Step
-from identification.runtime.process_pool import side_by_side
 
 ROUNDED = 0.01  # nats, in scores from columns in single precision
 MAYBE = 0.5  # of the best evidence
@@ -32,7 +30,7 @@ def optimise_shapes(linear: LinearModel, candidates: Candidates, first: int, lea
     if not ranked or ranked[0][0] < least:
         return []
     numbers = _shortlist(candidates, ranked, first)
-    steps = side_by_side([partial(_optimised, candidates, scores, linear, n, len(ranked)) for n in numbers])
+    steps = [_optimised(candidates, scores, linear, n, len(ranked)) for n in numbers]
     return [step for step in steps if step is not None]
 
 
