@@ -1,4 +1,4 @@
-"""Names for the arrays that go around, and the making of contiguous ones."""
+"""Names for the arrays that go around, and the making of contiguous ones and of rotations."""
 
 from __future__ import annotations
 
@@ -19,3 +19,15 @@ Numbers = Sequence[float] | Array
 def as_rows(*columns: NDArray[Any]) -> list[Array]:
     """Contiguous float columns, as kernels want them (a strided view would be gathered in every block)."""
     return [np.ascontiguousarray(c, dtype=np.float64) for c in columns]
+
+
+def rotation_matrix(angles: Sequence[float]) -> Array:
+    """Rotation matrix (3, 3) of turns about x, then the new y, then the new z, by angles (3,) in rad.
+
+    Most members are not turned, and for them SciPy, which takes as long to load as a command, is not needed.
+    """
+    if not any(angles):
+        return np.eye(3)
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_euler("XYZ", angles).as_matrix(), dtype=np.float64)

@@ -16,7 +16,7 @@ from itertools import permutations
 import casadi as ca
 import numpy as np
 
-from errormodel.arrays import Array
+from errormodel.arrays import Array, rotation_matrix
 from errormodel.chain_terms import joint_terms
 from errormodel.conventions import ROTATIONS, TRANSLATIONS
 from errormodel.machine import Joint, Machine, Shape
@@ -110,7 +110,7 @@ def _lines(machine: Machine) -> Iterator[_Line]:
             for motion in element.motions:
                 if motion in ROTATIONS:
                     before[f"{element.name}.{motion}"] = turn[:, ROTATIONS.index(motion)]
-            turn = turn @ _rotation(element.rotation)
+            turn = turn @ rotation_matrix(element.rotation)
             continue
         axis = turn @ np.array(element.axis)
         k = int(np.argmax(np.abs(axis)))
@@ -140,9 +140,3 @@ def _own(joint: Joint) -> tuple[dict[str, Array], frozenset[str]]:
         else:
             free.append(identity)
     return slopes, frozenset(free)
-
-
-def _rotation(angles: tuple[float, float, float]) -> Array:
-    from scipy.spatial.transform import Rotation
-
-    return np.asarray(Rotation.from_euler("XYZ", angles).as_matrix(), dtype=np.float64)

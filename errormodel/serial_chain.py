@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from errormodel.arrays import rotation_matrix
 from errormodel.machine import Joint, Shape
 from errormodel.yamlfile import Document, Keys, shown
 
@@ -65,12 +66,10 @@ def check_line(document: Document, elements: Sequence[Joint | Shape]) -> None:
 
 def directions(elements: Sequence[Joint | Shape]) -> dict[str, np.ndarray[Any, np.dtype[np.float64]]]:
     """Unit vectors of the joints in the reference's axes, by name, with all rotary joints at zero."""
-    from scipy.spatial.transform import Rotation
-
-    turn, out = Rotation.identity(), {}
+    turn, out = np.eye(3), {}
     for element in elements:
         if isinstance(element, Joint):
-            out[element.name] = turn.apply(np.array(element.axis))
+            out[element.name] = turn @ np.array(element.axis)
         else:
-            turn = turn * Rotation.from_euler("XYZ", element.rotation)
+            turn = turn @ rotation_matrix(element.rotation)
     return out

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,7 +20,6 @@ from identification.diagnosis.results.untestable import unseen
 from identification.diagnosis.search import correlated_noise as coloured
 from identification.diagnosis.search.candidates import MANY, Candidates
 from identification.estimation.run import fit_machine
-from identification.runtime import process_pool as side_by_side
 from tests.test_diagnosis_empty import empty_survey, showing
 
 GANTRY = Path(__file__).parents[1] / "machines/examples/gantry"
@@ -28,10 +28,9 @@ GANTRY = Path(__file__).parents[1] / "machines/examples/gantry"
 def test_cores_make_no_difference(monkeypatch: pytest.MonkeyPatch) -> None:
     machine = read_machine(GANTRY)
     linear = set_up(fit_machine(machine, read_survey(GANTRY / "survey.csv", machine)))
-    counts = (1, 2, 3) if side_by_side.cores() > 1 else (1,)
     found = []
-    for count in counts:
-        monkeypatch.setattr(side_by_side, "cores", lambda count=count: count)
+    for count in (1, 2, 3):
+        monkeypatch.setattr(os, "cpu_count", lambda count=count: count)
         found.append(Candidates.of(linear))
     one, *others = found
     assert len(one.effects) > MANY

@@ -56,6 +56,33 @@ def test_command_line_starts_without_heavy_imports():
     assert not HEAVY & set(done.stdout.split())
 
 
+@pytest.mark.parametrize(
+    ("words", "unused"),
+    [
+        (["describe", "vertical_three_axis"], {"scipy", "matplotlib", "GTC"}),
+        (
+            ["fit", "machines/examples/gantry", "machines/examples/gantry/survey.csv"],
+            {"identification.diagnosis.pipeline", "identification.thermal.run", "multiprocessing", "cvxpy", "emcee"},
+        ),
+    ],
+    ids=["describe", "fit"],
+)
+def test_a_command_loads_what_it_needs(words: list[str], unused: set[str], tmp_path: Path) -> None:
+    """What takes as long to load as the command to run is loaded by those that use it."""
+    out = ["--out", str(tmp_path / "out")] if words[0] == "fit" else []
+    code = (
+        "import sys; from identification.command_line.main import main; main(sys.argv[1:]); "
+        "print('loaded', *sys.modules)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, *words, *out], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    loaded = set(done.stdout.splitlines()[-1].split())
+    assert "loaded" in loaded
+    assert not unused & loaded
+
+
 def test_files_stay_short():
     lengths = {
         str(file.relative_to(ROOT)): len(file.read_text(encoding="utf-8").splitlines())

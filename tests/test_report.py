@@ -192,7 +192,8 @@ def test_effects_have_their_place(tmp_path: Path) -> None:
 
 
 def labels(figure: Figure) -> set[str]:
-    return {label for axes in figure.axes for label in (axes.get_xlabel(), axes.get_ylabel()) if label}
+    texts = [(axes.get_xlabel(), axes.get_ylabel(), *(t.get_text() for t in axes.texts)) for axes in figure.axes]
+    return {label for some in texts for label in some if label}
 
 
 FIGURES: dict[Callable[[Fit], Figure], set[str]] = {

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from errormodel.arrays import rotation_matrix
 from errormodel.conventions import ROTATIONS, TRANSLATIONS, Motion
 from errormodel.effects.base import Channels, ShapeParameter
 from errormodel.effects.ops import Value, atan2, cos, cubic, exp, fmax, fmin, sin
@@ -150,13 +151,11 @@ def members(machine: Machine) -> list[str]:
 
 def own_axes(machine: Machine) -> Mapping[str, NDArray[np.float64]]:
     """Orientation (3, 3) of each element's own axes in the reference's, all joints at zero."""
-    from scipy.spatial.transform import Rotation as Turn
-
     turn, out = np.eye(3), {}
     for element in machine.elements:
         out[element.name] = turn
         if not isinstance(element, Joint):
-            turn = turn @ Turn.from_euler("XYZ", element.rotation).as_matrix()
+            turn = turn @ rotation_matrix(element.rotation)
     return out
 
 

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import gc
 import io
 import os
 import sys
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -35,13 +33,11 @@ if TYPE_CHECKING:
     from identification.results.description import Description
     from identification.results.output_file import OutputFile
     from identification.results.results_folder import ResultsFolder
-    from identification.runtime.report_worker import Ahead
 
 STOPPED = 130  # exit code of what Ctrl-C ended: 128 and the number of SIGINT
 DRAWINGS = (".svg", ".png", ".pdf")
 MOST_POSES = 10_000_000  # simulated in one go
 MOST_PLANNED = 2000
-MOST_SENT = 200_000  # rows of a fit that is sent to another process: more would take longer than they save
 
 
 @command
@@ -216,7 +212,6 @@ def fit(
     from identification.diagnosis.data_checks.gate import passed
     from identification.estimation.run import fit_machine
 
-    elsewhere = _drawing_elsewhere()
     model = read_model(machine)
     with working("Reading"):
         data = read_survey(survey, model)
@@ -228,37 +223,15 @@ def fit(
     if bayes:
         result = with_posterior(result, lambda m: fit_machine(m, data, robust), given, document, robust, seed, out)
     show_notes(tuple(n for n in result.notes if n not in data.notes))
-    _save(result, out, elsewhere)
+    _save(result, out)
     _say_fit(result, out)
 
 
-def _drawing_elsewhere() -> Ahead:
-    """A process for the report: it loads what that takes, which is as long as a fit, while the command is at work.
-
-    What both need is to be loaded before.
-    """
-    from identification.runtime.report_worker import Ahead
-
-    return click.get_current_context().with_resource(Ahead(_load_drawing))
-
-
-def _load_drawing() -> None:
-    from identification.report import load
-
-    load()
-
-
-def _report(result: Fit, diagnosed: Diagnosed | None) -> str:
-    from identification.report import report
-
-    return report(result, diagnosed)
-
-
-def _save(result: Fit, out: ResultsFolder, elsewhere: Ahead, diagnosed: Diagnosed | None = None) -> None:
+def _save(result: Fit, out: ResultsFolder, diagnosed: Diagnosed | None = None) -> None:
     from errormodel.files import write_text_atomic
+    from identification.report import write_report
     from identification.results import store
 
-    elsewhere.begin(partial(_report, result, diagnosed), len(result.survey) < MOST_SENT)
     with out.replaced() as part:
         with working("Writing tables"):
             store.write(result, part)
@@ -269,7 +242,7 @@ def _save(result: Fit, out: ResultsFolder, elsewhere: Ahead, diagnosed: Diagnose
             if diagnosed is not None:
                 write_text_atomic(store.dumps(diagnosed.diagnosis.as_json()), part / "diagnosis.json")
         with working("Drawing the report"):
-            write_text_atomic(elsewhere.finish(), part / "report.html")
+            write_report(result, part / "report.html", diagnosed)
     show_notes(out.notes)
 
 
@@ -293,14 +266,13 @@ def diagnose(machine: str, survey: Path, out: ResultsFolder) -> None:
     from identification.command_line.text import diagnosis_lines
     from identification.diagnosis.pipeline import diagnose as stage
 
-    elsewhere = _drawing_elsewhere()
     model = read_model(machine)
     with working("Reading"):
         data = read_survey(survey, model)
     show_notes(data.notes)
     result = stage(model, data, working)
     show_notes(tuple(n for n in result.diagnosis.notes if n not in data.notes))
-    _save(result.final, out, elsewhere, result)
+    _save(result.final, out, result)
     for line in diagnosis_lines(result.diagnosis):
         say(line)
     say(f"\nReport: {out.path / 'report.html'}")
@@ -342,8 +314,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Run a command: one message and exit code 2 for wrong input, never a traceback for it."""
     if isinstance(sys.stdout, io.TextIOWrapper):  # a code page that lacks a letter of somebody's machine
         sys.stdout.reconfigure(errors="replace")
-    # thousands of effects and artists live long: looking for cycles among them as often as usual takes a tenth
-    gc.set_threshold(50_000, 50, 50)
     try:
         app(arguments, prog_name="errormodel", standalone_mode=False)
     except InputError as error:
@@ -370,19 +340,17 @@ def _fail(message: str, code: int = 2) -> None:
     sys.exit(code)
 
 
-def entry() -> NoReturn:
-    """The whole of a process: leaves at once, as taking hundreds of thousands of objects apart takes half a second."""
-    code: object = 0
+def entry() -> None:
+    """The whole of a process: `main`, and an end without a message where the reader of its output left early."""
     try:
-        main()
-    except SystemExit as stop:
-        code = stop.code
-    try:
-        sys.stdout.flush()
-        sys.stderr.flush()
+        try:
+            main()
+        finally:
+            sys.stdout.flush()
     except BrokenPipeError:
-        code = 1
-    os._exit(code if isinstance(code, int) else 0 if code is None else 1)
+        # what is still buffered goes nowhere: the interpreter would report that it cannot flush it
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(1)
 
 
 if __name__ == "__main__":

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from errormodel.location_errors import named
-from identification.diagnosis.results.findings import Alternative, Diagnosis
-from identification.diagnosis.results.headline import headline
 from identification.estimation.motions import Motions
 from identification.estimation.result import Fit, Spread
 from identification.results.description import Description
 from identification.results.parameter_table import printed
 from identification.results.store import parameters
+
+if TYPE_CHECKING:
+    from identification.diagnosis.results.findings import Alternative, Diagnosis
 
 SHOWN = 12  # outliers
 
@@ -155,6 +157,8 @@ def _outlier_lines(fit: Fit) -> Iterator[str]:
 
 def diagnosis_lines(diagnosis: Diagnosis) -> Iterator[str]:
     """The verdict, the findings as sentences, and what the data could not show."""
+    from identification.diagnosis.results.headline import headline
+
     before, after = (_held_out(s) for s in (diagnosis.baseline, diagnosis.final))
     yield headline(diagnosis)
     yield f"verdict: {diagnosis.verdict}; noise of one coordinate {diagnosis.noise_um:.2f} um"

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -55,7 +54,6 @@ from identification.diagnosis.search.scoring import Step
 from identification.estimation.result import Fit
 from identification.estimation.run import fit_machine
 from identification.observation.normal_equations import design_rows
-from identification.runtime.process_pool import side_by_side
 from identification.runtime.progress import Progress, silent
 
 
@@ -178,17 +176,11 @@ def _explained(fit: Fit, survey: Survey, changes: Sequence[Effect], progress: Pr
     effects = [*changes, *(s.effect for s in model.steps)]
     machine = fit.chain.machine
     first = len(machine.effects) + len(changes)
-
-    def fitted() -> Fit:
-        return with_form(fit_machine(_extended(machine, effects), survey), model, first) if effects else fit
-
-    def hidden() -> list[Untestable]:
-        beside = scores.beside(model.start, model.linear)
-        return unseen(model.start.scene, beside, [s.effect for s in model.steps])
-
-    jobs: list[Callable[[], Any]] = [fitted, hidden]
-    with (progress if effects else silent)("Fitting the extended machine"):
-        final, untestable = side_by_side(jobs)
+    final = fit
+    if effects:
+        with progress("Fitting the extended machine"):
+            final = with_form(fit_machine(_extended(machine, effects), survey), model, first)
+    untestable = unseen(model.start.scene, scores.beside(model.start, model.linear), [s.effect for s in model.steps])
     return _Found(fit, model, final, witnessed, untestable, scores.ranking(), first)
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from errormodel.arrays import Array, Index, Mask, as_rows
+from errormodel.arrays import Array, Index, Mask, as_rows, rotation_matrix
 from errormodel.chain import Chain, What
 from errormodel.conventions import MOTIONS, TRANSLATIONS
 from errormodel.exceptions import InputError
@@ -167,11 +167,7 @@ def build(
 
 def _assumed(survey: Survey) -> Array | None:
     """The rotation (3, 3) that the survey states for its measuring frames, if it does."""
-    if survey.frame_rotation is None:
-        return None
-    from scipy.spatial.transform import Rotation
-
-    return np.asarray(Rotation.from_euler("XYZ", survey.frame_rotation).as_matrix())
+    return None if survey.frame_rotation is None else rotation_matrix(survey.frame_rotation)
 
 
 def _rotations(survey: Survey) -> Array | None:

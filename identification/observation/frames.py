@@ -161,12 +161,15 @@ def _of_rank(a: Array, b: Array, w: Array, axes: Array, rank: int) -> Pose:
 
 
 def _kabsch(a: Array, b: Array, w: Array) -> Pose:
+    from scipy.spatial.transform import Rotation
+
     w = w**2 / (w**2).sum()
     middle_a, middle_b = w @ a, w @ b
     cross = (b - middle_b).T @ ((a - middle_a) * w[:, None])
-    cross += 1e-10 * (np.trace(cross @ cross.T) ** 0.5 + 1e-12) * np.eye(3)  # what is left open: no rotation
-    u, _, v = np.linalg.svd(cross)
-    rotation = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ v))]) @ v
+    # directions that stay where they are, of very little weight: what the points leave open is no rotation
+    still = np.full(3, 1e-10 * (float(np.linalg.norm(cross)) + 1e-12))
+    measured, nominal = (np.vstack([part, np.eye(3)]) for part in (b - middle_b, a - middle_a))
+    rotation = Rotation.align_vectors(measured, nominal, np.append(w, still))[0].as_matrix()
     return Pose(rotation, middle_b - rotation @ middle_a)
 
 
@@ -192,11 +195,12 @@ def rotation_notes(frames: Mapping[str, Pose]) -> tuple[str, ...]:
 
 def mean_rotation(rotations: Array) -> Array:
     """Chordal mean (3, 3) of rotations (n, 3, 3), as medians would have it: reweighted by distance."""
+    from scipy.spatial.transform import Rotation
+
     weights = np.ones(len(rotations))
-    mean = np.eye(3)
+    mean, each = np.eye(3), Rotation.from_matrix(rotations)
     for _ in range(10):
-        u, _, v = np.linalg.svd(np.tensordot(weights, rotations, axes=1))
-        mean = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ v))]) @ v
+        mean = each.mean(weights).as_matrix()
         distance = np.linalg.norm(rotations - mean, axis=(1, 2))
         weights = 1 / (1 + (distance / max(3.0 * float(np.median(distance)), 1e-12)) ** 2)
     return mean

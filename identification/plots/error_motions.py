@@ -44,8 +44,9 @@ def draw_error_motions(fit: Fit, joint: Joint) -> Figure:
             row = first + k
             if deviation[row].any():
                 dots = _measured(fit, joint, row)
-                axes.plot(style.shown(joint, dots[0]), factor * dots[1], ".", ms=4, mew=0,
-                          color=style.AXIS_COLOURS[k], alpha=0.6, rasterized=True)  # fmt: skip
+                if dots[0].size:
+                    axes.plot(style.shown(joint, dots[0]), factor * dots[1], ".", ms=4, mew=0,
+                              color=style.AXIS_COLOURS[k], alpha=0.6, rasterized=True)  # fmt: skip
                 middle, width = factor * value[row], 2 * factor * deviation[row]
                 axes.fill_between(along, middle - width, middle + width, color=style.AXIS_COLOURS[k], alpha=0.2, lw=0)
                 label = style.plain(iso_symbol(joint.name, MOTIONS[row]), 12)

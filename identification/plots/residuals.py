@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import FixedFormatter, FixedLocator, MaxNLocator
 
 from errormodel.arrays import Array
 from identification.estimation.result import Fit
 from identification.plots import style
 
-MOST = 1500  # dots of a panel
-LANE = 1.25  # height of a panel, inches
+MOST = 1500  # dots of a lane
+LANE = 1.25  # height of a lane, inches: x, y and z lie above each other in one panel, which is drawn in a third of the
+GAP = 0.12  # time that three take; between two lanes, inches
 
 
 def draw_residuals_by_position(fit: Fit) -> Figure:
@@ -26,13 +30,10 @@ def draw_residuals_by_position(fit: Fit) -> Figure:
     for k, joint in enumerate(joints):
         line, place = divmod(k, wide)
         position = fit.survey.table[joint.name].to_numpy(dtype=float)
-        for component, axis in enumerate("xyz"):
-            bottom = height - 0.3 - line * (3 * LANE + 0.75) - (component + 1) * LANE
-            axes = style.panel(figure, 0.65 + place * column, bottom, column - 0.2, LANE - 0.12)
-            style.dress(axes, "", f"{axis} / µm" if place == 0 else "")
-            _panel(fit, axes, style.shown(joint, position), component, limit)
-            axes.tick_params(labelbottom=component == 2, labelleft=place == 0)
-            style.dress_position(axes, joint, label=component == 2, ticks=max(3, int(1.9 * column)))
+        bottom = height - 0.3 - line * (3 * LANE + 0.75) - 3 * LANE
+        axes = style.panel(figure, 0.65 + place * column, bottom, column - 0.2, 3 * LANE - GAP)
+        _lanes(fit, axes, style.shown(joint, position), limit, labels=place == 0)
+        style.dress_position(axes, joint, ticks=max(3, int(1.9 * column)))
     _legend(figure)
     return figure
 
@@ -42,13 +43,10 @@ def draw_residuals_by_order(fit: Fit) -> Figure:
     when, label = _when(fit)
     height = 3 * LANE + 0.85
     figure = Figure(figsize=(style.WIDTH, height), facecolor="white")
-    limit = _limit(fit)
-    for component, axis in enumerate("xyz"):
-        axes = style.panel(figure, 0.65, height - 0.3 - (component + 1) * LANE, 7.2, LANE - 0.12)
-        style.dress(axes, label if component == 2 else "", f"{axis} / µm")
-        axes.margins(x=0.01)
-        _panel(fit, axes, when, component, limit)
-        axes.tick_params(labelbottom=component == 2)
+    axes = style.panel(figure, 0.65, height - 0.3 - 3 * LANE, 7.2, 3 * LANE - GAP)
+    axes.margins(x=0.01)
+    _lanes(fit, axes, when, _limit(fit), labels=True)
+    axes.set_xlabel(label, size=style.BODY, color=style.INK)
     _legend(figure)
     return figure
 
@@ -70,33 +68,56 @@ def _when(fit: Fit) -> tuple[Array, str]:
 
 
 def _limit(fit: Fit) -> float:
-    """Half the height of every panel: nearly all residuals, um; what lies beyond is drawn at the edge."""
+    """Half the height of every lane: nearly all residuals, um; what lies beyond is drawn at the edge."""
     sizes = np.abs(fit.residuals[np.isfinite(fit.residuals)])
     if not len(sizes):
         return 1.0
     return 1e3 * max(1.15 * float(np.quantile(sizes, 0.997)), 2.4 * fit.sigma_mm, 1e-6)
 
 
-def _panel(fit: Fit, axes: Axes, x: Array, component: int, limit: float) -> None:
-    """Dots, the median and the middle nine tenths in bins of equally many rows, and twice the noise."""
+def _lanes(fit: Fit, axes: Axes, x: Array, limit: float, labels: bool) -> None:
+    """Residuals x, y, z above each other, each lane from -`limit` to `limit` with a scale of its own."""
+    style.dress(axes)
+    pitch = 2 * limit * LANE / (LANE - GAP)
+    middles = [0.0, -pitch, -2 * pitch]
+    for component, middle in enumerate(middles):
+        _lane(fit, axes, x, component, limit, middle)
+        if labels:
+            axes.annotate(
+                f"{'xyz'[component]} / µm", (0, middle), (-0.55 * 72, 0), axes.get_yaxis_transform(), "offset points",
+                rotation=90, size=style.BODY, color=style.INK, va="center", annotation_clip=False,
+            )  # fmt: skip
+    axes.set_ylim(middles[-1] - limit, limit)
+    ticks = MaxNLocator(5, steps=style.STEPS).tick_values(-limit, limit)
+    ticks = [t for t in ticks if abs(t) <= limit]
+    axes.yaxis.set_major_locator(FixedLocator([m + t for m in middles for t in ticks]))
+    axes.yaxis.set_major_formatter(FixedFormatter([f"{t:.10g}".replace("-", "−") for t in ticks] * len(middles)))
+    axes.tick_params(labelleft=labels)
+
+
+def _lane(fit: Fit, axes: Axes, x: Array, component: int, limit: float, at: float) -> None:
+    """Dots, the median and the middle nine tenths in bins of equally many rows, and twice the noise; zero is `at`."""
     y = 1e3 * fit.residuals[:, component]
     use = np.isfinite(x) & np.isfinite(y)
     x, y = x[use], y[use]
     colour = style.AXIS_COLOURS[component]
-    axes.axhspan(-2e3 * fit.sigma_mm, 2e3 * fit.sigma_mm, color=style.FAINT, alpha=0.55, lw=0, zorder=0)
-    axes.axhline(0, color=style.MUTED, lw=0.7)
-    axes.set_ylim(-limit, limit)
+    noise = min(2e3 * fit.sigma_mm, limit)
+    axes.axhspan(at - noise, at + noise, color=style.FAINT, alpha=0.55, lw=0, zorder=0)
+    axes.axhline(at, color=style.MUTED, lw=0.7)
+    axes.axhline(at - limit, color=style.MUTED, lw=0.8, clip_on=False)
     if not len(x):
-        axes.text(0.5, 0.6, "not measured", transform=axes.transAxes, size=style.SMALL, color=style.MUTED, ha="center")
+        there = axes.get_yaxis_transform()
+        style_of: dict[str, Any] = {"size": style.SMALL, "color": style.MUTED, "ha": "center"}
+        axes.text(0.5, at + 0.2 * limit, "not measured", transform=there, **style_of)
         return
     some = np.unique(np.linspace(0, len(x) - 1, MOST).astype(int))
     size, alpha = (4.5, 0.55) if len(some) < 600 else (2.5, 0.4)
-    inside = np.clip(y[some], -limit, limit)
+    inside = at + np.clip(y[some], -limit, limit)
     axes.plot(x[some], inside, ".", ms=size, mew=0, color=colour, alpha=alpha, rasterized=True, clip_on=False)
     middle, low, median, high = _quantiles(x, y)
     if len(middle) > 1:
-        axes.plot(middle, low, middle, high, color=colour, lw=0.9, ls=(0, (3, 1.5)))
-        axes.plot(middle, median, color=style.INK, lw=1.6)
+        axes.plot(middle, at + low, middle, at + high, color=colour, lw=0.9, ls=(0, (3, 1.5)))
+        axes.plot(middle, at + median, color=style.INK, lw=1.6)
 
 
 def _quantiles(x: Array, y: Array) -> tuple[Array, Array, Array, Array]:

@@ -147,7 +147,8 @@ class _Drawing:
             size = style.HEADING if bold else style.BODY
             half = np.array([0.33 * len(text) + 0.5, 0.9]) * size / 72
             spots = anchor + around
-            covered = (np.abs(ink - spots[:, None]) < half).all(axis=2).sum(axis=1)
+            near = [np.abs(ink[:, k] - spots[:, k, None]) < half[k] for k in (0, 1)]
+            covered = (near[0] & near[1]).sum(axis=1)
             clashes = sum(((np.abs(c - spots) < h + half).all(axis=1) for c, h in taken), np.zeros(len(spots)))
             best = int(np.argmin(radii + 0.3 * covered + 50 * clashes))
             radius, centre = radii[best], spots[best]

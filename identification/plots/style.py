@@ -45,7 +45,9 @@ def render(figure: Figure, kind: str, dpi: int = 150) -> bytes:
     out = io.BytesIO()
     with mpl.rc_context({"svg.hashsalt": "errormodel", "svg.fonttype": "none"}), warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing from font")  # the reader's fonts have what ours lack
-        figure.savefig(out, format=kind, dpi=dpi, metadata=undated)
+        # a PNG packed in the fastest way takes two thirds of the time and is 7 % larger
+        packed: dict[str, Any] = {"pil_kwargs": {"compress_level": 1}} if kind == "png" else {}
+        figure.savefig(out, format=kind, dpi=dpi, metadata=undated, **packed)
     return out.getvalue()
 
 

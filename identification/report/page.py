@@ -1,4 +1,4 @@
-"""A page from its template, with the figures in it: all are drawn last, side by side."""
+"""A page from its template, with the figures in it: all are drawn last."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from functools import cache
 from typing import TYPE_CHECKING
 
 from identification.report.pictures import Picture
-from identification.runtime.process_pool import side_by_side
 
 if TYPE_CHECKING:
     import jinja2
@@ -33,9 +32,8 @@ class Album:
 
     def filled(self, text: str) -> str:
         """The text with all figures."""
-        backwards = side_by_side([p.source for p in reversed(self._placed)])  # the last ones take longest
-        for k, source in enumerate(reversed(backwards)):
-            text = text.replace(self._stand_in(k), source)
+        for k, picture in enumerate(self._placed):
+            text = text.replace(self._stand_in(k), picture.source())
         return text
 
     def _stand_in(self, number: int) -> str:

@@ -3,31 +3,24 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from errormodel import __version__
 from errormodel.files import write_text_atomic
-from identification.diagnosis.pipeline import Diagnosed
 from identification.estimation.result import Fit
 from identification.report import tables, wording
 from identification.report.budget import budget_part
-from identification.report.diagnosis import diagnosis_part
 from identification.report.outliers_and_poses import gain_part, outliers_part
-from identification.report.page import environment, page
+from identification.report.page import page
 from identification.report.pictures import pictures
-from identification.report.posterior import posterior_part
-from identification.report.thermal import thermal_part
 from identification.results.parameter_table import estimates
-from identification.thermal.run import Thermal
 
-
-def load() -> None:
-    """Load what is else loaded while the first page is made: libraries and templates."""
-    import GTC  # noqa: F401
-    import scipy.spatial.transform
-    import scipy.special  # noqa: F401
-
-    for name in environment().list_templates():
-        environment().get_template(name)
+if TYPE_CHECKING:
+    from identification.diagnosis.pipeline import Diagnosed
+    from identification.report.diagnosis import DiagnosisPart
+    from identification.report.posterior import PosteriorPart
+    from identification.report.thermal import ThermalPart
+    from identification.thermal.run import Thermal
 
 
 def write_report(fit: Fit, path: Path, diagnosed: Diagnosed | None = None, thermal: Thermal | None = None) -> None:
@@ -45,8 +38,8 @@ def report(fit: Fit, diagnosed: Diagnosed | None = None, thermal: Thermal | None
         "report.html",
         machine=fit.chain.machine.name,
         headline=wording.headline(fit),
-        diagnosis=diagnosis_part(diagnosed) if diagnosed else None,
-        thermal=thermal_part(thermal) if thermal else None,
+        diagnosis=_diagnosis(diagnosed),
+        thermal=_thermal(thermal),
         judgements=wording.judgements(fit),
         notes=fit.notes,
         results=tables.results(fit),
@@ -58,7 +51,7 @@ def report(fit: Fit, diagnosed: Diagnosed | None = None, thermal: Thermal | None
         no_effect=tables.no_effect(fit),
         correlated=wording.strongest_correlation(fit),
         effects=bool(fit.chain.machine.effects),
-        posterior=posterior_part(fit),
+        posterior=_posterior(fit),
         budget=budget_part(fit),
         outliers=outliers_part(fit),
         gain=gain_part(fit),
@@ -69,3 +62,30 @@ def report(fit: Fit, diagnosed: Diagnosed | None = None, thermal: Thermal | None
         inputs=tables.inputs(fit),
         version=__version__,
     )
+
+
+# What a section is made from is loaded where there is one: a plain fit needs neither search nor sampler.
+
+
+def _diagnosis(diagnosed: Diagnosed | None) -> DiagnosisPart | None:
+    if diagnosed is None:
+        return None
+    from identification.report.diagnosis import diagnosis_part
+
+    return diagnosis_part(diagnosed)
+
+
+def _thermal(thermal: Thermal | None) -> ThermalPart | None:
+    if thermal is None:
+        return None
+    from identification.report.thermal import thermal_part
+
+    return thermal_part(thermal)
+
+
+def _posterior(fit: Fit) -> PosteriorPart | None:
+    if fit.posterior is None:
+        return None
+    from identification.report.posterior import posterior_part
+
+    return posterior_part(fit)

@@ -1,1 +1,1 @@
-"""How work is run: processes, progress, convex solvers."""
+"""How work is run: parallel jobs, progress, convex solvers."""

@@ -41,7 +41,7 @@ def _relative(step: Step) -> float:
     effect = step.effect
     if effect.random:  # bends to any form
         return 0.0
-    shapes = sum(bool(getattr(effect, name)) for name, kind in effect.shapes().items() if kind.trials)
+    shapes = sum(bool(getattr(effect, name)) for name, kind in effect.shapes().items() if kind.searched)
     return float(
         np.hypot(effect.traits().form_uncertainty, np.sqrt(shapes / max(step.delta_chi2, 10.0 * (shapes + 1))))
     )

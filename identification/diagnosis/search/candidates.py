@@ -15,7 +15,6 @@ from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.typing import DTypeLike
 
 from errormodel.arrays import Array, Columns, Index, Mask
 from errormodel.effects import registry
@@ -24,16 +23,14 @@ from errormodel.effects.search_space.survey_summary import Scene
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.linear.projection_cache import Directions
 from identification.diagnosis.linear.random_effects import RandomEffects
-from identification.runtime.process_pool import Ground, side_by_side
+from identification.runtime.parallel import parallel_map
 
 AT_ONCE = 16  # columns made in one go: they stay within the processor's cache
 Part = tuple[Index, Columns, Array]  # proposals' numbers, columns and sizes
 Scored = tuple[Array, Array, Array, Array]  # evidence, delta chi2, absorbed part and expected delta chi2 of proposals
-Empty = Callable[[tuple[int, ...], DTypeLike], Columns]
 BLOCK = 250  # proposals scored in one go
-MANY, PARTS = 1000, 4  # proposals beyond which products are kept, and columns made side by side, in so many parts
+MANY, PARTS = 1000, 4  # proposals beyond which products are kept, and columns made in parallel, in so many parts
 MEMORY = 2_400_000_000  # bytes of all proposals' columns
-GROUND = 4 * MEMORY  # what they may lie on: blocks begun are not full
 USUAL = 2  # parameters of a proposal
 SIZES = {0.1: 0.1, 0.3: 0.2, 1.0: 0.4, 3.0: 0.2, 10.0: 0.1}  # times the usual one: how often
 NOTHING = 1e-300  # length squared of a column
@@ -124,9 +121,8 @@ class Candidates:
         parts = [lists[k::PARTS] for k in range(PARTS)] if len(effects) > MANY else [lists]
         listed = [[e for alike in part for e in alike] for part in parts]
         first = np.cumsum([0, *map(len, listed)]).tolist()
-        ground = Ground(GROUND, len(parts))
-        jobs = [partial(_blocks, linear, part, first[k], partial(ground.empty, k)) for k, part in enumerate(parts)]
-        blocks = [block for made in side_by_side(jobs, ground) for block in made]
+        jobs = [partial(_blocks, linear, part, first[k]) for k, part in enumerate(parts)]
+        blocks = [block for made in parallel_map(jobs) for block in made]
         every = [e for part in listed for e in part]
         return cls(every, blocks, [e.key for e in every])._that_move()
 
@@ -234,14 +230,14 @@ def _alike(effects: Sequence[Effect]) -> Iterator[list[Effect]]:
     yield from lists.values()
 
 
-def _blocks(linear: LinearModel, lists: Sequence[Sequence[Effect]], first: int, empty: Empty) -> list[Block]:
+def _blocks(linear: LinearModel, lists: Sequence[Sequence[Effect]], first: int) -> list[Block]:
     """The effects of some lists, numbered from `first` on, in blocks."""
     stacks: dict[tuple[bool, int], _Stack] = {}
     for alike in lists:
         terms = linear.terms(alike)
         kind = (alike[0].random, len(terms))
         if kind not in stacks:
-            stacks[kind] = _Stack(len(terms), linear.size, empty)
+            stacks[kind] = _Stack(len(terms), linear.size)
         sizes = np.array([t.size for t in terms])
         room = stacks[kind].room(first, len(alike), sizes)
         linear.fill(terms, room, scaled=True)
@@ -252,8 +248,8 @@ def _blocks(linear: LinearModel, lists: Sequence[Sequence[Effect]], first: int, 
 class _Stack:
     """Proposals of the same number of parameters, gathered in blocks that fit into a cache's neighbourhood."""
 
-    def __init__(self, parameters: int, observations: int, empty: Empty) -> None:
-        self._shape, self._memory = (parameters, observations), empty
+    def __init__(self, parameters: int, observations: int) -> None:
+        self._shape = (parameters, observations)
         self._full: list[Part] = []
         self._count, self._numbers, self._columns, self._sizes = self._empty()
 
@@ -272,7 +268,7 @@ class _Stack:
         return self._full + self._last()
 
     def _empty(self) -> tuple[int, Index, Columns, Array]:
-        columns = self._memory((BLOCK, *self._shape), SINGLE)
+        columns = np.empty((BLOCK, *self._shape), SINGLE)
         return 0, np.empty(BLOCK, dtype=np.intp), columns, np.empty((BLOCK, self._shape[0]))
 
     def _last(self) -> list[Part]:

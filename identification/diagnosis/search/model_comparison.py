@@ -23,7 +23,7 @@ from identification.diagnosis.search.model import EffectModel, replayed
 from identification.diagnosis.search.refinement import OWN, apart, distinct
 from identification.diagnosis.search.scoring import CLEARLY, NEAR, Step, choose
 from identification.diagnosis.search.shape_fit import optimise_shapes
-from identification.runtime.process_pool import side_by_side
+from identification.runtime.parallel import parallel_map
 from identification.runtime.progress import Progress, silent
 
 SERIOUS = 7.0  # log Bayes factor by which an alternative may be behind
@@ -42,7 +42,7 @@ def compare_alternatives(model: EffectModel, candidates: Candidates, progress: P
         return model
     best, most = model, log_evidence(model)
     with progress("Comparing alternative models"):
-        found = side_by_side([partial(_searched_from, model.start, candidates, steps) for steps in begin])
+        found = parallel_map([partial(_searched_from, model.start, candidates, steps) for steps in begin])
     for steps in found:
         other = replayed(model.start, steps)
         value = log_evidence(other)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 
 import numpy as np
 
@@ -12,7 +11,6 @@ from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.search.candidates import Candidates, Scores
 from identification.diagnosis.search.refinement import discrepancy
 from identification.diagnosis.search.scoring import Step
-from identification.runtime.process_pool import side_by_side
 
 ROUNDED = 0.01  # log Bayes factor: round-off of scores from columns in single precision
 MAYBE = 0.5  # of the best evidence
@@ -31,7 +29,7 @@ def optimise_shapes(linear: LinearModel, candidates: Candidates, first: int, lea
     if not ranked or ranked[0][0] < least:
         return []
     numbers = _shortlist(candidates, ranked, first)
-    steps = side_by_side([partial(_optimised, candidates, scores, linear, n, len(ranked)) for n in numbers])
+    steps = [_optimised(candidates, scores, linear, n, len(ranked)) for n in numbers]
     return [step for step in steps if step is not None]
 
 
@@ -58,7 +56,7 @@ def _optimised(candidates: Candidates, scores: Scores, linear: LinearModel, numb
         effect = effect.model_copy(update={"size": float(f"{np.sqrt(ratio * noise):.3g}")})
     family = [candidates.effects[n] for n in candidates.of_key[effect.key]]
     for name, kind in type(effect).shapes().items():
-        value = getattr(effect, name) if kind.trials else None
+        value = getattr(effect, name) if kind.searched else None
         if not isinstance(value, float) or value == 0 or effect.random:  # a curve repeats with the wave that it refines
             continue
         grid = sorted({float(getattr(e, name)) for e in family})
