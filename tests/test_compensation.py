@@ -33,7 +33,7 @@ from identification.estimation.run import fit_machine
 from identification.results.store import load, save
 from tests.benchmarks.compensation import Case, judged
 from tests.chains import Array, errors
-from tests.commands import MILL, done, fitted_mill, run, tree
+from tests.commands import MILL, done, fitted_mill, run, tree, write
 from tests.surveys import measured, positions, survey
 
 UM = 1e-3
@@ -412,14 +412,17 @@ def test_levels_are_states_that_were_there() -> None:
 
 
 def test_a_programme_that_was_corrected_is_not_corrected_again(fitted: Path, tmp_path: Path) -> None:
-    """It stands beside the manifest that says so; line ends are those of the plain programme."""
-    (tmp_path / "p.ngc").write_bytes(b"G21 G90 G17\r\nG0 X0 Y0 Z300\r\nG1 X20 Y10 F500\r\nM2\r\n")
+    """It says so itself, wherever it lies; line ends and the bytes of comments are those of the plain programme."""
+    (tmp_path / "p.ngc").write_bytes(b"G21 G90 G17 (F\xe4se)\r\nG0 X0 Y0 Z300\r\nG1 X20 Y10 F500\r\nM2\r\n")
     command = ("compensate", fitted / "fit", "--controller", "gcode", "--dialect", "iso", "--at", "start=X0,Y0,Z300")
     done(*command, "--program", tmp_path / "p.ngc", "--out", tmp_path / "a")
     written = (tmp_path / "a/p.ngc").read_bytes()
     assert written.count(b"\n") == written.count(b"\r\n") > 3
-    again = run(*command, "--program", tmp_path / "a/p.ngc", "--out", tmp_path / "b")
-    assert (again.code, "corrected already" in again.err) == (2, True)
+    assert b"(F\xe4se)\r\n" in written
+    moved = write(tmp_path / "elsewhere/q.ngc", written)
+    for path in (tmp_path / "a/p.ngc", moved):
+        again = run(*command, "--program", path, "--out", tmp_path / "b")
+        assert (again.code, "corrected already" in again.err) == (2, True)
 
 
 def test_the_command_prints_writes_and_repeats_itself(fitted: Path, tmp_path: Path) -> None:
@@ -542,10 +545,11 @@ def test_a_programme_is_corrected_checked_and_what_was_found_is_said(fitted: Pat
     assert found is not None, said
     assert 0 < float(found[1]) < 1.0
     out = (tmp_path / "o/part.nc").read_text().splitlines()
-    assert [out[0], out[1], out[4]] == ["G21 G90 G17 G54 (part)", "T1 M6", "M3 S900"]
-    assert out[2] == "G0 X0 Y0"
-    assert re.fullmatch(r"G0 Z(10\.0|9\.9)\d+", out[3])
+    assert out[0].startswith("(CORRECTED BY ERRORMODEL FOR ")
+    assert [out[1], out[2], out[5]] == ["G21 G90 G17 G54 (part)", "T1 M6", "M3 S900"]
+    assert out[3] == "G0 X0 Y0"
+    assert re.fullmatch(r"G0 Z(10\.0|9\.9)\d+", out[4])
     with_notes = json.loads((tmp_path / "o/compensation.json").read_text())["sets"][0]["notes"]
     assert found[0] in with_notes[0]
-    (tmp_path / "part.nc").write_bytes(text.replace("(part)", "(pärt)").encode("latin-1"))
-    assert "part.nc: it cannot be read" in run(*ask, "--offset", offset).err
+    (tmp_path / "part.nc").write_bytes(text.replace("M3", "M3\xb3").encode("latin-1"))
+    assert "part.nc, line 5, column 3: '\\udcb3' is no printable ASCII" in run(*ask, "--offset", offset).err

@@ -294,3 +294,17 @@ def test_the_nominal_machine_is_said_with_its_frame(frame: str, name: str, tmp_p
     (line,) = [line for line in result.out.splitlines() if line.startswith("nominal")]
     assert line.startswith(name)
     assert ("best frame" in (tmp_path / "out" / "report.html").read_text()) == (frame == "shared")
+
+
+def test_a_table_that_was_copied_below_itself_is_refused(sound: Path, tmp_path: Path) -> None:
+    """Four times the same readings are no repeats: they would halve every uncertainty. Repeats with noise do count."""
+    table = pd.read_csv(sound / "s.csv").round(dict.fromkeys(XYZ, 4))
+    pd.concat([table] * 4).to_csv(tmp_path / "four.csv", index=False)
+    refused = run("fit", sound / "m.yaml", tmp_path / "four.csv", "--out", tmp_path / "f")
+    assert refused.code == 2
+    assert "360 of 480 rows repeat what earlier rows measured to the last digit" in refused.err
+    assert not (tmp_path / "f").exists()
+    repeated = pd.concat([table] * 2)
+    repeated[XYZ] += np.random.default_rng(3).normal(0, 0.003, (240, 3)).round(4)
+    repeated.to_csv(tmp_path / "twice.csv", index=False)
+    done("fit", sound / "m.yaml", tmp_path / "twice.csv", "--out", tmp_path / "t")

@@ -13,10 +13,11 @@ from errormodel.exceptions import InputError
 from errormodel.gcode.reading import Reading
 from tests.chains import Array
 from tests.gcode_machine import execute
+from tests.gcode_trial import MARKS, TARGET
 from tests.setups import plain_setup
 
 SETUP = plain_setup()
-G = GCode()
+G = TARGET
 HERE = "start=X0,Y100,Z-60"
 
 
@@ -283,3 +284,38 @@ def test_programmes_as_cam_systems_and_slicers_write_them() -> None:
     assert sure[:7] == printer.splitlines()[:7]
     with pytest.raises(InputError, match=r"where X stands is not known here since G80 in line 7"):
         rewritten(printer)
+
+
+@pytest.mark.parametrize(
+    ("head", "dialect", "mark", "place"),
+    [
+        ("", "iso", MARKS[0], 0),
+        ("%\nO0012 (PART)\n(NAME)\n", "fanuc", MARKS[0], 3),
+        (";FLAVOR:Marlin\n", "printer", MARKS[1], 1),
+    ],
+)
+def test_a_corrected_programme_says_so_and_is_not_corrected_again(
+    head: str, dialect: str, mark: str, place: int
+) -> None:
+    text = f"{head}G90\nG0 X0. Y100. Z-60.\nG1 X20. F100.\n{'%' if head[:1] == '%' else ''}\n"
+    reading = Reading.of(dialect, (), (HERE,))
+    once = GCode().rewrite("a.nc", text, SETUP, shift, reading).text
+    assert [k for k, line in enumerate(once.splitlines()) if "errormodel" in line.lower()] == [place]
+    assert once.splitlines()[place] == mark
+    with pytest.raises(InputError, match=r"line \d.*corrected already"):
+        GCode().rewrite("elsewhere.nc", once, SETUP, shift, reading)
+
+
+def test_a_programme_without_positions_carries_no_mark() -> None:
+    text = "G21 G90\nM8\nM30\n"
+    assert GCode().rewrite("a.nc", text, SETUP, shift, Reading()).text == text
+
+
+def test_letters_of_other_alphabets_stay_in_comments() -> None:
+    comment = b"(F\xe4se, \xc3\xbcber Alles)".decode("utf-8", "surrogateescape")
+    out = rewritten(f"G0 X0 Y10 Z-60 {comment}\nG1 X20 F100 ; \u00e4\n").splitlines()
+    assert out[0].endswith(comment)
+    assert any(line.endswith("; \u00e4") for line in out)
+    for line in ("G1 X20 \u00e4", "(a) \u00e4 (b)", "M117 \u00e4"):
+        with pytest.raises(InputError, match="no printable ASCII"):
+            rewritten(f"G0 X0 Y10 Z-60\n{line}\n", dialect="printer" if line[0] == "M" else "iso")

@@ -7,12 +7,11 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from errormodel.controllers.gcode import GCode
 from errormodel.exceptions import InputError
 from errormodel.gcode.reading import Reading
-from tests.gcode_trial import READING, SETUP, smooth, written
+from tests.gcode_trial import READING, SETUP, TARGET, smooth, written
 
-G = GCode()
+G = TARGET
 HEAD = "G0 X0 Y100 Z-60\n"
 
 
@@ -50,7 +49,10 @@ def refusal(text: str, dialect: str = "auto", offsets: tuple[str, ...] = (), aft
         ("G1 X10 $", "the character '$'"),
         ("G1 X1e3", "E directly behind a number"),
         ("G1 X10\u00a0Y5", "no printable ASCII"),
-        ("G1 X10 (F\u00e4se)", "no printable ASCII"),
+        ("G1 X10 (a\x0bG0 Z-51)", "no printable ASCII"),
+        ("G1 \u0425 10", "no printable ASCII"),
+        ("G1 X\u0661", "no printable ASCII"),
+        ("\u017f500", "no printable ASCII"),
         ("G1 X10\rG0 Z-51", "no printable ASCII"),
         ("G1 X10 (never ends", "without its end"),
         ("G1 X10 (a (b) c)", "a comment within another"),

@@ -348,3 +348,16 @@ def test_a_failed_report_leaves_the_old_results(place: Path, monkeypatch: pytest
     with pytest.raises(ZeroDivisionError):
         run(*REFIT)
     assert tree(place) == before
+
+
+def test_what_was_replaced_is_said(tmp_path: Path) -> None:
+    """Tables of another controller, and a diagnosis that a fit takes the place of."""
+    fitted_mill(tmp_path)
+    tables = ("compensate", tmp_path / "fit", "--points", 5, "--out", tmp_path / "t", "--controller")
+    assert "replaced" not in done(*tables, "linuxcnc-type0").err
+    assert "replaced" not in done(*tables, "linuxcnc-type0").err
+    said = done(*tables, "linuxcnc-type1").err
+    assert f"replaced the tables of linuxcnc-type0 in {tmp_path / 't'}" in said
+    done("diagnose", MILL, tmp_path / "s.csv", "--out", tmp_path / "d")
+    said = done("fit", MILL, tmp_path / "s.csv", "--out", tmp_path / "d").err
+    assert f"replaced the results of `errormodel diagnose` in {tmp_path / 'd'}: diagnosis.json is gone" in said

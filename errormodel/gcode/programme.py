@@ -1,6 +1,7 @@
 """A whole programme: read, corrected with the optional blocks and without, checked, and written or refused.
 
-The switch of the optional blocks is taken to stay as it is while a programme runs.
+The switch of the optional blocks is taken to stay as it is while a programme runs. A programme whose positions were
+corrected says so in a comment before its first command, and is not corrected again.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.controllers.setup import Setup
+from errormodel.controllers.text import Comment
 from errormodel.exceptions import InputError
 from errormodel.gcode.check import Deviation, checked
 from errormodel.gcode.codes import Dialect
@@ -22,6 +24,9 @@ from errormodel.gcode.reading import Reading
 from errormodel.gcode.rewrite import rewritten
 from errormodel.gcode.steps import Step
 from errormodel.gcode.words import Block, lines_of, split
+
+MARK = "corrected by errormodel"
+COMMENTS = {False: Comment("(", ")", upper=True), True: Comment("; ")}  # of mills, of printers
 
 
 @dataclass(frozen=True)
@@ -92,6 +97,9 @@ def corrected(name: str, text: str, setup: Setup, correct: Correct, reading: Rea
     if any(len(n) > 1 for n in setup.names):
         raise InputError(name, f"axes {', '.join(setup.names)} are no letters of G-code", "Give a CSV of commands")
     source = Source.of(name, text, reading)
+    for block in source.blocks:
+        if any(MARK in c.lower() for c in block.comments):
+            block.refuse("a programme that compensate wrote: it is corrected already", "Give the plain one")
     runs = [
         _once(source, setup, correct, figures, switch) for switch in ((True, False) if source.switched else (True,))
     ]
@@ -101,6 +109,10 @@ def corrected(name: str, text: str, setup: Setup, correct: Correct, reading: Rea
             last = max((b.number for b in source.blocks if b.optional and b.number < block.number), default=0)
             found = f"this block depends on whether the optional block in line {last} is carried out"
             block.refuse(found, "Name all axes in a rapid behind the optional block, or take its '/' away")
+    if any(part != [b.text] for part, b in zip(lines, source.blocks, strict=True)):
+        first = next(k for k, b in enumerate(source.blocks) if not b.empty)
+        mark = COMMENTS[source.dialect.printer].lines([f"{MARK} for {setup.machine}"])[:1]
+        lines = [*lines[:first], mark, *lines[first:]]
     written = "\n".join(line for part in lines for line in part) + "\n"
     deviation = deviation.with_other(runs[-1][2])
     return Corrected(written, (deviation.text(name), *_notes(source, steps, setup)))
@@ -139,7 +151,7 @@ def _blocks(raw: Sequence[Block], dialect: Dialect) -> list[Block]:
         if dialect.header and not begun and text.upper().startswith("O"):
             number = text[1:].split("(", 1)[0].strip()
             rest = split(Block(block.file, block.number, text[1 + len(number) :]), False)
-            if number.isdigit() and rest.empty:
+            if number.isdecimal() and number.isascii() and rest.empty:
                 out.append(Block(block.file, block.number, block.text, comments=rest.comments))
                 begun = True
                 continue

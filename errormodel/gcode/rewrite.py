@@ -3,7 +3,8 @@
 What is written, and what is not:
 
 - a line that moves no axis, and a positioning whose correction is not known, stays as it is, to the letter;
-- a rapid stays one rapid with the axis words that it had, corrected at its end; none is added;
+- a rapid of a mill stays one rapid with the axis words that it had, corrected at its end; none is added (its path is
+  the control's own). A printer's G0 is a straight move as G1 is, and is corrected as a cut;
 - a cut is divided where the correction bends, an arc into chords. It gets words of further axes only if the programme
   commanded them before, their position is known, and their correction changes;
 - where the axes do not stand where a cut's correction begins (behind a rapid that did not name them, where an axis

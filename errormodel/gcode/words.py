@@ -14,6 +14,7 @@ from typing import NoReturn
 from errormodel.exceptions import InputError
 
 NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)")
+COMMENTS = {False: re.compile(r"\([^()]*\)|;.*"), True: re.compile(r";.*")}  # of mills, of printers
 GAP = re.compile(r"[ \t]*")
 LABEL = re.compile(r"[Nn][ \t]*(\d+)(?![\d.])")
 EXTENDED = re.compile(r"[A-Za-z_][A-Za-z_0-9]*_[A-Za-z_0-9]*|[A-Za-z]{3,}[A-Za-z0-9]*")  # of Klipper
@@ -109,7 +110,7 @@ def lines_of(file: str, text: str) -> list[Block]:
     Raises
     ------
     InputError
-        A character is no printable ASCII.
+        There is a control character, which some controls take for a line's end.
     """
     if text.startswith("\ufeff"):
         raise InputError(f"{file}, line 1", "a byte order mark", "Save the programme as plain ASCII text")
@@ -118,13 +119,27 @@ def lines_of(file: str, text: str) -> list[Block]:
         out.pop()
     for block in out:
         for column, sign in enumerate(block.text, start=1):
-            if not (" " <= sign <= "~" or sign == "\t"):
-                raise InputError(
-                    f"{file}, line {block.number}, column {column}",
-                    f"{sign!r} is no printable ASCII character",
-                    "Write the programme, comments too, in plain ASCII",
-                )
+            if not (sign >= " " or sign == "\t") or sign == "\x7f":
+                _refuse_sign(block, column, sign)
     return out
+
+
+def _refuse_sign(block: Block, column: int, sign: str) -> NoReturn:
+    raise InputError(
+        f"{block.file}, line {block.number}, column {column}",
+        f"{sign!r} is no printable ASCII character",
+        "Write all but the comments in plain ASCII, and no control characters in these",
+    )
+
+
+def _plain_outside_comments(block: Block, printer: bool) -> None:
+    """Letters of other alphabets stay in comments, as they are; elsewhere some of them pass for letters and digits."""
+    if block.text.isascii():
+        return
+    outside = COMMENTS[printer].sub(lambda found: " " * len(found[0]), block.text)
+    for column, sign in enumerate(outside, start=1):
+        if sign > "~":
+            _refuse_sign(block, column, sign)
 
 
 def split(block: Block, printer: bool) -> Block:
@@ -135,6 +150,7 @@ def split(block: Block, printer: bool) -> Block:
     InputError
         A character belongs to no word.
     """
+    _plain_outside_comments(block, printer)
     text, at = block.text, GAP.match(block.text).end()  # type: ignore[union-attr]
     optional = text[at : at + 1] == "/"
     if optional:

@@ -83,5 +83,6 @@ def compensate(
     show_notes(result.notes)
     with out.replaced() as part:
         write_compensation(result, part)
+    show_notes(out.notes)
     for line in lines.compensation_lines(result, out.path):
         say(line)

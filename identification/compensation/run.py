@@ -266,8 +266,9 @@ def _source(controller: Target, path: Path | None, reading: Reading | None) -> t
     if manifest.lists(path):
         raise InputError(str(path), "a programme that compensate wrote: it is corrected already", "Give the plain one")
     try:
-        return path.name, noted(path).read_bytes().decode("utf-8")  # a lone CR is no line end to every control
-    except (OSError, ValueError) as error:
+        data = noted(path).read_bytes()  # a lone CR is no line end to every control
+        return path.name, data.decode("utf-8", "surrogateescape")
+    except OSError as error:
         raise InputError(str(path), f"it cannot be read ({error})", "Give a programme as plain text") from error
 
 

@@ -16,6 +16,7 @@ from errormodel.controllers.grids import nodes
 from errormodel.controllers.probing import Gap
 from errormodel.controllers.setup import Axis, Setup
 from errormodel.controllers.tables import Term
+from errormodel.exceptions import InputError
 from identification.compensation.field import Field, directions_at_zero
 from identification.compensation.inverse import inverse, steps_towards
 from identification.compensation.reduction import Sample, frame_motion
@@ -54,11 +55,20 @@ class Volume:
 
     @classmethod
     def of(cls, field: Field, table: pd.DataFrame, free: bool, turns: bool = True) -> Volume:
-        """The hull of measured travels, within the machine's own."""
+        """The hull of measured travels, within the machine's own.
+
+        Raises
+        ------
+        InputError
+            No joint moved.
+        """
         q = table[[j.name for j in field.joints]].to_numpy(dtype=np.float64)
         travel = np.array([j.travel for j in field.joints])
         low, high = np.maximum(q.min(axis=0), travel[:, 0]), np.minimum(q.max(axis=0), travel[:, 1])
         still = high - low <= MOVED * (travel[:, 1] - travel[:, 0])
+        if still.all():
+            found = "no joint moved in the survey of this fit: there is nowhere to correct"
+            raise InputError("residuals.csv", found, "Measure along the travels, as `errormodel plan` says")
         middle = np.median(q, axis=0)
         return cls(field, np.where(still, middle, low), np.where(still, middle, high), free, turns=turns)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from errormodel.files import write_text_atomic
+from errormodel.files import write_bytes_atomic, write_text_atomic
 from identification.compensation.result import Compensation
 from identification.compensation.text import OWN, compensation_lines
 from identification.results.store import dumps
@@ -13,8 +13,8 @@ from identification.results.store import dumps
 def write_compensation(result: Compensation, folder: Path) -> None:
     """Write every file to an empty folder."""
     for stated in result.sets:
-        for name, text in stated.files.items():
-            write_text_atomic(text, folder / stated.label / name)
+        for name, text in stated.files.items():  # comments of a programme keep the bytes that they were read from
+            write_bytes_atomic(text.encode("utf-8", "surrogateescape"), folder / stated.label / name)
     for more in (result.thermal, result.probing):
         for name, text in (more.files if more else {}).items():
             write_text_atomic(text, folder / name)

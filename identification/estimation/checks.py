@@ -23,6 +23,7 @@ UNEXPLAINED = 0.5  # of so much, of most rows: a fit that leaves more is none
 COVERED = 0.5  # of a travel: less is told where something stays unknown
 CAREFUL = 3.0  # times: so much is often declared too large, to be on the safe side
 FEW = 10  # degrees of freedom: fewer leave residuals that small by chance
+CONSTANT = 0.5  # of what a fit leaves: an offset alone that leaves less explains more
 UNIT = 100.0  # times: so far off is a declaration in another unit
 
 
@@ -88,9 +89,15 @@ def looked_over(fit: Fit) -> Fit:
     """
     before, after = (float(np.median(np.linalg.norm(r, axis=1))) for r in (fit.nominal_residuals, fit.residuals))
     other = before > FAR * fit.chain.size and after > UNEXPLAINED * before  # nan where rows measured one component
-    if other or not fit.solution.groups.rank:
+    if other or (not fit.solution.groups.rank and another(fit.chain, fit.nominal)):
         raise InputError(str(fit.survey.source), "no parameter can be identified", far_off(fit.nominal))
-    fit = replace(fit, notes=(*fit.notes, *_declared(fit)))
+    if not fit.problem.unknowns:
+        found = "no parameter can be identified: machine.yaml declares no errors and the measuring frame is fixed"
+        raise InputError(str(fit.survey.source), found, "Declare errors of shapes and joints in machine.yaml")
+    if not fit.solution.groups.rank:
+        found = "no parameter can be identified: nothing of what was measured depends on one"
+        raise InputError(str(fit.survey.source), found, "Measure all over the travels, as `errormodel plan` says")
+    fit = replace(fit, notes=(*fit.notes, *_declared(fit), *_beside(fit)))
     volumetric = any(isinstance(v, PositionView) for v in fit.problem.views)  # who reads one joint means no other
     lost = out_of_reach(fit.problem, fit.solution)[1] if volumetric else []
     if not lost:
@@ -125,6 +132,24 @@ def _declared(fit: Fit) -> Iterator[str]:
             f"the declared uncertainty is {1 / ratio:.3g} times as large as the residuals show, and standard "
             f"uncertainties follow what is declared.{unit}"
         )
+
+
+def _beside(fit: Fit) -> Iterator[str]:
+    """A note where one offset of all points explains more than the fit: the target, or the frame, is elsewhere."""
+    seen = np.isfinite(fit.nominal_residuals).all(axis=1)
+    if fit.survey.frame != "fixed" or seen.sum() < FEW:
+        return
+    nominal, left = fit.nominal_residuals[seen], fit.residuals[seen]
+    shift = nominal.mean(axis=0)
+    with_offset, fitted = (float(np.sqrt(np.nanmean(np.square(r).sum(axis=1)))) for r in (nominal - shift, left))
+    if fitted < 1e-9 * fit.chain.size or with_offset > CONSTANT * fitted:
+        return
+    x, y, z = shift
+    yield (
+        f"frame: fixed, and the points lie {x:.3f}, {y:.3f}, {z:.3f} mm (x, y, z) beside the nominal ones on average: "
+        f"this offset alone leaves {1e3 * with_offset:.3g} um rms, the fit {1e3 * fitted:.3g}. Check where the target "
+        "and the origin are taken to be, or say frame: shared"
+    )
 
 
 def another(chain: Chain, nominal: Spread) -> bool:

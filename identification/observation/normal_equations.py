@@ -153,7 +153,7 @@ class _Task:
         """A covariance for each row, or hardly a function that two columns share: M is whitened as it is."""
         sums = Sums.zero(len(self.columns))
         for part, functions, gap in self._blocks(kernel, selectors):
-            white = self.view.whiten(part, _expanded(functions, selectors)).reshape(len(self.columns), -1)
+            white = self.view.whiten(part, _expanded(functions, selectors)).reshape(len(self.columns), gap.size)
             flat = self.view.whiten(part, gap).ravel()
             if self.gram:
                 sums.gram += white @ white.T

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from errormodel.exceptions import ErrorModelError, InputError
 from errormodel.files import LOCK, sha256
-from errormodel.inputs import running
+from errormodel.inputs import current, running
 from identification.results import manifest
 from identification.results.manifest import Manifest
 from identification.results.output_file import RECORD, recorded
@@ -59,8 +59,14 @@ def kept_of(folder: Path, own: Manifest | None) -> list[str]:
 
 
 def outdated(folder: Path, kept: list[str], new: Mapping[str, str]) -> Iterator[str]:
-    """Sentences on what stays in a folder although it was made from earlier results than the `new` files (digests)."""
+    """Sentences on what the `new` files (digests) replace, and on what stays and was made from earlier results."""
     own = manifest.read(folder)
+    run = current()
+    if own is not None and run is not None and own.made_by != manifest.made_by(run.command, run.options):
+        gone = [name for name in own.files if name not in new and "/" not in name]
+        more = f" and {len(gone) - 3} more" if len(gone) > 3 else ""
+        left = f": {', '.join(gone[:3])}{more} {'are' if len(gone) > 1 else 'is'} gone" if gone else ""
+        yield f"replaced {own.made_by} in {folder}{left}"
     if own is not None and own.files.get("machine.yaml") != new.get("machine.yaml") and HISTORY_FILE in kept:
         yield f"{folder / HISTORY_FILE} stays, and was learned with the model that was here before"
     for name in kept:

@@ -30,12 +30,21 @@ class Manifest:
     holds : "model" (fit, diagnose, thermal) or "tables" (compensate)
     files : digests by the paths in the folder, with /.
     inputs : digests by the names of the files that were read.
+    made_by : what the folder holds, in words for a message.
     """
 
     command: str
     holds: str
     files: Mapping[str, str]
     inputs: Mapping[str, list[str]]
+    made_by: str
+
+
+def made_by(command: str, options: Mapping[str, Any]) -> str:
+    """What a command writes, in words: the tables of a controller, or the results of the command."""
+    if command == "compensate":
+        return f"the tables of {options.get('name')}"
+    return f"the results of `errormodel {command}`"
 
 
 def written(folder: Path, holds: str) -> dict[str, Any]:
@@ -71,7 +80,8 @@ def read(folder: Path) -> Manifest | None:
         inputs: dict[str, list[str]] = {}
         for entry in data["inputs"]:
             inputs.setdefault(str(entry["name"]), []).append(str(entry["sha256"]))
-        return Manifest(str(data["command"]), str(data["holds"]), files, inputs)
+        command = str(data["command"])
+        return Manifest(command, str(data["holds"]), files, inputs, made_by(command, data.get("options", {})))
     except (FileNotFoundError, NotADirectoryError):
         return None
     except OSError as error:

@@ -339,6 +339,8 @@ def _covariance(folder: Path, base: tuple[str, ...], std: Array) -> Array:
     import pandas as pd
 
     path = noted(folder / "covariance.csv")
+    if not base:  # a table without columns is an empty file
+        return np.zeros((0, 0))
     try:
         table = pd.read_csv(path)
         matrix = table.to_numpy(dtype=float)

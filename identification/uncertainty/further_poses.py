@@ -61,7 +61,7 @@ def gain_of(fit: Fit) -> Gain:
         chosen.append(k)
         C = C - seen[k].T @ noise[k] @ seen[k]
     poses = _commands(fit, [c[chosen] for c in somewhere.rows])
-    return Gain(like, std * np.sqrt(np.diag(C)), poses)
+    return Gain(like, std * np.sqrt(np.maximum(np.diag(C), 0.0)), poses)  # what poses all alike leave rounds below 0
 
 
 def leverages(fit: Fit) -> Array:

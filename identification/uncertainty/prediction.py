@@ -113,7 +113,7 @@ def _predict_frame(fit: StoredFit, rows: list[Array], label: str | None) -> Arra
     error = actual if not p[instrument].any() else chain.kernel("actual", outputs=(0, 1, 2))(rows, p * ~instrument).T
     unseen = {*chain.tool_ids, *(chain.frame_ids if label is None else ())}
     own = tuple(i for i in chain.ids if i not in unseen)
-    design = chain.kernel("design", own, outputs=(0, 1, 2))(rows).reshape(len(own), 3, -1)
+    design = chain.kernel("design", own, outputs=(0, 1, 2))(rows).reshape(len(own), 3, len(actual))
     design = np.einsum("ij,pjm->pim", pose.rotation, design)
     names = [columns[chain.index[i]] for i in own]
     variance = _variance(fit, names, design)

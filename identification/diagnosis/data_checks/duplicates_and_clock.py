@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from errormodel.arrays import Index
 from errormodel.chain import Chain
 from errormodel.effects.clock_offset import ClockOffset
+from errormodel.exceptions import InputError
 from errormodel.survey import Survey
 from errormodel.survey_columns import MEASURED, TOOL
 from identification.diagnosis.data_checks.blunder import Blunder, groups, listed
@@ -19,6 +21,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
 CHANCE = 1e-4  # that so many repeats agree to the last digit of a coarse reading
+COARSE = 20.0  # steps of the last digit: where the noise is larger, three components do not agree by chance
+DIGITS = 9  # behind the decimal point, mm
 REPEATS = 3  # that differ: fewer do not tell what repeats look like
 RESETS = 3  # of a clock in one file; more, and the rows are simply not in the order of time
 
@@ -27,7 +31,8 @@ def copied_rows(chain: Chain, survey: Survey) -> Blunder | None:
     """Rows whose measured point is an earlier row's to the last digit, though noise would not have it so; left out.
 
     Whole rows with a time of their own are copies in any case, and so is a point read again at another place (the
-    instrument had stopped). Repeats of a pose may agree by chance where readings are coarse, and without noise do.
+    instrument had stopped). Repeats of a pose may agree by chance where readings are coarse, and without noise do:
+    where hardly any differ, by the noise that a fit without them finds.
     """
     table, rows = survey.table, np.sort(np.concatenate([np.zeros(0, np.intp), *groups(survey)]))
     if len(rows) < 2:
@@ -45,13 +50,14 @@ def copied_rows(chain: Chain, survey: Survey) -> Blunder | None:
     whole = part.drop(columns=["row", "file"]).duplicated().to_numpy() & timed
     bad = again & (elsewhere | whole)
     repeats = again & ~bad
-    if repeats.any() and not _by_chance(part, chain, int(repeats.sum())):
-        bad |= repeats
+    if repeats.any():
+        rest = replace(survey, table=_without(table, rows[bad | repeats]))
+        if not _by_chance(part, chain, int(repeats.sum()), rest):
+            bad |= repeats
     if not bad.any():
         return None
     numbers = tuple(int(r) for r in part["row"].to_numpy()[bad])
-    new = table.copy()
-    new.loc[table.index[rows[bad]], list(MEASURED)] = np.nan
+    new = _without(table, rows[bad])
     return Blunder(
         f"{len(numbers)} of {len(part)} rows repeat what earlier rows measured to the last digit: copies, or an "
         f"instrument that had stopped (row{'s' * (len(numbers) > 1)} {listed(numbers)})",
@@ -63,8 +69,30 @@ def copied_rows(chain: Chain, survey: Survey) -> Blunder | None:
     )
 
 
-def _by_chance(table: pd.DataFrame, chain: Chain, count: int) -> bool:
-    """Whether so many of the repeated poses could agree in all components, by how often they agree in one."""
+def _without(table: pd.DataFrame, rows: Index) -> pd.DataFrame:
+    new = table.copy()
+    new.loc[table.index[rows], list(MEASURED)] = np.nan
+    return new
+
+
+def _noisy(chain: Chain, rest: Survey) -> bool:
+    """Whether a fit of the other rows leaves so much above the last digit of the readings that no repeat agrees."""
+    from identification.estimation.run import fit_machine
+
+    try:
+        left = 1e-3 * fit_machine(chain.machine, rest).fitted.rms_um
+    except (InputError, np.linalg.LinAlgError):
+        return False
+    values = rest.measured[np.isfinite(rest.measured)]
+    digits = next((d for d in range(DIGITS) if np.allclose(values, values.round(d), rtol=0.0, atol=1e-12)), DIGITS)
+    return bool(left > COARSE * 10.0**-digits)
+
+
+def _by_chance(table: pd.DataFrame, chain: Chain, count: int, rest: Survey) -> bool:
+    """Whether so many of the repeated poses could agree in all components, by how often they agree in one.
+
+    `rest` is the survey without the repeats.
+    """
     from scipy.stats import poisson
 
     commands = [*(j.name for j in chain.machine.joints), *TOOL]
@@ -73,7 +101,7 @@ def _by_chance(table: pd.DataFrame, chain: Chain, count: int) -> bool:
     same = steps == 0
     others = same[~same.all(axis=1)]  # repeats of which some component differs
     if len(others) < REPEATS:
-        return True  # as far as anyone can tell there is no noise
+        return not _noisy(chain, rest)
     rate = 1.0
     for k in range(3):  # how often a component agrees where another one differs
         free = same[~np.delete(same, k, axis=1).all(axis=1), k]

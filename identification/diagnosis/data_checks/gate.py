@@ -21,6 +21,7 @@ from errormodel.survey import Survey
 from errormodel.survey_columns import MEASURED
 from identification.diagnosis.data_checks.blunder import FEWEST, Blunder, Points, groups, listed, misses, sheet
 from identification.diagnosis.data_checks.checks import find_blunders
+from identification.diagnosis.data_checks.duplicates_and_clock import copied_rows
 from identification.estimation.checks import FAR, another, far_off, looked_over
 from identification.estimation.result import Fit
 from identification.observation.frames import SMALL
@@ -50,6 +51,8 @@ def passed(machine: Machine, survey: Survey, fitted: Callable[[], Fit], robust: 
         if not robust:  # which says itself that too many rows are wrong
             examine(machine, survey)  # a mistake is a better reason than what came of it
         raise
+    if (copies := copied_rows(fit.chain, survey)) is not None:  # they lie where they should, and count more than once
+        raise InputError(str(survey.source), copies.text, _cure(copies))
     nominal = fit.nominal
     if not nominal.n or 1e-3 * nominal.max_um < SMALL * fit.chain.size:
         return fit

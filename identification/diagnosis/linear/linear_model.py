@@ -22,7 +22,7 @@ from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.machine import Vector
 from errormodel.survey import Survey
 from identification.diagnosis.data_checks.temperature_sensors import dead_sensors
-from identification.diagnosis.linear.random_effects import RandomEffects
+from identification.diagnosis.linear.random_effects import EXACT, RandomEffects
 from identification.estimation.result import Fit
 from identification.observation.models import PositionView
 from identification.observation.normal_equations import design_rows, view_vector
@@ -69,7 +69,7 @@ class LinearModel:
     @property
     def square(self) -> float:
         """Residual sum of squares."""
-        return float(self.residual @ self.residual)
+        return max(float(self.residual @ self.residual), EXACT)
 
     def channel(self, name: str) -> Array:
         """A channel at each observation, (N,)."""

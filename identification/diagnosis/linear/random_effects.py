@@ -13,6 +13,7 @@ import numpy as np
 from errormodel.arrays import Array
 
 ROUNDED = 1e-14  # of the columns' lengths squared, in double precision
+EXACT = 1e-100  # residual sum of squares (noise variances) of readings that fit exactly: no less, to divide by
 SCALES = np.logspace(-3, 6, 91)  # of a parameter's effect over all rows, in noise variances
 
 
@@ -38,7 +39,7 @@ class RandomEffects:
         seen = columns.shape[1]
         inner, gram = columns @ basis[:seen], columns @ columns.T
         left, slopes = gram - inner @ inner.T, columns @ residual[:seen]
-        return cls.from_products(left, slopes, float(np.trace(gram)), float(residual @ residual), freedom)
+        return cls.from_products(left, slopes, float(np.trace(gram)), max(float(residual @ residual), EXACT), freedom)
 
     @classmethod
     def from_products(cls, gram: Array, slopes: Array, whole: float, square: float, freedom: int) -> RandomEffects:

@@ -67,7 +67,8 @@ class Block(NamedTuple):
         m, k, n = columns.shape
         rank = linear.basis.shape[1]
         plain = cls(numbers, columns, sizes, np.empty((m, k, 0)), np.empty((m, k)), rank, exact)
-        gram = np.array([c @ c.T for c in plain.parts()], float) if exact else (columns @ columns.transpose(0, 2, 1))
+        with np.errstate(over="ignore"):  # readings without noise weigh beyond single precision: undefined, below
+            gram = np.array([c @ c.T for c in plain.parts()], float) if exact else columns @ columns.transpose(0, 2, 1)
         whole = gram.astype(float)
         undefined = ~np.isfinite(whole).all(axis=(1, 2))
         columns[undefined], whole[undefined] = 0.0, 0.0
