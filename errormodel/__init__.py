@@ -4,8 +4,9 @@ The way of the data: ``machine.yaml`` -> :class:`~errormodel.machine.Machine` ->
 :class:`~errormodel.chain.Chain` (CasADi) -> :class:`~errormodel.kernel.Kernel` (NumPy).
 Inference lives in the sister package ``identification``, which imports this one.
 
-Public names: `read_machine`, `write_machine`, `machine_names`, `read_survey`, `simulate`, and the types `Machine`,
-`Survey` and `InputError`. They are imported when they are first asked for, so that ``import errormodel`` costs nothing.
+Public names: `read_machine`, `write_machine`, `machine_names`, `library`, `read_survey`, `simulate`, and the types
+`Machine`, `Survey` and `InputError`. They are imported when they are first asked for, so that ``import errormodel``
+costs nothing.
 """
 
 from __future__ import annotations
@@ -16,7 +17,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from errormodel.exceptions import InputError
     from errormodel.machine import Machine
-    from errormodel.machine_file import machine_names, read_machine, write_machine
+    from errormodel.machine_file import read_machine, write_machine
+    from errormodel.machine_library import library, machine_names
     from errormodel.simulation import simulate
     from errormodel.survey import Survey, read_survey
 
@@ -25,7 +27,8 @@ __version__ = "0.1.0"
 _WHERE = {
     "InputError": "exceptions",
     "Machine": "machine",
-    "machine_names": "machine_file",
+    "library": "machine_library",
+    "machine_names": "machine_library",
     "read_machine": "machine_file",
     "write_machine": "machine_file",
     "simulate": "simulation",
@@ -37,6 +40,7 @@ __all__ = [
     "InputError",
     "Machine",
     "Survey",
+    "library",
     "machine_names",
     "read_machine",
     "read_survey",

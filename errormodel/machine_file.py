@@ -17,13 +17,13 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-import errormodel
 from errormodel import machine_file_errors as errorblock
 from errormodel.conventions import FRAME, INSTRUMENT, TOOL
 from errormodel.exceptions import InputError, nearest
 from errormodel.files import write_text_atomic
 from errormodel.machine import Joint, Machine, Shape, Vector
 from errormodel.machine_file_effects import check_effect, read_effect
+from errormodel.machine_library import library
 from errormodel.machine_plausibility import check_degrees, doubts
 from errormodel.serial_chain import check_line, check_words
 from errormodel.units import UnitsBlock, factor
@@ -100,22 +100,6 @@ class MachineForm(VersionedModel):
     effects: list[dict[str, Any]] | None = Field(None, description="a list such as [{effect: ram-sag, joint: W}]")
     notes: str | None = Field(None, description="text, in quotes if need be")
     source: str | None = Field(None, description="text, in quotes if need be")
-
-
-def machine_names() -> list[str]:
-    """Names of the machines that come with the tool.
-
-    Returns
-    -------
-    list of str, in alphabetical order; `read_machine` takes them.
-    """
-    return list(library())
-
-
-def library() -> dict[str, Path]:
-    """The shipped machines: their names, in alphabetical order, and files."""
-    folder = Path(errormodel.__file__).parent.parent / "machines"
-    return {file.stem: file for file in sorted(folder.glob("*.yaml"))}
 
 
 def read_machine(source: str | Path | Mapping[str, Any]) -> Machine:

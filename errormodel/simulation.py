@@ -20,6 +20,8 @@ from errormodel.survey_columns import MEASURED, ORIENTATION
 if TYPE_CHECKING:
     import pandas as pd
 
+    from errormodel.survey import Survey
+
 
 @dataclass(frozen=True)
 class Truth:
@@ -146,7 +148,7 @@ def outward(table: pd.DataFrame, machine: Machine) -> pd.DataFrame:
 
 def simulate(
     machine: Machine | str | Path | Mapping[str, Any],
-    points: int | str | Path | pd.DataFrame,
+    points: int | str | Path | pd.DataFrame | Survey,
     parameters: Mapping[str, float] | str | Path | None = None,
     *,
     translation: Vector = (0.0, 0.0, 0.0),
@@ -159,7 +161,7 @@ def simulate(
     Parameters
     ----------
     machine : Machine, str, Path or dict
-    points : int, str, Path or DataFrame
+    points : int, str, Path, DataFrame or Survey
         So many random poses over the travels, or the commands of a survey.
     parameters : dict, str, Path or None
         ``{id: value}`` in mm, rad and their ratios, or a file with ``parameters:`` and ``frame:``.
@@ -188,14 +190,14 @@ def simulate(
     from errormodel.effects.axis_blunder import marred
     from errormodel.instruments.plain import Plain
     from errormodel.machine_file import read_machine
-    from errormodel.survey import read_survey
+    from errormodel.survey import Survey, read_survey
 
     model = machine if isinstance(machine, Machine) else read_machine(machine)
     instrument: Instrument = Plain()
     if isinstance(points, int):
         table = random_points(model, points, seed)
     else:
-        survey = read_survey(points, model, measured=False)
+        survey = points if isinstance(points, Survey) else read_survey(points, model, measured=False)
         table, instrument = survey.table, survey.instrument
     if noise == "instrument" and isinstance(instrument, Plain):
         cure = "Add `instrument:` to survey.yaml, or give a standard deviation in mm"

@@ -1,7 +1,8 @@
 """Inference on top of ``errormodel``: what a survey says of a machine, and how sure it is.
 
-Public functions, as on the command line: `describe`, `plan`, `fit`, `diagnose`, `predict`, `compensate`, `load` and
-`save`. They are imported when they are first asked for, so that ``import identification`` costs nothing.
+Public functions, as on the command line: `describe`, `plan`, `fit`, `diagnose`, `thermal`, `register`, `predict`,
+`monitor`, `compensate`, `controllers`, `load` and `save`. They are imported when they are first asked for, so that
+``import identification`` costs nothing.
 """
 
 from __future__ import annotations
@@ -10,9 +11,35 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from identification.api import compensate, describe, diagnose, fit, load, plan, predict, save
+    from identification.api import (
+        compensate,
+        controllers,
+        describe,
+        diagnose,
+        fit,
+        load,
+        monitor,
+        plan,
+        predict,
+        register,
+        save,
+        thermal,
+    )
 
-__all__ = ["compensate", "describe", "diagnose", "fit", "load", "plan", "predict", "save"]
+__all__ = [
+    "compensate",
+    "controllers",
+    "describe",
+    "diagnose",
+    "fit",
+    "load",
+    "monitor",
+    "plan",
+    "predict",
+    "register",
+    "save",
+    "thermal",
+]
 
 
 def __getattr__(name: str) -> Any:

@@ -23,18 +23,14 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from ruamel.yaml import YAML
 
-import errormodel
-from errormodel import simulation as simulate
-from errormodel.chain import Chain
-from errormodel.files import write_csv
-from errormodel.machine_file import read_machine
-from errormodel.survey_file import read_form
+from errormodel import library, read_machine, read_survey, simulate
 
-FOLDER = Path(errormodel.__file__).parents[1] / "machines" / "examples" / "five_axis_table_quill"
+FOLDER = library()["five_axis_table_quill"].parent / "examples" / "five_axis_table_quill"
 machine = read_machine("five_axis_table_quill")
-truth = simulate.read_truth(FOLDER / "truth.yaml", Chain(machine))
-tracker = read_form(FOLDER / "survey.yaml")[0].instrument
+frame = YAML(typ="safe").load(FOLDER / "truth.yaml")["frame"]  # translation in mm, rotation in degrees
+tracker = read_survey(FOLDER / "survey.yaml", machine).instrument
 joints = [joint.name for joint in machine.joints]
 tracker
 
@@ -45,23 +41,20 @@ tracker
 # 400 mm away from the tracker's vertical axis and below 60 degrees of elevation.
 
 # %%
-SPEED = {"B": np.radians(15.0), "X": 200.0, "Z": 200.0, "Y": 150.0, "W": 80.0}  # rad/s, mm/s
+SPEED = {"B": 15.0, "X": 200.0, "Z": 200.0, "Y": 150.0, "W": 80.0}  # deg/s, mm/s
 PAUSE = 6.0  # s, to settle and to measure
 
 
 def in_sight(points: pd.DataFrame) -> np.ndarray:
-    seen = simulate.measured_at(machine, points, simulate.Truth({}, truth.translation, truth.rotation))
+    seen = simulate(machine, points, **frame)
     across = np.hypot(seen["mx"], seen["my"])
     return ((across > 400.0) & (seen["mz"] < across * np.tan(np.radians(60.0)))).to_numpy()
 
 
 def run(name: str, count: int, length: float, start: float, seed: int) -> pd.DataFrame:
-    """Commands of one run in mm and rad: a tool of this length (mm), beginning at this time (s)."""
-    points = simulate.random_points(machine, 3 * count, seed)
-    for joint in machine.joints:
-        step = np.radians(1.0) if joint.type == "rotary" else 1.0
-        points[joint.name] = step * np.round(points[joint.name] / step)
-    points["tool_z"] = -length
+    """Commands of one run in mm and degrees: a tool of this length (mm), beginning at this time (s)."""
+    points = simulate(machine, 3 * count, seed=seed).drop(columns=["mx", "my", "mz"])
+    points = points.round(dict.fromkeys(joints, 0)).assign(tool_z=-length)
     points = points[in_sight(points)].head(count).reset_index(drop=True)
     travel = points[joints].diff().abs() / pd.Series(SPEED)
     points.insert(0, "run", name)
@@ -89,9 +82,9 @@ campaign = {"identification.csv": pd.concat([short, long], ignore_index=True), "
 # %%
 def make(folder: Path) -> None:
     for seed, (name, points) in enumerate(campaign.items(), start=10):
-        measured = simulate.measured_at(machine, points, truth, noise=tracker, seed=seed)[["mx", "my", "mz"]]
-        table = simulate.outward(points, machine).join(measured.round(4))
-        write_csv(table.round({"time": 1, **dict.fromkeys(joints, 6)}), folder / name)
+        seen = simulate(machine, points, FOLDER / "truth.yaml", noise=tracker, seed=seed)[["mx", "my", "mz"]]
+        table = points.join(seen.round(4)).round({"time": 1, **dict.fromkeys(joints, 6)})
+        table.to_csv(folder / name, index=False, lineterminator="\n")
 
 
 if "--write" in sys.argv:

@@ -19,29 +19,16 @@
 # %%
 import sys
 import tempfile
-from pathlib import Path
 
 import numpy as np
-import pandas as pd
 from matplotlib import pyplot as plt  # so that Jupyter shows figures
+from ruamel.yaml import YAML
 
-import errormodel
-from errormodel import simulation as simulate
-from errormodel.chain import Chain
-from errormodel.machine_file import read_machine
-from errormodel.survey import read_survey
-from identification.command_line.text import description_lines, fit_lines
-from identification.estimation.run import fit_machine
-from identification.plots import style
-from identification.plots.error_distribution import draw_error_distribution
-from identification.plots.error_motions import draw_error_motions
-from identification.plots.volumetric_error import draw_volumetric_error
-from identification.results import store
-from identification.results.description import describe
-from identification.uncertainty.prediction import predict
+from errormodel import library, read_machine, read_survey
+from identification import describe, fit, load, save
 
-ROOT = Path(errormodel.__file__).parents[1]
-EXAMPLE = ROOT / "machines" / "examples" / "five_axis_table_quill"
+MACHINES = library()["five_axis_table_quill"].parent  # the folder that also holds the examples
+EXAMPLE = MACHINES / "examples" / "five_axis_table_quill"
 machine = read_machine("five_axis_table_quill")
 
 # %% [markdown]
@@ -63,7 +50,7 @@ survey.table.groupby(["file", "role", "run", "tool_z"], sort=False).size().renam
 # %%
 one_tool, this_survey = describe(machine), describe(machine, survey)
 print(f"one tool: rank {one_tool.groups.rank}; this survey: rank {this_survey.groups.rank}")
-print(*description_lines(this_survey), sep="\n")
+print(this_survey.summary())
 
 # %% [markdown]
 # ## The fit
@@ -73,22 +60,22 @@ print(*description_lines(this_survey), sep="\n")
 # `check.csv` is not fitted at all: other poses, a third tool, nothing estimated from it.
 
 # %%
-fit = fit_machine(machine, survey)
-print(*fit_lines(fit), sep="\n")
+result = fit(machine, survey)
+print(result.summary())
 
 # %%
-errors = draw_volumetric_error(fit)
+errors = result.plot.errors()
 errors
 
 # %%
-draw_error_distribution(fit)
+result.plot.distribution()
 
 # %% [markdown]
 # The error motions of the vertical axis. A fit tells only what its groups hold: constants and slopes that a member or
 # the measuring frame can take are theirs.
 
 # %%
-draw_error_motions(fit, next(joint for joint in machine.joints if joint.name == "Y"))
+result.plot.motions("Y")
 
 # %% [markdown]
 # ## Against the truth
@@ -97,19 +84,12 @@ draw_error_motions(fit, next(joint for joint in machine.joints if joint.name == 
 # coefficients. Groups that hold the measuring frame are left out: the frame that the tool took is not that of the file.
 
 # %%
-truth = simulate.read_truth(EXAMPLE / "truth.yaml", Chain(machine)).parameters
-rows = [
-    {
-        "id": p["id"],
-        "true": sum(coefficient * truth[member] for member, coefficient in p["members"].items()),
-        "value": p["value"],
-        "std": p["std"],
-        "unit": p["unit"],
-    }
-    for p in store.parameters(fit)
-    if not any(member.startswith("frame") for member in p["members"])
-]
-compared = pd.DataFrame(rows)
+truth = YAML(typ="safe").load(EXAMPLE / "truth.yaml")["parameters"]
+compared = result.parameters.reset_index()
+compared = compared[[not any(member.startswith("frame") for member in m) for m in compared["members"]]]
+compared = compared.assign(
+    true=[sum(coefficient * truth[member] for member, coefficient in m.items()) for m in compared["members"]]
+)[["id", "true", "value", "std", "unit"]]
 compared["off by std"] = (compared["value"] - compared["true"]) / compared["std"]
 print(compared.to_string(index=False, float_format="{:.3g}".format))
 
@@ -118,12 +98,11 @@ print(compared.to_string(index=False, float_format="{:.3g}".format))
 # groups.
 
 # %%
-known = [k for k, p in enumerate(store.parameters(fit)) if p["id"] in set(compared["id"])]
 difference = (compared["value"] - compared["true"]).to_numpy()
-covariance = fit.solution.covariance[np.ix_(known, known)]
+covariance = result.covariance.loc[compared["id"], compared["id"]].to_numpy()
 size = np.sqrt(np.diag(covariance))
 chi2 = float((difference / size) @ np.linalg.solve(covariance / np.outer(size, size), difference / size))
-print(f"chi-square {chi2:.1f} for {len(known)} groups")
+print(f"chi-square {chi2:.1f} for {len(compared)} groups")
 assert 12 < chi2 < 60
 
 # %% [markdown]
@@ -134,15 +113,15 @@ assert 12 < chi2 < 60
 
 # %%
 with tempfile.TemporaryDirectory() as folder:
-    store.save(fit, Path(folder))
+    save(result, folder)
     commands = read_survey(EXAMPLE / "check.csv", machine, measured=False)
-    predicted = predict(store.load(Path(folder)), commands)
+    predicted = load(folder).predict(commands)[["mx", "my", "mz", "ex", "ey", "ez", "ux", "uy", "uz"]]
 print(predicted.head().to_string(float_format="{:.4f}".format))
 missed = 1e3 * (commands.measured - predicted[["mx", "my", "mz"]].to_numpy())
 print(f"check.csv: predicted within {np.sqrt((missed**2).sum(axis=1).mean()):.2f} um rms")
-assert np.isclose(np.sqrt((missed**2).sum(axis=1).mean()), fit.tests[0].fitted.rms_um, atol=1e-6)
+assert np.isclose(np.sqrt((missed**2).sum(axis=1).mean()), result.statistics.loc["test check.csv", "rms_um"], atol=1e-6)
 
 # %%
 if "--write" in sys.argv:
-    style.save(errors, ROOT / "notebooks" / "figures" / "five_axis_errors.png")
+    errors.savefig(MACHINES.parent / "notebooks" / "figures" / "five_axis_errors.png", dpi=150)
 plt.close("all")

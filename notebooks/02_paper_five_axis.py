@@ -17,23 +17,17 @@
 # In the paper α, β, γ turn about z, y, x: here `ec`, `eb`, `ea`. Its tool length t stands at z = -t.
 
 # %%
-import tempfile
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from scipy.spatial.transform import Rotation
 
-from errormodel import simulation as simulate
-from errormodel.files import write_csv
-from errormodel.kernel import Array
-from errormodel.machine_file import read_machine
-from errormodel.survey import read_survey
-from identification.estimation.run import fit_machine
-from identification.results.description import describe
+from errormodel import read_machine, simulate
+from identification import describe, fit
 
 LENGTHS = {"short": 312.035, "long": 435.185}  # mm, of the target mounts
+XYZ = ["mx", "my", "mz"]
 POINTS = 290  # in each of the paper's identification sets
 DRAWS = 12  # of such points
 library = read_machine("five_axis_table_quill")
@@ -47,11 +41,11 @@ machines = {name: replace(library, tool=(0.0, 0.0, -length)) for name, length in
 
 # %%
 described = {name: describe(machine) for name, machine in machines.items()}
-chains = {name: description.chain for name, description in described.items()}
 groups = described["short"].groups
-print(len(chains["short"].machine_ids), "parameters,", groups.rank, "groups; without effect:", *groups.no_effect)
+parameters = described["short"].chain.machine_ids
+print(len(parameters), "parameters,", groups.rank, "groups; without effect:", *groups.no_effect)
 print(*(groups.name(k) for k in range(11)), sep="\n")
-assert (len(chains["short"].machine_ids), groups.rank, len(groups.no_effect)) == (52, 32, 3)
+assert (len(parameters), groups.rank, len(groups.no_effect)) == (52, 32, 3)
 
 # %% [markdown]
 # ## Table 3
@@ -111,15 +105,17 @@ TABLE_4 = {"short": (421.4, 627.0), "long": (317.5, 549.2)}  # um
 
 def survey(name: str, values: pd.Series, seed: int) -> pd.DataFrame:
     """Commands and noise-free measurements of a machine with these errors."""
-    points = simulate.random_points(machines[name], POINTS, seed)
-    measured = simulate.measured_at(machines[name], points, simulate.Truth(values.to_dict()))
-    return points.join(measured[["mx", "my", "mz"]])
+    return simulate(machines[name], POINTS, values.to_dict(), seed=seed)
 
 
-def nominal_errors(name: str, table: pd.DataFrame) -> Array:
+def positions(name: str, table: pd.DataFrame, values: dict[str, float] | None = None) -> np.ndarray:
+    """Exact positions (n, 3), mm, of the machine with these errors at the commands of a table."""
+    return simulate(machines[name], table.drop(columns=XYZ), values)[XYZ].to_numpy()
+
+
+def nominal_errors(name: str, table: pd.DataFrame) -> np.ndarray:
     """Actual minus nominal after the best-fit frame, (n, 3) in um in the axes of the machine's reference."""
-    nominal = simulate.measured_at(machines[name], table, simulate.Truth({}))[["mx", "my", "mz"]].to_numpy()
-    actual = table[["mx", "my", "mz"]].to_numpy()
+    nominal, actual = positions(name, table), table[XYZ].to_numpy()
     nominal, actual = nominal - nominal.mean(axis=0), actual - actual.mean(axis=0)
     back, _ = Rotation.align_vectors(nominal, actual)
     return 1e3 * (back.apply(actual) - nominal)
@@ -161,11 +157,14 @@ for name in LENGTHS:
 
 
 # %%
-def second_step(name: str, table: pd.DataFrame, errors: Array) -> tuple[Array, pd.Series]:
+STEP = 1e-6  # mm or rad: for how positions change with a parameter
+
+
+def second_step(name: str, table: pd.DataFrame, errors: np.ndarray) -> tuple[np.ndarray, pd.Series]:
     """Residuals (n, 3) in um and values of the 32 groups, fitted to the errors after the best nominal frame."""
-    chain, ids = chains[name], tuple(TABLE_3.index)
-    design = chain.kernel("design", ids, outputs=(0, 1, 2))(chain.columns(table)).reshape(len(ids), 3, -1)
-    columns = 1e3 * design.transpose(2, 1, 0).reshape(-1, len(ids))
+    ids = list(TABLE_3.index)
+    sides = [[positions(name, table, {i: side * STEP}) for side in (1, -1)] for i in ids]
+    columns = 1e3 * np.column_stack([(there - here).ravel() / (2 * STEP) for there, here in sides])
     scale = np.linalg.norm(columns, axis=0)
     values = np.linalg.lstsq(columns / scale, errors.ravel(), rcond=None)[0] / scale
     return (errors.ravel() - columns @ values).reshape(-1, 3), pd.Series(values, ids)
@@ -175,15 +174,14 @@ for name, machine in machines.items():
     steps = [second_step(name, *pair) for pair in zip(surveys[name], errors[name], strict=True)]
     left = [np.linalg.norm(residuals, axis=1).mean() for residuals, _ in steps]
     tilt = [1e6 * (values["B.ec.1"] - TABLE_3[name]["B.ec.1"]) for _, values in steps]
-    with tempfile.TemporaryDirectory() as folder:
-        write_csv(simulate.outward(surveys[name][0], machine), Path(folder) / "survey.csv")
-        fit = fit_machine(machine, read_survey(Path(folder) / "survey.csv", machine))
+    result = fit(machine, surveys[name][0])
+    at_once = result.statistics.loc["fitted"]
     print(
         f"{name:6} two steps: mean {np.mean(left):.1f} um ({min(left):.1f} ... {max(left):.1f}), "
-        f"ECB off by {np.sqrt(np.mean(np.square(tilt))):.1f} urad rms; at once: {fit.fitted.mean_um:.1g} um"
+        f"ECB off by {np.sqrt(np.mean(np.square(tilt))):.1f} urad rms; at once: {at_once['mean_um']:.1g} um"
     )
-    assert fit.solution.groups.rank == 36
-    assert fit.fitted.max_um < 1e-3
+    assert len(result.parameters) == 36
+    assert at_once["max_um"] < 1e-3
     assert np.mean(left) > 3.0
 
 # %% [markdown]
@@ -198,9 +196,7 @@ for name, machine in machines.items():
 
 # %%
 tools = pd.concat([surveys["short"][0], surveys["short"][0].assign(tool_z=-LENGTHS["long"])], ignore_index=True)
-with tempfile.TemporaryDirectory() as folder:
-    write_csv(simulate.outward(tools, library), Path(folder) / "survey.csv")
-    two_tools = describe(library, read_survey(Path(folder) / "survey.csv", library))
+two_tools = describe(library, tools)
 print(f"rank with both tools: {two_tools.groups.rank}; split:", *two_tools.split, sep="\n  ")
 assert two_tools.groups.rank == 34
 

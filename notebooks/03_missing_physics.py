@@ -23,37 +23,18 @@ import os
 import sys
 import tempfile
 from dataclasses import replace
-from itertools import takewhile
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 from matplotlib import pyplot as plt  # so that Jupyter shows figures
 from matplotlib.figure import Figure
+from ruamel.yaml import YAML
 
-import errormodel
-from errormodel.effects import make as make_effect
-from errormodel.kernel import Array
-from errormodel.machine import EffectSpec, Machine
-from errormodel.machine_file import read_machine
-from errormodel.survey import Survey, read_survey
-from identification.command_line.text import diagnosis_lines
-from identification.diagnosis.pipeline import diagnose
-from identification.diagnosis.results.findings import Diagnosis
-from identification.estimation.result import Fit
-from identification.estimation.run import fit_machine
-from identification.planning.run import plan
-from identification.planning.setup import Setup
-from identification.planning.text import plan_lines
-from identification.plots import style
-from identification.plots.effect_curve import draw_effect_curve
-from identification.plots.residuals_along_driver import draw_residuals_along_driver
-from identification.plots.where_map import draw_where_map
-from identification.report.diagnosis import numbered
-from identification.results import store
-from identification.results.residual_projection import evidence_of
-from identification.uncertainty.prediction import predict
+from errormodel import Machine, Survey, library, read_machine, read_survey
+from identification import diagnose, fit, load, plan
 
-ROOT = Path(errormodel.__file__).parents[1]
+ROOT = library()["h_gantry_dual_drive"].parents[1]
 sys.path.insert(0, str(ROOT))  # the simulator is among the tests
 from tests.proof.cases import make, write
 from tests.proof.run import run_case
@@ -95,43 +76,42 @@ def recording(name: str) -> tuple[Machine, Survey]:
 
 machine, survey = recording("gantry")
 found = diagnose(machine, survey)
-print(f"plain fit: {found.baseline.fitted.rms_um:.2f} um rms, held out {found.baseline.heldout.rms_um:.2f} um")
-print(*diagnosis_lines(found.diagnosis), sep="\n")
+before = found.baseline.statistics["rms_um"]
+print(f"plain fit: {before['fitted']:.2f} um rms, held out {before['held out']:.2f} um")
+print(found.summary())
 
 # %% [markdown]
 # Where: every cell is a motion of an element with a driver, and says how much of what is left over the best single
 # effect there would explain.
 
 # %%
-groups = numbered(found)
-draw_where_map(found.model, found.ranking, list(groups.items()))
+found.plot.where()
 
 # %% [markdown]
 # Residuals along the driver, without the finding and with it. The geometry had taken most of the effect, which is why
 # the residuals on the left are smaller than the effect itself, below.
 
 # %%
-evidence = evidence_of(found.model, groups[1])
-residuals = draw_residuals_along_driver(evidence, found.final.sigma_mm)
+residuals = found.plot.finding(1)
 residuals
 
 # %%
-draw_effect_curve(evidence, found.model, found.final)
+found.plot.effect(1)
 
 # %% [markdown]
 # What the missing effect had falsified: parameters of the geometry that the plain fit reported, and that are put
 # right.
 
 # %%
-for parameter, change in found.diagnosis.findings[0].moved.items():
+for parameter, change in found.findings.loc[0, "moved"].items():
     print(f"{parameter:12}{change:12.3g}")
 
 # %% [markdown]
 # The machine as it is now, from the file that `diagnose` writes. It reads back and predicts the same.
 
 # %%
-for folder, fit in (("before", found.baseline), ("after", found.final)):
-    store.save(fit, work / folder)
+for folder, result in (("before", found.baseline), ("after", found)):
+    result.save(work / folder)
 extended = (work / "after" / "machine.yaml").read_text()
 print(extended[extended.index("effects:") :])
 
@@ -147,15 +127,14 @@ truth = opened(work / "sealed" / "gantry.json", seals["gantry"])
 commands = work / "cases" / "gantry" / "heldout.csv"
 missed = {}
 for folder in ("before", "after"):
-    stored = store.load(work / folder)
-    predicted = predict(stored, read_survey(commands, stored.chain.machine, measured=False))
+    predicted = load(work / folder).predict(commands)
     gap = predicted[["mx", "my", "mz"]].to_numpy() - np.array(truth["heldout"])
     missed[folder] = 1e3 * float(np.sqrt((gap**2).sum(axis=1).mean()))
 size, hidden = effect["rms_um"], effect["absorbed"]
 print(f"{effect['effect']} at {effect['where'][0]}, {size:.1f} um rms, of which geometry can absorb {hidden:.0%}")
 print(f"at 150 other poses: {missed['before']:.2f} um before, {missed['after']:.2f} um after")
 print(f"base {truth['base_heldout_um']:.2f} um, oracle {truth['oracle_heldout_um']:.2f} um")
-assert found.diagnosis.findings[0].effect in effect["accept"]
+assert found.findings.loc[0, "effect"] in effect["accept"]
 assert missed["after"] < 0.5 * missed["before"]
 
 # %% [markdown]
@@ -220,9 +199,9 @@ assert scored["unseen"].said_untestable
 # `plan` says so before anything is measured: with one tool it is never seen, with a second one it is.
 
 # %%
-lines = list(plan_lines(plan(read_machine(work / "cases" / "unseen"), Setup(errormodel=1), 60, 0.002)))
-print(*lines[:8], sep="\n")
-print(*(line for line in "\n".join(lines).split("\n") if "target-offset" in line), sep="\n")
+lines = plan(work / "cases" / "unseen", 60, noise=0.002).summary().split("\n")
+print(*lines[:10], sep="\n")
+print(*(line for line in lines if "target-offset" in line), sep="\n")
 
 # %% [markdown]
 # ## All twelve
@@ -252,9 +231,9 @@ if not REAL.is_dir():
     print(f"no recordings at {REAL}: what follows is left out")
 
 
-def brief(diagnosis: Diagnosis) -> None:
+def brief(summary: str) -> None:
     """The findings, without the long list of what such a survey cannot show."""
-    print(*takewhile(lambda line: "cannot be seen" not in line, diagnosis_lines(diagnosis)), sep="\n")
+    print(summary.partition("\n\ncannot be seen")[0])
 
 
 def homed(name: str) -> tuple[Machine, Survey]:
@@ -264,26 +243,22 @@ def homed(name: str) -> tuple[Machine, Survey]:
 
 heated = {name: diagnose(*homed(name)) for name in "ab" if printers.is_dir()}
 for name, result in heated.items():
-    before, after = result.baseline.heldout.rms_um, result.final.heldout.rms_um
-    print(f"homing_{name}, {result.final.folds} blocks, each left out in turn: {before:.1f} -> {after:.1f} um")
-    brief(result.diagnosis)
-    print(*(f"note: {note}" for note in result.diagnosis.notes), sep="\n")
+    before, after = (r.statistics.loc["held out", "rms_um"] for r in (result.baseline, result))
+    print(f"homing_{name}, {result.fit.folds} blocks, each left out in turn: {before:.1f} -> {after:.1f} um")
+    brief(result.summary())
+    print(*(f"note: {note}" for note in result.notes), sep="\n")
 
 
 # %%
 def draw_homing() -> Figure:
     """The recorded wander and what is left of it, um over hours, both printers."""
-    figure = Figure(figsize=(style.WIDTH, 2.6), facecolor="white")
-    for k, (name, result) in enumerate(heated.items()):
-        axes = style.panel(figure, 0.75 + 3.75 * k, 0.5, 3.1, 1.75)
-        hours = result.final.survey.table["time"] / 3600
-        for residual, colour, label in (
-            (result.baseline.residuals, style.NOMINAL, "nothing explained"),
-            (result.final.heldout_residuals, style.HELDOUT, "held out, with the finding"),
-        ):
-            axes.plot(hours, 1e3 * residual[:, 2], ".", ms=2, color=colour, label=label)
-        style.dress(axes, "time / h", "z / µm" if not k else "", f"homing_{name}")
-    axes.legend(fontsize=style.SMALL, frameon=False, markerscale=4)
+    figure = Figure(figsize=(8.0, 2.6), layout="constrained")
+    for axes, (name, result) in zip(figure.subplots(1, 2), heated.items(), strict=True):
+        plain, final = result.baseline.residuals, result.residuals
+        axes.plot(plain["time"] / 3600, plain["residual_z_um"], ".", ms=2, label="nothing explained")
+        axes.plot(final["time"] / 3600, final["heldout_z_um"], ".", ms=2, label="held out, with the finding")
+        axes.set(xlabel="time / h", ylabel="z / µm", title=f"homing_{name}")
+    axes.legend(frameon=False, markerscale=4)
     return figure
 
 
@@ -299,13 +274,13 @@ draw_homing() if heated else None
 # %%
 if heated:
     machine, survey = homed("b")
-    store.save(heated["a"].final, work / "printer")
-    wander = predict(store.load(work / "printer"), survey)["mz"]
-    own = fit_machine(replace(machine, effects=heated["a"].final.chain.machine.effects), survey)
-    print(f"b, nothing explained:          {heated['b'].baseline.heldout.rms_um:6.1f} um rms")
+    wander = heated["a"].predict(survey)["mz"]
+    own = fit(replace(machine, effects=heated["a"].machine.effects), survey)
+    left = [r.statistics.loc["held out", "rms_um"] for r in (heated["b"].baseline, own, heated["b"])]
+    print(f"b, nothing explained:          {left[0]:6.1f} um rms")
     print(f"b, by the model of a:          {1e3 * wander.std(ddof=0):6.1f} um rms")
-    print(f"b, by a's sensors and lags:    {own.heldout.rms_um:6.1f} um rms held out")
-    print(f"b, by its own finding:         {heated['b'].final.heldout.rms_um:6.1f} um rms held out")
+    print(f"b, by a's sensors and lags:    {left[1]:6.1f} um rms held out")
+    print(f"b, by its own finding:         {left[2]:6.1f} um rms held out")
 
 # %% [markdown]
 # ## Real: an arm
@@ -325,7 +300,7 @@ def moved(series: str, every: int) -> tuple[Machine, Survey]:
 
 if arm.is_dir():
     turning = diagnose(*moved("c", 10))
-    brief(turning.diagnosis)
+    brief(turning.summary())
 
 # %% [markdown]
 # What is left over is, for each of the first five joints, a curve of that joint's own angle: its drive. Gear, bearing
@@ -340,41 +315,39 @@ SPACING, SIZE = np.radians(4.0), 5e-4  # rad
 OVERLAP = np.radians(2.0)  # of an angle: where a series has rows that near
 
 
-def with_curves(series: str, every: int) -> tuple[float, Fit]:
+def with_curves(series: str, every: int):
     """Held-out error (um) of the geometry alone, and the fit with the five curves."""
     machine, survey = moved(series, every)
     curves = [
-        EffectSpec("higher-order-geometry", {"joint": joint, "motion": motion, "every": SPACING, "size": SIZE})
+        {"effect": "higher-order-geometry", "joint": joint, "motion": motion, "every": SPACING, "size": SIZE}
         for joint, motion in CURVES.items()
     ]
-    return fit_machine(machine, survey).heldout.rms_um, fit_machine(replace(machine, effects=tuple(curves)), survey)
+    whole = YAML(typ="safe").load(arm / "machine.yaml") | {"effects": curves}
+    return fit(machine, survey).statistics.loc["held out", "rms_um"], fit(whole, survey)
 
 
-def curve(fit: Fit, joint: str, angle: Array) -> Array:
+def curve(result, joint: str, angle: np.ndarray) -> np.ndarray:
     """The curve of a joint (rad) at angles (rad), NaN where its series has fewer than three rows near."""
-    machine, values = fit.chain.machine, fit.solution.named()
-    spec = next(s for s in machine.effects if s.options["joint"] == joint)
-    terms = make_effect(spec).terms(lambda name: angle, machine)
-    motion = CURVES[joint]
-    out = sum(values[f"{joint}.{motion}.higher-order-geometry-{t.label}"] * t.motion[motion] for t in terms)
-    apart = fit.survey.table[joint].to_numpy()[:, None] - angle
+    said = result.predict(pd.DataFrame({"joint": joint, joint: np.degrees(angle)}))  # the joint has no other errors
+    apart = np.radians(result.residuals[joint].to_numpy())[:, None] - angle
     apart = np.abs(np.angle(np.exp(1j * apart)))  # a whole turn is the same place
-    return np.where((apart < OVERLAP).sum(axis=0) >= 3, out, np.nan)
+    return np.where((apart < OVERLAP).sum(axis=0) >= 3, said[CURVES[joint]], np.nan)
 
 
-def slow(angle: Array) -> Array:
+def slow(angle: np.ndarray) -> np.ndarray:
     """What geometry takes of a curve of an angle."""
     return np.column_stack([np.ones_like(angle), angle, np.cos(angle), np.sin(angle)])
 
 
 if arm.is_dir():
     series = {"A": with_curves("a", 8), "C": with_curves("c", 2)}
-    for name, (alone, fit) in series.items():
-        print(f"series {name}, {len(fit.survey)} rows, held-out blocks: {alone:.0f} -> {fit.heldout.rms_um:.0f} um rms")
-    figure = Figure(figsize=(style.WIDTH, 2.6), facecolor="white")
+    for name, (alone, result) in series.items():
+        after = result.statistics.loc["held out", "rms_um"]
+        print(f"series {name}, {len(result.residuals)} rows, held-out blocks: {alone:.0f} -> {after:.0f} um rms")
+    shown = {}
     for joint in CURVES:
         angle = np.radians(np.arange(-180.0, 180.0))
-        both = np.column_stack([curve(fit, joint, angle) for _, fit in series.values()])
+        both = np.column_stack([curve(result, joint, angle) for _, result in series.values()])
         seen = np.isfinite(both).all(axis=1)
         if seen.sum() < 30:
             print(f"{joint}: no range in common")
@@ -382,12 +355,12 @@ if arm.is_dir():
         common = both[seen] - slow(angle[seen]) @ np.linalg.lstsq(slow(angle[seen]), both[seen], rcond=None)[0]
         agreement = np.corrcoef(common.T)[0, 1]
         print(f"{joint}: {seen.sum()} degrees in common, correlation {agreement:.2f}")
-        k = len(figure.axes)
-        axes = style.panel(figure, 0.65 + 2.55 * k, 0.5, 1.95, 1.45)
-        for values, colour, name in zip(common.T, (style.FITTED, style.NOMINAL), series, strict=True):
-            axes.plot(np.degrees(angle[seen]), 1e6 * values, ".", ms=2, color=colour, label=name)
-        style.dress(axes, f"{joint} / °", "" if k else "µrad", f"{joint}: correlation {agreement:.2f}")
-    figure.legend(*axes.get_legend_handles_labels(), fontsize=style.SMALL, frameon=False, ncols=2, markerscale=4)
+        shown[f"{joint}: correlation {agreement:.2f}"] = np.degrees(angle[seen]), 1e6 * common
+    figure = Figure(figsize=(8.0, 2.6), layout="constrained")
+    for axes, (title, (angle, common)) in zip(figure.subplots(1, len(shown)), shown.items(), strict=True):
+        axes.plot(angle, common, ".", ms=2, label=list(series))
+        axes.set(xlabel="joint / °", ylabel="µrad", title=title)
+    axes.legend(frameon=False, markerscale=4)
 figure if arm.is_dir() else None
 
 # %% [markdown]
@@ -403,7 +376,7 @@ if "--write" in sys.argv:
     EXAMPLE.mkdir(exist_ok=True)
     for name, content in made.items():
         (EXAMPLE / name).write_bytes(content)
-    style.save(residuals, ROOT / "notebooks" / "figures" / "gantry_residuals.png")
+    residuals.savefig(ROOT / "notebooks" / "figures" / "gantry_residuals.png", dpi=150)
 for name, content in made.items():
     assert (EXAMPLE / name).read_bytes() == content, f"{name} is not what the committed file holds; --write replaces it"
 plt.close("all")

@@ -25,31 +25,21 @@ from pathlib import Path
 import numpy as np
 from matplotlib import pyplot as plt  # so that Jupyter shows figures
 
-import errormodel
-from errormodel.conventions import MOTIONS, iso_symbol
-from errormodel.files import write_csv
-from errormodel.kernel import Array
-from errormodel.machine_file import read_machine
-from errormodel.survey import read_survey
-from identification.command_line.text import diagnosis_lines
-from identification.compensation.run import compensate
-from identification.compensation.text import figure_lines
-from identification.diagnosis.pipeline import diagnose
+from errormodel import library
+from identification import compensate, diagnose, register
 from identification.plots import style
-from identification.registration.cleaning import clean
+from identification.registration.cleaning import clean  # the steps of `register`, which the paper prints one by one
 from identification.registration.form import CalibrationBlock
 from identification.registration.motions import error_motions, pose
 from identification.registration.mount import identify_mount
-from identification.registration.run import register
-from identification.registration.text import register_lines
-from identification.results import store
 
-ROOT = Path(errormodel.__file__).parents[1]
+ROOT = library()["gantry_crossbeam_ram"].parents[1]
 sys.path.insert(0, str(ROOT))  # the simulator is among the tests
 from tests import crossbeam as sim
 
 scratch = tempfile.TemporaryDirectory()
 work = Path(scratch.name)
+MOTIONS = {"dx": "EXY", "dy": "EYY", "dz": "EZY", "ea": "EAY", "eb": "EBY", "ec": "ECY"}  # by ISO 230-1
 MICRO = np.array([1e3] * 3 + [1e6] * 3)  # um, urad
 
 # %% [markdown]
@@ -110,7 +100,7 @@ d_turn, d_shift = rng.standard_normal(3) * 3e-3, rng.standard_normal(3) * 0.3
 moved = pose(np.r_[shift, turn])
 
 
-def wrong_by(lever: Array) -> Array:
+def wrong_by(lever: np.ndarray) -> np.ndarray:
     """True minus calculated motions, um and urad, if the mount is wrong by so much."""
     true = error_motions(moved, mount + np.r_[d_shift, d_turn], lever)
     return (true - error_motions(moved, mount, lever)) * MICRO
@@ -139,7 +129,7 @@ artefacts = [sim.Artefact.random(k, relief=6.0) for k in range(len(sim.POSITIONS
 rng = np.random.default_rng(4)
 
 
-def write_ply(cloud: Array, path: Path) -> None:
+def write_ply(cloud: np.ndarray, path: Path) -> None:
     path.parent.mkdir(exist_ok=True)
     columns = "".join(f"property double {c}\n" for c in "xyz")
     header = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(cloud)}\n{columns}end_header\n"
@@ -169,8 +159,8 @@ view
 
 # %%
 result = register(folders[0], [folders[m] for m in sim.MINUTES], work / "profiler.yaml")
-write_csv(result.table, work / "y.csv")
-print(*register_lines(result), sep="\n")
+result.table.to_csv(work / "y.csv", index=False)
+print(result.summary())
 table = result.table
 truth = np.array([sim.warm_up(row.Y, row.time / 60) for row in table.itertuples()])
 gap = table[list(MOTIONS)].to_numpy() - truth
@@ -178,7 +168,7 @@ u = table[[f"u_{m}" for m in MOTIONS]].to_numpy()
 for k, motion in enumerate(MOTIONS):
     held = 100 * np.mean(np.abs(gap[:, k]) < 1.96 * u[:, k])
     error, stated = (MICRO[k] * np.sqrt(np.mean(v[:, k] ** 2)) for v in (gap, u))
-    print(f"{iso_symbol('Y', motion)}: off by {error:.3f} rms, stated {stated:.3f}; within 1.96 u: {held:.0f} %")
+    print(f"{MOTIONS[motion]}: off by {error:.3f} rms, stated {stated:.3f}; within 1.96 u: {held:.0f} %")
 PAPER_RMSE = 0.021
 print(f"RMSE {1e3 * table['rmse'].mean():.2f} um; the paper's average is {1e3 * PAPER_RMSE:.0f} um")
 assert table["rmse"].max() < PAPER_RMSE / 20
@@ -200,7 +190,7 @@ for k, motion in enumerate(MOTIONS):
             own["Y"], MICRO[k] * own[motion], bars, fmt=".", ms=3, lw=0.7, color=shade, label=f"{minutes} min"
         )
         axes.plot(along, [MICRO[k] * sim.warm_up(q, minutes)[k] for q in along], lw=0.6, color=shade)
-    style.dress(axes, "Y / mm" if k > 2 else "", ("µm", "µrad")[k // 3] if k % 3 == 0 else "", iso_symbol("Y", motion))
+    style.dress(axes, "Y / mm" if k > 2 else "", ("µm", "µrad")[k // 3] if k % 3 == 0 else "", MOTIONS[motion])
 figure.legend(
     *axes.get_legend_handles_labels(),
     loc="lower center",
@@ -219,11 +209,10 @@ figure
 # to say what there is.
 
 # %%
-machine = read_machine("gantry_crossbeam_ram")
-diagnosed = diagnose(machine, read_survey(work / "y.csv", machine))
-print(*list(diagnosis_lines(diagnosed.diagnosis))[:8], sep="\n")
-(finding,) = diagnosed.diagnosis.findings
-spec = diagnosed.final.chain.machine.effects[0]
+diagnosed = diagnose("gantry_crossbeam_ram", work / "y.csv")
+print(diagnosed.summary().partition("\n\ncannot be seen")[0])
+(finding,) = diagnosed.findings.itertuples()
+spec = diagnosed.machine.effects[0]
 print(f"\nin machine.yaml: {spec.effect}, {dict(spec.options)}")
 assert (finding.effect, finding.where) == ("warm-up", "Y")
 tau = float(spec.options["tau"]) / 60
@@ -237,15 +226,13 @@ assert abs(tau - 28) < 1.0
 # ## Tables for each state
 
 # %%
-store.save(diagnosed.final, work / "model")
-tables = compensate(work / "model", "siemens-cec")
-for stated in tables.sets[:: len(tables.sets) - 1]:
-    print(f"after {stated.state['time'] / 60:.0f} min, folder {stated.label}")
-    for figures in stated.figures:
-        print(*figure_lines(figures, tables.setup), sep="\n")
-assert len(tables.sets) == len(sim.MINUTES)
-last = tables.sets[-1].figures[-1]
-assert last.after.rms_um < 0.1 * last.before.rms_um
+tables = compensate(diagnosed, "siemens-cec")
+states = list(dict.fromkeys(tables.figures["state"]))
+left = tables.figures.set_index(["state", "poses", "stage"])
+print(left.loc[[states[0], states[-1]]].round(2).to_string())
+assert len(states) == len(sim.MINUTES)
+last = left.loc[states[-1]]["rms_um"].unstack().iloc[-1]
+assert last["after"] < 0.1 * last["before"]
 
 # %% [markdown]
 # ## What the print says, and what comes out

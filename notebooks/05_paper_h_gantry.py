@@ -26,23 +26,11 @@ import pandas as pd
 from matplotlib import pyplot as plt  # so that Jupyter shows figures
 from matplotlib.figure import Figure
 
-import errormodel
-from errormodel.conventions import MOTIONS
-from errormodel.files import write_csv
-from errormodel.kernel import Array
-from errormodel.machine_file import read_machine
-from errormodel.simulation import Truth, measured_at
-from errormodel.survey import read_survey
-from identification.command_line.text import diagnosis_lines
-from identification.diagnosis.pipeline import diagnose
-from identification.estimation.run import fit_machine
-from identification.monitoring.run import monitored
-from identification.monitoring.text import monitor_lines
-from identification.plots import style
-from identification.plots.history import draw_history
-from identification.results import store
+from errormodel import library, read_machine, simulate
+from identification import diagnose, fit, monitor
 
-FOLDER = Path(errormodel.__file__).parents[1] / "machines" / "examples" / "h_gantry"
+MACHINE = library()["h_gantry_dual_drive"]
+FOLDER = MACHINE.parent / "examples" / "h_gantry"
 printed = pd.read_csv(FOLDER / "tables_4_to_12.csv", index_col="point")
 arm = pd.read_csv(FOLDER / "table_8_and_appendix.csv", index_col="point").loc[1:]  # point 0 is no point of the cycle
 machine = read_machine("h_gantry_dual_drive")
@@ -93,7 +81,9 @@ print("delta z of point 18, um:", last.round(1).to_dict())
 
 
 # %%
-def table_11(ex: Array, ey: Array, ez: Array, dy: Array, dz: Array, reach: float, tilt: float) -> Array:
+def table_11(
+    ex: np.ndarray, ey: np.ndarray, ez: np.ndarray, dy: np.ndarray, dz: np.ndarray, reach: float, tilt: float
+) -> np.ndarray:
     """T1 T2 P minus the same without errors, (18, 3) um; angles in rad, dy um, dz mm; `reach` below the plate, mm."""
     x, y, z = -38.64, -19.798, -83.283  # Eq. 16
     spot = np.array([x, y + tilt * reach, z - reach])  # T2 P with P = (0, 0, -reach)
@@ -169,14 +159,19 @@ print(f"distances in the slopes less the encoders': {apart.min():.1f} to {apart.
 
 
 # %%
-def tip_errors(rotations: Array, translations: Array, tilt: float) -> Array:
+XYZ = ["mx", "my", "mz"]
+
+
+def tip_errors(rotations: np.ndarray, translations: np.ndarray, tilt: float) -> np.ndarray:
     """Actual minus nominal position of the laser's spot, (18, 3) um, by the exact chain."""
     pose = pd.DataFrame({"Y": [0.0], "X": [0.0], "tool_x": [0.0], "tool_y": [0.0], "tool_z": [-150.0]})
-    nominal = measured_at(machine, pose, Truth({}))[["mx", "my", "mz"]].to_numpy()
+    nominal = simulate(machine, pose)[XYZ].to_numpy()
     out = []
     for row in np.hstack([translations, rotations]):
-        values = {f"crossbeam.{m}": float(v) for m, v in zip(MOTIONS, row, strict=True)} | {"plate.ea": tilt}
-        out.append(measured_at(machine, pose, Truth(values))[["mx", "my", "mz"]].to_numpy() - nominal)
+        values = {
+            f"crossbeam.{m}": float(v) for m, v in zip(("dx", "dy", "dz", "ea", "eb", "ec"), row, strict=True)
+        } | {"plate.ea": tilt}
+        out.append(simulate(machine, pose, values)[XYZ].to_numpy() - nominal)
     return 1e3 * np.concatenate(out)
 
 
@@ -233,22 +228,25 @@ print({name: round(float(u), 2) for name, u in uncertainty.items()}, "um")
 print(f"ey x 100 mm of X: {1e5 * np.abs(EY).min():.1f} to {1e5 * np.abs(EY).max():.1f} um")
 
 # %%
-figure = Figure(figsize=(style.WIDTH, 3.2), facecolor="white", layout="constrained")
+figure = Figure(figsize=(8.0, 3.2), facecolor="white", layout="constrained")
 panels = figure.subplots(1, 2, sharey=True)
 angles = ["εx, inertial unit", "εy, arm"]
 for axes, first in zip(panels, ("δz, steps (print)", "δz, from point 1"), strict=True):
     for side in (1, -1):
         bottom = np.zeros(18)
-        for name, colour in zip((first, *angles), style.AXIS_COLOURS, strict=True):
+        for name, colour in zip((first, *angles), ("#0072B2", "#E69F00", "#009E73"), strict=True):
             part = np.where(np.sign(sources[name]) == side, sources[name], 0.0)
             axes.bar(printed.index, part, bottom=bottom, color=colour, label=name if side == 1 else None, width=0.75)
             bottom += part
     total = sources[[first, *angles]].sum(axis=1)
-    axes.plot(printed.index, total, "o-", color=style.INK, ms=3, lw=0.8, label="sum")
-    style.dress(axes, "point", "error in Z / µm" if axes is panels[0] else "", first)
+    axes.plot(printed.index, total, "o-", color="black", ms=3, lw=0.8, label="sum")
+    axes.set(xlabel="point", ylabel="error in Z / µm" if axes is panels[0] else "", title=first)
     axes.set_xticks([1, 5, 10, 15, 18])
+    axes.use_sticky_edges = False  # room beyond the longest bars
     axes.margins(y=0.06)
-    axes.legend(fontsize=style.SMALL, frameon=False, loc="lower left")
+    axes.grid(alpha=0.3)
+    axes.set_axisbelow(True)
+    axes.legend(fontsize=8, frameon=False, loc="lower left")
 figure
 
 # %% [markdown]
@@ -274,20 +272,20 @@ heights = pd.concat(ends).sort_values("time", kind="stable")
 tables = {"motions.csv": motions.round({"ea": 9, "ec": 11, "dy": 4}), "heights.csv": heights.round(6)}
 for name, table in tables.items():
     if "--write" in sys.argv:
-        write_csv(table, FOLDER / name)
+        table.to_csv(FOLDER / name, index=False, lineterminator="\n")
     assert pd.read_csv(FOLDER / name).equals(pd.read_csv(pd.io.common.StringIO(table.to_csv(index=False)))), name
 
 # %%
-survey = read_survey(FOLDER / "survey.yaml", machine)
-fit = fit_machine(machine, survey)
-named = [p for p in store.parameters(fit) if "zero" not in p["id"]]
-for p in sorted(named, key=lambda p: -abs(p["value"]) / p["std"])[:3]:
-    print(f"{1e6 * p['value']:8.1f} +- {1e6 * p['std']:5.1f} e-6 {p['unit']:4} {p['group']}")
-for name, part in {"heights, nominal": fit.nominal, "fitted": fit.fitted, "held out": fit.heldout}.items():
-    print(f"{name}: {part.rms_um:.0f} um rms")
-found = diagnose(machine, survey).diagnosis
-print(*list(diagnosis_lines(found))[:4], sep="\n")
-assert (found.verdict, found.findings) == ("adequate", ())
+result = fit(machine, FOLDER / "survey.yaml")
+named = result.parameters[["zero" not in identity for identity in result.parameters.index]]
+clearest = (named["value"].abs() / named["std"]).sort_values(ascending=False).index[:3]
+for p in named.loc[clearest].itertuples():
+    print(f"{1e6 * p.value:8.1f} +- {1e6 * p.std:5.1f} e-6 {p.unit:4} {p.group}")
+for name, rms in result.statistics["rms_um"].items():
+    print(f"{'heights, ' if name == 'nominal' else ''}{name}: {rms:.0f} um rms")
+found = diagnose(machine, FOLDER / "survey.yaml")
+print(*found.summary().split("\n")[:4], sep="\n")
+assert (found.verdict, len(found.findings)) == ("adequate", 0)
 
 # %% [markdown]
 # One thing is sure: in the axes of the arm the crossbeam stands 300 µrad off level. Polynomials of Y take a third off
@@ -298,10 +296,10 @@ assert (found.verdict, found.findings) == ("adequate", ())
 # %%
 scratch = tempfile.TemporaryDirectory()
 work = Path(scratch.name)
-write_csv(tables["heights.csv"].assign(sigma_z=0.025), work / "heights.csv")
+tables["heights.csv"].assign(sigma_z=0.025).to_csv(work / "heights.csv", index=False)
 (work / "survey.yaml").write_text("errormodel: 1\nfiles: [{path: heights.csv, role: fit}]\nframe: fixed\n")
-declared = diagnose(machine, read_survey(work / "survey.yaml", machine)).diagnosis
-print(*list(diagnosis_lines(declared))[:3], sep="\n")
+declared = diagnose(machine, work / "survey.yaml")
+print(*declared.summary().split("\n")[:3], sep="\n")
 assert declared.verdict == "unexplained"
 
 # %% [markdown]
@@ -350,29 +348,26 @@ def cycle(number: int, lag: float) -> Path:
         level = usual + fault.get(name, 0.0) + rng.normal(0, OFFSET[name])
         table[name] = level + rng.normal(0, SCATTER[name], len(table))
         table[f"u_{name}"] = SCATTER[name]
-    write_csv(table, work / f"cycle_{number:02}.csv")
+    table.to_csv(work / f"cycle_{number:02}.csv", index=False)
     return work / f"cycle_{number:02}.csv"
 
 
-whole = (Path(errormodel.__file__).parents[1] / "machines" / "h_gantry_dual_drive.yaml").read_text(encoding="utf-8")
+whole = MACHINE.read_text(encoding="utf-8")
 (work / "straight.yaml").write_text(whole.replace("Y: {polynomial: 3}", "Y: {polynomial: 1}"), encoding="utf-8")
-straight = read_machine(work / "straight.yaml")
 folder = work / "first"
-store.save(fit_machine(straight, read_survey(cycle(0, 0.0), straight)), folder)
-kept = store.load(folder)
+fit(work / "straight.yaml", cycle(0, 0.0)).save(folder)
 said = []
 for number in range(1, 31):
     path = cycle(number, 0.040 if number >= 25 else 0.0)
-    with monitored(folder, kept, read_survey(path, straight), 0.01, accept=False) as result:
-        said.append(result)
-alarms = [r.record.number for r in said if r.record.status == "alarm"]
+    said.append(monitor(folder, path, report=False))
+alarms = [number for number, result in enumerate(said, start=1) if result.status == "alarm"]
 print("alarms in cycles", *alarms)
-print(*[line for line in monitor_lines(said[24]) if line], sep="\n")
+print(said[24].summary())
 assert alarms == [25, 26, 27, 28, 29, 30]
-assert "zero[Y, run 1].ec" in said[24].record.flagged
+assert "zero[Y, run 1].ec" in said[24].history.loc[24, "flagged"]
 
 # %%
-history = draw_history(said[-1].what, said[-1].records, said[-1].judged)
+history = said[-1].plot.history()
 history
 
 # %% [markdown]
@@ -393,7 +388,7 @@ history
 
 # %%
 if "--write" in sys.argv:
-    style.save(figure, FOLDER.parents[2] / "notebooks" / "figures" / "h_gantry_sources.png")
-    style.save(history, FOLDER.parents[2] / "notebooks" / "figures" / "h_gantry_monitor.png")
+    figure.savefig(FOLDER.parents[2] / "notebooks" / "figures" / "h_gantry_sources.png", dpi=150)
+    history.savefig(FOLDER.parents[2] / "notebooks" / "figures" / "h_gantry_monitor.png", dpi=150)
 scratch.cleanup()
 plt.close("all")

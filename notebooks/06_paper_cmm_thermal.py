@@ -17,26 +17,23 @@
 
 # %%
 import sys
+import tempfile
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from matplotlib import pyplot as plt  # so that Jupyter shows figures
 
-import errormodel
+from errormodel import library, read_machine, simulate
 from errormodel.arrays import as_rows
-from errormodel.chain import Chain
-from errormodel.machine_file import read_machine
-from errormodel.simulation import random_points
-from identification.plots import style
-from identification.plots.thermal_drift import draw_thermal_drift
-from identification.thermal.text import thermal_lines
-from identification.uncertainty.budget import Input, combine
+from errormodel.chain import Chain  # its exact derivatives stand beside the paper's equations
+from identification import thermal
+from identification.uncertainty.budget import Input, combine  # for the paper's own budget, line by line
 
-ROOT = Path(errormodel.__file__).parents[1]
+ROOT = library()["bridge_cmm"].parents[1]
 sys.path.insert(0, str(ROOT))  # the simulator is among the tests
 from tests import thermal_cmm as cmm
-from tests.ring_gauge import ring_errors, thermal_model
+from tests.ring_gauge import SURVEY, ring_errors
 
 machine = read_machine("bridge_cmm")
 
@@ -72,7 +69,7 @@ PRINTED = {
 }  # fmt: skip
 
 chain = Chain(machine)
-points = random_points(machine, 500, seed=3)
+points = simulate(machine, 500, seed=3)  # a machine without rotary joints: mm throughout
 rows = as_rows(*(points[c].to_numpy() for c in chain.channels))
 ids = tuple(MOTIONS.values())
 design = chain.kernel("design", ids, outputs=(0, 1, 2))(rows).reshape(len(ids), 3, -1)
@@ -149,7 +146,7 @@ for _, own in drift[drift["joint"] == "Y"].groupby("run", sort=False):
 axes[0].legend(ncols=2, fontsize=7)
 axes[1].legend(fontsize=7)
 for ax, label in zip(axes, ("temperature / °C", "EYY / µm", "ECY / µrad"), strict=True):
-    style.dress(ax, "hours", label)
+    ax.set(xlabel="hours", ylabel=label)
 
 # %% [markdown]
 # ## Regression as in the paper, and temperatures behind lags
@@ -160,11 +157,17 @@ for ax, label in zip(axes, ("temperature / °C", "EYY / µm", "ECY / µrad"), st
 # what they predict in stretches and recordings that were left out, tied to zero by a prior.
 
 # %%
-result = thermal_model(machine, SEED)
-print(*thermal_lines(result, Path("thermal")), sep="\n")
-draw_thermal_drift(result)
+with tempfile.TemporaryDirectory() as folder:
+    cycles = {"at_20": cmm.calibration(SEED), "drift": drift, "other": cmm.other_cycle(SEED)}
+    for name, table in cycles.items():
+        table.to_csv(Path(folder) / f"{name}.csv", index=False)
+    (Path(folder) / "survey.yaml").write_text(SURVEY)
+    model = thermal(machine, folder)
+print(model.summary())
+result = model.thermal
 by_regression, by_lags = result.left_beyond
 assert by_lags < 0.6 * by_regression
+model.plot.drift()
 
 # %% [markdown]
 # The regressions are praised by R² on the very data that they were fitted to (99.7 % and more in the paper; here, where

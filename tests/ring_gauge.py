@@ -13,7 +13,7 @@ from errormodel.chain import TOOL_CHANNELS, Chain
 from errormodel.conventions import MOTIONS
 from errormodel.machine import Machine
 from errormodel.survey import read_survey
-from identification.results.store import stored
+from identification.results.analysis import Analysis
 from identification.thermal.run import Thermal, thermal
 from identification.thermal.stepwise import stepwise
 from identification.uncertainty.prediction import predict
@@ -40,7 +40,7 @@ def by_lags(result: Thermal, table: pd.DataFrame) -> Array:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "ring.csv"
         table.drop(columns=["place", "ring"]).to_csv(path, index=False)
-        said = predict(stored(result.fit), read_survey(path, machine, measured=False))
+        said = predict(Analysis(result.fit).stored, read_survey(path, machine, measured=False))
     return said[["ex", "ey", "ez"]].to_numpy()
 
 

@@ -17,7 +17,8 @@ from errormodel.machine import Machine, Vector
 from errormodel.simulation import Truth, measured_at, random_points
 from errormodel.survey import Survey
 from identification.estimation.result import Fit
-from identification.results.store import stored
+from identification.results.analysis import Analysis
+from identification.results.stored_fit import StoredFit
 from identification.uncertainty.prediction import predict
 from tests.chains import Array
 
@@ -60,6 +61,11 @@ def survey(*tables: pd.DataFrame, frame: str = "shared", instrument: Instrument 
 def rms(gap: Array) -> float:
     """Of vectors (n, 3) in mm, um."""
     return float(1e3 * np.sqrt(np.mean(np.sum(np.square(gap), axis=1))))
+
+
+def stored(fit: Fit) -> StoredFit:
+    """What prediction needs of a fit."""
+    return Analysis(fit).stored
 
 
 def prediction_error(fit: Fit, p: Array, seed: int = 99, **how: object) -> float:

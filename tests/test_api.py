@@ -9,6 +9,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -17,7 +18,7 @@ import pytest
 import errormodel
 import identification
 from errormodel import InputError, read_machine, read_survey, simulate
-from identification import compensate, describe, diagnose, fit, load, plan, predict, save
+from identification import compensate, controllers, describe, diagnose, fit, load, monitor, plan, predict, save
 from tests.commands import FIVE, MILL, done
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -127,7 +128,7 @@ def test_every_public_function_says_what_it_takes_and_gives(function: object) ->
 
 
 @pytest.mark.parametrize(
-    "module", ["errormodel.machine_file", "errormodel.simulation", "identification.api"], ids=lambda m: m
+    "module", ["errormodel.machine_file", "errormodel.simulation", "identification.api.models"], ids=lambda m: m
 )
 def test_the_examples_of_docstrings_hold(module: str) -> None:
     import importlib
@@ -141,3 +142,109 @@ def test_importing_costs_nothing() -> None:
     code = "import sys, errormodel, identification; print(*{n.partition('.')[0] for n in sys.modules})"
     seen = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True).stdout
     assert not {"numpy", "casadi", "pandas", "scipy", "matplotlib"} & set(seen.split())
+
+
+@pytest.mark.filterwarnings("ignore:Estimated shape parameter of Pareto")  # 30 parameters of 90 rows: some decide much
+def test_a_posterior_that_arviz_takes(survey: pd.DataFrame, tmp_path: Path) -> None:
+    import arviz_stats
+    import xarray
+
+    result = fit(MILL, survey, bayes=True, priors={"X.dx.1": {"mean": 0.02, "std": 0.01}})
+    tree = result.posterior
+    assert {"posterior", "prior", "log_likelihood"} <= {*tree.children}
+    assert list(tree["posterior"]["group"].values) == list(result.parameters.index)
+    prior = tree["prior"]["parameter"].sel(group="X.dx.1")
+    assert (prior.mean().item(), prior.std().item()) == pytest.approx((0.02, 0.01), rel=0.1)
+    found = arviz_stats.loo(tree, var_name="position")
+    right = arviz_stats.loo(
+        fit(MILL, survey.assign(mx=survey["mx"] + 0.02 * np.sin(survey["X"])), bayes=True).posterior
+    )
+    assert found.n_data_points == len(survey)
+    assert found.elpd > right.elpd + 50  # a wave that no parameter describes
+    save(result, tmp_path / "saved")
+    with xarray.open_datatree(tmp_path / "saved/posterior.nc", engine="h5netcdf") as again:
+        xarray.testing.assert_identical(again.load(), tree)
+    with pytest.raises(InputError, match="bayes=True"):
+        _ = fit(MILL, survey).posterior
+
+
+def test_what_is_known_beforehand(survey: pd.DataFrame) -> None:
+    held = fit(MILL, survey, priors={"X.dx.1": {"high": 0.01}})
+    assert held.parameters.loc["X.dx.1", "value"] == pytest.approx(0.01)
+    with pytest.raises(InputError, match=r"priors\.X\.dx\.1.*least squares do not use"):
+        fit(MILL, survey, priors={"X.dx.1": {"std": 0.01}})
+    with pytest.raises(InputError, match="lower"):
+        fit(MILL, survey, priors={"X.dx.1": {"lower": 0.01}})
+
+
+def test_what_follows_from_a_fit_is_computed_once(
+    survey: pd.DataFrame, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """For tables, figures, files and the report together."""
+    from identification.results import analysis as module
+
+    calls: list[str] = []
+    for name in ("groups_of", "gain_of", "estimates", "stored", "budgets_of"):
+        function = getattr(module, name)
+
+        def counted(*given: object, name: str = name, function: Any = function) -> object:
+            calls.append(name)
+            return function(*given)
+
+        monkeypatch.setattr(module, name, counted)
+    result = fit(MILL, survey)
+    assert calls == []
+    for text in (result.summary(), result.parameters, result.budget, result.predict(survey.head(2))):
+        assert len(text)
+    result.plot.parameters()
+    save(result, tmp_path / "fit")
+    assert sorted(calls) == ["budgets_of", "estimates", "gain_of", "groups_of", "stored"]
+
+
+def test_a_budget_is_a_table(survey: pd.DataFrame) -> None:
+    table = fit(MILL, survey).budget
+    assert np.sqrt((table["contribution"] ** 2).sum()) == pytest.approx(table.attrs["standard_uncertainty"])
+    assert table.attrs["expanded_uncertainty"] == pytest.approx(table.attrs["k"] * table.attrs["standard_uncertainty"])
+
+
+def test_cycles_of_a_machine(survey: pd.DataFrame, tmp_path: Path) -> None:
+    save(fit(MILL, survey), tmp_path / "fit")
+    first = monitor(tmp_path / "fit", survey)
+    assert (first.status, len(first.history)) == ("learning", 1)
+    assert first.page == tmp_path / "fit/monitor.html"
+    assert first.page.is_file()
+    again = simulate(MILL, 90, TRUTH, translation=(900, -400, 300), rotation=(0, 0, 40), noise=0.002, seed=4)
+    second = monitor(load(tmp_path / "fit"), again, report=False)
+    assert len(second.history) == 2
+    assert json.loads((tmp_path / "fit/monitor.json").read_text())["cycle"] == 1  # of the first
+    assert "X.dx.1" in second.quantities.index
+    assert type(second.plot.history()).__name__ == "Figure"
+    with pytest.raises(InputError, match=r"between 0 and 0\.5"):
+        monitor(tmp_path / "fit", survey, rate=0.7)
+
+
+def test_predictions_say_what_was_assumed(survey: pd.DataFrame, tmp_path: Path) -> None:
+    result = fit(MILL, survey)
+    inside = result.predict(survey.head(2)[["X", "Y", "Z"]])
+    far = survey[["X", "Y", "Z"]].sort_values("X").tail(3)
+    half = fit(MILL, survey[survey["X"] < 100])
+    assert inside.attrs["units"]["ux"] == "mm"
+    assert inside.attrs["notes"] == ()
+    save(half, tmp_path / "half")
+    for known in (half, load(tmp_path / "half")):
+        assert any("3 points lie beyond what was measured of X" in note for note in known.predict(far).attrs["notes"])
+
+
+def test_what_is_printed_is_what_the_command_line_prints(survey: pd.DataFrame, tmp_path: Path) -> None:
+    survey.to_csv(tmp_path / "s.csv", index=False)
+    model = read_machine(MILL)
+    for result, command in (
+        (describe(model), ("describe", MILL)),
+        (fit(model, tmp_path / "s.csv"), ("fit", MILL, tmp_path / "s.csv", "--out", tmp_path / "fit")),
+        (plan(model, 30), ("plan", MILL, "--points", 30)),
+    ):
+        assert result.summary() in done(*command).out
+    tables = compensate(tmp_path / "fit", "linuxcnc-type1")
+    said = done("compensate", tmp_path / "fit", "--controller", "linuxcnc-type1", "--out", tmp_path / "tables").out
+    assert tables.summary(tmp_path / "tables") in said
+    assert [line.split()[0] for line in done("compensate", "--controller", "list").out.splitlines()] == [*controllers()]

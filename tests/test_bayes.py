@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.stats import kstest
+from scipy.stats import kstest, norm
 from scipy.stats import t as student
 
 from errormodel.exceptions import InputError
@@ -22,12 +22,13 @@ from errormodel.machine_file import write_machine
 from identification.bayes import sampling
 from identification.bayes.full_posterior import Whole
 from identification.bayes.netcdf import write_netcdf
+from identification.bayes.pointwise import prior_draws
 from identification.bayes.posterior import Posterior
 from identification.bayes.run import bayesian, drawn, model_of
 from identification.bayes.sampling import NotConvergedError, Reference, sample
 from identification.bayes.settings import PriorForm
 from identification.bayes.shape_parameters import bracket
-from identification.estimation.result import Fit
+from identification.estimation.result import Fit, residuals_of
 from identification.estimation.run import fit_machine
 from tests.benchmarks.bayes_coverage import WAVE, machine, trial
 from tests.chains import Array, errors
@@ -246,10 +247,60 @@ def test_arviz_reads_the_draws(tmp_path: Path):
     assert isinstance(out.posterior, Posterior)
     write_netcdf(out, out.posterior, tmp_path / "posterior.nc")
     with xarray.open_datatree(tmp_path / "posterior.nc", engine="h5netcdf") as tree:
-        assert set(tree.children) == {"posterior", "posterior_predictive", "observed_data"}
+        assert {*tree.children} == {
+            "posterior", "prior", "log_likelihood", "posterior_predictive", "observed_data",
+        }  # fmt: skip
         parameter = arviz_base.extract(tree, num_samples=None)["parameter"]
         assert parameter.sizes == {"group": len(out.posterior.names), "sample": 4000}
         np.testing.assert_allclose(parameter.mean("sample"), out.posterior.mean, rtol=0.2, atol=1e-4)
+
+
+@pytest.mark.parametrize("outliers", [0, 4])
+def test_the_log_likelihood_of_each_row_is_that_of_the_exact_kinematics(outliers: int):
+    """At draws of parameters and noise, by SciPy's normal density of what was measured less what is predicted."""
+    fit = fitted(machine(), outliers=outliers)
+    out = bayesian(fit, lambda m: fit, robust=outliers > 0)
+    p = out.posterior
+    assert p is not None
+    found = p.log_likelihood["position"]
+    chains, draws, rows = found.shape
+    assert (chains, rows) == (p.values.shape[0], len(fit.survey))
+    assert draws == len(range(0, p.values.shape[1], p.every))
+    names = [c.name for c in p.unknowns]
+    column = {name: p.coordinates[:, :, names.index(name)] for name in names}
+    zero = np.zeros(len(fit.chain.ids))
+    for chain, draw in ((0, 0), (1, draws - 1)):
+        here = (chain, draw * p.every)
+        values = np.zeros(len(fit.solution.unknowns))
+        values[fit.solution.groups.base] = p.values[here]
+        left = residuals_of(fit.problem.views, fit.problem.place(), values, zero, rows)
+        sigma = column["noise.position"][here]
+        log = norm.logpdf(left, scale=sigma).sum(axis=1)
+        if outliers:
+            share, width = column["outliers.share"][here], column["outliers.width"][here]
+            far = norm.logpdf(left, scale=width * sigma).sum(axis=1)
+            log = np.logaddexp(np.log1p(-share) + log, np.log(share) + far)
+        np.testing.assert_allclose(found[chain, draw], log, atol=0.02)
+
+
+def test_draws_from_the_prior_have_its_moments_and_bounds():
+    fit = fitted(machine(), rows=30)
+    names = [fit.solution.unknowns[j] for j in fit.solution.groups.base]
+    k = names.index("X.dx.1")
+    value = float(fit.solution.values[fit.solution.groups.base][k])
+    given = {"X.dx.1": PriorForm(mean=value, std=0.5), "noise.position": PriorForm(low=1e-3, high=4e-3)}
+    linear, _, _ = model_of(fit, given, None, False)
+    values, others = prior_draws(linear, linear.coordinates, np.random.default_rng(0))
+    assert values.shape == (1000, len(names))
+    assert values[:, k].mean() == pytest.approx(value, abs=0.05)
+    np.testing.assert_allclose(values.std(axis=0), linear.prior.std, rtol=0.15)
+    noise = others[:, [c.name for c in linear.coordinates].index("noise.position")]
+    assert (noise.min() >= 1e-3) & (noise.max() <= 4e-3)
+    assert np.log(noise).mean() == pytest.approx(np.log(2e-3), abs=0.05)
+    linear, _, _ = model_of(fit, {"X.dx.1": PriorForm(mean=value, std=0.5, low=value)}, None, False)
+    values, _ = prior_draws(linear, linear.coordinates, np.random.default_rng(0))
+    assert values[:, k].min() >= value
+    assert values[:, k].mean() - value == pytest.approx(0.5 * np.sqrt(2 / np.pi), rel=0.1)
 
 
 def priors(folder: Path, text: str) -> Path:

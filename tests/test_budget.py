@@ -21,8 +21,8 @@ from errormodel.survey import Survey, read_survey
 from errormodel.survey_file import BudgetEntry
 from identification.estimation.result import Fit
 from identification.estimation.run import fit_machine
-from identification.results.store import stored
-from identification.uncertainty.budget import Budget, Input, budgets_of, combine
+from identification.results.analysis import Analysis
+from identification.uncertainty.budget import Budget, Input, combine
 from identification.uncertainty.prediction import predict
 from tests.commands import MILL, done, run, write
 from tests.instrument_settings import settings_of
@@ -76,14 +76,14 @@ def test_infinite_degrees_of_freedom():
 
 def test_noise_of_the_residuals_is_what_predict_says():
     fit = fitted()
-    worst = fit.budgets.prediction
+    worst = Analysis(fit).budgets.prediction
     assert worst is not None
     (line,) = worst.inputs
     assert (line.type, line.dof) == ("A", fit.solution.dof)
-    groups = [b.std for b in fit.budgets.groups]
+    groups = [b.std for b in Analysis(fit).budgets.groups]
     np.testing.assert_allclose(groups, np.sqrt(np.diag(fit.solution.covariance)), rtol=1e-9)
     table = positions(measured(MACHINE, np.zeros(len(fit.chain.ids)), 50, 7))
-    known = predict(stored(fit), survey(table))[["ux", "uy", "uz"]].to_numpy()
+    known = predict(Analysis(fit).stored, survey(table))[["ux", "uy", "uz"]].to_numpy()
     assert worst.std >= 0.97 * known.max()  # the worst of the volume
 
 
@@ -92,7 +92,7 @@ def test_parts_of_a_tracker_add_up():
     rng = np.random.default_rng(0)
     table[["mx", "my", "mz"]] += TRACKER.draw_noise(table[["mx", "my", "mz"]].to_numpy(), rng)
     fit = fit_machine(MACHINE, _survey(table, instrument=TRACKER))
-    budgets = fit.budgets
+    budgets = Analysis(fit).budgets
     assert budgets.prediction is not None
     names = [i.name for i in budgets.prediction.inputs]
     assert names[:3] == [
@@ -104,20 +104,22 @@ def test_parts_of_a_tracker_add_up():
     table.loc[[3, 30, 44, 61, 70, 71], "my"] += 5.0
     robust = fit_machine(MACHINE, _survey(table, instrument=TRACKER), robust=True)
     std = np.sqrt(np.diag(robust.solution.covariance)) * robust.inflation
-    np.testing.assert_allclose([b.std for b in robust.budgets.groups], std, rtol=1e-6)  # wrong rows are no source
+    np.testing.assert_allclose(
+        [b.std for b in Analysis(robust).budgets.groups], std, rtol=1e-6
+    )  # wrong rows are no source
 
 
 def test_the_target_of_a_tracker_is_a_line_of_its_own_and_counted_once():
     table = positions(measured(MACHINE, np.zeros(len(_chain(MACHINE))), 80, 3, noise=2e-3))
     tracker = TRACKER.model_copy(update={"target": 2e-3})
     fit = fit_machine(MACHINE, _survey(table, instrument=tracker))
-    assert fit.budgets.prediction is not None
-    for budget in (fit.budgets.prediction, *fit.budgets.groups):
+    assert Analysis(fit).budgets.prediction is not None
+    for budget in (Analysis(fit).budgets.prediction, *Analysis(fit).budgets.groups):
         own = [i for i in budget.inputs if i.name == "laser-tracker, target"]
         assert [(i.type, i.std, i.unit) for i in own] == [("B", 2e-3, "mm")]
         assert sum(i.contribution**2 for i in budget.inputs if i is not own[0]) < budget.std**2
     std = np.sqrt(np.diag(fit.solution.covariance)) * fit.inflation
-    np.testing.assert_allclose([b.std for b in fit.budgets.groups], std, rtol=1e-6)
+    np.testing.assert_allclose([b.std for b in Analysis(fit).budgets.groups], std, rtol=1e-6)
     seat = tracker.covariance(POINTS) - TRACKER.covariance(POINTS)  # type: ignore[operator]
     np.testing.assert_allclose(seat, np.broadcast_to(4e-6 * np.eye(3), seat.shape), atol=1e-15)
 
@@ -148,9 +150,9 @@ def test_the_parts_of_every_budget_add_up_to_the_whole(kind: type[Instrument], d
     table = positions(measured(MACHINE, np.zeros(len(_chain(MACHINE))), 60, 3, noise=2e-3))
     fit = fit_machine(MACHINE, _survey(table, instrument=instrument))
     std = np.sqrt(np.diag(fit.solution.covariance)) * fit.inflation
-    parts = [sqrt(sum(i.contribution**2 for i in b.inputs)) for b in fit.budgets.groups]
+    parts = [sqrt(sum(i.contribution**2 for i in b.inputs)) for b in Analysis(fit).budgets.groups]
     np.testing.assert_allclose(parts, std, rtol=1e-6)
-    assert {i.name for b in fit.budgets.groups for i in b.inputs} >= {
+    assert {i.name for b in Analysis(fit).budgets.groups for i in b.inputs} >= {
         f"{instrument.type}, {s.name}" for s in instrument.sources(POINTS)
     }
 
@@ -171,7 +173,7 @@ def test_a_systematic_input_moves_the_groups_as_a_new_fit_says(acts: str, step: 
     base = fit.solution.groups.base
     assert again.solution.groups.base.tolist() == base.tolist()
     moved = (again.solution.values - fit.solution.values)[base] / step
-    lines = [next(i for i in b.inputs if i.name == "it") for b in budgets_of(fit).groups]
+    lines = [next(i for i in b.inputs if i.name == "it") for b in Analysis(fit).budgets.groups]
     scale = np.abs(moved).max()
     np.testing.assert_allclose([i.sensitivity for i in lines], moved, atol=2e-4 * scale, rtol=2e-3)
     assert lines[0].std == pytest.approx(step / sqrt(3))
@@ -179,7 +181,7 @@ def test_a_systematic_input_moves_the_groups_as_a_new_fit_says(acts: str, step: 
 
 def test_direct_inputs_and_the_form_of_the_model():
     entry = BudgetEntry(name="repeatability", std=0.01, dof=5, type="A")
-    plain, more = (fitted(budget=b).budgets.prediction for b in ((), (entry,)))
+    plain, more = (Analysis(fitted(budget=b)).budgets.prediction for b in ((), (entry,)))
     assert isinstance(plain, Budget)
     assert isinstance(more, Budget)
     assert more.std == pytest.approx(np.hypot(plain.std, 0.01))

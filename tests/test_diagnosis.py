@@ -14,7 +14,8 @@ from errormodel.effects import make
 from errormodel.machine import EffectSpec
 from errormodel.machine_file import read_machine
 from errormodel.survey import read_survey
-from identification.diagnosis.pipeline import Diagnosed, diagnose
+from identification.diagnosis.pipeline import diagnose
+from identification.diagnosis.results.diagnosed import Diagnosed
 from identification.results import store
 from identification.uncertainty.prediction import predict
 

@@ -24,7 +24,6 @@ from errormodel.machine import EffectSpec, Machine
 from errormodel.machine_file import read_machine
 from errormodel.simulation import Truth, measured_at, random_points
 from errormodel.survey import Survey
-from identification.command_line.text import comparison
 from identification.diagnosis.data_checks.temperature_sensors import dead_sensors
 from identification.diagnosis.linear.linear_model import LinearModel, set_up
 from identification.diagnosis.pipeline import _moved, diagnose
@@ -35,6 +34,7 @@ from identification.diagnosis.results.statements import causes, next_measurement
 from identification.diagnosis.results.verdict import judge
 from identification.diagnosis.search.scoring import Step
 from identification.estimation.run import fit_machine
+from identification.results.text import comparison
 from tests import effect_battery as battery
 
 NOISE = 0.003

@@ -15,6 +15,7 @@ from errormodel.machine_file import read_machine
 from identification.estimation.run import fit_machine
 from identification.report.outliers_and_poses import gain_part
 from identification.report.page import page
+from identification.results.analysis import Analysis
 from identification.results.store import as_json, save
 from identification.uncertainty.further_poses import leverages
 from tests.chains import Array, errors
@@ -34,7 +35,7 @@ def table(n: int, seed: int = 0, points: pd.DataFrame | None = None) -> pd.DataF
 def test_ten_more_like_these_and_the_best_ten() -> None:
     """Both are what a fit with ten more rows says; the best bring more, and most of all groups."""
     plain = fit_machine(MACHINE, survey(table(60)))
-    gain, std = plain.gain, np.sqrt(np.diag(plain.solution.covariance)) * plain.inflation
+    gain, std = Analysis(plain).gain, np.sqrt(np.diag(plain.solution.covariance)) * plain.inflation
     np.testing.assert_allclose(gain.like_these, std * np.sqrt(60 / 70), rtol=1e-9)
     assert gain.best is not None
     assert gain.poses is not None
@@ -134,13 +135,13 @@ def test_noise_that_hangs_together_as_long_as_the_run() -> None:
 
 def test_next_poses_need_positions() -> None:
     fit = fit_machine(MACHINE, survey(motion_rows(MACHINE, P, "X", ("dx", "eb"), 30)))
-    assert as_json(fit)["next_poses"] == []
-    assert all(p["std_after_10_best"] is None for p in as_json(fit)["parameters"])
+    assert as_json(Analysis(fit))["next_poses"] == []
+    assert all(p["std_after_10_best"] is None for p in as_json(Analysis(fit))["parameters"])
 
 
 def test_a_pose_that_is_listed_twice_is_to_be_measured_twice() -> None:
     fit = fit_machine(MACHINE, survey(table(60)))
-    part = gain_part(fit)
+    part = gain_part(Analysis(fit))
     assert part is not None
     poses = [tuple(row) for row in part.poses]
     assert len(poses) == 10

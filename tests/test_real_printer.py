@@ -10,7 +10,8 @@ import pytest
 
 from errormodel.machine_file import read_machine
 from errormodel.survey import read_survey
-from identification.diagnosis.pipeline import Diagnosed, diagnose
+from identification.diagnosis.pipeline import diagnose
+from identification.diagnosis.results.diagnosed import Diagnosed
 
 LARGEST_UM = {"a": 13.0, "b": 5.5}  # held out; two temperatures, one of them lagged, leave 16 and 6.3
 

@@ -8,6 +8,7 @@ from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -24,7 +25,6 @@ from errormodel.machine import EffectSpec, Machine
 from errormodel.machine_file import read_machine
 from errormodel.simulation import Truth, measured_at, outward, random_points
 from errormodel.survey import read_survey
-from identification.command_line.text import table_lines
 from identification.estimation.result import Fit, Spread
 from identification.estimation.run import fit_machine
 from identification.plots.correlation import correlation, draw_correlation
@@ -38,7 +38,8 @@ from identification.plots.volumetric_error import draw_volumetric_error
 from identification.report import write, write_report
 from identification.report.tables import number
 from identification.report.wording import short, strongest_correlation, three
-from identification.results.parameter_table import estimates
+from identification.results.analysis import Analysis
+from identification.results.terminal import table_lines
 from tests.pages import Page
 
 HOSTILE = '</title><script>alert("x")</script> & $\\frac$ "M"'
@@ -80,7 +81,7 @@ def fit(tmp_path_factory: pytest.TempPathFactory) -> Fit:
 @pytest.fixture(scope="module")
 def page(fit: Fit, tmp_path_factory: pytest.TempPathFactory) -> str:
     path = tmp_path_factory.mktemp("report") / "new" / "report.html"
-    write_report(fit, path)
+    write_report(Analysis(fit), path)
     return path.read_text(encoding="utf-8")
 
 
@@ -90,7 +91,7 @@ def test_report_shows_the_numbers_of_the_fit(fit: Fit, page: str) -> None:
     for cells, s in zip(tables["results"][1:], spreads, strict=True):
         assert cells[1:] == [f"{s.mean_um:.1f}", f"{s.rms_um:.1f}", f"{s.max_um:.1f}", str(s.n)]
     groups = [cells for cells in tables["groups"][1:] if len(cells) == 6]
-    found = sorted(estimates(fit), key=lambda e: ["member", "joint", "effect", "frame", "zero"].index(e.kind))
+    found = sorted(Analysis(fit).estimates, key=lambda e: ["member", "joint", "effect", "frame", "zero"].index(e.kind))
     assert len(groups) == len(found) == fit.solution.groups.rank
     for cells, e in zip(groups, found, strict=True):
         value, std = (float(v.replace("−", "-")) for v in cells[3].split(" ± "))
@@ -110,7 +111,7 @@ def test_headline_says_what_came_out(fit: Fit, page: str) -> None:
 
 
 def test_same_fit_same_bytes(fit: Fit, page: str, tmp_path: Path) -> None:
-    write_report(fit, tmp_path / "again.html")
+    write_report(Analysis(fit), tmp_path / "again.html")
     assert (tmp_path / "again.html").read_bytes() == page.encode()
 
 
@@ -156,7 +157,7 @@ def test_doubts_are_said(fit: Fit, tmp_path: Path, monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(write, "pictures", lambda *_, short: defaultdict(list))
     worse = Spread(3 * fit.fitted.rms_um, 3 * fit.fitted.mean_um, 5 * fit.fitted.max_um, fit.fitted.n)
     doubtful = replace(fit, heldout=worse, tests=(replace(fit.tests[0], fitted=worse),), notes=("look <here>",))
-    write_report(doubtful, tmp_path / "report.html")
+    write_report(Analysis(doubtful), tmp_path / "report.html")
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
     for words in ("3.0 times worse", "_test &lt;img src=x&gt;.csv is predicted clearly worse", "look &lt;here&gt;"):
         assert words in text
@@ -169,7 +170,7 @@ def test_a_survey_of_error_motions_alone(fit: Fit, tmp_path: Path) -> None:
     write_csv(motion, tmp_path / "motion.csv")
     machine = fit.chain.machine
     alone = fit_machine(machine, read_survey(tmp_path / "motion.csv", machine))
-    write_report(alone, tmp_path / "report.html")
+    write_report(Analysis(alone), tmp_path / "report.html")
     parsed = Page((tmp_path / "report.html").read_text(encoding="utf-8"))
     assert "results" not in parsed.tables
     assert [cells[0] for cells in parsed.tables["noise"][1:]] == [
@@ -184,10 +185,10 @@ def test_effects_have_their_place(tmp_path: Path) -> None:
     table = measured_at(machine, points, Truth({"X.dx.backlash": 0.02}), 0.003, 3)[["mx", "my", "mz"]]
     write_csv(outward(points, machine).join(table), tmp_path / "s.csv")
     found = fit_machine(machine, read_survey(tmp_path / "s.csv", machine))
-    effect = [e for e in estimates(found) if e.kind == "effect"]
+    effect = [e for e in Analysis(found).estimates if e.kind == "effect"]
     assert [e.id for e in effect] == ["X.dx.backlash"]
     assert effect[0].value == pytest.approx(20, abs=4 * effect[0].std)
-    assert labels(draw_parameters(found)) >= {"value ± 2 standard uncertainties / µm"}
+    assert labels(draw_parameters(Analysis(found))) >= {"value ± 2 standard uncertainties / µm"}
     draw_error_motions(found, machine.joints[0])
 
 
@@ -196,7 +197,7 @@ def labels(figure: Figure) -> set[str]:
     return {label for some in texts for label in some if label}
 
 
-FIGURES: dict[Callable[[Fit], Figure], set[str]] = {
+FIGURES: dict[Callable[[Any], Figure], set[str]] = {
     draw_error_distribution: {"|e| / µm", "share of the rows / %", "rows with less / %"},
     draw_volumetric_error: {"x / mm", "y / mm", "|e| / µm"},
     draw_residuals_by_position: {"X / mm", "Y / mm", "Z / mm", "x / µm", "y / µm", "z / µm"},
@@ -208,8 +209,8 @@ FIGURES: dict[Callable[[Fit], Figure], set[str]] = {
 
 
 @pytest.mark.parametrize("draw", FIGURES, ids=lambda draw: draw.__name__)
-def test_figures_are_labelled(fit: Fit, draw: Callable[[Fit], Figure]) -> None:
-    figure = draw(fit)
+def test_figures_are_labelled(fit: Fit, draw: Callable[[Any], Figure]) -> None:
+    figure = draw(Analysis(fit) if draw in (draw_parameters, draw_correlation) else fit)
     assert isinstance(figure, Figure)
     assert labels(figure) >= {label for label in FIGURES[draw] if not label.startswith("|e|")}
     assert any(label.startswith("|e| / µm") for label in labels(figure)) == ("|e| / µm" in FIGURES[draw])
@@ -246,8 +247,8 @@ def test_numbers_as_people_write_them() -> None:
 
 
 def test_the_strongest_correlation_has_a_subject(fit: Fit) -> None:
-    text = strongest_correlation(fit)
-    groups, matrix = correlation(fit)
+    text = strongest_correlation(Analysis(fit))
+    groups, matrix = correlation(Analysis(fit))
     value = float(re.search(r"correlation coefficient of ([+−]\d\.\d+)", text)[1].replace("−", "-"))  # type: ignore[index]
     assert abs(value) == pytest.approx(np.abs(matrix - np.eye(len(groups))).max(), abs=1e-3)
     assert text.startswith("Of all pairs of groups, the estimates of ")
@@ -274,7 +275,7 @@ def test_labels_of_parameters_are_whole(tmp_path: Path) -> None:
     points = random_points(machine, 80, 3)
     table = measured_at(machine, points, Truth({"X.dx.backlash": 0.02}), 0.003, 3)[["mx", "my", "mz"]]
     write_csv(outward(points, machine).join(table), tmp_path / "s.csv")
-    figure = draw_parameters(fit_machine(machine, read_survey(tmp_path / "s.csv", machine)))
+    figure = draw_parameters(Analysis(fit_machine(machine, read_survey(tmp_path / "s.csv", machine))))
     canvas = FigureCanvasAgg(figure)
     figure.draw_without_rendering()
     for axes in figure.axes:

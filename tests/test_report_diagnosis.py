@@ -21,7 +21,8 @@ from errormodel.machine_file import read_machine
 from errormodel.simulation import Truth, measured_at, outward, random_points
 from errormodel.survey import Survey, read_survey
 from identification.diagnosis.linear.linear_model import set_up
-from identification.diagnosis.pipeline import Diagnosed, diagnose
+from identification.diagnosis.pipeline import diagnose
+from identification.diagnosis.results.diagnosed import Diagnosed
 from identification.diagnosis.results.findings import Alternative, Finding, HeldOut, Untestable
 from identification.diagnosis.search.candidates import Candidates
 from identification.diagnosis.search.model import EffectModel
@@ -34,6 +35,7 @@ from identification.plots.style import render
 from identification.plots.where_map import where_map
 from identification.report import write_report
 from identification.report.diagnosis import numbered, odds
+from identification.results.analysis import Analysis
 from identification.results.residual_projection import evidence_of
 from tests import effect_battery as battery
 from tests.pages import Page
@@ -183,7 +185,7 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> Diagnosed:
 @pytest.fixture(scope="module")
 def page(found: Diagnosed, tmp_path_factory: pytest.TempPathFactory) -> str:
     path = tmp_path_factory.mktemp("page") / "report.html"
-    write_report(found.final, path, found)
+    write_report(Analysis(found.final), path, found)
     return path.read_text(encoding="utf-8")
 
 
@@ -211,7 +213,7 @@ def test_each_finding_is_shown(found: Diagnosed, page: str) -> None:
 
 
 def test_same_diagnosis_same_bytes(found: Diagnosed, page: str, tmp_path: Path) -> None:
-    write_report(found.final, tmp_path / "again.html", found)
+    write_report(Analysis(found.final), tmp_path / "again.html", found)
     assert (tmp_path / "again.html").read_bytes() == page.encode()
 
 
@@ -235,7 +237,7 @@ def test_the_page_is_whole_and_accessible(page: str) -> None:
 def test_nothing_found_is_said_plainly(tmp_path: Path) -> None:
     diagnosed = diagnose(*recorded(tmp_path, ()))
     assert diagnosed.diagnosis.findings == ()
-    write_report(diagnosed.final, tmp_path / "report.html", diagnosed)
+    write_report(Analysis(diagnosed.final), tmp_path / "report.html", diagnosed)
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "Nothing was found: the model and the noise explain what was measured." in page
     assert not [alt for alt in pictures_of(page) if "finding" in alt]

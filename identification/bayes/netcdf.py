@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -14,59 +14,100 @@ from errormodel.files import replacing
 from identification.bayes.posterior import Posterior
 from identification.estimation.result import Fit
 
+if TYPE_CHECKING:
+    from xarray import DataTree
+
+Labels: TypeAlias = Mapping[str, range | Sequence[str]]  # of each dimension
+
 
 def write_netcdf(fit: Fit, posterior: Posterior, path: Path) -> None:
-    """Write groups ``posterior``, ``sample_stats`` (of a chain), ``posterior_predictive`` and ``observed_data``.
+    """Write what ArviZ knows: ``posterior``, ``prior``, ``log_likelihood``, ``observed_data`` and others.
 
-    Groups are one variable ``parameter`` over their ids; what is not linear has a variable each, dots in its name
-    becoming underscores.
+    Groups ``sample_stats`` (of a chain) and ``posterior_predictive`` are there where they are known. Parameters are one
+    variable ``parameter`` over their ids; what is not linear has a variable each, dots in its name becoming
+    underscores. The log-likelihood has a variable for each kind of observation, over the survey's rows.
     """
     import h5netcdf
 
-    chains, draws = posterior.values.shape[:2]
-    sizes = {"chain": chains, "draw": draws, "group": len(posterior.names)}
-    library = "emcee" if posterior.method == "emcee" else "errormodel"
+    p = posterior
+    chains, draws = p.values.shape[:2]
+    library = "emcee" if p.method == "emcee" else "errormodel"
     attributes = {"inference_library": library, "creation_library": "errormodel", "creation_version": __version__}
-    own: dict[str, tuple[tuple[str, ...], Array, str]] = {
-        "parameter": (("chain", "draw", "group"), posterior.values, "mm, rad and what is made of them")
+    with replacing(path) as part, h5netcdf.File(part, "w") as file:
+        sizes: Labels = {"chain": range(chains), "draw": range(draws), "group": p.names}
+        own = _variables(p, p.values, p.coordinates)
+        _group(file, "posterior", sizes, own, {**attributes, "statement": p.statement})
+        before: Labels = {"chain": range(1), "draw": range(len(p.prior_values)), "group": p.names}
+        own = _variables(p, p.prior_values[None], p.prior_coordinates[None])
+        _group(file, "prior", before, own, attributes)
+        if p.log_likelihood:
+            some: Labels = {"chain": range(chains), "draw": range(0, draws, p.every), "row": range(len(fit.survey))}
+            logs = {kind: (("chain", "draw", "row"), log, "1") for kind, log in p.log_likelihood.items()}
+            _group(file, "log_likelihood", some, logs, attributes)
+        if p.chains is not None:
+            log_prob = p.chains.log_prob[:, :: -(-p.chains.log_prob.shape[1] // draws)]
+            stats = {"lp": (("chain", "draw"), log_prob, "nats")}
+            _group(file, "sample_stats", {"chain": range(chains), "draw": range(draws)}, stats, attributes)
+        if p.checks:
+            count = {"chain": range(1), "draw": range(len(p.checks[0].replicated))}
+            figures = {c.name: (("chain", "draw"), c.replicated[None], "1") for c in p.checks}
+            _group(file, "posterior_predictive", count, figures, attributes)
+        seen = {"residual": (("row", "axis"), fit.residuals, "mm")}
+        _group(file, "observed_data", {"row": range(len(fit.residuals)), "axis": range(3)}, seen, attributes)
+
+
+def as_tree(fit: Fit, posterior: Posterior) -> DataTree:
+    """The same in memory, as ArviZ takes it.
+
+    Raises
+    ------
+    ImportError
+        xarray, which ArviZ stands on, is not installed.
+    """
+    import tempfile
+
+    try:
+        from xarray import open_datatree
+    except ImportError as error:
+        raise ImportError("ArviZ is needed to hold a posterior: pip install errormodel[arviz]") from error
+    with tempfile.TemporaryDirectory() as folder:
+        write_netcdf(fit, posterior, Path(folder) / "posterior.nc")
+        with open_datatree(Path(folder) / "posterior.nc", engine="h5netcdf") as tree:
+            return tree.load()
+
+
+def _variables(
+    posterior: Posterior, values: Array, coordinates: Array
+) -> dict[str, tuple[tuple[str, ...], Array, str]]:
+    """Parameters (chains, draws, p) and coordinates (chains, draws, q) by the names of their variables."""
+    out: dict[str, tuple[tuple[str, ...], Array, str]] = {
+        "parameter": (("chain", "draw", "group"), values, "mm, rad and what is made of them")
     }
     for k, unknown in enumerate(posterior.unknowns):
         name = unknown.name.replace(".", "_").replace("-", "_")
-        own[name] = (("chain", "draw"), posterior.coordinates[:, :, k], unknown.unit)
-    with replacing(path) as part, h5netcdf.File(part, "w") as file:
-        _group(file, "posterior", sizes, own, {**attributes, "statement": posterior.statement}, posterior.names)
-        if posterior.chains is not None:
-            log_prob = posterior.chains.log_prob[:, :: -(-posterior.chains.log_prob.shape[1] // draws)]
-            stats = {"lp": (("chain", "draw"), log_prob, "nats")}
-            _group(file, "sample_stats", {"chain": chains, "draw": draws}, stats, attributes)
-        if posterior.checks:
-            count = {"chain": 1, "draw": len(posterior.checks[0].replicated)}
-            figures = {c.name: (("chain", "draw"), c.replicated[None], "1") for c in posterior.checks}
-            _group(file, "posterior_predictive", count, figures, attributes)
-        seen = {"residual": (("row", "axis"), fit.residuals, "mm")}
-        _group(file, "observed_data", {"row": len(fit.residuals), "axis": 3}, seen, attributes)
+        out[name] = (("chain", "draw"), coordinates[:, :, k], unknown.unit)
+    return out
 
 
 def _group(
     file: Any,
     name: str,
-    sizes: Mapping[str, int],
+    labels: Labels,
     variables: Mapping[str, tuple[tuple[str, ...], Array, str]],
     attributes: Mapping[str, str],
-    groups: Sequence[str] = (),
 ) -> None:
     import h5py
 
     group = file.create_group(name)
-    group.dimensions = dict(sizes)
+    group.dimensions = {key: len(own) for key, own in labels.items()}
     for key, value in attributes.items():
         group.attrs[key] = value
-    for key, size in sizes.items():
-        if key == "group":
-            labels = group.create_variable(key, (key,), dtype=h5py.string_dtype())
-            labels[...] = np.array(groups, dtype=object)
+    for key, own in labels.items():
+        if isinstance(own, range):
+            group.create_variable(key, (key,), data=np.array(own))
         else:
-            group.create_variable(key, (key,), data=np.arange(size))
+            words = group.create_variable(key, (key,), dtype=h5py.string_dtype())
+            words[...] = np.array(own, dtype=object)
     for key, (dimensions, values, unit) in variables.items():
         variable = group.create_variable(key, dimensions, data=np.ascontiguousarray(values))
         variable.attrs["units"] = unit

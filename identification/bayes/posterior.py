@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -68,6 +69,8 @@ class Posterior:
     prior_std : (p,); `scaled`: whether the parameters themselves were sampled.
     chains : of emcee; None where draws are exact.
     outliers : file, row and probability of those that are more likely outliers than not.
+    log_likelihood : (chains, some of the draws, rows) of each kind of observation; each is one of `every` draws.
+    prior_values (n, p), prior_coordinates (n, q) : draws from the prior.
     departure : largest error, in nats, of the linear and interpolated model against the exact kinematics.
     """
 
@@ -88,6 +91,10 @@ class Posterior:
     checks: tuple[Check, ...] = ()
     evidence: tuple[EffectEvidence, ...] = ()
     departure: float = 0.0
+    log_likelihood: Mapping[str, Array] = field(default_factory=dict)
+    every: int = 1
+    prior_values: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    prior_coordinates: Array = field(default_factory=lambda: np.zeros((0, 0)))
     notes: tuple[str, ...] = field(default=())
 
     @property

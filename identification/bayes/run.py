@@ -20,6 +20,7 @@ from identification.bayes.full_posterior import Whole
 from identification.bayes.hyperparameters import Coordinate
 from identification.bayes.marginal_posterior import Collapsed
 from identification.bayes.outliers import in_doubt, mixture_of, squares_of
+from identification.bayes.pointwise import log_likelihood, prior_draws
 from identification.bayes.posterior import Method, Posterior
 from identification.bayes.priors import prior_of
 from identification.bayes.sampling import Chains, Reference, Target, inside, sample, walkers_for
@@ -34,12 +35,13 @@ from identification.bayes.unknowns import (
     with_prior,
 )
 from identification.estimation.result import Fit
-from identification.results.store import parameters
+from identification.results.groups import groups_of
 from identification.runtime.progress import Progress, Steps, silent, uncounted
 
 CHAINS, DRAWS = 4, 1000  # of exact draws
 MOST_DRAWS = 8000  # kept of a chain
 GRID = 400  # points of a quadrature
+MOST_DENSITIES = 2_000_000  # kept of the log-likelihood: draws times rows
 MOST_DEPARTURE = 0.5  # nats by which the linear model may miss the exact kinematics
 
 
@@ -84,6 +86,7 @@ def bayesian(
                     *notes,
                     f"the kinematics bend over the posterior: log-probabilities are off by up to {away:.1f}",
                 )
+            posterior = _with_likelihood(fit, posterior, linear, whole, moved, seed)
             if linear.statistics.interpolations:
                 shapes = linear.shapes(moved).mean(axis=0)
                 fit = refit(machine_at(fit.chain.machine, linear.statistics.interpolations, shapes))
@@ -93,6 +96,23 @@ def bayesian(
                 posterior, checks=checks, evidence=evidence_of(fit), departure=away, notes=(*posterior.notes, *notes)
             )
     return replace(fit, posterior=posterior)
+
+
+def _with_likelihood(
+    fit: Fit, posterior: Posterior, linear: Collapsed, whole: Whole | None, moved: Array, seed: int
+) -> Posterior:
+    """The posterior with the log-likelihood of each row at some of the draws, and with draws from the prior."""
+    chains, draws, p = posterior.values.shape
+    every = min(-(-chains * draws * len(fit.survey) // MOST_DENSITIES), draws)
+    kept = moved.reshape(chains, draws, -1)[:, ::every]
+    found = log_likelihood(
+        fit, linear, whole, posterior.values[:, ::every].reshape(-1, p), kept.reshape(-1, kept.shape[2])
+    )
+    values, coordinates = prior_draws(linear, posterior.unknowns, np.random.default_rng(seed))
+    return replace(
+        posterior, every=every, prior_values=values, prior_coordinates=coordinates,
+        log_likelihood={kind: log.reshape(chains, -1, len(fit.survey)) for kind, log in found.items()},
+    )  # fmt: skip
 
 
 def model_of(
@@ -159,7 +179,7 @@ def drawn(
         mean, covariance = values.mean(axis=0), np.atleast_2d(np.cov(values.T))
         outliers = _outliers(fit, whole, flat)
     natural = np.stack([c.value(x) for c, x in zip(unknowns, moved.T, strict=True)], axis=1) if unknowns else moved
-    units = {p["id"]: p["unit"] for p in parameters(fit)}
+    units = {p["id"]: p["unit"] for p in groups_of(fit)}
     names = linear.statistics.names
     posterior = Posterior(
         method, names, tuple(units[n] for n in names), values.reshape(*shape, len(names)),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated
 
@@ -31,15 +33,39 @@ class PriorsForm(VersionedModel):
     )
 
 
-def read_priors(path: Path) -> tuple[dict[str, PriorForm], Document]:
-    """Read and check the file; the names in it are checked against the model later.
+def priors_of(
+    source: Mapping[str, Mapping[str, float]] | str | Path | None, bounds_only: bool
+) -> tuple[Mapping[str, PriorForm], Document | None]:
+    """What is known beforehand, of a file or a dict; `bounds_only` for least squares, which use nothing else.
+
+    Raises
+    ------
+    InputError
+        It is wrong, or has a normal prior for a fit that is not Bayesian.
+    """
+    if source is None:
+        return {}, None
+    given, document = read_priors(source)
+    for name, form in given.items():
+        if form.std is not None and bounds_only:
+            found = "a normal prior (std), which least squares do not use: they take bounds only"
+            raise prior_error(document, name, found, "Add --bayes, or leave low and high alone")
+    return given, document
+
+
+def read_priors(source: Mapping[str, Mapping[str, float]] | str | Path) -> tuple[dict[str, PriorForm], Document]:
+    """Read and check the file, or the dict of its ``priors``; names in it are checked against the model later.
 
     Raises
     ------
     InputError
         A key or value is wrong, or a prior contradicts itself.
     """
-    document = yamlfile.load(path)
+    if isinstance(source, str | Path):
+        document = yamlfile.load(Path(source))
+    else:
+        whole = {"errormodel": 1, "priors": {name: dict(form) for name, form in source.items()}}
+        document = yamlfile.parse(json.dumps(whole, default=str), "priors")
     form = yamlfile.validate(document, PriorsForm)
     for name, prior in form.priors.items():
         keys = ("priors", name)

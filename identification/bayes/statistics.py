@@ -14,7 +14,7 @@ from identification.bayes.shape_parameters import ShapeInterpolation
 from identification.estimation.result import Fit
 from identification.estimation.run import placed
 from identification.observation.assembly import Problem, build
-from identification.observation.models import Kind, PositionView
+from identification.observation.models import Kind, PositionView, View
 from identification.observation.normal_equations import accumulate, design_rows, view_vector
 
 
@@ -101,16 +101,27 @@ def posed(fit: Fit, machine: Machine) -> Problem:
     return placed(problem, fit.problem.frames) if fit.problem.frames else problem
 
 
-def gather(
-    fit: Fit, interpolations: Sequence[ShapeInterpolation], keep: Mask | None = None, share: float = 1.0
-) -> Statistics:
-    """The statistics of a fit's rows, in one stream.
+@dataclass(frozen=True)
+class Extended:
+    """The rows of a fit over the extended unknowns: one a parameter, or one a node of the effect that it belongs to.
 
-    Parameters
+    Attributes
     ----------
-    keep : (rows,) True for position rows that keep their own equations.
-    share : what a row counts, below 1 where noise is correlated from row to row.
+    problem : what the rows ask of the machine that has each bending effect once a node.
+    place : number of each extended unknown by its id; `at`: their values at the fit.
+    names, places, shape : see `Statistics`.
     """
+
+    problem: Problem
+    place: dict[str, int]
+    at: Array
+    names: tuple[str, ...]
+    places: tuple[Index, ...]
+    shape: tuple[int | None, ...]
+
+
+def extended(fit: Fit, interpolations: Sequence[ShapeInterpolation]) -> Extended:
+    """The rows of a fit over the extended unknowns of these bends."""
     machine, solution = fit.chain.machine, fit.solution
     by_number = {b.number: k for k, b in enumerate(interpolations)}
     specs: list[EffectSpec] = []
@@ -142,17 +153,32 @@ def gather(
     for k, j in enumerate(solution.groups.base):
         own = None if bend_of[k] is None else interpolations[bend_of[k] or 0]
         at[places[k]] = solution.values[j] * (1.0 if own is None else own.weights(own.best[None])[0])
+    return Extended(problem, place, at, names, tuple(places), tuple(bend_of))
+
+
+def gather(
+    fit: Fit, interpolations: Sequence[ShapeInterpolation], keep: Mask | None = None, share: float = 1.0
+) -> Statistics:
+    """The statistics of a fit's rows, in one stream.
+
+    Parameters
+    ----------
+    keep : (rows,) True for position rows that keep their own equations.
+    share : what a row counts, below 1 where noise is correlated from row to row.
+    """
+    e = extended(fit, interpolations)
+    problem, place, at = e.problem, e.place, e.at
     keep = np.zeros(len(fit.survey), dtype=bool) if keep is None else keep
     apart = [v.part(keep[v.index]) for v in problem.views if isinstance(v, PositionView)]
     core = [v.part(~keep[v.index]) if isinstance(v, PositionView) else v for v in problem.views]
-    zero = np.zeros(len(chain.ids))
+    zero = np.zeros(len(problem.chain.ids))
     sums = accumulate([v for v in core if len(v)], place, at, zero, at=at)
     kinds = tuple(sums)
     gram = share * np.array([s.gram for s in sums.values()])
     slope = share * np.array([s.slope for s in sums.values()])
     square = share * np.array([s.square for s in sums.values()]) + 2 * slope @ at + np.einsum("kij,i,j", gram, at, at)
     return Statistics(
-        names, tuple(places), tuple(bend_of), tuple(interpolations), kinds, gram, slope + gram @ at, square,
+        e.names, e.places, e.shape, tuple(interpolations), kinds, gram, slope + gram @ at, square,
         share * np.array([s.count for s in sums.values()]), _apart([v for v in apart if len(v)], place, at, zero),
         share,
     )  # fmt: skip
@@ -161,9 +187,15 @@ def gather(
 def _apart(views: Sequence[PositionView], place: dict[str, int], at: Array, zero: Array) -> RowsApart:
     designs, gaps = [np.zeros((0, 3, len(place)))], [np.zeros((0, 3))]
     for view in views:
-        design = design_rows(view, place, most=len(view)).reshape(3, len(view), -1).transpose(1, 0, 2)
-        gap = np.hstack([view.whiten(part, g) for part, g in view.gaps(view_vector(view, place, at, zero))])
+        design, gap = equations(view, place, at, zero)
         designs.append(design)
-        gaps.append(gap.T + design @ at)
+        gaps.append(gap)
     index = np.concatenate([np.zeros(0, np.intp), *(v.index for v in views)])
     return RowsApart(np.concatenate(designs), np.concatenate(gaps), index)
+
+
+def equations(view: View, place: dict[str, int], at: Array, zero: Array) -> tuple[Array, Array]:
+    """Whitened M (m, outputs, e) of a view's rows at the values `at` (e,), and gaps (m, outputs) at zero parameters."""
+    design = design_rows(view, place, most=len(view)).reshape(len(view.outputs), len(view), -1).transpose(1, 0, 2)
+    gap = np.hstack([view.whiten(part, g) for part, g in view.gaps(view_vector(view, place, at, zero))])
+    return design, gap.T + design @ at

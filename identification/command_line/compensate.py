@@ -57,11 +57,11 @@ def compensate(
     seed: int,
 ) -> None:
     """Write a controller's tables from the FOLDER of a fit, and show by emulation what they leave over."""
-    from identification.compensation import text as lines
+    from identification import api
 
     if name == "list":
-        for line in lines.list_lines():
-            say(line)
+        for known, what in api.controllers().items():
+            say(f"{known:16} {what}")
         return
     if folder is None or out is None:
         missing = "FOLDER" if folder is None else "--out"
@@ -70,19 +70,11 @@ def compensate(
         )
     if resolution is not None and not 0 < resolution < 1:
         raise InputError("--resolution", f"{resolution:g} mm", "Write the least increment in mm, such as 0.001")
-    from errormodel.gcode.detect import AUTO
-    from errormodel.gcode.reading import Reading
-    from identification.compensation.run import compensate as stage
-    from identification.compensation.write import write_compensation
-
-    reading = Reading.of(dialect or AUTO, offsets, after) if dialect or offsets or after else None
-    result = stage(
-        folder, name, points, resolution, program, probe, tool, seed, working, reading, axes=axes, invert=invert,
-        allow_large=allow_large,
+    result = api.compensate(
+        folder, name, points=points, resolution=resolution, program=program, dialect=dialect, offsets=offsets, at=after,
+        probe=probe, tool=tool, axes=axes, invert=invert, allow_large=allow_large, seed=seed, progress=working,
     )  # fmt: skip
     show_notes(result.notes)
-    with out.replaced() as part:
-        write_compensation(result, part)
+    result.write(out)
     show_notes(out.notes)
-    for line in lines.compensation_lines(result, out.path):
-        say(line)
+    say(result.summary(out.path))

@@ -19,9 +19,10 @@ from errormodel.exceptions import InputError
 from errormodel.inputs import Run, running
 from identification.results.output_file import OutputFile
 from identification.results.results_folder import ResultsFolder
+from identification.results.terminal import one_line
 
 if TYPE_CHECKING:
-    from errormodel.machine import Machine
+    from errormodel import Machine
 
 FOLDER = click.Path(path_type=Path, file_okay=False)  # to read
 FILE = click.Path(path_type=Path, dir_okay=False)
@@ -177,13 +178,8 @@ def show_notes(notes: tuple[str, ...]) -> None:
 
 def read_model(machine: str) -> Machine:
     """The machine that a command was given; what in its file is hardly meant is said."""
-    from errormodel.machine_file import read_machine
+    from errormodel import read_machine
 
     model = read_machine(machine)
     show_notes(model.doubts)
     return model
-
-
-def one_line(message: str) -> str:
-    """A message as a terminal may show it: names in it are anybody's."""
-    return "".join(c if c.isprintable() else " " for c in message)

@@ -1,4 +1,4 @@
-"""The command line: calls the stages in order and holds no mathematics. Heavy imports live inside the commands."""
+"""The command line: reads, calls the public functions, prints and saves. Heavy imports live inside the commands."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Literal
 
 import click
 
@@ -20,17 +20,17 @@ from identification.command_line.console import (
     OUT_FOLDER,
     app,
     command,
-    one_line,
+    counting,
     read_model,
     say,
     show_notes,
     working,
 )
+from identification.results.terminal import one_line
 
 if TYPE_CHECKING:
-    from identification.diagnosis.pipeline import Diagnosed
-    from identification.estimation.result import Fit
-    from identification.results.description import Description
+    from errormodel import Survey
+    from identification.results.fit_result import FitResult
     from identification.results.output_file import OutputFile
     from identification.results.results_folder import ResultsFolder
 
@@ -43,7 +43,7 @@ MOST_PLANNED = 2000
 @command
 def machines() -> None:
     """List the machines that come with the tool."""
-    from errormodel.machine_file import library, read_machine
+    from errormodel import library, read_machine
 
     for name, path in library().items():
         say(f"{name:24} {read_machine(path).name}")
@@ -60,7 +60,7 @@ def describe(machine: str, survey: Path | None, json_file: OutputFile | None, dr
     Without a SURVEY: by random poses over the travels with one tool, seen from a known measuring frame. With one: by
     its poses and tools, also when the measuring frame is unknown.
     """
-    from identification.results import description as stage
+    from identification import api
 
     if drawing is not None and drawing.path.suffix.lower() not in DRAWINGS:
         found = f"a drawing of type '{drawing.path.suffix}'"
@@ -68,28 +68,17 @@ def describe(machine: str, survey: Path | None, json_file: OutputFile | None, dr
     model = read_model(machine)
     points = None
     if survey is not None:
-        from errormodel.survey import read_survey
+        from errormodel import read_survey
 
         points = read_survey(survey, model, measured=False)
         show_notes(points.notes)
-    description = stage.describe(model, points)
+    description = api.describe(model, points)
     if json_file is not None:
-        from identification.results.store import dumps
-
-        json_file.write_text(dumps(description.as_json()))
+        json_file.write_json(description.as_json())
     if drawing is not None:
-        from identification.plots.chain_drawing import draw_chain
-
         with drawing.replaced() as part:
-            draw_chain(model, part)
-    _say_description(description)
-
-
-def _say_description(description: Description) -> None:
-    from identification.command_line.text import description_lines
-
-    for line in description_lines(description):
-        say(line)
+            description.draw(part)
+    say(description.summary())
 
 
 @command
@@ -121,23 +110,19 @@ def plan(
     SETUP may hold travels {joint: [low, high]}, tools [[x, y, z], ...], boxes to avoid, sight {station, facing,
     incidence}, instrument, frame, pace and sensors; mm, degrees and seconds.
     """
-    from identification.planning import run as stage
-    from identification.planning.setup import Setup, noise_of, read_setup
-    from identification.planning.text import plan_lines
-    from identification.results.store import dumps
+    from identification import api
 
     model = read_model(machine)
-    circumstances = Setup(errormodel=1) if setup is None else read_setup(setup, model)
-    sigma = noise_of(circumstances, noise)
-    result = stage.plan(model, circumstances, points, sigma, seed, worst=criterion == "worst", progress=working)
+    result = api.plan(
+        model, points, setup=setup, noise=noise, criterion=criterion, seed=seed, progress=working
+    )  # fmt: skip
     if out is not None:
-        out.write_csv(stage.as_file(result, circumstances))
+        out.write_csv(result.poses)
     if json_file is not None:
-        json_file.write_text(dumps(result.as_json()))
-    for line in plan_lines(result):
-        say(line)
+        json_file.write_json(result.as_json())
+    say(result.summary())
     if out is not None:
-        say(f"\n{len(result.table)} rows written to {out}")
+        say(f"\n{len(result.poses)} rows written to {out}")
 
 
 @command
@@ -150,29 +135,17 @@ def plan(
 @click.option("--out", type=OUT_FILE, required=True, help="CSV to write.")
 def simulate(machine: str, points: str, parameters: Path | None, noise: str, out: OutputFile, seed: int) -> None:
     """Simulate what would be measured at POINTS (a survey's commands, or a number of random poses)."""
-    from errormodel import simulation as stage
-    from errormodel.chain import Chain
-    from errormodel.effects.axis_blunder import marred
-    from errormodel.instruments.base import Instrument
-    from errormodel.instruments.plain import Plain
-    from errormodel.survey import read_survey
+    from errormodel import read_survey
+    from errormodel import simulate as simulated
 
     model = read_model(machine)
-    instrument: Instrument = Plain()
-    if points.isdecimal():
-        table = stage.random_points(model, _count(points), seed)
-    else:
+    survey = None
+    if not points.isdecimal():
         survey = read_survey(Path(points), model, measured=False)
         show_notes(survey.notes)
-        table, instrument = survey.table, survey.instrument
-    truth = stage.read_truth(parameters, Chain(model)) if parameters is not None else stage.Truth({})
-    measured = stage.measured_at(model, table, truth, _noise(noise, instrument), seed)
-    # orientations are exact, which no instrument is: those of the survey go, none take their place
-    stale = ["file", "role", "row", "mrx", "mry", "mrz"]
-    result = table.drop(columns=stale, errors="ignore")
-    for name in measured.columns.difference(stale, sort=False):
-        result[name] = measured[name]
-    out.write_csv(stage.outward(marred(result, model), model))
+    given = _count(points) if survey is None else survey
+    result = simulated(model, given, parameters, noise=_noise(noise, survey), seed=seed)
+    out.write_csv(result)
     say(f"{len(result)} points written to {out}")
 
 
@@ -182,11 +155,11 @@ def _count(text: str) -> int:
     return int(text)
 
 
-def _noise(text: str, instrument: Any) -> Any:
+def _noise(text: str, survey: Survey | None) -> float | Literal["instrument"]:
     if text == "instrument":
-        if type(instrument).__name__ == "Plain":
+        if survey is None or survey.instrument.type == "plain":
             raise InputError("--noise instrument", "the survey names no instrument", "Add `instrument:` to survey.yaml")
-        return instrument
+        return "instrument"
     try:
         value = float(text)
     except ValueError:
@@ -207,50 +180,33 @@ def fit(
     machine: str, survey: Path, out: ResultsFolder, robust: bool, bayes: bool, priors: Path | None, seed: int
 ) -> None:
     """Fit the machine's parameters to a SURVEY: values, uncertainties, residuals, a report."""
-    from errormodel.survey import read_survey
-    from identification.command_line.fit_bayes import beforehand, with_posterior
-    from identification.diagnosis.data_checks.gate import passed
-    from identification.estimation.run import fit_machine
+    from errormodel import read_survey
+    from identification import api
+    from identification.results.folder_contents import CHAIN
 
     model = read_model(machine)
     with working("Reading"):
         data = read_survey(survey, model)
     show_notes(data.notes)
-    given, document = beforehand(priors, bayes)
-    bounds = {} if bayes else given
-    with working("Fitting"):
-        result = passed(model, data, lambda: fit_machine(model, data, robust, bounds, document), robust)
-    if bayes:
-        result = with_posterior(result, lambda m: fit_machine(m, data, robust), given, document, robust, seed, out)
+    result = api.fit(
+        model, data, robust=robust, bayes=bayes, priors=priors, seed=seed, checkpoint=out.workspace(CHAIN),
+        progress=working, steps=counting,
+    )  # fmt: skip
+    if result.fit.posterior is not None:
+        say(result.fit.posterior.statement)
+        show_notes(result.fit.posterior.notes)
     show_notes(tuple(n for n in result.notes if n not in data.notes))
     _save(result, out)
-    _say_fit(result, out)
+    _say(result, out)
 
 
-def _save(result: Fit, out: ResultsFolder, diagnosed: Diagnosed | None = None) -> None:
-    from errormodel.files import write_text_atomic
-    from identification.report import write_report
-    from identification.results import store
-
-    with out.replaced() as part:
-        with working("Writing tables"):
-            store.write(result, part)
-            if result.posterior is not None:
-                from identification.bayes.netcdf import write_netcdf
-
-                write_netcdf(result, result.posterior, part / "posterior.nc")
-            if diagnosed is not None:
-                write_text_atomic(store.dumps(diagnosed.diagnosis.as_json()), part / "diagnosis.json")
-        with working("Drawing the report"):
-            write_report(result, part / "report.html", diagnosed)
+def _save(result: FitResult, out: ResultsFolder) -> None:
+    result.save(out, report=True, progress=working)
     show_notes(out.notes)
 
 
-def _say_fit(result: Fit, out: ResultsFolder) -> None:
-    from identification.command_line.text import fit_lines
-
-    for line in fit_lines(result):
-        say(line)
+def _say(result: FitResult, out: ResultsFolder) -> None:
+    say(result.summary())
     say(f"\nReport: {out.path / 'report.html'}")
 
 
@@ -262,20 +218,17 @@ def _say_fit(result: Fit, out: ResultsFolder) -> None:
 )
 def diagnose(machine: str, survey: Path, out: ResultsFolder) -> None:
     """Fit, then find the physics that was left out: where, what, how sure; the fit is that of the extended machine."""
-    from errormodel.survey import read_survey
-    from identification.command_line.text import diagnosis_lines
-    from identification.diagnosis.pipeline import diagnose as stage
+    from errormodel import read_survey
+    from identification import api
 
     model = read_model(machine)
     with working("Reading"):
         data = read_survey(survey, model)
     show_notes(data.notes)
-    result = stage(model, data, working)
-    show_notes(tuple(n for n in result.diagnosis.notes if n not in data.notes))
-    _save(result.final, out, result)
-    for line in diagnosis_lines(result.diagnosis):
-        say(line)
-    say(f"\nReport: {out.path / 'report.html'}")
+    result = api.diagnose(model, data, progress=working)
+    show_notes(tuple(n for n in result.notes if n not in data.notes))
+    _save(result, out)
+    _say(result, out)
 
 
 @command
@@ -284,22 +237,15 @@ def diagnose(machine: str, survey: Path, out: ResultsFolder) -> None:
 @click.option("--out", type=OUT_FILE, required=True, help="CSV to write.")
 def predict(folder: Path, points: Path, out: OutputFile) -> None:
     """Predict at POINTS from the FOLDER of a fit: position, volumetric error, standard uncertainty."""
-    from errormodel.effects.axis_blunder import marred
-    from errormodel.simulation import outward
-    from errormodel.survey import read_survey
-    from identification.results import store
-    from identification.uncertainty import prediction as stage
+    from errormodel import read_survey
+    from identification import api
 
-    stored = store.load(folder)
-    machine = stored.chain.machine
-    survey = read_survey(points, machine, measured=False)
-    show_notes((*survey.notes, *stage.notes(stored, survey)))
-    with working("Predicting"):
-        result = stage.predict(stored, survey)
-    table = outward(marred(survey.table, machine), machine)
-    table = table.drop(columns=["file", "role", "row", *result.columns], errors="ignore")
-    out.write_csv(table.join(result))
-    say(f"{len(result)} predictions written to {out}")
+    saved = api.load(folder)
+    commands = read_survey(points, saved.machine, measured=False)
+    show_notes(saved.notes_on(commands))
+    table = api.predict(saved, commands, progress=working)
+    out.write_csv(table)
+    say(f"{len(table)} predictions written to {out}")
 
 
 # Importing these registers their commands, after the others.

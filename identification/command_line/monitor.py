@@ -24,32 +24,17 @@ def monitor(folder: Path, survey: Path, accept: bool, rate: float) -> None:
     The range is learned from the cycles before, which FOLDER/monitor.sqlite keeps; writes monitor.json and
     monitor.html there. The exit code is 1 where the cycle is in alarm and is not accepted, else 0.
     """
-    from errormodel.files import locked
-    from errormodel.survey import read_survey
-    from identification.monitoring.history import SCHEMA
-    from identification.monitoring.run import monitored
-    from identification.monitoring.text import monitor_lines
-    from identification.observation.frames import rotation_notes
-    from identification.report.monitor import monitor_page
-    from identification.results import store
-    from identification.results.output_file import OutputFile
+    from errormodel import read_survey
+    from identification import api
 
     if not 0 < rate < 0.5:
         raise InputError("--rate", f"{rate:g}", "Write a share of cycles between 0 and 0.5, such as 0.01")
-    figures = OutputFile(folder / "monitor.json", mark=f'"schema": "{SCHEMA}"'.encode())
-    shown = OutputFile(folder / "monitor.html", mark=b'<p class="kind">Monitor: the machine beside its')
-    figures.check()
-    shown.check()
-    stored = store.load(folder)
+    saved = api.load(folder)
     with working("Reading"):
-        data = read_survey(survey, stored.chain.machine)
-    show_notes((*data.notes, *rotation_notes(stored.frames)))
-    # a fit that exchanges the folder waits until the history is closed
-    with working("Fitting"), locked(folder.resolve().parent), monitored(folder, stored, data, rate, accept) as result:
-        figures.write_text(store.dumps(result.as_json()))
-        shown.write_text(monitor_page(result))
-    for line in monitor_lines(result):
-        say(line)
-    say(f"\nReport: {folder / 'monitor.html'}")
-    if result.record.status == "alarm" and not result.record.accepted:
+        data = read_survey(survey, saved.machine)
+    show_notes((*data.notes, *saved.notes))
+    result = api.monitor(saved, data, accept=accept, rate=rate, progress=working)
+    say(result.summary())
+    say(f"\nReport: {result.page}")
+    if result.status == "alarm" and not result.accepted:
         sys.exit(ALARM)

@@ -24,12 +24,10 @@ def register(cold: Path, warm: tuple[Path, ...], profiler: Path, out: OutputFile
     Each folder has one cloud an artefact (csv, xyz, ply, pcd), x y z in mm in the sensor's frame. A time in the name of
     a WARM folder (t_030min, 90s, 1.5h) becomes the column time.
     """
-    from identification.registration.run import register as stage
-    from identification.registration.text import register_lines
+    from identification import api
 
-    result = stage(cold, warm, profiler, working)
+    result = api.register(cold, warm, profiler, progress=working)
     show_notes(result.notes)
     out.write_csv(result.table)
-    for line in register_lines(result):
-        say(line)
+    say(result.summary())
     say(f"\n{len(result.table)} rows written to {out}")

@@ -23,26 +23,17 @@ def thermal(machine: str, survey: Path, out: ResultsFolder) -> None:
     SURVEY holds error motions at a few positions of a joint, read again and again over a warm-up (columns joint, dx ...
     ec, time, T_<sensor>); files of another cycle have the role test.
     """
-    from errormodel.files import write_text_atomic
-    from errormodel.survey import read_survey
-    from identification.plots import style
-    from identification.plots.thermal_drift import draw_thermal_drift
-    from identification.report import write_report
-    from identification.results import store
-    from identification.thermal.run import thermal as stage
-    from identification.thermal.text import thermal_lines
+    from errormodel import read_survey
+    from identification import api
 
     model = read_model(machine)
     with working("Reading"):
         data = read_survey(survey, model)
     show_notes(data.notes)
-    result = stage(model, data, working)
-    show_notes(result.recordings.notes)
-    with working("Writing"), out.replaced() as part:
-        store.write(result.fit, part)
-        write_report(result.fit, part / "report.html", thermal=result)
-        write_text_atomic(store.dumps(result.as_json()), part / "thermal.json")
-        style.save(draw_thermal_drift(result), part / "thermal_drift.png")
+    result = api.thermal(model, data, progress=working)
+    show_notes(result.notes)
+    with working("Writing"):
+        api.save(result, out)
     show_notes(out.notes)
-    for line in thermal_lines(result, out.path):
-        say(line)
+    say(result.summary())
+    say(f"\nModel: {out.path / 'machine.yaml'}; for errormodel fit, predict and compensate")

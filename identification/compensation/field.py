@@ -15,7 +15,7 @@ from errormodel.channels import CALL, root
 from errormodel.exceptions import InputError
 from errormodel.kernel import Kernel
 from errormodel.machine import Joint, Machine
-from identification.results.store import StoredFit
+from identification.results.stored_fit import StoredFit
 
 if TYPE_CHECKING:
     import pandas as pd

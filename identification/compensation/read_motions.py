@@ -1,8 +1,8 @@
-"""A survey of error motions only, as a compensation sees it: which were read, where all joints stood, what is left."""
+"""A survey of error motions only, as a compensation sees it: what is known at the tool, and what is left."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,39 +11,11 @@ import numpy as np
 from errormodel.controllers.setup import Setup
 from errormodel.conventions import MOTIONS, TRANSLATIONS
 from errormodel.exceptions import InputError
-from errormodel.machine import Machine
 from identification.compensation.field import Field
+from identification.compensation.rows import FEWEST, Rows, commands
 
 if TYPE_CHECKING:
     import pandas as pd
-
-    from identification.compensation.rows import Rows
-
-
-def joints_read(table: pd.DataFrame) -> dict[str, list[str]] | None:
-    """Of a survey of error motions only, which motions of which joints were read; None of any other survey."""
-    if "joint" not in table or table["joint"].isna().any():
-        return None
-    out: dict[str, list[str]] = {}
-    for name, rows in table[table["role"] == "fit"].groupby("joint", sort=False):
-        out[str(name)] = [m for m in MOTIONS if rows.filter(like=f"residual_{m}_").notna().to_numpy().any()]
-    return out
-
-
-def placed(table: pd.DataFrame, machine: Machine, read: Collection[str]) -> pd.DataFrame:
-    """Rows about one joint each with positions of all: the others in the middle of what was read of them.
-
-    Joints of which nothing was read stand still, where most rows have them or in the middle of their travel.
-    """
-    table = table.copy()
-    for joint in machine.joints:
-        given = table[joint.name].to_numpy(dtype=np.float64)
-        own = given[(table["joint"] == joint.name).to_numpy()] if joint.name in read else given[np.isfinite(given)]
-        if joint.name in read:
-            table[joint.name] = np.where(np.isnan(given), (own.min() + own.max()) / 2, given)
-        else:
-            table[joint.name] = float(np.median(own)) if len(own) else sum(joint.travel) / 2
-    return table
 
 
 def known_at_tip(folder: Path, read: Mapping[str, Sequence[str]]) -> list[str]:
@@ -67,8 +39,6 @@ def motion_rows(field: Field, table: pd.DataFrame, read: Mapping[str, Sequence[s
 
     Each run of a joint comes from a zero of its own, which is its frame. None if there are too few of each joint.
     """
-    from identification.compensation.rows import FEWEST, Rows, commands
-
     q, came, tools = commands(table, field.chain.machine)
     left, known = np.zeros((len(table), 3)), np.zeros(len(table), dtype=bool)
     for k, joint in enumerate(field.joints):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,15 +12,15 @@ import numpy as np
 from errormodel.arrays import Array, Mask
 from errormodel.chain import TOOL_CHANNELS
 from errormodel.channels import direction
+from errormodel.conventions import MOTIONS
 from errormodel.exceptions import InputError
 from errormodel.inputs import noted
 from errormodel.instruments.plain import Plain
 from errormodel.machine import Machine
 from errormodel.survey import Survey
-from identification.compensation.read_motions import joints_read, placed
 from identification.observation.assembly import frame_labels
 from identification.observation.frames import IDENTITY, Pose
-from identification.results.store import CURE, StoredFit
+from identification.results.stored_fit import CURE, StoredFit
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -53,6 +54,32 @@ def read_rows(folder: Path, machine: Machine) -> pd.DataFrame:
         return placed(table, machine, set(about))
     known = table[[j.name for j in machine.joints]].notna().all(axis=1)
     return table[known].reset_index(drop=True)
+
+
+def joints_read(table: pd.DataFrame) -> dict[str, list[str]] | None:
+    """Of a survey of error motions only, which motions of which joints were read; None of any other survey."""
+    if "joint" not in table or table["joint"].isna().any():
+        return None
+    out: dict[str, list[str]] = {}
+    for name, rows in table[table["role"] == "fit"].groupby("joint", sort=False):
+        out[str(name)] = [m for m in MOTIONS if rows.filter(like=f"residual_{m}_").notna().to_numpy().any()]
+    return out
+
+
+def placed(table: pd.DataFrame, machine: Machine, read: Collection[str]) -> pd.DataFrame:
+    """Rows about one joint each with positions of all: the others in the middle of what was read of them.
+
+    Joints of which nothing was read stand still, where most rows have them or in the middle of their travel.
+    """
+    table = table.copy()
+    for joint in machine.joints:
+        given = table[joint.name].to_numpy(dtype=np.float64)
+        own = given[(table["joint"] == joint.name).to_numpy()] if joint.name in read else given[np.isfinite(given)]
+        if joint.name in read:
+            table[joint.name] = np.where(np.isnan(given), (own.min() + own.max()) / 2, given)
+        else:
+            table[joint.name] = float(np.median(own)) if len(own) else sum(joint.travel) / 2
+    return table
 
 
 @dataclass(frozen=True)

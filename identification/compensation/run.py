@@ -31,11 +31,11 @@ from identification.compensation.conditions import (
     state_lines,
 )
 from identification.compensation.field import Field
-from identification.compensation.read_motions import joints_read, known_at_tip, motion_rows, notes_on_motions
+from identification.compensation.read_motions import known_at_tip, motion_rows, notes_on_motions
 from identification.compensation.reduction import leftover, reduce
 from identification.compensation.result import Compensation, Own, Stated
 from identification.compensation.reversal import reversals
-from identification.compensation.rows import Rows, held_out, read_rows
+from identification.compensation.rows import Rows, held_out, joints_read, read_rows
 from identification.compensation.volume import Volume, levels
 from identification.observation.frames import rotation_notes
 from identification.results import manifest, store

@@ -7,21 +7,14 @@ from pathlib import Path
 from textwrap import wrap
 
 from errormodel.controllers.setup import Axis, Setup
-from identification.command_line.console import one_line
 from identification.compensation.assessment import OTHER_TOOLS, Error, Figures
 from identification.compensation.result import Compensation, Stated
+from identification.results.terminal import one_line
 
 WIDTH = 110
 IDLE = 1e-3  # of the error: a change by less is none
 OWN = ("checklist.txt", "compensation.json")  # written for any controller
 NEAR = 0.02  # of the travel: a survey that ends nearer to the end than this covers it
-
-
-def list_lines() -> list[str]:
-    """All controllers with what they are."""
-    from errormodel.controllers import registry
-
-    return [f"{name:16} {kind.title}{'; sign to be tested' if kind.doubt else ''}" for name, kind in registry().items()]
 
 
 def compensation_lines(result: Compensation, folder: Path) -> Iterator[str]:

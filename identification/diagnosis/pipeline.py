@@ -20,6 +20,7 @@ from identification.diagnosis.data_checks.temperature_sensors import dead_sensor
 from identification.diagnosis.linear.linear_model import MOST_ROWS, LinearModel, set_up
 from identification.diagnosis.linear.motions_as_points import as_points, carried
 from identification.diagnosis.linear.residual_rows import heldout_um, views_of
+from identification.diagnosis.results.diagnosed import Diagnosed
 from identification.diagnosis.results.effect_size import Amount, whole_of
 from identification.diagnosis.results.findings import (
     Diagnosis,
@@ -51,26 +52,11 @@ from identification.diagnosis.search.instrument_noise import tracker_noise
 from identification.diagnosis.search.model import EffectModel
 from identification.diagnosis.search.model_comparison import compare_alternatives
 from identification.diagnosis.search.scoring import Step
+from identification.diagnosis.together import together
 from identification.estimation.result import Fit
 from identification.estimation.run import fit_machine
 from identification.observation.normal_equations import design_rows
 from identification.runtime.progress import Progress, silent
-
-
-@dataclass(frozen=True)
-class Diagnosed:
-    """The diagnosis, the fits before it and of the extended machine, and how it was found.
-
-    `ranking` is that of all candidates before anything was accepted. `parts` are the diagnoses of single joints that
-    this one is put together from.
-    """
-
-    diagnosis: Diagnosis
-    baseline: Fit
-    final: Fit
-    model: EffectModel
-    ranking: list[Ranked]
-    parts: tuple[Diagnosed, ...] = ()
 
 
 def diagnose(machine: Machine, survey: Survey, progress: Progress = silent) -> Diagnosed:
@@ -87,8 +73,6 @@ def diagnose(machine: Machine, survey: Survey, progress: Progress = silent) -> D
     """
     survey = as_points(machine, survey)
     if parts := carried(machine, survey):
-        from identification.diagnosis.together import together
-
         return together(
             machine, survey, [(p, diagnose_points(p.machine, p.survey, p.telling(progress), True)) for p in parts]
         )

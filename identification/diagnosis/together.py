@@ -13,7 +13,7 @@ from errormodel.effects.base import axis_motion
 from errormodel.machine import EffectSpec, Machine
 from errormodel.survey import Survey
 from identification.diagnosis.linear.motions_as_points import Carried
-from identification.diagnosis.pipeline import Diagnosed
+from identification.diagnosis.results.diagnosed import Diagnosed
 from identification.diagnosis.results.findings import Alternative, Diagnosis, Finding, Untestable
 from identification.diagnosis.results.model_discrepancy import with_form
 from identification.estimation.run import fit_machine

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,8 +22,6 @@ from identification.observation.normal_equations import view_vector
 
 if TYPE_CHECKING:
     from identification.bayes.posterior import Posterior
-    from identification.uncertainty.budget import Budgets
-    from identification.uncertainty.further_poses import Gain
 
 
 @dataclass(frozen=True)
@@ -64,7 +61,7 @@ class TestFile:
 
 @dataclass(frozen=True)
 class Fit:
-    """A fitted machine."""
+    """A fitted machine: plain values. What is derived from them is in `identification.results.analysis`."""
 
     chain: Chain
     survey: Survey  # rows of role `fit`
@@ -102,20 +99,6 @@ class Fit:
     def sigma_mm(self) -> float:
         """Standard uncertainty of one measured coordinate as the residuals show it, mm."""
         return position_sigma(self.problem.views, self.solution)
-
-    @cached_property
-    def budgets(self) -> Budgets:
-        """The uncertainty budgets of the prediction and of each group."""
-        from identification.uncertainty.budget import budgets_of
-
-        return budgets_of(self)
-
-    @cached_property
-    def gain(self) -> Gain:
-        """What ten more poses would bring."""
-        from identification.uncertainty.further_poses import gain_of
-
-        return gain_of(self)
 
     @property
     def inflation(self) -> float:

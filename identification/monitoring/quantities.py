@@ -18,7 +18,7 @@ from errormodel.conventions import MOTIONS, iso_symbol
 from errormodel.exceptions import InputError
 from identification.estimation.result import Fit
 from identification.results.parameter_table import printed
-from identification.results.store import StoredFit
+from identification.results.stored_fit import StoredFit
 
 NOISE = "noise"  # the watched scatter of what a cycle's fit leaves, as the logarithm of its standard deviation
 SAME = 1e-4  # of a coefficient: two groups are the same one up to this

@@ -22,7 +22,7 @@ from identification.monitoring.alarms import alarms
 from identification.monitoring.control_limits import Judged, judge
 from identification.monitoring.history import SCHEMA, Record, opened
 from identification.monitoring.quantities import NOISE, Cycle, Watched, measured, watched
-from identification.results.store import StoredFit
+from identification.results.stored_fit import StoredFit
 
 NAME = "monitor.sqlite"
 UNLIKE = 30.0  # times the nominal error of the fit, and

@@ -6,10 +6,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from identification.command_line.text import table_lines
 from identification.monitoring.alarms import alarm_text, value_text
 from identification.monitoring.control_limits import FEWEST, USEFUL
 from identification.monitoring.run import Monitored
+from identification.results.terminal import table_lines
 
 SHOWN = 6  # quantities nearest to their limits
 

@@ -8,27 +8,27 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from errormodel.arrays import Array
-from identification.estimation.result import Fit
 from identification.plots import style
-from identification.results.parameter_table import Estimate, estimates
+from identification.results.analysis import Analysis
+from identification.results.parameter_table import Estimate
 
 MOST = 90  # groups; beyond, those of frames and instruments are left out
 
 
-def correlation(fit: Fit) -> tuple[list[Estimate], Array]:
+def correlation(analysis: Analysis) -> tuple[list[Estimate], Array]:
     """The groups shown and their correlation coefficients, (n, n)."""
-    groups = estimates(fit)
+    groups = analysis.estimates
     if len(groups) > MOST:
         groups = [e for e in groups if e.kind not in ("frame", "zero")]
     place = [e.number - 1 for e in groups]
-    covariance = fit.solution.covariance[np.ix_(place, place)]
+    covariance = analysis.fit.solution.covariance[np.ix_(place, place)]
     std = np.sqrt(np.diag(covariance))
     return groups, np.asarray(covariance / np.outer(std, std))
 
 
-def draw_correlation(fit: Fit) -> Figure:
+def draw_correlation(analysis: Analysis) -> Figure:
     """Heat map of :func:`correlation`; groups by name, and by their number in the fit."""
-    groups, matrix = correlation(fit)
+    groups, matrix = correlation(analysis)
     n = len(groups)
     side = float(np.clip(0.135 * n, 3.0, 5.3))
     every = max(1, ceil(0.09 * n / side))  # a name needs 0.09 inches

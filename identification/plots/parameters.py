@@ -6,21 +6,21 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from identification.estimation.result import Fit
 from identification.plots import style
-from identification.results.parameter_table import Estimate, estimates
+from identification.results.analysis import Analysis
+from identification.results.parameter_table import Estimate
 
 BAR = 0.19  # inches a parameter
 LABEL = 1.5  # inches for the longest label
 TITLES = {"µm": "Lengths", "µm/m": "Scale errors", "µrad": "Angles", "µrad/m": "Angles for a metre of travel"}
 
 
-def draw_parameters(fit: Fit) -> Figure:
+def draw_parameters(analysis: Analysis) -> Figure:
     """Dots with bars of twice the standard uncertainty; hollow where the bar holds zero.
 
     Frames and zeros of instruments are left out: they say nothing of the machine.
     """
-    shown = [e for e in estimates(fit) if e.kind in ("member", "joint", "effect")]
+    shown = [e for e in analysis.estimates if e.kind in ("member", "joint", "effect")]
     shown.sort(key=lambda e: -e.significance)
     order = {unit: k for k, unit in enumerate(TITLES)}
     units = sorted({e.unit for e in shown}, key=lambda unit: (order.get(unit, len(order)), unit))

@@ -5,10 +5,10 @@ from __future__ import annotations
 from math import isfinite, sqrt
 from typing import NamedTuple
 
-from identification.estimation.result import Fit
 from identification.report.tables import number
 from identification.report.wording import three
-from identification.results.parameter_table import estimates, printed
+from identification.results.analysis import Analysis
+from identification.results.parameter_table import printed
 from identification.uncertainty.budget import Budget, Input
 
 MOST = 80  # groups
@@ -26,12 +26,12 @@ class BudgetPart(NamedTuple):
     more: int
 
 
-def budget_part(fit: Fit) -> BudgetPart | None:
+def budget_part(analysis: Analysis) -> BudgetPart | None:
     """The section's content; None for a fit that identified nothing."""
-    budgets = fit.budgets
+    budgets = analysis.budgets
     if not budgets.groups:
         return None
-    known = [e for e in estimates(fit) if e.kind not in ("frame", "zero")]
+    known = [e for e in analysis.estimates if e.kind not in ("frame", "zero")]
     rows = []
     for e in known[:MOST]:
         own = budgets.groups[e.number - 1]

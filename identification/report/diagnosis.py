@@ -11,7 +11,7 @@ from math import log10
 import numpy as np
 
 from errormodel.conventions import unit_of
-from identification.diagnosis.pipeline import Diagnosed
+from identification.diagnosis.results.diagnosed import Diagnosed, numbered
 from identification.diagnosis.results.findings import Alternative, Finding, Untestable
 from identification.diagnosis.results.headline import headline
 from identification.diagnosis.search.scoring import Step
@@ -96,19 +96,6 @@ def diagnosis_part(diagnosed: Diagnosed) -> DiagnosisPart:
         [_where(p, own) for p in parts if (own := {n: g for n, g in groups.items() if g[0] in p.model.steps})],
         diagnosis.untestable,
     )
-
-
-def numbered(diagnosed: Diagnosed) -> dict[int, Sequence[Step]]:
-    """The growth's steps behind each finding, by its number on the page; blunders and outliers have none."""
-    left = [g for p in diagnosed.parts or (diagnosed,) for g in p.model.findings]
-    out: dict[int, Sequence[Step]] = {}
-    for number_, finding in enumerate(diagnosed.diagnosis.findings, start=1):
-        place = (finding.effect, finding.where, tuple(finding.driver))
-        here = [g for g in left if (g[0].effect.effect, g[0].effect.where, g[0].effect.drivers) == place]
-        if here:
-            out[number_] = here[0]
-            left.remove(here[0])
-    return out
 
 
 def _count(count: int) -> str:

@@ -12,7 +12,7 @@ from identification.plots.distances import draw_distances
 from identification.report.pictures import Picture, picture
 from identification.report.tables import number
 from identification.report.wording import file_name, three
-from identification.results.parameter_table import estimates
+from identification.results.analysis import Analysis
 
 MOST = 40  # outliers listed
 MOST_GROUPS = 15
@@ -68,13 +68,13 @@ class GainPart(NamedTuple):
     repeated: bool
 
 
-def gain_part(fit: Fit) -> GainPart | None:
+def gain_part(analysis: Analysis) -> GainPart | None:
     """What ten more poses would bring to the machine's groups; None where no position was measured."""
-    gain = fit.gain
+    fit, gain = analysis.fit, analysis.gain
     if gain.best is None or gain.poses is None:
         return None
     std = np.sqrt(np.diag(fit.solution.covariance)) * fit.inflation
-    own = [e for e in estimates(fit) if e.kind not in ("frame", "zero")]
+    own = [e for e in analysis.estimates if e.kind not in ("frame", "zero")]
     own.sort(key=lambda e: gain.best[e.number - 1] / std[e.number - 1])  # type: ignore[index]
     rows = []
     for e in own[:MOST_GROUPS]:

@@ -23,6 +23,7 @@ from identification.plots.parameters import draw_parameters
 from identification.plots.residuals import draw_residuals_by_order, draw_residuals_by_position
 from identification.plots.singular_values import draw_singular_values
 from identification.plots.volumetric_error import draw_volumetric_error
+from identification.results.analysis import Analysis
 
 MOST_ARROWS = 120  # beyond it a PNG is the smaller picture
 DPI = {"png": 190, "svg": 144}  # in an SVG only dots are pixels
@@ -36,8 +37,9 @@ class Picture(NamedTuple):
     alt: str
 
 
-def pictures(fit: Fit, short: bool = False) -> dict[str, list[Picture]]:
+def pictures(analysis: Analysis, short: bool = False) -> dict[str, list[Picture]]:
     """Figures by the section of the report they belong to; `short`: without those of what tables say as well."""
+    fit = analysis.fit
     points = bool(np.isfinite(fit.residuals).any())
     whole = bool(fit.solution.groups.rank) and not short
     return {
@@ -45,8 +47,8 @@ def pictures(fit: Fit, short: bool = False) -> dict[str, list[Picture]]:
         "chain": [_chain(fit)],
         "motions": [_motions(fit, joint) for joint in moving_joints(fit)],
         "residuals": _residuals(fit) if points else [],
-        "parameters": _parameters(fit) if whole else [],
-        "rank": _rank(fit) if whole else [],
+        "parameters": _parameters(analysis) if whole else [],
+        "rank": _rank(analysis) if whole else [],
     }
 
 
@@ -92,10 +94,10 @@ def _residuals(fit: Fit) -> list[Picture]:
     ]
 
 
-def _parameters(fit: Fit) -> list[Picture]:
+def _parameters(analysis: Analysis) -> list[Picture]:
     return [
         picture(
-            partial(draw_parameters, fit),
+            partial(draw_parameters, analysis),
             "The machine's parameters with ± 2 standard uncertainties, the most significant first; a hollow dot is "
             "not significant: its bar holds zero. A name ending in … stands for a group.",
             "Values of all parameters with their uncertainty, as in the table below",
@@ -103,16 +105,16 @@ def _parameters(fit: Fit) -> list[Picture]:
     ]
 
 
-def _rank(fit: Fit) -> list[Picture]:
+def _rank(analysis: Analysis) -> list[Picture]:
     return [
         picture(
-            partial(draw_singular_values, fit),
+            partial(draw_singular_values, analysis.fit),
             "How clearly the poses tell the parameters apart: every dot above the line is one identified "
             "combination, the lower the less certain.",
-            f"Singular values in falling order; {fit.solution.groups.rank} lie above the threshold",
+            f"Singular values in falling order; {analysis.fit.solution.groups.rank} lie above the threshold",
         ),
         picture(
-            partial(draw_correlation, fit),
+            partial(draw_correlation, analysis),
             "Which groups the survey can hardly tell apart: dark squares off the diagonal are pairs of which only "
             "a sum (blue) or a difference (red) is known well.",
             "Heat map of the correlation coefficients of the groups",

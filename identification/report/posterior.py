@@ -9,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 
 from identification.bayes.posterior import Posterior
-from identification.estimation.result import Fit
 from identification.plots.posterior_corner import draw_posterior_corner
 from identification.plots.posterior_trace import draw_posterior_trace
 from identification.plots.predictive_checks import draw_predictive_checks
@@ -36,9 +35,8 @@ class PosteriorPart(NamedTuple):
     predicted: list[Picture]
 
 
-def posterior_part(fit: Fit) -> PosteriorPart | None:
+def posterior_part(p: Posterior | None) -> PosteriorPart | None:
     """The section's content; None for a fit without a posterior."""
-    p = fit.posterior
     if p is None:
         return None
     failed = [c.name for c in p.checks if c.p_value < DOUBTFUL]

@@ -10,6 +10,7 @@ import numpy as np
 
 from identification.estimation.result import Fit
 from identification.plots.correlation import correlation
+from identification.results.analysis import Analysis
 
 SHOWN = 3  # error motions of a headline
 WORSE = 1.5  # rms on other rows over rms on fitted ones, from which the difference is worth a warning
@@ -129,9 +130,9 @@ def noise(fit: Fit) -> str:
     )
 
 
-def strongest_correlation(fit: Fit) -> str:
+def strongest_correlation(analysis: Analysis) -> str:
     """The two groups whose estimates are correlated most, in words."""
-    groups, matrix = correlation(fit)
+    groups, matrix = correlation(analysis)
     if len(groups) < 2:
         return ""
     matrix = matrix - np.eye(len(groups))

@@ -7,33 +7,34 @@ from typing import TYPE_CHECKING
 
 from errormodel import __version__
 from errormodel.files import write_text_atomic
-from identification.estimation.result import Fit
 from identification.report import tables, wording
 from identification.report.budget import budget_part
 from identification.report.outliers_and_poses import gain_part, outliers_part
 from identification.report.page import page
 from identification.report.pictures import pictures
-from identification.results.parameter_table import estimates
+from identification.results.analysis import Analysis
 
 if TYPE_CHECKING:
-    from identification.diagnosis.pipeline import Diagnosed
+    from identification.diagnosis.results.diagnosed import Diagnosed
     from identification.report.diagnosis import DiagnosisPart
     from identification.report.posterior import PosteriorPart
     from identification.report.thermal import ThermalPart
     from identification.thermal.run import Thermal
 
 
-def write_report(fit: Fit, path: Path, diagnosed: Diagnosed | None = None, thermal: Thermal | None = None) -> None:
-    """Write the :func:`report` of `fit` to `path`."""
-    write_text_atomic(report(fit, diagnosed, thermal), path)
+def write_report(
+    analysis: Analysis, path: Path, diagnosed: Diagnosed | None = None, thermal: Thermal | None = None
+) -> None:
+    """Write the :func:`report` of a fit to `path`."""
+    write_text_atomic(report(analysis, diagnosed, thermal), path)
 
 
-def report(fit: Fit, diagnosed: Diagnosed | None = None, thermal: Thermal | None = None) -> str:
-    """The report of `fit`: HTML that holds all it shows; same fit, same text.
+def report(analysis: Analysis, diagnosed: Diagnosed | None = None, thermal: Thermal | None = None) -> str:
+    """The report of a fit: HTML that holds all it shows; same fit, same text.
 
-    With a diagnosis or a thermal model, `fit` is that of the extended machine, and what was found comes first.
+    With a diagnosis or a thermal model, the fit is that of the extended machine, and what was found comes first.
     """
-    groups = estimates(fit)
+    fit = analysis.fit
     return page(
         "report.html",
         machine=fit.chain.machine.name,
@@ -44,17 +45,17 @@ def report(fit: Fit, diagnosed: Diagnosed | None = None, thermal: Thermal | None
         notes=fit.notes,
         results=tables.results(fit),
         motions=tables.motions(fit),
-        pictures=pictures(fit, short=diagnosed is not None),
-        sections=tables.group_sections(groups),
+        pictures=pictures(analysis, short=diagnosed is not None),
+        sections=tables.group_sections(analysis.estimates),
         counts=tables.counts(fit),
         dependent=tables.dependent(fit),
         no_effect=tables.no_effect(fit),
-        correlated=wording.strongest_correlation(fit),
+        correlated=wording.strongest_correlation(analysis),
         effects=bool(fit.chain.machine.effects),
-        posterior=_posterior(fit),
-        budget=budget_part(fit),
+        posterior=_posterior(analysis),
+        budget=budget_part(analysis),
         outliers=outliers_part(fit),
-        gain=gain_part(fit),
+        gain=gain_part(analysis),
         frames=tables.frames(fit),
         frame_mode=fit.survey.frame,
         noise=tables.noise(fit),
@@ -83,9 +84,9 @@ def _thermal(thermal: Thermal | None) -> ThermalPart | None:
     return thermal_part(thermal)
 
 
-def _posterior(fit: Fit) -> PosteriorPart | None:
-    if fit.posterior is None:
+def _posterior(analysis: Analysis) -> PosteriorPart | None:
+    if analysis.posterior is None:
         return None
     from identification.report.posterior import posterior_part
 
-    return posterior_part(fit)
+    return posterior_part(analysis.posterior)

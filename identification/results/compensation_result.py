@@ -6,6 +6,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from identification.results.results_folder import ResultsFolder
+
 if TYPE_CHECKING:
     import pandas as pd
 
@@ -48,12 +50,17 @@ class CompensationResult:
         table.attrs["units"] = {"rms_um": "um", "worst_um": "um"}
         return table
 
-    def write(self, folder: str | Path) -> Path:
+    def summary(self, folder: str | Path = ".") -> str:
+        """What the command line prints of tables that were written to `folder`."""
+        from identification.compensation.text import compensation_lines
+
+        return "\n".join(compensation_lines(self.compensation, Path(folder)))
+
+    def write(self, folder: str | Path | ResultsFolder) -> Path:
         """Make a folder that of the controller's files, ``checklist.txt`` and ``compensation.json``, as a whole."""
         from identification.compensation.write import write_compensation
-        from identification.results.results_folder import ResultsFolder
 
-        out = ResultsFolder(Path(folder), "tables")
+        out = folder if isinstance(folder, ResultsFolder) else ResultsFolder(Path(folder), "tables")
         out.check()
         with out.replaced() as part:
             write_compensation(self.compensation, part)

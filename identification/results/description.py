@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -42,6 +43,18 @@ class Description:
     reasons: dict[str, str]
     with_frame: Groups | None = None
     split: tuple[str, ...] = ()
+
+    def summary(self) -> str:
+        """What the command line prints of it."""
+        from identification.results.text import description_lines
+
+        return "\n".join(description_lines(self))
+
+    def draw(self, path: str | Path) -> None:
+        """Draw the chain from workpiece to tool into a file (.svg, .png or .pdf)."""
+        from identification.plots.chain_drawing import draw_chain
+
+        draw_chain(self.chain.machine, Path(path))
 
     def as_json(self) -> dict[str, Any]:
         """The JSON form (``docs/file_formats.md``, section 3)."""

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from identification.results.analysis import Analysis
 from identification.results.fit_result import FitPlots, FitResult
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-    from identification.diagnosis.pipeline import Diagnosed
+    from identification.diagnosis.results.diagnosed import Diagnosed
+    from identification.diagnosis.search.scoring import Step
+    from identification.results.residual_projection import Evidence
 
-FINDING = ("effect", "where", "motion", "driver", "probability", "statement")
+FINDING = ("effect", "where", "motion", "driver", "probability", "statement", "moved")
 
 
 class DiagnosisResult(FitResult):
@@ -42,7 +46,7 @@ class DiagnosisResult(FitResult):
 
     @cached_property
     def findings(self) -> pd.DataFrame:
-        """One row a finding, the strongest first."""
+        """One row a finding, the strongest first; ``moved`` is how far its absence had pushed other parameters."""
         import pandas as pd
 
         rows = [f.as_json() for f in self.diagnosed.diagnosis.findings]
@@ -58,19 +62,24 @@ class DiagnosisResult(FitResult):
 
     @property
     def plot(self) -> DiagnosisPlots:
-        return DiagnosisPlots(self.diagnosed)
+        return DiagnosisPlots(self.analysis, self.diagnosed)
 
     def _write(self, folder: Path) -> None:
         from errormodel.files import write_text_atomic
-        from identification.results import store
+        from identification.results.json_text import dumps
 
         super()._write(folder)
-        write_text_atomic(store.dumps(self.diagnosed.diagnosis.as_json()), folder / "diagnosis.json")
+        write_text_atomic(dumps(self.diagnosed.diagnosis.as_json()), folder / "diagnosis.json")
 
-    def _write_report(self, path: Path) -> None:
-        from identification.report import write_report
+    def summary(self) -> str:
+        from identification.results.text import diagnosis_lines
 
-        write_report(self.fit, path, self.diagnosed)
+        return "\n".join(diagnosis_lines(self.diagnosed.diagnosis))
+
+    def report(self) -> str:
+        from identification.report import report
+
+        return report(self.analysis, self.diagnosed)
 
     def _repr_html_(self) -> str:
         found = self.findings.to_html(index=False) if len(self.findings) else "<p>nothing was found</p>"
@@ -80,8 +89,8 @@ class DiagnosisResult(FitResult):
 class DiagnosisPlots(FitPlots):
     """Figures of a diagnosis, and of the fit of the extended machine."""
 
-    def __init__(self, diagnosed: Diagnosed) -> None:
-        super().__init__(diagnosed.final)
+    def __init__(self, analysis: Analysis, diagnosed: Diagnosed) -> None:
+        super().__init__(analysis)
         self._diagnosed = diagnosed
 
     def where(self) -> Figure:
@@ -91,4 +100,31 @@ class DiagnosisPlots(FitPlots):
 
         if not self._diagnosed.diagnosis.findings:
             raise InputError("where", "nothing was found that a map could show", "Look at residuals() instead")
-        return draw_where_map(self._diagnosed.model, self._diagnosed.ranking, [])
+        return draw_where_map(self._diagnosed.model, self._diagnosed.ranking, list(self._numbered.items()))
+
+    def finding(self, number: int) -> Figure:
+        """Residuals along the driver of a finding, by its number from 1: without it and with it."""
+        from identification.plots.residuals_along_driver import draw_residuals_along_driver
+
+        return draw_residuals_along_driver(self._evidence(number), self._fit.sigma_mm)
+
+    def effect(self, number: int) -> Figure:
+        """What a finding, by its number from 1, adds to the machine's motions, with two standard uncertainties."""
+        from identification.plots.effect_curve import draw_effect_curve
+
+        return draw_effect_curve(self._evidence(number), self._diagnosed.model, self._fit)
+
+    @cached_property
+    def _numbered(self) -> dict[int, Sequence[Step]]:
+        from identification.diagnosis.results.diagnosed import numbered
+
+        return numbered(self._diagnosed)
+
+    def _evidence(self, number: int) -> Evidence:
+        from errormodel.exceptions import InputError
+        from identification.results.residual_projection import evidence_of
+
+        if number not in self._numbered:
+            known = ", ".join(map(str, self._numbered)) or "none"
+            raise InputError("finding", f"there is no curve of a finding {number}", f"Findings with curves: {known}")
+        return evidence_of(self._diagnosed.model, self._numbered[number])

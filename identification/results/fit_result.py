@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from identification.results.analysis import Analysis
+from identification.results.results_folder import ResultsFolder
+from identification.runtime.progress import Progress, silent
+
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
+    from xarray import DataTree
 
     from errormodel.machine import Machine
-    from identification.api import AnySurvey
     from identification.estimation.result import Fit, Spread
-    from identification.results.store import StoredFit
+    from identification.results.stored_fit import StoredFit
+    from identification.sources import AnySurvey
 
 STATISTICS = ("rms_um", "mean_um", "max_um", "n")
 
@@ -24,6 +30,7 @@ class FitResult:
     Attributes
     ----------
     fit : the estimates and residuals behind it.
+    analysis : what is derived from them: parameters, uncertainty budgets (GUM), further poses, posterior.
     machine : the machine that was fitted.
     notes : what needs attention, as sentences.
     sigma_um : standard uncertainty of one measured coordinate (k = 1), um.
@@ -31,6 +38,7 @@ class FitResult:
 
     def __init__(self, fit: Fit) -> None:
         self.fit = fit
+        self.analysis = Analysis(fit)
 
     @property
     def machine(self) -> Machine:
@@ -51,13 +59,14 @@ class FitResult:
 
     @cached_property
     def parameters(self) -> pd.DataFrame:
-        """One row a base parameter: ``group`` (formula), ISO ``symbol``, ``value``, ``std`` (k = 1), ``unit``."""
+        """One row a base parameter: ``group`` (formula), ISO ``symbol``, ``value``, ``std`` (k = 1), ``unit``.
+
+        ``members`` are the parameters of its group with their coefficients.
+        """
         import pandas as pd
 
-        from identification.results import store
-
-        columns = ["id", "group", "symbol", "value", "std", "unit"]
-        table = pd.DataFrame(store.parameters(self.fit), columns=columns).set_index("id")
+        columns = ["id", "group", "symbol", "value", "std", "unit", "members"]
+        table = pd.DataFrame(self.analysis.groups, columns=columns).set_index("id")
         table.attrs["units"] = table["unit"].to_dict()
         return table
 
@@ -68,6 +77,24 @@ class FitResult:
 
         names = list(self.parameters.index)
         return pd.DataFrame(self.fit.solution.covariance * self.fit.inflation**2, index=names, columns=names)
+
+    @cached_property
+    def budget(self) -> pd.DataFrame:
+        """Uncertainty budget (GUM) of the predicted error where it is known worst: one row an input.
+
+        ``std`` in ``unit``, ``contribution`` in mm; ``attrs`` has the measurand, the combined standard uncertainty, its
+        degrees of freedom, the coverage factor and the expanded uncertainty. No rows if no position was measured.
+        """
+        import pandas as pd
+
+        columns = ["name", "type", "distribution", "std", "unit", "sensitivity", "contribution", "dof"]
+        worst = self.analysis.budgets.prediction
+        rows = [] if worst is None else [{c: getattr(i, c) for c in columns} for i in worst.inputs]
+        table = pd.DataFrame(rows, columns=columns)
+        if worst is not None:
+            whole = worst.as_json()
+            table.attrs.update({name: value for name, value in whole.items() if name != "inputs"})
+        return table
 
     @cached_property
     def residuals(self) -> pd.DataFrame:
@@ -85,45 +112,90 @@ class FitResult:
         spreads |= {f"test {t.path}": t.fitted for t in self.fit.tests}
         return spread_table(spreads)
 
+    @cached_property
+    def posterior(self) -> DataTree:
+        """Draws of a Bayesian fit as ArviZ takes them: groups posterior, prior, log_likelihood and others.
+
+        Raises
+        ------
+        InputError
+            The fit has no posterior.
+        ImportError
+            ArviZ is not installed (``pip install errormodel[arviz]``); ``posterior.nc`` of `save` needs none.
+        """
+        from errormodel.exceptions import InputError
+        from identification.bayes.netcdf import as_tree
+
+        if self.fit.posterior is None:
+            raise InputError("posterior", "the fit is by least squares", "Write fit(machine, survey, bayes=True)")
+        return as_tree(self.fit, self.fit.posterior)
+
     @property
     def plot(self) -> FitPlots:
         """Figures of the fit, each a matplotlib figure."""
-        return FitPlots(self.fit)
+        return FitPlots(self.analysis)
 
-    @cached_property
+    @property
     def stored(self) -> StoredFit:
         """What prediction needs of the fit."""
-        from identification.results import store
+        return self.analysis.stored
 
-        return store.stored(self.fit)
+    def summary(self) -> str:
+        """What the command line prints of it."""
+        from identification.results.text import fit_lines
+
+        return "\n".join(fit_lines(self.analysis))
 
     def predict(self, points: AnySurvey) -> pd.DataFrame:
         """The same as `identification.predict` with this result."""
-        from identification.api import predict
+        from identification.results.predictions import predicted
+        from identification.sources import survey_of
 
-        return predict(self, points)
+        return predicted(self.stored, survey_of(points, self.machine, measured=False))
 
-    def save(self, folder: str | Path, *, report: bool = False) -> Path:
-        """Make a folder that of this result, as a whole or not at all; with `report`, ``report.html`` is in it."""
-        from identification.results.results_folder import ResultsFolder
+    def report(self) -> str:
+        """The report, as HTML that holds all it shows."""
+        from identification.report import report
 
-        out = ResultsFolder(Path(folder))
+        return report(self.analysis)
+
+    def save(
+        self,
+        folder: str | Path | ResultsFolder,
+        *,
+        report: bool | Callable[[], str] = False,
+        progress: Progress = silent,
+    ) -> Path:
+        """Make a folder that of this result, as a whole or not at all.
+
+        Parameters
+        ----------
+        folder : str, Path or ResultsFolder
+        report : bool or callable
+            Whether ``report.html`` is in it; or what gives its text.
+        progress : callable
+            Called with the name of each long part; returns a context manager around it.
+        """
+        out = folder if isinstance(folder, ResultsFolder) else ResultsFolder(Path(folder))
         out.check()
         with out.replaced() as part:
-            self._write(part)
+            with progress("Writing tables"):
+                self._write(part)
             if report:
-                self._write_report(part / "report.html")
+                from errormodel.files import write_text_atomic
+
+                with progress("Drawing the report"):
+                    write_text_atomic(report() if callable(report) else self.report(), part / "report.html")
         return out.path
 
     def _write(self, folder: Path) -> None:
         from identification.results import store
 
-        store.write(self.fit, folder)
+        store.write(self.analysis, folder)
+        if self.fit.posterior is not None:
+            from identification.bayes.netcdf import write_netcdf
 
-    def _write_report(self, path: Path) -> None:
-        from identification.report import write_report
-
-        write_report(self.fit, path)
+            write_netcdf(self.fit, self.fit.posterior, folder / "posterior.nc")
 
     def __repr__(self) -> str:
         groups = self.fit.solution.groups.rank
@@ -132,8 +204,9 @@ class FitResult:
     def _repr_html_(self) -> str:
         from html import escape
 
-        head = self.parameters.head(12).to_html(float_format=lambda x: f"{x:.4g}")
-        more = f"<p>and {len(self.parameters) - 12} more groups</p>" if len(self.parameters) > 12 else ""
+        shown = self.parameters.drop(columns="members")
+        head = shown.head(12).to_html(float_format=lambda x: f"{x:.4g}")
+        more = f"<p>and {len(shown) - 12} more groups</p>" if len(shown) > 12 else ""
         figures = self.statistics.to_html(float_format=lambda x: f"{x:.2f}")
         return f"<h3>{escape(self.machine.name)}</h3>{figures}{head}{more}"
 
@@ -141,8 +214,8 @@ class FitResult:
 class FitPlots:
     """Figures of a fit."""
 
-    def __init__(self, fit: Fit) -> None:
-        self._fit = fit
+    def __init__(self, analysis: Analysis) -> None:
+        self._analysis, self._fit = analysis, analysis.fit
 
     def residuals(self) -> Figure:
         """Residuals against the position of each joint."""
@@ -182,13 +255,13 @@ class FitPlots:
         """Values of all base parameters with two standard uncertainties."""
         from identification.plots.parameters import draw_parameters
 
-        return draw_parameters(self._fit)
+        return draw_parameters(self._analysis)
 
     def correlation(self) -> Figure:
         """Correlation of the base parameters."""
         from identification.plots.correlation import draw_correlation
 
-        return draw_correlation(self._fit)
+        return draw_correlation(self._analysis)
 
     def singular_values(self) -> Figure:
         """Singular values of the scaled design matrix."""

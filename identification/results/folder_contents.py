@@ -117,7 +117,7 @@ def _check_before(folder: Path) -> None:
         They are not, or that cannot be known.
     """
     from errormodel.machine_file import machine_text, read_machine
-    from identification.results.store import read_files
+    from identification.results.stored_fit import read_files
 
     path = folder / "machine.yaml"
     try:

@@ -10,7 +10,7 @@ import re
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from errormodel.exceptions import InputError
 from errormodel.files import locked, plain_mode, replacing, sha256, unwritable, write_csv, write_text_atomic
@@ -91,6 +91,12 @@ class OutputFile:
         """Write UTF-8 text (see `replaced`)."""
         with self.replaced() as part:
             write_text_atomic(text, part)
+
+    def write_json(self, data: Any) -> None:
+        """Write JSON with NaN as null (see `replaced`)."""
+        from identification.results.json_text import dumps
+
+        self.write_text(dumps(data))
 
     def write_csv(self, frame: pd.DataFrame) -> None:
         """Write a table (see `replaced`)."""

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import floor, log10
-from typing import Literal
+from typing import Any, Literal
 
 from errormodel.machine import Joint
 from identification.estimation.result import Fit
-from identification.results.store import parameters
 
 PRINTED: dict[str, tuple[float, str]] = {
     "mm": (1e3, "µm"),
@@ -70,13 +70,13 @@ class Estimate:
         return abs(self.value) / self.std if self.std else float("inf")
 
 
-def estimates(fit: Fit) -> list[Estimate]:
-    """All groups of a fit."""
+def estimates(fit: Fit, groups: Sequence[Mapping[str, Any]]) -> list[Estimate]:
+    """All groups of a fit (see `groups_of`), as they are printed."""
     joints = {e.name for e in fit.chain.machine.elements if isinstance(e, Joint)}
     members = {e.name for e in fit.chain.machine.elements} - joints
     of_effects = fit.chain.of_effects
     out = []
-    for number, p in enumerate(parameters(fit), start=1):
+    for number, p in enumerate(groups, start=1):
         factor, unit = printed(p["unit"])
         kind: Kind = "zero" if p["id"].startswith("zero[") else "frame"
         if p["id"] in fit.chain.index:

@@ -47,6 +47,16 @@ class PlanResult:
         rows: list[dict[str, Any]] = self.plan.as_json()["effects"]
         return pd.DataFrame(rows)
 
+    def summary(self) -> str:
+        """What the command line prints of it."""
+        from identification.planning.text import plan_lines
+
+        return "\n".join(plan_lines(self.plan))
+
+    def as_json(self) -> dict[str, Any]:
+        """The plan's figures and verdicts, as ``--json`` writes them."""
+        return self.plan.as_json()
+
     def _repr_html_(self) -> str:
         return (
             f"<p>{len(self.poses)} rows, rank {self.rank}</p>{self.uncertainty.to_html()}{self.poses.head().to_html()}"

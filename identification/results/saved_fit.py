@@ -7,13 +7,14 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from identification.results.store import StoredFit
+from identification.results.stored_fit import StoredFit
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from errormodel.machine import Machine
-    from identification.api import AnySurvey
+    from errormodel.survey import Survey
+    from identification.sources import AnySurvey
 
 
 @dataclass(frozen=True)
@@ -41,6 +42,13 @@ class SavedFit:
         return self.stored.chain.machine
 
     @property
+    def notes(self) -> tuple[str, ...]:
+        """What was assumed of measuring frames, as sentences."""
+        from identification.observation.frames import rotation_notes
+
+        return tuple(rotation_notes(self.stored.frames))
+
+    @property
     def data(self) -> dict[str, Any]:
         """``fit.json`` as it stands in the folder."""
         return self.stored.data
@@ -50,15 +58,23 @@ class SavedFit:
         """One row a base parameter: ``group`` (formula), ISO ``symbol``, ``value``, ``std`` (k = 1), ``unit``."""
         import pandas as pd
 
-        table = pd.DataFrame(self.data["parameters"]).set_index("id")[["group", "symbol", "value", "std", "unit"]]
+        columns = ["group", "symbol", "value", "std", "unit", "members"]
+        table = pd.DataFrame(self.data["parameters"]).set_index("id")[columns]
         table.attrs["units"] = table["unit"].to_dict()
         return table
 
     def predict(self, points: AnySurvey) -> pd.DataFrame:
         """The same as `identification.predict` with this result."""
-        from identification.api import predict
+        from identification.results.predictions import predicted
+        from identification.sources import survey_of
 
-        return predict(self, points)
+        return predicted(self.stored, survey_of(points, self.machine, measured=False))
+
+    def notes_on(self, commands: Survey) -> tuple[str, ...]:
+        """Sentences on commands: what their reading assumed, and where they lie outside of what was measured."""
+        from identification.results.predictions import notes_on
+
+        return notes_on(self.stored, commands)
 
     def __repr__(self) -> str:
         return f"<SavedFit: {self.machine.name}, {len(self.stored.base)} groups, {self.folder}>"

@@ -1,9 +1,8 @@
-"""A fit on disk: ``fit.json``, the tables beside it, and what `predict` needs to read it back."""
+"""A fit on disk: ``fit.json`` and the tables beside it."""
 
 from __future__ import annotations
 
-import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,36 +10,34 @@ import numpy as np
 
 from errormodel import __version__
 from errormodel.arrays import Array
-from errormodel.chain import Chain
 from errormodel.channels import root
 from errormodel.conventions import MOTIONS, TRANSLATIONS
-from errormodel.exceptions import InputError
 from errormodel.files import write_csv, write_text_atomic
-from errormodel.inputs import noted
-from errormodel.location_errors import named
-from errormodel.machine_file import read_machine, write_machine
+from errormodel.machine_file import write_machine
 from errormodel.simulation import outward
 from errormodel.survey import Survey
 from identification.estimation.motions import Motions
-from identification.estimation.result import Fit, Spread
+from identification.estimation.result import Fit
 from identification.estimation.run import moved
 from identification.observation.frames import Pose
+from identification.results.analysis import Analysis
+from identification.results.json_text import dumps
 from identification.results.results_folder import ResultsFolder, whole
+from identification.results.stored_fit import SCHEMA, StoredFit, read_files
 from identification.uncertainty.further_poses import leverages
 from identification.uncertainty.measured_range import covered
 
 if TYPE_CHECKING:
     import pandas as pd
 
-SCHEMA = "errormodel.fit/1"
 PARAMETERS = (  # columns
     "id", "group", "symbol", "value", "std", "std_after_10_more", "std_after_10_best", "unit", "meaning",
 )  # fmt: skip
-CURE = "Give the folder that `errormodel fit ... --out DIR` wrote"
 
 
-def as_json(fit: Fit) -> dict[str, Any]:
+def as_json(analysis: Analysis) -> dict[str, Any]:
     """``fit.json``: values and standard uncertainties in mm, rad and their ratios; residual statistics in um."""
+    fit, gain = analysis.fit, analysis.gain
     s = fit.solution
     named = s.named()
     whole = None if s.dof <= 0 else s.chi2 / s.dof
@@ -49,7 +46,7 @@ def as_json(fit: Fit) -> dict[str, Any]:
         "version": __version__,
         "machine": fit.chain.machine.name,
         "survey": str(fit.survey.source),
-        "parameters": parameters(fit),
+        "parameters": analysis.parameters,
         "no_effect": list(s.groups.no_effect),
         "n_parameters": len(fit.chain.machine_ids),
         "rank": s.groups.rank,
@@ -86,45 +83,15 @@ def as_json(fit: Fit) -> dict[str, Any]:
         "inflation": fit.inflation,
         "passes": s.passes,
         "converged": s.converged,
-        "budget": fit.budgets.as_json(),
+        "budget": analysis.budgets.as_json(),
         "posterior": fit.posterior.as_json() if fit.posterior else None,
         "notes": list(fit.notes),
         "at_bound": [asdict(b) for b in fit.at_bound],
         "robust": fit.sorting is not None,
         "outliers": [o.as_json() for o in fit.outliers],
         "correlations": correlations(fit),
-        "next_poses": [] if fit.gain.poses is None else fit.gain.poses.to_dict("records"),
+        "next_poses": [] if gain.poses is None else gain.poses.to_dict("records"),
     }
-
-
-def parameters(fit: Fit) -> list[dict[str, Any]]:
-    """One entry a group: id of the base parameter, the group as a formula, value, standard uncertainty, unit."""
-    s, chain = fit.solution, fit.chain
-    std = np.sqrt(np.diag(s.covariance)) * fit.inflation
-    best = fit.gain.best
-    out = []
-    for k, j in enumerate(s.groups.base):
-        name = s.unknowns[j]
-        plain = "frame." + name.rsplit(".", 1)[1] if name.startswith("frame[") else name
-        known = chain.parameters[chain.index[plain]] if plain in chain.index else None
-        motion = name.rsplit(".", 1)[1]
-        members = s.groups.members(k)
-        location = named(chain.location_errors, members)
-        out.append(
-            {
-                "id": name,
-                "group": s.groups.name(k),
-                "members": members,
-                "symbol": location.symbol if location else known.symbol if known else "",
-                "meaning": location.words if location else "",
-                "value": float(s.values[j]),
-                "std": float(std[k]),
-                "std_after_10_more": float(fit.gain.like_these[k]),
-                "std_after_10_best": None if best is None else float(best[k]),
-                "unit": known.unit if known else ("mm" if motion in ("dx", "dy", "dz") else "rad"),
-            }
-        )
-    return out
 
 
 def correlations(fit: Fit, least: float = 0.9, most: int = 100) -> list[dict[str, Any]]:
@@ -147,36 +114,22 @@ def save(fit: Fit, folder: Path) -> None:
         It holds what errormodel did not write, or cannot be written.
     """
     with ResultsFolder(folder).replaced() as part:
-        write(fit, part)
+        write(Analysis(fit), part)
 
 
-def write(fit: Fit, folder: Path) -> None:
+def write(analysis: Analysis, folder: Path) -> None:
     """Write machine, ``parameters.csv``, ``residuals.csv``, ``covariance.csv`` and ``fit.json`` to an empty folder."""
     import pandas as pd
 
+    fit = analysis.fit
     write_machine(fit.chain.machine, folder / "machine.yaml")
-    table = pd.DataFrame(parameters(fit), columns=list(PARAMETERS))
+    table = pd.DataFrame(analysis.parameters, columns=list(PARAMETERS))
     write_csv(table, folder / "parameters.csv")
     write_csv(residual_table(fit), folder / "residuals.csv")
     names = [fit.solution.unknowns[j] for j in fit.solution.groups.base]
     covariance = pd.DataFrame(fit.solution.covariance * fit.inflation**2, columns=names)
     write_csv(covariance, folder / "covariance.csv")
-    write_text_atomic(dumps(as_json(fit)), folder / "fit.json")
-
-
-def dumps(data: Any) -> str:
-    """Return JSON with NaN as null, so that every reader takes it."""
-    return json.dumps(_plain(data), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {k: _plain(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(v) for v in value]
-    if isinstance(value, float | np.floating):
-        return float(value) if np.isfinite(value) else None
-    return value
+    write_text_atomic(dumps(as_json(analysis)), folder / "fit.json")
 
 
 def _pose_json(pose: Pose) -> dict[str, list[float]]:
@@ -232,43 +185,6 @@ def _motion_columns(motions: Motions) -> Any:
     return pd.DataFrame(columns)
 
 
-@dataclass(frozen=True)
-class StoredFit:
-    """What `predict` and `compensate` need of a fit: the chain, values, covariance and frames."""
-
-    chain: Chain
-    values: dict[str, float]
-    base: tuple[str, ...]
-    covariance: Array  # of `base`
-    units: dict[str, str]
-    groups: dict[str, dict[str, float]]  # members of each group and their coefficients
-    frame_mode: str  # which rows of a survey share a measuring frame
-    frames: dict[str, Pose]  # alignments, which the small frame parameters follow
-    test_frames: dict[str, dict[str, Pose]]  # the same for each test file
-    data: dict[str, Any]
-
-    @property
-    def fitted(self) -> Spread:
-        return Spread(**self.data["fitted"])
-
-
-def stored(fit: Fit) -> StoredFit:
-    """The fit as it would come back from its folder, without its figures."""
-    entries = parameters(fit)
-    return StoredFit(
-        chain=fit.chain,
-        values={p["id"]: p["value"] for p in entries},
-        base=tuple(p["id"] for p in entries),
-        covariance=fit.solution.covariance * fit.inflation**2,
-        units={p["id"]: p["unit"] for p in entries},
-        groups={p["id"]: p["members"] for p in entries},
-        frame_mode=fit.survey.frame,
-        frames=fit.problem.frames,
-        test_frames={t.path: t.frames for t in fit.tests},
-        data={},
-    )
-
-
 def load(folder: Path) -> StoredFit:
     """Read a fit's folder back.
 
@@ -279,75 +195,3 @@ def load(folder: Path) -> StoredFit:
     """
     with whole(folder):
         return read_files(folder)
-
-
-def read_files(folder: Path) -> StoredFit:
-    """Like `load`, without the manifest and the lock."""
-    path = noted(folder / "fit.json")
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-        if data["schema"] != SCHEMA:
-            raise InputError(str(path), f"its schema is {data['schema']!r}, not {SCHEMA!r}", CURE)
-        entries = data["parameters"]
-        base = tuple(str(p["id"]) for p in entries)
-        fit = StoredFit(
-            _machine_of(folder, base),
-            {p["id"]: float(p["value"]) for p in entries},
-            base,
-            _covariance(folder, base, np.array([p["std"] for p in entries], dtype=float)),
-            {p["id"]: str(p["unit"]) for p in entries},
-            {p["id"]: {str(m): float(c) for m, c in p["members"].items()} for p in entries},
-            str(data["frame_mode"]),
-            _poses(data["frame"]),
-            {str(t["path"]): _poses(t.get("frame", [])) for t in data["test"]},
-            data,
-        )
-    except OSError as error:
-        raise InputError(str(path), f"it cannot be read ({error.strerror})", CURE) from error
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise InputError(str(path), f"it cannot be read as a fit ({type(error).__name__}: {error})", CURE) from error
-    return fit
-
-
-def _poses(entries: list[dict[str, Any]]) -> dict[str, Pose]:
-    """Alignments by label, as `_pose_json` wrote them."""
-    from scipy.spatial.transform import Rotation
-
-    return {
-        str(f["label"]): Pose(
-            Rotation.from_rotvec(f["alignment"]["rotation"]).as_matrix(),
-            np.array(f["alignment"]["translation"], dtype=float),
-            np.array(f["alignment"].get("undetermined", []), dtype=float).reshape(-1, 3),
-        )
-        for f in entries
-    }
-
-
-def _machine_of(folder: Path, base: tuple[str, ...]) -> Chain:
-    path = folder / "machine.yaml"
-    if not path.is_file():
-        raise InputError(str(path), "there is no such file", CURE)
-    chain = Chain(read_machine(path))
-    for identity in base:
-        if identity not in chain.index and not identity.startswith(("frame[", "zero[")):
-            found = f"the machine has no parameter '{identity}', which fit.json estimates"
-            raise InputError(str(path), found, "Run the fit again")
-    return chain
-
-
-def _covariance(folder: Path, base: tuple[str, ...], std: Array) -> Array:
-    import pandas as pd
-
-    path = noted(folder / "covariance.csv")
-    if not base:  # a table without columns is an empty file
-        return np.zeros((0, 0))
-    try:
-        table = pd.read_csv(path)
-        matrix = table.to_numpy(dtype=float)
-    except (OSError, ValueError) as error:
-        found = f"it cannot be read ({getattr(error, 'strerror', None) or error})"
-        raise InputError(str(path), found, "Run the fit again") from error
-    ours = tuple(table.columns) == base and len(matrix) == len(base)
-    if not ours or not np.allclose(np.diag(matrix), std**2, rtol=1e-9, atol=0.0):
-        raise InputError(str(path), "it is of another fit than fit.json", "Run the fit again")
-    return matrix

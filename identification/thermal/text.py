@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 
 from errormodel.conventions import unit_of
 from identification.results.parameter_table import printed
@@ -12,7 +11,7 @@ from identification.thermal.run import MotionResult, Thermal
 SHOWN = 3  # temperatures of a motion, those that were found first
 
 
-def thermal_lines(result: Thermal, out: Path) -> Iterator[str]:
+def thermal_lines(result: Thermal) -> Iterator[str]:
     """Sensors, a line for each error motion, and what was gained."""
     r = result.recordings
     several = [" = ".join(g) for g in r.groups if len(g) > 1]
@@ -35,7 +34,6 @@ def thermal_lines(result: Thermal, out: Path) -> Iterator[str]:
         f"left beyond the noise, in noise: {usual:.2f} by stepwise regression at each position, {lagged:.2f} by a few "
         "lagged temperatures"
     )
-    yield f"\nModel: {out / 'machine.yaml'}; for errormodel fit, predict and compensate"
 
 
 def _follows(motion: MotionResult) -> str:

@@ -8,7 +8,7 @@ and effective degrees of freedom are GTC's (B. D. Hall; JCGM 100:2008, 5.1 and G
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from itertools import product
 from math import ceil, floor, inf, isfinite, sqrt
@@ -25,7 +25,7 @@ from identification.estimation.result import Fit
 from identification.observation.assembly import marginal_whitener
 from identification.observation.models import PositionView
 from identification.observation.normal_equations import design_rows, total
-from identification.results.store import parameters, stored
+from identification.results.stored_fit import StoredFit
 from identification.uncertainty.prediction import predict
 
 LEVEL = 0.95  # coverage probability
@@ -110,13 +110,17 @@ def combine(measurand: str, unit: str, inputs: Sequence[Input], level: float = L
     return Budget(measurand, unit, tuple(inputs), std, dof, k, k * std, level)
 
 
-def budgets_of(fit: Fit) -> Budgets:
-    """The budgets of a fit, by its survey's instrument and ``budget`` block."""
+def budgets_of(fit: Fit, groups: Sequence[Mapping[str, Any]], stored: StoredFit) -> Budgets:
+    """The budgets of a fit, by its survey's instrument and ``budget`` block.
+
+    Parameters
+    ----------
+    groups : the fit's base parameters, with ``group`` (formula) and ``unit``.
+    stored : the fit as prediction needs it.
+    """
     effects = list(_effects(fit))
-    groups = tuple(
-        combine(p["group"], p["unit"], [e.of_group(k) for e in effects]) for k, p in enumerate(parameters(fit))
-    )
-    return Budgets(_prediction(fit, effects) if np.isfinite(fit.residuals).any() else None, groups)
+    each = tuple(combine(p["group"], p["unit"], [e.of_group(k) for e in effects]) for k, p in enumerate(groups))
+    return Budgets(_prediction(fit, stored, effects) if np.isfinite(fit.residuals).any() else None, each)
 
 
 @dataclass(frozen=True)
@@ -245,7 +249,7 @@ def _moved_by(fit: Fit, acts: str) -> Array:
     return out
 
 
-def _prediction(fit: Fit, effects: Sequence[_Effect]) -> Budget:
+def _prediction(fit: Fit, stored: StoredFit, effects: Sequence[_Effect]) -> Budget:
     """Of the component of the predicted error that is known worst, at the pose where it is, with the machine's tool."""
     machine = fit.chain.machine
     table = random_points(machine, POSES, 0)
@@ -258,7 +262,7 @@ def _prediction(fit: Fit, effects: Sequence[_Effect]) -> Budget:
     first = source.iloc[0]
     table = table.assign(run=first["run"], file=first["file"], role="fit", row=np.arange(1, POSES + 1))
     points = replace(fit.survey, table=table)
-    known = predict(stored(fit), points)[["ux", "uy", "uz"]].to_numpy()
+    known = predict(stored, points)[["ux", "uy", "uz"]].to_numpy()
     worst, axis = np.unravel_index(int(np.argmax(known)), known.shape)
     rows = as_rows(*(c[[worst]] for c in fit.chain.columns(table)))
     label = next(iter(fit.problem.frames), None)

@@ -13,7 +13,7 @@ from errormodel.survey import Survey
 from errormodel.survey_columns import UNCERTAINTY
 from identification.observation.assembly import frame_columns, frame_labels
 from identification.observation.frames import IDENTITY, Pose, rotation_notes
-from identification.results.store import StoredFit
+from identification.results.stored_fit import StoredFit
 from identification.uncertainty.measured_range import beyond_notes
 
 if TYPE_CHECKING:

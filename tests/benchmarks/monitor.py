@@ -21,7 +21,8 @@ from identification.estimation.result import Fit
 from identification.estimation.run import fit_machine
 from identification.monitoring.control_limits import judge
 from identification.monitoring.quantities import Cycle, Watched, measured, watched
-from identification.results.store import as_json, stored
+from identification.results.analysis import Analysis
+from identification.results.store import as_json
 from tests.surveys import measured as simulated
 from tests.surveys import survey
 
@@ -35,8 +36,9 @@ DRIFTING = 30  # cycles of it
 def mill() -> tuple[Machine, Fit, tuple[Watched, ...]]:
     machine = read_machine("vertical_three_axis")
     fit = cycle_fit(machine, 0)
-    kept = stored(fit)
-    kept.data.update(as_json(fit))
+    analysis = Analysis(fit)
+    kept = analysis.stored
+    kept.data.update(as_json(analysis))
     return machine, fit, watched(kept)
 
 

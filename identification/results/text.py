@@ -1,18 +1,22 @@
-"""What the command line prints: plain lines, made from results."""
+"""What is printed of a description, a fit and a diagnosis: plain lines."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from errormodel.location_errors import named
-from identification.estimation.motions import Motions
-from identification.estimation.result import Fit, Spread
-from identification.results.description import Description
 from identification.results.parameter_table import printed
-from identification.results.store import parameters
+from identification.results.terminal import table_lines
+
+if TYPE_CHECKING:
+    from identification.diagnosis.results.findings import Alternative, Diagnosis
+    from identification.estimation.motions import Motions
+    from identification.estimation.result import Fit, Spread
+    from identification.results.analysis import Analysis
+    from identification.results.description import Description
 
 if TYPE_CHECKING:
     from identification.diagnosis.results.findings import Alternative, Diagnosis
@@ -59,8 +63,9 @@ def description_lines(description: Description) -> Iterator[str]:
                 yield f"  {description.with_frame.name(k)}"
 
 
-def fit_lines(fit: Fit) -> Iterator[str]:
+def fit_lines(analysis: Analysis) -> Iterator[str]:
     """Residuals before and after, noise, and the groups that stand out."""
+    fit = analysis.fit
     yield f"{fit.chain.machine.name}: {len(fit.survey)} rows, {fit.solution.groups.rank} identifiable groups"
     if fit.fitted.n:
         yield from _spread_lines(fit)
@@ -71,8 +76,8 @@ def fit_lines(fit: Fit) -> Iterator[str]:
     if fit.inflation > 1:
         yield f"residuals exceed the declared uncertainty: standard uncertainties are multiplied by {fit.inflation:.2f}"
     yield from _outlier_lines(fit)
-    framed = [any(m.startswith(("frame.", "frame[", "zero[")) for m in p["members"]) for p in parameters(fit)]
-    listed = [p for p, shared in zip(parameters(fit), framed, strict=True) if not shared]
+    framed = [any(m.startswith(("frame.", "frame[", "zero[")) for m in p["members"]) for p in analysis.groups]
+    listed = [p for p, shared in zip(analysis.groups, framed, strict=True) if not shared]
     listed.sort(key=lambda p: -abs(p["value"]) / p["std"] if p["std"] else -np.inf)
     yield "\nlargest in units of their uncertainty (all in parameters.csv)"
     rows = []
@@ -113,21 +118,6 @@ def _motion_lines(fit: Fit, motions: Motions) -> Iterator[str]:
     for e in motions.errors(fit.survey):
         yield f"  {f'{e.symbol}, {e.unit}':26}{e.nominal:9.2f}{e.fitted:9.2f}{e.heldout:9.2f}{e.n:8d}"
     yield ""
-
-
-def table_lines(rows: Sequence[Sequence[str]], align: str, indent: int = 0, least: int = 0) -> Iterator[str]:
-    """Rows of cells in columns as wide as their longest cell, two blanks apart, whatever the numbers.
-
-    Parameters
-    ----------
-    align : "<" or ">" for each column.
-    indent : blanks before each row.
-    least : the least width of a column.
-    """
-    widths = [max(least, *map(len, column)) for column in zip(*rows, strict=True)]
-    for row in rows:
-        cells = (f"{cell:{side}{width}}" for cell, side, width in zip(row, align, widths, strict=True))
-        yield " " * indent + "  ".join(cells).rstrip()
 
 
 def _level_lines(fit: Fit) -> Iterator[str]:

@@ -1,0 +1,23 @@
+"""The functions of notebooks, scripts and the command line: one for each command, with results that hold tables.
+
+Machines are given as a `Machine`, a file, a name of the library or a dict; surveys as a `Survey`, a file, a folder or a
+DataFrame. All are in the units of their files: mm, degrees for rotary joints, s, degC.
+"""
+
+from identification.api.models import describe, diagnose, fit, plan, register, thermal
+from identification.api.uses import compensate, controllers, load, monitor, predict, save
+
+__all__ = [
+    "compensate",
+    "controllers",
+    "describe",
+    "diagnose",
+    "fit",
+    "load",
+    "monitor",
+    "plan",
+    "predict",
+    "register",
+    "save",
+    "thermal",
+]

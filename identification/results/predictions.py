@@ -1,0 +1,37 @@
+"""Predictions as a table: commands, positions, volumetric errors, standard uncertainties."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from identification.runtime.progress import Progress, silent
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from errormodel.survey import Survey
+    from identification.results.stored_fit import StoredFit
+
+
+def predicted(stored: StoredFit, commands: Survey, progress: Progress = silent) -> pd.DataFrame:
+    """The commands with what is predicted there; ``attrs`` has the units, and notes on what was assumed."""
+    from errormodel.effects.axis_blunder import marred
+    from errormodel.simulation import outward
+    from identification.uncertainty.prediction import predict
+
+    machine = stored.chain.machine
+    with progress("Predicting"):
+        result = predict(stored, commands)
+    table = outward(marred(commands.table, machine), machine)
+    table = table.drop(columns=["file", "role", "row", *result.columns], errors="ignore").join(result)
+    turns = ("ea", "eb", "ec", "u_ea", "u_eb", "u_ec")
+    table.attrs["units"] = {name: "rad" if name in turns else "mm" for name in result.columns}
+    table.attrs["notes"] = notes_on(stored, commands)
+    return table
+
+
+def notes_on(stored: StoredFit, commands: Survey) -> tuple[str, ...]:
+    """Sentences on commands: what their reading assumed, and where they lie outside of what was measured."""
+    from identification.uncertainty.prediction import notes
+
+    return (*commands.notes, *notes(stored, commands))

@@ -1,0 +1,131 @@
+"""What prediction, compensation and monitoring need of a fit, and how it is read from the folder of the fit."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from errormodel.arrays import Array
+from errormodel.chain import Chain
+from errormodel.exceptions import InputError
+from errormodel.inputs import noted
+from errormodel.machine_file import read_machine
+from identification.estimation.result import Fit, Spread
+from identification.observation.frames import Pose
+from identification.uncertainty.measured_range import covered
+
+SCHEMA = "errormodel.fit/1"
+CURE = "Give the folder that `errormodel fit ... --out DIR` wrote"
+
+
+@dataclass(frozen=True)
+class StoredFit:
+    """What `predict` and `compensate` need of a fit: the chain, values, covariance and frames."""
+
+    chain: Chain
+    values: dict[str, float]
+    base: tuple[str, ...]
+    covariance: Array  # of `base`
+    units: dict[str, str]
+    groups: dict[str, dict[str, float]]  # members of each group and their coefficients
+    frame_mode: str  # which rows of a survey share a measuring frame
+    frames: dict[str, Pose]  # alignments, which the small frame parameters follow
+    test_frames: dict[str, dict[str, Pose]]  # the same for each test file
+    data: dict[str, Any]
+
+    @property
+    def fitted(self) -> Spread:
+        return Spread(**self.data["fitted"])
+
+
+def stored(fit: Fit, groups: Sequence[Mapping[str, Any]]) -> StoredFit:
+    """The fit with its `groups` (see `groups_of`) as its folder would give it; its data is what was covered."""
+    return StoredFit(
+        chain=fit.chain,
+        values={p["id"]: p["value"] for p in groups},
+        base=tuple(p["id"] for p in groups),
+        covariance=fit.solution.covariance * fit.inflation**2,
+        units={p["id"]: p["unit"] for p in groups},
+        groups={p["id"]: p["members"] for p in groups},
+        frame_mode=fit.survey.frame,
+        frames=fit.problem.frames,
+        test_frames={t.path: t.frames for t in fit.tests},
+        data={"covered": covered(fit.chain, fit.survey.table)},
+    )
+
+
+def read_files(folder: Path) -> StoredFit:
+    """Read the files of a fit: without the manifest and the lock of `identification.results.store.load`."""
+    path = noted(folder / "fit.json")
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+        if data["schema"] != SCHEMA:
+            raise InputError(str(path), f"its schema is {data['schema']!r}, not {SCHEMA!r}", CURE)
+        entries = data["parameters"]
+        base = tuple(str(p["id"]) for p in entries)
+        fit = StoredFit(
+            _machine_of(folder, base),
+            {p["id"]: float(p["value"]) for p in entries},
+            base,
+            _covariance(folder, base, np.array([p["std"] for p in entries], dtype=float)),
+            {p["id"]: str(p["unit"]) for p in entries},
+            {p["id"]: {str(m): float(c) for m, c in p["members"].items()} for p in entries},
+            str(data["frame_mode"]),
+            _poses(data["frame"]),
+            {str(t["path"]): _poses(t.get("frame", [])) for t in data["test"]},
+            data,
+        )
+    except OSError as error:
+        raise InputError(str(path), f"it cannot be read ({error.strerror})", CURE) from error
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        raise InputError(str(path), f"it cannot be read as a fit ({type(error).__name__}: {error})", CURE) from error
+    return fit
+
+
+def _poses(entries: list[dict[str, Any]]) -> dict[str, Pose]:
+    """Alignments by label, as `_pose_json` wrote them."""
+    from scipy.spatial.transform import Rotation
+
+    return {
+        str(f["label"]): Pose(
+            Rotation.from_rotvec(f["alignment"]["rotation"]).as_matrix(),
+            np.array(f["alignment"]["translation"], dtype=float),
+            np.array(f["alignment"].get("undetermined", []), dtype=float).reshape(-1, 3),
+        )
+        for f in entries
+    }
+
+
+def _machine_of(folder: Path, base: tuple[str, ...]) -> Chain:
+    path = folder / "machine.yaml"
+    if not path.is_file():
+        raise InputError(str(path), "there is no such file", CURE)
+    chain = Chain(read_machine(path))
+    for identity in base:
+        if identity not in chain.index and not identity.startswith(("frame[", "zero[")):
+            found = f"the machine has no parameter '{identity}', which fit.json estimates"
+            raise InputError(str(path), found, "Run the fit again")
+    return chain
+
+
+def _covariance(folder: Path, base: tuple[str, ...], std: Array) -> Array:
+    import pandas as pd
+
+    path = noted(folder / "covariance.csv")
+    if not base:  # a table without columns is an empty file
+        return np.zeros((0, 0))
+    try:
+        table = pd.read_csv(path)
+        matrix = table.to_numpy(dtype=float)
+    except (OSError, ValueError) as error:
+        found = f"it cannot be read ({getattr(error, 'strerror', None) or error})"
+        raise InputError(str(path), found, "Run the fit again") from error
+    ours = tuple(table.columns) == base and len(matrix) == len(base)
+    if not ours or not np.allclose(np.diag(matrix), std**2, rtol=1e-9, atol=0.0):
+        raise InputError(str(path), "it is of another fit than fit.json", "Run the fit again")
+    return matrix
