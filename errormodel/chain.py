@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from errormodel import conventions, effects
 from errormodel.arrays import Array, as_rows
-from errormodel.channels import POINT, columns
+from errormodel.channels import POINT_CHANNELS, columns
 from errormodel.conventions import FRAME, MOTIONS, TOOL, Motion
 from errormodel.exceptions import InputError, nearest
 from errormodel.joint_models import Term, constant_terms, joint_terms
@@ -126,8 +126,8 @@ class Chain:
 
     def _symbol(self, name: str) -> ca.SX:
         """The symbol of a channel; one that is asked for the first time becomes a channel of the chain."""
-        if name in POINT:
-            return self.pose()[0][POINT.index(name)]
+        if name in POINT_CHANNELS:
+            return self.pose()[0][POINT_CHANNELS.index(name)]
         if name not in self._channel:
             self._channel[name] = ca.SX.sym(name)
         return self._channel[name]

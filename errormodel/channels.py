@@ -21,12 +21,14 @@ if TYPE_CHECKING:
     import pandas as pd
 
 # A sensor may have any name, with commas and brackets: the number is what stands after the last comma.
-CALL = re.compile(r"(lag|play)\((.+),([^,()]+)\)", re.DOTALL)
-SETTLE = 240.0  # s: the quickest members take some ten minutes to follow the air or a motor
-APART = 0.1  # K rms: what a common clock leaves of runs that have clocks of their own, at least; sensors leave 0.05
+DERIVED_CHANNEL = re.compile(r"(lag|play)\((.+),([^,()]+)\)", re.DOTALL)
+SMOOTHING_SECONDS = 240.0  # s: the quickest members take some ten minutes to follow the air or a motor
+CLOCK_MISFIT_KELVIN = (
+    0.1  # K rms: what a common clock leaves of runs that have clocks of their own, at least; sensors leave 0.05
+)
 _GAPLESS = ("T_", "w_", "time", "feed", "load")  # positions may be missing in rows about another joint
-JUMP = 2.5  # of the usual step between targets: so far goes back who begins anew
-POINT = ("point_x", "point_y", "point_z")
+JUMP_STEPS = 2.5  # of the usual step between targets: so far goes back who begins anew
+POINT_CHANNELS = ("point_x", "point_y", "point_z")
 
 
 def channel(table: pd.DataFrame, name: str) -> Array:
@@ -37,7 +39,7 @@ def channel(table: pd.DataFrame, name: str) -> Array:
     InputError
         The survey has no such column, or it has gaps.
     """
-    call = CALL.fullmatch(name)
+    call = DERIVED_CHANNEL.fullmatch(name)
     if call:
         return _DERIVED[call[1]](table, call[2], float(call[3]))
     if name.startswith("dir_"):
@@ -63,7 +65,7 @@ def channel(table: pd.DataFrame, name: str) -> Array:
 
 def root(name: str) -> str:
     """The channel at the bottom: of ``lag(T_bed,600)``, ``T_bed``."""
-    call = CALL.fullmatch(name)
+    call = DERIVED_CHANNEL.fullmatch(name)
     return call[2] if call else name
 
 
@@ -113,7 +115,7 @@ def clocks(table: pd.DataFrame, name: str) -> Index:
         if (np.diff(time[rows]) < 0).any() and np.ptp(runs[rows]) > 0:
             left = _rms(_local_line(time[rows], values[rows]) - values[rows])
             by_run = [_local_line(time[r], values[r]) - values[r] for r in (rows[i] for i in _by_label(runs[rows]))]
-            if left > max(APART, 2 * _rms(np.concatenate(by_run))):
+            if left > max(CLOCK_MISFIT_KELVIN, 2 * _rms(np.concatenate(by_run))):
                 out[rows] = files.max() + 1 + runs[rows]
     return out
 
@@ -130,12 +132,12 @@ def _rms(values: Array) -> float:
 def _local_line(time: Array, values: Array) -> Array:
     """Local linear regression with Gaussian weights of standard deviation `SETTLE`, by convolution on an even grid."""
     start, end = float(time.min()), float(time.max())
-    step = max(SETTLE / 8, (end - start) / 1_000_000)
+    step = max(SMOOTHING_SECONDS / 8, (end - start) / 1_000_000)
     place = np.rint((time - start) / step).astype(np.intp)
     size, x = int(place.max()) + 1, place - place.max() / 2
     level = values.mean()
-    reach = int(5 * SETTLE / step)
-    kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) * step / SETTLE) ** 2)
+    reach = int(5 * SMOOTHING_SECONDS / step)
+    kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) * step / SMOOTHING_SECONDS) ** 2)
 
     def moment(weights: Array) -> Array:
         sums = np.bincount(place, weights, minlength=size)
@@ -208,7 +210,7 @@ def passes(position: Array, run: Index) -> Array:
     before, after = np.append(signs[0], signs), np.append(signs, signs[-1])
     inner = counts[1:-1][signs[1:] == signs[:-1]]
     usual = float(np.median(inner)) if len(inner) else float(counts.min())
-    long = np.abs(steps) > JUMP * np.median(np.abs(steps))
+    long = np.abs(steps) > JUMP_STEPS * np.median(np.abs(steps))
     out = np.repeat(before, counts)
     for k in np.flatnonzero(before != after):
         a, b = starts[k], starts[k] + counts[k]

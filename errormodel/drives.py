@@ -15,14 +15,16 @@ from numpy.typing import NDArray
 from errormodel.exceptions import InputError
 from errormodel.machine import Machine
 from errormodel.serial_chain import directions
-from errormodel.survey_columns import MEASURED, TOOL
+from errormodel.survey_columns import MEASURED, TOOL_COLUMNS
 
 Array = NDArray[np.float64]
 
-APART = 0.02  # of the travel: a beam that is skewed so far is broken
-ALIKE = 1e-3  # of their way: columns that go together like this are two drives, or one command for two stages
-FEWEST = 8  # rows
-BETTER = 4.0  # times
+MOST_SKEW_SHARE = 0.02  # of the travel: a beam that is skewed so far is broken
+SAME_MOTION_SHARE = (
+    1e-3  # of their way: columns that go together like this are two drives, or one command for two stages
+)
+FEWEST_DRIVE_ROWS = 8  # rows
+SINGLE_DRIVE_GAIN = 4.0  # times
 
 
 def as_one(frame: pd.DataFrame, machine: Machine, name: str) -> pd.DataFrame:
@@ -45,7 +47,7 @@ def as_one(frame: pd.DataFrame, machine: Machine, name: str) -> pd.DataFrame:
             continue
         first, second = (frame[drive].to_numpy(dtype=np.float64) for drive in joint.drives)
         apart = np.nan_to_num(np.abs(first - second))
-        if apart.max(initial=0.0) > APART * (joint.travel[1] - joint.travel[0]):
+        if apart.max(initial=0.0) > MOST_SKEW_SHARE * (joint.travel[1] - joint.travel[0]):
             worst = int(apart.argmax())
             one, other = joint.drives
             raise InputError(
@@ -85,11 +87,11 @@ def check_series(frame: pd.DataFrame, machine: Machine, name: str) -> list[str]:
     axes, notes = directions(machine.elements), []
     for one, other in combinations([j for j in machine.joints if j.type == "prismatic"], 2):
         sense = float(axes[one.name] @ axes[other.name])
-        if abs(sense) < 1 - 1e-6 or len(rows) < FEWEST:
+        if abs(sense) < 1 - 1e-6 or len(rows) < FEWEST_DRIVE_ROWS:
             continue
         first, second = rows[one.name].to_numpy(), rows[other.name].to_numpy() * round(sense)
         way, apart = float(np.ptp(first)), float(np.ptp(first - second))
-        if not apart < ALIKE * way:
+        if not apart < SAME_MOTION_SHARE * way:
             continue
         held = rows.assign(**{other.name: float(np.median(rows[other.name]))})
         series, single = _misfit(rows, rows, machine), _misfit(held, rows, machine)
@@ -102,7 +104,7 @@ def check_series(frame: pd.DataFrame, machine: Machine, name: str) -> list[str]:
         found = f"{one.name} = {other.name} within {max(apart, 0.001):.2g} mm over {way:.4g} mm"
         if series is None or single is None:
             notes.append(f"{found}, in series; if they are two drives of one axis: {cure[0].lower()}{cure[1:]}")
-        elif single < series / BETTER:
+        elif single < series / SINGLE_DRIVE_GAIN:
             raise InputError(
                 f"{name}, columns {one.name} and {other.name}",
                 f"{found}, and the tool went as far as one of them: two drives of one axis, which the machine has in "
@@ -118,12 +120,12 @@ def _misfit(commands: pd.DataFrame, rows: pd.DataFrame, machine: Machine) -> flo
 
     names = [n for n in MEASURED if n in rows]
     seen = rows[names].notna().all(axis=1).to_numpy()
-    if len(names) < len(MEASURED) or seen.sum() < FEWEST:
+    if len(names) < len(MEASURED) or seen.sum() < FEWEST_DRIVE_ROWS:
         return None
     part = commands[seen]
     tool = [
         part[n].fillna(value).to_numpy() if n in part else np.full(len(part), value)
-        for n, value in zip(TOOL, machine.tool, strict=True)
+        for n, value in zip(TOOL_COLUMNS, machine.tool, strict=True)
     ]
     joints = [part[j.name].to_numpy() for j in machine.joints]
     columns: list[Array] = [np.ascontiguousarray(c, dtype=np.float64) for c in (*joints, *tool)]

@@ -18,9 +18,9 @@ from errormodel.exceptions import ErrorModelError, InputError
 if TYPE_CHECKING:
     import pandas as pd
 
-PATIENCE = 60.0  # seconds to wait for another run
-LOCK = ".errormodel.lock"  # where a folder itself cannot be locked
-PLACE = "Give a place that can be written to"
+LOCK_WAIT_SECONDS = 60.0  # seconds to wait for another run
+LOCK_FILE = ".errormodel.lock"  # where a folder itself cannot be locked
+UNWRITABLE_CURE = "Give a place that can be written to"
 
 
 @contextmanager
@@ -99,7 +99,7 @@ def plain_mode(path: Path) -> int | None:
 
 def unwritable(path: Path, error: OSError) -> InputError:
     """What to say where the system refused to write."""
-    return InputError(str(path), f"cannot be written: {error.strerror or error}", PLACE)
+    return InputError(str(path), f"cannot be written: {error.strerror or error}", UNWRITABLE_CURE)
 
 
 def flush(path: Path) -> None:
@@ -139,21 +139,21 @@ def locked(folder: Path) -> Iterator[None]:
         yield
         return
     try:
-        until = time.monotonic() + PATIENCE
+        until = time.monotonic() + LOCK_WAIT_SECONDS
         while not taken(handle):
             if time.monotonic() > until:
-                raise ErrorModelError(f"{folder}: another run has held it for {PATIENCE:.0f} s. Try again")
+                raise ErrorModelError(f"{folder}: another run has held it for {LOCK_WAIT_SECONDS:.0f} s. Try again")
             time.sleep(0.005)
         yield
     finally:
         os.close(handle)
         with suppress(OSError):
-            (folder / LOCK).unlink(missing_ok=True)
+            (folder / LOCK_FILE).unlink(missing_ok=True)
 
 
 def _handle(folder: Path) -> int:
     if sys.platform == "win32":
-        return os.open(folder / LOCK, os.O_RDWR | os.O_CREAT)
+        return os.open(folder / LOCK_FILE, os.O_RDWR | os.O_CREAT)
     return os.open(folder, os.O_RDONLY)
 
 

@@ -16,9 +16,9 @@ import numpy as np
 
 from errormodel.arrays import Array, Numbers
 
-BLOCK = 4096  # rows a block: the functions of a five-axis machine then stay in the second-level cache
+KERNEL_BLOCK_ROWS = 4096  # rows a block: the functions of a five-axis machine then stay in the second-level cache
 
-_UNARY = {
+_UNARY_UFUNCS = {
     ca.OP_SIN: "sin", ca.OP_COS: "cos", ca.OP_TAN: "tan", ca.OP_ASIN: "arcsin", ca.OP_ACOS: "arccos",
     ca.OP_ATAN: "arctan", ca.OP_SQ: "square", ca.OP_SQRT: "sqrt", ca.OP_EXP: "exp", ca.OP_LOG: "log",
     ca.OP_FABS: "absolute", ca.OP_SIGN: "sign", ca.OP_INV: "reciprocal", ca.OP_TANH: "tanh", ca.OP_SINH: "sinh",
@@ -26,16 +26,16 @@ _UNARY = {
     ca.OP_NEG: "negative", ca.OP_ASINH: "arcsinh", ca.OP_ACOSH: "arccosh", ca.OP_ATANH: "arctanh",
     ca.OP_EXPM1: "expm1", ca.OP_LOG1P: "log1p",
 }  # fmt: skip
-_BINARY = {
+_BINARY_UFUNCS = {
     ca.OP_ADD: "add", ca.OP_SUB: "subtract", ca.OP_MUL: "multiply", ca.OP_DIV: "divide", ca.OP_POW: "power",
     ca.OP_CONSTPOW: "power", ca.OP_FMIN: "fmin", ca.OP_FMAX: "fmax", ca.OP_ATAN2: "arctan2", ca.OP_LT: "less",
     ca.OP_LE: "less_equal", ca.OP_EQ: "equal", ca.OP_NE: "not_equal", ca.OP_AND: "logical_and",
     ca.OP_OR: "logical_or", ca.OP_FMOD: "fmod", ca.OP_HYPOT: "hypot", ca.OP_COPYSIGN: "copysign",
     ca.OP_IF_ELSE_ZERO: "where",
 }  # fmt: skip
-_COMMUTES = {"add", "multiply", "fmin", "fmax", "equal", "not_equal", "logical_and", "logical_or", "hypot"}
-_ODD = {"sin", "tan", "arcsin", "arctan", "tanh", "sinh", "arcsinh", "arctanh", "reciprocal", "sign"}
-_EVEN = {"cos", "square", "absolute", "cosh"}
+_COMMUTATIVE = {"add", "multiply", "fmin", "fmax", "equal", "not_equal", "logical_and", "logical_or", "hypot"}
+_ODD_UFUNCS = {"sin", "tan", "arcsin", "arctan", "tanh", "sinh", "arcsinh", "arctanh", "reciprocal", "sign"}
+_EVEN_UFUNCS = {"cos", "square", "absolute", "cosh"}
 
 Ref = tuple[int, int]  # (sign, node)
 
@@ -71,8 +71,8 @@ class _Program:
         if name == "negative":
             return -a[0], a[1]
         sign = 1
-        if name in _ODD or name in _EVEN:
-            sign, a = (a[0] if name in _ODD else 1), (1, a[1])
+        if name in _ODD_UFUNCS or name in _EVEN_UFUNCS:
+            sign, a = (a[0] if name in _ODD_UFUNCS else 1), (1, a[1])
         node = self.plain(a)
         return sign, self.node((name, node), self.scalar[node])
 
@@ -90,7 +90,7 @@ class _Program:
         elif name == "where":  # the condition's sign does not matter, the value's goes through
             sign, a, b = b[0], (1, a[1]), (1, b[1])
         left, right = self.plain(a), self.plain(b)
-        if name in _COMMUTES and left > right:
+        if name in _COMMUTATIVE and left > right:
             left, right = right, left
         return sign, self.node((name, left, right), self.scalar[left] and self.scalar[right])
 
@@ -121,10 +121,10 @@ def _trace(function: ca.Function) -> tuple[_Program, list[tuple[float, int | Non
             work[out[0]] = program.binary("multiply", program.constant(2.0), work[args[0]])
         elif op == ca.OP_ASSIGN:
             work[out[0]] = work[args[0]]
-        elif op in _UNARY:
-            work[out[0]] = program.unary(_UNARY[op], work[args[0]])
-        elif op in _BINARY:
-            work[out[0]] = program.binary(_BINARY[op], work[args[0]], work[args[1]])
+        elif op in _UNARY_UFUNCS:
+            work[out[0]] = program.unary(_UNARY_UFUNCS[op], work[args[0]])
+        elif op in _BINARY_UFUNCS:
+            work[out[0]] = program.binary(_BINARY_UFUNCS[op], work[args[0]], work[args[1]])
         else:
             raise NotImplementedError(f"CasADi operation {op} has no NumPy counterpart yet; add it to kernel.py")
     return program, outputs
@@ -220,7 +220,7 @@ class Kernel:
         self,
         rows: Sequence[Array],
         scalars: Numbers = (),
-        size: int = BLOCK,
+        size: int = KERNEL_BLOCK_ROWS,
         into: Sequence[Array] | Array | None = None,
     ) -> Iterator[tuple[slice, Array | list[Array]]]:
         """Yield ``(rows of the block, functions (n_functions, m))``; without `into`, the next block reuses the array.

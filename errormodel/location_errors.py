@@ -21,10 +21,10 @@ from errormodel.conventions import ROTATIONS, TRANSLATIONS
 from errormodel.joint_models import joint_terms
 from errormodel.machine import Joint, Machine, Shape
 
-ALONG = 0.999  # cosine of the angle to a principal direction up to which an axis lies in it
-SMALLEST = 1e-12  # of a coefficient
-SAME = 1e-5  # of a coefficient: printed groups have six digits
-LETTERS = "ABC"
+ALIGNED_COSINE = 0.999  # cosine of the angle to a principal direction up to which an axis lies in it
+SMALLEST_COEFFICIENT = 1e-12  # of a coefficient
+COEFFICIENT_TOLERANCE = 1e-5  # of a coefficient: printed groups have six digits
+ROTATION_LETTERS = "ABC"
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,9 @@ class LocationError:
         """Whether a group ``{id: coefficient}`` is this location error."""
         ids = (self.members.keys() | members.keys()) - self.free
         pairs = [(self.members.get(i, 0.0), members.get(i, 0.0)) for i in ids]
-        return any(a for a, _ in pairs) and all(abs(a - b) <= SAME * max(abs(a), abs(b)) for a, b in pairs)
+        return any(a for a, _ in pairs) and all(
+            abs(a - b) <= COEFFICIENT_TOLERANCE * max(abs(a), abs(b)) for a, b in pairs
+        )
 
 
 @dataclass(frozen=True)
@@ -80,16 +82,18 @@ def _between(reference: _Line, line: _Line) -> Iterator[LocationError]:
     zero = np.zeros(3)
     for k in about:
         members = {i: float(line.tilts.get(i, zero)[k] - reference.tilts.get(i, zero)[k]) for i in ids}
-        members = {i: v for i, v in members.items() if abs(v) > SMALLEST}
+        members = {i: v for i, v in members.items() if abs(v) > SMALLEST_COEFFICIENT}
         if kind == "parallelism":
             words = f"parallelism of {_spoken(second)} to {_spoken(first)} about {'xyz'[k]}"
         else:
             words = squareness(_spoken(second), _spoken(first))
         if second.type == "rotary" and first.type == "prismatic":
-            words += f" ({LETTERS[k]}O{second.name})"
+            words += f" ({ROTATION_LETTERS[k]}O{second.name})"
         if first.type == "rotary" and second.type == "prismatic":
-            words += f" (-{LETTERS[k]}O{first.name})"
-        yield LocationError(f"E{LETTERS[k]}(0{first.name}){second.name}", words, members, reference.free | line.free)
+            words += f" (-{ROTATION_LETTERS[k]}O{first.name})"
+        yield LocationError(
+            f"E{ROTATION_LETTERS[k]}(0{first.name}){second.name}", words, members, reference.free | line.free
+        )
 
 
 def squareness(one: str, other: str) -> str:
@@ -114,7 +118,7 @@ def _lines(machine: Machine) -> Iterator[_Line]:
             continue
         axis = turn @ np.array(element.axis)
         k = int(np.argmax(np.abs(axis)))
-        if abs(axis[k]) < ALONG:
+        if abs(axis[k]) < ALIGNED_COSINE:
             continue
         slopes, free = _own(element) if element.type == "prismatic" else ({}, frozenset())
         # a displacement d per unit of travel along u turns the line by u x d

@@ -40,22 +40,22 @@ from errormodel.yamlfile import (
     validate,
 )
 
-FILE_NAME = "machine.yaml"
+MACHINE_FILE_NAME = "machine.yaml"
 
 # What a survey's columns mean; a joint of such a name could not be told from them.
 _COLUMN_WORDS = """
     mx my mz mrx mry mrz tool_x tool_y tool_z run time feed load sigma sigma_x sigma_y sigma_z
     joint dx dy dz ea eb ec
 """
-_COLUMNS = frozenset(_COLUMN_WORDS.split())
+_RESERVED_COLUMNS = frozenset(_COLUMN_WORDS.split())
 _COLUMN_PREFIXES = ("T_", "w_", "dir_")
 
-_NAME = "a name of letters, digits and _, such as X or T1"
-_AXES = {sign + "xyz"[i]: i for i in range(3) for sign in ("", "+", "-")}
+_NAME_RULE = "a name of letters, digits and _, such as X or T1"
+_AXIS_WORDS = {sign + "xyz"[i]: i for i in range(3) for sign in ("", "+", "-")}
 
 
 class _JointEntry(FileModel):
-    joint: str = Field(description=_NAME)
+    joint: str = Field(description=_NAME_RULE)
     type: Literal["prismatic", "rotary"] = Field(description="prismatic or rotary")
     axis: Any = Field(description="x, y or z, or -x, -y or -z, or a unit vector such as [0, 0.6, 0.8]")
     travel: Annotated[list[Number], Field(min_length=2, max_length=2)] = Field(
@@ -71,7 +71,7 @@ class _JointEntry(FileModel):
 
 
 class _ShapeEntry(FileModel):
-    shape: str = Field(description=_NAME)
+    shape: str = Field(description=_NAME_RULE)
     offset: Vector3 = Field([0.0, 0.0, 0.0], description="three numbers, such as [0, 0, 150]")
     rotation: Vector3 = Field([0.0, 0.0, 0.0], description="three angles about x, y, z, such as [0, 0, 90]")
 
@@ -160,8 +160,8 @@ def _document(source: str | Path | Mapping[str, Any]) -> Document:
 def _find(name_or_path: str | Path) -> Path:
     path, name = Path(name_or_path), str(name_or_path)
     try:
-        if (path / FILE_NAME).is_file():
-            return path / FILE_NAME
+        if (path / MACHINE_FILE_NAME).is_file():
+            return path / MACHINE_FILE_NAME
         is_folder = path.is_dir()
         if path.exists() and not is_folder:
             return path
@@ -171,7 +171,9 @@ def _find(name_or_path: str | Path) -> Path:
     if name in machines:
         return machines[name]
     if is_folder:
-        raise InputError(name, f"a folder without {FILE_NAME}", f"Give a folder that holds {FILE_NAME}, or a file")
+        raise InputError(
+            name, f"a folder without {MACHINE_FILE_NAME}", f"Give a folder that holds {MACHINE_FILE_NAME}, or a file"
+        )
     cure = f"Give a file, or a machine of the library. {nearest(path.stem, machines)}"
     raise InputError(shown(name).strip("'"), "no such file, and no machine of the library", cure)
 
@@ -185,7 +187,7 @@ def resolve(document: Document) -> Machine:
     _check_names(document, elements)
     path = Path(document.name)
     return Machine(
-        name=file.name if file.name is not None else path.parent.name if path.name == FILE_NAME else path.stem,
+        name=file.name if file.name is not None else path.parent.name if path.name == MACHINE_FILE_NAME else path.stem,
         elements=_with_errors(document, file.errors, elements),
         tool=_vector(document, ("tool",), file.tool, length),
         effects=tuple(read_effect(document, ("effects", i), elements) for i in range(len(file.effects or ()))),
@@ -242,11 +244,11 @@ def _vector(document: Document, keys: Keys, values: Sequence[float], unit: float
 def _axis(document: Document, keys: Keys) -> Vector:
     value = document.value_at(keys)
     if isinstance(value, str):
-        if value not in _AXES:
-            cure = nearest(value, (name for name in _AXES if not name.startswith("+")))
+        if value not in _AXIS_WORDS:
+            cure = nearest(value, (name for name in _AXIS_WORDS if not name.startswith("+")))
             raise document.error(keys, f"unknown axis '{value}'", f"{cure}, or a unit vector such as [0, 0.6, 0.8]")
         sign = -1.0 if value.startswith("-") else 1.0
-        x, y, z = (sign if i == _AXES[value] else 0.0 for i in range(3))
+        x, y, z = (sign if i == _AXIS_WORDS[value] else 0.0 for i in range(3))
         return x, y, z
     if not isinstance(value, list) or len(value) != 3 or not all(map(_moderate, value)):
         raise document.error(keys, shown(value), "Write x, y or z, or a unit vector such as [0, 0.6, 0.8]")
@@ -268,14 +270,14 @@ def _check_names(document: Document, elements: Sequence[Joint | Shape]) -> None:
     places: dict[str, Keys] = {}
     for keys, name in _names(elements):
         if not re.fullmatch("[A-Za-z_][A-Za-z0-9_]*", name):
-            raise document.error(keys, shown(name), f"Write {_NAME}, beginning with a letter")
+            raise document.error(keys, shown(name), f"Write {_NAME_RULE}, beginning with a letter")
         if name in places:
             found = f"the name '{name}' is already taken in line {document.line_of(places[name])}"
             raise document.error(keys, found, "Write another name")
         places[name] = keys
         shape = keys[-1] == "shape"
         # A shape named `frame` occurs in real files, and does no harm there: it is no column.
-        column = not shape and (name in _COLUMNS or name.startswith(_COLUMN_PREFIXES))
+        column = not shape and (name in _RESERVED_COLUMNS or name.startswith(_COLUMN_PREFIXES))
         if column or name in (TOOL, INSTRUMENT) or (not shape and name == FRAME):
             what = "a column of a survey" if column else "a place of its own"
             raise document.error(keys, f"the name '{name}', which is {what}", f"Write another name, such as {name}1")
@@ -340,11 +342,15 @@ def machine_text(machine: Machine) -> str:
     yaml, stream = YAML(), StringIO()
     yaml.width = 120
     yaml.indent(mapping=2, sequence=4, offset=2)
-    yaml.dump({key: _laid_out(value, _OPEN.get(key, 0)) for key, value in block.items()}, stream)
+    yaml.dump({key: _laid_out(value, _BLOCK_LEVELS.get(key, 0)) for key, value in block.items()}, stream)
     return stream.getvalue()
 
 
-_OPEN = {"chain": 1, "effects": 1, "errors": 2}  # how many levels have a line an entry; what is deeper is on one line
+_BLOCK_LEVELS = {
+    "chain": 1,
+    "effects": 1,
+    "errors": 2,
+}  # how many levels have a line an entry; what is deeper is on one line
 
 
 def _laid_out(value: Any, levels: int) -> Any:
@@ -384,7 +390,7 @@ def _written(element: Joint | Shape) -> dict[str, Any]:
 
 
 def _written_axis(axis: Vector) -> str | Vector:
-    for name, i in _AXES.items():
+    for name, i in _AXIS_WORDS.items():
         sign = -1.0 if name.startswith("-") else 1.0
         if axis[i] == sign and sum(map(abs, axis)) == 1:
             return name

@@ -15,16 +15,16 @@ from errormodel.exceptions import nearest
 from errormodel.machine import Basis, Joint, Shape
 from errormodel.yamlfile import Document, Keys, shown
 
-MAX_ORDER = 50
+MAX_MODEL_ORDER = 50
 
-_FAMILIES: dict[Literal["polynomial", "harmonic", "spline"], str] = {
+_FAMILY_ORDERS: dict[Literal["polynomial", "harmonic", "spline"], str] = {
     "polynomial": "powers of the position",
     "harmonic": "harmonics of a turn",
     "spline": "intervals of the travel",
 }
-_MODELS = ("none", "first-order", *_FAMILIES)
-_CURE = "Write none, first-order, {polynomial: 3}, {harmonic: 2} or {spline: 8}"
-_WORDS: dict[str, tuple[Motion, ...]] = {"all": MOTIONS, "none": ()}
+_MODEL_NAMES = ("none", "first-order", *_FAMILY_ORDERS)
+_MODEL_CURE = "Write none, first-order, {polynomial: 3}, {harmonic: 2} or {spline: 8}"
+_MOTION_WORDS: dict[str, tuple[Motion, ...]] = {"all": MOTIONS, "none": ()}
 
 Models = dict[Motion, Basis]
 
@@ -43,8 +43,8 @@ def first_order_motions(joint: Joint) -> tuple[Motion, ...]:
 def read_shapes(document: Document, keys: Keys, shapes: Sequence[Shape]) -> dict[str, tuple[Motion, ...]]:
     """Error motions of each shape by name, from the value at `keys`."""
     value = document.value_at(keys)
-    if isinstance(value, str) and value in _WORDS:
-        return {shape.name: _WORDS[value] for shape in shapes}
+    if isinstance(value, str) and value in _MOTION_WORDS:
+        return {shape.name: _MOTION_WORDS[value] for shape in shapes}
     if not isinstance(value, dict):
         raise document.error(keys, shown(value), "Write all, none or motions by shape such as {T1: [dx, ea], T2: all}")
     _check_names(document, keys, "shape", [shape.name for shape in shapes])
@@ -60,8 +60,8 @@ def _check_names(document: Document, keys: Keys, kind: str, names: Sequence[str]
 
 def _shape_motions(document: Document, keys: Keys) -> tuple[Motion, ...]:
     value = document.value_at(keys)
-    if isinstance(value, str) and value in _WORDS:
-        return _WORDS[value]
+    if isinstance(value, str) and value in _MOTION_WORDS:
+        return _MOTION_WORDS[value]
     if not isinstance(value, list):
         raise document.error(keys, shown(value), "Write all, none or a list of motions such as [dx, ea]")
     for i, motion in enumerate(value):
@@ -74,13 +74,13 @@ def read_joints(document: Document, keys: Keys, joints: Sequence[Joint]) -> dict
     """Models of each joint by name, from the value at `keys`."""
     value = document.value_at(keys)
     names = [joint.name for joint in joints]
-    family = isinstance(value, dict) and len(value) == 1 and next(iter(value)) in {*_FAMILIES} - {*names}
+    family = isinstance(value, dict) and len(value) == 1 and next(iter(value)) in {*_FAMILY_ORDERS} - {*names}
     if family or not isinstance(value, dict):  # one model for all joints
         return {joint.name: _spread(joint, _basis(document, keys, joint)) for joint in joints}
     for key, model in value.items():
-        near = bool(get_close_matches(key, _FAMILIES, n=1))
+        near = bool(get_close_matches(key, _FAMILY_ORDERS, n=1))
         if key not in names and (near or isinstance(model, int | float)):  # a model of all joints, misspelt
-            raise document.error((*keys, key), f"unknown model '{key}'", f"{nearest(key, _MODELS)}. {_CURE}")
+            raise document.error((*keys, key), f"unknown model '{key}'", f"{nearest(key, _MODEL_NAMES)}. {_MODEL_CURE}")
     _check_names(document, keys, "joint", names)
     return {j.name: _joint_models(document, (*keys, j.name), j) if j.name in value else {} for j in joints}
 
@@ -89,7 +89,7 @@ def _joint_models(document: Document, keys: Keys, joint: Joint) -> Models:
     value = document.value_at(keys)
     if not isinstance(value, dict):
         return _spread(joint, _basis(document, keys, joint))
-    whole = [key for key in value if key == "all" or key in _FAMILIES]
+    whole = [key for key in value if key == "all" or key in _FAMILY_ORDERS]
     if len(whole) > 1:
         raise document.error((*keys, whole[1]), f"a second model of all motions, after '{whole[0]}'", "Write one")
     models: Models = {}
@@ -104,7 +104,7 @@ def _joint_models(document: Document, keys: Keys, joint: Joint) -> Models:
         motion = next((m for m in MOTIONS if m == key.lower()), None) or motion_of_iso(key, joint.name)
         if motion is None:
             symbols = [iso_symbol(joint.name, m) for m in MOTIONS]
-            valid = ["all", *_FAMILIES, *(s.lower() if key.islower() else s for s in symbols)]
+            valid = ["all", *_FAMILY_ORDERS, *(s.lower() if key.islower() else s for s in symbols)]
             raise document.error((*keys, key), f"'{key}' is no error motion of {joint.name}", nearest(key, valid))
         if motion in seen:
             found = f"a second model of {motion}, after '{seen[motion]}'"
@@ -142,21 +142,21 @@ def _basis(document: Document, keys: Keys, joint: Joint) -> Basis | None:
         return Basis("first-order")
     if isinstance(value, dict) and len(value) == 1:
         family = next(iter(value))
-        if family not in _FAMILIES:
-            raise document.error((*keys, family), f"unknown model '{family}'", nearest(family, _FAMILIES))
+        if family not in _FAMILY_ORDERS:
+            raise document.error((*keys, family), f"unknown model '{family}'", nearest(family, _FAMILY_ORDERS))
         return _family(document, (*keys, family), joint)
     if isinstance(value, str):
-        if value in _FAMILIES:
+        if value in _FAMILY_ORDERS:
             raise document.error(keys, f"'{value}' without a number", f"Write {{{value}: 3}}")
-        raise document.error(keys, f"unknown model '{value}'", f"{nearest(value, _MODELS)}. {_CURE}")
-    raise document.error(keys, shown(value), _CURE)
+        raise document.error(keys, f"unknown model '{value}'", f"{nearest(value, _MODEL_NAMES)}. {_MODEL_CURE}")
+    raise document.error(keys, shown(value), _MODEL_CURE)
 
 
 def _family(document: Document, keys: Keys, joint: Joint) -> Basis:
     """The model whose name is the last of `keys` and whose order stands there."""
-    family, n = next(family for family in _FAMILIES if family == keys[-1]), document.value_at(keys)
-    if isinstance(n, bool) or not isinstance(n, int) or not 1 <= n <= MAX_ORDER:
-        cure = f"Write {family}: n with a whole number n from 1 to {MAX_ORDER}, the {_FAMILIES[family]}"
+    family, n = next(family for family in _FAMILY_ORDERS if family == keys[-1]), document.value_at(keys)
+    if isinstance(n, bool) or not isinstance(n, int) or not 1 <= n <= MAX_MODEL_ORDER:
+        cure = f"Write {family}: n with a whole number n from 1 to {MAX_MODEL_ORDER}, the {_FAMILY_ORDERS[family]}"
         raise document.error(keys, shown(n), cure)
     if family == "harmonic" and joint.type == "prismatic":
         raise document.error(keys, f"harmonics of the prismatic joint {joint.name}", "Write polynomial or spline")

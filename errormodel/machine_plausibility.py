@@ -9,10 +9,10 @@ from collections.abc import Iterator, Sequence
 from errormodel.machine import Joint, Shape
 from errormodel.yamlfile import Document
 
-LONGEST = 1e5  # mm: gantries for ships' hulls and wings end there
-MOST_TERMS = 8  # of a polynomial: guides need up to five
-FULL = 2 * math.pi + 1e-3
-FIFTEEN = math.radians(15)  # travels end at multiples of it
+LONGEST_TRAVEL_MM = 1e5  # mm: gantries for ships' hulls and wings end there
+MOST_POLYNOMIAL_TERMS = 8  # of a polynomial: guides need up to five
+FULL_TURN_RAD = 2 * math.pi + 1e-3
+TRAVEL_STEP_RAD = math.radians(15)  # travels end at multiples of it
 
 
 def check_degrees(document: Document, elements: Sequence[Joint | Shape]) -> None:
@@ -26,7 +26,7 @@ def check_degrees(document: Document, elements: Sequence[Joint | Shape]) -> None
         travel = document.value_at(("chain", i, "travel"))
         in_degrees = math.isclose(math.radians(travel[1] - travel[0]), joint.travel[1] - joint.travel[0])
         if in_degrees and all(_radians(value) for value in travel if value):
-            low, high = (f"{15 * round(value / FIFTEEN):d}" for value in travel)
+            low, high = (f"{15 * round(value / TRAVEL_STEP_RAD):d}" for value in travel)
             found = f"[{travel[0]:g}, {travel[1]:g}] degrees, which look like the radians of [{low}, {high}] degrees"
             cure = f"Write units: {{angle: rad}}, or travel: [{low}, {high}]"
             raise document.error(("chain", i, "travel"), found, cure)
@@ -35,8 +35,13 @@ def check_degrees(document: Document, elements: Sequence[Joint | Shape]) -> None
 def _radians(value: float) -> bool:
     """Whether a number is a multiple of 15 degrees in radians, to its digits."""
     places = len(repr(float(value)).partition(".")[2])
-    turns = round(value / FIFTEEN)
-    return places >= 2 and turns != 0 and abs(turns * FIFTEEN - value) <= 0.51 * 10.0**-places and abs(value) < FULL
+    turns = round(value / TRAVEL_STEP_RAD)
+    return (
+        places >= 2
+        and turns != 0
+        and abs(turns * TRAVEL_STEP_RAD - value) <= 0.51 * 10.0**-places
+        and abs(value) < FULL_TURN_RAD
+    )
 
 
 def doubts(document: Document, elements: Sequence[Joint | Shape]) -> Iterator[str]:
@@ -45,7 +50,7 @@ def doubts(document: Document, elements: Sequence[Joint | Shape]) -> Iterator[st
     for i, joint in joints:
         where = f"{document.name}, line {document.line_of(('chain', i))}, joint {joint.name}"
         low, high = joint.travel
-        if joint.type == "prismatic" and high - low > LONGEST:
+        if joint.type == "prismatic" and high - low > LONGEST_TRAVEL_MM:
             yield (
                 f"{where}: a travel of {(high - low) / 1e3:.6g} m; if it is in another unit, say so: "
                 "units: {length: mm}"
@@ -56,7 +61,7 @@ def doubts(document: Document, elements: Sequence[Joint | Shape]) -> Iterator[st
                 f"{math.degrees(high):g} deg; if it slides, write type: prismatic"
             )
         for motion, basis in joint.models.items():
-            if basis.kind == "polynomial" and basis.n > MOST_TERMS:
+            if basis.kind == "polynomial" and basis.n > MOST_POLYNOMIAL_TERMS:
                 yield (
                     f"{where}: polynomial: {basis.n} for {motion} wants positions at {basis.n + 1} or more places of "
                     "the travel and swings between them; guides seldom need more than 5, waves want {spline: n}"
@@ -64,7 +69,7 @@ def doubts(document: Document, elements: Sequence[Joint | Shape]) -> Iterator[st
                 break
     rotary = [joint for _, joint in joints if joint.type == "rotary"]
     largest = max((math.degrees(abs(q)) for joint in rotary for q in joint.travel), default=math.inf)
-    if len(rotary) > 1 and largest < FULL:
+    if len(rotary) > 1 and largest < FULL_TURN_RAD:
         names = ", ".join(joint.name for joint in rotary)
         yield (
             f"{document.name}: {names} turn by no more than {largest:.3g} deg each; if the travels are in radians, "

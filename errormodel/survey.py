@@ -22,10 +22,10 @@ from errormodel.machine import Machine
 from errormodel.survey_checks import Part, read_part, run_labels
 from errormodel.survey_columns import (
     MEASURED,
+    MOTION_UNCERTAINTIES,
     ORIENTATION,
-    SIGMA,
-    TOOL,
-    UNCERTAINTY,
+    SIGMA_COLUMNS,
+    TOOL_COLUMNS,
     Plan,
     check_map,
     check_units,
@@ -94,7 +94,7 @@ class Survey:
     @property
     def tool(self) -> Array:
         """Functional points in the last frame, (n, 3) in mm."""
-        return self._columns(TOOL)
+        return self._columns(TOOL_COLUMNS)
 
     @property
     def measured(self) -> Array:
@@ -148,7 +148,7 @@ def read_survey(source: Path | str | pd.DataFrame, machine: Machine, measured: b
         The first thing that is wrong, with file, row and column or line and key.
     """
     if isinstance(source, pd.DataFrame):
-        path = Path(data_frame.NAME)
+        path = Path(data_frame.FRAME_TABLE_NAME)
         form, document, _ = read_form(path)
         opened: list[tuple[FileEntry, list[Table]]] = [(form.files[0], [data_frame.table_of(source)])]
     else:
@@ -208,7 +208,7 @@ def _side_notes(table: pd.DataFrame, machine: Machine, frame: Frame) -> Iterator
 def _check_budget(form: SurveyForm, document: Document, machine: Machine, columns: list[str]) -> None:
     """InputError about a line of the budget that acts on nothing this survey has."""
     own = (c for c in columns if c.startswith("T_") or c == "load")
-    valid = ["prediction", "scale", *(j.name for j in machine.joints), *TOOL, *own]
+    valid = ["prediction", "scale", *(j.name for j in machine.joints), *TOOL_COLUMNS, *own]
     for k, entry in enumerate(form.budget):
         if entry.acts not in valid:
             found = f"'{entry.acts}', which this survey does not have"
@@ -246,14 +246,14 @@ def _assemble(parts: list[Part], machine: Machine) -> pd.DataFrame:
     for name in (*(j.name for j in machine.joints), *MEASURED):
         if name not in table:
             table[name] = np.nan
-    for name, value in zip(TOOL, machine.tool, strict=True):
+    for name, value in zip(TOOL_COLUMNS, machine.tool, strict=True):
         table[name] = table[name].fillna(value) if name in table else value
     if "sigma" in table:
-        for name in SIGMA:
+        for name in SIGMA_COLUMNS:
             table[name] = table[name].fillna(table["sigma"]) if name in table else table["sigma"]
     table["run"] = run_labels(table["run"].fillna("")) if "run" in table else "1"
     about = "joint" in table and bool((table["joint"].fillna("") != "").any())
-    motions = [name for name in (*MOTIONS, *UNCERTAINTY) if name in table]
+    motions = [name for name in (*MOTIONS, *MOTION_UNCERTAINTIES) if name in table]
     if about:
         table["joint"] = table["joint"].fillna("")
         for name in MOTIONS:
@@ -261,7 +261,15 @@ def _assemble(parts: list[Part], machine: Machine) -> pd.DataFrame:
                 table[name] = np.nan
     else:
         table = table.drop(columns=[*motions, "joint"], errors="ignore")
-    first = [*(j.name for j in machine.joints), *TOOL, *MEASURED, *ORIENTATION, "joint", *MOTIONS, *UNCERTAINTY]
+    first = [
+        *(j.name for j in machine.joints),
+        *TOOL_COLUMNS,
+        *MEASURED,
+        *ORIENTATION,
+        "joint",
+        *MOTIONS,
+        *MOTION_UNCERTAINTIES,
+    ]
     first += ["run", "time", "file", "role", "row"]
     front = [name for name in first if name in table]
     return table[[*front, *(name for name in table if name not in (*front, "sigma"))]]

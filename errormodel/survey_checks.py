@@ -20,11 +20,11 @@ from errormodel.exceptions import InputError, nearest
 from errormodel.formats.base import Table, as_numbers
 from errormodel.machine import Machine
 from errormodel.survey_columns import (
-    LENGTHS,
+    LENGTH_COLUMNS,
     MEASURED,
+    MOTION_UNCERTAINTIES,
     ORIENTATION,
-    SIGMA,
-    UNCERTAINTY,
+    SIGMA_COLUMNS,
     Plan,
     missing_joint,
     quantity_of,
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-LARGEST = 1e7  # mm or rad; what is larger is a placeholder for "no value"
+LARGEST_READING = 1e7  # mm or rad; what is larger is a placeholder for "no value"
 
 
 @dataclass(frozen=True)
@@ -183,8 +183,8 @@ def _check_commands(offences: _Offences, frame: pd.DataFrame, joint: NDArray[np.
             empty = frame[name].isna().to_numpy() & needed
             offences.add(name, empty, "no commanded position", f"Write the position of {name} in every row")
     joints = {name for j in machine.joints for name in j.columns}
-    for name in (n for n in offences.plan.numbers if n in LENGTHS or n in joints):
-        far = np.abs(frame[name].to_numpy()) > LARGEST
+    for name in (n for n in offences.plan.numbers if n in LENGTH_COLUMNS or n in joints):
+        far = np.abs(frame[name].to_numpy()) > LARGEST_READING
         offences.add(
             name, far, "{}, beyond any machine", "Leave the cell empty if there is no value, or check the unit"
         )
@@ -206,7 +206,7 @@ def _check_measured(offences: _Offences, frame: pd.DataFrame, units: SurveyUnits
             found = f"{{}} {unit_of_column(name, 'angle', units)} as an error motion"
             cure = f"Write {name} in rad (1 urad is 1e-6), or say units: {{{name}: urad}} in a survey.yaml"
             offences.add(name, large, found, cure)
-    for name in ("sigma", *SIGMA, *UNCERTAINTY):
+    for name in ("sigma", *SIGMA_COLUMNS, *MOTION_UNCERTAINTIES):
         if name in frame:
             bad = frame[name].to_numpy() <= 0
             offences.add(name, bad, "{} as a standard uncertainty", "Write a number above 0, or leave the cell empty")

@@ -14,10 +14,10 @@ import pandas as pd
 from errormodel.arrays import Array, Index
 from errormodel.formats.base import spoken
 
-NOISE = 0.3  # K rms: no sensor has more
-MOST = 0.1  # of the rows of a clock
-LONGEST = 3  # rows in a row
-LONGER = 3.0  # times the usual time between as many readings: what happened in a longer pause nobody knows
+SENSOR_NOISE_KELVIN = 0.3  # K rms: no sensor has more
+MOST_GAPS_SHARE = 0.1  # of the rows of a clock
+LONGEST_GAP_ROWS = 3  # rows in a row
+LONGEST_PAUSE_RATIO = 3.0  # times the usual time between as many readings: what happened in a longer pause nobody knows
 
 
 def filled(table: pd.DataFrame) -> tuple[pd.DataFrame, list[str]]:
@@ -68,12 +68,12 @@ def _courses(table: pd.DataFrame) -> Iterator[tuple[Index, Array]]:
 def _interpolated(values: Array, time: Array) -> Array:
     """Readings (n,) in the order of time, with the gaps filled that a line fills as well as it does known readings."""
     gap = np.isnan(values)
-    if not gap.any() or gap.sum() > MOST * len(values):
+    if not gap.any() or gap.sum() > MOST_GAPS_SHARE * len(values):
         return values
     out, known = values.copy(), np.flatnonzero(~gap)
     for before, after in pairwise(known):
         size = int(after - before - 1)
-        if not 0 < size <= LONGEST:
+        if not 0 < size <= LONGEST_GAP_ROWS:
             continue
         starts = np.arange(len(values) - size - 1)
         starts = starts[~np.isnan(values[starts]) & ~np.isnan(values[starts + size + 1])]
@@ -86,9 +86,9 @@ def _interpolated(values: Array, time: Array) -> Array:
         off = off[~np.isnan(off)]
         rise, span = np.abs(values[ends] - values[starts]), time[ends] - time[starts]
         error = float(np.sqrt(np.mean(off**2))) if len(off) else np.inf
-        if error > NOISE or time[after] - time[before] > LONGER * np.median(span):
+        if error > SENSOR_NOISE_KELVIN or time[after] - time[before] > LONGEST_PAUSE_RATIO * np.median(span):
             continue
-        if abs(values[after] - values[before]) <= rise.max() + NOISE:
+        if abs(values[after] - values[before]) <= rise.max() + SENSOR_NOISE_KELVIN:
             inner = np.arange(before + 1, after)
             out[inner] = _line(values, time, np.full(size, before), np.full(size, after), inner)
     return out

@@ -18,14 +18,16 @@ from errormodel.survey_columns import MEASURED, ORIENTATION
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-_WHOLE, _PLACES = range(2, 8), range(5)
-NINES = np.array([float("9" * n + "." + "9" * k) for n in _WHOLE for k in _PLACES if n + k > 2])
-FEWEST = 8  # other rows, to say where they lie
-IMPOSSIBLE = 9999.0  # no temperature of a machine, in whatever unit
+_INTEGER_DIGITS, _DECIMAL_DIGITS = range(2, 8), range(5)
+PLACEHOLDER_NINES = np.array(
+    [float("9" * n + "." + "9" * k) for n in _INTEGER_DIGITS for k in _DECIMAL_DIGITS if n + k > 2]
+)
+FEWEST_OTHER_ROWS = 8  # other rows, to say where they lie
+IMPOSSIBLE_TEMPERATURE = 9999.0  # no temperature of a machine, in whatever unit
 ABSOLUTE_ZERO = -273.15  # degC
-RECORDED = ("time", "feed", "load")
-AWAY = 0.05  # of what the others extend over, and
-NEAREST = 1.0  # mm: so far from all others lies what was not seen
+RECORDED_COLUMNS = ("time", "feed", "load")
+UNSEEN_DISTANCE_SHARE = 0.05  # of what the others extend over, and
+UNSEEN_DISTANCE_MM = 1.0  # mm: so far from all others lies what was not seen
 
 
 def without_nines(
@@ -44,9 +46,9 @@ def without_nines(
     rows : number of each row in its file, from 1.
     """
     out, notes = dict(columns), list[str]()
-    known = (*MEASURED, *ORIENTATION, *MOTIONS, *RECORDED)
+    known = (*MEASURED, *ORIENTATION, *MOTIONS, *RECORDED_COLUMNS)
     names = [n for n in columns if n in known or n.startswith(("T_", "w_"))]
-    nines = {n: found for n in names if (found := np.isin(np.abs(columns[n]), NINES)).any()}
+    nines = {n: found for n in names if (found := np.isin(np.abs(columns[n]), PLACEHOLDER_NINES)).any()}
     if not nines:
         return out, notes
     said: dict[tuple[float, bytes], list[str]] = {}
@@ -56,7 +58,7 @@ def without_nines(
             for joint in joints:
                 here &= np.abs(columns.get(joint, np.zeros(len(rows)))) != abs(value)
             others = columns[name][np.isfinite(columns[name]) & ~found]
-            if name in RECORDED or name.startswith(("T_", "w_")):
+            if name in RECORDED_COLUMNS or name.startswith(("T_", "w_")):
                 here &= _no_record(name, float(value), columns[name], others)
             else:
                 here &= _all_three(columns, value) | bool(here.sum() > 1 and _far(value, others, int(here.sum())))
@@ -70,14 +72,14 @@ def without_nines(
 
 def _no_record(name: str, value: float, column: Array, others: Array) -> Mask | bool:
     """Where a number is no value of what was recorded: a clock runs on, and a feed of 9999 mm/min is one."""
-    if name in RECORDED and value < 0:
+    if name in RECORDED_COLUMNS and value < 0:
         return not (others < 0).any()
     if name == "feed":
         return False
     far = _far(value, others, int((column == value).sum()))
     if name == "time":
         return far & (np.fmin.accumulate(column[::-1])[::-1] < column)
-    return far or (name.startswith("T_") and abs(value) >= IMPOSSIBLE)
+    return far or (name.startswith("T_") and abs(value) >= IMPOSSIBLE_TEMPERATURE)
 
 
 def below_absolute_zero(frame: pd.DataFrame) -> Iterator[tuple[str, Mask, str]]:
@@ -102,8 +104,8 @@ def _all_three(columns: Mapping[str, Array], value: float) -> Mask | bool:
 
 def _far(value: float, others: Array, count: int) -> bool:
     """Whether a value lies far from all others; of few rows nobody knows."""
-    if len(others) < FEWEST:
-        return not len(others) and count >= FEWEST  # a component that was never measured
+    if len(others) < FEWEST_OTHER_ROWS:
+        return not len(others) and count >= FEWEST_OTHER_ROWS  # a component that was never measured
     return bool(np.abs(others - value).min() > np.ptp(others))
 
 
@@ -119,11 +121,11 @@ def zeros(frame: pd.DataFrame, joints: Sequence[str]) -> Iterator[tuple[Mask, st
     points = frame[list(MEASURED)].to_numpy(dtype=np.float64)
     seen, zero = np.isfinite(points).all(axis=1), (points == 0).all(axis=1)
     others = points[seen & ~zero]
-    if not zero.any() or len(others) < FEWEST:
+    if not zero.any() or len(others) < FEWEST_OTHER_ROWS:
         return
     extent, nearest = float(np.linalg.norm(np.ptp(others, axis=0))), float(np.linalg.norm(others, axis=1).min())
     commands = frame.loc[zero, [j for j in joints if j in frame]].drop_duplicates()
-    if nearest > extent or (len(commands) > 1 and nearest > max(AWAY * extent, NEAREST)):
+    if nearest > extent or (len(commands) > 1 and nearest > max(UNSEEN_DISTANCE_SHARE * extent, UNSEEN_DISTANCE_MM)):
         yield zero, _note("0", MEASURED, frame["row"].to_numpy()[zero])
 
 

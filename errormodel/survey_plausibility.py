@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from errormodel.conventions import MOTIONS, TRANSLATIONS
 from errormodel.exceptions import InputError
 from errormodel.machine import Joint, Machine
-from errormodel.survey_columns import MEASURED, TOOL, unit_of_column
+from errormodel.survey_columns import MEASURED, TOOL_COLUMNS, unit_of_column
 from errormodel.units import factor
 
 if TYPE_CHECKING:
@@ -27,22 +27,22 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-_UNITS = {"m": 1000.0, "inch": 25.4, "mm": 1.0, "um": 1e-3}  # mm
-_TEMPERATURES = {"K": (250.0, 330.0), "degF": (55.0, 110.0)}  # what a shop would be in that unit, read as degC
-_FLYING = 5e3  # mm/s
-_RESTING = 3600.0  # s
-_FEW = 10  # rows, that say nothing of a pace
-_ROWS = 1000  # tell as much as a million
-_ODD = 0.05  # part of the pairs: where no more agree, a unit is wrong
-_CLEAR = 0.7  # part of the pairs that must agree on a factor
-_FEWEST = 3  # rows that have a range
+_LENGTH_UNITS_MM = {"m": 1000.0, "inch": 25.4, "mm": 1.0, "um": 1e-3}  # mm
+_SHOP_TEMPERATURES = {"K": (250.0, 330.0), "degF": (55.0, 110.0)}  # what a shop would be in that unit, read as degC
+_FASTEST_MM_PER_S = 5e3  # mm/s
+_LONGEST_STEP_S = 3600.0  # s
+_FEWEST_PACE_ROWS = 10  # rows, that say nothing of a pace
+_SAMPLE_ROWS = 1000  # tell as much as a million
+_WRONG_UNIT_SHARE = 0.05  # part of the pairs: where no more agree, a unit is wrong
+_OTHER_UNIT_SHARE = 0.7  # part of the pairs that must agree on a factor
+_FEWEST_MOTION_ROWS = 3  # rows that have a range
 # Error motions of a machine as it is sold or worn: a rolled screw of the coarsest class in use (ISO 3408-3, T7) is off
 # by 52 um over 300 mm, a steel scale grows by 0.12 mm/m in 10 K, guideways tilt by 0.2 mrad at worst. Beyond several
 # times that a unit is wrong; below a tenth of a micrometre no instrument in a shop reads, so that no um pass for mm.
-_SLOPE = 5e-4  # mm of range a mm of travel,
-_LEAST_RANGE = 0.1  # but so much at least, mm
-_TURN = 1e-3  # rad
-_READING = 0.1  # of a travel: what changes by as much as the joint moves is its position
+_MOTION_RANGE_PER_MM = 5e-4  # mm of range a mm of travel,
+_MOTION_RANGE_MM = 0.1  # but so much at least, mm
+_MOTION_RANGE_RAD = 1e-3  # rad
+_POSITION_SHARE = 0.1  # of a travel: what changes by as much as the joint moves is its position
 
 
 def check_sizes(frame: pd.DataFrame, machine: Machine, units: SurveyUnits, name: str, measured: bool) -> list[str]:
@@ -84,17 +84,21 @@ def _check_motions(frame: pd.DataFrame, machine: Machine, units: SurveyUnits, na
         if motion not in frame:
             continue
         rows = frame[(frame["joint"] == joint.name) & frame[motion].notna()]
-        if len(rows) < _FEWEST:
+        if len(rows) < _FEWEST_MOTION_ROWS:
             continue
         values = rows[motion] - (rows.groupby("run")[motion].transform("median") if "run" in rows else 0.0)
         low, high = np.quantile(values, (0.05, 0.95))
         way = float(np.ptp(rows[joint.name].to_numpy()))
         linear = motion in TRANSLATIONS
         where = f"{name}, column {motion}"
-        if linear and joint.type == "prismatic" and abs(np.ptp(rows[motion].to_numpy()) - way) < _READING * way:
+        if linear and joint.type == "prismatic" and abs(np.ptp(rows[motion].to_numpy()) - way) < _POSITION_SHARE * way:
             found = f"it changes by {way:.6g} mm where {joint.name} does: a position, not its deviation"
             raise InputError(where, found, f"Write {motion} as measured minus commanded")
-        usual = max(_LEAST_RANGE, _SLOPE * way if joint.type == "prismatic" else 0.0) if linear else _TURN
+        usual = (
+            max(_MOTION_RANGE_MM, _MOTION_RANGE_PER_MM * way if joint.type == "prismatic" else 0.0)
+            if linear
+            else _MOTION_RANGE_RAD
+        )
         if high - low <= usual or motion in units.of_columns:
             continue
         unit, other = unit_of_column(motion, "length" if linear else "angle", units), "um" if linear else "urad"
@@ -112,7 +116,7 @@ def _temperatures(frame: pd.DataFrame, units: SurveyUnits) -> str | None:
     if not names or units.temperature != "degC" or not (middle := frame[names].median()).notna().all():
         return None
     low, high = float(middle.min()), float(middle.max())
-    for unit, (least, most) in _TEMPERATURES.items():
+    for unit, (least, most) in _SHOP_TEMPERATURES.items():
         alike = unit == "K" or (len(names) > 1 and high - low < 15)  # one member may well be as warm as that
         if least < low and high < most and alike:
             text = f"{' '.join(names)} of {low:.0f} to {high:.0f} degC"
@@ -122,7 +126,7 @@ def _temperatures(frame: pd.DataFrame, units: SurveyUnits) -> str | None:
 
 def _pace(frame: pd.DataFrame, joints: Sequence[Joint], units: SurveyUnits) -> str | None:
     """A note if the slides would have to fly to be in time, or rest for an hour at each pose."""
-    if "time" not in frame or len(frame) < _FEW or not frame["time"].notna().all():
+    if "time" not in frame or len(frame) < _FEWEST_PACE_ROWS or not frame["time"].notna().all():
         return None
     steps = frame["time"].diff().to_numpy()[1:]
     way = np.sqrt((frame[[j.name for j in joints]].diff().to_numpy()[1:] ** 2).sum(axis=1))
@@ -130,9 +134,9 @@ def _pace(frame: pd.DataFrame, joints: Sequence[Joint], units: SurveyUnits) -> s
     if not late.any():
         return None
     speed, step = float(np.median(way[late] / steps[late])), float(np.median(steps[late]))
-    if speed > _FLYING:
+    if speed > _FASTEST_MM_PER_S:
         return f"slides at {speed / 1e3:.0f} m/s by the column time; if it is in min or h, write units: {{time: min}}"
-    if step > _RESTING and unit_of_column("time", "time", units) == "s":
+    if step > _LONGEST_STEP_S and unit_of_column("time", "time", units) == "s":
         return f"{step / 3600:.1f} h from row to row by the column time; if it is in ms, write units: {{time: ms}}"
     return None
 
@@ -162,7 +166,11 @@ def _check_commands(
         if fits and (filled * scale).min() > 0.02 and (outside or (tiny and scale == 1000)):
             found = f"positions of {names} that fit the travels only if they are in {unit}"
             # the measured points may be right as they are
-            alone = sample is not None and sample.agreement() <= _ODD and sample.agreement(lengths=scale) > _CLEAR
+            alone = (
+                sample is not None
+                and sample.agreement() <= _WRONG_UNIT_SHARE
+                and sample.agreement(lengths=scale) > _OTHER_UNIT_SHARE
+            )
             cure = _cure([j.name for j in joints] if alone else moved, unit, units, alone=alone)
             raise InputError(f"{name}, columns {names}", found, f"Write {cure} in a survey.yaml")
         if fits and (filled * scale).min() > 0.7 and len(moving) > 1 and unit == "inch":
@@ -180,7 +188,7 @@ def _near_travel(joint: Joint, q: Array) -> NDArray[np.bool_]:
 def _other_units(unit: str) -> Iterator[tuple[float, str]]:
     """Other units of length that people use, each with its size in the one that is said."""
     said = factor(unit, "length")
-    return ((mm / said, other) for other, mm in _UNITS.items() if mm != said)
+    return ((mm / said, other) for other, mm in _LENGTH_UNITS_MM.items() if mm != said)
 
 
 def _cure(columns: Sequence[str], unit: str, units: SurveyUnits, alone: bool = False) -> str:
@@ -226,10 +234,10 @@ def _sample(frame: pd.DataFrame, machine: Machine) -> _Sample | None:
     frame = frame[frame[components].notna().all(axis=1)]
     if len(frame) < 8:
         return None
-    frame = frame.iloc[np.linspace(0, len(frame) - 1, min(len(frame), _ROWS)).astype(int)]
+    frame = frame.iloc[np.linspace(0, len(frame) - 1, min(len(frame), _SAMPLE_ROWS)).astype(int)]
     tool = [
         frame[name].fillna(value).to_numpy() if name in frame else np.full(len(frame), value)
-        for name, value in zip(TOOL, machine.tool, strict=True)
+        for name, value in zip(TOOL_COLUMNS, machine.tool, strict=True)
     ]
     rows = np.array([*(frame[name].to_numpy() for name in joints), *tool], dtype=np.float64)
     return _Sample(machine, rows, frame[components].to_numpy(dtype=np.float64), tuple(components))
@@ -237,7 +245,7 @@ def _sample(frame: pd.DataFrame, machine: Machine) -> _Sample | None:
 
 def _check_measured(sample: _Sample, prismatic: list[Joint], units: SurveyUnits, name: str) -> None:
     """InputError if the distances between measured points are off by one factor, that of another unit."""
-    if sample.agreement() > _ODD:
+    if sample.agreement() > _WRONG_UNIT_SHARE:
         return
     row = {j.name: q for j, q in zip(sample.machine.joints, sample.rows[:-3], strict=True)}
     # metres measured and micrometres commanded give the same distances: what fits the travels is right
@@ -248,7 +256,7 @@ def _check_measured(sample: _Sample, prismatic: list[Joint], units: SurveyUnits,
         said = {unit_of_column(c, "length", units) for c in columns} or {units.length}
         for scale, unit in _other_units(*said) if len(said) == 1 else ():
             fits = sample.agreement(measured=scale) if measured else sample.agreement(lengths=scale)
-            if fits > _CLEAR:
+            if fits > _OTHER_UNIT_SHARE:
                 stated = ", ".join(dict.fromkeys(unit_of_column(c, "length", units) for c in others)) or units.length
                 where = " ".join(others) or "the machine"
                 found = f"in {unit}, it seems, where {where} {'are' if others else 'is'} in {stated}"
@@ -265,7 +273,7 @@ def _radians(frame: pd.DataFrame, machine: Machine, units: SurveyUnits, sample: 
     if not moving or degree == 1 or np.abs(frame[moving].to_numpy()).max() / degree > 2 * math.pi + 1e-3:
         return None
     if sample is not None:
-        if sample.agreement() > 0.3 or sample.agreement(angles=1 / degree) < _CLEAR:
+        if sample.agreement() > 0.3 or sample.agreement(angles=1 / degree) < _OTHER_UNIT_SHARE:
             return None
         return f"the measured points fit {' '.join(moving)} in rad, not {units.angle}; write units: {{angle: rad}}"
     return f"{' '.join(moving)} within 6.3 {units.angle} in all rows; if that is rad, write units: {{angle: rad}}"

@@ -13,8 +13,8 @@ from errormodel.machine import Joint, Machine
 
 Array = NDArray[np.float64]
 
-_MANY = 0.5  # of the poses outside a travel: no slip of some rows, but another zero or sign
-_FILLED = 0.1  # of a travel, that positions range over: fewer may be a place beyond it that somebody asks about
+_OUTSIDE_SHARE = 0.5  # of the poses outside a travel: no slip of some rows, but another zero or sign
+_FILLED_SHARE = 0.1  # of a travel, that positions range over: fewer may be a place beyond it that somebody asks about
 
 
 def travel_notes(table: pd.DataFrame, machine: Machine) -> Iterator[str]:
@@ -28,7 +28,7 @@ def travel_notes(table: pd.DataFrame, machine: Machine) -> Iterator[str]:
             worst = table.loc[int(np.nanargmax(beyond)), [joint.name, "file", "row"]]
             unit, scale = ("mm", 1.0) if joint.type == "prismatic" else ("deg", 180 / math.pi)
             count = f"{outside.sum()} pose{'s are' if outside.sum() > 1 else ' is'}"
-            clear = outside.mean() > _MANY and np.nanmax(q) - np.nanmin(q) > _FILLED * (high - low)
+            clear = outside.mean() > _OUTSIDE_SHARE and np.nanmax(q) - np.nanmin(q) > _FILLED_SHARE * (high - low)
             shift = _other_zero(joint, q, scale) if clear else None
             zero = "" if shift is None else f"; {_mended_travel(joint, q, shift, bool(outside.all()))}"
             yield (

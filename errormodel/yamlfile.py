@@ -25,18 +25,18 @@ from errormodel.inputs import noted
 Keys: TypeAlias = tuple[str | int, ...]
 """The way to a value: keys of mappings, and places in lists counted from 0."""
 
-MAX_BYTES = 1_000_000
-MAX_VALUES = 100_000  # an alias counts as often as it stands for something, so "alias bombs" end here
-MAX_DEPTH = 40
+MAX_YAML_BYTES = 1_000_000
+MAX_YAML_VALUES = 100_000  # an alias counts as often as it stands for something, so "alias bombs" end here
+MAX_YAML_DEPTH = 40
 
-_YAML = "tag:yaml.org,2002:"
-_CONSTRUCTED = {
-    _YAML + "int": "a whole number",
-    _YAML + "float": "a number",
-    _YAML + "bool": "true or false",
-    _YAML + "null": "nothing",
+_YAML_TAG = "tag:yaml.org,2002:"
+_CONSTRUCTED_TAGS = {
+    _YAML_TAG + "int": "a whole number",
+    _YAML_TAG + "float": "a number",
+    _YAML_TAG + "bool": "true or false",
+    _YAML_TAG + "null": "nothing",
 }
-_TEXT = {_YAML + name for name in ("str", "timestamp", "value", "merge")}  # a date is text to us
+_TEXT_TAGS = {_YAML_TAG + name for name in ("str", "timestamp", "value", "merge")}  # a date is text to us
 
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 """A finite number; text and true/false are refused."""
@@ -135,12 +135,14 @@ def load(path: Path) -> Document:
     """
     try:
         with noted(path).open("rb") as file:
-            raw = file.read(MAX_BYTES + 1)
+            raw = file.read(MAX_YAML_BYTES + 1)
     except (OSError, ValueError) as error:  # ValueError: a NUL in the path
         reason = getattr(error, "strerror", None) or str(error)
         raise InputError(str(path), f"cannot be read: {reason}", "Give the path of a YAML file") from error
-    if len(raw) > MAX_BYTES:
-        raise InputError(str(path), f"longer than {MAX_BYTES} bytes", "Give a YAML file; data belong in CSV or Parquet")
+    if len(raw) > MAX_YAML_BYTES:
+        raise InputError(
+            str(path), f"longer than {MAX_YAML_BYTES} bytes", "Give a YAML file; data belong in CSV or Parquet"
+        )
     try:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -178,32 +180,32 @@ class _Builder:
 
     def build(self, node: Node, keys: Keys) -> Any:
         self.count += 1
-        if self.count > MAX_VALUES:
-            raise InputError(self.name, f"more than {MAX_VALUES} values", "Write the values out, without aliases")
-        if len(keys) > MAX_DEPTH:
+        if self.count > MAX_YAML_VALUES:
+            raise InputError(self.name, f"more than {MAX_YAML_VALUES} values", "Write the values out, without aliases")
+        if len(keys) > MAX_YAML_DEPTH:
             raise self._error(node, keys[:3], "lists or mappings nested too deep", "Write the keys as documented")
         tag = str(node.tag)
-        if isinstance(node, MappingNode) and tag == _YAML + "map":
+        if isinstance(node, MappingNode) and tag == _YAML_TAG + "map":
             return self._mapping(node, keys)
-        if isinstance(node, SequenceNode) and tag == _YAML + "seq":
+        if isinstance(node, SequenceNode) and tag == _YAML_TAG + "seq":
             for i, item in enumerate(node.value):
                 self.lines[(*keys, i)] = item.start_mark.line + 1
             return [self.build(item, (*keys, i)) for i, item in enumerate(node.value)]
-        if isinstance(node, ScalarNode) and tag in _CONSTRUCTED:
+        if isinstance(node, ScalarNode) and tag in _CONSTRUCTED_TAGS:
             try:
                 return self.yaml.constructor.construct_object(node)
             except (ValueError, KeyError, OverflowError, YAMLError) as error:
-                raise self._error(node, keys, shown(node.value), f"Write {_CONSTRUCTED[tag]}") from error
-        if isinstance(node, ScalarNode) and tag in _TEXT:
+                raise self._error(node, keys, shown(node.value), f"Write {_CONSTRUCTED_TAGS[tag]}") from error
+        if isinstance(node, ScalarNode) and tag in _TEXT_TAGS:
             return str(node.value)
-        tag = tag.replace(_YAML, "!!")
+        tag = tag.replace(_YAML_TAG, "!!")
         raise self._error(node, keys, f"the tag {tag}", "Remove it: only text, numbers, lists and mappings are read")
 
     def _mapping(self, node: MappingNode, keys: Keys) -> dict[str, Any]:
         result: dict[str, Any] = {}
         for key_node, value in node.value:
             tag = str(key_node.tag)
-            if not isinstance(key_node, ScalarNode) or tag not in _TEXT:
+            if not isinstance(key_node, ScalarNode) or tag not in _TEXT_TAGS:
                 what = str(key_node.value)[:60] if isinstance(key_node, ScalarNode) else f"a {_kind(key_node)}"
                 raise self._error(key_node, keys, f"{what} as a key", "Write the key as text, in quotes if need be")
             key = str(key_node.value)
@@ -224,9 +226,9 @@ def _kind(node: Node) -> str:
     return "mapping" if isinstance(node, MappingNode) else "list" if isinstance(node, SequenceNode) else "single value"
 
 
-_INDENTED = "the line is indented neither as those of its own block are, nor as those of the block around it"
+_INDENTATION_FOUND = "the line is indented neither as those of its own block are, nor as those of the block around it"
 _SYNTAX_WORDS = {  # what a person would say, where the parser speaks of its own parts
-    "expected <block end>": _INDENTED,
+    "expected <block end>": _INDENTATION_FOUND,
     "could not find expected ':'": "a line without a colon where 'key: value' is expected",
     "cannot start any token": "a character that no value begins with",
 }

@@ -11,7 +11,7 @@ from errormodel.arrays import Array
 from errormodel.effects.base import Channels, Effect, EffectTerm
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.machine import Machine
-from errormodel.survey_columns import MEASURED, TOOL
+from errormodel.survey_columns import MEASURED, TOOL_COLUMNS
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -40,7 +40,7 @@ class AxisBlunder(Effect):
     def where(self) -> str:
         if self.column in MEASURED:
             return conventions.INSTRUMENT
-        return conventions.TOOL if self.column in TOOL else self.column
+        return conventions.TOOL if self.column in TOOL_COLUMNS else self.column
 
     @property
     def drivers(self) -> tuple[str, ...]:

@@ -9,7 +9,18 @@ from typing import ClassVar
 from errormodel.effects.base import Channels, Effect, EffectTerm
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import Rotation, across, joint_as
-from errormodel.effects.travel import ENDS, End, cross, crossing, direction, extension, length, scaled, shift, turn
+from errormodel.effects.travel import (
+    TRAVEL_ENDS,
+    End,
+    cross,
+    crossing,
+    direction,
+    extension,
+    length,
+    scaled,
+    shift,
+    turn,
+)
 from errormodel.exceptions import InputError
 from errormodel.machine import Joint, Machine
 
@@ -63,6 +74,6 @@ class ColumnBending(Effect):
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
         for column, load in crossing(scene):
-            for motion, foot in product(across(column, "e"), (None, *ENDS)):
+            for motion, foot in product(across(column, "e"), (None, *TRAVEL_ENDS)):
                 fields = {"joint": column.name, "load_joint": load.name, "motion": motion, "foot": foot}
                 yield cls.model_validate(fields)

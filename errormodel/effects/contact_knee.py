@@ -14,7 +14,7 @@ from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.travel import length, usual_size
 from errormodel.machine import Machine, joint_of
 
-KNEES = 16  # positions along the travel
+KNEE_POSITIONS = 16  # positions along the travel
 
 
 class ContactKnee(JointEffect):
@@ -44,7 +44,7 @@ class ContactKnee(JointEffect):
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
         for joint in scene.moving:
-            for at in np.linspace(*scene.span(joint), KNEES + 2)[1:-1].tolist():
+            for at in np.linspace(*scene.span(joint), KNEE_POSITIONS + 2)[1:-1].tolist():
                 for motion in MOTIONS:
                     # a straight line is the difference of the two sides: where the model has one they are alike
                     straight = joint.type == "prismatic" and motion in joint.models

@@ -16,11 +16,11 @@ from errormodel.effects.shared import own_axes
 from errormodel.effects.travel import legendre, scaled
 from errormodel.machine import Machine, joint_of
 
-SHAPES = {  # degree, along
+COMPLIANCE_SHAPES = {  # degree, along
     "prismatic": ((1, False), (2, False), (3, False), (5, False), (1, True), (2, True)),
     "rotary": ((1, False), (2, False), (1, True)),
 }
-PARALLEL = 1 - 1e-6  # component of an axis: no turn about it changes a translation along it
+PARALLEL_COSINE = 1 - 1e-6  # component of an axis: no turn about it changes a translation along it
 
 
 class CrossAxisCompliance(JointEffect):
@@ -64,7 +64,7 @@ class CrossAxisCompliance(JointEffect):
             first, last = sorted(scene.machine.elements.index(j) for j in (joint, other))
             turns = [j for j in scene.moving if j.type == "rotary" and j in scene.machine.elements[first:last]]
             seen = [axes[joint.name].T @ axes[j.name] @ j.axis for j in turns]  # in the joint's own axes
-            turned = [t for k, t in enumerate(TRANSLATIONS) if any(abs(axis[k]) < PARALLEL for axis in seen)]
+            turned = [t for k, t in enumerate(TRANSLATIONS) if any(abs(axis[k]) < PARALLEL_COSINE for axis in seen)]
             for motion in (*turned, *ROTATIONS):
-                for degree, along in SHAPES[other.type]:
+                for degree, along in COMPLIANCE_SHAPES[other.type]:
                     yield cls(joint=joint.name, motion=motion, other=other.name, degree=degree, along=along)

@@ -13,7 +13,7 @@ from errormodel.effects.travel import crossing, scaled
 from errormodel.machine import Machine
 
 # in the names of what witnesses two drives; whatever goes with another witness has no name yet
-HINTS = ("sync", "enc", "rack", "x1x2", "x1_x2", "drive", "skew", "gantry", "dual", "yaw")
+DRIVE_NAME_HINTS = ("sync", "enc", "rack", "x1x2", "x1_x2", "drive", "skew", "gantry", "dual", "yaw")
 
 
 class GantryRacking(JointEffect):
@@ -51,7 +51,7 @@ class GantryRacking(JointEffect):
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
-        drives = [name for name in scene.witnesses if any(hint in name.lower() for hint in HINTS)]
+        drives = [name for name in scene.witnesses if any(hint in name.lower() for hint in DRIVE_NAME_HINTS)]
         pairs = list(product(scene.prismatic, drives))
         pairs += [(joint, other.name) for joint, other in crossing(scene)]
         pairs += [(joint, f"dir_{joint.name}") for joint in scene.prismatic if scene.both_ways(joint)]

@@ -13,7 +13,7 @@ from errormodel.effects.shared import Rotation, across, joint_as
 from errormodel.effects.travel import legendre, scaled
 from errormodel.machine import Machine
 
-SIZES = {1: 3e-5, 2: 1e-5, 3: 1e-5}  # rad, by degree: feet and floor are stiffer the more they carry
+TILT_SIZES_RAD = {1: 3e-5, 2: 1e-5, 3: 1e-5}  # rad, by degree: feet and floor are stiffer the more they carry
 
 
 class GroundCompliance(Effect):
@@ -43,7 +43,10 @@ class GroundCompliance(Effect):
         heavy = joint_as(machine, self.joint, "prismatic", self.effect)
         motion = self.motion or across(heavy, "e")[0]
         u = scaled(heavy, channel(self.joint))
-        return [EffectTerm(self.element, str(n), "rad", {motion: legendre(n, u)}, size) for n, size in SIZES.items()]
+        return [
+            EffectTerm(self.element, str(n), "rad", {motion: legendre(n, u)}, size)
+            for n, size in TILT_SIZES_RAD.items()
+        ]
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:

@@ -14,16 +14,16 @@ from errormodel.conventions import MOTIONS, Motion, unit_of
 from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect, axis_motion
 from errormodel.effects.ops import Value
 from errormodel.effects.search_space.survey_summary import Scene
-from errormodel.effects.shared import A_PERIOD, Positive, closed_splines, resolved, splines, waves
+from errormodel.effects.shared import POSITIONS_PER_PERIOD, Positive, closed_splines, resolved, splines, waves
 from errormodel.effects.travel import fraction, legendre, length, scaled, usual_size
 from errormodel.machine import Joint, Machine, joint_of
 
 Degree = Annotated[int, Field(ge=0, le=30)]
-FINE = tuple(math.radians(d) for d in (10.0, 6.0, 4.0, 3.0, 2.0))  # apart, of a joint that turns
-BROAD = math.radians(30.0)
-PIECES = (16, 32, 64, 128)  # of a travel
-ROWS_A_KNOT = 1.5
-CONSTANT = 10.0  # times: members are put together less exactly than they are guided
+FINE_SPACINGS_RAD = tuple(math.radians(d) for d in (10.0, 6.0, 4.0, 3.0, 2.0))  # apart, of a joint that turns
+BROAD_SPACING_RAD = math.radians(30.0)
+FINE_PIECES = (16, 32, 64, 128)  # of a travel
+ROWS_PER_KNOT = 1.5
+CONSTANT_SIZE_RATIO = 10.0  # times: members are put together less exactly than they are guided
 
 
 class HigherOrderGeometry(JointEffect):
@@ -70,7 +70,7 @@ class HigherOrderGeometry(JointEffect):
         for n in self.degrees or (declared(joint, self.motion) + 1,):
             if n == 0:
                 shapes["0"] = 0 * q + 1
-                size = CONSTANT * size
+                size = CONSTANT_SIZE_RATIO * size
             elif joint.type == "prismatic":
                 shapes[str(n)] = legendre(n, scaled(joint, q))
             else:
@@ -91,11 +91,18 @@ class HigherOrderGeometry(JointEffect):
                 yield cls(joint=joint.name, motion=motion, degrees=degrees)
         for joint in scene.moving:
             rows, span = len(scene.columns[joint.name]), float(np.ptp(scene.span(joint)))
-            for every in FINE if joint.type == "rotary" else (length(joint) / n for n in PIECES):
-                if resolved(scene, joint, every) <= A_PERIOD * every and span / every < rows / ROWS_A_KNOT:
+            for every in FINE_SPACINGS_RAD if joint.type == "rotary" else (length(joint) / n for n in FINE_PIECES):
+                if (
+                    resolved(scene, joint, every) <= POSITIONS_PER_PERIOD * every
+                    and span / every < rows / ROWS_PER_KNOT
+                ):
                     yield cls(joint=joint.name, motion=axis_motion(joint), every=every)
             for motion in MOTIONS:
-                yield cls(joint=joint.name, motion=motion, every=BROAD if joint.type == "rotary" else length(joint) / 8)
+                yield cls(
+                    joint=joint.name,
+                    motion=motion,
+                    every=BROAD_SPACING_RAD if joint.type == "rotary" else length(joint) / 8,
+                )
 
 
 def curve(joint: Joint, q: Value, every: float) -> Iterator[Value]:

@@ -16,9 +16,9 @@ from errormodel.effects.shared import Positive
 from errormodel.effects.travel import length, usual_size
 from errormodel.machine import Machine, joint_of
 
-WIDTHS = (1 / 40, 1 / 25, 1 / 16)  # of the travel: what is broader is a bent guide
-STEP = 0.8  # widths: neighbours alike to 0.85
-LEAST = 4  # rows within a width, so that it is no outlier
+DEFECT_WIDTH_SHARES = (1 / 40, 1 / 25, 1 / 16)  # of the travel: what is broader is a bent guide
+DEFECT_STEP_WIDTHS = 0.8  # widths: neighbours alike to 0.85
+FEWEST_DEFECT_ROWS = 4  # rows within a width, so that it is no outlier
 
 
 class LocalDefect(JointEffect):
@@ -47,10 +47,10 @@ class LocalDefect(JointEffect):
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
-        for joint, part in product(scene.moving, WIDTHS):
+        for joint, part in product(scene.moving, DEFECT_WIDTH_SHARES):
             width, positions = length(joint) * part, np.sort(scene.columns[joint.name])
             low, high = scene.span(joint)
-            places = np.arange(low + width / 2, high, STEP * width)
+            places = np.arange(low + width / 2, high, DEFECT_STEP_WIDTHS * width)
             near = np.searchsorted(positions, places + width) - np.searchsorted(positions, places - width, "right")
-            for at, motion in product(places[near >= LEAST].tolist(), MOTIONS):
+            for at, motion in product(places[near >= FEWEST_DEFECT_ROWS].tolist(), MOTIONS):
                 yield cls(joint=joint.name, motion=motion, at=at, width=width)

@@ -11,8 +11,8 @@ from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import Positive, joint_as, periods, waves
 from errormodel.machine import Machine
 
-SHORTEST = 4.0  # period, mm
-PERIODS = 50  # may fit into any travel: those of a small machine are shorter
+SHORTEST_PITCH_MM = 4.0  # period, mm
+MOST_PITCHES_PER_TRAVEL = 50  # may fit into any travel: those of a small machine are shorter
 
 
 class PitchCyclic(JointEffect):
@@ -40,5 +40,5 @@ class PitchCyclic(JointEffect):
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
         for joint in scene.prismatic:
-            for period in periods(scene, joint, 3, SHORTEST, PERIODS):
+            for period in periods(scene, joint, 3, SHORTEST_PITCH_MM, MOST_PITCHES_PER_TRAVEL):
                 yield cls(joint=joint.name, period=period)

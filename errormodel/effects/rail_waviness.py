@@ -12,8 +12,8 @@ from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import Positive, joint_as, periods, waves
 from errormodel.machine import Machine
 
-SHORTEST = 20.0  # period, mm
-PERIODS = 10  # may fit into any travel: those of a small machine are shorter
+SHORTEST_WAVE_MM = 20.0  # period, mm
+MOST_WAVES_PER_TRAVEL = 10  # may fit into any travel: those of a small machine are shorter
 
 
 class RailWaviness(JointEffect):
@@ -44,7 +44,7 @@ class RailWaviness(JointEffect):
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
         for joint in scene.prismatic:
-            for period in periods(scene, joint, 2, SHORTEST, PERIODS):
+            for period in periods(scene, joint, 2, SHORTEST_WAVE_MM, MOST_WAVES_PER_TRAVEL):
                 for motion in MOTIONS:
                     if motion != axis_motion(joint):
                         yield cls(joint=joint.name, motion=motion, period=period)

@@ -12,7 +12,7 @@ from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import across, bending, joint_as
 from errormodel.effects.travel import (
-    ENDS,
+    TRAVEL_ENDS,
     End,
     Translation,
     extension,
@@ -61,5 +61,5 @@ class RamSag(JointEffect):
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
         for ram in scene.prismatic:
-            for motion, end, exponent in product(across(ram, "d"), ENDS, (2.0, 3.0, 4.0)):
+            for motion, end, exponent in product(across(ram, "d"), TRAVEL_ENDS, (2.0, 3.0, 4.0)):
                 yield cls.model_validate({"joint": ram.name, "motion": motion, "retracted": end, "exponent": exponent})

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from itertools import combinations, product
 from typing import ClassVar
 
-from errormodel.channels import POINT
+from errormodel.channels import POINT_CHANNELS
 from errormodel.conventions import FRAME, TRANSLATIONS
 from errormodel.effects.base import Channels, Effect, EffectTerm
 from errormodel.effects.search_space.survey_summary import Scene
@@ -42,12 +42,12 @@ class Refraction(Effect):
 
     @property
     def drivers(self) -> tuple[str, ...]:
-        level = (p for p, m in zip(POINT, TRANSLATIONS, strict=True) if m != self.motion)
+        level = (p for p, m in zip(POINT_CHANNELS, TRANSLATIONS, strict=True) if m != self.motion)
         return (*level, *(thermal(self.sensor, self.minus) if self.sensor else ()))
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         level = [k for k in range(3) if TRANSLATIONS[k] != self.motion]
-        bend = sum((channel(POINT[k]) - self.station[k]) ** 2 for k in level) / 2
+        bend = sum((channel(POINT_CHANNELS[k]) - self.station[k]) ** 2 for k in level) / 2
         if self.sensor:
             bend = bend * warmth(channel, self.sensor, self.minus, self.tau)
         unit = "1/(mm K)" if self.sensor else "1/mm"

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect, along
 from errormodel.effects.search_space.survey_summary import Scene
-from errormodel.effects.shared import STEEL, Lag, joint_as, lags, thermal, warmth
+from errormodel.effects.shared import STEEL_EXPANSION, Lag, joint_as, lags, thermal, warmth
 from errormodel.machine import Machine
 
 
@@ -37,7 +37,7 @@ class ScaleExpansion(JointEffect):
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         joint = joint_as(machine, self.joint, "prismatic", self.effect)
         growth = (channel(self.joint) - self.anchor) * warmth(channel, self.sensor, self.minus, self.tau)
-        return [EffectTerm(self.joint, "", "1/K", along(joint, growth), STEEL)]
+        return [EffectTerm(self.joint, "", "1/K", along(joint, growth), STEEL_EXPANSION)]
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:

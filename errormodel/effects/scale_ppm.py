@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import ClassVar
 
-from errormodel.channels import POINT
+from errormodel.channels import POINT_CHANNELS
 from errormodel.conventions import FRAME, TRANSLATIONS
 from errormodel.effects.base import Channels, Effect, EffectTerm
 from errormodel.effects.search_space.survey_summary import Scene
@@ -32,7 +32,7 @@ class ScalePpm(Effect):
 
     @property
     def drivers(self) -> tuple[str, ...]:
-        return (*POINT, *filter(None, (self.sensor, self.run and f"run({self.run})")))
+        return (*POINT_CHANNELS, *filter(None, (self.sensor, self.run and f"run({self.run})")))
 
     @property
     def cost(self) -> float:
@@ -42,7 +42,7 @@ class ScalePpm(Effect):
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         factor = warmth(channel, self.sensor) if self.sensor else 1.0
         factor = factor * channel(f"run({self.run})") if self.run else factor
-        motion = {name: factor * channel(p) for name, p in zip(TRANSLATIONS, POINT, strict=True)}
+        motion = {name: factor * channel(p) for name, p in zip(TRANSLATIONS, POINT_CHANNELS, strict=True)}
         return [EffectTerm(FRAME, "", "1/K" if self.sensor else "1", motion, 1e-6 if self.sensor else 5e-6)]
 
     @classmethod

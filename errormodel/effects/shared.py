@@ -21,10 +21,10 @@ Positive = Annotated[float, Field(gt=0)]
 Lag = Annotated[float, Field(ge=0)]  # s; 0: none
 Rotation = Literal["ea", "eb", "ec"]
 
-REFERENCE = 20.0  # degC, ISO 1
-STEEL = 12e-6  # expansion, 1/K
-MOST_WAVES = 4000  # frequencies of one grid
-A_PERIOD = 3  # positions that show a wave
+REFERENCE_TEMPERATURE = 20.0  # degC, ISO 1
+STEEL_EXPANSION = 12e-6  # expansion, 1/K
+MOST_FREQUENCIES = 4000  # frequencies of one grid
+POSITIONS_PER_PERIOD = 3  # positions that show a wave
 
 
 def joint_as(machine: Machine, name: str, kind: Literal["prismatic", "rotary"], effect: str) -> Joint:
@@ -45,7 +45,9 @@ def joint_as(machine: Machine, name: str, kind: Literal["prismatic", "rotary"], 
 
 def warmth(channel: Channels, sensor: str, minus: str | None = None, tau: float = 0.0) -> Value:
     """Temperature of a sensor over 20 degC or over another sensor's, K; both behind a lag of `tau` s."""
-    here, there = (channel(f"lag({s},{tau:.6g})" if tau else s) if s else REFERENCE for s in (sensor, minus))
+    here, there = (
+        channel(f"lag({s},{tau:.6g})" if tau else s) if s else REFERENCE_TEMPERATURE for s in (sensor, minus)
+    )
     return here - there
 
 
@@ -109,7 +111,7 @@ def frequencies(span: float, low: float, high: float) -> list[float]:
     step = 1 / (4 * span)
     if not low < high:
         return []
-    return [low + k * step for k in range(min(int((high - low) / step) + 1, MOST_WAVES))]
+    return [low + k * step for k in range(min(int((high - low) / step) + 1, MOST_FREQUENCIES))]
 
 
 def resolved(scene: Scene, joint: Joint, shortest: float) -> float:
@@ -119,7 +121,7 @@ def resolved(scene: Scene, joint: Joint, shortest: float) -> float:
     """
     gaps = np.diff(np.sort(scene.columns[joint.name]))
     gaps = gaps[gaps > shortest / 8]  # nearer ones are the same place
-    return max(shortest, A_PERIOD * float(gaps.min())) if len(gaps) else np.inf
+    return max(shortest, POSITIONS_PER_PERIOD * float(gaps.min())) if len(gaps) else np.inf
 
 
 def periods(scene: Scene, joint: Joint, fewest: int, shortest: float, most: int) -> list[float]:

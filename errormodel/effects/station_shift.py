@@ -14,8 +14,8 @@ from errormodel.effects.ops import fmax, fmin
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.machine import Machine
 
-MOMENTS = 40  # evenly among the rows
-BREAKS = 10  # the longest times without a row: between runs
+SHIFT_MOMENTS = 40  # evenly among the rows
+LONGEST_BREAKS = 10  # the longest times without a row: between runs
 
 
 class StationShift(Effect):
@@ -61,7 +61,7 @@ class StationShift(Effect):
             return
         time = np.unique(scene.columns["time"])
         gaps = np.diff(time)
-        spread = np.linspace(0, len(gaps) - 1, MOMENTS + 2)[1:-1].astype(int)
-        for k in np.union1d(spread, np.argsort(gaps)[-BREAKS:]):
+        spread = np.linspace(0, len(gaps) - 1, SHIFT_MOMENTS + 2)[1:-1].astype(int)
+        for k in np.union1d(spread, np.argsort(gaps)[-LONGEST_BREAKS:]):
             at = round(float(time[k] + time[k + 1]) / 2, 3)
             yield from (cls(at=at, turned=turned) for turned in (True, False))

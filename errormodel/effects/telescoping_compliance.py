@@ -13,7 +13,7 @@ from errormodel.effects.ops import fmax
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import Rotation, across, joint_as
 from errormodel.effects.travel import (
-    ENDS,
+    TRAVEL_ENDS,
     End,
     extension,
     length,
@@ -67,6 +67,6 @@ class TelescopingCompliance(JointEffect):
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
         for joint in scene.prismatic:
             loads = [None, *(j.name for j in scene.prismatic if j is not joint and parallel(j.axis, joint.axis))]
-            for motion, end, ratio, load in product(across(joint, "e"), ENDS, (1.1, 1.3, 1.8), loads):
+            for motion, end, ratio, load in product(across(joint, "e"), TRAVEL_ENDS, (1.1, 1.3, 1.8), loads):
                 fields = {"motion": motion, "load_joint": load, "retracted": end, "overlap": ratio * length(joint)}
                 yield cls.model_validate({"joint": joint.name, **fields})

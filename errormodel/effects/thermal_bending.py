@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect
 from errormodel.effects.search_space.survey_summary import Scene
-from errormodel.effects.shared import STEEL, Lag, across, bending, joint_as, lags, thermal, warmth
+from errormodel.effects.shared import STEEL_EXPANSION, Lag, across, bending, joint_as, lags, thermal, warmth
 from errormodel.effects.travel import Translation
 from errormodel.machine import Machine
 
@@ -45,8 +45,8 @@ class ThermalBending(JointEffect):
         bow = bending(joint, self.motion, warm * (q - low) * (high - q) / 2, warm * ((low + high) / 2 - q))
         slope = {name: value for name, value in bow.items() if name != self.motion}
         return [
-            EffectTerm(self.joint, "bow", "1/(mm K)", bow, STEEL / 300),
-            EffectTerm(self.joint, "slope", "1/(mm K)", slope, STEEL / 300),
+            EffectTerm(self.joint, "bow", "1/(mm K)", bow, STEEL_EXPANSION / 300),
+            EffectTerm(self.joint, "slope", "1/(mm K)", slope, STEEL_EXPANSION / 300),
         ]
 
     @classmethod

@@ -10,7 +10,7 @@ import numpy as np
 
 from errormodel.effects.base import Channels, Effect, EffectTerm
 from errormodel.effects.search_space.survey_summary import Scene
-from errormodel.effects.shared import STEEL, Lag, Rotation, lags, members, own_axes, thermal, warmth
+from errormodel.effects.shared import STEEL_EXPANSION, Lag, Rotation, lags, members, own_axes, thermal, warmth
 from errormodel.machine import Joint, Machine
 
 
@@ -43,7 +43,7 @@ class ThermalSquareness(Effect):
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         warm = warmth(channel, self.sensor, self.minus, self.tau)
-        return [EffectTerm(self.element, "", "rad/K", {self.motion: warm}, STEEL)]
+        return [EffectTerm(self.element, "", "rad/K", {self.motion: warm}, STEEL_EXPANSION)]
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:

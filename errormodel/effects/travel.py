@@ -20,7 +20,7 @@ from errormodel.machine import Joint, Machine, Vector
 
 Translation = Literal["dx", "dy", "dz"]
 End = Literal["low", "high"]
-ENDS: tuple[End, End] = ("low", "high")
+TRAVEL_ENDS: tuple[End, End] = ("low", "high")
 
 
 def usual_size(motion: Motion) -> float:

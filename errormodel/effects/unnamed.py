@@ -19,8 +19,13 @@ from errormodel.effects.travel import legendre, usual_size
 from errormodel.machine import Machine
 
 Form = Literal["affine", "linear", "square", "cubic"]
-SHARP = 0.02  # of an amplitude: an edge takes a little way, so that a model has a slope everywhere
-ORDER = {"affine": (0, 1), "linear": (1,), "square": (1, 2), "cubic": (1, 2, 3)}  # affine: with a constant, beside `by`
+EDGE_SHARPNESS = 0.02  # of an amplitude: an edge takes a little way, so that a model has a slope everywhere
+FORM_DEGREES = {
+    "affine": (0, 1),
+    "linear": (1,),
+    "square": (1, 2),
+    "cubic": (1, 2, 3),
+}  # affine: with a constant, beside `by`
 
 
 class Unnamed(Effect):
@@ -105,10 +110,10 @@ class Unnamed(Effect):
             return {"step": switch(x, period, edge)}
         if period is not None:
             return waves(x, 2 * math.pi / period)
-        return {str(n): legendre(n, u) if n else 0 * u + 1 for n in ORDER[form]}
+        return {str(n): legendre(n, u) if n else 0 * u + 1 for n in FORM_DEGREES[form]}
 
 
 def switch(x: Value, period: float, edge: float) -> Value:
     """1 for half a period from the edge on, then -1, and so on."""
     swing = sin((x - edge) * (2 * math.pi / period))
-    return swing / sqrt(swing * swing + SHARP**2)
+    return swing / sqrt(swing * swing + EDGE_SHARPNESS**2)

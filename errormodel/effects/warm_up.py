@@ -12,7 +12,7 @@ from errormodel.conventions import MOTIONS, TRANSLATIONS, Motion, unit_of
 from errormodel.effects.base import Channels, Effect, EffectTerm, along
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import (
-    STEEL,
+    STEEL_EXPANSION,
     Positive,
     joint_as,
     members,
@@ -83,7 +83,7 @@ class WarmUp(Effect):
                 for n, shape in enumerate(shapes)
             ]
         return [
-            EffectTerm(self.joint, "scale", "1", along(joint, channel(self.joint) * warm), 10 * STEEL),
+            EffectTerm(self.joint, "scale", "1", along(joint, channel(self.joint) * warm), 10 * STEEL_EXPANSION),
             EffectTerm(self.joint, "growth", "mm", along(joint, warm), 0.02),
         ]
 

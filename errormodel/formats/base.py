@@ -11,10 +11,12 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-EMPTY = ("", "NaN", "nan", "NAN", "NA", "N/A", "null")  # a cell without a value, as the quick reader knows it
-DASHES = ("-", "--", "---", "----", "\u2013", "\u2014")
-NOTHING = frozenset(word.lower() for word in (*EMPTY, *DASHES, "n.a.", "none", "nil", "#N/A", "#NA", "#NV"))
-LISTED = 12  # rows in a note
+EMPTY_CELLS = ("", "NaN", "nan", "NAN", "NA", "N/A", "null")  # a cell without a value, as the quick reader knows it
+DASH_CELLS = ("-", "--", "---", "----", "\u2013", "\u2014")
+NO_VALUE_WORDS = frozenset(
+    word.lower() for word in (*EMPTY_CELLS, *DASH_CELLS, "n.a.", "none", "nil", "#N/A", "#NA", "#NV")
+)
+LISTED_ROWS = 12  # rows in a note
 
 
 @dataclass(frozen=True)
@@ -59,7 +61,7 @@ class Table(ABC):
 def as_numbers(text: pd.Series[str], decimal_comma: bool = False) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Numbers in a column of text, NaN for empty cells, and which cells are neither."""
     text = text.fillna("").str.strip()
-    empty = text.str.lower().isin(NOTHING).to_numpy(dtype=bool)
+    empty = text.str.lower().isin(NO_VALUE_WORDS).to_numpy(dtype=bool)
     if decimal_comma:
         text = text.str.replace(r"^([^.,]*),([^.,]*)$", r"\1.\2", regex=True)
     values = pd.to_numeric(text.mask(empty), errors="coerce").to_numpy(dtype=np.float64, na_value=np.nan)
@@ -69,7 +71,7 @@ def as_numbers(text: pd.Series[str], decimal_comma: bool = False) -> tuple[NDArr
 def words_note(name: str, text: pd.Series[str]) -> str | None:
     """A note on the cells of a column of numbers, as text, in which a word stands for no value; its index is from 0."""
     text = text.fillna("").str.strip()
-    said = text[(text != "") & text.str.lower().isin(NOTHING)]
+    said = text[(text != "") & text.str.lower().isin(NO_VALUE_WORDS)]
     if said.empty:
         return None
     words = " and ".join(f"'{word}'" for word in said.unique())
@@ -79,5 +81,5 @@ def words_note(name: str, text: pd.Series[str]) -> str | None:
 
 def spoken(rows: Sequence[float]) -> str:
     """Rows for a note: how many, and the numbers of the first."""
-    numbers = ", ".join(str(int(r)) for r in rows[:LISTED]) + (" ..." if len(rows) > LISTED else "")
+    numbers = ", ".join(str(int(r)) for r in rows[:LISTED_ROWS]) + (" ..." if len(rows) > LISTED_ROWS else "")
     return f"{len(rows)} rows ({numbers})" if len(rows) > 1 else f"row {numbers}"

@@ -11,15 +11,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from errormodel.exceptions import InputError
-from errormodel.formats.base import EMPTY, NOTHING, Table, as_numbers, words_note
+from errormodel.formats.base import EMPTY_CELLS, NO_VALUE_WORDS, Table, as_numbers, words_note
 
 if TYPE_CHECKING:
     import pandas as pd
 
 SUFFIXES = (".csv", ".txt", ".tsv", ".dat")
 
-_DELIMITERS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars"}
-_HEAD = 1 << 18  # bytes in which the header must end
+_DELIMITER_WORDS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars"}
+_HEADER_BYTES = 1 << 18  # bytes in which the header must end
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class CsvTable(Table):
 
         comma = self.delimiter != ","  # a decimal comma can be told from the delimiter
         place = {name: str(i) for i, name in enumerate(self.columns)}
-        notes = [] if not comma else [f"columns separated by {_DELIMITERS[self.delimiter]}"]
+        notes = [] if not comma else [f"columns separated by {_DELIMITER_WORDS[self.delimiter]}"]
         frame: dict[str, pd.Series[Any]] = {}
         words: list[str | None] = []
         for decimal in (".", ",") if comma else (".",):
@@ -78,7 +78,7 @@ class CsvTable(Table):
         for name, number in place.items():
             column = arrow[number].combine_chunks()
             lower = pc.utf8_lower(pc.utf8_trim_whitespace(column))
-            rows = pc.indices_nonzero(pc.is_in(lower, pa.array(sorted(NOTHING - {""}))))
+            rows = pc.indices_nonzero(pc.is_in(lower, pa.array(sorted(NO_VALUE_WORDS - {""}))))
             out.append(words_note(name, pd.Series(column.take(rows).to_pylist(), rows.to_numpy(), dtype="str")))
         return out
 
@@ -94,7 +94,7 @@ class CsvTable(Table):
         from pyarrow import csv as arrow
 
         with self.path.open("rb") as file:
-            quoted = b'"' in file.read(_HEAD)
+            quoted = b'"' in file.read(_HEADER_BYTES)
         return arrow.read_csv(
             self.path,
             arrow.ReadOptions(column_names=[str(i) for i in range(len(self.columns))], skip_rows=self.skip),
@@ -106,7 +106,7 @@ class CsvTable(Table):
             arrow.ConvertOptions(
                 column_types=dict.fromkeys(numbers, pa.float64()) | dict.fromkeys(texts, pa.string()),
                 include_columns=[*numbers, *texts],
-                null_values=EMPTY,
+                null_values=EMPTY_CELLS,
                 strings_can_be_null=False,
                 decimal_point=decimal,
             ),
@@ -157,7 +157,7 @@ class CsvTable(Table):
 def open_table(path: Path, name: str) -> Table:
     """Find the delimiter and read the header of a delimited file."""
     with path.open("rb") as file:
-        head = file.read(_HEAD)
+        head = file.read(_HEADER_BYTES)
     if head[:2] in (b"\xff\xfe", b"\xfe\xff"):
         raise InputError(name, "text in UTF-16", "Save the file as UTF-8 (in a spreadsheet: 'CSV UTF-8')")
     if b"\0" in head:
@@ -167,7 +167,7 @@ def open_table(path: Path, name: str) -> Table:
     if not first:
         raise InputError(name, "an empty file", "Give a header with the columns' names and a row a pose")
     outside = re.sub(r'"[^"]*"', "", first)
-    delimiter = max(_DELIMITERS, key=outside.count)
+    delimiter = max(_DELIMITER_WORDS, key=outside.count)
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter)
     try:
         names = next((fields for fields in reader if "".join(fields).strip()), [])

@@ -11,7 +11,7 @@ import pandas as pd
 
 from errormodel.formats.base import Table, as_numbers
 
-NAME = "DataFrame"
+FRAME_TABLE_NAME = "DataFrame"
 
 
 @dataclass(frozen=True)
@@ -40,4 +40,9 @@ class FrameTable(Table):
 
 def table_of(frame: pd.DataFrame) -> FrameTable:
     """A DataFrame as a table of a survey; its index does not count."""
-    return FrameTable(Path(NAME), NAME, tuple(str(c).strip() for c in frame.columns), frame.rename(columns=str.strip))
+    return FrameTable(
+        Path(FRAME_TABLE_NAME),
+        FRAME_TABLE_NAME,
+        tuple(str(c).strip() for c in frame.columns),
+        frame.rename(columns=str.strip),
+    )

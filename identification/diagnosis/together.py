@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from errormodel.effects.base import axis_motion
-from errormodel.effects.pitch_cyclic import SHORTEST, PitchCyclic
+from errormodel.effects.pitch_cyclic import SHORTEST_PITCH_MM, PitchCyclic
 from errormodel.effects.shared import resolved
 from errormodel.machine import EffectSpec, Machine
 from errormodel.survey import Survey
@@ -65,7 +65,7 @@ def _sampled(finding: Finding, part: Carried, diagnosed: Diagnosed) -> Finding:
     """A finding along the travel of a joint that was read at few targets: what repeats with a lead looks the same."""
     joint = part.machine.joints[0]
     along = joint.type == "prismatic" and axis_motion(joint) in finding.motion and finding.driver == [joint.name]
-    least = resolved(diagnosed.model.start.scene, joint, SHORTEST)
+    least = resolved(diagnosed.model.start.scene, joint, SHORTEST_PITCH_MM)
     if not along or finding.effect == PitchCyclic.effect or least <= LEAD:
         return finding
     probability = min(finding.probability, EVEN)

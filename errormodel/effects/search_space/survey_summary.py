@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from errormodel.machine import Joint, Machine, Vector
 
 Array = NDArray[np.float64]
-MOVED = 0.003  # of the travel
+MOVED_SHARE = 0.003  # of the travel
 
 
 @dataclass(frozen=True, eq=False)  # what is derived from a scene is kept by which one it is
@@ -51,7 +51,7 @@ class Scene:
         return tuple(
             j
             for j in self.machine.joints
-            if self.varies(j.name) and np.ptp(self.span(j)) > MOVED * (j.travel[1] - j.travel[0])
+            if self.varies(j.name) and np.ptp(self.span(j)) > MOVED_SHARE * (j.travel[1] - j.travel[0])
         )
 
     @property

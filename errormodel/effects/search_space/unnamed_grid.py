@@ -15,11 +15,11 @@ from errormodel.effects.travel import length
 from errormodel.machine import joint_of
 
 Fields = Mapping[str, object]
-WAVES = np.arange(1, 3.01, 0.25)  # a travel; longer ones are polynomials
-CYCLES, QUICKEST = 4, 240.0  # a recording, at least; s
-MOST_CYCLES = 10_000  # proposals: more fill the memory
-PIECES = 4  # of a travel: of a surface
-CHEQUERS = np.arange(0.5, 3.01, 0.5)
+WAVES_PER_TRAVEL = np.arange(1, 3.01, 0.25)  # a travel; longer ones are polynomials
+FEWEST_CYCLES, SHORTEST_CYCLE_S = 4, 240.0  # a recording, at least; s
+MOST_CYCLE_PROPOSALS = 10_000  # proposals: more fill the memory
+SURFACE_PIECES = 4  # of a travel: of a surface
+PLATE_WAVES_PER_TRAVEL = np.arange(0.5, 3.01, 0.5)
 
 
 def lattice(scene: Scene) -> Iterator[Fields]:
@@ -58,7 +58,7 @@ def _runs(scene: Scene) -> Iterator[Fields]:
 
 def _waves(scene: Scene) -> Iterator[Fields]:
     """Rotations in waves of another joint's position."""
-    for name, count in product(_joints(scene), WAVES):
+    for name, count in product(_joints(scene), WAVES_PER_TRAVEL):
         for element, motion in places(scene, name):
             if element != name and motion in ROTATIONS:
                 period = length(joint_of(scene.machine, name)) / float(count)
@@ -72,12 +72,12 @@ def _cycles(scene: Scene) -> Iterator[Fields]:
     """
     if not scene.duration:
         return
-    shortest = max(QUICKEST, 4 * scene.duration / len(scene.columns["time"]))
-    rates = frequencies(scene.duration, CYCLES / scene.duration, 1 / shortest)
+    shortest = max(SHORTEST_CYCLE_S, 4 * scene.duration / len(scene.columns["time"]))
+    rates = frequencies(scene.duration, FEWEST_CYCLES / scene.duration, 1 / shortest)
     spots = [(element, motion) for element, motion in places(scene, "time") if motion in TRANSLATIONS]
-    if len(rates) * len(spots) > MOST_CYCLES:
+    if len(rates) * len(spots) > MOST_CYCLE_PROPOSALS:
         spots = [spot for spot in spots if spot[0] in (spots[0][0], spots[-1][0])]
-    for rate, (element, motion) in product(rates[: MOST_CYCLES // len(spots)], spots):
+    for rate, (element, motion) in product(rates[: MOST_CYCLE_PROPOSALS // len(spots)], spots):
         yield {"element": element, "motion": motion, "driver": "time", "period": float(f"{1 / rate:.6g}")}
 
 
@@ -102,7 +102,7 @@ def _chequers(scene: Scene) -> Iterator[Fields]:
     lengths = {j.name: length(j) for j in scene.prismatic}
     for section in translating(scene):
         for one, two in combinations([n for n in section if n in lengths], 2):
-            for motion, k, n in product(TRANSLATIONS, CHEQUERS, CHEQUERS):
+            for motion, k, n in product(TRANSLATIONS, PLATE_WAVES_PER_TRAVEL, PLATE_WAVES_PER_TRAVEL):
                 first = {"driver": one, "period": lengths[one] / float(k)}
                 second = {"by": two, "by_period": lengths[two] / float(n)}
                 yield {"element": one, "motion": motion, **first, **second}
@@ -114,9 +114,15 @@ def _surfaces(scene: Scene) -> Iterator[Fields]:
     if len(turning) <= len(scene.prismatic):
         return
     for one, two in permutations(_joints(scene), 2):
-        if turning & {one, two} and len(scene.columns[one]) > (PIECES + 3) ** 2:
+        if turning & {one, two} and len(scene.columns[one]) > (SURFACE_PIECES + 3) ** 2:
             for motion in MOTIONS:
-                yield {"element": one, "motion": motion, **_first(scene, one), **_second(scene, two), "pieces": PIECES}
+                yield {
+                    "element": one,
+                    "motion": motion,
+                    **_first(scene, one),
+                    **_second(scene, two),
+                    "pieces": SURFACE_PIECES,
+                }
 
 
 def _joints(scene: Scene) -> list[str]:
