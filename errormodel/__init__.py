@@ -1,11 +1,11 @@
-"""Volumetric error models of machine tools, CMMs, gantries and arms: predict, never fit.
+"""Volumetric error models of machine tools, CMMs, gantries and arms, from homogeneous transformations (forward model).
 
-The way of the data: ``machine.yaml`` -> :class:`~errormodel.machine.Machine` ->
-:class:`~errormodel.chain.Chain` (CasADi) -> :class:`~errormodel.kernel.Kernel` (NumPy).
-Inference lives in the sister package ``identification``, which imports this one.
+Data path: ``machine.yaml`` -> :class:`~errormodel.machine.Machine` -> :class:`~errormodel.chain.Chain` (CasADi) ->
+:class:`~errormodel.kernel.Kernel` (NumPy). Parameters are estimated by the package ``identification``, which imports
+this one.
 
 Public names: `read_machine`, `write_machine`, `machine_names`, `read_survey`, `simulate`, and the types `Machine`,
-`Survey` and `InputError`. They are imported when they are first asked for, so that ``import errormodel`` costs nothing.
+`Survey` and `InputError`. They are imported on first use, which keeps ``import errormodel`` fast.
 """
 
 from __future__ import annotations

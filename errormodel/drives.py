@@ -1,7 +1,7 @@
 """Two drives of one axis, as of a gantry: one joint in the chain, two columns in a survey.
 
-The joint's position is the mean of the two columns; their difference, first minus second in mm, is the channel
-``w_sync_<joint>``, which turns the beam between them (`gantry-racking`).
+The joint's position is the mean of the two columns; their difference (first minus second, mm) is the channel
+``w_sync_<joint>``, on which `gantry-racking` depends.
 """
 
 from __future__ import annotations
@@ -19,18 +19,21 @@ from errormodel.survey_columns import MEASURED, TOOL_COLUMNS
 
 Array = NDArray[np.float64]
 
-MOST_SKEW_SHARE = 0.02  # of the travel: a beam that is skewed so far is broken
+# largest difference of the two drives as a share of the travel; by judgement: a beam skewed by more is damaged
+MOST_SKEW_SHARE = 0.02
+# difference of two columns, as a share of their range, below which they are one motion: two drives, or one command
 SAME_MOTION_SHARE = (
     1e-3  # of their way: columns that go together like this are two drives, or one command for two stages
 )
-FEWEST_DRIVE_ROWS = 8  # rows
-SINGLE_DRIVE_GAIN = 4.0  # times
+FEWEST_DRIVE_ROWS = 8  # fewest rows from which two columns are compared
+# factor by which one drive must explain the measured distances better than two in series; by judgement
+SINGLE_DRIVE_GAIN = 4.0
 
 
 def as_one(frame: pd.DataFrame, machine: Machine, name: str) -> pd.DataFrame:
-    """A file's table with the two drives of a joint as its position and their difference, mm.
+    """Replace the columns of two drives by the joint's position and their difference, mm.
 
-    Where the joint has a column of its own, that is its position.
+    A column of the joint itself takes precedence over the mean of its drives.
 
     Parameters
     ----------
@@ -61,7 +64,7 @@ def as_one(frame: pd.DataFrame, machine: Machine, name: str) -> pd.DataFrame:
 
 
 def in_step(table: pd.DataFrame, machine: Machine) -> tuple[pd.DataFrame, list[str]]:
-    """Commands with the drives of each joint in step where nothing says otherwise, and a note where an effect asks."""
+    """Commands with the drives of each joint in step unless stated otherwise, and notes where an effect depends on them."""
     notes = []
     for joint in machine.joints:
         if not joint.drives or (joint.difference in table and table[joint.difference].notna().all()):
@@ -74,9 +77,9 @@ def in_step(table: pd.DataFrame, machine: Machine) -> tuple[pd.DataFrame, list[s
 
 
 def check_series(frame: pd.DataFrame, machine: Machine, name: str) -> list[str]:
-    """Refuse two drives of one axis that the machine has in series, as if one carried the other.
+    """Refuse two drives of one axis that the machine declares in series, as if one carried the other.
 
-    Their columns go together, and the tool went as far as one of them. Where nothing was measured that tells, a note.
+    Their columns are equal and the tool moved as far as one of them. Without measured points to decide, a note.
 
     Raises
     ------
@@ -115,7 +118,7 @@ def check_series(frame: pd.DataFrame, machine: Machine, name: str) -> list[str]:
 
 
 def _misfit(commands: pd.DataFrame, rows: pd.DataFrame, machine: Machine) -> float | None:
-    """Median difference (mm) of nominal and measured ways from row to row; None where too little was measured."""
+    """Median difference (mm) of nominal and measured distances from row to row; None with too few measured points."""
     from errormodel.chain import Chain
 
     names = [n for n in MEASURED if n in rows]

@@ -1,4 +1,7 @@
-"""Column bending: what a column carries out to the side tilts it, the more the higher it stands."""
+"""Column bending: tilt of a column under a load that travels out to its side.
+
+Euler-Bernoulli cantilever under an end moment; rotation in rad, displacement in mm.
+"""
 
 from __future__ import annotations
 
@@ -26,9 +29,10 @@ from errormodel.machine import Joint, Machine
 
 
 class ColumnBending(Effect):
-    """Tilt of the column's carriage (rad at the end of the load's travel): ``tilt * v``, v the load's travel, -1 to 1.
+    """Tilt of the column's carriage ``tilt * v`` in rad at the end of the load's travel; v is its position, -1 to 1.
 
-    With a `foot` the column bends from that end of its travel on: ``tilt * v * h``, h from 0 to 1, and is bowed by it.
+    With a `foot` the column bends from that end of its travel: ``tilt * v * h``, with h from 0 to 1 along the column,
+    and the displacement of that curvature is added.
     """
 
     effect: ClassVar[str] = "column-bending"
@@ -38,10 +42,10 @@ class ColumnBending(Effect):
     separate: ClassVar[str] = "levels at the column's foot and on its carriage while only the load travels"
     example: ClassVar[Mapping[str, object]] = {"joint": "Z", "load_joint": "X"}
 
-    joint: str  # that travels along the column
-    load_joint: str  # that carries the weight out
-    motion: Rotation | None = None  # None: about the axis across both joints
-    foot: End | None = None  # None: the whole column tilts in its foot
+    joint: str  # the joint that travels along the column
+    load_joint: str  # the joint that moves the load out
+    motion: Rotation | None = None  # None: about the axis perpendicular to both joints
+    foot: End | None = None  # None: the whole column tilts at its foot
 
     @property
     def where(self) -> str:

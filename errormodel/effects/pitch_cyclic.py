@@ -1,4 +1,7 @@
-"""Pitch-cyclic error: positioning that repeats with the lead of a screw, the pitch of a rack, motor or scale."""
+"""Periodic positioning error of a prismatic joint, from the lead of a screw, the pitch of a rack, a motor or a scale.
+
+Displacement along the axis in mm.
+"""
 
 from __future__ import annotations
 
@@ -11,12 +14,13 @@ from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import Positive, joint_as, periods, waves
 from errormodel.machine import Machine
 
-SHORTEST_PITCH_MM = 4.0  # period, mm
-MOST_PITCHES_PER_TRAVEL = 50  # may fit into any travel: those of a small machine are shorter
+SHORTEST_PITCH_MM = 4.0  # shortest candidate period, mm; by judgement: usual screws have leads of 4 mm and more
+# so many periods per travel are tried even if they are shorter, since small machines have finer leads
+MOST_PITCHES_PER_TRAVEL = 50
 
 
 class PitchCyclic(JointEffect):
-    """``sin * sin(2 pi q/period) + cos * cos(2 pi q/period)`` along the axis, mm; `period` in mm."""
+    """``sin * sin(2 pi q/period) + cos * cos(2 pi q/period)`` along the axis in mm; `period` in mm."""
 
     effect: ClassVar[str] = "pitch-cyclic"
     family: ClassVar[str] = "periodic"

@@ -1,4 +1,7 @@
-"""Ram sag: a ram or quill bends down under its own weight and its tool the further it is out."""
+"""Ram sag: deflection of a ram or quill as a cantilever whose free length grows with the extension.
+
+Euler-Bernoulli cantilever; deflection in mm, slope in rad.
+"""
 
 from __future__ import annotations
 
@@ -26,9 +29,10 @@ from errormodel.machine import Machine
 
 
 class RamSag(JointEffect):
-    """``sag * u^exponent`` along `motion` (mm; u from 0 retracted to 1), with the angle of a cantilever's end.
+    """Deflection ``sag * u^exponent`` along `motion` (mm at full extension), with the slope at a cantilever's end.
 
-    A second parameter (rad at full travel) is angle beyond that: guides give way where the ram leaves them.
+    u is the extension, 0 retracted to 1. A second parameter (rad at full extension) is a slope beyond that of the
+    deflection, from compliant guides.
     """
 
     effect: ClassVar[str] = "ram-sag"
@@ -38,8 +42,8 @@ class RamSag(JointEffect):
     separate: ClassVar[str] = "the same positions with two tools of different weight, and with two tool lengths"
     example: ClassVar[Mapping[str, object]] = {"joint": "Z", "motion": "dy"}
 
-    motion: Translation | None = None  # None: dz, or dy of a ram along z
-    retracted: End | None = None  # end of travel at which the ram is in; None: that further from the tool's side
+    motion: Translation | None = None  # None: dz, or dy for a ram along z
+    retracted: End | None = None  # end of travel at which the ram is in; None: the end farther from the tool
     exponent: float = Field(3.0, ge=1.5, le=4.5)  # 2 end moment, 3 weight at the end, 4 own weight
 
     @property
@@ -50,7 +54,7 @@ class RamSag(JointEffect):
         ram, p = joint_as(machine, self.joint, "prismatic", self.effect), self.exponent
         motion, end = sag_direction(ram, self.motion), retracted_end(machine, ram, self.retracted)
         u, sense = extension(ram, channel(self.joint), end), 1 if end == "low" else -1
-        # u^2, u^3 and u^4 have 2, 3/2 and 4/3 of sag over length as the angle at the end: p / (p - 1)
+        # for u^2, u^3 and u^4 the slope at the end is 2, 3/2 and 4/3 times sag over length, i.e. p / (p - 1)
         slope = sense * u ** (p - 1)
         sag = bending(ram, motion, u**p, p / (p - 1) / length(ram) * slope)
         return [

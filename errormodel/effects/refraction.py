@@ -1,4 +1,7 @@
-"""Refraction: air warmer above than below bends the line of sight, with the square of the distance."""
+"""Refraction: curvature of the line of sight in a vertical temperature gradient of the air.
+
+Displacement in mm, quadratic in the horizontal distance from the instrument.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +19,10 @@ from errormodel.machine import Machine, Vector
 
 
 class Refraction(Effect):
-    """``curvature * distance^2 / 2`` along `motion`, distance from `station`; 1/mm, with a `sensor` per K of it."""
+    """``curvature * distance^2 / 2`` along `motion` (mm), with the distance from `station` and the curvature in 1/mm.
+
+    With a `sensor` the curvature is per K of that temperature over 20 degC, or over the sensor `minus`.
+    """
 
     effect: ClassVar[str] = "refraction"
     family: ClassVar[str] = "instrument"
@@ -37,7 +43,7 @@ class Refraction(Effect):
 
     @property
     def cost(self) -> float:
-        """That the layers of the air follow a sensor of the machine is less usual than that a member does."""
+        """Natural logarithm of the prior odds against it: sensors of the machine seldom follow the air's gradient."""
         return 4.0 if self.sensor else 0.0
 
     @property

@@ -1,4 +1,7 @@
-"""Scale expansion: the scale or screw of a prismatic joint grows with its temperature."""
+"""Thermal expansion of the scale or screw of a prismatic joint (ISO 230-3).
+
+Displacement along the axis in mm; coefficient in 1/K.
+"""
 
 from __future__ import annotations
 
@@ -12,10 +15,10 @@ from errormodel.machine import Machine
 
 
 class ScaleExpansion(JointEffect):
-    """``expansion * (position - anchor) * (temperature - 20)`` along the axis, 1/K; positive: too long when warm.
+    """``expansion * (position - anchor) * (temperature - 20)`` along the axis, in 1/K; positive: too long when warm.
 
-    `tau` is the lag (s) of scale or screw behind the sensor, `minus` another sensor in place of 20 degC, `anchor` the
-    position (mm) at which it is held and does not move.
+    `tau` (s) is the lag of the scale or screw behind the sensor, `minus` a sensor in place of 20 degC, `anchor` the
+    position (mm) at which the scale is fixed.
     """
 
     effect: ClassVar[str] = "scale-expansion"

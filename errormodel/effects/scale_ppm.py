@@ -1,4 +1,7 @@
-"""Scale of the instrument: a wrong refractive index or wavelength makes every distance longer by the same fraction."""
+"""Scale error of the instrument: one relative error of all lengths, from the refractive index or the wavelength.
+
+Dimensionless, or in 1/K of the air temperature.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,7 @@ from errormodel.machine import Machine
 
 
 class ScalePpm(Effect):
-    """All lengths longer by one fraction (1), or in one `run`; with a `sensor`, per K over 20 degC (1/K)."""
+    """Relative error of all lengths (1), or of those of one `run`; with a `sensor` per K over 20 degC (1/K)."""
 
     effect: ClassVar[str] = "scale-ppm"
     family: ClassVar[str] = "instrument"
@@ -23,7 +26,7 @@ class ScalePpm(Effect):
     separate: ClassVar[str] = "a known length, or a second station at another distance"
     example: ClassVar[Mapping[str, object]] = {"sensor": "T_amb"}
 
-    sensor: str | None = None  # of the air
+    sensor: str | None = None  # temperature of the air
     run: str | None = None
 
     @property
@@ -36,7 +39,7 @@ class ScalePpm(Effect):
 
     @property
     def cost(self) -> float:
-        """Instruments measure the weather: what looks like their scale is most often the machine's, or the tool's."""
+        """Natural logarithm of the prior odds against it: instruments correct for the weather, unlike machines."""
         return 0.0 if self.sensor or self.run else 4.0
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:

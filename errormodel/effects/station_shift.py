@@ -1,4 +1,7 @@
-"""Station shift: the instrument was knocked, or moved on its feet, at one moment."""
+"""Station shift: sudden displacement and rotation of the instrument or the fixture at one time.
+
+Six motions of the measuring frame, mm and rad.
+"""
 
 from __future__ import annotations
 
@@ -14,14 +17,14 @@ from errormodel.effects.ops import fmax, fmin
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.machine import Machine
 
-SHIFT_MOMENTS = 40  # evenly among the rows
-LONGEST_BREAKS = 10  # the longest times without a row: between runs
+SHIFT_MOMENTS = 40  # candidate times that are evenly spaced among the rows
+LONGEST_BREAKS = 10  # candidate times in the longest pauses between rows, where runs are separated
 
 
 class StationShift(Effect):
-    """Six motions of the measuring frame (mm, rad) from the time `at` on, within a second; or in one `run`.
+    """Six motions of the measuring frame (mm, rad) from the time `at` on, within one second; or those of one `run`.
 
-    Unless it is `turned`, only the three displacements: a foot or a fixture that slid.
+    Without `turned` only the three displacements: a foot or fixture that slid.
     """
 
     effect: ClassVar[str] = "station-shift"

@@ -1,4 +1,4 @@
-"""Target offset: the target of one tool does not sit where its data say."""
+"""Target offset: constant error of one tool's target position in the last frame of the chain, mm."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from errormodel.effects.ops import absolute, fmax, fmin
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.machine import Machine, Vector
 
-TOOL_COLUMNS = ("tool_x", "tool_y", "tool_z")
-SAME_TOOL_MM = 0.05  # mm: tools nearer than this are one
-MOST_TOOLS = 12  # different tools; more are no set of tools
+TOOL_COLUMNS = ("tool_x", "tool_y", "tool_z")  # columns of the functional point, as in `errormodel.survey_columns`
+SAME_TOOL_MM = 0.05  # sum of coordinate differences, mm, below which two functional points belong to one tool
+MOST_TOOLS = 12  # most different tools; more are positions of a probe and not a set of tools
 
 
 class TargetOffset(Effect):
-    """Constant shift (mm) of the functional point in the last frame, in the rows with one `tool`, or in all."""
+    """Constant shift (mm) of the functional point in the last frame, in the rows of one `tool` or in all rows."""
 
     effect: ClassVar[str] = "target-offset"
     family: ClassVar[str] = "instrument"

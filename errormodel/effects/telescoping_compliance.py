@@ -1,4 +1,7 @@
-"""Telescoping compliance: the less two sliding members overlap, the more a moment tilts one in the other."""
+"""Telescoping compliance: tilt of a member in its guide, which grows as the overlap of the two gets shorter.
+
+Two bearings at the ends of the overlap under a moment; rotation in rad.
+"""
 
 from __future__ import annotations
 
@@ -28,9 +31,9 @@ from errormodel.machine import Machine
 
 
 class TelescopingCompliance(JointEffect):
-    """Tilt of `joint` (rad fully out): ``tilt * u * (shortest / overlap)^2``, u from 0 retracted to 1.
+    """Tilt of `joint` (rad fully extended): ``tilt * u * (shortest / overlap)^2``, with u from 0 retracted to 1.
 
-    A second parameter (rad fully out) is the tilt under a moment that does not change.
+    A second parameter (rad fully extended) is the tilt under a constant moment.
     """
 
     effect: ClassVar[str] = "telescoping-compliance"
@@ -40,9 +43,9 @@ class TelescopingCompliance(JointEffect):
     separate: ClassVar[str] = "tilt sensors on both members while the joint extends"
     example: ClassVar[Mapping[str, object]] = {"joint": "Z", "motion": "ea", "overlap": 1600.0}
 
-    motion: Rotation | None = None  # None: that of a sag along dz, or dy of a joint along z
-    load_joint: str | None = None  # whose position makes the moment (-1 to 1 for u); None: the joint's own
-    retracted: End | None = None  # end of travel with the longest overlap; None: that further from the tool's side
+    motion: Rotation | None = None  # None: that of a sag along dz, or dy for a joint along z
+    load_joint: str | None = None  # its position (-1 to 1) replaces u as the moment; None: the joint's own
+    retracted: End | None = None  # end of travel with the longest overlap; None: the end farther from the tool
     overlap: float | None = Field(None, gt=0)  # mm, retracted; None: 1.5 times the travel
 
     @property

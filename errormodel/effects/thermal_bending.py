@@ -1,4 +1,7 @@
-"""Thermal bending: a beam that is warmer on one side than on the other bows, and the joint that runs on it with it."""
+"""Thermal bending: curvature of a beam by a temperature difference across it, followed by the joint that runs on it.
+
+Constant curvature: deflection in mm across the axis, slope in rad.
+"""
 
 from __future__ import annotations
 
@@ -14,10 +17,10 @@ from errormodel.machine import Machine
 
 
 class ThermalBending(JointEffect):
-    """``curvature * (T_sensor - T_minus) * u (L - u)/2`` across the axis, with its slope as an angle, 1/(mm K).
+    """``curvature * (T_sensor - T_minus) * u (L - u)/2`` across the axis, with its slope as an angle; 1/(mm K).
 
-    u is the position from the lower end of the travel, L the travel. `tau` (s) is the beam's lag behind its sensors.
-    The second parameter is a slope beyond that of the deflection: guides follow the beam, but not to the letter.
+    u is the position from the lower end of the travel, L the travel, `tau` (s) the beam's lag behind its sensors. A
+    second parameter is a slope beyond that of the deflection: guides follow the beam only approximately.
     """
 
     effect: ClassVar[str] = "thermal-bending"

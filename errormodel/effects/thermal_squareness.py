@@ -1,4 +1,7 @@
-"""Thermal squareness: the angle between two prismatic axes follows a temperature, or the difference of two."""
+"""Thermal squareness: angle between two prismatic axes as a function of temperature (ISO 230-3).
+
+Rotation in rad/K.
+"""
 
 from __future__ import annotations
 
@@ -56,7 +59,7 @@ class ThermalSquareness(Effect):
 
 
 def squareness(machine: Machine, element: str) -> list[Rotation]:
-    """Rotations of an element that change the angle between a prismatic axis before it and one behind it."""
+    """Rotations of an element that change the angle between a prismatic axis before it and one after it."""
     turns = own_axes(machine)
     place = [e.name for e in machine.elements].index(element)
     axes = [

@@ -1,4 +1,4 @@
-"""Unnamed: a motion of an element that goes with some channel, whatever the cause; it bends to anything."""
+"""Empirical terms: smooth or periodic motions of an element as a function of one or two channels, without a cause."""
 
 from __future__ import annotations
 
@@ -19,7 +19,9 @@ from errormodel.effects.travel import legendre, usual_size
 from errormodel.machine import Machine
 
 Form = Literal["affine", "linear", "square", "cubic"]
-EDGE_SHARPNESS = 0.02  # of an amplitude: an edge takes a little way, so that a model has a slope everywhere
+# width of an edge as a share of the amplitude of the sine behind it; above zero so that the model is differentiable
+EDGE_SHARPNESS = 0.02
+# degrees of the Legendre polynomials; affine: with a constant, for products with `by`
 FORM_DEGREES = {
     "affine": (0, 1),
     "linear": (1,),
@@ -29,12 +31,12 @@ FORM_DEGREES = {
 
 
 class Unnamed(Effect):
-    """`motion` (mm, rad): Legendre polynomials of ``(driver - center) / half_range`` up to the form's order, or a wave.
+    """`motion` (mm, rad) in Legendre polynomials of ``(driver - center) / half_range``, or as a wave.
 
-    With a second channel `by`, products of the one's shapes with the other's (`affine`: with a constant too). With
-    `pieces` a curve, or a surface over both channels: cubic splines on so many pieces of the range (of each), or of the
-    period where there is one, tied to zero with the standard deviation `size` (mm, rad). With an `edge` a wave switches
-    between -1 and 1, there and every half period.
+    - `form` gives the degrees, and `by` a second channel, whose functions multiply those of the first.
+    - `period` makes it a sine and a cosine; with `edge` it switches between -1 and 1 there and every half period.
+    - `pieces` makes it a curve, or a surface over both channels: cubic B-splines on so many intervals of the range (of
+      each) or of the period, with a zero-mean prior of standard deviation `size` (mm, rad).
     """
 
     effect: ClassVar[str] = "unnamed"
@@ -51,8 +53,8 @@ class Unnamed(Effect):
     form: Form = "linear"
     center: float = 0.0  # in the channel's internal unit, as half_range and period
     half_range: Positive = 1.0
-    period: Positive | None = None  # makes it a sine and a cosine, or the curve one that repeats
-    edge: float | None = None  # where it switches upwards
+    period: Positive | None = None  # makes it a sine and a cosine, or a periodic curve
+    edge: float | None = None  # position of the upward step
     by: str | None = None
     by_form: Form = "linear"
     by_center: float = 0.0
@@ -60,7 +62,7 @@ class Unnamed(Effect):
     by_period: Positive | None = None
     by_edge: float | None = None
     pieces: Annotated[int, Field(ge=2, le=16)] | None = None
-    size: Positive | None = None  # None: that of usual error motions
+    size: Positive | None = None  # None: 20 um, 30 urad
 
     @property
     def where(self) -> str:
@@ -72,7 +74,7 @@ class Unnamed(Effect):
 
     @property
     def key(self) -> tuple[object, ...]:
-        """Each motion is a place; waves apart from polynomials: a period is a shape of the ones only."""
+        """Identity of the term: waves and polynomials compete apart, since only waves have a period as their shape."""
         return (*super().key, self.motion, self.period is None, self.by_period is None, self.pieces is None)
 
     @property
@@ -81,7 +83,7 @@ class Unnamed(Effect):
 
     @property
     def cost(self) -> float:
-        """A rotation with a lever that never changes is a translation: then that is the simpler story."""
+        """Natural logarithm of the prior odds against it: with a constant lever a translation is the simpler model."""
         return 0.5 * (self.motion in ROTATIONS)
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
@@ -114,6 +116,6 @@ class Unnamed(Effect):
 
 
 def switch(x: Value, period: float, edge: float) -> Value:
-    """1 for half a period from the edge on, then -1, and so on."""
+    """Square wave: 1 for half a period from `edge` on, then -1, with edges of finite width."""
     swing = sin((x - edge) * (2 * math.pi / period))
     return swing / sqrt(swing * swing + EDGE_SHARPNESS**2)
