@@ -78,7 +78,7 @@ class Chain:
         Row-wise inputs: the joints in chain order, ``tool_x tool_y tool_z``, then the channels of effects (names as in
         `errormodel.channels`). mm, rad, s, degC.
     parameters : tuple of Parameter
-        Six of the measuring frame, then the machine's in chain order (an effect's after the element that it moves), then
+        Six of the measuring frame, the machine's in chain order (those of an effect after the element that it moves),
         six of the tool.
     effect_ids : tuple of tuples of str
         Parameter ids of each of the machine's effects, in the order of the effects.
@@ -220,9 +220,7 @@ class Chain:
         q, axis = self._channel[element.name], ca.SX(ca.DM(element.axis))
         if element.type == "prismatic":
             return q * axis + shift, turn
-        half = rotation_about(
-            axis, q / 2
-        )  # first-order errors use its sine too, which saves one sine and one cosine per row
+        half = rotation_about(axis, q / 2)  # first-order errors use sin(q/2) too: fewer functions per row
         return shift, turn @ half @ half
 
     @cached_property
@@ -302,7 +300,7 @@ class Chain:
         """
         return self._kernel(what, ids, tuple(sorted((fixed or {}).items())), outputs)
 
-    @lru_cache(maxsize=64)  # noqa: B019  a chain lives as long as its machine is in use
+    @lru_cache(maxsize=64)  # noqa: B019  a chain lives as long as its machine
     def _kernel(
         self, what: What, ids: tuple[str, ...], fixed: tuple[tuple[str, float], ...], outputs: tuple[int, ...] | None
     ) -> Kernel:

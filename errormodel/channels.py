@@ -138,7 +138,7 @@ def _rms(values: Array) -> float:
 
 
 def _local_line(time: Array, values: Array) -> Array:
-    """Local linear regression with Gaussian weights of standard deviation `SMOOTHING_SECONDS`, by convolution on a grid."""
+    """Local linear regression with Gaussian weights of standard deviation `SMOOTHING_SECONDS`, on an even grid."""
     start, end = float(time.min()), float(time.max())
     step = max(SMOOTHING_SECONDS / 8, (end - start) / 1_000_000)
     place = np.rint((time - start) / step).astype(np.intp)

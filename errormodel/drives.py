@@ -64,7 +64,7 @@ def as_one(frame: pd.DataFrame, machine: Machine, name: str) -> pd.DataFrame:
 
 
 def in_step(table: pd.DataFrame, machine: Machine) -> tuple[pd.DataFrame, list[str]]:
-    """Commands with the drives of each joint in step unless stated otherwise, and notes where an effect depends on them."""
+    """Commands with the drives of each joint in step unless stated otherwise; notes where an effect depends on them."""
     notes = []
     for joint in machine.joints:
         if not joint.drives or (joint.difference in table and table[joint.difference].notna().all()):

@@ -1,7 +1,7 @@
-"""The file form of a machine, ``machine.yaml``: read into :class:`~errormodel.machine.Machine` and written from it.
+"""Reading and writing of ``machine.yaml``, the file form of :class:`~errormodel.machine.Machine`.
 
-A file may use any units and short-hands; a Machine is in mm and radians with everything resolved. An axis with two
-drives is one joint with ``drives: [Y1, Y2]``, its columns in a survey, and their ``spacing`` (`errormodel.drives`).
+A file may use any units and short forms; a Machine is in mm and rad with everything resolved. An axis with two drives
+is one joint with ``drives: [Y1, Y2]``, its columns in a survey, and their ``spacing`` (`errormodel.drives`).
 """
 
 from __future__ import annotations
@@ -40,9 +40,8 @@ from errormodel.yamlfile import (
     validate,
 )
 
-MACHINE_FILE_NAME = "machine.yaml"
-
-# What a survey's columns mean; a joint of such a name could not be told from them.
+MACHINE_FILE = "machine.yaml"
+# Names of survey columns; a joint of such a name would be indistinguishable from them.
 _COLUMN_WORDS = """
     mx my mz mrx mry mrz tool_x tool_y tool_z run time feed load sigma sigma_x sigma_y sigma_z
     joint dx dy dz ea eb ec
@@ -77,7 +76,7 @@ class _ShapeEntry(FileModel):
 
 
 class _ErrorsBlock(FileModel):
-    shapes: Any = "none"  # what a present block does not list is no parameter
+    shapes: Any = "none"  # motions that a present block does not list are no parameters
     joints: Any = "none"
 
 
@@ -103,28 +102,28 @@ class MachineForm(VersionedModel):
 
 
 def machine_names() -> list[str]:
-    """Names of the machines that come with the tool.
+    """Names of the machines of the library, which `read_machine` accepts.
 
     Returns
     -------
-    list of str, in alphabetical order; `read_machine` takes them.
+    list of str, in alphabetical order.
     """
     return list(library())
 
 
 def library() -> dict[str, Path]:
-    """The shipped machines: their names, in alphabetical order, and files."""
+    """Names of the machines of the library, in alphabetical order, and their files."""
     folder = Path(errormodel.__file__).parent.parent / "machines"
     return {file.stem: file for file in sorted(folder.glob("*.yaml"))}
 
 
 def read_machine(source: str | Path | Mapping[str, Any]) -> Machine:
-    """Read a machine, and try its effects on it; what is hardly meant is said in its ``doubts``.
+    """Read a machine and check that its effects suit it; implausible entries are listed in its ``doubts``.
 
     Parameters
     ----------
     source : str, Path or mapping
-        A file, a folder that holds ``machine.yaml``, a name of the library, or what such a file holds as a dict.
+        A file, a folder with ``machine.yaml``, a name of the library, or the content of such a file as a dict.
 
     Returns
     -------
@@ -134,7 +133,7 @@ def read_machine(source: str | Path | Mapping[str, Any]) -> Machine:
     Raises
     ------
     InputError
-        There is no such machine, its file is wrong, or it is no serial chain.
+        There is no such machine, its file is invalid, or it is no serial chain.
 
     Examples
     --------
@@ -160,8 +159,8 @@ def _document(source: str | Path | Mapping[str, Any]) -> Document:
 def _find(name_or_path: str | Path) -> Path:
     path, name = Path(name_or_path), str(name_or_path)
     try:
-        if (path / MACHINE_FILE_NAME).is_file():
-            return path / MACHINE_FILE_NAME
+        if (path / MACHINE_FILE).is_file():
+            return path / MACHINE_FILE
         is_folder = path.is_dir()
         if path.exists() and not is_folder:
             return path
@@ -172,14 +171,14 @@ def _find(name_or_path: str | Path) -> Path:
         return machines[name]
     if is_folder:
         raise InputError(
-            name, f"a folder without {MACHINE_FILE_NAME}", f"Give a folder that holds {MACHINE_FILE_NAME}, or a file"
+            name, f"a folder without {MACHINE_FILE}", f"Give a folder that holds {MACHINE_FILE}, or a file"
         )
     cure = f"Give a file, or a machine of the library. {nearest(path.stem, machines)}"
     raise InputError(shown(name).strip("'"), "no such file, and no machine of the library", cure)
 
 
 def resolve(document: Document) -> Machine:
-    """The machine that a parsed ``machine.yaml`` describes, in mm and radians."""
+    """Machine that a parsed ``machine.yaml`` describes, in mm and rad."""
     check_words(document, MachineForm.model_fields)
     file = validate(document, MachineForm)
     length, angle = factor(file.units.length, "length"), factor(file.units.angle, "angle")
@@ -187,7 +186,7 @@ def resolve(document: Document) -> Machine:
     _check_names(document, elements)
     path = Path(document.name)
     return Machine(
-        name=file.name if file.name is not None else path.parent.name if path.name == MACHINE_FILE_NAME else path.stem,
+        name=file.name if file.name is not None else path.parent.name if path.name == MACHINE_FILE else path.stem,
         elements=_with_errors(document, file.errors, elements),
         tool=_vector(document, ("tool",), file.tool, length),
         effects=tuple(read_effect(document, ("effects", i), elements) for i in range(len(file.effects or ()))),
@@ -219,7 +218,7 @@ def _element(document: Document, keys: Keys, length: float, angle: float) -> Joi
 
 
 def _drives(document: Document, keys: Keys, joint: _JointEntry) -> tuple[str, ...]:
-    """The columns of a joint's two drives, if it has two."""
+    """Columns of a joint's two drives; empty for a joint with one drive."""
     if joint.drives is None:
         if joint.spacing is not None:
             raise document.error((*keys, "spacing"), "a distance of drives without drives", "Write drives: [Y1, Y2]")
@@ -276,7 +275,7 @@ def _check_names(document: Document, elements: Sequence[Joint | Shape]) -> None:
             raise document.error(keys, found, "Write another name")
         places[name] = keys
         shape = keys[-1] == "shape"
-        # A shape named `frame` occurs in real files, and does no harm there: it is no column.
+        # a shape may be named `frame`, as in some published machines: a shape is no column
         column = not shape and (name in _RESERVED_COLUMNS or name.startswith(_COLUMN_PREFIXES))
         if column or name in (TOOL, INSTRUMENT) or (not shape and name == FRAME):
             what = "a column of a survey" if column else "a place of its own"
@@ -287,7 +286,7 @@ def _check_names(document: Document, elements: Sequence[Joint | Shape]) -> None:
 
 
 def _names(elements: Sequence[Joint | Shape]) -> Iterator[tuple[Keys, str]]:
-    """Names in the chain, those of drives among them, and where they stand."""
+    """Names in the chain, including those of drives, with their keys in the file."""
     for i, element in enumerate(elements):
         yield ("chain", i, "joint" if isinstance(element, Joint) else "shape"), element.name
         if isinstance(element, Joint):
@@ -297,7 +296,7 @@ def _names(elements: Sequence[Joint | Shape]) -> Iterator[tuple[Keys, str]]:
 def _with_errors(
     document: Document, block: _ErrorsBlock, elements: Sequence[Joint | Shape]
 ) -> tuple[Joint | Shape, ...]:
-    full = replace(document, data={**document.data, "errors": block.model_dump()})  # with what is left out filled in
+    full = replace(document, data={**document.data, "errors": block.model_dump()})  # with defaults for missing keys
     motions = errorblock.read_shapes(full, ("errors", "shapes"), [e for e in elements if isinstance(e, Shape)])
     models = errorblock.read_joints(full, ("errors", "joints"), [e for e in elements if isinstance(e, Joint)])
     return tuple(
@@ -307,7 +306,7 @@ def _with_errors(
 
 
 def write_machine(machine: Machine, path: str | Path) -> None:
-    """Write a machine as ``machine.yaml`` (mm, deg), read back first, whole or not at all.
+    """Write a machine as ``machine.yaml`` (mm, deg); its text is read back first, and the file replaced atomically.
 
     Parameters
     ----------
@@ -325,7 +324,7 @@ def write_machine(machine: Machine, path: str | Path) -> None:
 
 
 def machine_text(machine: Machine) -> str:
-    """The text of a ``machine.yaml`` from which the same machine is read."""
+    """Text of a ``machine.yaml`` from which the same machine is read."""
     from ruamel.yaml import YAML
 
     block: dict[str, Any] = {"errormodel": 1, "name": machine.name, "units": {"length": "mm", "angle": "deg"}}
@@ -346,22 +345,18 @@ def machine_text(machine: Machine) -> str:
     return stream.getvalue()
 
 
-_BLOCK_LEVELS = {
-    "chain": 1,
-    "effects": 1,
-    "errors": 2,
-}  # how many levels have a line an entry; what is deeper is on one line
+_BLOCK_LEVELS = {"chain": 1, "effects": 1, "errors": 2}  # levels written one entry per line; deeper ones on one line
 
 
 def _laid_out(value: Any, levels: int) -> Any:
-    """Plain data as ruamel's nodes: so many open levels, then ``{...}`` and ``[...]``."""
+    """Plain data as nodes of ruamel.yaml: `levels` block levels, then ``{...}`` and ``[...]``."""
     from ruamel.yaml.comments import CommentedMap, CommentedSeq
     from ruamel.yaml.scalarstring import DoubleQuotedScalarString
 
-    if isinstance(value, str):  # line ends and the like would not survive in another style
-        plain = value.isprintable() and not value.startswith(":")  # which a flow mapping would take for its own
+    if isinstance(value, str):  # line ends would be lost in another style
+        plain = value.isprintable() and not value.startswith(":")  # a colon would be read as part of a mapping
         return value if plain else DoubleQuotedScalarString(value)
-    if hasattr(value, "tolist"):  # NumPy's, in the options of an effect
+    if hasattr(value, "tolist"):  # NumPy values in the options of an effect
         value = value.tolist()
     if not isinstance(value, Mapping | Sequence):
         whole = isinstance(value, float) and value.is_integer() and abs(value) < 1e15
@@ -398,7 +393,7 @@ def _written_axis(axis: Vector) -> str | Vector:
 
 
 def _degrees(angle: float) -> float:
-    """The shortest number of degrees that is the same angle, so that a right angle is written as 90."""
+    """Shortest number of degrees that is the same angle (rad) in floating point: a right angle is written as 90."""
     degrees = math.degrees(angle)
     short = float(f"{degrees:.12g}")
     return short if math.isclose(math.radians(short), angle, rel_tol=1e-15) else degrees

@@ -1,7 +1,7 @@
-"""The ``errors`` block of ``machine.yaml``: which error motions are parameters, read and written.
+"""Reading and writing of the ``errors`` block of ``machine.yaml``: the error motions that are parameters.
 
-``shapes`` says which constant motions a shape has, ``joints`` how each motion of a joint depends on its position.
-What a present block does not list is no parameter.
+``shapes`` lists the constant motions of each shape, ``joints`` the model of each joint's motions over its position.
+Motions that a present block does not list are no parameters.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from errormodel.exceptions import nearest
 from errormodel.machine import Basis, Joint, Shape
 from errormodel.yamlfile import Document, Keys, shown
 
-MAX_MODEL_ORDER = 50
+MAX_MODEL_ORDER = 50  # largest order of a polynomial, harmonic or spline model; by judgement
 
 _FAMILY_ORDERS: dict[Literal["polynomial", "harmonic", "spline"], str] = {
     "polynomial": "powers of the position",
@@ -30,9 +30,9 @@ Models = dict[Motion, Basis]
 
 
 def first_order_motions(joint: Joint) -> tuple[Motion, ...]:
-    """The motions that have a first-order model: all six of a rotary joint, four of a prismatic one.
+    """Motions with a first-order model: all six of a rotary joint, four of a prismatic one.
 
-    Those of a prismatic joint are the scale (the translation nearest to the axis) and the three angular rates.
+    Those of a prismatic joint are the scale (the translation nearest to its axis) and the three angular rates.
     """
     if joint.type == "rotary":
         return MOTIONS
@@ -71,7 +71,7 @@ def _shape_motions(document: Document, keys: Keys) -> tuple[Motion, ...]:
 
 
 def read_joints(document: Document, keys: Keys, joints: Sequence[Joint]) -> dict[str, Models]:
-    """Models of each joint by name, from the value at `keys`."""
+    """Error models of each joint by name, from the value at `keys`."""
     value = document.value_at(keys)
     names = [joint.name for joint in joints]
     family = isinstance(value, dict) and len(value) == 1 and next(iter(value)) in {*_FAMILY_ORDERS} - {*names}
@@ -79,7 +79,7 @@ def read_joints(document: Document, keys: Keys, joints: Sequence[Joint]) -> dict
         return {joint.name: _spread(joint, _basis(document, keys, joint)) for joint in joints}
     for key, model in value.items():
         near = bool(get_close_matches(key, _FAMILY_ORDERS, n=1))
-        if key not in names and (near or isinstance(model, int | float)):  # a model of all joints, misspelt
+        if key not in names and (near or isinstance(model, int | float)):  # a misspelt model of all joints
             raise document.error((*keys, key), f"unknown model '{key}'", f"{nearest(key, _MODEL_NAMES)}. {_MODEL_CURE}")
     _check_names(document, keys, "joint", names)
     return {j.name: _joint_models(document, (*keys, j.name), j) if j.name in value else {} for j in joints}
@@ -127,14 +127,14 @@ def _checked(document: Document, keys: Keys, joint: Joint, motion: Motion, basis
 
 
 def _spread(joint: Joint, basis: Basis | None) -> Models:
-    """One model for all motions of a joint that can have it."""
+    """Models of all motions of a joint that can have the form `basis`."""
     if basis is None:
         return {}
     return dict.fromkeys(first_order_motions(joint) if basis.kind == "first-order" else MOTIONS, basis)
 
 
 def _basis(document: Document, keys: Keys, joint: Joint) -> Basis | None:
-    """One model as written at `keys`; None for ``none``."""
+    """Model written at `keys`; None for ``none``."""
     value = document.value_at(keys)
     if value == "none":
         return None
@@ -153,7 +153,7 @@ def _basis(document: Document, keys: Keys, joint: Joint) -> Basis | None:
 
 
 def _family(document: Document, keys: Keys, joint: Joint) -> Basis:
-    """The model whose name is the last of `keys` and whose order stands there."""
+    """Model whose family is the last of `keys` and whose order is the value there."""
     family, n = next(family for family in _FAMILY_ORDERS if family == keys[-1]), document.value_at(keys)
     if isinstance(n, bool) or not isinstance(n, int) or not 1 <= n <= MAX_MODEL_ORDER:
         cure = f"Write {family}: n with a whole number n from 1 to {MAX_MODEL_ORDER}, the {_FAMILY_ORDERS[family]}"
@@ -164,7 +164,7 @@ def _family(document: Document, keys: Keys, joint: Joint) -> Basis:
 
 
 def written_shapes(shapes: Sequence[Shape]) -> Any:
-    """The value of ``errors.shapes`` that :func:`read_shapes` reads as these shapes' motions."""
+    """Value of ``errors.shapes`` from which :func:`read_shapes` reads the motions of these shapes."""
     each = {shape.name: _written_motions(shape.motions) for shape in shapes}
     for word in ("all", "none"):
         if all(value == word for value in each.values()):
@@ -177,7 +177,7 @@ def _written_motions(motions: Sequence[Motion]) -> Any:
 
 
 def written_joints(joints: Sequence[Joint]) -> Any:
-    """The value of ``errors.joints`` that :func:`read_joints` reads as these joints' models."""
+    """Value of ``errors.joints`` from which :func:`read_joints` reads the models of these joints."""
     return {joint.name: _written_models(joint) for joint in joints} or "none"
 
 
@@ -185,7 +185,7 @@ def _written_models(joint: Joint) -> Any:
     models: Mapping[Motion, Basis] = joint.models
     if not models:
         return "none"
-    for basis in models.values():  # one model for all motions, if any of those present is that
+    for basis in models.values():  # one model for all motions, where it gives exactly these
         if models == _spread(joint, basis):
             return _written_basis(basis)
     return {iso_symbol(joint.name, motion): _written_basis(basis) for motion, basis in models.items()}

@@ -1,4 +1,4 @@
-"""What is possible in a machine's file, but hardly meant: angles in radians said to be degrees, travels of 800 m."""
+"""Plausibility of a machine's file: valid entries that are probably mistakes, such as radians declared as degrees."""
 
 from __future__ import annotations
 
@@ -9,16 +9,17 @@ from collections.abc import Iterator, Sequence
 from errormodel.machine import Joint, Shape
 from errormodel.yamlfile import Document
 
-LONGEST_TRAVEL_MM = 1e5  # mm: gantries for ships' hulls and wings end there
-MOST_POLYNOMIAL_TERMS = 8  # of a polynomial: guides need up to five
-FULL_TURN_RAD = 2 * math.pi + 1e-3
-TRAVEL_STEP_RAD = math.radians(15)  # travels end at multiples of it
+# longest plausible travel, mm; by judgement: the largest gantries, for ships' hulls, are shorter
+LONGEST_TRAVEL_MM = 1e5
+MOST_POLYNOMIAL_TERMS = 8  # largest plausible polynomial degree; by judgement: guides need up to five
+FULL_TURN_RAD = 2 * math.pi + 1e-3  # one revolution with a margin for rounding, rad
+TRAVEL_STEP_RAD = math.radians(15)  # rad; rotary travels usually end at multiples of 15 degrees
 
 
 def check_degrees(document: Document, elements: Sequence[Joint | Shape]) -> None:
-    """InputError if a rotary travel in degrees is one of usual size in radians, such as [-2.09, 0.52].
+    """Raise InputError if a rotary travel in degrees is one of usual size in radians, such as [-2.09, 0.52].
 
-    Each end is then zero or a multiple of 15 degrees to the digits it is written with, two places at least.
+    Each end is then zero or a multiple of 15 degrees to the digits it is written with, at least two decimals.
     """
     for i, joint in enumerate(elements):
         if not isinstance(joint, Joint) or joint.type != "rotary":
@@ -33,7 +34,7 @@ def check_degrees(document: Document, elements: Sequence[Joint | Shape]) -> None
 
 
 def _radians(value: float) -> bool:
-    """Whether a number is a multiple of 15 degrees in radians, to its digits."""
+    """Whether a number is a multiple of 15 degrees in radians, to its written digits."""
     places = len(repr(float(value)).partition(".")[2])
     turns = round(value / TRAVEL_STEP_RAD)
     return (
@@ -45,7 +46,7 @@ def _radians(value: float) -> bool:
 
 
 def doubts(document: Document, elements: Sequence[Joint | Shape]) -> Iterator[str]:
-    """Notes on what is hardly meant, each with its line."""
+    """Warnings about implausible entries, each with its line."""
     joints = [(i, e) for i, e in enumerate(elements) if isinstance(e, Joint)]
     for i, joint in joints:
         where = f"{document.name}, line {document.line_of(('chain', i))}, joint {joint.name}"

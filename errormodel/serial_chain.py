@@ -1,4 +1,7 @@
-"""What is not a serial chain, by the words of its file and by its joints: refused before anything is computed."""
+"""Detection of machines that are no serial chain, by words of their file and by their joints.
+
+Parallel machines are refused before anything is computed.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +20,7 @@ PARALLEL_MACHINE_CURE = (
     "Its legs cannot be identified here; to map its errors, give the X, Y and Z of the platform that its control "
     "commands as three prismatic joints"
 )
-COLLINEAR_SLIDES = 3  # joints that slide along one line: a quill and a telescope are two
+COLLINEAR_SLIDES = 3  # fewest joints along one line that are refused: a quill and a telescope are two
 
 _PARALLEL_WORDS = re.compile(
     r"delta|hexa(pod|glide|pteron)|stewart|gough|parallel|closed.?loop|(five|four|5|4).?bar|tri(pod|cept|glide)|"
@@ -26,12 +29,13 @@ _PARALLEL_WORDS = re.compile(
 )
 _PARALLEL_PARTS = re.compile(r"legs?|struts?|loops?|branch(es)?|platforms?|limbs?|towers?|effector", re.IGNORECASE)
 _STRUCTURE_KEYS = ("kinematics", "kinematic", "structure", "topology", "architecture", "type", "mechanism", "robot")
-_ENTRY_KEYS = ("joint", "shape", "axis", "travel", "offset", "rotation")  # of an entry of the chain, but for its type
+# keys of an entry of the chain, except its type
+_ENTRY_KEYS = ("joint", "shape", "axis", "travel", "offset", "rotation")
 _UNSUPPORTED_JOINTS = ("spherical", "universal", "ball", "cardan", "passive", "parallel")
 
 
 def check_words(document: Document, known: Mapping[str, object]) -> None:
-    """InputError where keys or words of a machine's file name what is no serial chain; `known` are the file's keys."""
+    """Raise InputError where keys or words of a machine's file name a parallel machine; `known` are valid keys."""
     for keys, value in _said(document.data, known):
         key = str(keys[-1])
         sort = key.lower() in _STRUCTURE_KEYS and isinstance(value, str) and _PARALLEL_WORDS.search(value)
@@ -42,7 +46,7 @@ def check_words(document: Document, known: Mapping[str, object]) -> None:
 
 
 def _said(data: Mapping[str, Any], known: Mapping[str, object]) -> Iterator[tuple[Keys, Any]]:
-    """Keys that a machine's file does not have, and the sorts of its joints."""
+    """Unknown keys of a machine's file, and the types of its joints, each with its value."""
     yield from (((key,), value) for key, value in data.items() if key not in known)
     chain = data.get("chain")
     for i, entry in enumerate(chain if isinstance(chain, list) else ()):
@@ -51,7 +55,7 @@ def _said(data: Mapping[str, Any], known: Mapping[str, object]) -> Iterator[tupl
 
 
 def check_line(document: Document, elements: Sequence[Joint | Shape]) -> None:
-    """InputError where three or more slides along one line are all that moves: carriages side by side."""
+    """Raise InputError where all joints are three or more slides along one line: carriages side by side."""
     joints = [(i, e) for i, e in enumerate(elements) if isinstance(e, Joint)]
     if len(joints) < COLLINEAR_SLIDES or any(joint.type == "rotary" for _, joint in joints):
         return
@@ -68,7 +72,7 @@ def check_line(document: Document, elements: Sequence[Joint | Shape]) -> None:
 
 
 def directions(elements: Sequence[Joint | Shape]) -> dict[str, np.ndarray[Any, np.dtype[np.float64]]]:
-    """Unit vectors of the joints in the reference's axes, by name, with all rotary joints at zero."""
+    """Unit vectors of the joints' axes in those of the reference, by name, with all rotary joints at zero."""
     from scipy.spatial.transform import Rotation
 
     turn, out = Rotation.identity(), {}

@@ -26,9 +26,8 @@ MOTION_UNCERTAINTIES = tuple(f"u_{motion}" for motion in MOTIONS)  # of a joint'
 TEXT_COLUMNS = ("run", "joint")
 
 LENGTH_COLUMNS = frozenset((*MEASURED, *TOOL_COLUMNS, *SIGMA_COLUMNS, "sigma", *MOTIONS[:3], *MOTION_UNCERTAINTIES[:3]))
-ANGLE_COLUMNS = frozenset(
-    (*ORIENTATION, *MOTIONS[3:], *MOTION_UNCERTAINTIES[3:])
-)  # in rad, whatever the unit of the joints' angles
+# columns of angles that are in rad by default, whatever the unit of the joints' angles
+ANGLE_COLUMNS = frozenset((*ORIENTATION, *MOTIONS[3:], *MOTION_UNCERTAINTIES[3:]))
 _RECORDED_QUANTITIES: Mapping[str, Quantity] = {"time": "time", "feed": "speed", "load": "mass"}
 _READING_OF = dict(
     zip((*MOTION_UNCERTAINTIES, *SIGMA_COLUMNS, "sigma"), (*MOTIONS, *MEASURED, MEASURED[0]), strict=True)

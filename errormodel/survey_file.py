@@ -14,7 +14,7 @@ from errormodel.instruments.plain import Plain
 from errormodel.units import UnitsBlock
 from errormodel.yamlfile import Document, FileModel, Vector3, VersionedModel, load, validate
 
-SURVEY_FILE_NAME = "survey.yaml"
+SURVEY_FILE = "survey.yaml"
 
 Role = Literal["fit", "test"]
 Frame = Literal["shared", "per-run", "per-file", "fixed"]
@@ -52,11 +52,8 @@ class FileEntry(FileModel):
 
 
 Distribution = Literal["normal", "rectangular", "triangular", "arcsine"]
-DISTRIBUTION_DIVISORS: dict[Distribution, float] = {
-    "rectangular": 3**0.5,
-    "triangular": 6**0.5,
-    "arcsine": 2**0.5,
-}  # GUM 4.3
+# half width over standard uncertainty (GUM 4.3, supplement 1)
+DISTRIBUTION_DIVISORS: dict[Distribution, float] = {"rectangular": 3**0.5, "triangular": 6**0.5, "arcsine": 2**0.5}
 
 
 class BudgetEntry(FileModel):
@@ -136,7 +133,7 @@ def read_form(path: Path) -> tuple[SurveyForm, Document, Path]:
     (or a folder of its parts) and gets the form of a single file.
     """
     with suppress(OSError):  # a name too long: opening it says so
-        path = path / SURVEY_FILE_NAME if (path / SURVEY_FILE_NAME).is_file() else path
+        path = path / SURVEY_FILE if (path / SURVEY_FILE).is_file() else path
     if path.suffix.lower() in (".yaml", ".yml"):
         document = load(path)
         return validate(document, SurveyForm), document, path.parent

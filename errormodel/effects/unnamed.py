@@ -22,12 +22,7 @@ Form = Literal["affine", "linear", "square", "cubic"]
 # width of an edge as a share of the amplitude of the sine behind it; above zero so that the model is differentiable
 EDGE_SHARPNESS = 0.02
 # degrees of the Legendre polynomials; affine: with a constant, for products with `by`
-FORM_DEGREES = {
-    "affine": (0, 1),
-    "linear": (1,),
-    "square": (1, 2),
-    "cubic": (1, 2, 3),
-}  # affine: with a constant, beside `by`
+FORM_DEGREES = {"affine": (0, 1), "linear": (1,), "square": (1, 2), "cubic": (1, 2, 3)}
 
 
 class Unnamed(Effect):
