@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 # Name of a derived channel. A sensor's name may hold commas and brackets: the number follows the last comma.
 DERIVED_CHANNEL = re.compile(r"(lag|play)\((.+),([^,()]+)\)", re.DOTALL)
-# s, standard deviation of the weights: the fastest members follow the air or a motor in some ten minutes
+# s, standard deviation of the weights: the fastest members follow the air in some ten minutes
 SMOOTHING_SECONDS = 240.0
 # K rms, least misfit of one common clock that shows clocks of their own for the runs; sensors' noise leaves 0.05
 CLOCK_MISFIT_KELVIN = (

@@ -22,9 +22,7 @@ Array = NDArray[np.float64]
 # largest difference of the two drives as a share of the travel; by judgement: a beam skewed by more is damaged
 MOST_SKEW_SHARE = 0.02
 # difference of two columns, as a share of their range, below which they are one motion: two drives, or one command
-SAME_MOTION_SHARE = (
-    1e-3  # of their way: columns that go together like this are two drives, or one command for two stages
-)
+SAME_MOTION_SHARE = 1e-3
 FEWEST_DRIVE_ROWS = 8  # fewest rows from which two columns are compared
 # factor by which one drive must explain the measured distances better than two in series; by judgement
 SINGLE_DRIVE_GAIN = 4.0

@@ -1,8 +1,8 @@
-"""Parametric error models of a joint: its six error motions as functions of its position.
+"""Error models of a joint: which motions it makes, per unit of each parameter, as functions of its position.
 
-A term is one parameter and the small motion ``(d, e)`` per unit of it: six expressions in the joint's position ``q``
-(mm or rad). All terms are linear in their parameter. The first-order model is that of Ferreira & Liu (1986); the others
-are powers, harmonics and cubic B-splines of the position, as defined in the documentation of the file formats.
+A term is one parameter and the small motion ``(d, e)`` it stands for, six expressions in the joint's position
+``q`` (mm or rad). All terms are linear in their parameter. Sources: first-order, Ferreira & Liu (1986) as used in the
+five-axis paper's Eqs. 4 and 5; the others are the contract's definitions.
 """
 
 from __future__ import annotations
@@ -20,23 +20,23 @@ from errormodel.machine import Basis, Joint
 
 @dataclass(frozen=True)
 class Term:
-    """One parameter of an element: `column` is the element's motion (mm, rad) per unit of the parameter."""
+    """One parameter of an element: `column` is the element's six-motion (mm, rad) per unit of it."""
 
     motion: Motion
     label: str  # "" for a constant, "1", "sin2", "s3" ...
     unit: str
     column: ca.SX  # (6, 1): dx dy dz ea eb ec
-    prior: float | None = None  # standard deviation of a zero-mean prior, in the unit
-    low: float = -math.inf  # physical lower bound
+    prior: float | None = None  # standard deviation about zero that is known beforehand, in the unit
+    low: float = -math.inf  # the least that physics allows
 
 
 def constant_terms(motions: tuple[Motion, ...]) -> list[Term]:
-    """Constant terms of a shape, the frame or the tool."""
+    """Terms of a shape, the frame or the tool: constants."""
     return [Term(motion, "", unit_of(motion), _along(motion, ca.SX(1))) for motion in motions]
 
 
 def joint_terms(joint: Joint, q: ca.SX) -> list[Term]:
-    """All terms of a joint in the order dx dy dz ea eb ec, those of each motion by rising order."""
+    """All terms of a joint in the order dx dy dz ea eb ec, each motion's terms by rising order."""
     return [term for motion in MOTIONS if motion in joint.models for term in _motion_terms(joint, motion, q)]
 
 
@@ -54,7 +54,7 @@ def _first_order(joint: Joint, motion: Motion, q: ca.SX) -> Term:
         return Term(motion, "1", unit_of(motion), _along(motion, ca.sin(q / 2)))
     if motion in TRANSLATIONS:  # the scale: along the axis, whatever its direction
         return Term(motion, "1", "1", ca.vertcat(q * ca.SX(ca.DM(joint.axis)), ca.SX.zeros(3)))
-    # an angle in proportion to q curves the path: straightness is the integral of (e x axis), i.e. q^2/2
+    # an angle growing as q bends the path: straightness is the integral of (e x axis), q^2/2
     rate = _along(motion, q)
     turn = ca.SX(ca.DM([float(m == motion) for m in MOTIONS[3:]]))
     rate[:3] = q**2 / 2 * ca.cross(turn, ca.SX(ca.DM(joint.axis)))
@@ -74,15 +74,15 @@ def _harmonic(joint: Joint, basis: Basis, q: ca.SX) -> Iterator[tuple[str, ca.SX
 
 
 def _spline(joint: Joint, basis: Basis, q: ca.SX) -> Iterator[tuple[str, ca.SX]]:
-    """Uniform cubic B-splines, zero at q = 0 (or at the end of travel nearest to it), since constants belong to shapes.
+    """Uniform cubic B-splines, zero where q is 0 (or at the travel's end nearest to it): constants belong to shapes.
 
-    The splines sum to one, so that one of them is dependent once each is made zero there; the first is omitted. Beyond
-    the travel the value at its end is held.
+    The splines sum to one, so that one of them is dependent once each is made zero there; the first is left out.
+    Beyond the travel the value at its end is held.
     """
     low, high = joint.travel
     home = min(max(0.0, low), high)
     clamped = ca.fmin(ca.fmax(q, low), high)
-    for k in range(basis.n + 2):  # centred on knot k; k = -1 is omitted
+    for k in range(basis.n + 2):  # centred on knot k; k = -1 is the one left out
         value, at_home = (cubic((x - low) / (high - low) * basis.n - k) for x in (clamped, ca.SX(home)))
         yield f"s{k + 1}", value - at_home
 

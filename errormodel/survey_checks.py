@@ -1,6 +1,6 @@
-"""Every cell of a survey's table checked and converted; the first wrong one is named.
+"""Validation of the cells of a survey's table, and conversion into mm, rad, s and degC.
 
-All checks run on whole columns; only when one fails is the offending cell looked for.
+Checks run on whole columns; the first invalid cell is looked up only when one fails.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-LARGEST_READING = 1e7  # mm or rad; what is larger is a placeholder for "no value"
+LARGEST_READING = 1e7  # mm or rad; larger numbers are placeholders for "no value"
 
 
 @dataclass(frozen=True)
@@ -50,9 +50,9 @@ class Part:
     Attributes
     ----------
     frame : DataFrame
-        What the file has, under our names, and ``row``, the data row from 1. Rows without anything are left out.
+        The file's columns under the toolkit's names, and ``row``, the data row from 1. Empty rows are removed.
     dated : bool
-        The times were dates: they are seconds since 1970.
+        Whether the times were dates; they are then seconds since 1970.
     notes : tuple of str
     """
 
@@ -63,7 +63,7 @@ class Part:
 
 @dataclass
 class _Offences:
-    """Collects the first wrong cell of every check, to report the first of the file."""
+    """First invalid cell of every check, from which the first of the file is reported."""
 
     table: Table
     plan: Plan
@@ -71,7 +71,7 @@ class _Offences:
     found: list[tuple[int, int, str, str, str]] = field(default_factory=list)
 
     def add(self, column: str, bad: Mask, what: str, cure: str) -> None:
-        """`what` may show the cell as ``{}``."""
+        """Add the first cell where `bad` is true; ``{}`` in `what` stands for the cell."""
         if bad.any():
             at = int(bad.argmax())
             value = self.raw[column].iloc[at]
@@ -91,13 +91,13 @@ def read_part(table: Table, plan: Plan, machine: Machine, units: SurveyUnits, me
     Raises
     ------
     InputError
-        About the first wrong cell.
+        About the first invalid cell.
     """
     ours = plan.ours
     raw, notes = table.read([ours[n] for n in plan.numbers], [ours[n] for n in plan.texts])
     raw = raw.rename(columns={theirs: our for our, theirs in ours.items()})[list(ours)]
     empty = np.logical_and.reduce([_is_empty(raw[name]) for name in raw])
-    if empty.any():  # spreadsheets like to add them at the end
+    if empty.any():  # spreadsheets often add empty rows at the end
         raw = raw[~empty]
     if raw.empty:
         raise InputError(table.name, "no rows below the header", "Give a row a pose")
@@ -163,7 +163,7 @@ def _numbers(offences: _Offences, name: str) -> tuple[Array, bool]:
 
 
 def _seconds(column: pd.Series[str]) -> tuple[Array, Mask]:
-    """ISO 8601 dates as seconds since 1970, and which cells are neither a date nor empty."""
+    """ISO 8601 dates as seconds since 1970, and a mask of cells that are neither a date nor empty."""
     text = column.str.strip()
     text = text.where(text.str.match(r"\d{4}-?\d{2}-?\d{2}"), "")
     dates = pd.to_datetime(text, format="ISO8601", utc=True, errors="coerce").to_numpy(dtype="datetime64[us]")
@@ -255,5 +255,5 @@ def _nothing_measured(table: Table, frame: pd.DataFrame, volumetric: Mask) -> tu
 
 
 def run_labels(text: pd.Series[str]) -> pd.Series[str]:
-    """Labels of runs: 1, 1.0 and 1.000 are the same one, and no label is run 1."""
+    """Normalised labels of runs: 1, 1.0 and 1.000 are one label, and an empty one is run 1."""
     return text.map({label: re.sub(r"^(\d+)\.0*$", r"\1", label) or "1" for label in text.unique()}).astype("str")

@@ -1,4 +1,4 @@
-"""Which column of a file is which of ours (``docs/file_formats.md``, section 2), and what to say of the others."""
+"""Assignment of a file's columns to those of a survey (``docs/file_formats.md``, section 2); notes on the others."""
 
 from __future__ import annotations
 
@@ -18,17 +18,18 @@ from errormodel.yamlfile import Document, shown
 if TYPE_CHECKING:
     from errormodel.survey_file import SurveyUnits
 
-MEASURED = ("mx", "my", "mz")
-ORIENTATION = ("mrx", "mry", "mrz")
-TOOL_COLUMNS = ("tool_x", "tool_y", "tool_z")
-SIGMA_COLUMNS = ("sigma_x", "sigma_y", "sigma_z")
-MOTION_UNCERTAINTIES = tuple(f"u_{motion}" for motion in MOTIONS)  # of a joint's error motions
+MEASURED = ("mx", "my", "mz")  # measured point in the measuring frame, mm
+ORIENTATION = ("mrx", "mry", "mrz")  # measured rotation vector in the measuring frame, rad
+TOOL_COLUMNS = ("tool_x", "tool_y", "tool_z")  # functional point in the last frame of the chain, mm
+SIGMA_COLUMNS = ("sigma_x", "sigma_y", "sigma_z")  # standard uncertainties of mx, my, mz, mm
+MOTION_UNCERTAINTIES = tuple(f"u_{motion}" for motion in MOTIONS)  # standard uncertainties of a joint's error motions
 TEXT_COLUMNS = ("run", "joint")
 
 LENGTH_COLUMNS = frozenset((*MEASURED, *TOOL_COLUMNS, *SIGMA_COLUMNS, "sigma", *MOTIONS[:3], *MOTION_UNCERTAINTIES[:3]))
 # columns of angles that are in rad by default, whatever the unit of the joints' angles
 ANGLE_COLUMNS = frozenset((*ORIENTATION, *MOTIONS[3:], *MOTION_UNCERTAINTIES[3:]))
 _RECORDED_QUANTITIES: Mapping[str, Quantity] = {"time": "time", "feed": "speed", "load": "mass"}
+# the measured column that a standard uncertainty belongs to
 _READING_OF = dict(
     zip((*MOTION_UNCERTAINTIES, *SIGMA_COLUMNS, "sigma"), (*MOTIONS, *MEASURED, MEASURED[0]), strict=True)
 )
@@ -46,7 +47,7 @@ _COLUMN_NAMES = (
     *TEXT_COLUMNS,
 )
 
-# What people write instead, in lower case without blanks and underscores.
+# Usual other names of columns, in lower case without blanks and underscores.
 _COLUMN_ALIASES = (
     (r"(?:m|meas(?:ured)?|act(?:ual)?)([xyz])|([xyz])(?:m|meas(?:ured)?|act(?:ual)?)", "m{}"),
     (r"temp(?:erature)?", "T_<sensor>"),
@@ -64,7 +65,7 @@ class Plan:
     Attributes
     ----------
     ours : dict
-        Our name: the name in the file, in the file's order.
+        Column name of the toolkit: name in the file, in the file's order.
     missing_joints : tuple of str
         Joints without a column, allowed only where every row is about another joint's error motions.
     notes : tuple of str
@@ -84,7 +85,7 @@ class Plan:
 
 
 def check_map(document: Document, machine: Machine, columns: Mapping[str, str], headers: Iterable[Table]) -> None:
-    """InputError if ``columns:`` in a survey.yaml names a column that we do not know or that no file has."""
+    """Raise InputError if ``columns:`` in a survey.yaml names an unknown column or one that no file has."""
     present = {name for table in headers for name in table.columns if name}
     for ours, theirs in columns.items():
         if not _is_ours(ours, machine):
@@ -96,7 +97,7 @@ def check_map(document: Document, machine: Machine, columns: Mapping[str, str], 
 
 
 def quantity_of(name: str, machine: Machine) -> Quantity | None:
-    """What one of our columns measures; None for labels, directions and witnesses (whose names say their unit)."""
+    """Quantity of a column; None for labels, directions and ``w_`` columns, whose names state their unit."""
     joint = next((j for j in machine.joints if name in j.columns or (j.drives and name == j.difference)), None)
     if joint is not None:
         return "length" if joint.type == "prismatic" else "angle"
@@ -106,7 +107,7 @@ def quantity_of(name: str, machine: Machine) -> Quantity | None:
 
 
 def unit_of_column(name: str, quantity: Quantity, units: SurveyUnits) -> str:
-    """The unit of a column: as stated for it, or for the reading it is the uncertainty of, else that of its kind."""
+    """Unit of a column: as stated for it, or for the reading that it is the uncertainty of, else that of its kind."""
     for own in (name, _READING_OF.get(name)):
         if own in units.of_columns:
             return str(units.of_columns[own])
@@ -115,9 +116,9 @@ def unit_of_column(name: str, quantity: Quantity, units: SurveyUnits) -> str:
 
 
 def check_units(document: Document, machine: Machine, units: SurveyUnits, columns: Iterable[str]) -> None:
-    """InputError if ``units:`` names a column that no file has or that has no unit, or a unit of another kind.
+    """Raise InputError if ``units:`` names a column that no file has or that has no unit, or an unsuitable unit.
 
-    `columns` are those of all files, under our names.
+    `columns` are those of all files, under the toolkit's names.
     """
     kinds = {name: kind for name in columns if (kind := quantity_of(name, machine)) is not None}
     for name, unit in units.of_columns.items():
@@ -141,14 +142,14 @@ def plan_columns(table: Table, machine: Machine, columns: Mapping[str, str], mea
     table : Table
     machine : Machine
     columns : mapping
-        Our name: the user's name, from survey.yaml.
+        Column name of the toolkit: name in the file, from survey.yaml.
     measured : bool
-        Whether the file must hold something measured.
+        Whether the file must have a measured column.
 
     Raises
     ------
     InputError
-        A column is there twice, or a needed one is not there.
+        A column appears twice, or a required one is missing.
     """
     where = f"{table.name}, header"
     named = [name for name in table.columns if name]
@@ -161,7 +162,7 @@ def plan_columns(table: Table, machine: Machine, columns: Mapping[str, str], mea
     candidates = {name: taken.get(name, name) for name in named}
     free = {our: name for name, our in candidates.items() if name in taken or our not in taken.values()}
     ours = {our: name for our, name in free.items() if _is_ours(our, machine)}
-    if "joint" not in ours:  # without it nobody knows whose dx dy dz they are
+    if "joint" not in ours:  # without it the joint of the error motions is unknown
         ours = {our: name for our, name in ours.items() if our not in (*MOTIONS, *MOTION_UNCERTAINTIES)}
     unused = [name for name in named if name not in ours.values()]
 
@@ -183,7 +184,7 @@ def plan_columns(table: Table, machine: Machine, columns: Mapping[str, str], mea
 
 
 def _check_drives(where: str, joint: Joint, ours: Mapping[str, str]) -> None:
-    """InputError where one of two drives has no column, or their difference is given twice."""
+    """Raise InputError where one of two drives has no column, or their difference is given twice."""
     have = [drive for drive in joint.drives if drive in ours]
     if have and len(have) < len(joint.drives):
         found = (
@@ -196,7 +197,7 @@ def _check_drives(where: str, joint: Joint, ours: Mapping[str, str]) -> None:
 
 
 def missing_joint(table: Table, joint: str, unused: Iterable[str]) -> InputError:
-    """The error that the commanded position of a joint has no column."""
+    """Error for a joint whose commanded position has no column."""
     unused = list(unused)
     near = next((name for name in unused if name.lower() == joint.lower()), None)
     near = near or next(iter(difflib.get_close_matches(joint, unused, n=1, cutoff=0.5)), None)
@@ -233,9 +234,9 @@ def _notes(unused: list[str], ours: Mapping[str, str], machine: Machine) -> Iter
 
 
 def _near(name: str, machine: Machine) -> str | None:
-    """Our name that a user's name may stand for."""
+    """Column of the toolkit that a user's name probably means, or None."""
     if name in MOTIONS or name in MOTION_UNCERTAINTIES:
-        return None  # left out on purpose
+        return None  # omitted on purpose
     joints = [j.name for j in machine.joints]
     bare = re.sub(r"[\s_]+", "", re.sub(r"[\[(].*?[\])]", "", name)).lower()  # without a unit in brackets
     for pattern, ours in _COLUMN_ALIASES:

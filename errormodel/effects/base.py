@@ -1,9 +1,8 @@
 """Base class of physical effects: small motions that an effect adds to one element of the kinematic chain.
 
-An effect is a pydantic model whose fields are the keys of its entry in ``machine.yaml``. Its linear parameters are
-parameters of the chain; shape parameters (a period, a time constant) are fields. `terms` is written once, with the
-functions of `errormodel.effects.ops`: it is evaluated on CasADi symbols to build a chain, and on arrays to test
-thousands of candidates. Units are mm, rad, s and degC.
+An effect is a pydantic model: its fields are what one writes in ``machine.yaml``. Its linear parameters are chain
+parameters like any other; shape parameters (a period, a time constant) are fields. `terms` is written once, with
+`errormodel.effects.ops`, and is evaluated on symbols (to build a chain) and on arrays (to try thousands of candidates).
 """
 
 from __future__ import annotations
@@ -60,14 +59,14 @@ class Effect(BaseModel, ABC):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    effect: ClassVar[str]  # its name in files and findings
+    effect: ClassVar[str]  # its word in files and findings
     family: ClassVar[str]
-    source: ClassVar[str]  # reference for the functional form and the usual sizes
-    alike: ClassVar[tuple[str, ...]] = ()  # effects that a survey may not distinguish from this one
-    separate: ClassVar[str]  # the measurement that distinguishes them
+    source: ClassVar[str]  # where form and sizes come from
+    alike: ClassVar[tuple[str, ...]] = ()  # effects that can look the same
+    separate: ClassVar[str]  # the measurement that tells them apart
     example: ClassVar[Mapping[str, object]]  # as in machine.yaml, on the machine of the test battery
-    empirical: ClassVar[bool] = False  # an empirical form without a physical cause
-    flexible: ClassVar[bool] = False  # a physical effect without a fixed form: it follows any smooth curve
+    empirical: ClassVar[bool] = False  # a form, not a physics: names nothing
+    flexible: ClassVar[bool] = False  # physics of no form of its own: follows any smooth curve
     shape: ClassVar[str] = ""  # a field that `terms` also takes as an array, (n, 1) for n values at once
 
     @property
@@ -82,13 +81,7 @@ class Effect(BaseModel, ABC):
 
     @abstractmethod
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
-        """Linear parameters of the effect, each with the small motion per unit of it.
-
-        Parameters
-        ----------
-        channel : returns the values of a channel by name: an array (n,), or a symbol.
-        machine : the machine that the effect acts on.
-        """
+        """Linear parameters of the effect, each with the small motion per unit of it (mm, rad)."""
 
     @classmethod
     @abstractmethod
@@ -130,7 +123,7 @@ class Effect(BaseModel, ABC):
 
     @property
     def key(self) -> tuple[object, ...]:
-        """Identity of one effect at one location; its shapes share it and compete as one candidate."""
+        """The same for all shapes of one effect at one place: of these only the best counts."""
         return (self.effect, self.where, self.drivers)
 
 
@@ -152,6 +145,6 @@ def axis_motion(joint: Joint) -> Motion:
 
 
 def along(joint: Joint, value: Value) -> dict[Motion, Value]:
-    """Motion of size `value` along (prismatic, mm) or about (rotary, rad) the joint's axis, whatever its direction."""
+    """Motion of size `value` along (prismatic, mm) or about (rotary, rad) the joint's axis."""
     names: tuple[Motion, Motion, Motion] = ("ea", "eb", "ec") if joint.type == "rotary" else ("dx", "dy", "dz")
     return {name: value * a for name, a in zip(names, joint.axis, strict=True) if a}

@@ -1,4 +1,4 @@
-"""CSV as spreadsheets and instruments write it: commas, semicolons or tabs; decimal points or commas."""
+"""Delimited text files (CSV) of spreadsheets and instruments: any usual delimiter, decimal points or commas."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 SUFFIXES = (".csv", ".txt", ".tsv", ".dat")
 
 _DELIMITER_WORDS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars"}
-_HEADER_BYTES = 1 << 18  # bytes in which the header must end
+_HEADER_BYTES = 1 << 18  # bytes within which the header must end
 
 
 @dataclass(frozen=True)
@@ -27,13 +27,13 @@ class CsvTable(Table):
     """A delimited text file in UTF-8."""
 
     delimiter: str
-    skip: int  # lines up to and with the header
+    skip: int  # number of lines up to and including the header
 
     def read(self, numbers: Collection[str], texts: Collection[str]) -> tuple[pd.DataFrame, tuple[str, ...]]:
         import pandas as pd
         import pyarrow as pa
 
-        comma = self.delimiter != ","  # a decimal comma can be told from the delimiter
+        comma = self.delimiter != ","  # a decimal comma is distinguishable from the delimiter
         place = {name: str(i) for i, name in enumerate(self.columns)}
         notes = [] if not comma else [f"columns separated by {_DELIMITER_WORDS[self.delimiter]}"]
         frame: dict[str, pd.Series[Any]] = {}
@@ -46,7 +46,7 @@ class CsvTable(Table):
             frame = {n: pd.Series(arrow[place[n]].to_numpy()) for n in numbers}
             words = self._words({n: place[n] for n in numbers if frame[n].hasnans})
             break
-        else:  # some cell is no number, or some line is blank: read all as text, convert what can be
+        else:  # some cell is no number, or some line is blank: read all as text and convert columns of numbers
             decimal = "."
             self._check_utf8()
             try:
@@ -66,7 +66,7 @@ class CsvTable(Table):
         return pd.DataFrame(frame), (*notes, *(word for word in words if word))
 
     def _words(self, place: dict[str, str]) -> list[str | None]:
-        """Notes on words for no value in columns of numbers that have gaps; their names and places."""
+        """Notes on words for no value in columns of numbers with gaps; `place` gives their positions by name."""
         import pandas as pd
         import pyarrow as pa
         import pyarrow.compute as pc
@@ -89,7 +89,7 @@ class CsvTable(Table):
         return None
 
     def _arrow(self, numbers: Collection[str], texts: Collection[str], decimal: str, ragged: Any = None) -> Any:
-        """The wanted columns by their place (``"0"``, ``"1"``, ...); ArrowInvalid if a cell does not fit its type."""
+        """Read the wanted columns by position (``"0"``, ``"1"``, ...); ArrowInvalid if a cell does not fit its type."""
         import pyarrow as pa
         from pyarrow import csv as arrow
 
@@ -116,7 +116,7 @@ class CsvTable(Table):
         return "error" if row.text.strip(f" \t\r\n{self.delimiter}") else "skip"
 
     def _records(self) -> Iterator[tuple[int, list[str]]]:
-        """Line and fields of every data row, blank lines left out as `_arrow` does."""
+        """Line and fields of every data row, without blank lines, as in `_arrow`."""
         with self.path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
             reader = csv.reader(file, delimiter=self.delimiter)
             last = 0
@@ -139,7 +139,7 @@ class CsvTable(Table):
                     raise InputError(f"{self.name}, line {number}", byte, "Save the file as UTF-8") from bad
 
     def _ragged(self, error: Exception) -> InputError:
-        """What keeps text from being read as a table: most likely the first row of another length."""
+        """Error for text that is no table: most likely the first row of another length."""
         row = 0
         for row, (line, fields) in enumerate(self._records(), start=1):
             if len(fields) != len(self.columns):

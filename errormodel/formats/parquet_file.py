@@ -1,4 +1,4 @@
-"""Parquet."""
+"""Apache Parquet files as tables."""
 
 from __future__ import annotations
 
