@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 TOOL_CHANNELS = ("tool_x", "tool_y", "tool_z")  # position of the functional point in the last frame, mm
-NOT_THE_MACHINE = ("instrument", "blunder")  # families of effects that no command can compensate
+NOT_THE_MACHINE = ("instrument", "blunder")  # families of effects that no command can take away
 What = Literal["nominal", "actual", "design", "linearised", "terms", "levers"]
 
 
@@ -184,7 +184,7 @@ class Chain:
 
     @cached_property
     def instrument_ids(self) -> frozenset[str]:
-        """Ids of the parameters of the instrument's effects and of column mistakes, which do not move the machine."""
+        """Parameters of effects of the instrument and of mistakes in a table: nothing of the machine moves by them."""
         families = (effects.registry()[spec.effect].family for spec in self.machine.effects)
         pairs = zip(families, self.effect_ids, strict=True)
         return frozenset(i for family, ids in pairs if family in NOT_THE_MACHINE for i in ids)

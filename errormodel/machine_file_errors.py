@@ -15,24 +15,24 @@ from errormodel.exceptions import nearest
 from errormodel.machine import Basis, Joint, Shape
 from errormodel.yamlfile import Document, Keys, shown
 
-MAX_MODEL_ORDER = 50  # largest order of a polynomial, harmonic or spline model; by judgement
+MAX_ORDER = 50
 
-_FAMILY_ORDERS: dict[Literal["polynomial", "harmonic", "spline"], str] = {
+_FAMILIES: dict[Literal["polynomial", "harmonic", "spline"], str] = {
     "polynomial": "powers of the position",
     "harmonic": "harmonics of a turn",
     "spline": "intervals of the travel",
 }
-_MODEL_NAMES = ("none", "first-order", *_FAMILY_ORDERS)
-_MODEL_CURE = "Write none, first-order, {polynomial: 3}, {harmonic: 2} or {spline: 8}"
-_MOTION_WORDS: dict[str, tuple[Motion, ...]] = {"all": MOTIONS, "none": ()}
+_MODELS = ("none", "first-order", *_FAMILIES)
+_CURE = "Write none, first-order, {polynomial: 3}, {harmonic: 2} or {spline: 8}"
+_WORDS: dict[str, tuple[Motion, ...]] = {"all": MOTIONS, "none": ()}
 
 Models = dict[Motion, Basis]
 
 
 def first_order_motions(joint: Joint) -> tuple[Motion, ...]:
-    """Motions with a first-order model: all six of a rotary joint, four of a prismatic one.
+    """The motions that have a first-order model: all six of a rotary joint, four of a prismatic one.
 
-    Those of a prismatic joint are the scale (the translation nearest to its axis) and the three angular rates.
+    Those of a prismatic joint are the scale (the translation nearest to the axis) and the three angular rates.
     """
     if joint.type == "rotary":
         return MOTIONS
@@ -43,8 +43,8 @@ def first_order_motions(joint: Joint) -> tuple[Motion, ...]:
 def read_shapes(document: Document, keys: Keys, shapes: Sequence[Shape]) -> dict[str, tuple[Motion, ...]]:
     """Error motions of each shape by name, from the value at `keys`."""
     value = document.value_at(keys)
-    if isinstance(value, str) and value in _MOTION_WORDS:
-        return {shape.name: _MOTION_WORDS[value] for shape in shapes}
+    if isinstance(value, str) and value in _WORDS:
+        return {shape.name: _WORDS[value] for shape in shapes}
     if not isinstance(value, dict):
         raise document.error(keys, shown(value), "Write all, none or motions by shape such as {T1: [dx, ea], T2: all}")
     _check_names(document, keys, "shape", [shape.name for shape in shapes])
@@ -60,8 +60,8 @@ def _check_names(document: Document, keys: Keys, kind: str, names: Sequence[str]
 
 def _shape_motions(document: Document, keys: Keys) -> tuple[Motion, ...]:
     value = document.value_at(keys)
-    if isinstance(value, str) and value in _MOTION_WORDS:
-        return _MOTION_WORDS[value]
+    if isinstance(value, str) and value in _WORDS:
+        return _WORDS[value]
     if not isinstance(value, list):
         raise document.error(keys, shown(value), "Write all, none or a list of motions such as [dx, ea]")
     for i, motion in enumerate(value):
@@ -71,16 +71,16 @@ def _shape_motions(document: Document, keys: Keys) -> tuple[Motion, ...]:
 
 
 def read_joints(document: Document, keys: Keys, joints: Sequence[Joint]) -> dict[str, Models]:
-    """Error models of each joint by name, from the value at `keys`."""
+    """Models of each joint by name, from the value at `keys`."""
     value = document.value_at(keys)
     names = [joint.name for joint in joints]
-    family = isinstance(value, dict) and len(value) == 1 and next(iter(value)) in {*_FAMILY_ORDERS} - {*names}
+    family = isinstance(value, dict) and len(value) == 1 and next(iter(value)) in {*_FAMILIES} - {*names}
     if family or not isinstance(value, dict):  # one model for all joints
         return {joint.name: _spread(joint, _basis(document, keys, joint)) for joint in joints}
     for key, model in value.items():
-        near = bool(get_close_matches(key, _FAMILY_ORDERS, n=1))
-        if key not in names and (near or isinstance(model, int | float)):  # a misspelt model of all joints
-            raise document.error((*keys, key), f"unknown model '{key}'", f"{nearest(key, _MODEL_NAMES)}. {_MODEL_CURE}")
+        near = bool(get_close_matches(key, _FAMILIES, n=1))
+        if key not in names and (near or isinstance(model, int | float)):  # a model of all joints, misspelt
+            raise document.error((*keys, key), f"unknown model '{key}'", f"{nearest(key, _MODELS)}. {_CURE}")
     _check_names(document, keys, "joint", names)
     return {j.name: _joint_models(document, (*keys, j.name), j) if j.name in value else {} for j in joints}
 
@@ -89,7 +89,7 @@ def _joint_models(document: Document, keys: Keys, joint: Joint) -> Models:
     value = document.value_at(keys)
     if not isinstance(value, dict):
         return _spread(joint, _basis(document, keys, joint))
-    whole = [key for key in value if key == "all" or key in _FAMILY_ORDERS]
+    whole = [key for key in value if key == "all" or key in _FAMILIES]
     if len(whole) > 1:
         raise document.error((*keys, whole[1]), f"a second model of all motions, after '{whole[0]}'", "Write one")
     models: Models = {}
@@ -104,7 +104,7 @@ def _joint_models(document: Document, keys: Keys, joint: Joint) -> Models:
         motion = next((m for m in MOTIONS if m == key.lower()), None) or motion_of_iso(key, joint.name)
         if motion is None:
             symbols = [iso_symbol(joint.name, m) for m in MOTIONS]
-            valid = ["all", *_FAMILY_ORDERS, *(s.lower() if key.islower() else s for s in symbols)]
+            valid = ["all", *_FAMILIES, *(s.lower() if key.islower() else s for s in symbols)]
             raise document.error((*keys, key), f"'{key}' is no error motion of {joint.name}", nearest(key, valid))
         if motion in seen:
             found = f"a second model of {motion}, after '{seen[motion]}'"
@@ -127,14 +127,14 @@ def _checked(document: Document, keys: Keys, joint: Joint, motion: Motion, basis
 
 
 def _spread(joint: Joint, basis: Basis | None) -> Models:
-    """Models of all motions of a joint that can have the form `basis`."""
+    """One model for all motions of a joint that can have it."""
     if basis is None:
         return {}
     return dict.fromkeys(first_order_motions(joint) if basis.kind == "first-order" else MOTIONS, basis)
 
 
 def _basis(document: Document, keys: Keys, joint: Joint) -> Basis | None:
-    """Model written at `keys`; None for ``none``."""
+    """One model as written at `keys`; None for ``none``."""
     value = document.value_at(keys)
     if value == "none":
         return None
@@ -142,21 +142,21 @@ def _basis(document: Document, keys: Keys, joint: Joint) -> Basis | None:
         return Basis("first-order")
     if isinstance(value, dict) and len(value) == 1:
         family = next(iter(value))
-        if family not in _FAMILY_ORDERS:
-            raise document.error((*keys, family), f"unknown model '{family}'", nearest(family, _FAMILY_ORDERS))
+        if family not in _FAMILIES:
+            raise document.error((*keys, family), f"unknown model '{family}'", nearest(family, _FAMILIES))
         return _family(document, (*keys, family), joint)
     if isinstance(value, str):
-        if value in _FAMILY_ORDERS:
+        if value in _FAMILIES:
             raise document.error(keys, f"'{value}' without a number", f"Write {{{value}: 3}}")
-        raise document.error(keys, f"unknown model '{value}'", f"{nearest(value, _MODEL_NAMES)}. {_MODEL_CURE}")
-    raise document.error(keys, shown(value), _MODEL_CURE)
+        raise document.error(keys, f"unknown model '{value}'", f"{nearest(value, _MODELS)}. {_CURE}")
+    raise document.error(keys, shown(value), _CURE)
 
 
 def _family(document: Document, keys: Keys, joint: Joint) -> Basis:
-    """Model whose family is the last of `keys` and whose order is the value there."""
-    family, n = next(family for family in _FAMILY_ORDERS if family == keys[-1]), document.value_at(keys)
-    if isinstance(n, bool) or not isinstance(n, int) or not 1 <= n <= MAX_MODEL_ORDER:
-        cure = f"Write {family}: n with a whole number n from 1 to {MAX_MODEL_ORDER}, the {_FAMILY_ORDERS[family]}"
+    """The model whose name is the last of `keys` and whose order stands there."""
+    family, n = next(family for family in _FAMILIES if family == keys[-1]), document.value_at(keys)
+    if isinstance(n, bool) or not isinstance(n, int) or not 1 <= n <= MAX_ORDER:
+        cure = f"Write {family}: n with a whole number n from 1 to {MAX_ORDER}, the {_FAMILIES[family]}"
         raise document.error(keys, shown(n), cure)
     if family == "harmonic" and joint.type == "prismatic":
         raise document.error(keys, f"harmonics of the prismatic joint {joint.name}", "Write polynomial or spline")
@@ -164,7 +164,7 @@ def _family(document: Document, keys: Keys, joint: Joint) -> Basis:
 
 
 def written_shapes(shapes: Sequence[Shape]) -> Any:
-    """Value of ``errors.shapes`` from which :func:`read_shapes` reads the motions of these shapes."""
+    """The value of ``errors.shapes`` that :func:`read_shapes` reads as these shapes' motions."""
     each = {shape.name: _written_motions(shape.motions) for shape in shapes}
     for word in ("all", "none"):
         if all(value == word for value in each.values()):
@@ -177,7 +177,7 @@ def _written_motions(motions: Sequence[Motion]) -> Any:
 
 
 def written_joints(joints: Sequence[Joint]) -> Any:
-    """Value of ``errors.joints`` from which :func:`read_joints` reads the models of these joints."""
+    """The value of ``errors.joints`` that :func:`read_joints` reads as these joints' models."""
     return {joint.name: _written_models(joint) for joint in joints} or "none"
 
 
@@ -185,7 +185,7 @@ def _written_models(joint: Joint) -> Any:
     models: Mapping[Motion, Basis] = joint.models
     if not models:
         return "none"
-    for basis in models.values():  # one model for all motions, where it gives exactly these
+    for basis in models.values():  # one model for all motions, if any of those present is that
         if models == _spread(joint, basis):
             return _written_basis(basis)
     return {iso_symbol(joint.name, motion): _written_basis(basis) for motion, basis in models.items()}

@@ -33,9 +33,9 @@ class BeamSag(Effect):
     separate: ClassVar[str] = "straightness along the beam with and without a weight on the carriage"
     example: ClassVar[Mapping[str, object]] = {"joint": "Y"}
 
-    joint: str  # the joint that travels along the beam
-    motion: Translation | None = None  # None: dz, or dy for a beam along z
-    exponent: float = Field(2.0, ge=1, le=3)  # 1.2 own weight, 2 travelling load, 3 clamped ends
+    joint: str  # that travels along the beam
+    motion: Translation | None = None  # None: dz, or dy of a beam along z
+    exponent: float = Field(2.0, ge=1, le=3)  # 1.2 dead weight, 2 travelling load, 3 clamped ends: no ends are stiffer
 
     @property
     def where(self) -> str:

@@ -42,8 +42,8 @@ class RamSag(JointEffect):
     separate: ClassVar[str] = "the same positions with two tools of different weight, and with two tool lengths"
     example: ClassVar[Mapping[str, object]] = {"joint": "Z", "motion": "dy"}
 
-    motion: Translation | None = None  # None: dz, or dy for a ram along z
-    retracted: End | None = None  # end of travel at which the ram is in; None: the end farther from the tool
+    motion: Translation | None = None  # None: dz, or dy of a ram along z
+    retracted: End | None = None  # end of travel at which the ram is in; None: that further from the tool's side
     exponent: float = Field(3.0, ge=1.5, le=4.5)  # 2 end moment, 3 weight at the end, 4 own weight
 
     @property

@@ -43,9 +43,9 @@ class TelescopingCompliance(JointEffect):
     separate: ClassVar[str] = "tilt sensors on both members while the joint extends"
     example: ClassVar[Mapping[str, object]] = {"joint": "Z", "motion": "ea", "overlap": 1600.0}
 
-    motion: Rotation | None = None  # None: that of a sag along dz, or dy for a joint along z
-    load_joint: str | None = None  # its position (-1 to 1) replaces u as the moment; None: the joint's own
-    retracted: End | None = None  # end of travel with the longest overlap; None: the end farther from the tool
+    motion: Rotation | None = None  # None: that of a sag along dz, or dy of a joint along z
+    load_joint: str | None = None  # whose position makes the moment (-1 to 1 for u); None: the joint's own
+    retracted: End | None = None  # end of travel with the longest overlap; None: that further from the tool's side
     overlap: float | None = Field(None, gt=0)  # mm, retracted; None: 1.5 times the travel
 
     @property

@@ -32,7 +32,7 @@ class TrackerDrift(Effect):
 
     start: float = 0.0  # s
     duration: float = Field(3600.0, gt=0)  # s
-    tau: float = Field(0.0, ge=0)  # s; 0: linear drift
+    tau: float = Field(0.0, ge=0)  # s; 0: even drift
 
     @property
     def where(self) -> str:

@@ -48,8 +48,8 @@ class Unnamed(Effect):
     form: Form = "linear"
     center: float = 0.0  # in the channel's internal unit, as half_range and period
     half_range: Positive = 1.0
-    period: Positive | None = None  # makes it a sine and a cosine, or a periodic curve
-    edge: float | None = None  # position of the upward step
+    period: Positive | None = None  # makes it a sine and a cosine, or the curve one that repeats
+    edge: float | None = None  # where it switches upwards
     by: str | None = None
     by_form: Form = "linear"
     by_center: float = 0.0

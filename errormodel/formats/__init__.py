@@ -14,7 +14,7 @@ from errormodel.inputs import noted, noted_folder
 
 
 def _openers() -> dict[str, Callable[[Path, str], Table]]:
-    """Function that opens a file, by suffix, from the modules of this package with ``SUFFIXES`` and ``open_table``."""
+    """What opens a file, by its suffix: every module of this package that has ``SUFFIXES`` and ``open_table``."""
     found = [module for module in map(import_module, modules(__name__)) if hasattr(module, "SUFFIXES")]
     return {suffix: module.open_table for module in found for suffix in module.SUFFIXES}
 
@@ -67,6 +67,6 @@ def _parts(folder: Path, name: str) -> list[Path]:
         cure = f"Give {name.rstrip('/')}/{surveys[0]}" if surveys else f"Put the parts there: {', '.join(SUFFIXES)}"
         raise InputError(name, "a folder without a table in it", cure)
     modules = {_OPENERS[p.suffix.lower()] for p in parts}
-    if len(modules) > 1:  # probably the same data twice
+    if len(modules) > 1:  # most likely the same data twice
         raise InputError(name, "a folder with both Parquet and CSV files", "Keep one kind there")
     return sorted(parts, key=lambda p: ([int(t) if t.isdigit() else t for t in re.split(r"(\d+)", p.name)], p.name))
