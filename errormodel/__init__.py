@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 
+# module of each public name
 _WHERE = {
     "InputError": "exceptions",
     "Machine": "machine",

@@ -294,9 +294,14 @@ class Chain:
         fixed: Mapping[str, float] | None = None,
         outputs: tuple[int, ...] | None = None,
     ) -> Kernel:
-        """Return the NumPy kernel of :meth:`expression`; `fixed` channels are constants, equal in all rows.
+        """NumPy kernel of :meth:`expression`.
 
-        `outputs` selects rows of the expression, e.g. (0, 1, 2) for positions only.
+        Parameters
+        ----------
+        what : the expression, as in :meth:`expression`.
+        ids : parameters of the columns of ``design``, ``linearised`` and ``terms``.
+        fixed : values of channels that are equal in all rows, in mm, rad, s and degC.
+        outputs : rows of the expression, e.g. (0, 1, 2) for positions only; None: all.
         """
         return self._kernel(what, ids, tuple(sorted((fixed or {}).items())), outputs)
 

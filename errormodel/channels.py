@@ -29,9 +29,7 @@ DERIVED_CHANNEL = re.compile(r"(lag|play)\((.+),([^,()]+)\)", re.DOTALL)
 # s, standard deviation of the weights: the fastest members follow the air in some ten minutes
 SMOOTHING_SECONDS = 240.0
 # K rms, least misfit of one common clock that shows clocks of their own for the runs; sensors' noise leaves 0.05
-CLOCK_MISFIT_KELVIN = (
-    0.1  # K rms: what a common clock leaves of runs that have clocks of their own, at least; sensors leave 0.05
-)
+CLOCK_MISFIT_KELVIN = 0.1
 # columns that must be complete; positions may be missing in rows about another joint
 _GAPLESS = ("T_", "w_", "time", "feed", "load")
 JUMP_STEPS = 2.5  # times the median step between targets: a longer step back begins a new sequence; by judgement
@@ -294,4 +292,4 @@ def play(table: pd.DataFrame, name: str, width: float) -> Array:
     return left
 
 
-_DERIVED = {"lag": lag, "play": play}
+_DERIVED = {"lag": lag, "play": play}  # functions of the derived channels: (table, name, number) to values (n,)

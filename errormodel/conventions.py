@@ -10,9 +10,9 @@ from typing import Literal
 
 Motion = Literal["dx", "dy", "dz", "ea", "eb", "ec"]
 
-TRANSLATIONS: tuple[Motion, ...] = ("dx", "dy", "dz")
-ROTATIONS: tuple[Motion, ...] = ("ea", "eb", "ec")
-MOTIONS: tuple[Motion, ...] = TRANSLATIONS + ROTATIONS
+TRANSLATIONS: tuple[Motion, ...] = ("dx", "dy", "dz")  # small displacements along x, y, z, mm
+ROTATIONS: tuple[Motion, ...] = ("ea", "eb", "ec")  # small rotations about x, y, z, rad
+MOTIONS: tuple[Motion, ...] = TRANSLATIONS + ROTATIONS  # all six error motions
 
 FRAME = "frame"  # the measuring frame, before the first element of the chain
 TOOL = "tool"  # the functional point, after the last element of the chain

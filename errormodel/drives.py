@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 MOST_SKEW_SHARE = 0.02
 # difference of two columns, as a share of their range, below which they are one motion: two drives, or one command
 SAME_MOTION_SHARE = 1e-3
-FEWEST_DRIVE_ROWS = 8  # fewest rows from which two columns are compared
+FEWEST_DRIVE_ROWS = 8  # fewest rows from which two columns are compared; by judgement
 # factor by which one drive must explain the measured distances better than two in series; by judgement
 SINGLE_DRIVE_GAIN = 4.0
 

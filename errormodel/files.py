@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 LOCK_WAIT_SECONDS = 60.0  # s to wait for another process that holds the lock; by judgement
 LOCK_FILE = ".errormodel.lock"  # name of the lock file, on systems where a folder itself cannot be locked
-UNWRITABLE_CURE = "Give a place that can be written to"
+UNWRITABLE_CURE = "Give a place that can be written to"  # correction in messages about files that cannot be written
 
 
 @contextmanager

@@ -34,9 +34,11 @@ _BINARY_UFUNCS = {
     ca.OP_OR: "logical_or", ca.OP_FMOD: "fmod", ca.OP_HYPOT: "hypot", ca.OP_COPYSIGN: "copysign",
     ca.OP_IF_ELSE_ZERO: "where",
 }  # fmt: skip
+# functions f with f(x, y) = f(y, x)
 _COMMUTATIVE = {"add", "multiply", "fmin", "fmax", "equal", "not_equal", "logical_and", "logical_or", "hypot"}
+# functions with f(-x) = -f(x)
 _ODD_UFUNCS = {"sin", "tan", "arcsin", "arctan", "tanh", "sinh", "arcsinh", "arctanh", "reciprocal", "sign"}
-_EVEN_UFUNCS = {"cos", "square", "absolute", "cosh"}
+_EVEN_UFUNCS = {"cos", "square", "absolute", "cosh"}  # functions with f(-x) = f(x)
 
 Ref = tuple[int, int]  # (sign, node)
 

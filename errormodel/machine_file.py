@@ -50,7 +50,7 @@ _RESERVED_COLUMNS = frozenset(_COLUMN_WORDS.split())
 _COLUMN_PREFIXES = ("T_", "w_", "dir_")
 
 _NAME_RULE = "a name of letters, digits and _, such as X or T1"
-_AXIS_WORDS = {sign + "xyz"[i]: i for i in range(3) for sign in ("", "+", "-")}
+_AXIS_WORDS = {sign + "xyz"[i]: i for i in range(3) for sign in ("", "+", "-")}  # words for an axis, with its index
 
 
 class _JointEntry(FileModel):

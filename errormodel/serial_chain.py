@@ -22,15 +22,19 @@ PARALLEL_MACHINE_CURE = (
 )
 COLLINEAR_SLIDES = 3  # fewest joints along one line that are refused: a quill and a telescope are two
 
+# names of parallel machines, in keys and values
 _PARALLEL_WORDS = re.compile(
     r"delta|hexa(pod|glide|pteron)|stewart|gough|parallel|closed.?loop|(five|four|5|4).?bar|tri(pod|cept|glide)|"
     r"bipod|rostock|kossel",
     re.IGNORECASE,
 )
+# keys of parts that only parallel machines have
 _PARALLEL_PARTS = re.compile(r"legs?|struts?|loops?|branch(es)?|platforms?|limbs?|towers?|effector", re.IGNORECASE)
+# keys whose value names the kind of machine
 _STRUCTURE_KEYS = ("kinematics", "kinematic", "structure", "topology", "architecture", "type", "mechanism", "robot")
 # keys of an entry of the chain, except its type
 _ENTRY_KEYS = ("joint", "shape", "axis", "travel", "offset", "rotation")
+# types of joints that serial chains with commanded joints do not have
 _UNSUPPORTED_JOINTS = ("spherical", "universal", "ball", "cardan", "passive", "parallel")
 
 

@@ -40,7 +40,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-LARGEST_READING = 1e7  # mm or rad; larger numbers are placeholders for "no value"
+# mm or rad; larger numbers are placeholders for "no value"; by judgement: 10 km is beyond any machine
+LARGEST_READING = 1e7
 
 
 @dataclass(frozen=True)

@@ -23,8 +23,9 @@ ORIENTATION = ("mrx", "mry", "mrz")  # measured rotation vector in the measuring
 TOOL_COLUMNS = ("tool_x", "tool_y", "tool_z")  # functional point in the last frame of the chain, mm
 SIGMA_COLUMNS = ("sigma_x", "sigma_y", "sigma_z")  # standard uncertainties of mx, my, mz, mm
 MOTION_UNCERTAINTIES = tuple(f"u_{motion}" for motion in MOTIONS)  # standard uncertainties of a joint's error motions
-TEXT_COLUMNS = ("run", "joint")
+TEXT_COLUMNS = ("run", "joint")  # columns of labels
 
+# columns of lengths
 LENGTH_COLUMNS = frozenset((*MEASURED, *TOOL_COLUMNS, *SIGMA_COLUMNS, "sigma", *MOTIONS[:3], *MOTION_UNCERTAINTIES[:3]))
 # columns of angles that are in rad by default, whatever the unit of the joints' angles
 ANGLE_COLUMNS = frozenset((*ORIENTATION, *MOTIONS[3:], *MOTION_UNCERTAINTIES[3:]))

@@ -18,12 +18,13 @@ from errormodel.survey_columns import MEASURED, ORIENTATION
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
+# digits before and after the decimal point of such placeholders
 _INTEGER_DIGITS, _DECIMAL_DIGITS = range(2, 8), range(5)
 # 99.9, 999, 9999.99 ...: numbers of nines by which loggers mark a missing value
 PLACEHOLDER_NINES = np.array(
     [float("9" * n + "." + "9" * k) for n in _INTEGER_DIGITS for k in _DECIMAL_DIGITS if n + k > 2]
 )
-FEWEST_OTHER_ROWS = 8  # fewest other rows from which their range is known
+FEWEST_OTHER_ROWS = 8  # fewest other rows from which their range is known; by judgement
 IMPOSSIBLE_TEMPERATURE = 9999.0  # no temperature of a machine, in any unit
 ABSOLUTE_ZERO = -273.15  # degC
 RECORDED_COLUMNS = ("time", "feed", "load")  # columns that are recorded beside the measured ones

@@ -30,13 +30,13 @@ Array = NDArray[np.float64]
 _LENGTH_UNITS_MM = {"m": 1000.0, "inch": 25.4, "mm": 1.0, "um": 1e-3}  # mm
 # values of usual shop temperatures in each unit, which are implausible in degC
 _SHOP_TEMPERATURES = {"K": (250.0, 330.0), "degF": (55.0, 110.0)}
-_FASTEST_MM_PER_S = 5e3  # mm/s; faster slides are implausible
-_LONGEST_STEP_S = 3600.0  # s; a longer median time from row to row is implausible
-_FEWEST_PACE_ROWS = 10  # fewest rows from which a speed is judged
+_FASTEST_MM_PER_S = 5e3  # mm/s; faster slides are implausible; by judgement
+_LONGEST_STEP_S = 3600.0  # s; a longer median time from row to row is implausible; by judgement
+_FEWEST_PACE_ROWS = 10  # fewest rows from which a speed is judged; by judgement
 _SAMPLE_ROWS = 1000  # rows of the sample: more change nothing and take time
-_WRONG_UNIT_SHARE = 0.05  # share of pairs of rows with agreeing distances below which a unit is wrong
-_OTHER_UNIT_SHARE = 0.7  # share of pairs of rows that must agree in another unit
-_FEWEST_MOTION_ROWS = 3  # fewest rows from which the range of an error motion is judged
+_WRONG_UNIT_SHARE = 0.05  # share of pairs of rows with agreeing distances below which a unit is wrong; by judgement
+_OTHER_UNIT_SHARE = 0.7  # share of pairs of rows that must agree in another unit; by judgement
+_FEWEST_MOTION_ROWS = 3  # fewest rows from which the range of an error motion is judged; by judgement
 # Largest plausible error motions: a rolled screw of the coarsest class in use (ISO 3408-3, T7) is off by 52 um over
 # 300 mm, a steel scale grows by 0.12 mm/m in 10 K, guideways tilt by 0.2 mrad at worst. Several times these are limits.
 _MOTION_RANGE_PER_MM = 5e-4  # largest range of a translation, mm per mm of travel

@@ -29,7 +29,8 @@ MAX_YAML_BYTES = 1_000_000  # longest file, bytes; by judgement: data belong in 
 MAX_YAML_VALUES = 100_000  # most values; every use of an alias counts, which stops files that expand exponentially
 MAX_YAML_DEPTH = 40  # deepest nesting; by judgement
 
-_YAML_TAG = "tag:yaml.org,2002:"
+_YAML_TAG = "tag:yaml.org,2002:"  # prefix of YAML's own tags
+# tags of values that are constructed, with their names in messages
 _CONSTRUCTED_TAGS = {
     _YAML_TAG + "int": "a whole number",
     _YAML_TAG + "float": "a number",

@@ -26,7 +26,7 @@ Degree = Annotated[int, Field(ge=0, le=30)]
 FINE_SPACINGS_RAD = tuple(math.radians(d) for d in (10.0, 6.0, 4.0, 3.0, 2.0))
 BROAD_SPACING_RAD = math.radians(30.0)  # knot spacing of a rotary joint's smooth curves, rad; by judgement
 FINE_PIECES = (16, 32, 64, 128)  # knot intervals in the travel of a prismatic joint's positioning curve; by judgement
-ROWS_PER_KNOT = 1.5  # fewest rows per knot; fewer leave the curve to its prior
+ROWS_PER_KNOT = 1.5  # fewest rows per knot; by judgement: with fewer the prior determines the curve
 # size of a constant over that of an error motion; by judgement: members are assembled less exactly than guides are made
 CONSTANT_SIZE_RATIO = 10.0
 

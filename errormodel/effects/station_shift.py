@@ -17,8 +17,8 @@ from errormodel.effects.ops import fmax, fmin
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.machine import Machine
 
-SHIFT_MOMENTS = 40  # candidate times that are evenly spaced among the rows
-LONGEST_BREAKS = 10  # candidate times in the longest pauses between rows, where runs are separated
+SHIFT_MOMENTS = 40  # candidate times that are evenly spaced among the rows; by judgement
+LONGEST_BREAKS = 10  # candidate times in the longest pauses between rows, where runs are separated; by judgement
 
 
 class StationShift(Effect):

@@ -17,7 +17,7 @@ DASH_CELLS = ("-", "--", "---", "----", "\u2013", "\u2014")  # hyphens and dashe
 NO_VALUE_WORDS = frozenset(
     word.lower() for word in (*EMPTY_CELLS, *DASH_CELLS, "n.a.", "none", "nil", "#N/A", "#NA", "#NV")
 )
-LISTED_ROWS = 12  # most row numbers in a note
+LISTED_ROWS = 12  # most row numbers in a note; by judgement
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,9 @@ from errormodel.formats.base import EMPTY_CELLS, NO_VALUE_WORDS, Table, as_numbe
 if TYPE_CHECKING:
     import pandas as pd
 
-SUFFIXES = (".csv", ".txt", ".tsv", ".dat")
+SUFFIXES = (".csv", ".txt", ".tsv", ".dat")  # file suffixes of this format
 
+# delimiters, with their names in messages
 _DELIMITER_WORDS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars"}
 _HEADER_BYTES = 1 << 18  # bytes within which the header must end
 

@@ -19,11 +19,11 @@ from errormodel.machine import joint_of
 
 Fields = Mapping[str, object]
 WAVES_PER_TRAVEL = np.arange(1, 3.01, 0.25)  # periods per travel of a wave; longer waves are polynomials
-# periodic terms in time: at least so many periods in the recording, none shorter than so many s; by judgement
+# terms periodic in time: fewest periods in the recording, and shortest period in s; by judgement
 FEWEST_CYCLES, SHORTEST_CYCLE_S = 4, 240.0
 MOST_CYCLE_PROPOSALS = 10_000  # most candidates periodic in time: more exceed the memory
 SURFACE_PIECES = 4  # spline intervals per travel of a surface over two joints; by judgement
-PLATE_WAVES_PER_TRAVEL = np.arange(0.5, 3.01, 0.5)  # periods per travel of waves in two joints at once
+PLATE_WAVES_PER_TRAVEL = np.arange(0.5, 3.01, 0.5)  # periods per travel of waves in two joints at once; by judgement
 
 
 def lattice(scene: Scene) -> Iterator[Fields]:
