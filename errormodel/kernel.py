@@ -16,7 +16,7 @@ import numpy as np
 
 from errormodel.arrays import Array, Numbers
 
-# rows per block; measured: the functions of a five-axis machine then fit the second-level cache
+# rows per block; the functions of a five-axis machine then fit the second-level cache
 KERNEL_BLOCK_ROWS = 4096
 
 _UNARY_UFUNCS = {

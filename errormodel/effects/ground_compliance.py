@@ -16,8 +16,7 @@ from errormodel.effects.shared import Rotation, across, joint_as
 from errormodel.effects.travel import legendre, scaled
 from errormodel.machine import Machine
 
-# standard deviation in rad by polynomial degree; by judgement: feet and floor stiffen under load, so that higher
-# degrees are smaller
+# standard deviation in rad by polynomial degree; degrees 2 and 3 because feet and floor stiffen under load
 TILT_SIZES_RAD = {1: 3e-5, 2: 1e-5, 3: 1e-5}
 
 

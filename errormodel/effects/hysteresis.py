@@ -19,8 +19,8 @@ from errormodel.machine import Machine, joint_of
 class Hysteresis(JointEffect):
     """``size * (q - p)/width`` along the axis (mm) or about it (rad); p follows the position q with a play of `width`.
 
-    `width` (mm, rad) is the travel needed for a complete reversal; after long moves the effect is ``size/2 *
-    direction``, as backlash.
+    `width` (mm, rad) is the travel needed for a complete reversal. After long moves the effect is that of backlash,
+    ``size/2 * direction``.
     """
 
     effect: ClassVar[str] = "hysteresis"

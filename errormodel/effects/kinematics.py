@@ -13,7 +13,7 @@ from errormodel.machine import Joint, Machine, Vector
 
 Triple = tuple[Value, Value, Value]
 Turn = tuple[Triple, Triple, Triple]  # columns
-IDENTITY: Turn = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))  # the unit rotation
+IDENTITY: Turn = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))  # identity rotation
 
 
 @dataclass(frozen=True)
