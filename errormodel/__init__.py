@@ -1,8 +1,8 @@
-"""Volumetric error models of machine tools, CMMs, gantries and arms: predict, never fit.
+"""Volumetric error models of machine tools, CMMs, gantries and arms, from homogeneous transformations (forward model).
 
-The way of the data: ``machine.yaml`` -> :class:`~errormodel.machine.Machine` ->
-:class:`~errormodel.chain.Chain` (CasADi) -> :class:`~errormodel.kernel.Kernel` (NumPy).
-Inference lives in the sister package ``identification``, which imports this one.
+Data path: ``machine.yaml`` -> :class:`~errormodel.machine.Machine` -> :class:`~errormodel.chain.Chain` (CasADi) ->
+:class:`~errormodel.kernel.Kernel` (NumPy). Parameters are estimated by the package ``identification``, which imports
+this one.
 
 Public names: `read_machine`, `write_machine`, `machine_names`, `library`, `read_survey`, `simulate`, and the types
 `Machine`, `Survey` and `InputError`. They are imported when they are first asked for, so that ``import errormodel``
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 
+# module of each public name
 _WHERE = {
     "InputError": "exceptions",
     "Machine": "machine",

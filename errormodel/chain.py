@@ -1,9 +1,10 @@
-"""The symbolic kinematic chain: nominal and exact actual pose, and the linear matrix M as its derivative.
+"""Symbolic kinematic chain: exact actual pose of the tool, and its derivative M by the error parameters.
 
-A chain element maps coordinates of the next frame (tool side) into the previous one (workpiece side). Left of the
-machine's own elements stands the measuring frame, right of them the tool (the functional point); both are elements with
-six constant errors of their own. Parameters are zero on a nominal machine. Position is that of the functional point in
-the axes of the reference on the workpiece side, mm; orientation is that of the last frame there.
+Homogeneous transformations of rigid bodies with small constant or position-dependent errors. An element maps
+coordinates of the next frame (tool side) into the previous one (workpiece side). Before the machine's elements comes
+the measuring frame, after them the tool (functional point), each with six constant errors. All parameters are zero on
+a nominal machine. Positions are those of the functional point in the axes of the reference on the workpiece side, mm;
+orientations are those of the last frame; angles in rad.
 """
 
 from __future__ import annotations
@@ -37,37 +38,49 @@ What = Literal["nominal", "actual", "design", "linearised", "terms", "levers"]
 
 @dataclass(frozen=True)
 class Parameter:
-    """One error parameter: its id, where it sits, and what a report says of it."""
+    """One error parameter: identifier, element, motion and unit.
+
+    Attributes
+    ----------
+    id : ``element.motion`` or ``element.motion.term``, such as ``X.dx.1``.
+    element : the chain element that moves.
+    motion : its small motion, in the axes of the workpiece-side frame.
+    term : label of the function of position, or of the effect; "" for a constant.
+    unit : of the parameter.
+    symbol : ISO 230-1 symbol, or "".
+    prior : standard deviation of a zero-mean prior, or None.
+    low : physical lower bound.
+    """
 
     id: str
     element: str
     motion: Motion
     term: str
     unit: str
-    symbol: str  # ISO 230-1 name where there is one, else ""
-    prior: float | None = None  # standard deviation about zero, where it is known beforehand
-    low: float = -math.inf  # the least that physics allows
+    symbol: str
+    prior: float | None = None
+    low: float = -math.inf
 
     @property
     def source(self) -> str:
-        """Where its column in M comes from."""
+        """Origin of its column in M, in words."""
         term = f", term {self.term}" if self.term else ""
         return f"{self.motion} of {self.element}{term}"
 
 
 class Chain:
-    """The chain of one machine in CasADi, and its NumPy kernels.
+    """Kinematic chain of one machine in CasADi, with its NumPy kernels.
 
     Attributes
     ----------
     channels : tuple of str
-        What varies from row to row: the joints in chain order, ``tool_x tool_y tool_z``, then what effects depend on
-        (names as in `errormodel.channels`). mm, rad, s, degC.
+        Row-wise inputs: the joints in chain order, ``tool_x tool_y tool_z``, then the channels of effects (names as in
+        `errormodel.channels`). mm, rad, s, degC.
     parameters : tuple of Parameter
-        The measuring frame's six, then the machine's in chain order, an effect's after the element it moves, then the
-        tool's six.
+        Six of the measuring frame, the machine's in chain order (those of an effect after the element that it moves),
+        six of the tool.
     effect_ids : tuple of tuples of str
-        Ids of the parameters of each of the machine's effects, in their order.
+        Parameter ids of each of the machine's effects, in the order of the effects.
     """
 
     def __init__(self, machine: Machine) -> None:
@@ -79,13 +92,13 @@ class Chain:
         self.rows = ca.vertcat(*self._channel.values())
         parameters: list[Parameter] = []
         of_effects: list[list[str]] = [[] for _ in machine.effects]
-        self._columns: list[tuple[int, Term]] = []  # (place of the element among all, term)
+        self._columns: list[tuple[int, Term]] = []  # (index of the element among all, term)
         for place, (name, terms) in enumerate(self._element_terms()):
             joint = 0 < place <= len(machine.elements) and isinstance(machine.elements[place - 1], Joint)
-            self._tool_start = len(parameters)  # of the last element, the tool, in the end
+            self._tool_start = len(parameters)  # after the loop, that of the tool
             for number, term in (*((None, t) for t in terms), *((n, t) for n, element, t in extra if element == name)):
                 identity = f"{name}.{term.motion}" + (f".{term.label}" if term.label else "")
-                while any(p.id == identity for p in parameters):  # the same effect twice at one place
+                while any(p.id == identity for p in parameters):  # the same effect twice at one element
                     identity += "'"
                 symbol = conventions.iso_symbol(name, term.motion) if joint else ""
                 parameters.append(
@@ -101,11 +114,11 @@ class Chain:
         self.values = ca.SX.sym("p", len(parameters))
 
     def __reduce__(self) -> tuple[type[Chain], tuple[Machine]]:
-        """To another process it goes as its machine: symbols stay at home, and kernels are made when asked for."""
+        """Pickle the machine only; the symbols and kernels are rebuilt in the other process."""
         return Chain, (self.machine,)
 
     def _effect_terms(self, spec: EffectSpec) -> list[tuple[str, Term]]:
-        """An effect's parameters as terms of the elements they move."""
+        """Terms of an effect's parameters, each with the name of the element that it moves."""
         try:
             effect = effects.make(spec)
         except InputError as error:
@@ -122,9 +135,9 @@ class Chain:
         return out
 
     def _symbol(self, name: str) -> ca.SX:
-        """The symbol of a channel; one that is asked for the first time becomes a channel of the chain."""
-        if name in POINT:
-            return self.pose()[0][POINT.index(name)]
+        """Symbol of a channel; a new name is added to the channels of the chain."""
+        if name in POINT_CHANNELS:
+            return self.pose()[0][POINT_CHANNELS.index(name)]
         if name not in self._channel:
             self._channel[name] = ca.SX.sym(name)
         return self._channel[name]
@@ -135,13 +148,13 @@ class Chain:
             for e in self.machine.elements
         ]
         names = {e.name for e in self.machine.elements}
-        # a machine may have a member called "frame": the measuring frame then goes by its run's label
+        # where a member of the machine is called "frame", the measuring frame is named after its run
         frame, tool = (f"{n}[1]" if n in names else n for n in (FRAME, TOOL))
         return [(frame, constant_terms(MOTIONS)), *own, (tool, constant_terms(MOTIONS))]
 
     @property
     def size(self) -> float:
-        """A length (mm) that the machine does not exceed: the longest lever an angular error can have."""
+        """Upper bound (mm) of the machine's extent, and so of the lever of an angular error."""
         travels = sum(max(abs(t) for t in j.travel) for j in self.machine.joints if j.type == "prismatic")
         arms = sum(float(np.linalg.norm(s.offset)) for s in self.machine.shapes)
         return max(travels + arms + float(np.linalg.norm(self.machine.tool)), 1.0)
@@ -153,17 +166,17 @@ class Chain:
 
     @property
     def frame_ids(self) -> tuple[str, ...]:
-        """The six parameters of the measuring frame, small and after its alignment."""
+        """Ids of the six parameters of the measuring frame: the small remainder after its alignment."""
         return self.ids[:6]
 
     @property
     def tool_ids(self) -> tuple[str, ...]:
-        """The six of the tool: offset of the functional point, and of the target's mount in orientation."""
+        """Ids of the six parameters of the tool: offset of the functional point, orientation of the target's mount."""
         return tuple(self.ids[self._tool_start : self._tool_start + 6])
 
     @property
     def of_effects(self) -> frozenset[str]:
-        """Parameters of the machine's effects, rather than of its rigid error motions."""
+        """Ids of the parameters of the machine's effects, as opposed to those of its error motions."""
         return frozenset(i for ids in self.effect_ids for i in ids)
 
     @cached_property
@@ -175,7 +188,7 @@ class Chain:
 
     @property
     def machine_ids(self) -> tuple[str, ...]:
-        """The machine's own parameters: all but those of the measuring frame and the tool."""
+        """Ids of the machine's own parameters: all but those of the measuring frame and the tool."""
         others = {*self.frame_ids, *self.tool_ids}
         return tuple(i for i in self.ids if i not in others)
 
@@ -187,7 +200,7 @@ class Chain:
         return motions
 
     def pose(self, motions: Sequence[ca.SX] | None = None) -> tuple[ca.SX, ca.SX]:
-        """Position (3, 1) and orientation (3, 3), exact, with the given motion of every element; None: nominal."""
+        """Exact position (3, 1), mm, and orientation (3, 3) with the given motion of each element; None: nominal."""
         zero = ca.SX.zeros(6)
         point, turn = _move(motions[0] if motions else zero)
         for place, element in enumerate(self.machine.elements, start=1):
@@ -204,7 +217,7 @@ class Chain:
         q, axis = self._channel[element.name], ca.SX(ca.DM(element.axis))
         if element.type == "prismatic":
             return q * axis + shift, turn
-        half = rotation_about(axis, q / 2)  # whose sine first-order errors need as well: one sine and cosine less a row
+        half = rotation_about(axis, q / 2)  # first-order errors use sin(q/2) too: fewer functions per row
         return shift, turn @ half @ half
 
     @cached_property
@@ -213,7 +226,7 @@ class Chain:
 
     @cached_property
     def _derivative(self) -> ca.SX:
-        """(6, p): position, and rotation vector in the reference's axes, per unit of each parameter, at any p."""
+        """Jacobian (6, p) of position and rotation vector, in the reference's axes, at any parameter values."""
         point, turn = self._actual
         here = ca.SX.sym("R", 3, 3)
         # sum of R_k x dR_k is twice the rotation vector that carries R into R + dR
@@ -223,22 +236,22 @@ class Chain:
 
     @cached_property
     def _design(self) -> ca.SX:
-        """M: what the tip does per unit of an element's motion, times what the motion is per unit of a parameter."""
+        """M, the Jacobian at zero parameters: levers of each element times its motion per unit of each parameter."""
         return ca.horzcat(*(self._levers[:, 6 * k : 6 * k + 6] @ term.column for k, term in self._columns))
 
     @property
     def element_names(self) -> tuple[str, ...]:
-        """The measuring frame, the machine's elements in chain order, the tool."""
+        """Names of all elements: the measuring frame, the machine's in chain order, the tool."""
         return (FRAME, *(e.name for e in self.machine.elements), TOOL)
 
     @cached_property
     def _levers(self) -> ca.SX:
-        """(6, 6 * elements): a motion shifts the tip along its element's axes, or turns it about the element's place.
+        """Levers (6, 6 * elements): motion of the tool per unit of each motion of each element.
 
-        Arms are summed from the tip back, never as differences of positions: what has no arm has exactly none.
+        Arms are summed from the tool back and not as differences of positions, so that a zero arm is exactly zero.
         """
         steps = [self._transform(element, ca.SX.zeros(6)) for element in self.machine.elements]
-        turns = [ca.SX.eye(3), ca.SX.eye(3)]  # before the frame's motion, and before the first element's
+        turns = [ca.SX.eye(3), ca.SX.eye(3)]  # before the motion of the frame, and of the first element
         arm = ca.vertcat(*(self._channel[c] for c in TOOL_CHANNELS))
         arms = [ca.SX.zeros(3)]  # a motion of the tool turns about the tip
         for _, rotation in steps:
@@ -247,16 +260,16 @@ class Chain:
             arms.append(rotation @ arm)
             arm = step + arms[-1]
         arms.append(arm)
-        # an element's motion stands behind its step and before its turn; the frame's before all
+        # an element's motion is applied after its offset and before its rotation; that of the frame first
         return ca.horzcat(*(_lever(t, a) for t, a in zip(turns, reversed(arms), strict=True)))
 
     def expression(self, what: What, ids: tuple[str, ...] = ()) -> ca.SX:
-        """The expression behind a kernel.
+        """Return the symbolic expression of a kernel.
 
         ``nominal`` and ``actual``: (12, 1), position (mm) and the orientation's columns. ``design``: (6, len(ids)), M
         at zero parameters (mm and rad per unit); ``linearised``: the same at the parameters' present values. ``terms``:
-        (6, len(ids) + 6), the motion of its own element per unit of each parameter, and the six motions themselves.
-        ``levers``: (6, 6 * elements), the tip's motion per unit of each motion of each element (`element_names`).
+        (6, len(ids) + 6), the motion of the own element per unit of each parameter, and the six motions themselves.
+        ``levers``: (6, 6 * elements), the tool's motion per unit of each motion of each element (`element_names`).
         """
         if what == "nominal":
             point, turn = self.pose()
@@ -278,13 +291,18 @@ class Chain:
         fixed: Mapping[str, float] | None = None,
         outputs: tuple[int, ...] | None = None,
     ) -> Kernel:
-        """The NumPy kernel of :meth:`expression`; `fixed` channels have one value in all rows and are folded in.
+        """NumPy kernel of :meth:`expression`.
 
-        `outputs` selects rows of the expression, e.g. (0, 1, 2) for positions only.
+        Parameters
+        ----------
+        what : the expression, as in :meth:`expression`.
+        ids : parameters of the columns of ``design``, ``linearised`` and ``terms``.
+        fixed : values of channels that are equal in all rows, in mm, rad, s and degC.
+        outputs : rows of the expression, e.g. (0, 1, 2) for positions only; None: all.
         """
         return self._kernel(what, ids, tuple(sorted((fixed or {}).items())), outputs)
 
-    @lru_cache(maxsize=64)  # noqa: B019  a chain lives as long as the work on its machine
+    @lru_cache(maxsize=64)  # noqa: B019  a chain lives as long as its machine
     def _kernel(
         self, what: What, ids: tuple[str, ...], fixed: tuple[tuple[str, float], ...], outputs: tuple[int, ...] | None
     ) -> Kernel:
@@ -297,18 +315,18 @@ class Chain:
         return Kernel(self.rows, self.values, expression)
 
     def vector(self, values: Mapping[str, float]) -> Array:
-        """Parameter values by id as the vector the kernels take; what is not named is 0."""
+        """Parameter vector for the kernels from values by id; all others are 0."""
         vector = np.zeros(len(self.ids))
         for identity, value in values.items():
             vector[self.index[identity]] = value
         return vector
 
     def columns(self, table: pd.DataFrame) -> list[Array]:
-        """The chain's channels over all rows of a survey's table, as kernels take them."""
+        """Channels of the chain, each (n,), over all rows of a survey's table."""
         return as_rows(*columns(table, self.channels))
 
     def frames(self, position: Mapping[str, float]) -> NDArray[np.float64]:
-        """Nominal frames along the chain at one command, (elements + 1, 4, 4): the reference, then each element's."""
+        """Nominal frames (elements + 1, 4, 4) at one command: the reference, then that after each element; mm."""
         out, point, turn = [np.eye(4)], ca.SX.zeros(3), ca.SX.eye(3)
         for element in self.machine.elements:
             step, rotation = self._transform(element, ca.SX.zeros(6))
@@ -321,12 +339,12 @@ class Chain:
 
 
 def rotation_xyz(angles: ca.SX) -> ca.SX:
-    """``Rx(a) Ry(b) Rz(c)``: about x, then y, then z of the turned frame."""
+    """``Rx(a) Ry(b) Rz(c)``: rotations about x, then y, then z of the rotated frame, rad."""
     return ca.mtimes([rotation_about(ca.SX(ca.DM.eye(3)[:, k]), angles[k]) for k in range(3)])
 
 
 def rotation_about(axis: ca.SX, angle: ca.SX) -> ca.SX:
-    """Right-handed rotation about a unit axis (Rodrigues)."""
+    """Right-handed rotation about a unit axis, rad (Rodrigues)."""
     if angle.is_zero():
         return ca.SX.eye(3)
     cross = ca.skew(axis)
@@ -334,7 +352,7 @@ def rotation_about(axis: ca.SX, angle: ca.SX) -> ca.SX:
 
 
 def _lever(axes: ca.SX, arm: ca.SX) -> ca.SX:
-    """(6, 6): shift and turn of what is at `arm`, per unit of translation along and rotation about some axes."""
+    """Small motion (6, 6) of a point at `arm` per unit of translation along and rotation about the given axes."""
     return ca.vertcat(ca.horzcat(axes, -axes @ ca.skew(arm)), ca.horzcat(ca.SX.zeros(3, 3), axes))
 
 

@@ -1,9 +1,13 @@
-"""Channels of a survey, by name: its columns, and what effects derive from them (lagged temperatures, play).
+"""Channels of a survey by name: its columns, and signals derived from them (lagged temperatures, play, direction).
 
-``X`` a joint; ``time`` ``feed`` ``load`` ``T_bed`` ``w_sync`` columns as they are; ``dir_X`` side of arrival, +-1;
-``lag(T_bed,600)`` the column behind a first-order lag of 600 s; ``play(X,0.01)`` what follows X with a play of 0.01
-(mm or rad) in the order of the rows; ``run(3)`` 1 in the rows of run 3 and 0 elsewhere;
-``point_x`` is not a column but the chain's nominal position.
+- ``X``: a joint; ``time``, ``feed``, ``load``, ``T_bed``, ``w_sync``: columns as they are.
+- ``dir_X``: direction of approach, +1 or -1.
+- ``lag(T_bed,600)``: the column after a first-order lag of 600 s.
+- ``play(X,0.01)``: X after a play of 0.01 (mm or rad), in the order of the rows.
+- ``run(3)``: 1 in the rows of run 3, else 0.
+- ``point_x``: not a column but the nominal position of the chain, mm.
+
+Units: mm, rad, s, degC.
 """
 
 from __future__ import annotations
@@ -20,24 +24,28 @@ from errormodel.exceptions import InputError, nearest
 if TYPE_CHECKING:
     import pandas as pd
 
-# A sensor may have any name, with commas and brackets: the number is what stands after the last comma.
-CALL = re.compile(r"(lag|play)\((.+),([^,()]+)\)", re.DOTALL)
-SETTLE = 240.0  # s: the quickest members take some ten minutes to follow the air or a motor
-APART = 0.1  # K rms: what a common clock leaves of runs that have clocks of their own, at least; sensors leave 0.05
-_GAPLESS = ("T_", "w_", "time", "feed", "load")  # positions may be missing in rows about another joint
-JUMP = 2.5  # of the usual step between targets: so far goes back who begins anew
-POINT = ("point_x", "point_y", "point_z")
+# Name of a derived channel. A sensor's name may hold commas and brackets: the number follows the last comma.
+DERIVED_CHANNEL = re.compile(r"(lag|play)\((.+),([^,()]+)\)", re.DOTALL)
+# s, standard deviation of the weights: the fastest members follow the air in some ten minutes
+SMOOTHING_SECONDS = 240.0
+# K rms, least misfit of one common clock that shows clocks of their own for the runs; sensors' noise leaves 0.05
+CLOCK_MISFIT_KELVIN = 0.1
+# columns that must be complete; positions may be missing in rows about another joint
+_GAPLESS = ("T_", "w_", "time", "feed", "load")
+JUMP_STEPS = 2.5  # times the median step between targets: a longer step back begins a new sequence; by judgement
+# nominal position of the functional point in the reference's axes, mm
+POINT_CHANNELS = ("point_x", "point_y", "point_z")
 
 
 def channel(table: pd.DataFrame, name: str) -> Array:
-    """One channel over all rows, (n,).
+    """Return one channel over all rows, (n,).
 
     Raises
     ------
     InputError
-        The survey has no such column, or it has gaps.
+        The survey has no such column, or the column has gaps.
     """
-    call = CALL.fullmatch(name)
+    call = DERIVED_CHANNEL.fullmatch(name)
     if call:
         return _DERIVED[call[1]](table, call[2], float(call[3]))
     if name.startswith("dir_"):
@@ -62,27 +70,27 @@ def channel(table: pd.DataFrame, name: str) -> Array:
 
 
 def root(name: str) -> str:
-    """The channel at the bottom: of ``lag(T_bed,600)``, ``T_bed``."""
-    call = CALL.fullmatch(name)
+    """Base channel of a derived one: ``T_bed`` of ``lag(T_bed,600)``."""
+    call = DERIVED_CHANNEL.fullmatch(name)
     return call[2] if call else name
 
 
 def columns(table: pd.DataFrame, names: Sequence[str]) -> list[Array]:
-    """Several channels over all rows, each (n,), with temperatures freed of their sensors' noise (`settled`).
+    """Several channels over all rows, each (n,), with temperatures smoothed over time (`settled`).
 
-    What stands behind a lag is taken as recorded: the lag itself takes the noise out.
+    A lagged temperature is taken as recorded, since the lag itself smooths it.
     """
     smooth = settled(table, {name for name in names if name.startswith("T_")})
     return [channel(smooth if name.startswith("T_") else table, name) for name in names]
 
 
 def settled(table: pd.DataFrame, names: Iterable[str]) -> pd.DataFrame:
-    """The table with the named temperatures as smooth functions of time, clock by clock (`clocks`).
+    """Table with the named temperatures smoothed over time by local linear regression, one clock at a time (`clocks`).
 
-    A member's temperature changes slowly; a sensor adds noise from row to row, which an effect of 10 um/K would carry
-    into every prediction. A local straight line over `SETTLE` seconds takes most of it out and leaves what takes longer
-    than a quarter of an hour as it is, however many rows there are. A table without time is left as it is, and so are
-    rows that no time passes between (states that somebody asks about).
+    A member's temperature changes slowly, whereas a sensor adds noise to each row, which an effect of 10 um/K would
+    carry into every prediction. The window of `SMOOTHING_SECONDS` removes most of it and keeps changes that take longer
+    than a quarter of an hour, at any rate of rows. A table without time, or rows at one time (states given for a
+    prediction), are left as they are.
     """
     names = [n for n in names if n in table and table[n].notna().all()]
     if not names or "time" not in table or not table["time"].notna().all():
@@ -99,10 +107,10 @@ def settled(table: pd.DataFrame, names: Iterable[str]) -> pd.DataFrame:
 
 
 def clocks(table: pd.DataFrame, name: str) -> Index:
-    """Which rows have one clock, as a number a row: those of a file, or of one run where the runs' times are their own.
+    """Label of the clock of each row: one per file, or one per run where each run has a clock of its own.
 
-    Runs of one file may share a clock, or each may start at zero. Where time goes back, the column tells: it is one
-    smooth function of the time of the file, or it is not, and is one within each run.
+    Runs of a file may share a clock, or each may start at zero. Where the time goes back, the column decides: the clock
+    is common if the column is a smooth function of the file's time, else each run has its own.
     """
     files, time = _codes(table, ["file"]), table["time"].to_numpy(dtype=np.float64)
     if "run" not in table or not (np.diff(time) < 0).any():
@@ -113,13 +121,13 @@ def clocks(table: pd.DataFrame, name: str) -> Index:
         if (np.diff(time[rows]) < 0).any() and np.ptp(runs[rows]) > 0:
             left = _rms(_local_line(time[rows], values[rows]) - values[rows])
             by_run = [_local_line(time[r], values[r]) - values[r] for r in (rows[i] for i in _by_label(runs[rows]))]
-            if left > max(APART, 2 * _rms(np.concatenate(by_run))):
+            if left > max(CLOCK_MISFIT_KELVIN, 2 * _rms(np.concatenate(by_run))):
                 out[rows] = files.max() + 1 + runs[rows]
     return out
 
 
 def _by_label(labels: Index) -> list[Index]:
-    """The rows of each label."""
+    """Indices of the rows of each label."""
     return [np.flatnonzero(labels == label) for label in np.unique(labels)]
 
 
@@ -128,14 +136,14 @@ def _rms(values: Array) -> float:
 
 
 def _local_line(time: Array, values: Array) -> Array:
-    """Local linear regression with Gaussian weights of standard deviation `SETTLE`, by convolution on an even grid."""
+    """Local linear regression with Gaussian weights of standard deviation `SMOOTHING_SECONDS`, on an even grid."""
     start, end = float(time.min()), float(time.max())
-    step = max(SETTLE / 8, (end - start) / 1_000_000)
+    step = max(SMOOTHING_SECONDS / 8, (end - start) / 1_000_000)
     place = np.rint((time - start) / step).astype(np.intp)
     size, x = int(place.max()) + 1, place - place.max() / 2
     level = values.mean()
-    reach = int(5 * SETTLE / step)
-    kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) * step / SETTLE) ** 2)
+    reach = int(5 * SMOOTHING_SECONDS / step)
+    kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) * step / SMOOTHING_SECONDS) ** 2)
 
     def moment(weights: Array) -> Array:
         sums = np.bincount(place, weights, minlength=size)
@@ -145,24 +153,24 @@ def _local_line(time: Array, values: Array) -> Array:
     value, product = moment(values - level), moment(x * (values - level))
     middle = first / count
     spread = second / count - middle**2
-    slope = (product / count - middle * value / count) / (spread + 1.0)  # a lone row keeps its value
+    slope = (product / count - middle * value / count) / (spread + 1.0)  # the added 1 keeps the value of a single row
     out: Array = level + value / count + slope * (x - middle)
     return out
 
 
 def _place(table: pd.DataFrame, row: int) -> tuple[str, str]:
-    """File and data row, from 1, of a row of a survey's table."""
+    """File and data row (from 1) of a row of a survey's table, for messages."""
     if "file" not in table:
         return "survey", str(row + 1)
     return str(table["file"].iloc[row]), str(table["row"].iloc[row])
 
 
 def direction(table: pd.DataFrame, joint: str) -> Array:
-    """Side from which a joint arrived: +1 where it came up from smaller positions, -1 from larger, (n,).
+    """Direction of approach of a joint: +1 from smaller positions, -1 from larger ones, (n,).
 
-    As the column ``dir_<joint>`` says; where it says nothing, by the order of a file's rows (of their times where a
-    run's rows are not in order). A joint that stands still keeps its sign; before its first move it has the sign of
-    that move; one that never moves has +1. In rows about the joint's own error motions see `passes`.
+    It is that of the column ``dir_<joint>``; where the column is empty, that of the order of a file's rows (of their
+    times where a run's rows are not in order). A joint at rest keeps its sign; before its first move it has the sign of
+    that move; without any move it has +1. For rows about the joint's own error motions see `passes`.
     """
     import pandas as pd
 
@@ -193,11 +201,11 @@ def direction(table: pd.DataFrame, joint: str) -> Array:
 
 
 def passes(position: Array, run: Index) -> Array:
-    """Side from which a joint came to the targets of a test to and fro, +-1, from positions (n,) and runs (n,).
+    """Direction of approach to the targets of a bidirectional test, +-1, from positions (n,) and runs (n,).
 
-    ISO 230-2 has the joint overrun the last target, so that it comes back to it from the other side: of a target that
-    is read twice as often where the joint turns as it is elsewhere, the later half belongs to the way back. For the
-    same reason the first target of a run, and one that is jumped back to, is approached as the next ones are.
+    In ISO 230-2 the joint overruns the last target and approaches it from the other side. Of a target at a reversal
+    that is read twice as often as the others, the later half therefore belongs to the way back. For the same reason the
+    first target of a run, and one that the joint jumps back to, has the direction of the targets after it.
     """
     starts = np.flatnonzero(np.diff(position, prepend=np.nan) != 0)
     counts = np.diff(np.append(starts, len(position)))
@@ -208,7 +216,7 @@ def passes(position: Array, run: Index) -> Array:
     before, after = np.append(signs[0], signs), np.append(signs, signs[-1])
     inner = counts[1:-1][signs[1:] == signs[:-1]]
     usual = float(np.median(inner)) if len(inner) else float(counts.min())
-    long = np.abs(steps) > JUMP * np.median(np.abs(steps))
+    long = np.abs(steps) > JUMP_STEPS * np.median(np.abs(steps))
     out = np.repeat(before, counts)
     for k in np.flatnonzero(before != after):
         a, b = starts[k], starts[k] + counts[k]
@@ -224,7 +232,7 @@ def passes(position: Array, run: Index) -> Array:
 
 
 def _codes(table: pd.DataFrame, names: list[str]) -> Index:
-    """A number for each different label of a row; one for all where the columns are not there."""
+    """Number of each distinct label of the rows; one number for all rows where the columns do not exist."""
     import pandas as pd
 
     codes = np.zeros(len(table), dtype=np.intp)
@@ -236,9 +244,9 @@ def _codes(table: pd.DataFrame, names: list[str]) -> Index:
 
 
 def lag(table: pd.DataFrame, name: str, tau: float) -> Array:
-    """A column behind a first-order lag (time constant `tau`, s), settled at its first value; clock by clock.
+    """Column after a first-order lag with time constant `tau` (s), in equilibrium at its first value, clock by clock.
 
-    Rows that no time passes between are states of their own, each of them settled.
+    Rows at one time are independent states, each in equilibrium.
     """
     values, time = channel(table, name), channel(table, "time")
     out = values.copy()
@@ -249,9 +257,9 @@ def lag(table: pd.DataFrame, name: str, tau: float) -> Array:
 
 
 def lagged(time: Array, values: Array, tau: float) -> Array:
-    """First-order lag of a signal known at unevenly spaced times (any order), straight lines in between; exact.
+    """Exact first-order lag of a signal at unevenly spaced times (any order), linear between them.
 
-    Over a step h the lag keeps ``a = exp(-h/tau)`` of itself and takes the rest from the line: a bidiagonal system.
+    Over a step h the lag keeps ``a = exp(-h/tau)`` of its value and takes the rest from the line: a bidiagonal system.
     """
     from scipy.linalg import solve_banded
 
@@ -268,11 +276,11 @@ def lagged(time: Array, values: Array, tau: float) -> Array:
 
 
 def play(table: pd.DataFrame, name: str, width: float) -> Array:
-    """What a joint leaves of its position behind a play of full `width` (mm or rad), in the order of the rows."""
+    """Position of a joint after a play of full `width` (mm or rad), in the order of the rows."""
     q = channel(table, name)
     start = direction(table, name)[0]
     low, high = q - width / 2, q + width / 2
-    # each row clamps what came before into [low, high]; clamps compose into clamps, so that a scan by doubling will do
+    # each row clamps the previous value into [low, high]; clamps compose into clamps, which allows a scan by doubling
     step = 1
     while step < len(q):
         earlier_low, earlier_high = low[:-step], high[:-step]
@@ -284,4 +292,4 @@ def play(table: pd.DataFrame, name: str, width: float) -> Array:
     return left
 
 
-_DERIVED = {"lag": lag, "play": play}
+_DERIVED = {"lag": lag, "play": play}  # functions of the derived channels: (table, name, number) to values (n,)

@@ -1,8 +1,7 @@
-"""The only home of units, signs, frames and ISO 230-1 symbols.
+"""Conventions of the toolkit: units, signs, frames and symbols of ISO 230-1.
 
-Inside the toolkit lengths are mm and angles are radians. Every error is actual minus nominal;
-rotations are right-handed. A small rotation ``e = (ea, eb, ec)`` is ``Rx(ea) Ry(eb) Rz(ec)``, the same
-order in which a shape's nominal ``rotation`` is read.
+Lengths are mm and angles rad. Every error is actual minus nominal; rotations are right-handed. A small rotation
+``e = (ea, eb, ec)`` is ``Rx(ea) Ry(eb) Rz(ec)``, the same order in which a shape's nominal ``rotation`` is read.
 """
 
 from __future__ import annotations
@@ -11,13 +10,13 @@ from typing import Literal
 
 Motion = Literal["dx", "dy", "dz", "ea", "eb", "ec"]
 
-TRANSLATIONS: tuple[Motion, ...] = ("dx", "dy", "dz")
-ROTATIONS: tuple[Motion, ...] = ("ea", "eb", "ec")
-MOTIONS: tuple[Motion, ...] = TRANSLATIONS + ROTATIONS
+TRANSLATIONS: tuple[Motion, ...] = ("dx", "dy", "dz")  # small displacements along x, y, z, mm
+ROTATIONS: tuple[Motion, ...] = ("ea", "eb", "ec")  # small rotations about x, y, z, rad
+MOTIONS: tuple[Motion, ...] = TRANSLATIONS + ROTATIONS  # all six error motions
 
-FRAME = "frame"  # the measuring frame, left of the chain
-TOOL = "tool"
-INSTRUMENT = "instrument"
+FRAME = "frame"  # the measuring frame, before the first element of the chain
+TOOL = "tool"  # the functional point, after the last element of the chain
+INSTRUMENT = "instrument"  # location of effects of the instrument
 
 _ISO_DIRECTION: dict[Motion, str] = {"dx": "X", "dy": "Y", "dz": "Z", "ea": "A", "eb": "B", "ec": "C"}
 
@@ -28,7 +27,7 @@ def iso_symbol(joint: str, motion: Motion) -> str:
 
 
 def motion_of_iso(symbol: str, joint: str) -> Motion | None:
-    """Inverse of :func:`iso_symbol`, blind to case; None if `symbol` is not a motion of `joint`."""
+    """Motion of an ISO 230-1 symbol, ignoring case; None if `symbol` is no error motion of `joint`."""
     for motion in MOTIONS:
         if symbol.lower() == iso_symbol(joint, motion).lower():
             return motion

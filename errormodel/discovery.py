@@ -1,6 +1,6 @@
-"""How a package finds what its files define: a new class in a new file is there without being listed anywhere.
+"""Discovery of plug-in classes: a class in a new file of a package is found without an entry in any list.
 
-Other packages bring classes of their own by an entry point whose group is the name of the package here, such as
+Other distributions add classes by an entry point whose group is the package's name here, such as
 ``errormodel.effects``, and whose value is their module.
 """
 
@@ -17,9 +17,9 @@ T = TypeVar("T")
 
 
 def classes(package: str, kind: type[T]) -> Iterator[type[T]]:
-    """Concrete classes of a kind that the modules of a package define themselves, in the order of the files.
+    """Concrete subclasses of `kind` that the modules of a package define, in the order of the files.
 
-    Those of other packages come last, in the order of their modules' names.
+    Classes of other distributions come last, in the order of their modules' names.
     """
     for name in modules(package):
         for value in vars(import_module(name)).values():
@@ -29,14 +29,14 @@ def classes(package: str, kind: type[T]) -> Iterator[type[T]]:
 
 
 def modules(package: str) -> list[str]:
-    """Names of the modules of a package, and of those that other packages name as entry points of that group."""
+    """Module names of a package, and of the entry points of other distributions in that group."""
     inside = pkgutil.iter_modules(import_module(package).__path__)
     outside = {point.value.partition(":")[0] for point in entry_points(group=package)}
     return [f"{package}.{module.name}" for module in inside] + sorted(outside)
 
 
 def by_word(pairs: Iterable[tuple[str, type[T]]]) -> dict[str, type[T]]:
-    """Classes by their words. Two of one word are a mistake of the project's own and raise."""
+    """Classes by their names in files; two classes of one name are a programming error and raise."""
     found: dict[str, type[T]] = {}
     for word, value in pairs:
         if word in found:

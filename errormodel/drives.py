@@ -1,7 +1,7 @@
 """Two drives of one axis, as of a gantry: one joint in the chain, two columns in a survey.
 
-The joint's position is the mean of the two columns; their difference, first minus second in mm, is the channel
-``w_sync_<joint>``, which turns the beam between them (`gantry-racking`).
+The joint's position is the mean of the two columns; their difference (first minus second, mm) is the channel
+``w_sync_<joint>``, on which `gantry-racking` depends.
 """
 
 from __future__ import annotations
@@ -15,20 +15,23 @@ from numpy.typing import NDArray
 from errormodel.exceptions import InputError
 from errormodel.machine import Machine
 from errormodel.serial_chain import directions
-from errormodel.survey_columns import MEASURED, TOOL
+from errormodel.survey_columns import MEASURED, TOOL_COLUMNS
 
 Array = NDArray[np.float64]
 
-APART = 0.02  # of the travel: a beam that is skewed so far is broken
-ALIKE = 1e-3  # of their way: columns that go together like this are two drives, or one command for two stages
-FEWEST = 8  # rows
-BETTER = 4.0  # times
+# largest difference of the two drives as a share of the travel; by judgement: a beam skewed by more is damaged
+MOST_SKEW_SHARE = 0.02
+# difference of two columns, as a share of their range, below which they are one motion: two drives, or one command
+SAME_MOTION_SHARE = 1e-3
+FEWEST_DRIVE_ROWS = 8  # fewest rows from which two columns are compared; by judgement
+# factor by which one drive must explain the measured distances better than two in series; by judgement
+SINGLE_DRIVE_GAIN = 4.0
 
 
 def as_one(frame: pd.DataFrame, machine: Machine, name: str) -> pd.DataFrame:
-    """A file's table with the two drives of a joint as its position and their difference, mm.
+    """Replace the columns of two drives by the joint's position and their difference, mm.
 
-    Where the joint has a column of its own, that is its position.
+    A column of the joint itself takes precedence over the mean of its drives.
 
     Parameters
     ----------
@@ -45,7 +48,7 @@ def as_one(frame: pd.DataFrame, machine: Machine, name: str) -> pd.DataFrame:
             continue
         first, second = (frame[drive].to_numpy(dtype=np.float64) for drive in joint.drives)
         apart = np.nan_to_num(np.abs(first - second))
-        if apart.max(initial=0.0) > APART * (joint.travel[1] - joint.travel[0]):
+        if apart.max(initial=0.0) > MOST_SKEW_SHARE * (joint.travel[1] - joint.travel[0]):
             worst = int(apart.argmax())
             one, other = joint.drives
             raise InputError(
@@ -59,7 +62,7 @@ def as_one(frame: pd.DataFrame, machine: Machine, name: str) -> pd.DataFrame:
 
 
 def in_step(table: pd.DataFrame, machine: Machine) -> tuple[pd.DataFrame, list[str]]:
-    """Commands with the drives of each joint in step where nothing says otherwise, and a note where an effect asks."""
+    """Commands with the drives of each joint in step unless stated otherwise; notes where an effect depends on them."""
     notes = []
     for joint in machine.joints:
         if not joint.drives or (joint.difference in table and table[joint.difference].notna().all()):
@@ -72,9 +75,9 @@ def in_step(table: pd.DataFrame, machine: Machine) -> tuple[pd.DataFrame, list[s
 
 
 def check_series(frame: pd.DataFrame, machine: Machine, name: str) -> list[str]:
-    """Refuse two drives of one axis that the machine has in series, as if one carried the other.
+    """Refuse two drives of one axis that the machine declares in series, as if one carried the other.
 
-    Their columns go together, and the tool went as far as one of them. Where nothing was measured that tells, a note.
+    Their columns are equal and the tool moved as far as one of them. Without measured points to decide, a note.
 
     Raises
     ------
@@ -85,11 +88,11 @@ def check_series(frame: pd.DataFrame, machine: Machine, name: str) -> list[str]:
     axes, notes = directions(machine.elements), []
     for one, other in combinations([j for j in machine.joints if j.type == "prismatic"], 2):
         sense = float(axes[one.name] @ axes[other.name])
-        if abs(sense) < 1 - 1e-6 or len(rows) < FEWEST:
+        if abs(sense) < 1 - 1e-6 or len(rows) < FEWEST_DRIVE_ROWS:
             continue
         first, second = rows[one.name].to_numpy(), rows[other.name].to_numpy() * round(sense)
         way, apart = float(np.ptp(first)), float(np.ptp(first - second))
-        if not apart < ALIKE * way:
+        if not apart < SAME_MOTION_SHARE * way:
             continue
         held = rows.assign(**{other.name: float(np.median(rows[other.name]))})
         series, single = _misfit(rows, rows, machine), _misfit(held, rows, machine)
@@ -102,7 +105,7 @@ def check_series(frame: pd.DataFrame, machine: Machine, name: str) -> list[str]:
         found = f"{one.name} = {other.name} within {max(apart, 0.001):.2g} mm over {way:.4g} mm"
         if series is None or single is None:
             notes.append(f"{found}, in series; if they are two drives of one axis: {cure[0].lower()}{cure[1:]}")
-        elif single < series / BETTER:
+        elif single < series / SINGLE_DRIVE_GAIN:
             raise InputError(
                 f"{name}, columns {one.name} and {other.name}",
                 f"{found}, and the tool went as far as one of them: two drives of one axis, which the machine has in "
@@ -113,17 +116,17 @@ def check_series(frame: pd.DataFrame, machine: Machine, name: str) -> list[str]:
 
 
 def _misfit(commands: pd.DataFrame, rows: pd.DataFrame, machine: Machine) -> float | None:
-    """Median difference (mm) of nominal and measured ways from row to row; None where too little was measured."""
+    """Median difference (mm) of nominal and measured distances from row to row; None with too few measured points."""
     from errormodel.chain import Chain
 
     names = [n for n in MEASURED if n in rows]
     seen = rows[names].notna().all(axis=1).to_numpy()
-    if len(names) < len(MEASURED) or seen.sum() < FEWEST:
+    if len(names) < len(MEASURED) or seen.sum() < FEWEST_DRIVE_ROWS:
         return None
     part = commands[seen]
     tool = [
         part[n].fillna(value).to_numpy() if n in part else np.full(len(part), value)
-        for n, value in zip(TOOL, machine.tool, strict=True)
+        for n, value in zip(TOOL_COLUMNS, machine.tool, strict=True)
     ]
     joints = [part[j.name].to_numpy() for j in machine.joints]
     columns: list[Array] = [np.ascontiguousarray(c, dtype=np.float64) for c in (*joints, *tool)]

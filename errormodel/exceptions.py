@@ -1,4 +1,4 @@
-"""Named errors that carry the place, what was found there, and the cure."""
+"""Exceptions that name the place of an error, the value found there and the correction."""
 
 from __future__ import annotations
 
@@ -7,20 +7,20 @@ from collections.abc import Iterable
 
 
 class ErrorModelError(Exception):
-    """Base class of everything this project raises on purpose."""
+    """Base class of all deliberate errors of this project."""
 
 
 class InputError(ErrorModelError):
-    """What the user gave is wrong; the command line turns it into exit code 2.
+    """Invalid user input; the command line turns it into exit code 2.
 
     Parameters
     ----------
     where : str
         The place: a file, with row and column or with line and key, e.g. ``survey.csv, row 7, column mx``.
     found : str
-        What stands there.
+        The value that stands there.
     cure : str
-        What to write instead.
+        The correction: what to write instead.
     """
 
     def __init__(self, where: str, found: str, cure: str) -> None:
@@ -32,7 +32,7 @@ class InputError(ErrorModelError):
 
 
 class EffectError(InputError):
-    """A key of an effect's entry is wrong; `key` is its name."""
+    """Invalid key of an effect's entry; `key` is its name."""
 
     def __init__(self, where: str, found: str, cure: str, key: str = "effect") -> None:
         super().__init__(where, found, cure)

@@ -1,4 +1,4 @@
-"""Files written whole or not at all: beside their place, flushed to the disk, then moved there."""
+"""Atomic writing of files: written beside their destination, flushed to the disk, then moved into place."""
 
 from __future__ import annotations
 
@@ -18,21 +18,22 @@ from errormodel.exceptions import ErrorModelError, InputError
 if TYPE_CHECKING:
     import pandas as pd
 
-PATIENCE = 60.0  # seconds to wait for another run
-LOCK = ".errormodel.lock"  # where a folder itself cannot be locked
-PLACE = "Give a place that can be written to"
+LOCK_WAIT_SECONDS = 60.0  # s to wait for another process that holds the lock; by judgement
+LOCK_FILE = ".errormodel.lock"  # name of the lock file, on systems where a folder itself cannot be locked
+UNWRITABLE_CURE = "Give a place that can be written to"  # correction in messages about files that cannot be written
 
 
 @contextmanager
 def replacing(path: Path | str) -> Iterator[Path]:
-    """A path beside `path` to write to; it takes the place of `path` when the block ends without an error.
+    """Temporary path beside `path` that replaces it when the block ends without an error.
 
-    Folders on the way are made. The suffix is kept, since many writers go by it, and so is the mode of an old file.
+    Missing folders are made. The suffix is kept, because writers choose the format by it, and so is the mode of an
+    existing file.
 
     Raises
     ------
     InputError
-        The place cannot be written to, or is no plain file.
+        The destination cannot be written to, or is no regular file.
     """
     path = Path(path)
     part = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
@@ -48,7 +49,7 @@ def replacing(path: Path | str) -> Iterator[Path]:
     except OSError as error:
         raise unwritable(path, error) from error
     finally:
-        with suppress(OSError):  # where nothing can be written nothing is left behind
+        with suppress(OSError):  # where the folder cannot be written to, there is no file to remove
             part.unlink(missing_ok=True)
 
 
@@ -65,7 +66,7 @@ def write_bytes_atomic(data: bytes, path: Path | str) -> None:
 
 
 def write_csv(frame: pd.DataFrame, path: Path | str) -> None:
-    """Write a table without its index; every float in the shortest form that reads back as the same float.
+    """Write a table without its index, each float in the shortest form that reads back as the same float.
 
     NaN and None become empty cells, which a survey reads as "not measured".
     """
@@ -74,7 +75,7 @@ def write_csv(frame: pd.DataFrame, path: Path | str) -> None:
 
 
 def plain_mode(path: Path) -> int | None:
-    """Permissions of a plain file, None where there is nothing.
+    """Permissions of a regular file; None where there is no file.
 
     Raises
     ------
@@ -98,12 +99,12 @@ def plain_mode(path: Path) -> int | None:
 
 
 def unwritable(path: Path, error: OSError) -> InputError:
-    """What to say where the system refused to write."""
-    return InputError(str(path), f"cannot be written: {error.strerror or error}", PLACE)
+    """Error for a file that the system refused to write."""
+    return InputError(str(path), f"cannot be written: {error.strerror or error}", UNWRITABLE_CURE)
 
 
 def flush(path: Path) -> None:
-    """Wait until the disk has what was written to a file, or moved into a folder: a power cut then loses nothing."""
+    """Wait until the disk holds a file's content, or a folder's entries, so that a power failure loses nothing."""
     folder = path.is_dir()
     if folder and sys.platform == "win32":
         return  # a folder cannot be opened there
@@ -111,54 +112,54 @@ def flush(path: Path) -> None:
     try:
         os.fsync(handle)
     except OSError as error:
-        if error.errno not in (errno.EINVAL, errno.ENOTSUP, errno.ENOSYS):  # file systems that cannot do it
+        if error.errno not in (errno.EINVAL, errno.ENOTSUP, errno.ENOSYS):  # file systems without this operation
             raise
     finally:
         os.close(handle)
 
 
 def sha256(path: Path) -> str:
-    """Digest of a file's content."""
+    """SHA-256 digest of a file's content."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Keep other runs from changing what stands in `folder`, and wait for those that do.
+    """Hold the lock of `folder` against other processes, waiting for those that hold it.
 
     Raises
     ------
     ErrorModelError
-        Another run has held it for a minute.
+        Another process has held it for a minute.
     """
     handle = None
-    with suppress(OSError):  # a folder that cannot even be opened: writing there says why
+    with suppress(OSError):  # a folder that cannot be opened: writing there gives the reason
         handle = _handle(folder)
     if handle is None:
         yield
         return
     try:
-        until = time.monotonic() + PATIENCE
+        until = time.monotonic() + LOCK_WAIT_SECONDS
         while not taken(handle):
             if time.monotonic() > until:
-                raise ErrorModelError(f"{folder}: another run has held it for {PATIENCE:.0f} s. Try again")
+                raise ErrorModelError(f"{folder}: another run has held it for {LOCK_WAIT_SECONDS:.0f} s. Try again")
             time.sleep(0.005)
         yield
     finally:
         os.close(handle)
         with suppress(OSError):
-            (folder / LOCK).unlink(missing_ok=True)
+            (folder / LOCK_FILE).unlink(missing_ok=True)
 
 
 def _handle(folder: Path) -> int:
     if sys.platform == "win32":
-        return os.open(folder / LOCK, os.O_RDWR | os.O_CREAT)
+        return os.open(folder / LOCK_FILE, os.O_RDWR | os.O_CREAT)
     return os.open(folder, os.O_RDONLY)
 
 
 def taken(handle: int) -> bool:
-    """Lock what `handle` has open, unless another process has; where nothing can be locked, as if it were."""
+    """Lock an open file or folder unless another process holds it; True as well where locking is not supported."""
     if sys.platform == "win32":
         import msvcrt
 

@@ -1,6 +1,6 @@
-"""What the command under way reads, so that it never writes over any of it and can say what a result was made from.
+"""Record of the files that a command reads: it must not overwrite them, and results name them with their digests.
 
-Every reader passes the paths that it opens through :func:`noted`. Outside of a command that does nothing.
+Every reader passes the paths that it opens through :func:`noted`, which does nothing outside of a command.
 """
 
 from __future__ import annotations
@@ -17,22 +17,22 @@ from errormodel.files import sha256
 
 
 class Output(Protocol):
-    """A file or a folder that a command is to write."""
+    """A file or folder that a command will write."""
 
     path: Path
 
     def covers(self, path: Path) -> bool:
-        """Whether writing here would change `path`, however either is spelled; not where there is no such file."""
+        """Whether writing here would change the existing file `path`, however either path is written."""
         ...
 
     def joins(self, folder: Path, suffixes: Collection[str]) -> bool:
-        """Whether what is written would be one more of the files of `folder` that are read together."""
+        """Whether the output would become one more of the files of `folder` that are read together."""
         ...
 
 
 @dataclass
 class Run:
-    """A command: its name, its options as they change the result, what it writes, and digests of what it has read."""
+    """A command: its name, the options that change its result, its outputs, and digests of the files it has read."""
 
     command: str
     options: dict[str, Any]
@@ -40,7 +40,7 @@ class Run:
     inputs: dict[Path, str] = field(default_factory=dict)
 
     def refuse(self, path: Path) -> None:
-        """InputError if an output would write over `path`."""
+        """Raise InputError if an output would overwrite `path`."""
         for output in self.outputs:
             if output.covers(path):
                 raise overwrites(output, path)
@@ -50,13 +50,13 @@ _run: ContextVar[Run | None] = ContextVar("run", default=None)
 
 
 def current() -> Run | None:
-    """The command under way."""
+    """The command in progress, or None."""
     return _run.get()
 
 
 @contextmanager
 def running(run: Run | None) -> Iterator[None]:
-    """Note what is read in the block as read by a command, or by none."""
+    """Attribute the files that are read in the block to a command, or to none."""
     token = _run.set(run)
     try:
         yield
@@ -65,17 +65,17 @@ def running(run: Run | None) -> Iterator[None]:
 
 
 def noted(path: Path) -> Path:
-    """The path of a file that is now read.
+    """Record the path of a file that is now read, and return it.
 
     Raises
     ------
     InputError
-        The command would write over it.
+        The command would overwrite it.
     """
     run = _run.get()
     if run is not None:
         run.refuse(path)
-        with suppress(OSError):  # reading it says why
+        with suppress(OSError):  # opening the file gives the reason
             place = path.resolve()
             if place.is_file() and place not in run.inputs:
                 run.inputs[place] = sha256(place)
@@ -83,12 +83,12 @@ def noted(path: Path) -> Path:
 
 
 def noted_folder(folder: Path, suffixes: Collection[str]) -> Path:
-    """The path of a folder whose files with these suffixes are read together.
+    """Check a folder whose files with these suffixes are read together, and return its path.
 
     Raises
     ------
     InputError
-        The command would put one more there.
+        The command would write one more such file there.
     """
     run = _run.get()
     for output in run.outputs if run is not None else ():
@@ -98,6 +98,6 @@ def noted_folder(folder: Path, suffixes: Collection[str]) -> Path:
 
 
 def overwrites(output: Output, path: Path) -> InputError:
-    """What to say where a command would write over what it reads."""
+    """Error for an output that would overwrite an input."""
     found = "this command reads it" if path == output.path else f"writing there would change {path}, which is read"
     return InputError(str(output.path), found, "Give another place for the results")

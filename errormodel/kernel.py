@@ -1,8 +1,8 @@
-"""The fast numeric path: a CasADi expression's instruction list, turned once into NumPy on blocks of rows.
+"""Fast numerical evaluation of a CasADi expression: its instruction list, compiled to NumPy on blocks of rows.
 
-CasADi stays the only model. Its instruction list is read once; equal sub-expressions (also up to sign) are merged,
-whatever does not depend on the row is computed once as plain floats, and the rest becomes a NumPy program that works in
-place on blocks small enough for the cache. No compiler is needed. Checked against CasADi to 1e-12 by the tests.
+CasADi remains the only model. Common sub-expressions (also up to sign) are merged, those that do not depend on the row
+are computed once as floats, and the rest becomes a NumPy program that works in place on blocks that fit the cache. No
+compiler is needed. The tests compare it with CasADi to 1e-12.
 """
 
 from __future__ import annotations
@@ -16,9 +16,10 @@ import numpy as np
 
 from errormodel.arrays import Array, Numbers
 
-BLOCK = 4096  # rows a block: the functions of a five-axis machine then stay in the second-level cache
+# rows per block; the functions of a five-axis machine then fit the second-level cache
+KERNEL_BLOCK_ROWS = 4096
 
-_UNARY = {
+_UNARY_UFUNCS = {
     ca.OP_SIN: "sin", ca.OP_COS: "cos", ca.OP_TAN: "tan", ca.OP_ASIN: "arcsin", ca.OP_ACOS: "arccos",
     ca.OP_ATAN: "arctan", ca.OP_SQ: "square", ca.OP_SQRT: "sqrt", ca.OP_EXP: "exp", ca.OP_LOG: "log",
     ca.OP_FABS: "absolute", ca.OP_SIGN: "sign", ca.OP_INV: "reciprocal", ca.OP_TANH: "tanh", ca.OP_SINH: "sinh",
@@ -26,26 +27,28 @@ _UNARY = {
     ca.OP_NEG: "negative", ca.OP_ASINH: "arcsinh", ca.OP_ACOSH: "arccosh", ca.OP_ATANH: "arctanh",
     ca.OP_EXPM1: "expm1", ca.OP_LOG1P: "log1p",
 }  # fmt: skip
-_BINARY = {
+_BINARY_UFUNCS = {
     ca.OP_ADD: "add", ca.OP_SUB: "subtract", ca.OP_MUL: "multiply", ca.OP_DIV: "divide", ca.OP_POW: "power",
     ca.OP_CONSTPOW: "power", ca.OP_FMIN: "fmin", ca.OP_FMAX: "fmax", ca.OP_ATAN2: "arctan2", ca.OP_LT: "less",
     ca.OP_LE: "less_equal", ca.OP_EQ: "equal", ca.OP_NE: "not_equal", ca.OP_AND: "logical_and",
     ca.OP_OR: "logical_or", ca.OP_FMOD: "fmod", ca.OP_HYPOT: "hypot", ca.OP_COPYSIGN: "copysign",
     ca.OP_IF_ELSE_ZERO: "where",
 }  # fmt: skip
-_COMMUTES = {"add", "multiply", "fmin", "fmax", "equal", "not_equal", "logical_and", "logical_or", "hypot"}
-_ODD = {"sin", "tan", "arcsin", "arctan", "tanh", "sinh", "arcsinh", "arctanh", "reciprocal", "sign"}
-_EVEN = {"cos", "square", "absolute", "cosh"}
+# functions f with f(x, y) = f(y, x)
+_COMMUTATIVE = {"add", "multiply", "fmin", "fmax", "equal", "not_equal", "logical_and", "logical_or", "hypot"}
+# functions with f(-x) = -f(x)
+_ODD_UFUNCS = {"sin", "tan", "arcsin", "arctan", "tanh", "sinh", "arcsinh", "arctanh", "reciprocal", "sign"}
+_EVEN_UFUNCS = {"cos", "square", "absolute", "cosh"}  # functions with f(-x) = f(x)
 
 Ref = tuple[int, int]  # (sign, node)
 
 
 @dataclass
 class _Program:
-    """Hash-consed nodes of the expression; a reference carries a sign so that -x costs nothing."""
+    """Hash-consed nodes of the expression; a reference carries a sign, so that a negation costs nothing."""
 
     nodes: list[tuple[Any, ...]] = field(default_factory=list)
-    scalar: list[bool] = field(default_factory=list)  # does not depend on the row
+    scalar: list[bool] = field(default_factory=list)  # whether the node is independent of the row
     index: dict[tuple[Any, ...], int] = field(default_factory=dict)
 
     def node(self, key: tuple[Any, ...], scalar: bool) -> int:
@@ -63,7 +66,7 @@ class _Program:
         if sign > 0:
             return node
         kind, *args = self.nodes[node]
-        if kind == "subtract":  # as cheap as the negative, and +0 where both are equal, as CasADi has it
+        if kind == "subtract":  # as cheap as a negation, and +0 where both operands are equal, as in CasADi
             return self.node((kind, *args[::-1]), self.scalar[node])
         return self.node(("negative", node), self.scalar[node])
 
@@ -71,8 +74,8 @@ class _Program:
         if name == "negative":
             return -a[0], a[1]
         sign = 1
-        if name in _ODD or name in _EVEN:
-            sign, a = (a[0] if name in _ODD else 1), (1, a[1])
+        if name in _ODD_UFUNCS or name in _EVEN_UFUNCS:
+            sign, a = (a[0] if name in _ODD_UFUNCS else 1), (1, a[1])
         node = self.plain(a)
         return sign, self.node((name, node), self.scalar[node])
 
@@ -87,16 +90,16 @@ class _Program:
             name, a, b = ("add" if a[0] == b[0] else "subtract"), (1, a[1]), (1, b[1])
             if name == "subtract" and a[1] > b[1]:  # x - y and y - x are one function
                 sign, a, b = -sign, b, a
-        elif name == "where":  # the condition's sign does not matter, the value's goes through
+        elif name == "where":  # the condition's sign is irrelevant, the value's is kept
             sign, a, b = b[0], (1, a[1]), (1, b[1])
         left, right = self.plain(a), self.plain(b)
-        if name in _COMMUTES and left > right:
+        if name in _COMMUTATIVE and left > right:
             left, right = right, left
         return sign, self.node((name, left, right), self.scalar[left] and self.scalar[right])
 
 
 def _trace(function: ca.Function) -> tuple[_Program, list[tuple[float, int | None]]]:
-    """Read the instruction list; returns the program and, for each dense output, (coefficient, node or None if 0)."""
+    """Program of a function, and (coefficient, node or None if zero) of each element of its dense output."""
     program, work = _Program(), {}
     sparsity = function.sparsity_out(0)
     outputs: list[tuple[float, int | None]] = [(0.0, None)] * sparsity.numel()
@@ -121,17 +124,17 @@ def _trace(function: ca.Function) -> tuple[_Program, list[tuple[float, int | Non
             work[out[0]] = program.binary("multiply", program.constant(2.0), work[args[0]])
         elif op == ca.OP_ASSIGN:
             work[out[0]] = work[args[0]]
-        elif op in _UNARY:
-            work[out[0]] = program.unary(_UNARY[op], work[args[0]])
-        elif op in _BINARY:
-            work[out[0]] = program.binary(_BINARY[op], work[args[0]], work[args[1]])
+        elif op in _UNARY_UFUNCS:
+            work[out[0]] = program.unary(_UNARY_UFUNCS[op], work[args[0]])
+        elif op in _BINARY_UFUNCS:
+            work[out[0]] = program.binary(_BINARY_UFUNCS[op], work[args[0]], work[args[1]])
         else:
             raise NotImplementedError(f"CasADi operation {op} has no NumPy counterpart yet; add it to kernel.py")
     return program, outputs
 
 
 def _emit(program: _Program, wanted: list[int]) -> tuple[str, int]:
-    """Python source of the block program, and how many work registers it needs."""
+    """Python source of the block program, and the number of work registers that it needs."""
     needed, stack = set(), list(wanted)
     while stack:
         node = stack.pop()
@@ -161,7 +164,7 @@ def _emit(program: _Program, wanted: list[int]) -> tuple[str, int]:
                 body.append(f"F[{slot[node]}][...] = s{node}")
         else:
             operands = ", ".join(name[a] for a in args)
-            # operands that end here give their register back first: ufuncs may work in place
+            # registers of operands that are used here for the last time are freed first: ufuncs may work in place
             free += [name[a] for a in dict.fromkeys(args) if last[a] == node and name[a].startswith("w")]
             if node in slot:
                 name[node] = f"f{node}"
@@ -170,7 +173,7 @@ def _emit(program: _Program, wanted: list[int]) -> tuple[str, int]:
                 name[node] = free.pop()
             else:
                 name[node], registers = f"w{registers}", registers + 1
-            if kind == "where":  # not a product: the branch not taken may be infinite
+            if kind == "where":  # not a product, since the branch not taken may be infinite
                 body.append(f"np.copyto({name[node]}, np.where({operands}, 0.0))")
             else:
                 body.append(f"np.{kind}({operands}, out={name[node]})")
@@ -183,7 +186,7 @@ def _emit(program: _Program, wanted: list[int]) -> tuple[str, int]:
 
 
 class Kernel:
-    """``outputs(rows, scalars)`` of a CasADi expression, evaluated for many rows at once.
+    """Evaluation of a CasADi expression ``outputs(rows, scalars)`` for many rows at once.
 
     Parameters
     ----------
@@ -192,7 +195,7 @@ class Kernel:
     scalars : SX (m, 1)
         Symbols that are the same in all rows (parameters, shape parameters).
     outputs : SX
-        Any matrix of expressions; it is seen as a column-major list.
+        Any matrix of expressions, taken as a column-major list.
 
     Attributes
     ----------
@@ -220,18 +223,23 @@ class Kernel:
         self,
         rows: Sequence[Array],
         scalars: Numbers = (),
-        size: int = BLOCK,
+        size: int = KERNEL_BLOCK_ROWS,
         into: Sequence[Array] | Array | None = None,
     ) -> Iterator[tuple[slice, Array | list[Array]]]:
-        """Yield ``(rows of the block, functions (n_functions, m))``; without `into`, the next block reuses the array.
+        """Yield ``(rows of the block, functions (n_functions, m))`` block by block.
 
-        `into` (n_functions or a list of as many long rows, each (n,)) receives the functions where they belong.
+        Parameters
+        ----------
+        rows : values of the row symbols, each (n,).
+        scalars : values of the scalar symbols.
+        size : rows per block.
+        into : n_functions arrays (n,) that receive the functions; without it each block reuses one array.
         """
         n = len(rows[0])
         p = [float(v) for v in scalars]
         work = np.empty((self._registers, min(size, n)))
         functions = np.empty((self.n_functions, min(size, n))) if into is None else None
-        with np.errstate(all="ignore"):  # both branches of a switch are evaluated, one of them possibly at 0/0
+        with np.errstate(all="ignore"):  # both branches of a switch are evaluated, possibly one of them at 0/0
             s = self._scalars(p, np)
         for start in range(0, n, size):
             part = slice(start, min(start + size, n))
@@ -239,29 +247,29 @@ class Kernel:
             target = work[:0, :m] if into is None else [row[part] for row in into]
             if functions is not None:
                 target = functions[:, :m]
-            with np.errstate(all="ignore"):  # not around the yield: the caller's arithmetic is not ours to silence
+            with np.errstate(all="ignore"):  # not around the yield, which would silence the caller's arithmetic
                 done = self._block([x[part] for x in rows], work[:, :m], target, p, s, np)
             yield part, done
 
     def expand(self, functions: Array | list[Array]) -> Array:
-        """All outputs ``(n_outputs, m)`` of a block from its distinct functions."""
+        """All outputs (n_outputs, m) of a block, from its distinct functions."""
         functions, live = np.asarray(functions), self.coefficient != 0
         out = np.zeros((self.n_outputs, functions.shape[1]))
         out[live] = functions[self.index[live]] * self.coefficient[live, None]
         return out
 
     def functions(self, rows: Sequence[Array], scalars: Numbers = ()) -> Array:
-        """The distinct functions over all rows, ``(n_functions, n)``: M without its repetitions."""
+        """Distinct functions over all rows, (n_functions, n): the outputs without repetitions."""
         out = np.empty((self.n_functions, len(rows[0])))
         for _ in self.blocks(rows, scalars, into=out):
             pass
         return out
 
     def __call__(self, rows: Sequence[Array], scalars: Numbers = (), out: Array | None = None) -> Array:
-        """All outputs over all rows, ``(n_outputs, n)``; `out` may be a buffer used before for this kernel."""
+        """All outputs over all rows, (n_outputs, n); `out` may be a buffer from an earlier call of this kernel."""
         if out is None:
             out = np.zeros((self.n_outputs, len(rows[0])))
-        # each function is computed where it is first wanted as it is, and copied from there while it is in the cache
+        # each function is computed into the first output equal to it, and copied from there while it is in the cache
         home = {
             int(i): k
             for k, (i, c) in reversed(list(enumerate(zip(self.index, self.coefficient, strict=True))))

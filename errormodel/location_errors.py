@@ -1,10 +1,10 @@
-"""Squareness and parallelism of axes: which combination of parameters each is, its symbol, and its words.
+"""Location errors of axes (squareness, parallelism) as linear combinations of the error parameters.
 
-Between two axes along principal directions, at the zero of all joints. The line of a linear joint is the path of the
-functional point: its own straightness and rotations tilt it by their slopes there. Symbols as in ISO 230-1:2012 and
-ISO 230-7:2015, with the reference axis in brackets: EC(0X)Y is the rotation about +z of the line of Y relative to X.
-Beside it, of a rotary axis, the older name of ISO 230-7:2006, such as AOC. Positions of rotary axes (XOC ...) need a
-reference that a chain does not name, and have no entry.
+Between two axes along principal directions, at the zero of all joints; rad. The line of a linear joint is the path of
+the functional point, which the joint's own straightness and rotations tilt by their slopes. Symbols as in ISO
+230-1:2012 and ISO 230-7:2015, with the reference axis in brackets: EC(0X)Y is the rotation about +z of the line of Y
+relative to X. A rotary axis has also the older symbol of ISO 230-7:2006, such as AOC. Positions of rotary axes
+(XOC ...) need a reference that a chain does not define, and are omitted.
 """
 
 from __future__ import annotations
@@ -21,10 +21,11 @@ from errormodel.chain_terms import joint_terms
 from errormodel.conventions import ROTATIONS, TRANSLATIONS
 from errormodel.machine import Joint, Machine, Shape
 
-ALONG = 0.999  # cosine of the angle to a principal direction up to which an axis lies in it
-SMALLEST = 1e-12  # of a coefficient
-SAME = 1e-5  # of a coefficient: printed groups have six digits
-LETTERS = "ABC"
+# least cosine of the angle between an axis and its principal direction; axes farther off have no location errors
+ALIGNED_COSINE = 0.999
+SMALLEST_COEFFICIENT = 1e-12  # coefficients below this are rounding errors
+COEFFICIENT_TOLERANCE = 1e-5  # relative tolerance of two equal coefficients, because printed groups have six digits
+ROTATION_LETTERS = "ABC"  # rotations about x, y and z in ISO 230-1 symbols
 
 
 @dataclass(frozen=True)
@@ -33,9 +34,9 @@ class LocationError:
 
     Attributes
     ----------
-    symbol, words : ``EC(0X)Y``, ``squareness of Y against X``.
+    symbol, words : symbol and name, such as ``EC(0X)Y`` and ``squareness of Y against X``.
     members : rad per unit of each parameter, at the zero of the joints.
-    free : parameters whose coefficient depends on the point that the path is taken of.
+    free : parameters whose coefficient depends on the point whose path is taken.
     """
 
     symbol: str
@@ -47,12 +48,14 @@ class LocationError:
         """Whether a group ``{id: coefficient}`` is this location error."""
         ids = (self.members.keys() | members.keys()) - self.free
         pairs = [(self.members.get(i, 0.0), members.get(i, 0.0)) for i in ids]
-        return any(a for a, _ in pairs) and all(abs(a - b) <= SAME * max(abs(a), abs(b)) for a, b in pairs)
+        return any(a for a, _ in pairs) and all(
+            abs(a - b) <= COEFFICIENT_TOLERANCE * max(abs(a), abs(b)) for a, b in pairs
+        )
 
 
 @dataclass(frozen=True)
 class _Line:
-    """An axis at the zero of the joints: the principal direction `k`, and rad (3,) by which each parameter tilts it."""
+    """An axis at the zero of the joints: principal direction `k`, and tilt (3,) in rad per unit of each parameter."""
 
     joint: Joint
     k: int
@@ -61,18 +64,18 @@ class _Line:
 
 
 def location_of(machine: Machine) -> list[LocationError]:
-    """All squareness and parallelism errors of a machine tool, each pair of axes both ways round; none of an arm."""
+    """All squareness and parallelism errors of a machine with prismatic joints, each pair of axes in both orders."""
     lines = list(_lines(machine)) if any(j.type == "prismatic" for j in machine.joints) else []
     return [error for a, b in permutations(lines, 2) for error in _between(a, b)]
 
 
 def named(errors: list[LocationError], members: Mapping[str, float]) -> LocationError | None:
-    """The location error that a group ``{id: coefficient}`` is; None of any other group."""
+    """Location error that a group ``{id: coefficient}`` represents, or None."""
     return next((e for e in errors if e.is_group(members)), None)
 
 
 def _between(reference: _Line, line: _Line) -> Iterator[LocationError]:
-    """Rotations of a line relative to a reference, about each principal direction that both show."""
+    """Rotations of a line relative to a reference line, about each principal direction perpendicular to both."""
     about = [k for k in range(3) if k not in (reference.k, line.k)]
     kind = "parallelism" if reference.k == line.k else "squareness"
     first, second = reference.joint, line.joint
@@ -80,20 +83,22 @@ def _between(reference: _Line, line: _Line) -> Iterator[LocationError]:
     zero = np.zeros(3)
     for k in about:
         members = {i: float(line.tilts.get(i, zero)[k] - reference.tilts.get(i, zero)[k]) for i in ids}
-        members = {i: v for i, v in members.items() if abs(v) > SMALLEST}
+        members = {i: v for i, v in members.items() if abs(v) > SMALLEST_COEFFICIENT}
         if kind == "parallelism":
             words = f"parallelism of {_spoken(second)} to {_spoken(first)} about {'xyz'[k]}"
         else:
             words = squareness(_spoken(second), _spoken(first))
         if second.type == "rotary" and first.type == "prismatic":
-            words += f" ({LETTERS[k]}O{second.name})"
+            words += f" ({ROTATION_LETTERS[k]}O{second.name})"
         if first.type == "rotary" and second.type == "prismatic":
-            words += f" (-{LETTERS[k]}O{first.name})"
-        yield LocationError(f"E{LETTERS[k]}(0{first.name}){second.name}", words, members, reference.free | line.free)
+            words += f" (-{ROTATION_LETTERS[k]}O{first.name})"
+        yield LocationError(
+            f"E{ROTATION_LETTERS[k]}(0{first.name}){second.name}", words, members, reference.free | line.free
+        )
 
 
 def squareness(one: str, other: str) -> str:
-    """How the squareness of two axes is called."""
+    """Name of the squareness of two axes."""
     return f"squareness of {one} against {other}"
 
 
@@ -103,7 +108,7 @@ def _spoken(joint: Joint) -> str:
 
 def _lines(machine: Machine) -> Iterator[_Line]:
     """Each joint's axis, in the order of the chain."""
-    turn = np.eye(3)  # from the axes of the element to those of the workpiece
+    turn = np.eye(3)  # rotation from the element's axes to those of the workpiece
     before: dict[str, Array] = {}
     for element in machine.elements:
         if isinstance(element, Shape):
@@ -114,16 +119,16 @@ def _lines(machine: Machine) -> Iterator[_Line]:
             continue
         axis = turn @ np.array(element.axis)
         k = int(np.argmax(np.abs(axis)))
-        if abs(axis[k]) < ALONG:
+        if abs(axis[k]) < ALIGNED_COSINE:
             continue
         slopes, free = _own(element) if element.type == "prismatic" else ({}, frozenset())
-        # a displacement d per unit of travel along u turns the line by u x d
+        # a displacement d per unit of travel along u rotates the line by u x d
         own = {i: np.cross(axis, turn @ slope) for i, slope in slopes.items()}
         yield _Line(element, k, before | own, free)
 
 
 def _own(joint: Joint) -> tuple[dict[str, Array], frozenset[str]]:
-    """Slopes (3,) at home of a linear joint's straightness, and its rotations that have one: their lever is free."""
+    """Slopes (3,) at home of a linear joint's straightness terms, and ids of its rotations (undefined lever)."""
     q = ca.SX.sym("q")
     home = min(max(0.0, joint.travel[0]), joint.travel[1])
     terms = joint_terms(joint, q)

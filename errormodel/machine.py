@@ -1,6 +1,6 @@
-"""The machine as everything else sees it: frozen, resolved, in mm and radians.
+"""Immutable machine model: the kinematic chain with its error models and effects, in mm and rad.
 
-`errormodel.machine_file` reads and writes the file form (``machine.yaml``, any units, short-hands).
+`errormodel.machine_file` reads and writes its file form (``machine.yaml``, any units and short forms).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ Vector = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Basis:
-    """How one error motion of a joint depends on the joint's position (``docs/file_formats.md``, section 1)."""
+    """Functional form of one error motion of a joint over its position (``docs/file_formats.md``, section 1)."""
 
     kind: str  # the word of a model of `errormodel.joint_models`
     n: int = 1
@@ -26,9 +26,9 @@ class Basis:
 
 @dataclass(frozen=True)
 class Shape:
-    """``Trans(offset + d) Rot(e) Rot(rotation)``: a structural member with constant errors d, e.
+    """Structural member ``Trans(offset + d) Rot(e) Rot(rotation)`` with constant errors d (mm) and e (rad).
 
-    The errors, like the offset, are expressed in the axes of the workpiece-side frame.
+    The errors, like the offset, are in the axes of the workpiece-side frame.
     """
 
     name: str
@@ -39,30 +39,30 @@ class Shape:
 
 @dataclass(frozen=True)
 class Joint:
-    """A prismatic joint ``Trans(q axis + d(q)) Rot(e(q))`` or a rotary one ``Trans(d) Rot(e) Rot(axis, q)``."""
+    """Prismatic joint ``Trans(q axis + d(q)) Rot(e(q))``, or rotary joint ``Trans(d) Rot(e) Rot(axis, q)``."""
 
     name: str
     type: Literal["prismatic", "rotary"]
     axis: Vector  # unit vector in the joint's frame
     travel: tuple[float, float]  # mm or rad
     models: Mapping[Motion, Basis] = field(default_factory=dict)
-    drives: tuple[str, ...] = ()  # columns of its two drives, where it has two; their mean is its position
+    drives: tuple[str, ...] = ()  # survey columns of its two drives, if it has two; their mean is its position
     spacing: float | None = None  # mm, between the two drives
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Columns of a survey that may hold its position."""
+        """Columns of a survey that may hold the joint's position."""
         return (self.name, *self.drives)
 
     @property
     def difference(self) -> str:
-        """The channel of the first drive's position less the second's, mm."""
+        """Channel of the difference of the drives, first minus second, mm."""
         return f"w_sync_{self.name}"
 
 
 @dataclass(frozen=True)
 class EffectSpec:
-    """One entry of ``effects:``, as written: the effect's name, its element and its own keys."""
+    """One entry of ``effects:`` as written: the effect's name and its other keys."""
 
     effect: str
     options: Mapping[str, Any] = field(default_factory=dict)
@@ -70,15 +70,15 @@ class EffectSpec:
 
 @dataclass(frozen=True)
 class Machine:
-    """A chain from the workpiece (or the reference on the table) to the tool."""
+    """Kinematic chain from the workpiece (or the reference on the table) to the tool."""
 
     name: str
     elements: tuple[Shape | Joint, ...]
     tool: Vector = (0.0, 0.0, 0.0)  # functional point in the last frame, mm
     effects: tuple[EffectSpec, ...] = ()
     source: Path | None = None
-    notes: str = ""  # where the dimensions come from
-    doubts: tuple[str, ...] = field(default=(), compare=False)  # what in its file is hardly meant
+    notes: str = ""  # origin of the dimensions
+    doubts: tuple[str, ...] = field(default=(), compare=False)  # warnings about implausible entries of its file
 
     @property
     def joints(self) -> tuple[Joint, ...]:
@@ -90,7 +90,7 @@ class Machine:
 
 
 def joint_of(machine: Machine, name: str) -> Joint:
-    """The joint of that name.
+    """Return the joint of that name.
 
     Raises
     ------

@@ -1,7 +1,7 @@
-"""The file form of a machine, ``machine.yaml``: read into :class:`~errormodel.machine.Machine` and written from it.
+"""Reading and writing of ``machine.yaml``, the file form of :class:`~errormodel.machine.Machine`.
 
-A file may use any units and short-hands; a Machine is in mm and radians with everything resolved. An axis with two
-drives is one joint with ``drives: [Y1, Y2]``, its columns in a survey, and their ``spacing`` (`errormodel.drives`).
+A file may use any units and short forms; a Machine is in mm and rad with everything resolved. An axis with two drives
+is one joint with ``drives: [Y1, Y2]``, its columns in a survey, and their ``spacing`` (`errormodel.drives`).
 """
 
 from __future__ import annotations
@@ -40,22 +40,21 @@ from errormodel.yamlfile import (
     validate,
 )
 
-FILE_NAME = "machine.yaml"
-
-# What a survey's columns mean; a joint of such a name could not be told from them.
+MACHINE_FILE = "machine.yaml"
+# Names of survey columns; a joint of such a name would be indistinguishable from them.
 _COLUMN_WORDS = """
     mx my mz mrx mry mrz tool_x tool_y tool_z run time feed load sigma sigma_x sigma_y sigma_z
     joint dx dy dz ea eb ec
 """
-_COLUMNS = frozenset(_COLUMN_WORDS.split())
+_RESERVED_COLUMNS = frozenset(_COLUMN_WORDS.split())
 _COLUMN_PREFIXES = ("T_", "w_", "dir_")
 
-_NAME = "a name of letters, digits and _, such as X or T1"
-_AXES = {sign + "xyz"[i]: i for i in range(3) for sign in ("", "+", "-")}
+_NAME_RULE = "a name of letters, digits and _, such as X or T1"
+_AXIS_WORDS = {sign + "xyz"[i]: i for i in range(3) for sign in ("", "+", "-")}  # words for an axis, with its index
 
 
 class _JointEntry(FileModel):
-    joint: str = Field(description=_NAME)
+    joint: str = Field(description=_NAME_RULE)
     type: Literal["prismatic", "rotary"] = Field(description="prismatic or rotary")
     axis: Any = Field(description="x, y or z, or -x, -y or -z, or a unit vector such as [0, 0.6, 0.8]")
     travel: Annotated[list[Number], Field(min_length=2, max_length=2)] = Field(
@@ -71,13 +70,13 @@ class _JointEntry(FileModel):
 
 
 class _ShapeEntry(FileModel):
-    shape: str = Field(description=_NAME)
+    shape: str = Field(description=_NAME_RULE)
     offset: Vector3 = Field([0.0, 0.0, 0.0], description="three numbers, such as [0, 0, 150]")
     rotation: Vector3 = Field([0.0, 0.0, 0.0], description="three angles about x, y, z, such as [0, 0, 90]")
 
 
 class _ErrorsBlock(FileModel):
-    shapes: Any = "none"  # what a present block does not list is no parameter
+    shapes: Any = "none"  # motions that a present block does not list are no parameters
     joints: Any = "none"
 
 
@@ -103,12 +102,12 @@ class MachineForm(VersionedModel):
 
 
 def read_machine(source: str | Path | Mapping[str, Any]) -> Machine:
-    """Read a machine, and try its effects on it; what is hardly meant is said in its ``doubts``.
+    """Read a machine and check that its effects suit it; implausible entries are listed in its ``doubts``.
 
     Parameters
     ----------
     source : str, Path or mapping
-        A file, a folder that holds ``machine.yaml``, a name of the library, or what such a file holds as a dict.
+        A file, a folder with ``machine.yaml``, a name of the library, or the content of such a file as a dict.
 
     Returns
     -------
@@ -118,7 +117,7 @@ def read_machine(source: str | Path | Mapping[str, Any]) -> Machine:
     Raises
     ------
     InputError
-        There is no such machine, its file is wrong, or it is no serial chain.
+        There is no such machine, its file is invalid, or it is no serial chain.
 
     Examples
     --------
@@ -144,8 +143,8 @@ def _document(source: str | Path | Mapping[str, Any]) -> Document:
 def _find(name_or_path: str | Path) -> Path:
     path, name = Path(name_or_path), str(name_or_path)
     try:
-        if (path / FILE_NAME).is_file():
-            return path / FILE_NAME
+        if (path / MACHINE_FILE).is_file():
+            return path / MACHINE_FILE
         is_folder = path.is_dir()
         if path.exists() and not is_folder:
             return path
@@ -155,13 +154,15 @@ def _find(name_or_path: str | Path) -> Path:
     if name in machines:
         return machines[name]
     if is_folder:
-        raise InputError(name, f"a folder without {FILE_NAME}", f"Give a folder that holds {FILE_NAME}, or a file")
+        raise InputError(
+            name, f"a folder without {MACHINE_FILE}", f"Give a folder that holds {MACHINE_FILE}, or a file"
+        )
     cure = f"Give a file, or a machine of the library. {nearest(path.stem, machines)}"
     raise InputError(shown(name).strip("'"), "no such file, and no machine of the library", cure)
 
 
 def resolve(document: Document) -> Machine:
-    """The machine that a parsed ``machine.yaml`` describes, in mm and radians."""
+    """Machine that a parsed ``machine.yaml`` describes, in mm and rad."""
     check_words(document, MachineForm.model_fields)
     file = validate(document, MachineForm)
     length, angle = factor(file.units.length, "length"), factor(file.units.angle, "angle")
@@ -169,7 +170,7 @@ def resolve(document: Document) -> Machine:
     _check_names(document, elements)
     path = Path(document.name)
     return Machine(
-        name=file.name if file.name is not None else path.parent.name if path.name == FILE_NAME else path.stem,
+        name=file.name if file.name is not None else path.parent.name if path.name == MACHINE_FILE else path.stem,
         elements=_with_errors(document, file.errors, elements),
         tool=_vector(document, ("tool",), file.tool, length),
         effects=tuple(read_effect(document, ("effects", i), elements) for i in range(len(file.effects or ()))),
@@ -201,7 +202,7 @@ def _element(document: Document, keys: Keys, length: float, angle: float) -> Joi
 
 
 def _drives(document: Document, keys: Keys, joint: _JointEntry) -> tuple[str, ...]:
-    """The columns of a joint's two drives, if it has two."""
+    """Columns of a joint's two drives; empty for a joint with one drive."""
     if joint.drives is None:
         if joint.spacing is not None:
             raise document.error((*keys, "spacing"), "a distance of drives without drives", "Write drives: [Y1, Y2]")
@@ -226,11 +227,11 @@ def _vector(document: Document, keys: Keys, values: Sequence[float], unit: float
 def _axis(document: Document, keys: Keys) -> Vector:
     value = document.value_at(keys)
     if isinstance(value, str):
-        if value not in _AXES:
-            cure = nearest(value, (name for name in _AXES if not name.startswith("+")))
+        if value not in _AXIS_WORDS:
+            cure = nearest(value, (name for name in _AXIS_WORDS if not name.startswith("+")))
             raise document.error(keys, f"unknown axis '{value}'", f"{cure}, or a unit vector such as [0, 0.6, 0.8]")
         sign = -1.0 if value.startswith("-") else 1.0
-        x, y, z = (sign if i == _AXES[value] else 0.0 for i in range(3))
+        x, y, z = (sign if i == _AXIS_WORDS[value] else 0.0 for i in range(3))
         return x, y, z
     if not isinstance(value, list) or len(value) != 3 or not all(map(_moderate, value)):
         raise document.error(keys, shown(value), "Write x, y or z, or a unit vector such as [0, 0.6, 0.8]")
@@ -252,14 +253,14 @@ def _check_names(document: Document, elements: Sequence[Joint | Shape]) -> None:
     places: dict[str, Keys] = {}
     for keys, name in _names(elements):
         if not re.fullmatch("[A-Za-z_][A-Za-z0-9_]*", name):
-            raise document.error(keys, shown(name), f"Write {_NAME}, beginning with a letter")
+            raise document.error(keys, shown(name), f"Write {_NAME_RULE}, beginning with a letter")
         if name in places:
             found = f"the name '{name}' is already taken in line {document.line_of(places[name])}"
             raise document.error(keys, found, "Write another name")
         places[name] = keys
         shape = keys[-1] == "shape"
-        # A shape named `frame` occurs in real files, and does no harm there: it is no column.
-        column = not shape and (name in _COLUMNS or name.startswith(_COLUMN_PREFIXES))
+        # a shape may be named `frame`, as in some published machines: a shape is no column
+        column = not shape and (name in _RESERVED_COLUMNS or name.startswith(_COLUMN_PREFIXES))
         if column or name in (TOOL, INSTRUMENT) or (not shape and name == FRAME):
             what = "a column of a survey" if column else "a place of its own"
             raise document.error(keys, f"the name '{name}', which is {what}", f"Write another name, such as {name}1")
@@ -269,7 +270,7 @@ def _check_names(document: Document, elements: Sequence[Joint | Shape]) -> None:
 
 
 def _names(elements: Sequence[Joint | Shape]) -> Iterator[tuple[Keys, str]]:
-    """Names in the chain, those of drives among them, and where they stand."""
+    """Names in the chain, including those of drives, with their keys in the file."""
     for i, element in enumerate(elements):
         yield ("chain", i, "joint" if isinstance(element, Joint) else "shape"), element.name
         if isinstance(element, Joint):
@@ -279,7 +280,7 @@ def _names(elements: Sequence[Joint | Shape]) -> Iterator[tuple[Keys, str]]:
 def _with_errors(
     document: Document, block: _ErrorsBlock, elements: Sequence[Joint | Shape]
 ) -> tuple[Joint | Shape, ...]:
-    full = replace(document, data={**document.data, "errors": block.model_dump()})  # with what is left out filled in
+    full = replace(document, data={**document.data, "errors": block.model_dump()})  # with defaults for missing keys
     motions = errorblock.read_shapes(full, ("errors", "shapes"), [e for e in elements if isinstance(e, Shape)])
     models = errorblock.read_joints(full, ("errors", "joints"), [e for e in elements if isinstance(e, Joint)])
     return tuple(
@@ -289,7 +290,7 @@ def _with_errors(
 
 
 def write_machine(machine: Machine, path: str | Path) -> None:
-    """Write a machine as ``machine.yaml`` (mm, deg), read back first, whole or not at all.
+    """Write a machine as ``machine.yaml`` (mm, deg); its text is read back first, and the file replaced atomically.
 
     Parameters
     ----------
@@ -307,7 +308,7 @@ def write_machine(machine: Machine, path: str | Path) -> None:
 
 
 def machine_text(machine: Machine) -> str:
-    """The text of a ``machine.yaml`` from which the same machine is read."""
+    """Text of a ``machine.yaml`` from which the same machine is read."""
     from ruamel.yaml import YAML
 
     block: dict[str, Any] = {"errormodel": 1, "name": machine.name, "units": {"length": "mm", "angle": "deg"}}
@@ -324,22 +325,22 @@ def machine_text(machine: Machine) -> str:
     yaml, stream = YAML(), StringIO()
     yaml.width = 120
     yaml.indent(mapping=2, sequence=4, offset=2)
-    yaml.dump({key: _laid_out(value, _OPEN.get(key, 0)) for key, value in block.items()}, stream)
+    yaml.dump({key: _laid_out(value, _BLOCK_LEVELS.get(key, 0)) for key, value in block.items()}, stream)
     return stream.getvalue()
 
 
-_OPEN = {"chain": 1, "effects": 1, "errors": 2}  # how many levels have a line an entry; what is deeper is on one line
+_BLOCK_LEVELS = {"chain": 1, "effects": 1, "errors": 2}  # levels written one entry per line; deeper ones on one line
 
 
 def _laid_out(value: Any, levels: int) -> Any:
-    """Plain data as ruamel's nodes: so many open levels, then ``{...}`` and ``[...]``."""
+    """Plain data as nodes of ruamel.yaml: `levels` block levels, then ``{...}`` and ``[...]``."""
     from ruamel.yaml.comments import CommentedMap, CommentedSeq
     from ruamel.yaml.scalarstring import DoubleQuotedScalarString
 
-    if isinstance(value, str):  # line ends and the like would not survive in another style
-        plain = value.isprintable() and not value.startswith(":")  # which a flow mapping would take for its own
+    if isinstance(value, str):  # line ends would be lost in another style
+        plain = value.isprintable() and not value.startswith(":")  # a colon would be read as part of a mapping
         return value if plain else DoubleQuotedScalarString(value)
-    if hasattr(value, "tolist"):  # NumPy's, in the options of an effect
+    if hasattr(value, "tolist"):  # NumPy values in the options of an effect
         value = value.tolist()
     if not isinstance(value, Mapping | Sequence):
         whole = isinstance(value, float) and value.is_integer() and abs(value) < 1e15
@@ -368,7 +369,7 @@ def _written(element: Joint | Shape) -> dict[str, Any]:
 
 
 def _written_axis(axis: Vector) -> str | Vector:
-    for name, i in _AXES.items():
+    for name, i in _AXIS_WORDS.items():
         sign = -1.0 if name.startswith("-") else 1.0
         if axis[i] == sign and sum(map(abs, axis)) == 1:
             return name
@@ -376,7 +377,7 @@ def _written_axis(axis: Vector) -> str | Vector:
 
 
 def _degrees(angle: float) -> float:
-    """The shortest number of degrees that is the same angle, so that a right angle is written as 90."""
+    """Shortest number of degrees that is the same angle (rad) in floating point: a right angle is written as 90."""
     degrees = math.degrees(angle)
     short = float(f"{degrees:.12g}")
     return short if math.isclose(math.radians(short), angle, rel_tol=1e-15) else degrees

@@ -1,4 +1,4 @@
-"""The ``effects`` block of ``machine.yaml``: each entry read, and tried on the machine before anything is computed."""
+"""Reading of the ``effects`` block of ``machine.yaml``; each effect is evaluated on the machine as a check."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from errormodel.yamlfile import Document, Keys, shown
 
 
 def read_effect(document: Document, keys: Keys, elements: Sequence[Joint | Shape]) -> EffectSpec:
-    """One effect; its own keys are left to the effect, but for the names of elements."""
+    """Read one entry of ``effects:``; of the effect's own keys only the names of elements are checked here."""
     options = dict(document.value_at(keys))
     if "effect" not in options:
         raise document.error((*keys, "effect"), "the key 'effect' is missing", "Write effect: and its name")
@@ -31,14 +31,14 @@ def read_effect(document: Document, keys: Keys, elements: Sequence[Joint | Shape
 
 
 def check_effect(document: Document, keys: Keys, spec: EffectSpec, machine: Machine) -> None:
-    """InputError if the effect cannot be that of this machine, about the key that says so."""
+    """Raise InputError, about the key at fault, if the effect does not suit this machine."""
     if spec.effect not in registry():
         return
     try:
         make(spec).channels(machine)
     except EffectError as error:
         raise document.error((*keys, error.key), error.found, error.cure) from error
-    except InputError as error:  # from its terms, which speak of an element and not of a key
+    except InputError as error:  # an error of its terms names an element and not a key
         words = re.findall(r"\w+", f"{error.where} {error.found}")
         named = ((key, value) for key, value in spec.options.items() if isinstance(value, str) and value in words)
         key, value = next(named, ("effect", ""))

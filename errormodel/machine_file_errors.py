@@ -1,7 +1,7 @@
-"""The ``errors`` block of ``machine.yaml``: which error motions are parameters, read and written.
+"""Reading and writing of the ``errors`` block of ``machine.yaml``: the error motions that are parameters.
 
-``shapes`` says which constant motions a shape has, ``joints`` how each motion of a joint depends on its position.
-What a present block does not list is no parameter.
+``shapes`` lists the constant motions of each shape, ``joints`` the model of each joint's motions over its position.
+Motions that a present block does not list are no parameters.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What is possible in a machine's file, but hardly meant: angles in radians said to be degrees, travels of 800 m."""
+"""Plausibility of a machine's file: valid entries that are probably mistakes, such as radians declared as degrees."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ FIFTEEN = math.radians(15)  # travels end at multiples of it
 
 
 def check_degrees(document: Document, elements: Sequence[Joint | Shape]) -> None:
-    """InputError if a rotary travel in degrees is one of usual size in radians, such as [-2.09, 0.52].
+    """Raise InputError if a rotary travel in degrees is one of usual size in radians, such as [-2.09, 0.52].
 
-    Each end is then zero or a multiple of 15 degrees to the digits it is written with, two places at least.
+    Each end is then zero or a multiple of 15 degrees to the digits it is written with, at least two decimals.
     """
     for i, joint in enumerate(elements):
         if not isinstance(joint, Joint) or joint.type != "rotary":
@@ -25,17 +25,22 @@ def check_degrees(document: Document, elements: Sequence[Joint | Shape]) -> None
         travel = document.value_at(("chain", i, "travel"))
         in_degrees = math.isclose(math.radians(travel[1] - travel[0]), joint.travel[1] - joint.travel[0])
         if in_degrees and all(_radians(value) for value in travel if value):
-            low, high = (f"{15 * round(value / FIFTEEN):d}" for value in travel)
+            low, high = (f"{15 * round(value / TRAVEL_STEP_RAD):d}" for value in travel)
             found = f"[{travel[0]:g}, {travel[1]:g}] degrees, which look like the radians of [{low}, {high}] degrees"
             cure = f"Write units: {{angle: rad}}, or travel: [{low}, {high}]"
             raise document.error(("chain", i, "travel"), found, cure)
 
 
 def _radians(value: float) -> bool:
-    """Whether a number is a multiple of 15 degrees in radians, to its digits."""
+    """Whether a number is a multiple of 15 degrees in radians, to its written digits."""
     places = len(repr(float(value)).partition(".")[2])
-    turns = round(value / FIFTEEN)
-    return places >= 2 and turns != 0 and abs(turns * FIFTEEN - value) <= 0.51 * 10.0**-places and abs(value) < FULL
+    turns = round(value / TRAVEL_STEP_RAD)
+    return (
+        places >= 2
+        and turns != 0
+        and abs(turns * TRAVEL_STEP_RAD - value) <= 0.51 * 10.0**-places
+        and abs(value) < FULL_TURN_RAD
+    )
 
 
 def doubts(document: Document, elements: Sequence[Joint | Shape]) -> Iterator[str]:
@@ -46,7 +51,7 @@ def doubts(document: Document, elements: Sequence[Joint | Shape]) -> Iterator[st
     for i, joint in joints:
         where = f"{document.name}, line {document.line_of(('chain', i))}, joint {joint.name}"
         low, high = joint.travel
-        if joint.type == "prismatic" and high - low > LONGEST:
+        if joint.type == "prismatic" and high - low > LONGEST_TRAVEL_MM:
             yield (
                 f"{where}: a travel of {(high - low) / 1e3:.6g} m; if it is in another unit, say so: "
                 "units: {length: mm}"
@@ -62,7 +67,7 @@ def doubts(document: Document, elements: Sequence[Joint | Shape]) -> Iterator[st
                 break
     rotary = [joint for _, joint in joints if joint.type == "rotary"]
     largest = max((math.degrees(abs(q)) for joint in rotary for q in joint.travel), default=math.inf)
-    if len(rotary) > 1 and largest < FULL:
+    if len(rotary) > 1 and largest < FULL_TURN_RAD:
         names = ", ".join(joint.name for joint in rotary)
         yield (
             f"{document.name}: {names} turn by no more than {largest:.3g} deg each; if the travels are in radians, "

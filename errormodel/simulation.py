@@ -1,4 +1,7 @@
-"""Recordings of a machine whose errors are known: exact kinematics, a measuring frame, an instrument's noise."""
+"""Simulated surveys of a machine with known errors: exact kinematics, a measuring frame and the instrument's noise.
+
+Units: mm and rad.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +28,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Truth:
-    """Parameter values by id (mm, rad and per-unit), and the pose of the measuring frame.
+    """Known parameter values by id (mm, rad and their ratios), and the pose of the measuring frame.
 
     ``measured = rotation @ actual + translation`` with ``rotation = Rx Ry Rz`` of the three angles.
     """
@@ -73,13 +76,19 @@ def read_truth(path: Path, chain: Chain) -> Truth:
 def measured_at(
     machine: Machine, points: pd.DataFrame, truth: Truth, noise: float | Instrument = 0.0, seed: int = 0
 ) -> pd.DataFrame:
-    """What would be measured at the points.
+    """Measured points and orientations at given commands, with noise.
 
     Parameters
     ----------
-    points : table of a :class:`~errormodel.survey.Survey` (joints and tool in mm and rad).
+    machine : Machine
+    points : DataFrame
+        Table of a :class:`~errormodel.survey.Survey` (joints and tool in mm and rad).
+    truth : Truth
+        Parameter values and measuring frame.
     noise : float or Instrument
-        Standard deviation of each coordinate in mm, or an instrument (a tracker's grows with range and angle).
+        Standard deviation of each coordinate in mm, or an instrument.
+    seed : int
+        Of the random numbers.
 
     Returns
     -------
@@ -113,7 +122,7 @@ def measured_at(
 
 
 def _motions(chain: Chain, joint: str, rows: list[Array], values: Array) -> Array:
-    """The six error motions of a joint, (6, n) in mm and rad."""
+    """Six error motions of a joint, (6, n) in mm and rad."""
     own = [k for k, p in enumerate(chain.parameters) if p.element == joint]
     terms = chain.kernel("terms", tuple(chain.ids[k] for k in own))(rows).reshape(len(own) + 6, 6, -1)
     motions: Array = np.tensordot(values[own], terms[: len(own)], axes=1)
@@ -121,7 +130,7 @@ def _motions(chain: Chain, joint: str, rows: list[Array], values: Array) -> Arra
 
 
 def random_points(machine: Machine, count: int, seed: int = 0) -> pd.DataFrame:
-    """Random poses, uniform over the travels, with the machine's one tool; mm and rad."""
+    """Random poses, uniform over the travels, with the machine's tool; mm and rad."""
     import pandas as pd
 
     rng = np.random.default_rng(seed)
@@ -131,14 +140,14 @@ def random_points(machine: Machine, count: int, seed: int = 0) -> pd.DataFrame:
 
 
 def _degrees(angles: Array) -> Array:
-    """Angles (rad) in degrees, in the fewest digits that are the same angle: 30 rather than 29.999999999999996."""
+    """Angles (rad) in degrees, with the fewest digits that give the same angle: 30 and not 29.999999999999996."""
     degrees: Array = np.degrees(angles)
     short = np.round(degrees, 10)
     return np.where(np.isclose(np.radians(short), angles, rtol=1e-15, atol=0), short, degrees)
 
 
 def outward(table: pd.DataFrame, machine: Machine) -> pd.DataFrame:
-    """A table of points as a file has it: rotary joints in degrees."""
+    """Table of commands in the units of a file: rotary joints in degrees."""
     table = table.copy()
     for joint in machine.joints:
         if joint.type == "rotary":
@@ -170,6 +179,7 @@ def simulate(
     noise : float, Instrument or "instrument"
         Standard deviation of each coordinate in mm; or an instrument; or that of the survey given as `points`.
     seed : int
+        Of the random poses and the noise.
 
     Returns
     -------
@@ -213,7 +223,7 @@ def simulate(
         a, b, c = np.radians(rotation).tolist()
         truth = Truth(parameters or {}, translation, (a, b, c))
     measured = measured_at(model, table, truth, instrument if noise == "instrument" else noise, seed)
-    # orientations are exact, which no instrument is: those of the survey go, none take their place
+    # simulated orientations have no noise, unlike measured ones: those of the survey are removed without replacement
     stale = ["file", "role", "row", *ORIENTATION]
     result = table.drop(columns=stale, errors="ignore")
     for name in measured.columns.difference(stale, sort=False):

@@ -1,4 +1,4 @@
-"""A survey: what was commanded and what was measured, in one table, in mm and radians."""
+"""Surveys: commanded positions and measured points or error motions in one table, in mm and rad."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from errormodel.machine import Machine
 from errormodel.survey_checks import Part, read_part, run_labels
 from errormodel.survey_columns import (
     MEASURED,
+    MOTION_UNCERTAINTIES,
     ORIENTATION,
-    SIGMA,
-    TOOL,
-    UNCERTAINTY,
+    SIGMA_COLUMNS,
+    TOOL_COLUMNS,
     Plan,
     check_map,
     check_units,
@@ -42,35 +42,36 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Survey:
-    """Rows of commands with what was measured at them.
+    """A survey in internal units: one row per measurement.
 
     Attributes
     ----------
     table : DataFrame
-        One row a measurement, index 0..n-1, in mm, rad, s, degC, mm/min and kg. Always there: the joints by name,
+        One row per measurement, index 0..n-1, in mm, rad, s, degC, mm/min and kg. Always present: the joints by name,
         ``tool_x tool_y tool_z`` (the machine's where the file has none), ``mx my mz`` (NaN: not measured), ``run``,
-        ``file`` (as the user wrote it), ``role`` and ``row`` (data row of the file, from 1). There if some file has
+        ``file`` (as the user wrote it), ``role`` and ``row`` (data row of the file, from 1). Present if any file has
         them, and NaN in the others: ``mrx mry mrz``, ``time``, ``dir_<joint>``, ``T_*``, ``w_*``, ``feed``, ``load``,
         ``sigma_x sigma_y sigma_z``; with rows about one joint's error motions also ``joint`` (empty for volumetric
         rows), ``dx dy dz ea eb ec`` and their uncertainties ``u_dx`` ... ``u_ec``. A position is NaN only in rows
         about another joint.
     frame : {"shared", "per-run", "per-file", "fixed"}
-        Which rows share a measuring frame; fixed: it is the machine's own.
+        Rows that share a measuring frame; fixed: it is the machine's own.
     refit : tuple of {"frame", "tool"}
-        What a test file estimates for itself.
+        What is estimated anew for a test file.
     instrument : Instrument
     sized : bool
-        Whether the instrument's uncertainties are known with their size; else only beside each other, 1 in the mean.
+        Whether the instrument's uncertainties are absolute; else relative to each other, with mean 1.
     source : Path
-        What the user gave.
+        The path that the user gave.
     notes : tuple of str
         Warnings to print.
     budget : tuple of BudgetEntry
-        What the user knows of uncertainties that the data do not show.
+        Uncertainties that the data do not contain.
     frame_rotation : tuple of float, or None
-        Rotation ``Rx Ry Rz`` (rad) of the machine's reference into the measuring frame, for what the points leave open.
+        Rotation ``Rx Ry Rz`` (rad) of the machine's reference into the measuring frame, where the points do not
+        determine it.
     motions_of : str
-        The joint whose error motions the points of this survey stand for; empty where they were measured as points.
+        The joint whose error motions the points stand for; empty where points were measured.
     """
 
     table: pd.DataFrame
@@ -94,7 +95,7 @@ class Survey:
     @property
     def tool(self) -> Array:
         """Functional points in the last frame, (n, 3) in mm."""
-        return self._columns(TOOL)
+        return self._columns(TOOL_COLUMNS)
 
     @property
     def measured(self) -> Array:
@@ -105,28 +106,28 @@ class Survey:
         return self.table[list(names)].to_numpy(dtype=np.float64)
 
     def rows(self, which: NDArray[np.bool_]) -> Survey:
-        """The survey of the rows where `which`, (n,), is true."""
+        """Survey of the rows where the mask `which`, (n,), is true."""
         return replace(self, table=self.table[which].reset_index(drop=True))
 
     @property
     def fit(self) -> Survey:
-        """The rows that the parameters come from."""
+        """Rows from which the parameters are estimated."""
         return self.rows((self.table["role"] == "fit").to_numpy(dtype=bool))
 
     @property
     def test(self) -> list[Survey]:
-        """The held-out files, one survey each."""
+        """Held-out files, one survey each."""
         held_out = self.table["role"] == "test"
         files = self.table["file"][held_out].unique()
         return [self.rows((held_out & (self.table["file"] == file)).to_numpy(dtype=bool)) for file in files]
 
     def direction(self, joint: str) -> Array:
-        """Side from which a joint arrived, +-1, (n,): see :func:`errormodel.channels.direction`."""
+        """Direction of approach of a joint, +-1, (n,): see :func:`errormodel.channels.direction`."""
         return direction(self.table, joint)
 
 
 def read_survey(source: Path | str | pd.DataFrame, machine: Machine, measured: bool = True) -> Survey:
-    """Read a survey: a table, a folder of its parts, or a ``survey.yaml`` that points to tables.
+    """Read a survey: a table, a folder of its parts, or a ``survey.yaml`` that names tables.
 
     Parameters
     ----------
@@ -135,7 +136,7 @@ def read_survey(source: Path | str | pd.DataFrame, machine: Machine, measured: b
     machine : Machine
         Names the joints and gives the tool.
     measured : bool
-        False for mere commands (to simulate or predict), where nothing measured is needed.
+        Whether measured columns are required; False for commands to simulate or predict.
 
     Returns
     -------
@@ -145,10 +146,10 @@ def read_survey(source: Path | str | pd.DataFrame, machine: Machine, measured: b
     Raises
     ------
     InputError
-        The first thing that is wrong, with file, row and column or line and key.
+        About the first fault, with file, row and column or line and key.
     """
     if isinstance(source, pd.DataFrame):
-        path = Path(data_frame.NAME)
+        path = Path(data_frame.FRAME_TABLE_NAME)
         form, document, _ = read_form(path)
         opened: list[tuple[FileEntry, list[Table]]] = [(form.files[0], [data_frame.table_of(source)])]
     else:
@@ -169,7 +170,7 @@ def read_survey(source: Path | str | pd.DataFrame, machine: Machine, measured: b
     if measured and all(entry.role == "test" for entry in form.files):
         raise document.error(("files",), "only test files", "Give at least one file the role fit")
     table = mended(_assemble(parts, machine), machine)
-    table, more = filled(table) if measured else in_step(table, machine)  # states somebody asks about have no course
+    table, more = filled(table) if measured else in_step(table, machine)  # states for a prediction have no time series
     notes |= dict.fromkeys(more)
     notes |= dict.fromkeys(travel_notes(table, machine))
     if measured:
@@ -186,7 +187,7 @@ def read_survey(source: Path | str | pd.DataFrame, machine: Machine, measured: b
 
 
 def _side_notes(table: pd.DataFrame, machine: Machine, frame: Frame) -> Iterator[str]:
-    """Notes on the sides from which joints arrived in rows about their own error motions."""
+    """Notes on the direction of approach in rows about a joint's own error motions."""
     for joint in (j.name for j in machine.joints if "joint" in table):
         own = (table["joint"] == joint).to_numpy(dtype=bool)
         side = direction(table, joint)[own]
@@ -206,9 +207,9 @@ def _side_notes(table: pd.DataFrame, machine: Machine, frame: Frame) -> Iterator
 
 
 def _check_budget(form: SurveyForm, document: Document, machine: Machine, columns: list[str]) -> None:
-    """InputError about a line of the budget that acts on nothing this survey has."""
+    """Raise InputError about a budget entry that acts on a quantity which this survey does not have."""
     own = (c for c in columns if c.startswith("T_") or c == "load")
-    valid = ["prediction", "scale", *(j.name for j in machine.joints), *TOOL, *own]
+    valid = ["prediction", "scale", *(j.name for j in machine.joints), *TOOL_COLUMNS, *own]
     for k, entry in enumerate(form.budget):
         if entry.acts not in valid:
             found = f"'{entry.acts}', which this survey does not have"
@@ -218,7 +219,7 @@ def _check_budget(form: SurveyForm, document: Document, machine: Machine, column
 def _read_file(
     entry: FileEntry, tables: list[Table], plans: list[Plan], machine: Machine, form: SurveyForm, measured: bool
 ) -> Part:
-    """All parts of a file as one, its rows numbered through."""
+    """All parts of a file as one, with continuous row numbers."""
     for table, plan in zip(tables, plans, strict=True):
         other = sorted(plan.ours.keys() ^ plans[0].ours.keys())
         if other:
@@ -237,23 +238,23 @@ def _read_file(
 
 
 def _assemble(parts: list[Part], machine: Machine) -> pd.DataFrame:
-    """The table of a :class:`Survey`: all files, with the columns that are always there."""
+    """Table of a :class:`Survey`: all files, with the columns that are always present."""
     epochs = [part.frame["time"].min() for part in parts if part.dated]
     for part in parts:
-        if part.dated:  # one zero for all files, so that their times stay comparable
+        if part.dated:  # one origin for all files, so that their times remain comparable
             part.frame["time"] -= min(epochs)
     table = pd.concat([part.frame for part in parts], ignore_index=True)
     for name in (*(j.name for j in machine.joints), *MEASURED):
         if name not in table:
             table[name] = np.nan
-    for name, value in zip(TOOL, machine.tool, strict=True):
+    for name, value in zip(TOOL_COLUMNS, machine.tool, strict=True):
         table[name] = table[name].fillna(value) if name in table else value
     if "sigma" in table:
-        for name in SIGMA:
+        for name in SIGMA_COLUMNS:
             table[name] = table[name].fillna(table["sigma"]) if name in table else table["sigma"]
     table["run"] = run_labels(table["run"].fillna("")) if "run" in table else "1"
     about = "joint" in table and bool((table["joint"].fillna("") != "").any())
-    motions = [name for name in (*MOTIONS, *UNCERTAINTY) if name in table]
+    motions = [name for name in (*MOTIONS, *MOTION_UNCERTAINTIES) if name in table]
     if about:
         table["joint"] = table["joint"].fillna("")
         for name in MOTIONS:
@@ -261,7 +262,15 @@ def _assemble(parts: list[Part], machine: Machine) -> pd.DataFrame:
                 table[name] = np.nan
     else:
         table = table.drop(columns=[*motions, "joint"], errors="ignore")
-    first = [*(j.name for j in machine.joints), *TOOL, *MEASURED, *ORIENTATION, "joint", *MOTIONS, *UNCERTAINTY]
+    first = [
+        *(j.name for j in machine.joints),
+        *TOOL_COLUMNS,
+        *MEASURED,
+        *ORIENTATION,
+        "joint",
+        *MOTIONS,
+        *MOTION_UNCERTAINTIES,
+    ]
     first += ["run", "time", "file", "role", "row"]
     front = [name for name in first if name in table]
     return table[[*front, *(name for name in table if name not in (*front, "sigma"))]]

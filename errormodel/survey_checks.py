@@ -1,6 +1,6 @@
-"""Every cell of a survey's table checked and converted; the first wrong one is named.
+"""Validation of the cells of a survey's table, and conversion into mm, rad, s and degC.
 
-All checks run on whole columns; only when one fails is the offending cell looked for.
+Checks run on whole columns; the first invalid cell is looked up only when one fails.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from errormodel.exceptions import InputError, nearest
 from errormodel.formats.base import Table, as_numbers
 from errormodel.machine import Machine
 from errormodel.survey_columns import (
-    LENGTHS,
+    LENGTH_COLUMNS,
     MEASURED,
+    MOTION_UNCERTAINTIES,
     ORIENTATION,
-    SIGMA,
-    UNCERTAINTY,
+    SIGMA_COLUMNS,
     Plan,
     missing_joint,
     quantity_of,
@@ -40,7 +40,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-LARGEST = 1e7  # mm or rad; what is larger is a placeholder for "no value"
+# mm or rad; larger numbers are placeholders for "no value"; by judgement: 10 km is beyond any machine
+LARGEST_READING = 1e7
 
 
 @dataclass(frozen=True)
@@ -50,9 +51,9 @@ class Part:
     Attributes
     ----------
     frame : DataFrame
-        What the file has, under our names, and ``row``, the data row from 1. Rows without anything are left out.
+        The file's columns under the toolkit's names, and ``row``, the data row from 1. Empty rows are removed.
     dated : bool
-        The times were dates: they are seconds since 1970.
+        Whether the times were dates; they are then seconds since 1970.
     notes : tuple of str
     """
 
@@ -63,7 +64,7 @@ class Part:
 
 @dataclass
 class _Offences:
-    """Collects the first wrong cell of every check, to report the first of the file."""
+    """First invalid cell of every check, from which the first of the file is reported."""
 
     table: Table
     plan: Plan
@@ -71,7 +72,7 @@ class _Offences:
     found: list[tuple[int, int, str, str, str]] = field(default_factory=list)
 
     def add(self, column: str, bad: Mask, what: str, cure: str) -> None:
-        """`what` may show the cell as ``{}``."""
+        """Add the first cell where `bad` is true; ``{}`` in `what` stands for the cell."""
         if bad.any():
             at = int(bad.argmax())
             value = self.raw[column].iloc[at]
@@ -91,13 +92,13 @@ def read_part(table: Table, plan: Plan, machine: Machine, units: SurveyUnits, me
     Raises
     ------
     InputError
-        About the first wrong cell.
+        About the first invalid cell.
     """
     ours = plan.ours
     raw, notes = table.read([ours[n] for n in plan.numbers], [ours[n] for n in plan.texts])
     raw = raw.rename(columns={theirs: our for our, theirs in ours.items()})[list(ours)]
     empty = np.logical_and.reduce([_is_empty(raw[name]) for name in raw])
-    if empty.any():  # spreadsheets like to add them at the end
+    if empty.any():  # spreadsheets often add empty rows at the end
         raw = raw[~empty]
     if raw.empty:
         raise InputError(table.name, "no rows below the header", "Give a row a pose")
@@ -163,7 +164,7 @@ def _numbers(offences: _Offences, name: str) -> tuple[Array, bool]:
 
 
 def _seconds(column: pd.Series[str]) -> tuple[Array, Mask]:
-    """ISO 8601 dates as seconds since 1970, and which cells are neither a date nor empty."""
+    """ISO 8601 dates as seconds since 1970, and a mask of cells that are neither a date nor empty."""
     text = column.str.strip()
     text = text.where(text.str.match(r"\d{4}-?\d{2}-?\d{2}"), "")
     dates = pd.to_datetime(text, format="ISO8601", utc=True, errors="coerce").to_numpy(dtype="datetime64[us]")
@@ -183,8 +184,8 @@ def _check_commands(offences: _Offences, frame: pd.DataFrame, joint: NDArray[np.
             empty = frame[name].isna().to_numpy() & needed
             offences.add(name, empty, "no commanded position", f"Write the position of {name} in every row")
     joints = {name for j in machine.joints for name in j.columns}
-    for name in (n for n in offences.plan.numbers if n in LENGTHS or n in joints):
-        far = np.abs(frame[name].to_numpy()) > LARGEST
+    for name in (n for n in offences.plan.numbers if n in LENGTH_COLUMNS or n in joints):
+        far = np.abs(frame[name].to_numpy()) > LARGEST_READING
         offences.add(
             name, far, "{}, beyond any machine", "Leave the cell empty if there is no value, or check the unit"
         )
@@ -206,7 +207,7 @@ def _check_measured(offences: _Offences, frame: pd.DataFrame, units: SurveyUnits
             found = f"{{}} {unit_of_column(name, 'angle', units)} as an error motion"
             cure = f"Write {name} in rad (1 urad is 1e-6), or say units: {{{name}: urad}} in a survey.yaml"
             offences.add(name, large, found, cure)
-    for name in ("sigma", *SIGMA, *UNCERTAINTY):
+    for name in ("sigma", *SIGMA_COLUMNS, *MOTION_UNCERTAINTIES):
         if name in frame:
             bad = frame[name].to_numpy() <= 0
             offences.add(name, bad, "{} as a standard uncertainty", "Write a number above 0, or leave the cell empty")
@@ -255,5 +256,5 @@ def _nothing_measured(table: Table, frame: pd.DataFrame, volumetric: Mask) -> tu
 
 
 def run_labels(text: pd.Series[str]) -> pd.Series[str]:
-    """Labels of runs: 1, 1.0 and 1.000 are the same one, and no label is run 1."""
+    """Normalised labels of runs: 1, 1.0 and 1.000 are one label, and an empty one is run 1."""
     return text.map({label: re.sub(r"^(\d+)\.0*$", r"\1", label) or "1" for label in text.unique()}).astype("str")

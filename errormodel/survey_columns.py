@@ -1,4 +1,4 @@
-"""Which column of a file is which of ours (``docs/file_formats.md``, section 2), and what to say of the others."""
+"""Assignment of a file's columns to those of a survey (``docs/file_formats.md``, section 2); notes on the others."""
 
 from __future__ import annotations
 
@@ -12,27 +12,44 @@ from errormodel.conventions import MOTIONS
 from errormodel.exceptions import InputError, nearest
 from errormodel.formats.base import Table
 from errormodel.machine import Joint, Machine
-from errormodel.units import EXAMPLES, INTERNAL, Quantity, is_unit
+from errormodel.units import INTERNAL_UNITS, UNIT_EXAMPLES, Quantity, is_unit
 from errormodel.yamlfile import Document, shown
 
 if TYPE_CHECKING:
     from errormodel.survey_file import SurveyUnits
 
-MEASURED = ("mx", "my", "mz")
-ORIENTATION = ("mrx", "mry", "mrz")
-TOOL = ("tool_x", "tool_y", "tool_z")
-SIGMA = ("sigma_x", "sigma_y", "sigma_z")
-UNCERTAINTY = tuple(f"u_{motion}" for motion in MOTIONS)  # of a joint's error motions
-TEXTS = ("run", "joint")
+MEASURED = ("mx", "my", "mz")  # measured point in the measuring frame, mm
+ORIENTATION = ("mrx", "mry", "mrz")  # measured rotation vector in the measuring frame, rad
+TOOL_COLUMNS = ("tool_x", "tool_y", "tool_z")  # functional point in the last frame of the chain, mm
+SIGMA_COLUMNS = ("sigma_x", "sigma_y", "sigma_z")  # standard uncertainties of mx, my, mz, mm
+MOTION_UNCERTAINTIES = tuple(f"u_{motion}" for motion in MOTIONS)  # standard uncertainties of a joint's error motions
+TEXT_COLUMNS = ("run", "joint")  # columns of labels
 
-LENGTHS = frozenset((*MEASURED, *TOOL, *SIGMA, "sigma", *MOTIONS[:3], *UNCERTAINTY[:3]))
-ANGLES = frozenset((*ORIENTATION, *MOTIONS[3:], *UNCERTAINTY[3:]))  # in rad, whatever the unit of the joints' angles
-_OTHERS: Mapping[str, Quantity] = {"time": "time", "feed": "speed", "load": "mass"}
-_READING = dict(zip((*UNCERTAINTY, *SIGMA, "sigma"), (*MOTIONS, *MEASURED, MEASURED[0]), strict=True))
-_NAMES = (*MEASURED, *ORIENTATION, *TOOL, "time", "feed", "load", "sigma", *SIGMA, *MOTIONS, *UNCERTAINTY, *TEXTS)
+# columns of lengths
+LENGTH_COLUMNS = frozenset((*MEASURED, *TOOL_COLUMNS, *SIGMA_COLUMNS, "sigma", *MOTIONS[:3], *MOTION_UNCERTAINTIES[:3]))
+# columns of angles that are in rad by default, whatever the unit of the joints' angles
+ANGLE_COLUMNS = frozenset((*ORIENTATION, *MOTIONS[3:], *MOTION_UNCERTAINTIES[3:]))
+_RECORDED_QUANTITIES: Mapping[str, Quantity] = {"time": "time", "feed": "speed", "load": "mass"}
+# the measured column that a standard uncertainty belongs to
+_READING_OF = dict(
+    zip((*MOTION_UNCERTAINTIES, *SIGMA_COLUMNS, "sigma"), (*MOTIONS, *MEASURED, MEASURED[0]), strict=True)
+)
+_COLUMN_NAMES = (
+    *MEASURED,
+    *ORIENTATION,
+    *TOOL_COLUMNS,
+    "time",
+    "feed",
+    "load",
+    "sigma",
+    *SIGMA_COLUMNS,
+    *MOTIONS,
+    *MOTION_UNCERTAINTIES,
+    *TEXT_COLUMNS,
+)
 
-# What people write instead, in lower case without blanks and underscores.
-_ALIASES = (
+# Usual other names of columns, in lower case without blanks and underscores.
+_COLUMN_ALIASES = (
     (r"(?:m|meas(?:ured)?|act(?:ual)?)([xyz])|([xyz])(?:m|meas(?:ured)?|act(?:ual)?)", "m{}"),
     (r"temp(?:erature)?", "T_<sensor>"),
     (r"temp(?:erature)?(.+)", "T_{}"),
@@ -49,7 +66,7 @@ class Plan:
     Attributes
     ----------
     ours : dict
-        Our name: the name in the file, in the file's order.
+        Column name of the toolkit: name in the file, in the file's order.
     missing_joints : tuple of str
         Joints without a column, allowed only where every row is about another joint's error motions.
     notes : tuple of str
@@ -61,19 +78,19 @@ class Plan:
 
     @property
     def texts(self) -> list[str]:
-        return [name for name in self.ours if name in TEXTS]
+        return [name for name in self.ours if name in TEXT_COLUMNS]
 
     @property
     def numbers(self) -> list[str]:
-        return [name for name in self.ours if name not in TEXTS]
+        return [name for name in self.ours if name not in TEXT_COLUMNS]
 
 
 def check_map(document: Document, machine: Machine, columns: Mapping[str, str], headers: Iterable[Table]) -> None:
-    """InputError if ``columns:`` in a survey.yaml names a column that we do not know or that no file has."""
+    """Raise InputError if ``columns:`` in a survey.yaml names an unknown column or one that no file has."""
     present = {name for table in headers for name in table.columns if name}
     for ours, theirs in columns.items():
         if not _is_ours(ours, machine):
-            known = (*(j.name for j in machine.joints), *_NAMES)
+            known = (*(j.name for j in machine.joints), *_COLUMN_NAMES)
             cure = nearest(ours, known) + ", T_<sensor>, w_<name>, dir_<joint>"
             raise document.error(("columns", ours), f"'{ours}' is not a column of a survey", cure)
         if theirs not in present:
@@ -81,28 +98,28 @@ def check_map(document: Document, machine: Machine, columns: Mapping[str, str], 
 
 
 def quantity_of(name: str, machine: Machine) -> Quantity | None:
-    """What one of our columns measures; None for labels, directions and witnesses (whose names say their unit)."""
+    """Quantity of a column; None for labels, directions and ``w_`` columns, whose names state their unit."""
     joint = next((j for j in machine.joints if name in j.columns or (j.drives and name == j.difference)), None)
     if joint is not None:
         return "length" if joint.type == "prismatic" else "angle"
     if name.startswith("T_"):
         return "temperature"
-    return "length" if name in LENGTHS else "angle" if name in ANGLES else _OTHERS.get(name)
+    return "length" if name in LENGTH_COLUMNS else "angle" if name in ANGLE_COLUMNS else _RECORDED_QUANTITIES.get(name)
 
 
 def unit_of_column(name: str, quantity: Quantity, units: SurveyUnits) -> str:
-    """The unit of a column: as stated for it, or for the reading it is the uncertainty of, else that of its kind."""
-    for own in (name, _READING.get(name)):
+    """Unit of a column: as stated for it, or for the reading that it is the uncertainty of, else that of its kind."""
+    for own in (name, _READING_OF.get(name)):
         if own in units.of_columns:
             return str(units.of_columns[own])
-    plain = name in ANGLES or quantity in ("speed", "mass")
-    return INTERNAL[quantity] if plain else str(getattr(units, quantity))
+    plain = name in ANGLE_COLUMNS or quantity in ("speed", "mass")
+    return INTERNAL_UNITS[quantity] if plain else str(getattr(units, quantity))
 
 
 def check_units(document: Document, machine: Machine, units: SurveyUnits, columns: Iterable[str]) -> None:
-    """InputError if ``units:`` names a column that no file has or that has no unit, or a unit of another kind.
+    """Raise InputError if ``units:`` names a column that no file has or that has no unit, or an unsuitable unit.
 
-    `columns` are those of all files, under our names.
+    `columns` are those of all files, under the toolkit's names.
     """
     kinds = {name: kind for name in columns if (kind := quantity_of(name, machine)) is not None}
     for name, unit in units.of_columns.items():
@@ -114,7 +131,7 @@ def check_units(document: Document, machine: Machine, units: SurveyUnits, column
             cure = nearest(name, (*type(units).model_fields, *kinds))
             raise document.error(at, f"'{name}' is neither a kind of unit nor a column that has one", cure)
         if not isinstance(unit, str) or not is_unit(unit, kinds[name]):
-            cure = f"Write a unit of {kinds[name]}, such as {EXAMPLES[kinds[name]]}"
+            cure = f"Write a unit of {kinds[name]}, such as {UNIT_EXAMPLES[kinds[name]]}"
             raise document.error(at, shown(unit), cure)
 
 
@@ -126,14 +143,14 @@ def plan_columns(table: Table, machine: Machine, columns: Mapping[str, str], mea
     table : Table
     machine : Machine
     columns : mapping
-        Our name: the user's name, from survey.yaml.
+        Column name of the toolkit: name in the file, from survey.yaml.
     measured : bool
-        Whether the file must hold something measured.
+        Whether the file must have a measured column.
 
     Raises
     ------
     InputError
-        A column is there twice, or a needed one is not there.
+        A column appears twice, or a required one is missing.
     """
     where = f"{table.name}, header"
     named = [name for name in table.columns if name]
@@ -146,8 +163,8 @@ def plan_columns(table: Table, machine: Machine, columns: Mapping[str, str], mea
     candidates = {name: taken.get(name, name) for name in named}
     free = {our: name for name, our in candidates.items() if name in taken or our not in taken.values()}
     ours = {our: name for our, name in free.items() if _is_ours(our, machine)}
-    if "joint" not in ours:  # without it nobody knows whose dx dy dz they are
-        ours = {our: name for our, name in ours.items() if our not in (*MOTIONS, *UNCERTAINTY)}
+    if "joint" not in ours:  # without it the joint of the error motions is unknown
+        ours = {our: name for our, name in ours.items() if our not in (*MOTIONS, *MOTION_UNCERTAINTIES)}
     unused = [name for name in named if name not in ours.values()]
 
     lacking = [j for j in machine.joints if j.name not in ours]
@@ -168,7 +185,7 @@ def plan_columns(table: Table, machine: Machine, columns: Mapping[str, str], mea
 
 
 def _check_drives(where: str, joint: Joint, ours: Mapping[str, str]) -> None:
-    """InputError where one of two drives has no column, or their difference is given twice."""
+    """Raise InputError where one of two drives has no column, or their difference is given twice."""
     have = [drive for drive in joint.drives if drive in ours]
     if have and len(have) < len(joint.drives):
         found = (
@@ -181,7 +198,7 @@ def _check_drives(where: str, joint: Joint, ours: Mapping[str, str]) -> None:
 
 
 def missing_joint(table: Table, joint: str, unused: Iterable[str]) -> InputError:
-    """The error that the commanded position of a joint has no column."""
+    """Error for a joint whose commanded position has no column."""
     unused = list(unused)
     near = next((name for name in unused if name.lower() == joint.lower()), None)
     near = near or next(iter(difflib.get_close_matches(joint, unused, n=1, cutoff=0.5)), None)
@@ -202,7 +219,7 @@ def _all_or_none(where: str, ours: Mapping[str, str], names: tuple[str, ...]) ->
 def _is_ours(name: str, machine: Machine) -> bool:
     joints = [name for j in machine.joints for name in j.columns]
     direction = name.startswith("dir_") and name[4:] in joints
-    return name in joints or name in _NAMES or direction or re.fullmatch(r"[Tw]_.+", name) is not None
+    return name in joints or name in _COLUMN_NAMES or direction or re.fullmatch(r"[Tw]_.+", name) is not None
 
 
 def _notes(unused: list[str], ours: Mapping[str, str], machine: Machine) -> Iterable[str]:
@@ -218,17 +235,19 @@ def _notes(unused: list[str], ours: Mapping[str, str], machine: Machine) -> Iter
 
 
 def _near(name: str, machine: Machine) -> str | None:
-    """Our name that a user's name may stand for."""
-    if name in MOTIONS or name in UNCERTAINTY:
-        return None  # left out on purpose
+    """Column of the toolkit that a user's name probably means, or None."""
+    if name in MOTIONS or name in MOTION_UNCERTAINTIES:
+        return None  # omitted on purpose
     joints = [j.name for j in machine.joints]
     bare = re.sub(r"[\s_]+", "", re.sub(r"[\[(].*?[\])]", "", name)).lower()  # without a unit in brackets
-    for pattern, ours in _ALIASES:
+    for pattern, ours in _COLUMN_ALIASES:
         match = re.fullmatch(pattern, bare)
         if match:
             tail = next((group for group in match.groups() if group), "")
             tail = next((j for j in joints if j.lower() == tail and ours.startswith("dir")), tail)
             return ours.format(tail)
-    known = {known.lower().replace("_", ""): known for known in (*joints, *_NAMES, *(f"dir_{j}" for j in joints))}
+    known = {
+        known.lower().replace("_", ""): known for known in (*joints, *_COLUMN_NAMES, *(f"dir_{j}" for j in joints))
+    }
     close = difflib.get_close_matches(bare, known, n=1, cutoff=0.8)
     return known[close[0]] if close else None

@@ -1,4 +1,4 @@
-"""The file form of ``survey.yaml``, and of a bare table, which is a survey.yaml of defaults."""
+"""Schema of ``survey.yaml``; a bare table is a survey with the default settings."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from errormodel.instruments.plain import Plain
 from errormodel.units import UnitsBlock
 from errormodel.yamlfile import Document, FileModel, Vector3, VersionedModel, load, validate
 
-FILE_NAME = "survey.yaml"
+SURVEY_FILE = "survey.yaml"
 
 Role = Literal["fit", "test"]
 Frame = Literal["shared", "per-run", "per-file", "fixed"]
@@ -29,34 +29,35 @@ else:
 class SurveyUnits(UnitsBlock):
     """Units by kind or by column: ``{length: mm, dx: um, T_bed: degF}``.
 
-    A kind is that of positions, measured coordinates, tools and uncertainties. Rotation vectors and angular error
-    motions are in rad, feeds in mm/min and payloads in kg where their column is not named.
+    A kind applies to positions, measured coordinates, tools and uncertainties. Rotation vectors and angular error
+    motions are in rad, feeds in mm/min and payloads in kg unless their column is named.
     """
 
-    model_config = ConfigDict(extra="allow")  # columns: `errormodel.survey_columns.check_units` looks at them
+    model_config = ConfigDict(extra="allow")  # units of columns, which `errormodel.survey_columns.check_units` checks
 
     time: str = Field("s", description="a unit of time, such as s, ms, min or h")
     temperature: str = Field("degC", description="a unit of temperature, such as degC, K or degF")
 
     @property
     def of_columns(self) -> dict[str, Any]:
-        """What is said of single columns, by our name of each."""
+        """Units of single columns, by column name."""
         return self.model_extra or {}
 
 
 class FileEntry(FileModel):
-    """One table and what it is for."""
+    """One table, and whether it is fitted or held out as a test."""
 
     path: str = Field(min_length=1, description="a CSV or Parquet file, or a folder of parts, relative to this file")
     role: Role = Field("fit", description="fit (the parameters come from it) or test (held out)")
 
 
 Distribution = Literal["normal", "rectangular", "triangular", "arcsine"]
-DIVISORS: dict[Distribution, float] = {"rectangular": 3**0.5, "triangular": 6**0.5, "arcsine": 2**0.5}  # GUM 4.3
+# half width over standard uncertainty (GUM 4.3; arcsine: GUM Supplement 1, 6.4.6)
+DISTRIBUTION_DIVISORS: dict[Distribution, float] = {"rectangular": 3**0.5, "triangular": 6**0.5, "arcsine": 2**0.5}
 
 
 class BudgetEntry(FileModel):
-    """A line of the uncertainty budget that the data do not show: what is known of it, and what it acts on."""
+    """One contribution to the uncertainty budget that the data do not contain, and the quantity it acts on."""
 
     name: str = Field(min_length=1, description="what it is, such as scale factor of the tracker")
     std: Positive | None = Field(None, description="its standard uncertainty (k = 1), above 0, such as 0.2")
@@ -82,13 +83,13 @@ class BudgetEntry(FileModel):
 
     @property
     def shape(self) -> Distribution:
-        """Its distribution; between bounds rectangular, where nothing is said."""
+        """Its distribution; rectangular by default where bounds are given, else normal."""
         return self.distribution or ("rectangular" if self.std is None else "normal")
 
     @property
     def standard(self) -> float:
         """Its standard uncertainty."""
-        return self.std if self.std is not None else (self.half_width or 0.0) / DIVISORS[self.shape]
+        return self.std if self.std is not None else (self.half_width or 0.0) / DISTRIBUTION_DIVISORS[self.shape]
 
 
 class SurveyForm(VersionedModel):
@@ -111,7 +112,7 @@ class SurveyForm(VersionedModel):
     def _once(cls, files: list[FileEntry]) -> list[FileEntry]:
         paths = [Path(entry.path) for entry in files]
         twice = next((str(p) for p in paths if paths.count(p) > 1), None)
-        if twice:  # a file that is both fitted and held out would test nothing
+        if twice:  # a file that is both fitted and held out is no test
             raise ValueError(f"Name {twice} once")
         return files
 
@@ -126,13 +127,21 @@ class SurveyForm(VersionedModel):
 
 
 def read_form(path: Path) -> tuple[SurveyForm, Document, Path]:
-    """The form, the document behind it for messages, and the folder that its paths start from.
+    """Read the settings of a survey.
 
-    A folder that holds a ``survey.yaml`` stands for it. Anything else but a ``.yaml`` or ``.yml`` is taken for a table
-    (or a folder of its parts) and gets the form of a single file.
+    A folder with a ``survey.yaml`` stands for that file. Any other path without the suffix ``.yaml`` or ``.yml`` is a
+    table (or a folder of its parts) with default settings.
+
+    Returns
+    -------
+    form : SurveyForm
+    document : Document
+        Behind the form, for messages.
+    folder : Path
+        Base of the form's relative paths.
     """
-    with suppress(OSError):  # a name too long: opening it says so
-        path = path / FILE_NAME if (path / FILE_NAME).is_file() else path
+    with suppress(OSError):  # a name that is too long: opening it gives the reason
+        path = path / SURVEY_FILE if (path / SURVEY_FILE).is_file() else path
     if path.suffix.lower() in (".yaml", ".yml"):
         document = load(path)
         return validate(document, SurveyForm), document, path.parent

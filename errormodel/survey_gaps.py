@@ -1,7 +1,4 @@
-"""Single gaps of a temperature sensor filled from the readings before and after them, and said.
-
-A logger loses a reading now and then. A temperature that follows its neighbours is known there all the same.
-"""
+"""Linear interpolation of single missing readings of temperature sensors, with a note for each."""
 
 from __future__ import annotations
 
@@ -14,17 +11,19 @@ import pandas as pd
 from errormodel.arrays import Array, Index
 from errormodel.formats.base import spoken
 
-NOISE = 0.3  # K rms: no sensor has more
-MOST = 0.1  # of the rows of a clock
-LONGEST = 3  # rows in a row
-LONGER = 3.0  # times the usual time between as many readings: what happened in a longer pause nobody knows
+# K rms, largest interpolation error of known readings; by judgement: the noise of usual sensors is smaller
+SENSOR_NOISE_KELVIN = 0.3
+MOST_GAPS_SHARE = 0.1  # largest share of missing rows of one clock; by judgement
+LONGEST_GAP_ROWS = 3  # most consecutive missing rows; by judgement
+# longest gap over the usual time of as many readings; by judgement: temperatures after a longer pause are unknown
+LONGEST_PAUSE_RATIO = 3.0
 
 
 def filled(table: pd.DataFrame) -> tuple[pd.DataFrame, list[str]]:
-    """The table with short gaps of its temperatures filled by straight lines over time, and notes.
+    """Table with short gaps of its temperatures interpolated linearly over time, and notes.
 
-    Without time the order of the rows stands for it. Neighbours are of one file, and of one run where times go back.
-    A gap is filled where readings at other rows, left out in turn, lie within `NOISE` (rms) of such a line.
+    Without time the order of the rows replaces it. Neighbours are of one file, and of one run where times go back. A
+    gap is filled if known readings, left out in turn, lie within `SENSOR_NOISE_KELVIN` (rms) of such lines.
 
     Parameters
     ----------
@@ -52,7 +51,7 @@ def filled(table: pd.DataFrame) -> tuple[pd.DataFrame, list[str]]:
 
 
 def _courses(table: pd.DataFrame) -> Iterator[tuple[Index, Array]]:
-    """Rows of one clock in the order of time, and their times (numbers of the rows without any)."""
+    """Rows of one clock in order of time, and their times (row numbers without a column ``time``)."""
     for own in table.groupby("file", sort=False).indices.values():
         rows = np.sort(own)
         timed = "time" in table and table["time"].iloc[rows].notna().all()
@@ -66,14 +65,14 @@ def _courses(table: pd.DataFrame) -> Iterator[tuple[Index, Array]]:
 
 
 def _interpolated(values: Array, time: Array) -> Array:
-    """Readings (n,) in the order of time, with the gaps filled that a line fills as well as it does known readings."""
+    """Readings (n,) in order of time, with those gaps filled in which interpolation reproduces known readings."""
     gap = np.isnan(values)
-    if not gap.any() or gap.sum() > MOST * len(values):
+    if not gap.any() or gap.sum() > MOST_GAPS_SHARE * len(values):
         return values
     out, known = values.copy(), np.flatnonzero(~gap)
     for before, after in pairwise(known):
         size = int(after - before - 1)
-        if not 0 < size <= LONGEST:
+        if not 0 < size <= LONGEST_GAP_ROWS:
             continue
         starts = np.arange(len(values) - size - 1)
         starts = starts[~np.isnan(values[starts]) & ~np.isnan(values[starts + size + 1])]
@@ -86,16 +85,16 @@ def _interpolated(values: Array, time: Array) -> Array:
         off = off[~np.isnan(off)]
         rise, span = np.abs(values[ends] - values[starts]), time[ends] - time[starts]
         error = float(np.sqrt(np.mean(off**2))) if len(off) else np.inf
-        if error > NOISE or time[after] - time[before] > LONGER * np.median(span):
+        if error > SENSOR_NOISE_KELVIN or time[after] - time[before] > LONGEST_PAUSE_RATIO * np.median(span):
             continue
-        if abs(values[after] - values[before]) <= rise.max() + NOISE:
+        if abs(values[after] - values[before]) <= rise.max() + SENSOR_NOISE_KELVIN:
             inner = np.arange(before + 1, after)
             out[inner] = _line(values, time, np.full(size, before), np.full(size, after), inner)
     return out
 
 
 def _line(values: Array, time: Array, start: Index, end: Index, at: Index) -> Array:
-    """Values at rows `at` of the lines from rows `start` to rows `end`; the mean of both where no time passes."""
+    """Values at rows `at` on lines from rows `start` to rows `end`; their mean where no time passes."""
     span = time[end] - time[start]
     part = np.where(span > 0, (time[at] - time[start]) / np.where(span > 0, span, 1.0), 0.5)
     out: Array = values[start] + part * (values[end] - values[start])

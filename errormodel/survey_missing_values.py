@@ -1,6 +1,6 @@
-"""Numbers that stand for no value: -9999 and its like, and 0, 0, 0 where no target was seen. Read as empty, and said.
+"""Detection of placeholders for missing values: -9999 and similar numbers, and 0, 0, 0 where no target was seen.
 
-What lies among the other values is a measurement, however its digits look.
+They are read as empty cells, with a note. A number within the range of the other values is a measurement.
 """
 
 from __future__ import annotations
@@ -18,24 +18,29 @@ from errormodel.survey_columns import MEASURED, ORIENTATION
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-_WHOLE, _PLACES = range(2, 8), range(5)
-NINES = np.array([float("9" * n + "." + "9" * k) for n in _WHOLE for k in _PLACES if n + k > 2])
-FEWEST = 8  # other rows, to say where they lie
-IMPOSSIBLE = 9999.0  # no temperature of a machine, in whatever unit
+# digits before and after the decimal point of such placeholders
+_INTEGER_DIGITS, _DECIMAL_DIGITS = range(2, 8), range(5)
+# 99.9, 999, 9999.99 ...: numbers of nines by which loggers mark a missing value
+PLACEHOLDER_NINES = np.array(
+    [float("9" * n + "." + "9" * k) for n in _INTEGER_DIGITS for k in _DECIMAL_DIGITS if n + k > 2]
+)
+FEWEST_OTHER_ROWS = 8  # fewest other rows from which their range is known; by judgement
+IMPOSSIBLE_TEMPERATURE = 9999.0  # no temperature of a machine, in any unit
 ABSOLUTE_ZERO = -273.15  # degC
-RECORDED = ("time", "feed", "load")
-AWAY = 0.05  # of what the others extend over, and
-NEAREST = 1.0  # mm: so far from all others lies what was not seen
+RECORDED_COLUMNS = ("time", "feed", "load")  # columns that are recorded beside the measured ones
+# distance of the point 0, 0, 0 from all others, as a share of their extent, from which on it was not seen
+UNSEEN_DISTANCE_SHARE = 0.05
+UNSEEN_DISTANCE_MM = 1.0  # the same in mm, at least; both by judgement
 
 
 def without_nines(
     columns: Mapping[str, Array], joints: Sequence[str], rows: Array
 ) -> tuple[dict[str, Array], list[str]]:
-    """Measured and recorded columns with NaN for 999, -9999, -999.9 and their like, and notes.
+    """Measured and recorded columns with NaN for 999, -9999, -999.9 and similar numbers, and notes.
 
-    Such a number counts as none where it is repeated to the last digit farther from all other values than these are
-    from each other, or stands in all of mx my mz. It is a measurement where a joint of its row was commanded there.
-    In a recorded column (T_*, w_*, time, feed, load) a single cell is enough.
+    Such a number is a placeholder where it is repeated to the last digit farther from all other values than their
+    range, or stands in all of mx my mz. It is a measurement where a joint was commanded to that position in its row. In
+    a recorded column (T_*, w_*, time, feed, load) a single cell is sufficient.
 
     Parameters
     ----------
@@ -44,9 +49,9 @@ def without_nines(
     rows : number of each row in its file, from 1.
     """
     out, notes = dict(columns), list[str]()
-    known = (*MEASURED, *ORIENTATION, *MOTIONS, *RECORDED)
+    known = (*MEASURED, *ORIENTATION, *MOTIONS, *RECORDED_COLUMNS)
     names = [n for n in columns if n in known or n.startswith(("T_", "w_"))]
-    nines = {n: found for n in names if (found := np.isin(np.abs(columns[n]), NINES)).any()}
+    nines = {n: found for n in names if (found := np.isin(np.abs(columns[n]), PLACEHOLDER_NINES)).any()}
     if not nines:
         return out, notes
     said: dict[tuple[float, bytes], list[str]] = {}
@@ -56,7 +61,7 @@ def without_nines(
             for joint in joints:
                 here &= np.abs(columns.get(joint, np.zeros(len(rows)))) != abs(value)
             others = columns[name][np.isfinite(columns[name]) & ~found]
-            if name in RECORDED or name.startswith(("T_", "w_")):
+            if name in RECORDED_COLUMNS or name.startswith(("T_", "w_")):
                 here &= _no_record(name, float(value), columns[name], others)
             else:
                 here &= _all_three(columns, value) | bool(here.sum() > 1 and _far(value, others, int(here.sum())))
@@ -69,19 +74,19 @@ def without_nines(
 
 
 def _no_record(name: str, value: float, column: Array, others: Array) -> Mask | bool:
-    """Where a number is no value of what was recorded: a clock runs on, and a feed of 9999 mm/min is one."""
-    if name in RECORDED and value < 0:
+    """Mask of cells whose number is impossible for a recorded column; times increase, and a feed may be 9999 mm/min."""
+    if name in RECORDED_COLUMNS and value < 0:
         return not (others < 0).any()
     if name == "feed":
         return False
     far = _far(value, others, int((column == value).sum()))
     if name == "time":
         return far & (np.fmin.accumulate(column[::-1])[::-1] < column)
-    return far or (name.startswith("T_") and abs(value) >= IMPOSSIBLE)
+    return far or (name.startswith("T_") and abs(value) >= IMPOSSIBLE_TEMPERATURE)
 
 
 def below_absolute_zero(frame: pd.DataFrame) -> Iterator[tuple[str, Mask, str]]:
-    """Temperature columns with cells that are no temperature, these cells, and the note on them.
+    """Temperature columns with cells below absolute zero, the mask of these cells, and a note.
 
     Parameters
     ----------
@@ -101,29 +106,30 @@ def _all_three(columns: Mapping[str, Array], value: float) -> Mask | bool:
 
 
 def _far(value: float, others: Array, count: int) -> bool:
-    """Whether a value lies far from all others; of few rows nobody knows."""
-    if len(others) < FEWEST:
-        return not len(others) and count >= FEWEST  # a component that was never measured
+    """Whether a value is farther from all others than their range; with few others it cannot be decided."""
+    if len(others) < FEWEST_OTHER_ROWS:
+        return not len(others) and count >= FEWEST_OTHER_ROWS  # a component that was never measured
     return bool(np.abs(others - value).min() > np.ptp(others))
 
 
 def zeros(frame: pd.DataFrame, joints: Sequence[str]) -> Iterator[tuple[Mask, str]]:
-    """Rows in which mx my mz are all exactly 0 though nothing else was measured near there, and the note on them.
+    """Mask of rows with mx my mz all exactly 0 though no other point is near, and a note.
 
     Parameters
     ----------
     frame : one file in mm and rad, with ``row``.
+    joints : names of the machine's joints.
     """
     if not all(name in frame for name in MEASURED):
         return
     points = frame[list(MEASURED)].to_numpy(dtype=np.float64)
     seen, zero = np.isfinite(points).all(axis=1), (points == 0).all(axis=1)
     others = points[seen & ~zero]
-    if not zero.any() or len(others) < FEWEST:
+    if not zero.any() or len(others) < FEWEST_OTHER_ROWS:
         return
     extent, nearest = float(np.linalg.norm(np.ptp(others, axis=0))), float(np.linalg.norm(others, axis=1).min())
     commands = frame.loc[zero, [j for j in joints if j in frame]].drop_duplicates()
-    if nearest > extent or (len(commands) > 1 and nearest > max(AWAY * extent, NEAREST)):
+    if nearest > extent or (len(commands) > 1 and nearest > max(UNSEEN_DISTANCE_SHARE * extent, UNSEEN_DISTANCE_MM)):
         yield zero, _note("0", MEASURED, frame["row"].to_numpy()[zero])
 
 

@@ -1,7 +1,7 @@
-"""Do the numbers fit the machine? Units that cannot be right are refused.
+"""Plausibility of a survey's units: measured distances, travels, temperatures and speeds against the machine.
 
-Distances between measured points equal those between nominal positions but for a fraction of a millimetre, wherever the
-instrument stands. A wrong unit shows as one factor, such as 1000 or 25.4, in nearly all of them; nothing else does.
+Distances between measured points equal those between nominal positions except for a fraction of a millimetre, wherever
+the instrument stands. A wrong unit of length multiplies nearly all of them by one factor, such as 1000 or 25.4.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from errormodel.conventions import MOTIONS, TRANSLATIONS
 from errormodel.exceptions import InputError
 from errormodel.machine import Joint, Machine
-from errormodel.survey_columns import MEASURED, TOOL, unit_of_column
+from errormodel.survey_columns import MEASURED, TOOL_COLUMNS, unit_of_column
 from errormodel.units import factor
 
 if TYPE_CHECKING:
@@ -27,26 +27,27 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-_UNITS = {"m": 1000.0, "inch": 25.4, "mm": 1.0, "um": 1e-3}  # mm
-_TEMPERATURES = {"K": (250.0, 330.0), "degF": (55.0, 110.0)}  # what a shop would be in that unit, read as degC
-_FLYING = 5e3  # mm/s
-_RESTING = 3600.0  # s
-_FEW = 10  # rows, that say nothing of a pace
-_ROWS = 1000  # tell as much as a million
-_ODD = 0.05  # part of the pairs: where no more agree, a unit is wrong
-_CLEAR = 0.7  # part of the pairs that must agree on a factor
-_FEWEST = 3  # rows that have a range
-# Error motions of a machine as it is sold or worn: a rolled screw of the coarsest class in use (ISO 3408-3, T7) is off
-# by 52 um over 300 mm, a steel scale grows by 0.12 mm/m in 10 K, guideways tilt by 0.2 mrad at worst. Beyond several
-# times that a unit is wrong; below a tenth of a micrometre no instrument in a shop reads, so that no um pass for mm.
-_SLOPE = 5e-4  # mm of range a mm of travel,
-_LEAST_RANGE = 0.1  # but so much at least, mm
-_TURN = 1e-3  # rad
-_READING = 0.1  # of a travel: what changes by as much as the joint moves is its position
+_LENGTH_UNITS_MM = {"m": 1000.0, "inch": 25.4, "mm": 1.0, "um": 1e-3}  # mm
+# values of usual shop temperatures in each unit, which are implausible in degC
+_SHOP_TEMPERATURES = {"K": (250.0, 330.0), "degF": (55.0, 110.0)}
+_FASTEST_MM_PER_S = 5e3  # mm/s; faster slides are implausible; by judgement
+_LONGEST_STEP_S = 3600.0  # s; a longer median time from row to row is implausible; by judgement
+_FEWEST_PACE_ROWS = 10  # fewest rows from which a speed is judged; by judgement
+_SAMPLE_ROWS = 1000  # rows of the sample: more change nothing and take time
+_WRONG_UNIT_SHARE = 0.05  # share of pairs of rows with agreeing distances below which a unit is wrong; by judgement
+_OTHER_UNIT_SHARE = 0.7  # share of pairs of rows that must agree in another unit; by judgement
+_FEWEST_MOTION_ROWS = 3  # fewest rows from which the range of an error motion is judged; by judgement
+# Largest plausible error motions: a rolled screw of the coarsest class in use (ISO 3408-3, T7) is off by 52 um over
+# 300 mm, a steel scale grows by 0.12 mm/m in 10 K, guideways tilt by 0.2 mrad at worst. Several times these are limits.
+_MOTION_RANGE_PER_MM = 5e-4  # largest range of a translation, mm per mm of travel
+_MOTION_RANGE_MM = 0.1  # and this much at least, mm
+_MOTION_RANGE_RAD = 1e-3  # largest range of a rotation, rad
+# relative difference of the ranges of motion and position below which the column holds the position itself
+_POSITION_SHARE = 0.1
 
 
 def check_sizes(frame: pd.DataFrame, machine: Machine, units: SurveyUnits, name: str, measured: bool) -> list[str]:
-    """Refuse a file whose unit of length cannot be right; note one whose unit of angle looks wrong.
+    """Refuse a file with an impossible unit of length; note implausible units of angle, temperature and time.
 
     Parameters
     ----------
@@ -54,11 +55,11 @@ def check_sizes(frame: pd.DataFrame, machine: Machine, units: SurveyUnits, name:
         One file in internal units.
     machine : Machine
     units : SurveyUnits
-        What the file is said to be in.
+        Declared units of the file.
     name : str
         The file, for messages.
     measured : bool
-        Whether measured coordinates count.
+        Whether measured coordinates are checked.
     """
     if measured and "joint" in frame:
         _check_motions(frame, machine, units, name)
@@ -75,26 +76,30 @@ def check_sizes(frame: pd.DataFrame, machine: Machine, units: SurveyUnits, name:
 
 
 def _check_motions(frame: pd.DataFrame, machine: Machine, units: SurveyUnits, name: str) -> None:
-    """InputError if error motions vary by more than those of a machine do, and nobody says that their unit is right.
+    """Raise InputError if error motions vary by more than a machine's do, unless their unit is stated for the column.
 
-    An instrument has a zero of its own in each run, so that only the range tells anything; of nine tenths of the
-    rows, which a wild one does not enter.
+    The instrument's zero differs between runs, so that only ranges within runs are compared; the range of the central
+    90 % of the rows is robust against an outlier.
     """
     for joint, motion in product(machine.joints, MOTIONS):
         if motion not in frame:
             continue
         rows = frame[(frame["joint"] == joint.name) & frame[motion].notna()]
-        if len(rows) < _FEWEST:
+        if len(rows) < _FEWEST_MOTION_ROWS:
             continue
         values = rows[motion] - (rows.groupby("run")[motion].transform("median") if "run" in rows else 0.0)
         low, high = np.quantile(values, (0.05, 0.95))
         way = float(np.ptp(rows[joint.name].to_numpy()))
         linear = motion in TRANSLATIONS
         where = f"{name}, column {motion}"
-        if linear and joint.type == "prismatic" and abs(np.ptp(rows[motion].to_numpy()) - way) < _READING * way:
+        if linear and joint.type == "prismatic" and abs(np.ptp(rows[motion].to_numpy()) - way) < _POSITION_SHARE * way:
             found = f"it changes by {way:.6g} mm where {joint.name} does: a position, not its deviation"
             raise InputError(where, found, f"Write {motion} as measured minus commanded")
-        usual = max(_LEAST_RANGE, _SLOPE * way if joint.type == "prismatic" else 0.0) if linear else _TURN
+        usual = (
+            max(_MOTION_RANGE_MM, _MOTION_RANGE_PER_MM * way if joint.type == "prismatic" else 0.0)
+            if linear
+            else _MOTION_RANGE_RAD
+        )
         if high - low <= usual or motion in units.of_columns:
             continue
         unit, other = unit_of_column(motion, "length" if linear else "angle", units), "um" if linear else "urad"
@@ -107,13 +112,13 @@ def _check_motions(frame: pd.DataFrame, machine: Machine, units: SurveyUnits, na
 
 
 def _temperatures(frame: pd.DataFrame, units: SurveyUnits) -> str | None:
-    """A note if all temperatures look like kelvin or Fahrenheit."""
+    """Note if all temperatures look like kelvin or Fahrenheit."""
     names = [str(n) for n in frame if str(n).startswith("T_") and n not in units.of_columns]
     if not names or units.temperature != "degC" or not (middle := frame[names].median()).notna().all():
         return None
     low, high = float(middle.min()), float(middle.max())
-    for unit, (least, most) in _TEMPERATURES.items():
-        alike = unit == "K" or (len(names) > 1 and high - low < 15)  # one member may well be as warm as that
+    for unit, (least, most) in _SHOP_TEMPERATURES.items():
+        alike = unit == "K" or (len(names) > 1 and high - low < 15)  # a single member may be as warm as that
         if least < low and high < most and alike:
             text = f"{' '.join(names)} of {low:.0f} to {high:.0f} degC"
             return f"{text}; if they are in {unit}, write units: {{temperature: {unit}}}"
@@ -121,8 +126,8 @@ def _temperatures(frame: pd.DataFrame, units: SurveyUnits) -> str | None:
 
 
 def _pace(frame: pd.DataFrame, joints: Sequence[Joint], units: SurveyUnits) -> str | None:
-    """A note if the slides would have to fly to be in time, or rest for an hour at each pose."""
-    if "time" not in frame or len(frame) < _FEW or not frame["time"].notna().all():
+    """Note if the times imply impossible speeds, or an hour of rest at each pose."""
+    if "time" not in frame or len(frame) < _FEWEST_PACE_ROWS or not frame["time"].notna().all():
         return None
     steps = frame["time"].diff().to_numpy()[1:]
     way = np.sqrt((frame[[j.name for j in joints]].diff().to_numpy()[1:] ** 2).sum(axis=1))
@@ -130,9 +135,9 @@ def _pace(frame: pd.DataFrame, joints: Sequence[Joint], units: SurveyUnits) -> s
     if not late.any():
         return None
     speed, step = float(np.median(way[late] / steps[late])), float(np.median(steps[late]))
-    if speed > _FLYING:
+    if speed > _FASTEST_MM_PER_S:
         return f"slides at {speed / 1e3:.0f} m/s by the column time; if it is in min or h, write units: {{time: min}}"
-    if step > _RESTING and unit_of_column("time", "time", units) == "s":
+    if step > _LONGEST_STEP_S and unit_of_column("time", "time", units) == "s":
         return f"{step / 3600:.1f} h from row to row by the column time; if it is in ms, write units: {{time: ms}}"
     return None
 
@@ -140,13 +145,13 @@ def _pace(frame: pd.DataFrame, joints: Sequence[Joint], units: SurveyUnits) -> s
 def _check_commands(
     frame: pd.DataFrame, joints: Sequence[Joint], units: SurveyUnits, name: str, sample: _Sample | None
 ) -> str | None:
-    """InputError if the prismatic joints that move are off their travels and another unit brings all back.
+    """Raise InputError if positions of moving prismatic joints are off their travels and another unit brings all back.
 
-    Where they are not off but would fill all travels in inches, a note.
+    A note if they are not off but would fill all travels in inches.
     """
     moving = [(j, frame[j.name].to_numpy()) for j in joints if np.ptp(frame[j.name].to_numpy()) > 0]
     said = {unit_of_column(j.name, "length", units) for j, _ in moving}
-    if len(said) != 1:  # nothing moves; or columns whose units were looked at one by one
+    if len(said) != 1:  # no joint moves, or the columns have units of their own
         return None
     moved = [j.name for j, _ in moving]
     names = " ".join(moved)
@@ -156,13 +161,17 @@ def _check_commands(
         return [float(np.mean(_near_travel(j, q * scale))) for j, q in moving]
 
     outside = min(inside(1.0)) < 0.05
-    tiny = len(moving) > 1 and filled.max() < 0.002  # all poses in a thousandth of the machine: metres
+    tiny = len(moving) > 1 and filled.max() < 0.002  # all poses within a thousandth of the machine: metres
     for scale, unit in _other_units(*said):
         fits = min(inside(scale)) > 0.95 and (filled * scale).max() < 1.5
         if fits and (filled * scale).min() > 0.02 and (outside or (tiny and scale == 1000)):
             found = f"positions of {names} that fit the travels only if they are in {unit}"
-            # the measured points may be right as they are
-            alone = sample is not None and sample.agreement() <= _ODD and sample.agreement(lengths=scale) > _CLEAR
+            # the measured points may be in the right unit
+            alone = (
+                sample is not None
+                and sample.agreement() <= _WRONG_UNIT_SHARE
+                and sample.agreement(lengths=scale) > _OTHER_UNIT_SHARE
+            )
             cure = _cure([j.name for j in joints] if alone else moved, unit, units, alone=alone)
             raise InputError(f"{name}, columns {names}", found, f"Write {cure} in a survey.yaml")
         if fits and (filled * scale).min() > 0.7 and len(moving) > 1 and unit == "inch":
@@ -178,20 +187,20 @@ def _near_travel(joint: Joint, q: Array) -> NDArray[np.bool_]:
 
 
 def _other_units(unit: str) -> Iterator[tuple[float, str]]:
-    """Other units of length that people use, each with its size in the one that is said."""
+    """Other usual units of length, each with its size in the declared one."""
     said = factor(unit, "length")
-    return ((mm / said, other) for other, mm in _UNITS.items() if mm != said)
+    return ((mm / said, other) for other, mm in _LENGTH_UNITS_MM.items() if mm != said)
 
 
 def _cure(columns: Sequence[str], unit: str, units: SurveyUnits, alone: bool = False) -> str:
-    """What to write where columns are in another unit: of all lengths, or of these if `alone` or stated singly."""
+    """Correction for columns in another unit: for all lengths, or for these columns if `alone` or stated singly."""
     keys = columns if alone or any(c in units.of_columns for c in columns) else ["length"]
     return f"units: {{{', '.join(f'{key}: {unit}' for key in keys)}}}"
 
 
 @dataclass(frozen=True)
 class _Sample:
-    """Some rows in their order: channels (k, n) of `machine`, measured values (n, c) of the components named."""
+    """Some rows in their order: channels (k, n) of `machine`, and measured values (n, c) of the named components."""
 
     machine: Machine
     rows: Array
@@ -199,7 +208,7 @@ class _Sample:
     components: tuple[str, ...]
 
     def agreement(self, measured: float = 1.0, lengths: float = 1.0, angles: float = 1.0) -> float:
-        """Part of the pairs of rows whose measured and nominal distances agree, with the columns scaled so."""
+        """Share of pairs of rows whose measured and nominal distances agree within 10 %, after scaling the columns."""
         from errormodel.chain import Chain
 
         scale = [lengths if j.type == "prismatic" else angles for j in self.machine.joints] + [1.0] * 3
@@ -213,12 +222,14 @@ class _Sample:
         if not far.any():
             return 1.0
         ratio = seen[far] / went[far]
-        least = 0.9 if self.measured.shape[1] == 3 else 0.2  # with two components, part of the way is not seen
+        least = (
+            0.9 if self.measured.shape[1] == 3 else 0.2
+        )  # with two components a part of the distance is not measured
         return float(np.mean((ratio > least) & (ratio < 1.1)))
 
 
 def _sample(frame: pd.DataFrame, machine: Machine) -> _Sample | None:
-    """None if fewer than two components were measured, or too few rows."""
+    """Sample of the rows; None with fewer than two measured components, or with too few rows."""
     components = [name for name in MEASURED if name in frame and frame[name].notna().mean() > 0.5]
     if len(components) < 2:
         return None
@@ -226,21 +237,21 @@ def _sample(frame: pd.DataFrame, machine: Machine) -> _Sample | None:
     frame = frame[frame[components].notna().all(axis=1)]
     if len(frame) < 8:
         return None
-    frame = frame.iloc[np.linspace(0, len(frame) - 1, min(len(frame), _ROWS)).astype(int)]
+    frame = frame.iloc[np.linspace(0, len(frame) - 1, min(len(frame), _SAMPLE_ROWS)).astype(int)]
     tool = [
         frame[name].fillna(value).to_numpy() if name in frame else np.full(len(frame), value)
-        for name, value in zip(TOOL, machine.tool, strict=True)
+        for name, value in zip(TOOL_COLUMNS, machine.tool, strict=True)
     ]
     rows = np.array([*(frame[name].to_numpy() for name in joints), *tool], dtype=np.float64)
     return _Sample(machine, rows, frame[components].to_numpy(dtype=np.float64), tuple(components))
 
 
 def _check_measured(sample: _Sample, prismatic: list[Joint], units: SurveyUnits, name: str) -> None:
-    """InputError if the distances between measured points are off by one factor, that of another unit."""
-    if sample.agreement() > _ODD:
+    """Raise InputError if the distances between measured points are off by the factor of another unit."""
+    if sample.agreement() > _WRONG_UNIT_SHARE:
         return
     row = {j.name: q for j, q in zip(sample.machine.joints, sample.rows[:-3], strict=True)}
-    # metres measured and micrometres commanded give the same distances: what fits the travels is right
+    # either side may be in the wrong unit: the commands are believed if they fit the travels
     believed = all(np.mean(_near_travel(j, row[j.name])) > 0.5 for j in prismatic)
     for measured in (believed, not believed):
         columns, others = [*MEASURED], [j.name for j in prismatic]
@@ -248,7 +259,7 @@ def _check_measured(sample: _Sample, prismatic: list[Joint], units: SurveyUnits,
         said = {unit_of_column(c, "length", units) for c in columns} or {units.length}
         for scale, unit in _other_units(*said) if len(said) == 1 else ():
             fits = sample.agreement(measured=scale) if measured else sample.agreement(lengths=scale)
-            if fits > _CLEAR:
+            if fits > _OTHER_UNIT_SHARE:
                 stated = ", ".join(dict.fromkeys(unit_of_column(c, "length", units) for c in others)) or units.length
                 where = " ".join(others) or "the machine"
                 found = f"in {unit}, it seems, where {where} {'are' if others else 'is'} in {stated}"
@@ -258,14 +269,14 @@ def _check_measured(sample: _Sample, prismatic: list[Joint], units: SurveyUnits,
 
 
 def _radians(frame: pd.DataFrame, machine: Machine, units: SurveyUnits, sample: _Sample | None) -> str | None:
-    """A note if rotary positions said to be in degrees look like radians."""
+    """Note if rotary positions declared in degrees look like radians."""
     degree = factor(units.angle, "angle")
     rotary = [j for j in machine.joints if j.type == "rotary" and j.travel[1] - j.travel[0] > math.pi / 2]
     moving = [j.name for j in rotary if np.ptp(frame[j.name].to_numpy()) > 0 and j.name not in units.of_columns]
     if not moving or degree == 1 or np.abs(frame[moving].to_numpy()).max() / degree > 2 * math.pi + 1e-3:
         return None
     if sample is not None:
-        if sample.agreement() > 0.3 or sample.agreement(angles=1 / degree) < _CLEAR:
+        if sample.agreement() > 0.3 or sample.agreement(angles=1 / degree) < _OTHER_UNIT_SHARE:
             return None
         return f"the measured points fit {' '.join(moving)} in rad, not {units.angle}; write units: {{angle: rad}}"
     return f"{' '.join(moving)} within 6.3 {units.angle} in all rows; if that is rad, write units: {{angle: rad}}"

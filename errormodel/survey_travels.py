@@ -1,4 +1,4 @@
-"""Are the commanded positions within the travels? Poses outside are noted; another zero or sign only if it is clear."""
+"""Comparison of commanded positions with the travels: notes on poses outside, and on another zero or sign."""
 
 from __future__ import annotations
 
@@ -13,12 +13,13 @@ from errormodel.machine import Joint, Machine
 
 Array = NDArray[np.float64]
 
-_MANY = 0.5  # of the poses outside a travel: no slip of some rows, but another zero or sign
-_FILLED = 0.1  # of a travel, that positions range over: fewer may be a place beyond it that somebody asks about
+_OUTSIDE_SHARE = 0.5  # share of poses outside a travel from which on another zero or sign is suggested; by judgement
+# share of the travel that the positions must cover for that; by judgement: fewer may be one place beyond it
+_FILLED_SHARE = 0.1
 
 
 def travel_notes(table: pd.DataFrame, machine: Machine) -> Iterator[str]:
-    """A note for every joint that is commanded beyond its travel: how often, and where the farthest is."""
+    """Notes on joints that are commanded beyond their travel: number of poses, and the farthest."""
     for joint in machine.joints:
         low, high = joint.travel
         q = table[joint.name].to_numpy()
@@ -28,7 +29,7 @@ def travel_notes(table: pd.DataFrame, machine: Machine) -> Iterator[str]:
             worst = table.loc[int(np.nanargmax(beyond)), [joint.name, "file", "row"]]
             unit, scale = ("mm", 1.0) if joint.type == "prismatic" else ("deg", 180 / math.pi)
             count = f"{outside.sum()} pose{'s are' if outside.sum() > 1 else ' is'}"
-            clear = outside.mean() > _MANY and np.nanmax(q) - np.nanmin(q) > _FILLED * (high - low)
+            clear = outside.mean() > _OUTSIDE_SHARE and np.nanmax(q) - np.nanmin(q) > _FILLED_SHARE * (high - low)
             shift = _other_zero(joint, q, scale) if clear else None
             zero = "" if shift is None else f"; {_mended_travel(joint, q, shift, bool(outside.all()))}"
             yield (
@@ -38,7 +39,7 @@ def travel_notes(table: pd.DataFrame, machine: Machine) -> Iterator[str]:
 
 
 def _mended_travel(joint: Joint, q: Array, shift: float, every: bool) -> str:
-    """What to do where most positions lie outside a travel that a shift (mm or deg) brings all of them into."""
+    """Correction where most positions are outside a travel that a shift (mm or deg) brings all of them into."""
     unit, scale = ("mm", 1.0) if joint.type == "prismatic" else ("deg", 180 / math.pi)
     low, high = joint.travel
     same = joint.type == "rotary" and shift % 360 == 0  # full turns
@@ -55,7 +56,7 @@ def _mended_travel(joint: Joint, q: Array, shift: float, every: bool) -> str:
 
 
 def _other_zero(joint: Joint, q: Array, scale: float) -> float | None:
-    """The roundest constant, in the user's unit, that brings all positions into the travel; None if none does."""
+    """Roundest constant (mm or deg) that brings all positions into the travel; None if none does."""
     least = (joint.travel[0] - float(np.nanmin(q))) * scale
     most = (joint.travel[1] - float(np.nanmax(q))) * scale
     slack = 1e-6 * (joint.travel[1] - joint.travel[0]) * scale

@@ -1,4 +1,4 @@
-"""The ``units`` block of the input files: converted once, on the way in, into mm, rad, s and degC."""
+"""Units of the input files, and their conversion into mm, rad, s, degC, mm/min and kg."""
 
 from __future__ import annotations
 
@@ -18,10 +18,12 @@ if TYPE_CHECKING:
 
 Quantity = Literal["length", "angle", "time", "temperature", "speed", "mass"]
 
-INTERNAL: dict[str, str] = {
+# units in which the toolkit computes
+INTERNAL_UNITS: dict[str, str] = {
     "length": "mm", "angle": "rad", "time": "s", "temperature": "degC", "speed": "mm/min", "mass": "kg",
 }  # fmt: skip
-EXAMPLES: dict[str, str] = {
+# units to name in messages
+UNIT_EXAMPLES: dict[str, str] = {
     "length": "mm, um, m or inch",
     "angle": "deg, rad, mrad or arcsec",
     "time": "s, ms, min or h",
@@ -39,42 +41,42 @@ def _registry() -> pint.UnitRegistry[float]:
 
 
 def is_unit(unit: str, quantity: str) -> bool:
-    """Whether a word, or of a speed two words with a stroke between, is a unit of that quantity."""
-    if unit == INTERNAL[quantity] or unit == "deg":  # the usual ones need no library
+    """Whether a word (for speeds two words with a slash) is a unit of that quantity."""
+    if unit == INTERNAL_UNITS[quantity] or unit == "deg":  # usual units, without loading Pint
         return unit != "deg" or quantity == "angle"
-    if not re.fullmatch(r"[^\W\d_]+(/[^\W\d_]+)?|°C?", unit):  # Pint would compute an expression such as 10**10**10
+    if not re.fullmatch(r"[^\W\d_]+(/[^\W\d_]+)?|°C?", unit):  # Pint would evaluate an expression such as 10**10**10
         return False
     import pint
 
-    root = _registry().get_root_units  # not the dimension: to Pint a percentage has that of an angle
+    root = _registry().get_root_units  # the dimension is not enough: in Pint percentages and angles share it
     try:
-        return bool(root(unit)[1] == root(INTERNAL[quantity])[1])
+        return bool(root(unit)[1] == root(INTERNAL_UNITS[quantity])[1])
     except pint.PintError:
         return False
 
 
 class UnitsBlock(FileModel):
-    """``units: {length: mm, angle: deg}``; each is any single unit that Pint knows."""
+    """``units: {length: mm, angle: deg}``; each is a single unit that Pint knows."""
 
-    length: str = Field("mm", description=f"a unit of length, such as {EXAMPLES['length']}")
-    angle: str = Field("deg", description=f"a unit of angle, such as {EXAMPLES['angle']}")
+    length: str = Field("mm", description=f"a unit of length, such as {UNIT_EXAMPLES['length']}")
+    angle: str = Field("deg", description=f"a unit of angle, such as {UNIT_EXAMPLES['angle']}")
 
     @field_validator("*")
     @classmethod
     def _fits(cls, unit: str, info: ValidationInfo) -> str:
         quantity = str(info.field_name)
         if not is_unit(unit, quantity):
-            raise ValueError(f"Write a unit of {quantity}, such as {EXAMPLES[quantity]}")
+            raise ValueError(f"Write a unit of {quantity}, such as {UNIT_EXAMPLES[quantity]}")
         return unit
 
 
 def to_internal(values: NDArray[np.float64], unit: str, quantity: Quantity) -> NDArray[np.float64]:
     """Convert an array from `unit` into mm, rad, s, degC, mm/min or kg; NaN stays NaN."""
-    if unit == INTERNAL[quantity]:
+    if unit == INTERNAL_UNITS[quantity]:
         return values
     if unit == "deg":
         return np.deg2rad(values)
-    converted: NDArray[np.float64] = _registry().Quantity(values, unit).to(INTERNAL[quantity]).magnitude
+    converted: NDArray[np.float64] = _registry().Quantity(values, unit).to(INTERNAL_UNITS[quantity]).magnitude
     return converted
 
 

@@ -1,7 +1,7 @@
-"""YAML files that people write: read safely, with line numbers, checked by pydantic models.
+"""Safe reading of YAML files with line numbers, and validation by pydantic models.
 
-Nothing in a file is executed: only plain text, numbers, booleans, lists and mappings are built.
-Everything wrong becomes one :class:`~errormodel.exceptions.InputError` with file, line and key.
+Nothing in a file is executed: only text, numbers, booleans, lists and mappings are built. Every fault becomes one
+:class:`~errormodel.exceptions.InputError` with file, line and key.
 """
 
 from __future__ import annotations
@@ -25,18 +25,20 @@ from errormodel.inputs import noted
 Keys: TypeAlias = tuple[str | int, ...]
 """The way to a value: keys of mappings, and places in lists counted from 0."""
 
-MAX_BYTES = 1_000_000
-MAX_VALUES = 100_000  # an alias counts as often as it stands for something, so "alias bombs" end here
-MAX_DEPTH = 40
+MAX_YAML_BYTES = 1_000_000  # longest file, bytes; by judgement: data belong in tables
+MAX_YAML_VALUES = 100_000  # most values; every use of an alias counts, which stops files that expand exponentially
+MAX_YAML_DEPTH = 40  # deepest nesting; by judgement
 
-_YAML = "tag:yaml.org,2002:"
-_CONSTRUCTED = {
-    _YAML + "int": "a whole number",
-    _YAML + "float": "a number",
-    _YAML + "bool": "true or false",
-    _YAML + "null": "nothing",
+_YAML_TAG = "tag:yaml.org,2002:"  # prefix of YAML's own tags
+# tags of values that are constructed, with their names in messages
+_CONSTRUCTED_TAGS = {
+    _YAML_TAG + "int": "a whole number",
+    _YAML_TAG + "float": "a number",
+    _YAML_TAG + "bool": "true or false",
+    _YAML_TAG + "null": "nothing",
 }
-_TEXT = {_YAML + name for name in ("str", "timestamp", "value", "merge")}  # a date is text to us
+# tags of values read as text, dates among them
+_TEXT_TAGS = {_YAML_TAG + name for name in ("str", "timestamp", "value", "merge")}
 
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 """A finite number; text and true/false are refused."""
@@ -45,9 +47,9 @@ Vector3 = Annotated[list[Number], Field(min_length=3, max_length=3)]
 
 
 class FileModel(BaseModel):
-    """Base of the file forms: no unknown keys, no conversion of text into numbers.
+    """Base of the file schemas: no unknown keys, no conversion of text into numbers.
 
-    A field's ``description`` is the cure of the messages: what to write, with an example.
+    A field's ``description`` is the correction in messages: the value to write, with an example.
     """
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
@@ -69,25 +71,25 @@ class VersionedModel(FileModel):
 class Document:
     """A parsed file: plain dicts, lists, text and numbers, and the line of each."""
 
-    name: str  # as the messages call it
+    name: str  # of the file, in messages
     data: dict[str, Any]
     lines: Mapping[Keys, int]
 
     def line_of(self, keys: Keys) -> int:
-        """Line, counted from 1, of the key or list item; of the nearest one above it where it is missing."""
+        """Line (from 1) of the key or list item, or of its nearest existing parent."""
         while keys not in self.lines:
             keys = keys[:-1]
         return self.lines[keys]
 
     def value_at(self, keys: Keys) -> Any:
-        """The value that stands there (which must exist)."""
+        """Value at `keys`, which must exist."""
         value: Any = self.data
         for key in keys:
             value = value[key]
         return value
 
     def error(self, keys: Keys, found: str, cure: str) -> InputError:
-        """The error to raise about the value (or the missing key) at `keys`."""
+        """Error about the value (or the missing key) at `keys`."""
         key = f", key {dotted(keys)}" if keys else ""
         return InputError(f"{self.name}, line {self.line_of(keys)}{key}", found, cure)
 
@@ -98,7 +100,7 @@ def dotted(keys: Keys) -> str:
 
 
 def shown(value: object) -> str:
-    """A value as a message shows it, on one line and of bounded length."""
+    """Value for a message, on one line of at most 60 characters."""
     if value is None:
         return "nothing"
     text = json.dumps(value, ensure_ascii=False, default=str) if not isinstance(value, str) else f"'{value}'"
@@ -107,7 +109,7 @@ def shown(value: object) -> str:
 
 
 def flow(value: object) -> str:
-    """A value as one writes it in YAML on one line, for examples."""
+    """Value in YAML's flow style on one line, for examples."""
     if isinstance(value, Mapping):
         return f"{{{', '.join(f'{key}: {flow(item)}' for key, item in value.items())}}}"
     if isinstance(value, list | tuple):
@@ -126,21 +128,23 @@ def load(path: Path) -> Document:
     Returns
     -------
     Document
-        Its keys and values and where they stand.
+        Its keys and values, with their lines.
 
     Raises
     ------
     InputError
-        The file is missing, too long, not UTF-8, empty, not YAML, or holds tags or repeated keys.
+        The file is missing, too long, empty, not UTF-8 or not YAML, or has tags or repeated keys.
     """
     try:
         with noted(path).open("rb") as file:
-            raw = file.read(MAX_BYTES + 1)
+            raw = file.read(MAX_YAML_BYTES + 1)
     except (OSError, ValueError) as error:  # ValueError: a NUL in the path
         reason = getattr(error, "strerror", None) or str(error)
         raise InputError(str(path), f"cannot be read: {reason}", "Give the path of a YAML file") from error
-    if len(raw) > MAX_BYTES:
-        raise InputError(str(path), f"longer than {MAX_BYTES} bytes", "Give a YAML file; data belong in CSV or Parquet")
+    if len(raw) > MAX_YAML_BYTES:
+        raise InputError(
+            str(path), f"longer than {MAX_YAML_BYTES} bytes", "Give a YAML file; data belong in CSV or Parquet"
+        )
     try:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -151,7 +155,7 @@ def load(path: Path) -> Document:
 
 
 def parse(text: str, name: str) -> Document:
-    """Like :func:`load`, for text that is called `name` in messages."""
+    """Like :func:`load`, for a text with the name `name` in messages."""
     yaml = YAML(typ="safe", pure=True)
     try:
         root = yaml.compose(text)
@@ -170,7 +174,7 @@ def parse(text: str, name: str) -> Document:
 
 
 class _Builder:
-    """Turns YAML nodes into plain values and notes the lines."""
+    """Conversion of YAML nodes into plain values, with the lines of all keys."""
 
     def __init__(self, name: str, yaml: Any, lines: dict[Keys, int]) -> None:
         self.name, self.yaml, self.lines = name, yaml, lines
@@ -178,32 +182,32 @@ class _Builder:
 
     def build(self, node: Node, keys: Keys) -> Any:
         self.count += 1
-        if self.count > MAX_VALUES:
-            raise InputError(self.name, f"more than {MAX_VALUES} values", "Write the values out, without aliases")
-        if len(keys) > MAX_DEPTH:
+        if self.count > MAX_YAML_VALUES:
+            raise InputError(self.name, f"more than {MAX_YAML_VALUES} values", "Write the values out, without aliases")
+        if len(keys) > MAX_YAML_DEPTH:
             raise self._error(node, keys[:3], "lists or mappings nested too deep", "Write the keys as documented")
         tag = str(node.tag)
-        if isinstance(node, MappingNode) and tag == _YAML + "map":
+        if isinstance(node, MappingNode) and tag == _YAML_TAG + "map":
             return self._mapping(node, keys)
-        if isinstance(node, SequenceNode) and tag == _YAML + "seq":
+        if isinstance(node, SequenceNode) and tag == _YAML_TAG + "seq":
             for i, item in enumerate(node.value):
                 self.lines[(*keys, i)] = item.start_mark.line + 1
             return [self.build(item, (*keys, i)) for i, item in enumerate(node.value)]
-        if isinstance(node, ScalarNode) and tag in _CONSTRUCTED:
+        if isinstance(node, ScalarNode) and tag in _CONSTRUCTED_TAGS:
             try:
                 return self.yaml.constructor.construct_object(node)
             except (ValueError, KeyError, OverflowError, YAMLError) as error:
-                raise self._error(node, keys, shown(node.value), f"Write {_CONSTRUCTED[tag]}") from error
-        if isinstance(node, ScalarNode) and tag in _TEXT:
+                raise self._error(node, keys, shown(node.value), f"Write {_CONSTRUCTED_TAGS[tag]}") from error
+        if isinstance(node, ScalarNode) and tag in _TEXT_TAGS:
             return str(node.value)
-        tag = tag.replace(_YAML, "!!")
+        tag = tag.replace(_YAML_TAG, "!!")
         raise self._error(node, keys, f"the tag {tag}", "Remove it: only text, numbers, lists and mappings are read")
 
     def _mapping(self, node: MappingNode, keys: Keys) -> dict[str, Any]:
         result: dict[str, Any] = {}
         for key_node, value in node.value:
             tag = str(key_node.tag)
-            if not isinstance(key_node, ScalarNode) or tag not in _TEXT:
+            if not isinstance(key_node, ScalarNode) or tag not in _TEXT_TAGS:
                 what = str(key_node.value)[:60] if isinstance(key_node, ScalarNode) else f"a {_kind(key_node)}"
                 raise self._error(key_node, keys, f"{what} as a key", "Write the key as text, in quotes if need be")
             key = str(key_node.value)
@@ -224,9 +228,10 @@ def _kind(node: Node) -> str:
     return "mapping" if isinstance(node, MappingNode) else "list" if isinstance(node, SequenceNode) else "single value"
 
 
-_INDENTED = "the line is indented neither as those of its own block are, nor as those of the block around it"
-_SYNTAX_WORDS = {  # what a person would say, where the parser speaks of its own parts
-    "expected <block end>": _INDENTED,
+_INDENTATION_FOUND = "the line is indented neither as those of its own block are, nor as those of the block around it"
+# plain words for the messages of the parser
+_SYNTAX_WORDS = {
+    "expected <block end>": _INDENTATION_FOUND,
     "could not find expected ':'": "a line without a colon where 'key: value' is expected",
     "cannot start any token": "a character that no value begins with",
 }
@@ -249,7 +254,7 @@ def _syntax_error(text: str, name: str, error: YAMLError) -> InputError:
     if isinstance(error, MarkedYAMLError):
         problem, mark = str(error.problem or error.context), error.problem_mark or error.context_mark
         if re.search("stream end|end of stream|expected ',' or", problem) and error.context_mark is not None:
-            mark = error.context_mark  # where the bracket was opened tells more than where the file ended
+            mark = error.context_mark  # the place of the opening bracket is more useful than the end of the file
     position = getattr(error, "position", None)
     line = mark.line + 1 if mark is not None else text[:position].count("\n") + 1 if position else 1
     problem = problem.splitlines()[0].removeprefix("but ") if problem else "not YAML"
@@ -271,12 +276,12 @@ def validate(document: Document, model: type[Model], at: Keys = ()) -> Model:
     model : type of BaseModel
         Usually a :class:`FileModel`. A field's description is the cure shown when its value is wrong.
     at : tuple of str and int
-        Where the part stands that the model describes.
+        Path of the part that the model describes.
 
     Raises
     ------
     InputError
-        About the one error that explains most: the file's version, then unknown keys, then the first in the file.
+        About one error: the file's version first, then unknown keys, then the first in the file.
     """
     try:
         return model.model_validate(document.value_at(at))
@@ -296,7 +301,7 @@ def validate(document: Document, model: type[Model], at: Keys = ()) -> Model:
 def _input_error(document: Document, model: type[BaseModel], at: Keys, detail: ErrorDetails) -> InputError:
     kind, loc, context = detail["type"], detail["loc"], detail.get("ctx", {})
     missing = kind in ("missing", "union_tag_not_found")
-    if kind.startswith("union_tag"):  # a discriminated union: the error is about the key that tells which
+    if kind.startswith("union_tag"):  # a discriminated union: the error is about its discriminator
         loc = (*loc, context["discriminator"].strip("'"))
     keys = _keys(document, at, loc, missing)
     owners, field = _owners(model, loc)
@@ -308,7 +313,7 @@ def _input_error(document: Document, model: type[BaseModel], at: Keys, detail: E
     expected = re.findall(r"'([^']*)'", str(context.get("expected_tags", context.get("expected", ""))))
     if expected and isinstance(value, str):
         return document.error(keys, f"unknown word {found}", nearest(value, expected))
-    if field is not None and field.description and kind != "value_error":  # a validator's own words say more
+    if field is not None and field.description and kind != "value_error":  # a validator has a message of its own
         cure = f"Write {next((key for key in reversed(keys) if isinstance(key, str)), 'it')}: {field.description}"
     else:
         cure = f"Write '{keys[-1]}: ...'" if missing else detail["msg"].removeprefix("Value error, ")
@@ -316,7 +321,7 @@ def _input_error(document: Document, model: type[BaseModel], at: Keys, detail: E
 
 
 def _keys(document: Document, at: Keys, loc: Keys, missing: bool) -> Keys:
-    """Pydantic's `loc` as keys of the file, without the names that pydantic gives the branches of unions."""
+    """Pydantic's `loc` as keys of the file, without pydantic's names of the branches of unions."""
     keys, value = at, document.value_at(at)
     part: Any
     for part in loc:
@@ -326,7 +331,7 @@ def _keys(document: Document, at: Keys, loc: Keys, missing: bool) -> Keys:
 
 
 def _owners(model: type[BaseModel], loc: Keys) -> tuple[list[type[BaseModel]], FieldInfo | None]:
-    """The models that may stand at the innermost place `loc` leads to, and the innermost field on the way."""
+    """Models that may stand at the innermost part of `loc`, and the innermost field on the way."""
     models, field = [model], None
     for part in loc:
         found = [_fields(owner)[part] for owner in models if part in _fields(owner)]
@@ -341,7 +346,7 @@ def _fields(model: type[BaseModel]) -> dict[str | int, FieldInfo]:
 
 
 def _models(annotation: Any) -> list[type[BaseModel]]:
-    """All models inside lists, mappings, unions and optionals."""
+    """All models inside lists, mappings, unions and optional types."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return [annotation]
     return [model for inner in get_args(annotation) for model in _models(inner)]

@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from errormodel.formats.base import NOTHING
+from errormodel.formats.base import NO_VALUE_WORDS
 from errormodel.machine_file import read_machine
 from errormodel.survey import Survey, read_survey
-from errormodel.survey_missing_values import NINES, without_nines, zeros
+from errormodel.survey_missing_values import PLACEHOLDER_NINES, without_nines, zeros
 from tests.commands import MILL, XYZ, done, run, write
 
 AWAY = "errormodel: 1\nparameters: {}\nframe: {translation: [2500, -1800, 400], rotation: [2, -3, 40]}\n"
@@ -38,7 +38,7 @@ def read(table: pd.DataFrame, folder: Path, name: str = "s.csv") -> Survey:
 
 
 @pytest.mark.parametrize("name", ["s.csv", "semi.csv", "s.parquet"])
-@pytest.mark.parametrize("word", sorted(NOTHING - {""}))
+@pytest.mark.parametrize("word", sorted(NO_VALUE_WORDS - {""}))
 def test_a_word_for_no_value(word: str, name: str, table: pd.DataFrame, tmp_path: Path) -> None:
     column = table["mx"].astype(str)
     column[[4, 50]] = word.upper()
@@ -111,7 +111,7 @@ def test_a_machine_that_measures_its_own_origin(tmp_path: Path) -> None:
 
 
 @given(
-    value=st.sampled_from([*NINES, *-NINES]),
+    value=st.sampled_from([*PLACEHOLDER_NINES, *-PLACEHOLDER_NINES]),
     low=st.floats(-2e4, 2e4),
     size=st.floats(1.0, 1e4),
     seed=st.integers(0, 99),
@@ -184,7 +184,7 @@ def test_a_placeholder_for_a_time_is_refused(value: float, table: pd.DataFrame, 
     assert f"row 8 (line 9), column time: {value}, which stands for no time" in result.err
 
 
-@given(last=st.sampled_from([float(v) for v in NINES if v > 999]), count=st.integers(10, 40))
+@given(last=st.sampled_from([float(v) for v in PLACEHOLDER_NINES if v > 999]), count=st.integers(10, 40))
 def test_a_clock_that_runs_on_to_nines_is_a_clock(last: float, count: int) -> None:
     time = np.append(np.arange(float(count)), last)
     out, notes = without_nines({"time": time}, ["X"], np.arange(1, count + 2))

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from errormodel.arrays import as_rows
 from errormodel.chain import Chain
-from errormodel.kernel import BLOCK, Kernel
+from errormodel.kernel import KERNEL_BLOCK_ROWS, Kernel
 from errormodel.machine_file import read_machine
 from tests.chains import Array, errors, poses
 
@@ -126,7 +126,9 @@ OUTPUTS = ca.vertcat(
 )
 
 
-@pytest.mark.parametrize("n", [0, 1, 2, BLOCK - 1, BLOCK, BLOCK + 1, 2 * BLOCK + 3])
+@pytest.mark.parametrize(
+    "n", [0, 1, 2, KERNEL_BLOCK_ROWS - 1, KERNEL_BLOCK_ROWS, KERNEL_BLOCK_ROWS + 1, 2 * KERNEL_BLOCK_ROWS + 3]
+)
 def test_blocks(n: int) -> None:
     rows = [np.random.default_rng(k).normal(size=n) for k in range(3)]
     kernel, p = Kernel(X, P, OUTPUTS), np.array([0.3, 0.4])

@@ -402,7 +402,10 @@ def test_a_machine_that_could_not_be_read_is_not_written(tmp_path: Path):
 finite = st.floats(-1e6, 1e6).map(lambda x: x + 0.0)
 vectors = st.tuples(finite, finite, finite)
 names = st.from_regex(r"[A-Za-z][A-Za-z0-9_]{0,6}", fullmatch=True).filter(
-    lambda n: n not in {"tool", "instrument", "frame", *schema._COLUMNS} and not n.startswith(schema._COLUMN_PREFIXES)
+    lambda n: (
+        n not in {"tool", "instrument", "frame", *schema._RESERVED_COLUMNS}
+        and not n.startswith(schema._COLUMN_PREFIXES)
+    )
 )
 texts = st.text(st.characters(codec="utf-8"), max_size=300)
 

@@ -1,4 +1,7 @@
-"""Physics beyond the rigid error motions: one class a file, found by itself."""
+"""Registry of physical effect models beyond the rigid error motions: one class per file of this package.
+
+Files are imported by name (see `errormodel.discovery`), so a new effect needs no entry in any list.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,7 @@ if TYPE_CHECKING:
 
 @cache
 def registry() -> Mapping[str, type[Effect]]:
-    """Every effect by its word. Registering a word twice is a mistake of the project's own and raises."""
+    """All effect classes by their name in ``effects:``; two classes of one name are a programming error and raise."""
     from errormodel.discovery import by_word, classes
     from errormodel.effects.base import Effect
 
@@ -23,7 +26,7 @@ def registry() -> Mapping[str, type[Effect]]:
 
 
 def make(spec: EffectSpec) -> Effect:
-    """The effect of an entry of ``effects:``.
+    """Build the effect that an entry of ``effects:`` describes.
 
     Raises
     ------
@@ -45,7 +48,7 @@ def make(spec: EffectSpec) -> Effect:
 
 
 def _wrong(kind: type[Effect], error: ValidationError) -> tuple[str, str, str]:
-    """The key of an entry that is wrong, what was found there, and the cure."""
+    """Key of a faulty entry, the value found there, and the correction to print."""
     import re
 
     from errormodel.exceptions import nearest

@@ -1,4 +1,7 @@
-"""A column that is not what its name says: sign, unit, zero, swap. Not physics: it is put right as a table is read."""
+"""Table columns whose sign, unit or zero is wrong, or that are swapped; corrected when a table is read.
+
+This is a mistake of bookkeeping and not physics: it moves nothing. Units: mm and rad.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,7 @@ from errormodel.arrays import Array
 from errormodel.effects.base import FIXED, Channels, Effect, EffectTerm
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.machine import Machine
-from errormodel.survey_columns import MEASURED, TOOL
+from errormodel.survey_columns import MEASURED, TOOL_COLUMNS
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -20,9 +23,10 @@ Table = TypeVar("Table", "pd.DataFrame", dict[str, Array])
 
 
 class AxisBlunder(Effect):
-    """What was meant is ``factor * column + offset`` (mm or rad); it moves nothing.
+    """Correct value of a column: ``factor * column + offset`` (mm or rad).
 
-    With `swap` the column is `factor` times what stands in that one, and that one what stands here over `factor`.
+    With `swap`, the correct `column` is `factor` times the column named by `swap`, and the correct column `swap` is
+    `column` divided by `factor`.
     """
 
     effect: ClassVar[str] = "axis-blunder"
@@ -40,7 +44,7 @@ class AxisBlunder(Effect):
     def where(self) -> str:
         if self.column in MEASURED:
             return conventions.INSTRUMENT
-        return conventions.TOOL if self.column in TOOL else self.column
+        return conventions.TOOL if self.column in TOOL_COLUMNS else self.column
 
     @property
     def drivers(self) -> tuple[str, ...]:
@@ -54,7 +58,7 @@ class AxisBlunder(Effect):
         return iter(())
 
     def mend(self, table: Table) -> Table:
-        """The table, or its columns by name, as it was meant (a copy)."""
+        """Copy of a table, or of its columns by name, with this mistake corrected."""
         table = table.copy()
         here, there = self.column, self.swap
         if there:
@@ -64,15 +68,15 @@ class AxisBlunder(Effect):
         return table
 
     def mar(self, table: Table) -> Table:
-        """The table as it would stand in a file with this mistake (a copy): what `mend` puts right."""
-        if self.swap:  # an exchange undoes itself
+        """Copy of a table with this mistake introduced: the inverse of `mend`."""
+        if self.swap:  # a swap is its own inverse
             return self.mend(table)
         table = table.copy()
         table[self.column] = (table[self.column] - self.offset) / self.factor
         return table
 
     def text(self, machine: Machine) -> str:
-        """What is wrong, for a report."""
+        """Description of the mistake for a report."""
         if self.swap:
             return f"columns {self.column} and {self.swap} are swapped"
         if self.offset:
@@ -85,20 +89,21 @@ class AxisBlunder(Effect):
 
 
 def mended(table: pd.DataFrame, machine: Machine) -> pd.DataFrame:
-    """A table with the mistakes that the machine's model knows of put right."""
+    """Correct the mistakes that the machine's ``effects:`` declare in a table."""
     for effect in _known(machine):
         table = effect.mend(table)
     return table
 
 
 def marred(table: pd.DataFrame, machine: Machine) -> pd.DataFrame:
-    """A table of positions as a file has it: with the mistakes that the machine's model knows of."""
+    """Introduce the mistakes that the machine's ``effects:`` declare into a table of positions, as its file has it."""
     for effect in reversed(_known(machine)):
         table = effect.mar(table)
     return table
 
 
 def _known(machine: Machine) -> list[AxisBlunder]:
+    """The column mistakes among the machine's effects, in their order."""
     from errormodel.effects import make
 
     found = (make(spec) for spec in machine.effects if spec.effect == AxisBlunder.effect)

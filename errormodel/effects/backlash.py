@@ -1,4 +1,7 @@
-"""Backlash: the position a joint settles at depends on the side it came from."""
+"""Backlash: offset of a joint's position that depends on the direction of approach (reversal value B of ISO 230-2).
+
+Displacement along a prismatic axis in mm, rotation about a rotary axis in rad; the direction of approach is +1 or -1.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,7 @@ from errormodel.machine import Machine, joint_of
 
 
 class Backlash(JointEffect):
-    """``size/2 * direction`` along the axis (mm, or rad about it); positive: ahead in the direction of travel."""
+    """``size/2 * direction`` along the axis (mm) or about it (rad); positive: ahead in the direction of travel."""
 
     effect: ClassVar[str] = "backlash"
     family: ClassVar[str] = "reversal"

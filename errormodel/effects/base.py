@@ -1,4 +1,4 @@
-"""What a physical effect is: the small motions it adds to a chain element at one place, and what it looks like.
+"""Base class of physical effects: small motions that an effect adds to one element of the kinematic chain.
 
 An effect is a pydantic model: its fields are what one writes in ``machine.yaml``. Its linear parameters are chain
 parameters like any other; shape parameters (a period, a time constant) are fields. `terms` is written once, with
@@ -37,11 +37,11 @@ class EffectTerm:
     Attributes
     ----------
     element : the chain element that moves, or ``frame``, ``tool``.
-    label : tells the effect's parameters apart; may be empty.
+    label : distinguishes the effect's parameters; may be empty.
     unit : of the parameter.
-    motion : what the element does per unit of the parameter, mm and rad.
-    size : how large the parameter can physically be (one standard deviation), in its unit.
-    low : the least that it can physically be: 0 where the form has its sign and nature no other.
+    motion : small motion of the element per unit of the parameter, mm and rad.
+    size : usual physical size of the parameter (one standard deviation about zero), in its unit.
+    low : physical lower bound of the parameter: 0 where only one sign is possible.
     """
 
     element: str
@@ -125,19 +125,19 @@ class Effect(BaseModel, ABC):
     @property
     @abstractmethod
     def drivers(self) -> tuple[str, ...]:
-        """Channels that it depends on, the chain's or the survey's."""
+        """Channels of the chain or the survey that the effect depends on."""
 
     @abstractmethod
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
-        """Its parameters and the motions per unit of each."""
+        """Linear parameters of the effect, each with the small motion per unit of it (mm, rad)."""
 
     @classmethod
     @abstractmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
-        """Every place and shape that it could have in a survey: what the diagnosis tries."""
+        """Candidates of this effect, at each location and with each shape that a survey could show."""
 
     def channels(self, machine: Machine) -> list[str]:
-        """Channels that it is made of, in the order in which it asks for them."""
+        """Names of the channels that `terms` asks for, in that order."""
         asked: dict[str, None] = {}
 
         def channel(name: str) -> Value:
@@ -210,16 +210,16 @@ class Effect(BaseModel, ABC):
 
     @property
     def cost(self) -> float:
-        """Nats of prior odds against it: less usual physics must show more."""
+        """Natural logarithm of the prior odds against it: unusual physics needs stronger evidence."""
         return 0.0
 
     def positive(self, machine: Machine) -> str:
-        """What a positive parameter does, where that is not a rise of the motion in its name; else ""."""
+        """Meaning of a positive parameter, where it is not a rise of the motion in the parameter's name; else ""."""
         return ""
 
     @property
     def random(self) -> bool:
-        """Whether its parameters are many that a prior ties to zero, all with the same standard deviation."""
+        """Whether the parameters are random effects: shrunk to zero by a prior of one common standard deviation."""
         return False
 
     @property
@@ -229,7 +229,7 @@ class Effect(BaseModel, ABC):
 
 
 class JointEffect(Effect):
-    """An effect that sits at one joint: its ``joint:`` in ``machine.yaml``."""
+    """An effect at one joint, the ``joint:`` of its entry in ``machine.yaml``."""
 
     joint: str
 
@@ -239,13 +239,13 @@ class JointEffect(Effect):
 
 
 def axis_motion(joint: Joint) -> Motion:
-    """The translation (prismatic) or rotation (rotary) motion along the joint's axis: positioning."""
+    """Positioning motion of a joint: the translation (prismatic) or rotation (rotary) nearest to its axis."""
     k = max(range(3), key=lambda i: abs(joint.axis[i]))
     names: tuple[tuple[Motion, Motion, Motion], ...] = (("dx", "dy", "dz"), ("ea", "eb", "ec"))
     return names[joint.type == "rotary"][k]
 
 
 def along(joint: Joint, value: Value) -> dict[Motion, Value]:
-    """Motion of size `value` along (about) the joint's axis, whatever its direction."""
+    """Motion of size `value` along (prismatic, mm) or about (rotary, rad) the joint's axis."""
     names: tuple[Motion, Motion, Motion] = ("ea", "eb", "ec") if joint.type == "rotary" else ("dx", "dy", "dz")
     return {name: value * a for name, a in zip(names, joint.axis, strict=True) if a}

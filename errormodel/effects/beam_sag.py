@@ -1,4 +1,7 @@
-"""Beam sag: a beam held at both ends gives way most where a carriage stands in its middle."""
+"""Beam sag: deflection of a beam supported at both ends under the carriage that travels along it.
+
+Euler-Bernoulli beam under a travelling load; deflection in mm across the beam, slope in rad.
+"""
 
 from __future__ import annotations
 
@@ -17,9 +20,10 @@ from errormodel.machine import Machine
 
 
 class BeamSag(Effect):
-    """``sag * (4 u (1 - u))^exponent`` along `motion` (mm in the middle of the travel), with the beam's angle there.
+    """Deflection ``sag * (4 u (1 - u))^exponent`` along `motion` (mm at mid-travel), with the slope of the beam there.
 
-    A second parameter (rad) is angle beyond that: of dead weight, or of ends that are clamped or give way.
+    u is the position on the travel, 0 to 1. A second parameter (rad) is a slope beyond that of the deflection: of the
+    beam's own weight, or of supports that are clamped or compliant.
     """
 
     effect: ClassVar[str] = "beam-sag"
@@ -47,7 +51,7 @@ class BeamSag(Effect):
         motion, u = sag_direction(beam, self.motion), fraction(beam, channel(self.joint))
         arch = fmax(4 * u * (1 - u), 0)
         tilt = arch ** (p - 1) * (1 - 2 * u)
-        # of a travelling load the beam's angle under it is half the slope of the path
+        # under a travelling load the beam's own angle is half the slope of the carriage's path
         sag = bending(beam, motion, arch**p, 2 * p / length(beam) * tilt)
         return [
             EffectTerm(self.joint, "", "mm", sag, 0.05),

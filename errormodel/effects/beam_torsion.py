@@ -1,4 +1,7 @@
-"""Beam torsion: what hangs over a beam twists it, most where the carriage stands in the beam's middle."""
+"""Beam torsion: twist of a beam under an overhanging load, largest at mid-span.
+
+Saint-Venant torsion of a shaft held at both ends; rotation in rad about the beam's axis.
+"""
 
 from __future__ import annotations
 
@@ -14,9 +17,10 @@ from errormodel.machine import Machine
 
 
 class BeamTorsion(Effect):
-    """Roll of `joint` about the beam: ``twist * v * 4 u (1 - u)``, rad; u along the beam, v the load's travel, -1 to 1.
+    """Roll of `joint` about the beam: ``twist * v * 4 u (1 - u)`` in rad.
 
-    A second parameter (rad) is the twist under the load's middle position, which also goes with the place on the beam.
+    u is the position along the beam (0 to 1), v the position on the load's travel (-1 to 1). A second parameter (rad)
+    is the twist with the load at mid-travel, which has the same dependence on u.
     """
 
     effect: ClassVar[str] = "beam-torsion"
@@ -28,8 +32,8 @@ class BeamTorsion(Effect):
     )
     example: ClassVar[Mapping[str, object]] = {"joint": "Y", "load_joint": "Z"}
 
-    joint: str  # that travels along the beam
-    load_joint: str  # that carries the weight out
+    joint: str  # the joint that travels along the beam
+    load_joint: str  # the joint that moves the load out
 
     @property
     def where(self) -> str:

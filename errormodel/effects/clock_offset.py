@@ -1,4 +1,7 @@
-"""Clock offset: the instrument's clock is off, so that it sees where the machine was, or will be."""
+"""Clock offset (trigger delay): the instrument records the tool's position earlier or later than the controller.
+
+Displacement in mm: the delay in s times the tool's nominal velocity in mm/s, in the axes of the reference.
+"""
 
 from __future__ import annotations
 
@@ -15,9 +18,10 @@ from errormodel.machine import Machine, Shape
 
 
 class ClockOffset(Effect):
-    """``delay * velocity`` of the tool, s; velocity: each prismatic joint's at the feed, as it arrived.
+    """``delay * velocity`` of the tool, delay in s; positive: measured too late.
 
-    `joints` are those that move; all prismatic ones where it is empty. Positive: measured too late.
+    The velocity is the sum over prismatic joints of the feed in the direction of approach. `joints` are those that
+    move; empty: all prismatic joints.
     """
 
     effect: ClassVar[str] = "clock-offset"
@@ -39,7 +43,7 @@ class ClockOffset(Effect):
 
     @property
     def cost(self) -> float:
-        """Nats of prior odds against it: late for one joint only, it is that joint's lag rather than a clock's."""
+        """Natural logarithm of the prior odds against it: a delay of one joint is more likely a following error."""
         return 4.0 if len(self.joints) == 1 else 0.0
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
@@ -48,7 +52,7 @@ class ClockOffset(Effect):
         if not moving:
             raise InputError(f"effect {self.effect}", "the machine has no prismatic joint", "Take the effect out")
         feed = channel("feed") / 60  # mm/s
-        velocity: list[Value] = [0.0, 0.0, 0.0]  # of the tool in the axes of one element after the other, tool first
+        velocity: list[Value] = [0.0, 0.0, 0.0]  # of the tool, in the axes of each element in turn, from the tool back
         for element in reversed(machine.elements):
             if isinstance(element, Shape):
                 for k, angle in reversed(list(enumerate(element.rotation))):
@@ -68,7 +72,7 @@ class ClockOffset(Effect):
 
 
 def turned(vector: list[Value], axis: tuple[float, ...], angle: Value) -> list[Value]:
-    """A vector after a right-handed rotation about a unit axis."""
+    """Rotate a vector about a unit axis by a right-handed angle in rad (Rodrigues)."""
     c, s = cos(angle), sin(angle)
     (x, y, z), (a, b, d) = vector, axis
     across, inner = (b * z - d * y, d * x - a * z, a * y - b * x), (a * x + b * y + d * z) * (1 - c)

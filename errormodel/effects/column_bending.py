@@ -1,4 +1,7 @@
-"""Column bending: what a column carries out to the side tilts it, the more the higher it stands."""
+"""Column bending: tilt of a column under a load that travels out to its side.
+
+Euler-Bernoulli cantilever under an end moment; rotation in rad, displacement in mm.
+"""
 
 from __future__ import annotations
 
@@ -9,15 +12,27 @@ from typing import ClassVar
 from errormodel.effects.base import Channels, Effect, EffectTerm
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import Rotation, across, joint_as
-from errormodel.effects.travel import ENDS, End, cross, crossing, direction, extension, length, scaled, shift, turn
+from errormodel.effects.travel import (
+    TRAVEL_ENDS,
+    End,
+    cross,
+    crossing,
+    direction,
+    extension,
+    length,
+    scaled,
+    shift,
+    turn,
+)
 from errormodel.exceptions import InputError
 from errormodel.machine import Joint, Machine
 
 
 class ColumnBending(Effect):
-    """Tilt of the column's carriage (rad at the end of the load's travel): ``tilt * v``, v the load's travel, -1 to 1.
+    """Tilt of the column's carriage ``tilt * v`` in rad at the end of the load's travel; v is its position, -1 to 1.
 
-    With a `foot` the column bends from that end of its travel on: ``tilt * v * h``, h from 0 to 1, and is bowed by it.
+    With a `foot` the column bends from that end of its travel: ``tilt * v * h``, with h from 0 to 1 along the column,
+    and the displacement of that curvature is added.
     """
 
     effect: ClassVar[str] = "column-bending"
@@ -27,10 +42,10 @@ class ColumnBending(Effect):
     separate: ClassVar[str] = "levels at the column's foot and on its carriage while only the load travels"
     example: ClassVar[Mapping[str, object]] = {"joint": "Z", "load_joint": "X"}
 
-    joint: str  # that travels along the column
-    load_joint: str  # that carries the weight out
-    motion: Rotation | None = None  # None: about the axis across both joints
-    foot: End | None = None  # None: the whole column tilts in its foot
+    joint: str  # the joint that travels along the column
+    load_joint: str  # the joint that moves the load out
+    motion: Rotation | None = None  # None: about the axis perpendicular to both joints
+    foot: End | None = None  # None: the whole column tilts at its foot
 
     @property
     def where(self) -> str:
@@ -63,6 +78,6 @@ class ColumnBending(Effect):
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
         for column, load in crossing(scene):
-            for motion, foot in product(across(column, "e"), (None, *ENDS)):
+            for motion, foot in product(across(column, "e"), (None, *TRAVEL_ENDS)):
                 fields = {"joint": column.name, "load_joint": load.name, "motion": motion, "foot": foot}
                 yield cls.model_validate(fields)

@@ -1,4 +1,7 @@
-"""A correction table at work, off or doubled: positioning goes in straight lines from one table point to the next."""
+"""Active compensation table: piecewise linear positioning error between the points of a controller's table.
+
+Seen where a correction table is active, switched off or applied twice. Units: mm along the axis, or rad about it.
+"""
 
 from __future__ import annotations
 
@@ -15,9 +18,9 @@ from errormodel.machine import Machine, joint_of
 
 
 class CompensationActive(JointEffect):
-    """The table's value at each inner one of `points` points, even over the travel; mm along the axis, or rad.
+    """Table values at the inner ones of `points` equally spaced points; mm along the axis, or rad about it.
 
-    At the ends it is zero: a straight line belongs to the scale. Positive: what the table adds.
+    The values at both ends of the travel are zero: a straight line belongs to the scale. Positive: what the table adds.
     """
 
     effect: ClassVar[str] = "compensation-active"
@@ -31,7 +34,7 @@ class CompensationActive(JointEffect):
 
     @property
     def cost(self) -> float:
-        return 5.0  # so many straight pieces follow any smooth curve
+        return 5.0  # log prior odds against it: many linear pieces approximate any smooth curve
 
     @property
     def drivers(self) -> tuple[str, ...]:
@@ -46,7 +49,7 @@ class CompensationActive(JointEffect):
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
-        """Tables with twenty rows or more an interval."""
+        """Tables with at least twenty rows per interval."""
         for joint in scene.moving:
             for points in (5, 6, 7, 8, 9, 11, 13, 16, 21):
                 if 20 * points <= len(scene.columns[joint.name]):

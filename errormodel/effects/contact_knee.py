@@ -1,4 +1,7 @@
-"""Contact knee: from one position on something touches, lifts off or comes to a stop, and a motion changes its rate."""
+"""Contact knee: piecewise linear error motion where a one-sided contact opens or closes.
+
+Examples are covers, stops and lifting guides. Units: mm or rad per travel of the joint.
+"""
 
 from __future__ import annotations
 
@@ -14,11 +17,12 @@ from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.travel import length, usual_size
 from errormodel.machine import Machine, joint_of
 
-KNEES = 16  # positions along the travel
+# candidate positions, evenly spaced over the travel; by judgement: closer knees are nearly collinear
+KNEE_POSITIONS = 16
 
 
 class ContactKnee(JointEffect):
-    """`motion` in proportion to the way beyond `at` (mm, rad per travel of the joint), none on the other side of it."""
+    """`motion` proportional to the distance beyond `at` (mm or rad per full travel), zero on the other side of `at`."""
 
     effect: ClassVar[str] = "contact-knee"
     family: ClassVar[str] = "geometric"
@@ -44,9 +48,9 @@ class ContactKnee(JointEffect):
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
         for joint in scene.moving:
-            for at in np.linspace(*scene.span(joint), KNEES + 2)[1:-1].tolist():
+            for at in np.linspace(*scene.span(joint), KNEE_POSITIONS + 2)[1:-1].tolist():
                 for motion in MOTIONS:
-                    # a straight line is the difference of the two sides: where the model has one they are alike
+                    # both sides differ by a straight line: where the geometry has one, the two are collinear
                     straight = joint.type == "prismatic" and motion in joint.models
                     for side in ("above",) if straight else ("above", "below"):
                         yield cls.model_validate({"joint": joint.name, "motion": motion, "at": at, "side": side})

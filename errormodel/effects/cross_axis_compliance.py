@@ -1,4 +1,7 @@
-"""Cross-axis compliance: a motion of one joint changes gently with where another joint stands."""
+"""Cross-axis compliance: error motion of one joint as a smooth function of another joint's position.
+
+Guides and frames deflect as weight moves over them. Units: mm and rad; positions scaled to the travel.
+"""
 
 from __future__ import annotations
 
@@ -16,15 +19,20 @@ from errormodel.effects.shared import own_axes
 from errormodel.effects.travel import legendre, scaled
 from errormodel.machine import Machine, joint_of
 
-SHAPES = {  # degree, along
+# candidates (degree, `along`) by the type of the other joint; by judgement: stiffness varies smoothly
+COMPLIANCE_SHAPES = {
     "prismatic": ((1, False), (2, False), (3, False), (5, False), (1, True), (2, True)),
     "rotary": ((1, False), (2, False), (1, True)),
 }
-PARALLEL = 1 - 1e-6  # component of an axis: no turn about it changes a translation along it
+# cosine of the angle between a turning axis and a translation, from which on the turn leaves the translation unchanged
+PARALLEL_COSINE = 1 - 1e-6
 
 
 class CrossAxisCompliance(JointEffect):
-    """`motion` (mm, rad) as Legendre polynomials of the `other`'s travel, -1 to 1, or as harmonics of its turn."""
+    """`motion` (mm, rad) in Legendre polynomials of the `other` joint's travel (-1 to 1), or in harmonics of its angle.
+
+    With `along` a product term adds compliance that differs along the joint's own travel.
+    """
 
     effect: ClassVar[str] = "cross-axis-compliance"
     family: ClassVar[str] = "gravity"
@@ -37,7 +45,7 @@ class CrossAxisCompliance(JointEffect):
     motion: Motion
     other: str
     degree: int = Field(2, ge=1, le=5)
-    along: bool = False  # gives way more at one end of the joint's own travel than at the other
+    along: bool = False  # compliance differs along the joint's own travel
 
     @property
     def drivers(self) -> tuple[str, ...]:
@@ -60,11 +68,11 @@ class CrossAxisCompliance(JointEffect):
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
         axes = own_axes(scene.machine)
         for joint, other in permutations(scene.moving, 2):
-            # with no turn between the two, a translation of one is an error motion of the other: geometry
+            # without a rotation between the two joints, a translation of one is collinear with the other's geometry
             first, last = sorted(scene.machine.elements.index(j) for j in (joint, other))
             turns = [j for j in scene.moving if j.type == "rotary" and j in scene.machine.elements[first:last]]
-            seen = [axes[joint.name].T @ axes[j.name] @ j.axis for j in turns]  # in the joint's own axes
-            turned = [t for k, t in enumerate(TRANSLATIONS) if any(abs(axis[k]) < PARALLEL for axis in seen)]
+            seen = [axes[joint.name].T @ axes[j.name] @ j.axis for j in turns]  # turning axes in the joint's own axes
+            turned = [t for k, t in enumerate(TRANSLATIONS) if any(abs(axis[k]) < PARALLEL_COSINE for axis in seen)]
             for motion in (*turned, *ROTATIONS):
-                for degree, along in SHAPES[other.type]:
+                for degree, along in COMPLIANCE_SHAPES[other.type]:
                     yield cls(joint=joint.name, motion=motion, other=other.name, degree=degree, along=along)

@@ -1,4 +1,7 @@
-"""Eccentricity: the scale of a rotary joint sits off its centre, and positioning repeats once or twice a turn."""
+"""Eccentricity of a rotary joint's scale: angular positioning error with one, two or three periods per revolution.
+
+Rotation about the axis in rad.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,7 @@ from errormodel.machine import Machine
 
 
 class Eccentricity(JointEffect):
-    """``sin * sin(harmonic q) + cos * cos(harmonic q)`` about the axis, rad; `harmonic` a turn."""
+    """``sin * sin(harmonic q) + cos * cos(harmonic q)`` about the axis in rad; `harmonic` periods per revolution."""
 
     effect: ClassVar[str] = "eccentricity"
     family: ClassVar[str] = "periodic"

@@ -1,4 +1,7 @@
-"""Gantry racking: two drives out of step turn the bridge between them."""
+"""Gantry racking: yaw of the bridge between two drives that are out of step.
+
+Rotation in rad per mm of difference of the two drives, the inverse of their spacing for a rigid bridge.
+"""
 
 from __future__ import annotations
 
@@ -12,12 +15,16 @@ from errormodel.effects.shared import Rotation, across, joint_as
 from errormodel.effects.travel import crossing, scaled
 from errormodel.machine import Machine
 
-# in the names of what witnesses two drives; whatever goes with another witness has no name yet
-HINTS = ("sync", "enc", "rack", "x1x2", "x1_x2", "drive", "skew", "gantry", "dual", "yaw")
+# words in a ``w_`` column's name by which it is taken for a record of the two drives; by judgement
+DRIVE_NAME_HINTS = ("sync", "enc", "rack", "x1x2", "x1_x2", "drive", "skew", "gantry", "dual", "yaw")
 
 
 class GantryRacking(JointEffect):
-    """Yaw of `joint` per unit of a witness of the drives; or (rad) with the joint across, -1 to 1, or its side."""
+    """Yaw of `joint` (rad) per unit of `channel`.
+
+    `channel` is a record of the two drives (``w_...``), or without one the joint across (-1 to 1 over its travel) or
+    the direction of approach ``dir_<joint>``.
+    """
 
     effect: ClassVar[str] = "gantry-racking"
     family: ClassVar[str] = "gantry"
@@ -26,7 +33,7 @@ class GantryRacking(JointEffect):
     separate: ClassVar[str] = "log both encoders of the gantry, or measure two lines at the ends of the bridge"
     example: ClassVar[Mapping[str, object]] = {"joint": "X", "channel": "w_sync"}
 
-    channel: str  # w_<name>, w_sync_<joint> of two drives; or the joint across, or dir_<joint>, where nothing tells
+    channel: str  # w_<name>, w_sync_<joint>; without a record of the drives the joint across, or dir_<joint>
     motion: Rotation = "ec"
 
     @property
@@ -35,7 +42,7 @@ class GantryRacking(JointEffect):
 
     @property
     def cost(self) -> float:
-        """Nats of prior odds against it: without a witness of the drives it is one compliance among others."""
+        """Natural logarithm of the prior odds against it: without a record of the drives it is a mere compliance."""
         return 0.0 if self.channel.startswith("w_") else 5.0
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
@@ -51,7 +58,7 @@ class GantryRacking(JointEffect):
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
-        drives = [name for name in scene.witnesses if any(hint in name.lower() for hint in HINTS)]
+        drives = [name for name in scene.witnesses if any(hint in name.lower() for hint in DRIVE_NAME_HINTS)]
         pairs = list(product(scene.prismatic, drives))
         pairs += [(joint, other.name) for joint, other in crossing(scene)]
         pairs += [(joint, f"dir_{joint.name}") for joint in scene.prismatic if scene.both_ways(joint)]

@@ -1,4 +1,7 @@
-"""Gear-cyclic error: positioning of a rotary joint that repeats with its gear, worm or motor, many times a turn."""
+"""Gear-cyclic error: periodic angular positioning error of a rotary joint from its gear, worm or motor.
+
+Rotation about the axis in rad, with many periods per revolution.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,7 @@ from errormodel.machine import Machine
 
 
 class GearCyclic(JointEffect):
-    """``sin * sin(per_turn q) + cos * cos(per_turn q)`` about the axis, rad; `per_turn` need not be whole."""
+    """``sin * sin(per_turn q) + cos * cos(per_turn q)`` about the axis in rad; `per_turn` need not be an integer."""
 
     effect: ClassVar[str] = "gear-cyclic"
     family: ClassVar[str] = "periodic"
@@ -43,7 +46,7 @@ class GearCyclic(JointEffect):
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
-        """More than three a turn, what the poses resolve, at most 200; three in the span at least."""
+        """Rates from above 3 to 200 per revolution that the poses resolve, with at least three periods in the span."""
         for joint in scene.rotary:
             turns = float(np.ptp(scene.span(joint))) / (2 * math.pi)
             most = 2 * math.pi / resolved(scene, joint, math.pi / 100)

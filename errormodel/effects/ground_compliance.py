@@ -1,4 +1,7 @@
-"""Ground compliance: the whole machine tilts on its feet as a heavy axis travels."""
+"""Foundation compliance: tilt of the whole machine on its feet as a heavy axis travels.
+
+Rotation in rad of the measuring frame, or of the first element.
+"""
 
 from __future__ import annotations
 
@@ -13,11 +16,12 @@ from errormodel.effects.shared import Rotation, across, joint_as
 from errormodel.effects.travel import legendre, scaled
 from errormodel.machine import Machine
 
-SIZES = {1: 3e-5, 2: 1e-5, 3: 1e-5}  # rad, by degree: feet and floor are stiffer the more they carry
+# standard deviation in rad by polynomial degree; degrees 2 and 3 because feet and floor stiffen under load
+TILT_SIZES_RAD = {1: 3e-5, 2: 1e-5, 3: 1e-5}
 
 
 class GroundCompliance(Effect):
-    """Tilt of `element` (rad), Legendre polynomials 1 to 3 of the heavy axis's travel from -1 to 1."""
+    """Tilt of `element` (rad) in Legendre polynomials of degree 1 to 3 of the heavy axis' travel, scaled to -1 to 1."""
 
     effect: ClassVar[str] = "ground-compliance"
     family: ClassVar[str] = "gravity"
@@ -28,8 +32,8 @@ class GroundCompliance(Effect):
     flexible: ClassVar[bool] = True
 
     joint: str  # the heavy axis
-    motion: Rotation | None = None  # None: the first across the axis
-    element: str = FRAME  # that tilts
+    motion: Rotation | None = None  # None: about the first axis across it
+    element: str = FRAME  # the element that tilts
 
     @property
     def where(self) -> str:
@@ -43,7 +47,10 @@ class GroundCompliance(Effect):
         heavy = joint_as(machine, self.joint, "prismatic", self.effect)
         motion = self.motion or across(heavy, "e")[0]
         u = scaled(heavy, channel(self.joint))
-        return [EffectTerm(self.element, str(n), "rad", {motion: legendre(n, u)}, size) for n, size in SIZES.items()]
+        return [
+            EffectTerm(self.element, str(n), "rad", {motion: legendre(n, u)}, size)
+            for n, size in TILT_SIZES_RAD.items()
+        ]
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:

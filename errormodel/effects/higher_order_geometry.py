@@ -1,4 +1,7 @@
-"""Higher-order geometry: an error motion of a joint is less smooth than its declared model."""
+"""Higher-order geometry: terms of a joint's error motion beyond its declared polynomial, harmonic or spline model.
+
+Legendre polynomials, harmonics or cubic B-splines in the joint's position. Units: mm and rad.
+"""
 
 from __future__ import annotations
 
@@ -14,26 +17,28 @@ from errormodel.conventions import MOTIONS, Motion, unit_of
 from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect, axis_motion
 from errormodel.effects.ops import Value
 from errormodel.effects.search_space.survey_summary import Scene
-from errormodel.effects.shared import A_PERIOD, Positive, closed_splines, resolved, splines, waves
+from errormodel.effects.shared import POSITIONS_PER_PERIOD, Positive, closed_splines, resolved, splines, waves
 from errormodel.effects.travel import fraction, legendre, length, scaled, usual_size
 from errormodel.machine import Joint, Machine, joint_of
 
 Degree = Annotated[int, Field(ge=0, le=30)]
-FINE = tuple(math.radians(d) for d in (10.0, 6.0, 4.0, 3.0, 2.0))  # apart, of a joint that turns
-BROAD = math.radians(30.0)
-PIECES = (16, 32, 64, 128)  # of a travel
-ROWS_A_KNOT = 1.5
-CONSTANT = 10.0  # times: members are put together less exactly than they are guided
+# knot spacings of a rotary joint's positioning curve, rad; by judgement
+FINE_SPACINGS_RAD = tuple(math.radians(d) for d in (10.0, 6.0, 4.0, 3.0, 2.0))
+BROAD_SPACING_RAD = math.radians(30.0)  # knot spacing of a rotary joint's smooth curves, rad; by judgement
+FINE_PIECES = (16, 32, 64, 128)  # knot intervals in the travel of a prismatic joint's positioning curve; by judgement
+ROWS_PER_KNOT = 1.5  # fewest rows per knot; by judgement: with fewer the prior determines the curve
+# size of a constant over that of an error motion; by judgement: members are assembled less exactly than guides are made
+CONSTANT_SIZE_RATIO = 10.0
 
 
 class HigherOrderGeometry(JointEffect):
-    """`motion` of a joint as Legendre polynomials of its travel, -1 to 1, or as harmonics of its turn (mm, rad).
+    """`motion` of a joint in Legendre polynomials of its travel (-1 to 1), or in harmonics of its angle (mm, rad).
 
-    Degree 0 is a constant: a squareness, or an offset, that the model of the members beside the joint leaves out.
+    Degree 0 is a constant: a squareness or an offset that the adjacent members' models leave out.
 
-    With `every` (mm, rad) as a curve instead: cubic splines at that distance, each tied to zero with the standard
-    deviation `size` (mm, rad), so that beyond what was measured the curve returns to zero and its uncertainty to
-    `size`. The curve of a joint that turns all the way is the same after a turn.
+    With `every` (mm, rad) it is a curve: cubic B-splines at that spacing, with a zero-mean prior of standard deviation
+    `size` (mm, rad). Beyond the measured range the curve returns to zero and its standard uncertainty to `size`. The
+    curve of a joint that makes full revolutions is periodic.
     """
 
     effect: ClassVar[str] = "higher-order-geometry"
@@ -52,7 +57,7 @@ class HigherOrderGeometry(JointEffect):
     flexible: ClassVar[bool] = True
 
     motion: Motion
-    degrees: tuple[Degree, ...] = ()  # (): the one above the declared model
+    degrees: tuple[Degree, ...] = ()  # (): one above the declared model
     every: Positive | None = None
     size: Positive | None = None  # None: 20 um, 30 urad
 
@@ -70,7 +75,7 @@ class HigherOrderGeometry(JointEffect):
         for n in self.degrees or (declared(joint, self.motion) + 1,):
             if n == 0:
                 shapes["0"] = 0 * q + 1
-                size = CONSTANT * size
+                size = CONSTANT_SIZE_RATIO * size
             elif joint.type == "prismatic":
                 shapes[str(n)] = legendre(n, scaled(joint, q))
             else:
@@ -91,15 +96,22 @@ class HigherOrderGeometry(JointEffect):
                 yield cls(joint=joint.name, motion=motion, degrees=degrees)
         for joint in scene.moving:
             rows, span = len(scene.columns[joint.name]), float(np.ptp(scene.span(joint)))
-            for every in FINE if joint.type == "rotary" else (length(joint) / n for n in PIECES):
-                if resolved(scene, joint, every) <= A_PERIOD * every and span / every < rows / ROWS_A_KNOT:
+            for every in FINE_SPACINGS_RAD if joint.type == "rotary" else (length(joint) / n for n in FINE_PIECES):
+                if (
+                    resolved(scene, joint, every) <= POSITIONS_PER_PERIOD * every
+                    and span / every < rows / ROWS_PER_KNOT
+                ):
                     yield cls(joint=joint.name, motion=axis_motion(joint), every=every)
             for motion in MOTIONS:
-                yield cls(joint=joint.name, motion=motion, every=BROAD if joint.type == "rotary" else length(joint) / 8)
+                yield cls(
+                    joint=joint.name,
+                    motion=motion,
+                    every=BROAD_SPACING_RAD if joint.type == "rotary" else length(joint) / 8,
+                )
 
 
 def curve(joint: Joint, q: Value, every: float) -> Iterator[Value]:
-    """Cubic splines over a joint's travel or its turn, about `every` (mm, rad) apart."""
+    """Cubic B-splines over a joint's travel, or its full revolution, at a spacing of about `every` (mm, rad)."""
     if joint.type == "rotary" and length(joint) > 1.99 * math.pi:
         yield from closed_splines(q, max(round(2 * math.pi / every), 5))
     else:

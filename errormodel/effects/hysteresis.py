@@ -1,4 +1,7 @@
-"""Hysteresis: friction remembers the path, so that a short move back undoes only part of a reversal."""
+"""Hysteresis of a joint's position by friction: the play operator of Prandtl and Ishlinskii.
+
+A short reversal recovers only part of the reversal error. Units: mm along the axis, or rad about it.
+"""
 
 from __future__ import annotations
 
@@ -14,10 +17,10 @@ from errormodel.machine import Machine, joint_of
 
 
 class Hysteresis(JointEffect):
-    """``size * (position - what follows it with a play)/width`` along the axis (mm, or rad about it).
+    """``size * (q - p)/width`` along the axis (mm) or about it (rad); p follows the position q with a play of `width`.
 
-    `width` (mm, rad) is how far the joint must move to turn wholly; after long moves it is ``size/2 * direction``, as
-    backlash.
+    `width` (mm, rad) is the travel needed for a complete reversal. After long moves the effect is that of backlash,
+    ``size/2 * direction``.
     """
 
     effect: ClassVar[str] = "hysteresis"
@@ -31,7 +34,7 @@ class Hysteresis(JointEffect):
 
     @property
     def cost(self) -> float:
-        return 2.0  # plain backlash is the usual form
+        return 2.0  # log prior odds against it: backlash is the usual form
 
     @property
     def drivers(self) -> tuple[str, ...]:
@@ -45,7 +48,7 @@ class Hysteresis(JointEffect):
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
-        """Widths that one move in ten does not overcome: with smaller ones it is backlash."""
+        """Widths from the tenth percentile of the moves on; below it the effect is backlash."""
         for joint in scene.moving:
             moves = np.abs(np.diff(scene.columns[joint.name]))
             if scene.both_ways(joint) and moves.any():

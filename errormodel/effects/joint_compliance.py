@@ -1,4 +1,7 @@
-"""Joint compliance: a rotary joint of an arm twists in its gear under the weight of what it carries."""
+"""Joint compliance of an arm: twist of a rotary joint's gear under gravity.
+
+Twist about the joint's axis in rad, per mm of lever of the weights it carries.
+"""
 
 from __future__ import annotations
 
@@ -18,10 +21,11 @@ Gravity = Literal["x", "-x", "y", "-y", "z", "-z"]
 
 
 class JointCompliance(JointEffect):
-    """Twist about the joint's axis per lever of weight (rad/mm): of the tool, and of each member behind the joint.
+    """Twist about the joint's axis per lever of weight (rad/mm), for the tool and for each member behind the joint.
 
-    A member's lever is that of its end, mm. Gears harden under torque, as the cube of the mean lever over the reach
-    squared. With `payload` the tool's is also taken per kg of ``load``.
+    A member's lever (mm) is that of its end. A hardening term is the cube of the mean lever over the square of the
+    reach: gears stiffen under torque. With `payload` a term (rad per kg and mm) is the tool's lever times the column
+    ``load``.
     """
 
     effect: ClassVar[str] = "joint-compliance"
@@ -31,7 +35,7 @@ class JointCompliance(JointEffect):
     separate: ClassVar[str] = "the same poses with two payloads, the arm stretched out and folded"
     example: ClassVar[Mapping[str, object]] = {"joint": "B", "gravity": "x"}
 
-    gravity: Gravity = "-z"  # direction of weight in the reference's axes
+    gravity: Gravity = "-z"  # direction of gravity in the reference's axes
     payload: bool = False
 
     @property
@@ -60,7 +64,7 @@ class JointCompliance(JointEffect):
         return out
 
     def _lever(self, axis: Triple, joint: Place, weight: Place) -> Value:
-        """Moment about the axis of a unit weight, mm: axis . (arm x down), arm from the joint to the weight."""
+        """Lever (mm) of a unit weight about the axis: ``axis . (arm x down)``, the arm from the joint to the weight."""
         k = TRANSLATIONS.index(f"d{self.gravity[-1]}")
         i, j = (k + 1) % 3, (k + 2) % 3
         arm = [w - o for w, o in zip(weight.origin, joint.origin, strict=True)]

@@ -1,4 +1,7 @@
-"""The nominal chain in plain arithmetic, on arrays and on symbols alike, for effects that need levers of weights."""
+"""Nominal forward kinematics in plain arithmetic, on arrays and on CasADi symbols, for levers of weights.
+
+Origins in mm and axes in the frame of the reference; joint positions in mm and rad.
+"""
 
 from __future__ import annotations
 
@@ -10,19 +13,19 @@ from errormodel.machine import Joint, Machine, Vector
 
 Triple = tuple[Value, Value, Value]
 Turn = tuple[Triple, Triple, Triple]  # columns
-IDENTITY: Turn = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+IDENTITY: Turn = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))  # identity rotation
 
 
 @dataclass(frozen=True)
 class Place:
-    """A frame of the chain in the reference's axes: its origin (mm), and its axes as columns."""
+    """A frame of the chain in the reference's axes: origin (mm) and axes as columns."""
 
     origin: Triple
     turn: Turn
 
 
 def places(machine: Machine, channel: Channels) -> list[Place]:
-    """The nominal frame before each element, in chain order, and last that at the functional point."""
+    """Nominal frame before each element, in chain order, and last the frame at the functional point."""
     point: Triple = (0.0, 0.0, 0.0)
     turn, out = IDENTITY, []
     for element in machine.elements:
@@ -48,7 +51,7 @@ def add(a: Triple, b: Triple) -> Triple:
 
 
 def apply(turn: Turn, vector: Triple) -> Triple:
-    """A vector in the axes that a turned frame stands in."""
+    """A vector of a rotated frame, in the axes that the frame is given in."""
     x, y, z = (sum(turn[k][i] * v for k, v in enumerate(vector) if not _zero(v)) for i in range(3))
     return x, y, z
 

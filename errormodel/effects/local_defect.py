@@ -1,4 +1,7 @@
-"""Local defect: a dent, a chip or a bad joint of a rail disturbs a motion at one place of the travel."""
+"""Local defect: a Gaussian disturbance of one error motion at one position of the travel.
+
+Dents, chips and joints of rails. Units: mm and rad.
+"""
 
 from __future__ import annotations
 
@@ -16,13 +19,14 @@ from errormodel.effects.shared import Positive
 from errormodel.effects.travel import length, usual_size
 from errormodel.machine import Machine, joint_of
 
-WIDTHS = (1 / 40, 1 / 25, 1 / 16)  # of the travel: what is broader is a bent guide
-STEP = 0.8  # widths: neighbours alike to 0.85
-LEAST = 4  # rows within a width, so that it is no outlier
+# standard deviations of the Gaussian as shares of the travel; by judgement: broader ones are smooth geometry
+DEFECT_WIDTH_SHARES = (1 / 40, 1 / 25, 1 / 16)
+DEFECT_STEP_WIDTHS = 0.8  # distance of neighbouring candidates in widths; neighbours then correlate by 0.85
+FEWEST_DEFECT_ROWS = 4  # rows within one width of the centre; with fewer a defect cannot be distinguished from outliers
 
 
 class LocalDefect(JointEffect):
-    """``height * exp(-((q - at) / width)^2 / 2)`` in one motion of a joint (mm, rad)."""
+    """``height * exp(-((q - at) / width)^2 / 2)`` in one motion of a joint (mm, rad); `at` and `width` in mm or rad."""
 
     effect: ClassVar[str] = "local-defect"
     family: ClassVar[str] = "geometric"
@@ -47,10 +51,10 @@ class LocalDefect(JointEffect):
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
-        for joint, part in product(scene.moving, WIDTHS):
+        for joint, part in product(scene.moving, DEFECT_WIDTH_SHARES):
             width, positions = length(joint) * part, np.sort(scene.columns[joint.name])
             low, high = scene.span(joint)
-            places = np.arange(low + width / 2, high, STEP * width)
+            places = np.arange(low + width / 2, high, DEFECT_STEP_WIDTHS * width)
             near = np.searchsorted(positions, places + width) - np.searchsorted(positions, places - width, "right")
-            for at, motion in product(places[near >= LEAST].tolist(), MOTIONS):
+            for at, motion in product(places[near >= FEWEST_DEFECT_ROWS].tolist(), MOTIONS):
                 yield cls(joint=joint.name, motion=motion, at=at, width=width)

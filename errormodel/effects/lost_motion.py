@@ -1,4 +1,7 @@
-"""Lost motion: what a joint loses at a reversal grows along its travel, as its screw or belt winds up."""
+"""Lost motion: reversal error of a joint that grows along its travel, as its screw or belt winds up.
+
+Displacement in mm along a prismatic axis, rotation in rad about a rotary one.
+"""
 
 from __future__ import annotations
 
@@ -12,9 +15,9 @@ from errormodel.machine import Machine, joint_of
 
 
 class LostMotion(JointEffect):
-    """``(growth * u + size) * direction / 2`` along the axis; u runs from 0 to 1 over the travel. mm, or rad about it.
+    """``(growth * u + size) * direction / 2`` along the axis (mm) or about it (rad); u is 0 to 1 over the travel.
 
-    Positive leads ahead in the direction of travel, as with backlash.
+    Positive: ahead in the direction of travel, as for backlash.
     """
 
     effect: ClassVar[str] = "lost-motion"
@@ -26,7 +29,7 @@ class LostMotion(JointEffect):
 
     @property
     def cost(self) -> float:
-        return 2.0  # plain backlash is the usual form
+        return 2.0  # log prior odds against it: backlash is the usual form
 
     @property
     def drivers(self) -> tuple[str, ...]:

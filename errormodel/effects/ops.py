@@ -1,4 +1,4 @@
-"""Functions that effects write their motion with: on CasADi symbols to build a chain, on arrays to try many."""
+"""Elementary functions that act on CasADi symbols and on NumPy arrays alike, for the formulas of effects."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-Value = Any  # a float, an array of one value a row, or an SX
+Value = Any  # a float, an array with one value per row, or an SX
 
 
 def _both(name: str, numeric: str | None = None) -> Any:
@@ -26,6 +26,6 @@ atan2 = _both("atan2", "arctan2")
 
 
 def cubic(u: Value) -> Value:
-    """The cardinal cubic B-spline, on [-2, 2]; those at whole distances sum to one."""
+    """Cardinal cubic B-spline with support [-2, 2]; its integer translates sum to one."""
     far, near = fmax(2 - absolute(u), 0), fmax(1 - absolute(u), 0)
     return far**3 / 6 - near**3 * (4 / 6)

@@ -1,4 +1,7 @@
-"""Payload sag: what the machine carries bends or tilts it, differently along a joint's travel."""
+"""Payload sag: deflection or tilt proportional to the payload, varying along a joint's travel.
+
+Units: mm/kg and rad/kg, times the column ``load`` in kg.
+"""
 
 from __future__ import annotations
 
@@ -17,9 +20,9 @@ from errormodel.machine import Machine, joint_of
 
 
 class PayloadSag(JointEffect):
-    """`motion` per kg of the column ``load`` (mm/kg, rad/kg): Legendre polynomials of the travel up to `degree`.
+    """`motion` per kg of the column ``load`` (mm/kg, rad/kg), in Legendre polynomials of the travel up to `degree`.
 
-    Of a rotary joint: a constant, and unless the `degree` is 0 the sine and cosine of its angle.
+    For a rotary joint: a constant, and unless `degree` is 0 the sine and cosine of its angle.
     """
 
     effect: ClassVar[str] = "payload-sag"
@@ -29,7 +32,7 @@ class PayloadSag(JointEffect):
     separate: ClassVar[str] = "the same positions with no load and with two loads"
     example: ClassVar[Mapping[str, object]] = {"joint": "Y"}
 
-    motion: Motion | None = None  # None: dz, or dy of a joint along z
+    motion: Motion | None = None  # None: dz, or dy for a joint along z
     degree: Annotated[int, Field(ge=0, le=2)] = 2
 
     @property
@@ -50,7 +53,6 @@ class PayloadSag(JointEffect):
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
         if scene.varies("load"):
-            for joint, motion, degree in product(
-                scene.moving, MOTIONS, (0, 2)
-            ):  # what sinks alike everywhere, or bends
+            # degree 0: the same deflection everywhere; degree 2: it varies along the travel
+            for joint, motion, degree in product(scene.moving, MOTIONS, (0, 2)):
                 yield cls(joint=joint.name, motion=motion, degree=degree)

@@ -1,4 +1,7 @@
-"""Pitch-cyclic error: positioning that repeats with the lead of a screw, the pitch of a rack, motor or scale."""
+"""Periodic positioning error of a prismatic joint, from the lead of a screw, the pitch of a rack, a motor or a scale.
+
+Displacement along the axis in mm.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +20,7 @@ PERIODS = 50  # may fit into any travel: those of a small machine are shorter
 
 
 class PitchCyclic(JointEffect):
-    """``sin * sin(2 pi q/period) + cos * cos(2 pi q/period)`` along the axis, mm; `period` in mm."""
+    """``sin * sin(2 pi q/period) + cos * cos(2 pi q/period)`` along the axis in mm; `period` in mm."""
 
     effect: ClassVar[str] = "pitch-cyclic"
     family: ClassVar[str] = "periodic"
@@ -52,5 +55,5 @@ class PitchCyclic(JointEffect):
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
         for joint in scene.prismatic:
-            for period in periods(scene, joint, 3, SHORTEST, PERIODS):
+            for period in periods(scene, joint, 3, SHORTEST_PITCH_MM, MOST_PITCHES_PER_TRAVEL):
                 yield cls(joint=joint.name, period=period)

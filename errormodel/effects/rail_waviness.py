@@ -1,4 +1,7 @@
-"""Rail waviness: straightness or angle that repeats along the travel, with its bolts, rollers or rail joints."""
+"""Rail waviness: periodic straightness or angular error motion of a prismatic joint.
+
+Its period is that of the rail's bolts, rollers or joints. Units: mm and rad.
+"""
 
 from __future__ import annotations
 
@@ -12,12 +15,13 @@ from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import Positive, joint_as, periods, waves
 from errormodel.machine import Machine
 
-SHORTEST = 20.0  # period, mm
-PERIODS = 10  # may fit into any travel: those of a small machine are shorter
+SHORTEST_WAVE_MM = 20.0  # shortest candidate period, mm; by judgement: bolts of guides are 40 to 120 mm apart
+# so many periods per travel are tried even if they are shorter, since small machines have finer pitches
+MOST_WAVES_PER_TRAVEL = 10
 
 
 class RailWaviness(JointEffect):
-    """``sin * sin(2 pi q/period) + cos * cos(2 pi q/period)`` in one motion that is not positioning; `period` in mm."""
+    """``sin * sin(2 pi q/period) + cos * cos(2 pi q/period)`` in a `motion` across the axis (mm, rad)."""
 
     effect: ClassVar[str] = "rail-waviness"
     family: ClassVar[str] = "periodic"
@@ -44,7 +48,7 @@ class RailWaviness(JointEffect):
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
         for joint in scene.prismatic:
-            for period in periods(scene, joint, 2, SHORTEST, PERIODS):
+            for period in periods(scene, joint, 2, SHORTEST_WAVE_MM, MOST_WAVES_PER_TRAVEL):
                 for motion in MOTIONS:
                     if motion != axis_motion(joint):
                         yield cls(joint=joint.name, motion=motion, period=period)

@@ -1,4 +1,7 @@
-"""Ram sag: a ram or quill bends down under its own weight and its tool the further it is out."""
+"""Ram sag: deflection of a ram or quill as a cantilever whose free length grows with the extension.
+
+Euler-Bernoulli cantilever; deflection in mm, slope in rad.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,7 @@ from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect, S
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import across, bending, joint_as
 from errormodel.effects.travel import (
-    ENDS,
+    TRAVEL_ENDS,
     End,
     Translation,
     extension,
@@ -26,9 +29,10 @@ from errormodel.machine import Machine
 
 
 class RamSag(JointEffect):
-    """``sag * u^exponent`` along `motion` (mm; u from 0 retracted to 1), with the angle of a cantilever's end.
+    """Deflection ``sag * u^exponent`` along `motion` (mm at full extension), with the slope at a cantilever's end.
 
-    A second parameter (rad at full travel) is angle beyond that: guides give way where the ram leaves them.
+    u is the extension, 0 retracted to 1. A second parameter (rad at full extension) is a slope beyond that of the
+    deflection, from compliant guides.
     """
 
     effect: ClassVar[str] = "ram-sag"
@@ -51,7 +55,7 @@ class RamSag(JointEffect):
         ram, p = joint_as(machine, self.joint, "prismatic", self.effect), self.exponent
         motion, end = sag_direction(ram, self.motion), retracted_end(machine, ram, self.retracted)
         u, sense = extension(ram, channel(self.joint), end), 1 if end == "low" else -1
-        # u^2, u^3 and u^4 have 2, 3/2 and 4/3 of sag over length as the angle at the end: p / (p - 1)
+        # for u^2, u^3 and u^4 the slope at the end is 2, 3/2 and 4/3 times sag over length, i.e. p / (p - 1)
         slope = sense * u ** (p - 1)
         sag = bending(ram, motion, u**p, p / (p - 1) / length(ram) * slope)
         return [
@@ -62,5 +66,5 @@ class RamSag(JointEffect):
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
         for ram in scene.prismatic:
-            for motion, end, exponent in product(across(ram, "d"), ENDS, (2.0, 3.0, 4.0)):
+            for motion, end, exponent in product(across(ram, "d"), TRAVEL_ENDS, (2.0, 3.0, 4.0)):
                 yield cls.model_validate({"joint": ram.name, "motion": motion, "retracted": end, "exponent": exponent})

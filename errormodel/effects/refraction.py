@@ -1,4 +1,7 @@
-"""Refraction: air warmer above than below bends the line of sight, with the square of the distance."""
+"""Refraction: curvature of the line of sight in a vertical temperature gradient of the air.
+
+Displacement in mm, quadratic in the horizontal distance from the instrument.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,7 @@ from collections.abc import Iterator, Mapping
 from itertools import combinations, product
 from typing import ClassVar
 
-from errormodel.channels import POINT
+from errormodel.channels import POINT_CHANNELS
 from errormodel.conventions import FRAME, TRANSLATIONS
 from errormodel.effects.base import Channels, Effect, EffectTerm
 from errormodel.effects.search_space.survey_summary import Scene
@@ -16,7 +19,10 @@ from errormodel.machine import Machine, Vector
 
 
 class Refraction(Effect):
-    """``curvature * distance^2 / 2`` along `motion`, distance from `station`; 1/mm, with a `sensor` per K of it."""
+    """``curvature * distance^2 / 2`` along `motion` (mm), with the distance from `station` and the curvature in 1/mm.
+
+    With a `sensor` the curvature is per K of that temperature over 20 degC, or over the sensor `minus`.
+    """
 
     effect: ClassVar[str] = "refraction"
     family: ClassVar[str] = "instrument"
@@ -37,17 +43,17 @@ class Refraction(Effect):
 
     @property
     def cost(self) -> float:
-        """That the layers of the air follow a sensor of the machine is less usual than that a member does."""
+        """Natural logarithm of the prior odds against it: sensors of the machine seldom follow the air's gradient."""
         return 4.0 if self.sensor else 0.0
 
     @property
     def drivers(self) -> tuple[str, ...]:
-        level = (p for p, m in zip(POINT, TRANSLATIONS, strict=True) if m != self.motion)
+        level = (p for p, m in zip(POINT_CHANNELS, TRANSLATIONS, strict=True) if m != self.motion)
         return (*level, *(thermal(self.sensor, self.minus) if self.sensor else ()))
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         level = [k for k in range(3) if TRANSLATIONS[k] != self.motion]
-        bend = sum((channel(POINT[k]) - self.station[k]) ** 2 for k in level) / 2
+        bend = sum((channel(POINT_CHANNELS[k]) - self.station[k]) ** 2 for k in level) / 2
         if self.sensor:
             bend = bend * warmth(channel, self.sensor, self.minus, self.tau)
         unit = "1/(mm K)" if self.sensor else "1/mm"

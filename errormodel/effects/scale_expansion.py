@@ -1,4 +1,7 @@
-"""Scale expansion: the scale or screw of a prismatic joint grows with its temperature."""
+"""Thermal expansion of the scale or screw of a prismatic joint (ISO 230-3).
+
+Displacement along the axis in mm; coefficient in 1/K.
+"""
 
 from __future__ import annotations
 
@@ -7,15 +10,15 @@ from typing import Annotated, ClassVar
 
 from errormodel.effects.base import FIXED, Channels, Effect, EffectTerm, JointEffect, along
 from errormodel.effects.search_space.survey_summary import Scene
-from errormodel.effects.shared import STEEL, Lag, joint_as, lags, thermal, warmth
+from errormodel.effects.shared import STEEL_EXPANSION, Lag, joint_as, lags, thermal, warmth
 from errormodel.machine import Machine
 
 
 class ScaleExpansion(JointEffect):
-    """``expansion * (position - anchor) * (temperature - 20)`` along the axis, 1/K; positive: too long when warm.
+    """``expansion * (position - anchor) * (temperature - 20)`` along the axis, in 1/K; positive: too long when warm.
 
-    `tau` is the lag (s) of scale or screw behind the sensor, `minus` another sensor in place of 20 degC, `anchor` the
-    position (mm) at which it is held and does not move.
+    `tau` (s) is the lag of the scale or screw behind the sensor, `minus` a sensor in place of 20 degC, `anchor` the
+    position (mm) at which the scale is fixed.
     """
 
     effect: ClassVar[str] = "scale-expansion"
@@ -42,7 +45,7 @@ class ScaleExpansion(JointEffect):
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         joint = joint_as(machine, self.joint, "prismatic", self.effect)
         growth = (channel(self.joint) - self.anchor) * warmth(channel, self.sensor, self.minus, self.tau)
-        return [EffectTerm(self.joint, "", "1/K", along(joint, growth), STEEL)]
+        return [EffectTerm(self.joint, "", "1/K", along(joint, growth), STEEL_EXPANSION)]
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:

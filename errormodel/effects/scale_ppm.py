@@ -1,11 +1,14 @@
-"""Scale of the instrument: a wrong refractive index or wavelength makes every distance longer by the same fraction."""
+"""Scale error of the instrument: one relative error of all lengths, from the refractive index or the wavelength.
+
+Dimensionless, or in 1/K of the air temperature.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from typing import ClassVar
 
-from errormodel.channels import POINT
+from errormodel.channels import POINT_CHANNELS
 from errormodel.conventions import FRAME, TRANSLATIONS
 from errormodel.effects.base import Channels, Effect, EffectTerm
 from errormodel.effects.search_space.survey_summary import Scene
@@ -14,7 +17,7 @@ from errormodel.machine import Machine
 
 
 class ScalePpm(Effect):
-    """All lengths longer by one fraction (1), or in one `run`; with a `sensor`, per K over 20 degC (1/K)."""
+    """Relative error of all lengths (1), or of those of one `run`; with a `sensor` per K over 20 degC (1/K)."""
 
     effect: ClassVar[str] = "scale-ppm"
     family: ClassVar[str] = "instrument"
@@ -23,7 +26,7 @@ class ScalePpm(Effect):
     separate: ClassVar[str] = "a known length, or a second station at another distance"
     example: ClassVar[Mapping[str, object]] = {"sensor": "T_amb"}
 
-    sensor: str | None = None  # of the air
+    sensor: str | None = None  # temperature of the air
     run: str | None = None
 
     @property
@@ -32,17 +35,17 @@ class ScalePpm(Effect):
 
     @property
     def drivers(self) -> tuple[str, ...]:
-        return (*POINT, *filter(None, (self.sensor, self.run and f"run({self.run})")))
+        return (*POINT_CHANNELS, *filter(None, (self.sensor, self.run and f"run({self.run})")))
 
     @property
     def cost(self) -> float:
-        """Instruments measure the weather: what looks like their scale is most often the machine's, or the tool's."""
+        """Natural logarithm of the prior odds against it: instruments correct for the weather, unlike machines."""
         return 0.0 if self.sensor or self.run else 4.0
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         factor = warmth(channel, self.sensor) if self.sensor else 1.0
         factor = factor * channel(f"run({self.run})") if self.run else factor
-        motion = {name: factor * channel(p) for name, p in zip(TRANSLATIONS, POINT, strict=True)}
+        motion = {name: factor * channel(p) for name, p in zip(TRANSLATIONS, POINT_CHANNELS, strict=True)}
         return [EffectTerm(FRAME, "", "1/K" if self.sensor else "1", motion, 1e-6 if self.sensor else 5e-6)]
 
     @classmethod

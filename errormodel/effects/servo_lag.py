@@ -1,4 +1,7 @@
-"""Servo lag: a joint read before it has settled is late by its speed over the gain of its servo."""
+"""Servo lag (following error): position error proportional to the speed, read before the joint has settled.
+
+Speed over the gain of the position loop; mm along a prismatic axis, rad about a rotary one.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,7 @@ from errormodel.machine import Machine, joint_of
 
 
 class ServoLag(JointEffect):
-    """``-lag * feed * direction`` along the axis; s for a prismatic joint (the feed is in mm/min). Positive: late."""
+    """``-lag * feed * direction`` along the axis; s for a prismatic joint (feed in mm/min). Positive: lagging."""
 
     effect: ClassVar[str] = "servo-lag"
     family: ClassVar[str] = "dynamic"
@@ -28,7 +31,7 @@ class ServoLag(JointEffect):
         joint = joint_of(machine, self.joint)
         unit, size = ("s", 3e-4) if joint.type == "prismatic" else ("rad s/mm", 6e-7)
         late = -channel("feed") / 60 * channel(f"dir_{self.joint}")
-        return [EffectTerm(self.joint, "", unit, along(joint, late), size)]  # too much feedforward makes it negative
+        return [EffectTerm(self.joint, "", unit, along(joint, late), size)]  # excess feedforward makes it negative
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:

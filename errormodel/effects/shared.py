@@ -1,4 +1,7 @@
-"""What several effects share: kinds of field, temperatures and time as they act, directions, grids of shapes."""
+"""Functions that several effects share: temperatures and time as regressors, directions, grids of shape parameters.
+
+Units: mm, rad, s, degC.
+"""
 
 from __future__ import annotations
 
@@ -22,19 +25,19 @@ Positive = Annotated[float, Field(gt=0)]
 Lag = Annotated[float, Field(ge=0), ShapeParameter("s", said=False)]  # 0: none
 Rotation = Literal["ea", "eb", "ec"]
 
-REFERENCE = 20.0  # degC, ISO 1
-STEEL = 12e-6  # expansion, 1/K
-MOST_WAVES = 4000  # frequencies of one grid
-A_PERIOD = 3  # positions that show a wave
+REFERENCE_TEMPERATURE = 20.0  # degC, ISO 1
+STEEL_EXPANSION = 12e-6  # coefficient of linear expansion of steel, 1/K
+MOST_FREQUENCIES = 4000  # most frequencies of one grid: more exceed time and memory
+POSITIONS_PER_PERIOD = 3  # fewest positions per period from which its size and phase can be estimated
 
 
 def joint_as(machine: Machine, name: str, kind: Literal["prismatic", "rotary"], effect: str) -> Joint:
-    """The joint of that name and kind.
+    """Return the joint of that name and kind.
 
     Raises
     ------
     InputError
-        There is none.
+        The machine has no such joint, or it is of the other kind.
     """
     joint = joint_of(machine, name)
     if joint.type != kind:
@@ -45,13 +48,15 @@ def joint_as(machine: Machine, name: str, kind: Literal["prismatic", "rotary"], 
 
 
 def warmth(channel: Channels, sensor: str, minus: str | None = None, tau: float = 0.0) -> Value:
-    """Temperature of a sensor over 20 degC or over another sensor's, K; both behind a lag of `tau` s."""
-    here, there = (channel(f"lag({s},{tau:.6g})" if tau else s) if s else REFERENCE for s in (sensor, minus))
+    """Temperature of a sensor over 20 degC, or over the sensor `minus`, in K; both lagged by `tau` s (first order)."""
+    here, there = (
+        channel(f"lag({s},{tau:.6g})" if tau else s) if s else REFERENCE_TEMPERATURE for s in (sensor, minus)
+    )
     return here - there
 
 
 def thermal(sensor: str, minus: str | None) -> tuple[str, ...]:
-    """The drivers of :func:`warmth`."""
+    """Channels that :func:`warmth` depends on."""
     return (sensor, minus) if minus else (sensor,)
 
 
@@ -61,42 +66,42 @@ def settling(channel: Channels, tau: float, start: float) -> Value:
 
 
 def waves(q: Value, rate: float | NDArray[np.float64]) -> dict[str, Value]:
-    """``sin(rate q)`` and ``cos(rate q)``, by label; many rates as (n, 1), to six digits."""
+    """``sin(rate q)`` and ``cos(rate q)`` by label; several rates, given as (n, 1), are computed to six digits."""
     if isinstance(rate, np.ndarray) and len(rate) > 1:
-        turns = rate / (2 * np.pi) * q
-        phase = (turns - np.rint(turns)).astype(np.float32) * np.float32(2 * np.pi)  # of which sines are quick
+        turns = rate / (2 * np.pi) * q  # sines of the remainder are faster in single precision
+        phase = (turns - np.rint(turns)).astype(np.float32) * np.float32(2 * np.pi)
         return {"sin": np.sin(phase), "cos": np.cos(phase)}
     return {"sin": sin(rate * q), "cos": cos(rate * q)}
 
 
 def splines(share: Value, n: int) -> Iterator[Value]:
-    """The ``n + 3`` cubic B-splines of n pieces over a share of a range, 0 to 1; beyond it they hold."""
+    """The ``n + 3`` cubic B-splines of n intervals over `share`, 0 to 1; constant beyond."""
     u = fmin(fmax(share, 0), 1) * n
     for k in range(-1, n + 2):
         yield cubic(u - k)
 
 
 def across(joint: Joint, kind: Literal["d", "e"]) -> tuple[Motion, ...]:
-    """The two translations (``d``) or rotations (``e``) across the joint's axis."""
+    """The two translations (``d``) or rotations (``e``) perpendicular to the joint's axis."""
     size = np.abs(joint.axis)
     names = TRANSLATIONS if kind == "d" else ROTATIONS
     return tuple(name for k, name in enumerate(names) if k != int(np.argmax(size)))
 
 
 def bending(joint: Joint, motion: Motion, deflection: Value, slope: Value) -> dict[Motion, Value]:
-    """A deflection across the axis and the small rotation that comes with its slope, d deflection / d position."""
+    """A deflection across the axis (mm) and the small rotation (rad) of its slope d deflection / d position."""
     side = np.array([float(m == motion) for m in TRANSLATIONS])
     turn = np.cross(joint.axis, side)
     return {motion: deflection} | {name: slope * float(a) for name, a in zip(ROTATIONS, turn, strict=True) if a}
 
 
 def lags(scene: Scene) -> list[float]:
-    """Time constants of a lag, s: none, and up to half the recording."""
+    """Candidate time constants of a first-order lag, s: 0, and up to half the recording."""
     return [0.0, *(scene.duration / 2 / 1.6**k for k in range(7) if scene.duration)]
 
 
 def settling_times(scene: Scene) -> list[float]:
-    """Time constants of a warm-up, s: from a twentieth of the recording to one that looks like a straight line."""
+    """Candidate time constants of a warm-up, s: from 0.06 to 1.6 times the recording."""
     return [1.6 * scene.duration / 1.6**k for k in range(8) if scene.duration]
 
 
@@ -106,27 +111,24 @@ def start_of(scene: Scene) -> float:
 
 
 def frequencies(span: float, low: float, high: float) -> list[float]:
-    """Frequencies from low to high, neighbours alike to 0.9 over the span; per unit of the span."""
+    """Frequencies from low to high per unit of the span, in steps of 1/(4 span): neighbours correlate by 0.9."""
     step = 1 / (4 * span)
     if not low < high:
         return []
-    return [low + k * step for k in range(min(int((high - low) / step) + 1, MOST_WAVES))]
+    return [low + k * step for k in range(min(int((high - low) / step) + 1, MOST_FREQUENCIES))]
 
 
 def resolved(scene: Scene, joint: Joint, shortest: float) -> float:
-    """Shortest period that positions tell from others; `shortest` where they are scattered, not on a grid.
-
-    Of a wave with two positions a period, the size and the phase are one: between them it could be of any size.
-    """
+    """Shortest period that the positions resolve, mm or rad; `shortest` where they are scattered and not on a grid."""
     gaps = np.diff(np.sort(scene.columns[joint.name]))
-    gaps = gaps[gaps > shortest / 8]  # nearer ones are the same place
-    return max(shortest, A_PERIOD * float(gaps.min())) if len(gaps) else np.inf
+    gaps = gaps[gaps > shortest / 8]  # smaller gaps are repeats of one position
+    return max(shortest, POSITIONS_PER_PERIOD * float(gaps.min())) if len(gaps) else np.inf
 
 
 def periods(scene: Scene, joint: Joint, fewest: int, shortest: float, most: int) -> list[float]:
-    """Periods along a travel, mm: from `fewest` of them in it to what positions tell apart.
+    """Candidate periods along a travel, mm: from a `fewest`-th of the span down to what the positions resolve.
 
-    None is shorter than `shortest`, or in a short travel than its `most`-th part.
+    None is shorter than `shortest`, or than the `most`-th part of a short span.
     """
     span = float(np.ptp(scene.span(joint)))
     least = resolved(scene, joint, min(shortest, span / most))
@@ -134,8 +136,8 @@ def periods(scene: Scene, joint: Joint, fewest: int, shortest: float, most: int)
 
 
 def closed_splines(turn: Value, n: int) -> Iterator[Value]:
-    """The ``n`` cubic B-splines of n pieces around a circle, of an angle in rad; n is 5 or more."""
-    u = atan2(sin(turn), cos(turn)) * (n / (2 * np.pi))  # -n/2 to n/2, where the ends are one place
+    """The ``n`` periodic cubic B-splines of n intervals over a full revolution; `turn` in rad, n at least 5."""
+    u = atan2(sin(turn), cos(turn)) * (n / (2 * np.pi))  # -n/2 to n/2, both ends the same angle
     for k in range(n):
         at = k - n / 2
         near = cubic(u - at)
@@ -143,7 +145,7 @@ def closed_splines(turn: Value, n: int) -> Iterator[Value]:
 
 
 def members(machine: Machine) -> list[str]:
-    """Places where the structure can give way: the shapes, and joints with no shape behind them."""
+    """Elements at which the structure can deform: the shapes, and joints without a shape after them."""
     shapes = {s.name for s in machine.shapes}
     after = dict(pairwise(e.name for e in machine.elements))
     return [e.name for e in machine.elements if e.name in shapes or after.get(e.name) not in shapes]
@@ -160,13 +162,13 @@ def own_axes(machine: Machine) -> Mapping[str, NDArray[np.float64]]:
 
 
 def outward_words(machine: Machine) -> str:
-    """What growth of the tool means for the motion that its parameter is named by: ``outward, dz falls``."""
+    """Meaning of a positive growth of the tool in the motion that names its parameter: ``outward, dz falls``."""
     (motion, sign), *_ = outward(machine).items()
     return f"outward, {motion} {'rises' if float(sign) > 0 else 'falls'}"
 
 
 def outward(machine: Machine) -> dict[Motion, float]:
-    """Unit motion of the tool's growth: along the longest component of the tool, or of the last member that has any."""
+    """Unit motion of the tool's growth: along the largest component of the tool, or of the last offset member."""
     for vector in (machine.tool, *(s.offset for s in reversed(machine.shapes))):
         if any(vector):
             k = int(np.argmax(np.abs(vector)))

@@ -1,4 +1,7 @@
-"""Spindle growth: the spindle lengthens with its temperature and pushes the tool out."""
+"""Spindle growth: thermal expansion of the spindle along the tool (ISO 230-3).
+
+Displacement in mm along the tool, per K.
+"""
 
 from __future__ import annotations
 
@@ -15,8 +18,8 @@ from errormodel.machine import Machine, Shape
 class SpindleGrowth(Effect):
     """``growth * (temperature - 20)`` along the tool, mm/K; positive: outward.
 
-    `element` moves: the tool, or the last member. `motion` and a sign of the growth replace the direction of the tool,
-    `tau` (s) is the lag behind the sensor, `minus` another sensor in place of 20 degC.
+    `element` is the tool or the last member. `motion` replaces the direction of the tool, `tau` (s) is the lag behind
+    the sensor, `minus` a sensor in place of 20 degC.
     """
 
     effect: ClassVar[str] = "spindle-growth"
@@ -42,7 +45,7 @@ class SpindleGrowth(Effect):
 
     @property
     def cost(self) -> float:
-        """Nats of prior odds against it: a sensor that is not called the spindle's may still be near it."""
+        """Natural logarithm of the prior odds against it, unless the sensor's name says that it is the spindle's."""
         return 0.0 if "spindle" in self.sensor.lower() else 4.0
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:

@@ -1,4 +1,7 @@
-"""Station shift: the instrument was knocked, or moved on its feet, at one moment."""
+"""Station shift: sudden displacement and rotation of the instrument or the fixture at one time.
+
+Six motions of the measuring frame, mm and rad.
+"""
 
 from __future__ import annotations
 
@@ -14,14 +17,14 @@ from errormodel.effects.ops import fmax, fmin
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.machine import Machine
 
-MOMENTS = 40  # evenly among the rows
-BREAKS = 10  # the longest times without a row: between runs
+SHIFT_MOMENTS = 40  # candidate times that are evenly spaced among the rows; by judgement
+LONGEST_BREAKS = 10  # candidate times in the longest pauses between rows, where runs are separated; by judgement
 
 
 class StationShift(Effect):
-    """Six motions of the measuring frame (mm, rad) from the time `at` on, within a second; or in one `run`.
+    """Six motions of the measuring frame (mm, rad) from the time `at` on, within one second; or those of one `run`.
 
-    Unless it is `turned`, only the three displacements: a foot or a fixture that slid.
+    Without `turned` only the three displacements: a foot or fixture that slid.
     """
 
     effect: ClassVar[str] = "station-shift"
@@ -61,7 +64,7 @@ class StationShift(Effect):
             return
         time = np.unique(scene.columns["time"])
         gaps = np.diff(time)
-        spread = np.linspace(0, len(gaps) - 1, MOMENTS + 2)[1:-1].astype(int)
-        for k in np.union1d(spread, np.argsort(gaps)[-BREAKS:]):
+        spread = np.linspace(0, len(gaps) - 1, SHIFT_MOMENTS + 2)[1:-1].astype(int)
+        for k in np.union1d(spread, np.argsort(gaps)[-LONGEST_BREAKS:]):
             at = round(float(time[k] + time[k + 1]) / 2, 3)
             yield from (cls(at=at, turned=turned) for turned in (True, False))

@@ -1,4 +1,7 @@
-"""Structure drift: a member of the machine moves or tilts with a temperature."""
+"""Structure drift: thermal displacement or tilt of a member of the machine (ISO 230-3).
+
+Units: mm/K and rad/K.
+"""
 
 from __future__ import annotations
 
@@ -21,10 +24,10 @@ from errormodel.machine import Machine, Shape, Vector, joint_of
 class StructureDrift(Effect):
     """``drift * (temperature - 20)`` in one motion of a member, mm/K or rad/K.
 
-    `tau` (s) is the member's lag behind the sensor, and `minus` another sensor in place of 20 degC. Of a joint, `order`
-    lets the drift differ along the travel: Legendre polynomials up to that degree, over -1 to 1. `std` ties the drifts
-    to zero, as far as they are not seen: their standard deviation beforehand, for several sensors that say nearly the
-    same. A rotation is `about` a point (mm, in the reference's axes), if not about the element's own.
+    `tau` (s) is the member's lag behind the sensor, `minus` a sensor in place of 20 degC. At a joint, `order` lets the
+    drift vary along the travel in Legendre polynomials up to that degree (-1 to 1). `std` is the standard deviation of
+    a zero-mean prior, for several sensors that are nearly collinear. A rotation is `about` a point (mm, in the
+    reference's axes); without it about the element's own origin.
     """
 
     effect: ClassVar[str] = "structure-drift"
@@ -61,7 +64,7 @@ class StructureDrift(Effect):
         unit = f"{unit_of(self.motion)}/K"
         warm = warmth(channel, self.sensor, self.minus, self.tau)
         size = self.std or (0.01 if self.motion in TRANSLATIONS else 1e-5)
-        # several at one place are told apart by what they follow
+        # the label names the sensor, so that several random effects at one element differ
         name = f"{self.sensor}{f'-{self.tau:g}s' if self.tau else ''}" if self.random else ""
         if not self.order:
             return [EffectTerm(self.element, name, unit, self._turned(warm), size)]
@@ -73,7 +76,7 @@ class StructureDrift(Effect):
         ]
 
     def _turned(self, angle: Value) -> dict[Motion, Value]:
-        """The motion, and for a rotation about a point elsewhere what it displaces the origin by."""
+        """The motion; for a rotation about another point also the displacement of the element's origin."""
         if self.about is None or self.motion not in ROTATIONS:
             return {self.motion: angle}
         axis = np.array([float(m == self.motion) for m in ROTATIONS])
@@ -87,7 +90,7 @@ class StructureDrift(Effect):
                 yield from _by_sensors(scene, element, motion)
         for motion in _base(scene.machine):
             yield from _by_sensors(scene, FRAME, motion)
-            if motion in ROTATIONS:  # a stand tilts when one of its sides is warmer, the machine's or the instrument's
+            if motion in ROTATIONS:  # a stand, the machine's or the instrument's, tilts when one side is warmer
                 for about, (sensor, minus) in product(
                     (None, *filter(any, scene.stations)), combinations(scene.sensors, 2)
                 ):
@@ -105,10 +108,9 @@ def _lagging(scene: Scene, **fields: object) -> Iterator[Effect]:
 
 
 def _base(machine: Machine) -> tuple[Motion, ...]:
-    """How a base moves that is no member of the chain, or the stand of the instrument, which looks the same.
+    """Motions of a base outside the chain, or of the instrument's stand, which is indistinguishable from it.
 
-    Ahead of a slide its displacements are those of the next member, which is where they are looked for; by time alone
-    it is the instrument that drifts.
+    Before a prismatic joint the base's displacements are those of the next member and are proposed there.
     """
     first = machine.elements[0]
     if isinstance(first, Shape):

@@ -1,4 +1,4 @@
-"""Target offset: the target of one tool does not sit where its data say."""
+"""Target offset: constant error of one tool's target position in the last frame of the chain, mm."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from errormodel.effects.ops import absolute, fmax, fmin
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.machine import Machine, Vector
 
-COLUMNS = ("tool_x", "tool_y", "tool_z")
-SAME = 0.05  # mm: tools nearer than this are one
-MOST = 12  # different tools; more are no set of tools
+TOOL_COLUMNS = ("tool_x", "tool_y", "tool_z")  # columns of the functional point, as in `errormodel.survey_columns`
+SAME_TOOL_MM = 0.05  # sum of coordinate differences, mm, below which two functional points are one tool; by judgement
+MOST_TOOLS = 12  # most different tools; more are positions of a probe and not a set of tools; by judgement
 
 
 class TargetOffset(Effect):
-    """Constant shift (mm) of the functional point in the last frame, in the rows with one `tool`, or in all."""
+    """Constant shift (mm) of the functional point in the last frame, in the rows of one `tool` or in all rows."""
 
     effect: ClassVar[str] = "target-offset"
     family: ClassVar[str] = "instrument"
@@ -36,19 +36,19 @@ class TargetOffset(Effect):
 
     @property
     def drivers(self) -> tuple[str, ...]:
-        return COLUMNS if self.tool else ()
+        return TOOL_COLUMNS if self.tool else ()
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         here = 1.0
         if self.tool is not None:
-            apart = sum(absolute(channel(c) - v) for c, v in zip(COLUMNS, self.tool, strict=True))
-            here = fmin(fmax(2 - apart / SAME, 0), 1)
+            apart = sum(absolute(channel(c) - v) for c, v in zip(TOOL_COLUMNS, self.tool, strict=True))
+            here = fmin(fmax(2 - apart / SAME_TOOL_MM, 0), 1)
         return [EffectTerm(TOOL, "", "mm", {motion: here}, 0.02) for motion in TRANSLATIONS]
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
-        if any(scene.varies(c) for c in COLUMNS):
-            tools = np.unique(np.round(np.column_stack([scene.columns[c] for c in COLUMNS]), 4), axis=0)
-            if len(tools) <= MOST:
+        if any(scene.varies(c) for c in TOOL_COLUMNS):
+            tools = np.unique(np.round(np.column_stack([scene.columns[c] for c in TOOL_COLUMNS]), 4), axis=0)
+            if len(tools) <= MOST_TOOLS:
                 for tool in tools.tolist():
                     yield cls(tool=tuple(tool))

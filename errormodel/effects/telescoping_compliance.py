@@ -1,4 +1,7 @@
-"""Telescoping compliance: the less two sliding members overlap, the more a moment tilts one in the other."""
+"""Telescoping compliance: tilt of a member in its guide, which grows as the overlap of the two gets shorter.
+
+Two bearings at the ends of the overlap under a moment; rotation in rad.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,7 @@ from errormodel.effects.ops import fmax
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import Rotation, across, joint_as
 from errormodel.effects.travel import (
-    ENDS,
+    TRAVEL_ENDS,
     End,
     extension,
     length,
@@ -28,9 +31,9 @@ from errormodel.machine import Machine
 
 
 class TelescopingCompliance(JointEffect):
-    """Tilt of `joint` (rad fully out): ``tilt * u * (shortest / overlap)^2``, u from 0 retracted to 1.
+    """Tilt of `joint` (rad fully extended): ``tilt * u * (shortest / overlap)^2``, with u from 0 retracted to 1.
 
-    A second parameter (rad fully out) is the tilt under a moment that does not change.
+    A second parameter (rad fully extended) is the tilt under a constant moment.
     """
 
     effect: ClassVar[str] = "telescoping-compliance"
@@ -68,6 +71,6 @@ class TelescopingCompliance(JointEffect):
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
         for joint in scene.prismatic:
             loads = [None, *(j.name for j in scene.prismatic if j is not joint and parallel(j.axis, joint.axis))]
-            for motion, end, ratio, load in product(across(joint, "e"), ENDS, (1.1, 1.3, 1.8), loads):
+            for motion, end, ratio, load in product(across(joint, "e"), TRAVEL_ENDS, (1.1, 1.3, 1.8), loads):
                 fields = {"motion": motion, "load_joint": load, "retracted": end, "overlap": ratio * length(joint)}
                 yield cls.model_validate({"joint": joint.name, **fields})

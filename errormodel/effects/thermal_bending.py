@@ -1,4 +1,7 @@
-"""Thermal bending: a beam that is warmer on one side than on the other bows, and the joint that runs on it with it."""
+"""Thermal bending: curvature of a beam by a temperature difference across it, followed by the joint that runs on it.
+
+Constant curvature: deflection in mm across the axis, slope in rad.
+"""
 
 from __future__ import annotations
 
@@ -8,16 +11,16 @@ from typing import ClassVar
 
 from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect
 from errormodel.effects.search_space.survey_summary import Scene
-from errormodel.effects.shared import STEEL, Lag, across, bending, joint_as, lags, thermal, warmth
+from errormodel.effects.shared import STEEL_EXPANSION, Lag, across, bending, joint_as, lags, thermal, warmth
 from errormodel.effects.travel import Translation
 from errormodel.machine import Machine
 
 
 class ThermalBending(JointEffect):
-    """``curvature * (T_sensor - T_minus) * u (L - u)/2`` across the axis, with its slope as an angle, 1/(mm K).
+    """``curvature * (T_sensor - T_minus) * u (L - u)/2`` across the axis, with its slope as an angle; 1/(mm K).
 
-    u is the position from the lower end of the travel, L the travel. `tau` (s) is the beam's lag behind its sensors.
-    The second parameter is a slope beyond that of the deflection: guides follow the beam, but not to the letter.
+    u is the position from the lower end of the travel, L the travel, `tau` (s) the beam's lag behind its sensors. A
+    second parameter is a slope beyond that of the deflection: guides follow the beam only approximately.
     """
 
     effect: ClassVar[str] = "thermal-bending"
@@ -45,8 +48,8 @@ class ThermalBending(JointEffect):
         bow = bending(joint, self.motion, warm * (q - low) * (high - q) / 2, warm * ((low + high) / 2 - q))
         slope = {name: value for name, value in bow.items() if name != self.motion}
         return [
-            EffectTerm(self.joint, "bow", "1/(mm K)", bow, STEEL / 300),
-            EffectTerm(self.joint, "slope", "1/(mm K)", slope, STEEL / 300),
+            EffectTerm(self.joint, "bow", "1/(mm K)", bow, STEEL_EXPANSION / 300),
+            EffectTerm(self.joint, "slope", "1/(mm K)", slope, STEEL_EXPANSION / 300),
         ]
 
     @classmethod

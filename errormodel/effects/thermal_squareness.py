@@ -1,4 +1,7 @@
-"""Thermal squareness: the angle between two prismatic axes follows a temperature, or the difference of two."""
+"""Thermal squareness: angle between two prismatic axes as a function of temperature (ISO 230-3).
+
+Rotation in rad/K.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,7 @@ import numpy as np
 
 from errormodel.effects.base import Channels, Effect, EffectTerm
 from errormodel.effects.search_space.survey_summary import Scene
-from errormodel.effects.shared import STEEL, Lag, Rotation, lags, members, own_axes, thermal, warmth
+from errormodel.effects.shared import STEEL_EXPANSION, Lag, Rotation, lags, members, own_axes, thermal, warmth
 from errormodel.machine import Joint, Machine
 
 
@@ -43,7 +46,7 @@ class ThermalSquareness(Effect):
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         warm = warmth(channel, self.sensor, self.minus, self.tau)
-        return [EffectTerm(self.element, "", "rad/K", {self.motion: warm}, STEEL)]
+        return [EffectTerm(self.element, "", "rad/K", {self.motion: warm}, STEEL_EXPANSION)]
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
@@ -56,7 +59,7 @@ class ThermalSquareness(Effect):
 
 
 def squareness(machine: Machine, element: str) -> list[Rotation]:
-    """Rotations of an element that change the angle between a prismatic axis before it and one behind it."""
+    """Rotations of an element that change the angle between a prismatic axis before it and one after it."""
     turns = own_axes(machine)
     place = [e.name for e in machine.elements].index(element)
     axes = [

@@ -1,4 +1,7 @@
-"""Tracker drift: the instrument, or what it stands on, moves and tilts slowly as time goes on."""
+"""Tracker drift: slow displacement and tilt of the instrument or its stand.
+
+Six motions of the measuring frame, mm and rad, as functions of time.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,10 @@ from errormodel.machine import Machine
 
 
 class TrackerDrift(Effect):
-    """Six motions of the measuring frame (mm, rad), even in time over `duration` or settling in a time `tau`."""
+    """Six motions of the measuring frame (mm, rad): linear in time over `duration`, or settling with `tau`.
+
+    All times are in s.
+    """
 
     effect: ClassVar[str] = "tracker-drift"
     family: ClassVar[str] = "instrument"

@@ -1,7 +1,7 @@
-"""Positions on a joint's travel as effects use them, and how a member that carries something deflects.
+"""Normalised positions on a joint's travel, and directions of deflection, as effects use them.
 
-All works on arrays and on CasADi symbols alike. Scales come from the joint's travel, never from a survey, so that a
-parameter means the same at other poses.
+All functions take arrays and CasADi symbols. Scales come from the joint's travel and not from a survey, so that a
+parameter has the same meaning at other poses.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from errormodel.machine import Joint, Machine, Vector
 
 Translation = Literal["dx", "dy", "dz"]
 End = Literal["low", "high"]
-ENDS: tuple[End, End] = ("low", "high")
+TRAVEL_ENDS: tuple[End, End] = ("low", "high")  # the two ends of a travel
 
 
 def usual_size(motion: Motion) -> float:
-    """Size of an error motion that nothing more is known of: 20 um, 30 urad."""
+    """Usual size (standard deviation) of an error motion without further knowledge: 20 um, 30 urad."""
     return 0.02 if motion in TRANSLATIONS else 3e-5
 
 
 def length(joint: Joint) -> float:
-    """Of the travel, mm or rad."""
+    """Length of a joint's travel, mm or rad."""
     return joint.travel[1] - joint.travel[0]
 
 
@@ -44,13 +44,13 @@ def scaled(joint: Joint, q: Value) -> Value:
 
 
 def extension(joint: Joint, q: Value, retracted: End) -> Value:
-    """How far a member is out of its guide: 0 at its retracted end and beyond it, 1 at the other end of travel."""
+    """Extension of a member from its guide: 0 at the retracted end and beyond, 1 at the other end of travel."""
     f = fraction(joint, q)
     return fmax(f if retracted == "low" else 1 - f, 0.0)
 
 
 def legendre(degree: int, u: Value) -> Value:
-    """Legendre polynomial of a degree from 1."""
+    """Legendre polynomial of degree 1 or higher."""
     before, here = 1.0, u
     for n in range(1, degree):
         before, here = here, ((2 * n + 1) * u * here - n * before) / (n + 1)
@@ -58,7 +58,7 @@ def legendre(degree: int, u: Value) -> Value:
 
 
 def polynomials(degree: int, u: Value) -> list[Value]:
-    """Legendre polynomials from the constant to a degree."""
+    """Legendre polynomials from degree 0 to `degree`."""
     return [1.0, *(legendre(n, u) for n in range(1, degree + 1))]
 
 
@@ -68,12 +68,12 @@ def cross(a: Vector, b: Vector) -> Vector:
 
 
 def parallel(one: Vector, other: Vector) -> bool:
-    """Whether two axes lie along each other, within 8 degrees."""
+    """Whether two axes are parallel or antiparallel, within 8 degrees."""
     return hypot(*cross(one, other)) < 0.14
 
 
 def direction(motion: Motion) -> Vector:
-    """Unit vector along (about) which a motion goes."""
+    """Unit vector along (about) which a motion is positive."""
     k = MOTIONS.index(motion) % 3
     return float(k == 0), float(k == 1), float(k == 2)
 
@@ -89,12 +89,12 @@ def shift(along: Vector, value: Value) -> dict[Motion, Value]:
 
 
 def tilt_of(joint: Joint, motion: Motion) -> Vector:
-    """Vector about which what lies along the axis turns where its deflection along `motion` grows."""
+    """Axis about which the member along the joint's axis rotates where its deflection along `motion` grows."""
     return cross(joint.axis, direction(motion))
 
 
 def sag_direction(joint: Joint, motion: Motion | None) -> Motion:
-    """The given translation across a joint; where none is given ``dz``, of a joint along z ``dy``.
+    """Return the given translation across a joint; by default ``dz``, or ``dy`` for a joint along z.
 
     Raises
     ------
@@ -112,7 +112,7 @@ def sag_direction(joint: Joint, motion: Motion | None) -> Motion:
 
 
 def retracted_end(machine: Machine, joint: Joint, given: End | None) -> End:
-    """The end of travel at which a member is drawn in; where not given, that from which it moves towards the tool."""
+    """End of travel at which a member is retracted; by default the end from which it moves towards the tool."""
     if given is not None:
         return given
     later = machine.elements[machine.elements.index(joint) + 1 :]
@@ -122,5 +122,5 @@ def retracted_end(machine: Machine, joint: Joint, given: End | None) -> End:
 
 
 def crossing(scene: Scene) -> Iterator[tuple[Joint, Joint]]:
-    """Ordered pairs of sliding joints that both moved and do not lie along each other."""
+    """Ordered pairs of prismatic joints that both moved and are not parallel."""
     return ((a, b) for a, b in permutations(scene.prismatic, 2) if not parallel(a.axis, b.axis))

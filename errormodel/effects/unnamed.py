@@ -1,4 +1,4 @@
-"""Unnamed: a motion of an element that goes with some channel, whatever the cause; it bends to anything."""
+"""Empirical terms: smooth or periodic motions of an element as a function of one or two channels, without a cause."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ ORDER = {"affine": (0, 1), "linear": (1,), "square": (1, 2), "cubic": (1, 2, 3)}
 
 
 class Unnamed(Effect):
-    """`motion` (mm, rad): Legendre polynomials of ``(driver - center) / half_range`` up to the form's order, or a wave.
+    """`motion` (mm, rad) in Legendre polynomials of ``(driver - center) / half_range``, or as a wave.
 
-    With a second channel `by`, products of the one's shapes with the other's (`affine`: with a constant too). With
-    `pieces` a curve, or a surface over both channels: cubic splines on so many pieces of the range (of each), or of the
-    period where there is one, tied to zero with the standard deviation `size` (mm, rad). With an `edge` a wave switches
-    between -1 and 1, there and every half period.
+    - `form` gives the degrees, and `by` a second channel, whose functions multiply those of the first.
+    - `period` makes it a sine and a cosine; with `edge` it switches between -1 and 1 there and every half period.
+    - `pieces` makes it a curve, or a surface over both channels: cubic B-splines on so many intervals of the range (of
+      each) or of the period, with a zero-mean prior of standard deviation `size` (mm, rad).
     """
 
     effect: ClassVar[str] = "unnamed"
@@ -56,7 +56,7 @@ class Unnamed(Effect):
     by_period: Annotated[Positive | None, SEARCHED] = None
     by_edge: Annotated[float | None, SEARCHED] = None
     pieces: Annotated[int, Field(ge=2, le=16)] | None = None
-    size: Positive | None = None  # None: that of usual error motions
+    size: Positive | None = None  # None: 20 um, 30 urad
 
     @property
     def where(self) -> str:
@@ -68,7 +68,7 @@ class Unnamed(Effect):
 
     @property
     def key(self) -> tuple[object, ...]:
-        """Each motion is a place; waves apart from polynomials: a period is a shape of the ones only."""
+        """Identity of the term: waves and polynomials compete apart, since only waves have a period as their shape."""
         return (*super().key, self.motion, self.period is None, self.by_period is None, self.pieces is None)
 
     @classmethod
@@ -83,7 +83,7 @@ class Unnamed(Effect):
 
     @property
     def cost(self) -> float:
-        """A rotation with a lever that never changes is a translation: then that is the simpler story."""
+        """Natural logarithm of the prior odds against it: with a constant lever a translation is the simpler model."""
         return 0.5 * (self.motion in ROTATIONS)
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
@@ -112,10 +112,10 @@ class Unnamed(Effect):
             return {"step": switch(x, period, edge)}
         if period is not None:
             return waves(x, 2 * math.pi / period)
-        return {str(n): legendre(n, u) if n else 0 * u + 1 for n in ORDER[form]}
+        return {str(n): legendre(n, u) if n else 0 * u + 1 for n in FORM_DEGREES[form]}
 
 
 def switch(x: Value, period: float, edge: float) -> Value:
-    """1 for half a period from the edge on, then -1, and so on."""
+    """Square wave: 1 for half a period from `edge` on, then -1, with edges of finite width."""
     swing = sin((x - edge) * (2 * math.pi / period))
-    return swing / sqrt(swing * swing + SHARP**2)
+    return swing / sqrt(swing * swing + EDGE_SHARPNESS**2)

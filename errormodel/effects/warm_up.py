@@ -1,4 +1,7 @@
-"""Warm-up: a joint's screw, the tool or a member moves and settles with time; no temperature need be recorded."""
+"""Warm-up: exponential growth of a joint's screw, the tool or a member with time (ISO 230-3).
+
+No recorded temperature is needed. Units: mm and rad.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,7 @@ from errormodel.conventions import MOTIONS, TRANSLATIONS, Motion, unit_of
 from errormodel.effects.base import FIXED, Channels, Effect, EffectTerm, along
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import (
-    STEEL,
+    STEEL_EXPANSION,
     Positive,
     joint_as,
     members,
@@ -27,11 +30,11 @@ from errormodel.machine import Machine
 
 
 class WarmUp(Effect):
-    """``(scale * position + growth) * (1 - exp(-(t - start)/tau))`` along the axis; without a joint, of the tool.
+    """``(scale * position + growth) * (1 - exp(-(t - start)/tau))`` along a joint's axis; without a joint, of the tool.
 
-    `tau` (s) is how fast it settles, `start` (s, as ``time`` counts) when it began. Positive: longer. With a `motion`
-    that one (mm, rad) grows, or all six do, in Legendre polynomials of the joint's travel, -1 to 1, from the constant
-    to `degree`; of an `element`, a member that moves or tilts as a whole, it is that one.
+    `tau` (s) is the time constant, `start` (s, on the clock of ``time``) the beginning. Positive: longer. With a
+    `motion` that one (mm, rad), or with ``all`` each of the six, grows in Legendre polynomials of the joint's travel
+    (-1 to 1) up to `degree`. An `element` is a member that moves or tilts as a whole in its `motion`.
     """
 
     effect: ClassVar[str] = "warm-up"
@@ -83,7 +86,7 @@ class WarmUp(Effect):
                 for n, shape in enumerate(shapes)
             ]
         return [
-            EffectTerm(self.joint, "scale", "1", along(joint, channel(self.joint) * warm), 10 * STEEL),
+            EffectTerm(self.joint, "scale", "1", along(joint, channel(self.joint) * warm), 10 * STEEL_EXPANSION),
             EffectTerm(self.joint, "growth", "mm", along(joint, warm), 0.02),
         ]
 
@@ -96,9 +99,8 @@ class WarmUp(Effect):
             for joint in (*(j.name for j in scene.prismatic), None):
                 for tau in settling_times(scene):
                     yield cls(joint=joint, tau=tau, start=start_of(scene))
-            if scene.all_motions and scene.motions_of in {
-                j.name for j in scene.prismatic
-            }:  # beside its cold state, at the time 0
+            # relative to the joint's cold state at the time 0
+            if scene.all_motions and scene.motions_of in {j.name for j in scene.prismatic}:
                 for tau, degree in product(settling_times(scene), range(4)):
                     yield cls(joint=scene.motions_of, tau=tau, motion="all", degree=degree)
             for element, motion, tau in product(members(scene.machine), MOTIONS, settling_times(scene)):

@@ -1,4 +1,7 @@
-"""Wobble: the axis of a rotary joint tilts once, twice or three times a turn, as its bearings do."""
+"""Wobble: tilt error motion of a rotary axis with one, two or three periods per revolution (ISO 230-7).
+
+Rotation across the axis in rad.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,7 @@ from errormodel.machine import Machine
 
 
 class Wobble(JointEffect):
-    """Both tilts across the axis, each with ``sin(harmonic q)`` and ``cos(harmonic q)``, rad; or the `motion` alone."""
+    """Both tilts across the axis, or the `motion` alone, each with ``sin(harmonic q)`` and ``cos(harmonic q)``; rad."""
 
     effect: ClassVar[str] = "wobble"
     family: ClassVar[str] = "periodic"

@@ -1,4 +1,4 @@
-"""Table files: one module a format, chosen by the file's suffix; a folder of parts is one table in several files."""
+"""Table files: one module per format, chosen by the file's suffix; a folder of parts is one table in several files."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def open_tables(path: Path, name: str) -> list[Table]:
     Raises
     ------
     InputError
-        There is nothing to read, or not what the suffix promises.
+        There is no such file, or its content does not match its suffix.
     """
     try:
         if path.is_dir():

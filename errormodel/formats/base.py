@@ -1,4 +1,4 @@
-"""What every table format offers: column names, the wanted columns, and where a cell stands in the file."""
+"""Interface of the table formats: column names, reading of the wanted columns, and the place of a cell in the file."""
 
 from __future__ import annotations
 
@@ -11,10 +11,13 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-EMPTY = ("", "NaN", "nan", "NAN", "NA", "N/A", "null")  # a cell without a value, as the quick reader knows it
-DASHES = ("-", "--", "---", "----", "\u2013", "\u2014")
-NOTHING = frozenset(word.lower() for word in (*EMPTY, *DASHES, "n.a.", "none", "nil", "#N/A", "#NA", "#NV"))
-LISTED = 12  # rows in a note
+EMPTY_CELLS = ("", "NaN", "nan", "NAN", "NA", "N/A", "null")  # cells without a value, as pyarrow recognises them
+DASH_CELLS = ("-", "--", "---", "----", "\u2013", "\u2014")  # hyphens and dashes that stand for no value
+# all words for no value, in lower case
+NO_VALUE_WORDS = frozenset(
+    word.lower() for word in (*EMPTY_CELLS, *DASH_CELLS, "n.a.", "none", "nil", "#N/A", "#NA", "#NV")
+)
+LISTED_ROWS = 12  # most row numbers in a note; by judgement
 
 
 @dataclass(frozen=True)
@@ -36,7 +39,12 @@ class Table(ABC):
 
     @abstractmethod
     def read(self, numbers: Collection[str], texts: Collection[str]) -> tuple[pd.DataFrame, tuple[str, ...]]:
-        """Columns by name, and notes on how they were read.
+        """Read columns by name.
+
+        Parameters
+        ----------
+        numbers : names of columns of numbers.
+        texts : names of columns of text.
 
         Returns
         -------
@@ -44,22 +52,23 @@ class Table(ABC):
             `numbers` as float64 with NaN for empty cells, but as text where a column holds a cell that is no number;
             `texts` as text. The index counts the data rows from 0.
         notes : tuple of str
+            Remarks on how they were read.
         """
 
     def line(self, row: int) -> int | None:
-        """Line of the file, from 1, on which the data row `row`, from 0, begins; None if the format has no lines."""
+        """Line (from 1) on which the data row `row` (from 0) begins; None in formats without lines."""
         return None
 
     def cell(self, row: int, column: str) -> str:
-        """A cell as messages call it; `row` counts from 0, the message from 1."""
+        """Name of a cell in messages; `row` counts from 0, the message from 1."""
         line = self.line(row)
         return f"{self.name}, row {row + 1}{f' (line {line})' if line else ''}, column {column}"
 
 
 def as_numbers(text: pd.Series[str], decimal_comma: bool = False) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Numbers in a column of text, NaN for empty cells, and which cells are neither."""
+    """Numbers in a column of text, NaN for empty cells, and a mask of cells that are neither."""
     text = text.fillna("").str.strip()
-    empty = text.str.lower().isin(NOTHING).to_numpy(dtype=bool)
+    empty = text.str.lower().isin(NO_VALUE_WORDS).to_numpy(dtype=bool)
     if decimal_comma:
         text = text.str.replace(r"^([^.,]*),([^.,]*)$", r"\1.\2", regex=True)
     values = pd.to_numeric(text.mask(empty), errors="coerce").to_numpy(dtype=np.float64, na_value=np.nan)
@@ -67,9 +76,9 @@ def as_numbers(text: pd.Series[str], decimal_comma: bool = False) -> tuple[NDArr
 
 
 def words_note(name: str, text: pd.Series[str]) -> str | None:
-    """A note on the cells of a column of numbers, as text, in which a word stands for no value; its index is from 0."""
+    """Note on cells of a column of numbers in which a word stands for no value; the index of `text` counts from 0."""
     text = text.fillna("").str.strip()
-    said = text[(text != "") & text.str.lower().isin(NOTHING)]
+    said = text[(text != "") & text.str.lower().isin(NO_VALUE_WORDS)]
     if said.empty:
         return None
     words = " and ".join(f"'{word}'" for word in said.unique())
@@ -78,6 +87,6 @@ def words_note(name: str, text: pd.Series[str]) -> str | None:
 
 
 def spoken(rows: Sequence[float]) -> str:
-    """Rows for a note: how many, and the numbers of the first."""
-    numbers = ", ".join(str(int(r)) for r in rows[:LISTED]) + (" ..." if len(rows) > LISTED else "")
+    """Rows in words for a note: their number, and the first of them."""
+    numbers = ", ".join(str(int(r)) for r in rows[:LISTED_ROWS]) + (" ..." if len(rows) > LISTED_ROWS else "")
     return f"{len(rows)} rows ({numbers})" if len(rows) > 1 else f"row {numbers}"

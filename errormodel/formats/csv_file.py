@@ -1,4 +1,4 @@
-"""CSV as spreadsheets and instruments write it: commas, semicolons or tabs; decimal points or commas."""
+"""Delimited text files (CSV) of spreadsheets and instruments: any usual delimiter, decimal points or commas."""
 
 from __future__ import annotations
 
@@ -11,15 +11,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from errormodel.exceptions import InputError
-from errormodel.formats.base import EMPTY, NOTHING, Table, as_numbers, words_note
+from errormodel.formats.base import EMPTY_CELLS, NO_VALUE_WORDS, Table, as_numbers, words_note
 
 if TYPE_CHECKING:
     import pandas as pd
 
-SUFFIXES = (".csv", ".txt", ".tsv", ".dat")
+SUFFIXES = (".csv", ".txt", ".tsv", ".dat")  # file suffixes of this format
 
-_DELIMITERS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars"}
-_HEAD = 1 << 18  # bytes in which the header must end
+# delimiters, with their names in messages
+_DELIMITER_WORDS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars"}
+_HEADER_BYTES = 1 << 18  # bytes within which the header must end
 
 
 @dataclass(frozen=True)
@@ -27,15 +28,15 @@ class CsvTable(Table):
     """A delimited text file in UTF-8."""
 
     delimiter: str
-    skip: int  # lines up to and with the header
+    skip: int  # number of lines up to and including the header
 
     def read(self, numbers: Collection[str], texts: Collection[str]) -> tuple[pd.DataFrame, tuple[str, ...]]:
         import pandas as pd
         import pyarrow as pa
 
-        comma = self.delimiter != ","  # a decimal comma can be told from the delimiter
+        comma = self.delimiter != ","  # a decimal comma is distinguishable from the delimiter
         place = {name: str(i) for i, name in enumerate(self.columns)}
-        notes = [] if not comma else [f"columns separated by {_DELIMITERS[self.delimiter]}"]
+        notes = [] if not comma else [f"columns separated by {_DELIMITER_WORDS[self.delimiter]}"]
         frame: dict[str, pd.Series[Any]] = {}
         words: list[str | None] = []
         for decimal in (".", ",") if comma else (".",):
@@ -46,7 +47,7 @@ class CsvTable(Table):
             frame = {n: pd.Series(arrow[place[n]].to_numpy()) for n in numbers}
             words = self._words({n: place[n] for n in numbers if frame[n].hasnans})
             break
-        else:  # some cell is no number, or some line is blank: read all as text, convert what can be
+        else:  # some cell is no number, or some line is blank: read all as text and convert columns of numbers
             decimal = "."
             self._check_utf8()
             try:
@@ -66,7 +67,7 @@ class CsvTable(Table):
         return pd.DataFrame(frame), (*notes, *(word for word in words if word))
 
     def _words(self, place: dict[str, str]) -> list[str | None]:
-        """Notes on words for no value in columns of numbers that have gaps; their names and places."""
+        """Notes on words for no value in columns of numbers with gaps; `place` gives their positions by name."""
         import pandas as pd
         import pyarrow as pa
         import pyarrow.compute as pc
@@ -78,7 +79,7 @@ class CsvTable(Table):
         for name, number in place.items():
             column = arrow[number].combine_chunks()
             lower = pc.utf8_lower(pc.utf8_trim_whitespace(column))
-            rows = pc.indices_nonzero(pc.is_in(lower, pa.array(sorted(NOTHING - {""}))))
+            rows = pc.indices_nonzero(pc.is_in(lower, pa.array(sorted(NO_VALUE_WORDS - {""}))))
             out.append(words_note(name, pd.Series(column.take(rows).to_pylist(), rows.to_numpy(), dtype="str")))
         return out
 
@@ -89,12 +90,12 @@ class CsvTable(Table):
         return None
 
     def _arrow(self, numbers: Collection[str], texts: Collection[str], decimal: str, ragged: Any = None) -> Any:
-        """The wanted columns by their place (``"0"``, ``"1"``, ...); ArrowInvalid if a cell does not fit its type."""
+        """Read the wanted columns by position (``"0"``, ``"1"``, ...); ArrowInvalid if a cell does not fit its type."""
         import pyarrow as pa
         from pyarrow import csv as arrow
 
         with self.path.open("rb") as file:
-            quoted = b'"' in file.read(_HEAD)
+            quoted = b'"' in file.read(_HEADER_BYTES)
         return arrow.read_csv(
             self.path,
             arrow.ReadOptions(column_names=[str(i) for i in range(len(self.columns))], skip_rows=self.skip),
@@ -106,7 +107,7 @@ class CsvTable(Table):
             arrow.ConvertOptions(
                 column_types=dict.fromkeys(numbers, pa.float64()) | dict.fromkeys(texts, pa.string()),
                 include_columns=[*numbers, *texts],
-                null_values=EMPTY,
+                null_values=EMPTY_CELLS,
                 strings_can_be_null=False,
                 decimal_point=decimal,
             ),
@@ -116,7 +117,7 @@ class CsvTable(Table):
         return "error" if row.text.strip(f" \t\r\n{self.delimiter}") else "skip"
 
     def _records(self) -> Iterator[tuple[int, list[str]]]:
-        """Line and fields of every data row, blank lines left out as `_arrow` does."""
+        """Line and fields of every data row, without blank lines, as in `_arrow`."""
         with self.path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
             reader = csv.reader(file, delimiter=self.delimiter)
             last = 0
@@ -139,7 +140,7 @@ class CsvTable(Table):
                     raise InputError(f"{self.name}, line {number}", byte, "Save the file as UTF-8") from bad
 
     def _ragged(self, error: Exception) -> InputError:
-        """What keeps text from being read as a table: most likely the first row of another length."""
+        """Error for text that is no table: most likely the first row of another length."""
         row = 0
         for row, (line, fields) in enumerate(self._records(), start=1):
             if len(fields) != len(self.columns):
@@ -157,7 +158,7 @@ class CsvTable(Table):
 def open_table(path: Path, name: str) -> Table:
     """Find the delimiter and read the header of a delimited file."""
     with path.open("rb") as file:
-        head = file.read(_HEAD)
+        head = file.read(_HEADER_BYTES)
     if head[:2] in (b"\xff\xfe", b"\xfe\xff"):
         raise InputError(name, "text in UTF-16", "Save the file as UTF-8 (in a spreadsheet: 'CSV UTF-8')")
     if b"\0" in head:
@@ -167,7 +168,7 @@ def open_table(path: Path, name: str) -> Table:
     if not first:
         raise InputError(name, "an empty file", "Give a header with the columns' names and a row a pose")
     outside = re.sub(r'"[^"]*"', "", first)
-    delimiter = max(_DELIMITERS, key=outside.count)
+    delimiter = max(_DELIMITER_WORDS, key=outside.count)
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter)
     try:
         names = next((fields for fields in reader if "".join(fields).strip()), [])

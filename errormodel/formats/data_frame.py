@@ -1,4 +1,4 @@
-"""A pandas table in place of a file."""
+"""A pandas DataFrame as the table of a survey."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pandas as pd
 
 from errormodel.formats.base import Table, as_numbers
 
-NAME = "DataFrame"
+FRAME_TABLE_NAME = "DataFrame"  # name of the table in messages
 
 
 @dataclass(frozen=True)
@@ -39,5 +39,10 @@ class FrameTable(Table):
 
 
 def table_of(frame: pd.DataFrame) -> FrameTable:
-    """A DataFrame as a table of a survey; its index does not count."""
-    return FrameTable(Path(NAME), NAME, tuple(str(c).strip() for c in frame.columns), frame.rename(columns=str.strip))
+    """Wrap a DataFrame as a table; its index is ignored."""
+    return FrameTable(
+        Path(FRAME_TABLE_NAME),
+        FRAME_TABLE_NAME,
+        tuple(str(c).strip() for c in frame.columns),
+        frame.rename(columns=str.strip),
+    )

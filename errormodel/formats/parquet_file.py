@@ -1,4 +1,4 @@
-"""Parquet."""
+"""Apache Parquet files as tables."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from errormodel.formats.base import Table, as_numbers, words_note
 if TYPE_CHECKING:
     import pandas as pd
 
-SUFFIXES = (".parquet", ".pq")
+SUFFIXES = (".parquet", ".pq")  # file suffixes of this format
 
 
 class ParquetTable(Table):

@@ -1,4 +1,7 @@
-"""What an instrument offers: its sources of uncertainty, the covariance of a measured point, noise drawn from it."""
+"""Base class of measuring instruments: sources of uncertainty, and the covariance of measured points as their sum.
+
+Law of propagation of uncertainty (GUM) for independent sources; standard uncertainties (k = 1), mm and rad.
+"""
 
 from __future__ import annotations
 
@@ -31,10 +34,10 @@ class Source(NamedTuple):
 
     Attributes
     ----------
-    name : what it is, as the uncertainty budget prints it.
-    std : its standard uncertainty (k = 1) as the user stated it, in `unit`.
+    name : name in the uncertainty budget.
+    std : standard uncertainty (k = 1) as the user stated it, in `unit`.
     unit : mm, rad, or 1 (mm/mm).
-    covariance : (n, 3, 3) what it alone gives to measured points, mm^2, in the axes of the measuring frame.
+    covariance : (n, 3, 3) its contribution to the covariance of measured points, mm^2, in the measuring frame.
     """
 
     name: str
@@ -44,17 +47,17 @@ class Source(NamedTuple):
 
 
 class Instrument(FileModel, ABC):
-    """Base of the instruments; a subclass in a file of this package is found by its ``type``.
+    """Base class of measuring instruments; a subclass in a file of this package is found by its ``type``.
 
-    A subclass declares ``type: Literal["its-name"]`` and, as pydantic fields, what ``instrument:`` in a survey.yaml
-    says of it. Its sources are all that is known of its noise: the covariance of a point is their sum.
+    A subclass declares ``type: Literal["its-name"]`` and, as pydantic fields, the keys of ``instrument:`` in a
+    survey.yaml. The covariance of a point is the sum over its sources.
     """
 
     type: str
 
     @abstractmethod
     def sources(self, points: Array) -> list[Source]:
-        """The instrument's independent random errors, each with its covariance of measured points.
+        """Independent random errors of the instrument, each with its covariance of measured points.
 
         Parameters
         ----------
@@ -86,7 +89,7 @@ class Instrument(FileModel, ABC):
         return total
 
     def draw_noise(self, points: Array, rng: np.random.Generator) -> Array:
-        """Noise of the points, (n, 3) in mm; zero where nothing is known of the noise."""
+        """Draw noise of the points, (n, 3) in mm; zero where the noise is to be estimated from the data."""
         covariance = self.covariance(points)
         if covariance is None:
             return np.zeros_like(points)
@@ -95,7 +98,7 @@ class Instrument(FileModel, ABC):
 
 
 class LengthDependent(Instrument):
-    """An instrument of equal uncertainty in all directions that grows with the distance from the frame's origin."""
+    """Isotropic instrument whose standard uncertainty grows with the distance from the measuring frame's origin."""
 
     sigma: Pair = Field(
         description="[a, b] of the standard uncertainty hypot(a, b L) in mm and mm/mm (k = 1), such as [0.5e-3, 1.0e-6]"
@@ -111,6 +114,6 @@ class LengthDependent(Instrument):
 
 
 def in_all_directions(variance: Array) -> Array:
-    """Covariance (n, 3, 3) of points whose coordinates have equal variances (n,) and no correlation."""
+    """Isotropic covariance (n, 3, 3) of points from the variance (n,) of each coordinate."""
     covariance: Array = variance[:, None, None] * np.eye(3)
     return covariance

@@ -1,4 +1,4 @@
-"""A coordinate measuring machine, or a probe in the machine itself."""
+"""Noise model of a coordinate measuring machine, or of a probe in the machine itself."""
 
 from __future__ import annotations
 
@@ -8,6 +8,6 @@ from errormodel.instruments.base import LengthDependent
 
 
 class CoordinateMeasuringMachine(LengthDependent):
-    """A coordinate measuring machine."""
+    """Coordinate measuring machine: isotropic standard uncertainty that grows with length."""
 
     type: Literal["cmm"] = "cmm"

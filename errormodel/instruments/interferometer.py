@@ -1,4 +1,4 @@
-"""A laser interferometer along one line."""
+"""Noise model of a laser interferometer along one line."""
 
 from __future__ import annotations
 
@@ -8,6 +8,6 @@ from errormodel.instruments.base import LengthDependent
 
 
 class Interferometer(LengthDependent):
-    """An interferometer; what it does not measure is empty in the survey."""
+    """Laser interferometer; components that it does not measure are empty in the survey."""
 
     type: Literal["interferometer"] = "interferometer"

@@ -1,4 +1,4 @@
-"""A laser tracker: a range along the line of sight and two angles across it."""
+"""Noise model of a laser tracker: one range along the line of sight and two angles across it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from errormodel.yamlfile import Vector3
 
 
 class LaserTracker(Instrument):
-    """A tracker at a station; its own keys are in mm and rad, whatever ``units`` says of the data."""
+    """Laser tracker at a station; its keys are in mm and rad, independent of ``units``."""
 
     type: Literal["laser-tracker"] = "laser-tracker"
     station: Vector3 = Field([0.0, 0.0, 0.0], description="[x, y, z] of the tracker in the measuring frame, mm")
@@ -25,10 +25,10 @@ class LaserTracker(Instrument):
     )
 
     def sources(self, points: Array) -> list[Source]:
-        sight = np.nan_to_num(points - self.station)  # what was not measured adds nothing to the line of sight
+        sight = np.nan_to_num(points - self.station)  # missing components count as zero in the line of sight
         r2 = np.einsum("ni,ni->n", sight, sight)[:, None, None]
         a, b = self.range
-        with np.errstate(invalid="ignore"):  # in the station itself there is no line of sight
+        with np.errstate(invalid="ignore"):  # at the station itself there is no line of sight
             along = np.where(r2 > 0, sight[:, :, None] * sight[:, None, :] / r2, np.eye(3))
         across = np.eye(3) - along
         return [

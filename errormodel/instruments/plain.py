@@ -1,4 +1,4 @@
-"""An instrument of which nothing is known."""
+"""Default noise model: isotropic, with a standard uncertainty estimated from the data."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from errormodel.instruments.base import Array, Instrument, Source
 
 
 class Plain(Instrument):
-    """Noise equal in all directions and at all places, its size estimated from the data."""
+    """Noise equal in all directions and at all points, its size estimated from the data."""
 
     type: Literal["plain"] = "plain"
 
     def sources(self, points: Array) -> list[Source]:
-        """None: the noise is to be estimated from the data."""
+        """No sources: the noise is estimated from the data."""
         return []

@@ -1,4 +1,4 @@
-"""A laser profile sensor that sees artefacts of known shape."""
+"""Noise model of a laser profile sensor that measures artefacts of known shape."""
 
 from __future__ import annotations
 
@@ -8,6 +8,6 @@ from errormodel.instruments.base import LengthDependent
 
 
 class Profiler(LengthDependent):
-    """A profile sensor."""
+    """Laser profile sensor: isotropic standard uncertainty that grows with length."""
 
     type: Literal["profiler"] = "profiler"

@@ -11,7 +11,7 @@ import numpy as np
 
 from errormodel.arrays import Array, as_rows
 from errormodel.chain import TOOL_CHANNELS, Chain
-from errormodel.channels import CALL, root
+from errormodel.channels import DERIVED_CHANNEL, root
 from errormodel.exceptions import InputError
 from errormodel.kernel import Kernel
 from errormodel.machine import Joint, Machine
@@ -76,7 +76,9 @@ class Field:
     def reversing(self) -> frozenset[str]:
         """Joints whose direction of arrival changes the errors."""
         names = [c[4:] for c in self.chain.channels if c.startswith("dir_")]
-        return frozenset([*names, *(c[2] for c in map(CALL.fullmatch, self.chain.channels) if c and c[1] == "play")])
+        return frozenset(
+            [*names, *(c[2] for c in map(DERIVED_CHANNEL.fullmatch, self.chain.channels) if c and c[1] == "play")]
+        )
 
     def rows(self, q: Array, direction: Array, tool: Array | None = None) -> list[Array]:
         """The chain's channels at commands; `direction` (n, joints) of +-1, `tool` (n, 3) in place of the machine's."""
@@ -84,7 +86,7 @@ class Field:
         tips = np.tile(self.chain.machine.tool, (n, 1)) if tool is None else tool
         columns = []
         for name in self.chain.channels:
-            call = CALL.fullmatch(name)
+            call = DERIVED_CHANNEL.fullmatch(name)
             if name in place:
                 columns.append(q[:, place[name]])
             elif name in TOOL_CHANNELS:

@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_limits
 
 from errormodel.arrays import Array, Index
 from errormodel.chain import Chain
-from errormodel.kernel import BLOCK
+from errormodel.kernel import KERNEL_BLOCK_ROWS
 from identification.observation.assembly import group_order
 from identification.observation.identifiability import ROUND_OFF, Floors, Groups, find_groups
 from identification.observation.models import GapView, Kind, View
@@ -306,9 +306,9 @@ class _Solver:
             if read:
                 vector = view_vector(view, self.place, np.zeros(len(self.unknowns)), self.held)
                 gap = np.hstack([view.whiten(part, g) for part, g in view.gaps(vector)])
-            for start in range(0, len(view), BLOCK):
-                part = slice(start, start + BLOCK)
-                rows = design_rows(view.part(part), self.place, BLOCK)[:, base]
+            for start in range(0, len(view), KERNEL_BLOCK_ROWS):
+                part = slice(start, start + KERNEL_BLOCK_ROWS)
+                rows = design_rows(view.part(part), self.place, KERNEL_BLOCK_ROWS)[:, base]
                 rows = np.column_stack([rows, gap[:, part].ravel()]) if read else rows
                 rows /= self.sigma[view.kind]
                 factor = np.asarray(np.linalg.qr(np.vstack([factor, rows]), mode="r"))

@@ -13,7 +13,7 @@ from errormodel.chain import Chain, What
 from errormodel.conventions import MOTIONS, TRANSLATIONS
 from errormodel.exceptions import InputError
 from errormodel.machine import Joint
-from errormodel.survey_columns import SIGMA
+from errormodel.survey_columns import SIGMA_COLUMNS
 from identification.observation.frames import IDENTITY, SMALL, Pose, align, mean_rotation
 from identification.observation.models import Kind, MotionView, OrientationView, PositionView, View, fixed_tool
 
@@ -183,9 +183,9 @@ def _rotations(survey: Survey) -> Array | None:
 
 
 def _sigmas(survey: Survey, index: Index) -> Array | None:
-    if not any(name in survey.table for name in SIGMA):
+    if not any(name in survey.table for name in SIGMA_COLUMNS):
         return None
-    sigmas = survey.table.reindex(columns=SIGMA).to_numpy(dtype=float)[index]
+    sigmas = survey.table.reindex(columns=SIGMA_COLUMNS).to_numpy(dtype=float)[index]
     measured = np.isfinite(survey.measured[index])
     bare = (np.isnan(sigmas) & measured).any(axis=1)
     if bare.all() and np.isnan(sigmas).all():

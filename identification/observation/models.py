@@ -16,7 +16,7 @@ import numpy as np
 
 from errormodel.arrays import Array, Index, Mask, Rows, as_rows
 from errormodel.chain import TOOL_CHANNELS, Chain, What
-from errormodel.kernel import BLOCK, Kernel
+from errormodel.kernel import KERNEL_BLOCK_ROWS, Kernel
 from identification.observation.frames import IDENTITY, Pose
 
 Kind = Literal["position", "orientation", "displacement", "angle"]  # one noise level each, where none is declared
@@ -138,8 +138,8 @@ class GapView(View):
         return replace(super().part(rows), gap=self.gap[:, rows])
 
     def gaps(self, p: Array) -> Iterator[tuple[slice, Array]]:
-        for start in range(0, len(self), BLOCK):
-            part = slice(start, min(start + BLOCK, len(self)))
+        for start in range(0, len(self), KERNEL_BLOCK_ROWS):
+            part = slice(start, min(start + KERNEL_BLOCK_ROWS, len(self)))
             yield part, self.gap[:, part]
 
     @classmethod

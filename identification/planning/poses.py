@@ -17,7 +17,7 @@ from errormodel.channels import root
 from errormodel.exceptions import InputError
 from errormodel.instruments.base import Instrument
 from errormodel.instruments.plain import Plain
-from errormodel.survey_columns import MEASURED, SIGMA
+from errormodel.survey_columns import MEASURED, SIGMA_COLUMNS
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -172,5 +172,5 @@ def as_survey(chain: Chain, setup: Setup, table: pd.DataFrame, noise: Instrument
     if isinstance(noise, Instrument):
         instrument = noise
     else:
-        table[list(SIGMA)] = noise
+        table[list(SIGMA_COLUMNS)] = noise
     return Survey(table, setup.frame, ("frame",), instrument, Path("plan"))

@@ -10,7 +10,7 @@ from threadpoolctl import threadpool_limits
 
 from errormodel.arrays import Index
 from errormodel.chain import TOOL_CHANNELS, Chain
-from errormodel.channels import POINT
+from errormodel.channels import POINT_CHANNELS
 from errormodel.exceptions import InputError
 from errormodel.instruments.base import Instrument
 from errormodel.machine import Machine
@@ -283,7 +283,7 @@ def _arranged(stage: Stage, chosen: Index, repeat: int, seed: int) -> Index:
 
 def _pairs(stage: Stage, found: list[Verdict], seed: int) -> list[Pair]:
     """Pairs of effects of different names that depend on position only and are not told apart; the worst first."""
-    known = {j.name for j in stage.chain.machine.joints} | set(POINT)
+    known = {j.name for j in stage.chain.machine.joints} | set(POINT_CHANNELS)
     open_ = []
     for shown in (v.typical for v in found if v.typical is not None and {*v.drivers} <= known):
         others = (e for v in found if v.typical is shown for e in v.rivals)

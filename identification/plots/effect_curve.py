@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from errormodel.arrays import Array, Index
-from errormodel.channels import CALL, root
+from errormodel.channels import DERIVED_CHANNEL, root
 from errormodel.conventions import MOTIONS, Motion, unit_of
 from errormodel.effects import make
 from errormodel.effects.base import Effect
@@ -195,7 +195,7 @@ class Channels:
     def __call__(self, name: str) -> Array:
         if self._rows is not None and is_warm(name):
             return self._evidence.linear.channel(name)[self._rows]
-        call = CALL.fullmatch(name)
+        call = DERIVED_CHANNEL.fullmatch(name)
         if call and call[1] == "play":
             return self._behind(self(call[2]), float(call[3]) / 2)
         if name.startswith("dir_"):

@@ -18,7 +18,7 @@ HISTORY = re.compile(r"monitor\.sqlite(-journal|-wal|-shm)?")
 CHAIN = "chain"  # an unfinished chain of `fit --bayes`
 PIECE = re.compile(r"\.?piece_[0-9a-f]+_\d+(\.\d+\.part)?\.npz")
 UNFINISHED = re.compile(r"\..+\.(\w+\.part(\.\w+)?|old)")  # of a run that is at work, or was killed
-SERVANTS = (RECORD, LOCK, ".DS_Store", "Thumbs.db", "desktop.ini")  # errormodel's, and what file managers leave
+SERVANTS = (RECORD, LOCK_FILE, ".DS_Store", "Thumbs.db", "desktop.ini")  # errormodel's, and what file managers leave
 BEFORE = (  # there were manifests
     "machine.yaml", "parameters.csv", "residuals.csv", "covariance.csv", "fit.json", "report.html", "posterior.nc",
     "diagnosis.json", "thermal.json", "thermal_drift.png",

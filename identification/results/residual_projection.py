@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from errormodel.arrays import Array, Index
-from errormodel.channels import CALL, POINT, root
+from errormodel.channels import DERIVED_CHANNEL, POINT_CHANNELS, root
 from errormodel.conventions import MOTIONS, Motion, iso_symbol
 from errormodel.effects.base import Effect
 from identification.diagnosis.linear.linear_model import LinearModel
@@ -166,7 +166,7 @@ def channels_of(linear: LinearModel, effects: Sequence[Effect]) -> list[str]:
     """Channels that effects ask for and that vary; what follows a joint with a play depends on the side of arrival."""
     asked = dict.fromkeys(name for e in effects for name in e.channels(linear.chain.machine))
     for name in list(asked):
-        if call := CALL.fullmatch(name):
+        if call := DERIVED_CHANNEL.fullmatch(name):
             asked[f"dir_{call[2]}" if call[1] == "play" else name] = None
     return [n for n in asked if not n.startswith("play(") and np.ptp(linear.channel(n)) > 0]
 
@@ -295,14 +295,14 @@ def axis_of(linear: LinearModel, name: str) -> Abscissa:
         return Abscissa(name, f"{one}{MINUS}{other}{behind} / K")
     if is_warm(name):
         return Abscissa(name, f"{style.plain(root(name), 16)}{_behind(name)} / °C")
-    if name in POINT:
+    if name in POINT_CHANNELS:
         return Abscissa(name, f"tip's {name[-1]} / mm")
     units = {"feed": " / mm/min", "load": " / kg"} | {f"tool_{a}": " / mm" for a in "xyz"}
     return Abscissa(name, f"{word}{units.get(name, '')}")
 
 
 def _behind(name: str) -> str:
-    call = CALL.fullmatch(name)
+    call = DERIVED_CHANNEL.fullmatch(name)
     return f", {float(call[3]) / 60:.3g} min behind" if call else ""
 
 

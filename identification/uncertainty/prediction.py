@@ -10,7 +10,7 @@ import numpy as np
 from errormodel.arrays import Array, as_rows
 from errormodel.conventions import MOTIONS
 from errormodel.survey import Survey
-from errormodel.survey_columns import UNCERTAINTY
+from errormodel.survey_columns import MOTION_UNCERTAINTIES
 from identification.observation.assembly import frame_columns, frame_labels
 from identification.observation.frames import IDENTITY, Pose, rotation_notes
 from identification.results.stored_fit import StoredFit
@@ -49,7 +49,7 @@ def predict(fit: StoredFit, points: Survey) -> pd.DataFrame:
             out[part] = _predict_frame(fit, as_rows(*(c[part] for c in channels)), used)
     table = pd.DataFrame(out, columns=["mx", "my", "mz", "ex", "ey", "ez", "ux", "uy", "uz"], index=points.table.index)
     if "joint" in points.table:
-        table[[*MOTIONS, *UNCERTAINTY]] = _motions(fit, points, channels)
+        table[[*MOTIONS, *MOTION_UNCERTAINTIES]] = _motions(fit, points, channels)
     return table
 
 

@@ -1,1 +1,1 @@
-"""Which effects a survey could show, and where: what the diagnosis searches."""
+"""Candidate effects of a survey: their locations, driving channels and shapes."""

@@ -1,4 +1,4 @@
-"""What a survey lets an effect be looked for by: which joints moved, which channels vary, how long it took."""
+"""Summary of a survey from which effects propose candidates: moved joints, varying channels, duration."""
 
 from __future__ import annotations
 
@@ -12,16 +12,21 @@ from numpy.typing import NDArray
 from errormodel.machine import Joint, Machine, Vector
 
 Array = NDArray[np.float64]
-MOVED = 0.003  # of the travel
+# share of the travel from which on a joint counts as moved; by judgement: probing moves are shorter
+MOVED_SHARE = 0.003
 
 
-@dataclass(frozen=True, eq=False)  # what is derived from a scene is kept by which one it is
+@dataclass(frozen=True, eq=False)  # compared and cached by identity
 class Scene:
-    """A machine and the columns of a survey of it, each (n,), in mm, rad, s, degC.
+    """A machine and the columns of a survey of it.
 
-    `stations` are where its instrument may have stood, in the reference's axes, mm. `motions_of` is the one joint
-    whose error motions were measured, so that nothing else can be at fault. `unusable` are the temperature sensors left
-    out of the columns, each with the reason.
+    Attributes
+    ----------
+    machine : the machine.
+    columns : channels by name, each (n,), in mm, rad, s and degC.
+    stations : possible stations of the instrument in the reference's axes, mm.
+    motions_of : the one joint whose error motions were measured, if so; no other element can then cause them.
+    unusable : temperature sensors that are left out of the columns, each with the reason.
     """
 
     machine: Machine
@@ -32,26 +37,26 @@ class Scene:
 
     @cached_property
     def all_motions(self) -> bool:
-        """Whether all six motions of the one joint were read: points in three places show them."""
+        """Whether all six error motions of that joint were measured: points of three different tools determine them."""
         tools = [self.columns[c] for c in ("tool_x", "tool_y", "tool_z") if c in self.columns]
         return bool(self.motions_of) and len(tools) == 3 and len(np.unique(np.transpose(tools), axis=0)) > 2
 
     def shows(self, where: str) -> bool:
-        """Whether an effect at this place would be seen."""
+        """Whether the survey can show an effect at this element."""
         return self.motions_of in ("", where)
 
     def varies(self, name: str) -> bool:
-        """Whether a channel is there, complete, and not constant."""
+        """Whether a channel exists, is complete and is not constant."""
         values = self.columns.get(name)
         return values is not None and bool(np.isfinite(values).all()) and float(np.ptp(values)) > 0
 
     @cached_property
     def moving(self) -> tuple[Joint, ...]:
-        """Joints that moved: one that only sought a switch or a probe is what was measured, and drives nothing."""
+        """Joints that moved by more than a probing move."""
         return tuple(
             j
             for j in self.machine.joints
-            if self.varies(j.name) and np.ptp(self.span(j)) > MOVED * (j.travel[1] - j.travel[0])
+            if self.varies(j.name) and np.ptp(self.span(j)) > MOVED_SHARE * (j.travel[1] - j.travel[0])
         )
 
     @property
@@ -73,20 +78,20 @@ class Scene:
 
     @cached_property
     def runs(self) -> tuple[str, ...]:
-        """Channels that tell one run of several from the rest."""
+        """Indicator channels ``run(<label>)`` of the runs, where there are several."""
         return tuple(n for n in self.columns if n.startswith("run(") and self.varies(n))
 
     @cached_property
     def duration(self) -> float:
-        """Of the recording, s; 0 without time."""
+        """Duration of the survey, s; 0 without a column ``time``."""
         return float(np.ptp(self.columns["time"])) if self.varies("time") else 0.0
 
     def span(self, joint: Joint) -> tuple[float, float]:
-        """Positions that a joint really took."""
+        """Smallest and largest position that a joint was commanded to, mm or rad."""
         values = self.columns[joint.name]
         return float(values.min()), float(values.max())
 
     def both_ways(self, joint: Joint) -> bool:
-        """Whether the joint arrived from both sides, at least five times each."""
+        """Whether the joint approached from both directions, at least five times each."""
         signs = self.columns.get(f"dir_{joint.name}")
         return signs is not None and min(int((signs > 0).sum()), int((signs < 0).sum())) >= 5

@@ -17,7 +17,7 @@ from errormodel.chain import Chain
 from errormodel.effects.axis_blunder import AxisBlunder, Table
 from errormodel.machine import Joint, Machine
 from errormodel.survey import Survey
-from errormodel.survey_columns import MEASURED, TOOL
+from errormodel.survey_columns import MEASURED, TOOL_COLUMNS
 from identification.diagnosis.data_checks.blunder import FEWEST, Blunder, Points, Sheet, groups, sheet
 from identification.observation.frames import SMALL
 
@@ -122,7 +122,7 @@ def single_changes(machine: Machine) -> Iterator[Changes]:
         # as they were read, each in its own unit
         factor = 1.0 if one.type == other.type else DEGREE if one.type == "prismatic" else 1 / DEGREE
         yield (AxisBlunder(column=one.name, swap=other.name, factor=factor),)
-    for names in (MEASURED, TOOL):
+    for names in (MEASURED, TOOL_COLUMNS):
         for name in names:
             for factor in (-1.0, *UNITS):
                 yield (AxisBlunder(column=name, factor=factor),)
@@ -133,7 +133,7 @@ def single_changes(machine: Machine) -> Iterator[Changes]:
 def _together(machine: Machine) -> Iterator[Changes]:
     """All columns of a kind in another unit, and the tool's point given from the other end."""
     rotary = [j.name for j in machine.joints if j.type == "rotary"]
-    for names, factors in ((rotary, (DEGREE, 1 / DEGREE)), (TOOL, (-1.0, *UNITS))):
+    for names, factors in ((rotary, (DEGREE, 1 / DEGREE)), (TOOL_COLUMNS, (-1.0, *UNITS))):
         if len(names) > 1:
             yield from (tuple(AxisBlunder(column=name, factor=f) for name in names) for f in factors)
 

@@ -13,7 +13,7 @@ from errormodel.chain import Chain
 from errormodel.effects.clock_offset import ClockOffset
 from errormodel.exceptions import InputError
 from errormodel.survey import Survey
-from errormodel.survey_columns import MEASURED, TOOL
+from errormodel.survey_columns import MEASURED, TOOL_COLUMNS
 from identification.diagnosis.data_checks.blunder import Blunder, groups, listed
 from identification.observation.frames import SMALL
 
@@ -95,7 +95,7 @@ def _by_chance(table: pd.DataFrame, chain: Chain, count: int, rest: Survey) -> b
     """
     from scipy.stats import poisson
 
-    commands = [*(j.name for j in chain.machine.joints), *TOOL]
+    commands = [*(j.name for j in chain.machine.joints), *TOOL_COLUMNS]
     pose = table.groupby(commands, sort=False)
     steps = table[list(MEASURED)].groupby(pose.ngroup()).diff().dropna().to_numpy()
     same = steps == 0

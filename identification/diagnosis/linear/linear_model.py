@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from errormodel.arrays import Array, Index, Mask
 from errormodel.chain import TOOL_CHANNELS, Chain
-from errormodel.channels import POINT, columns
+from errormodel.channels import POINT_CHANNELS, columns
 from errormodel.conventions import MOTIONS
 from errormodel.effects.base import Effect, EffectTerm
 from errormodel.effects.search_space.survey_summary import Scene
@@ -200,7 +200,7 @@ class _Channels(dict[str, Array]):
     """Channels over a survey's rows: made when first asked for."""
 
     def __init__(self, survey: Survey, points: Array) -> None:
-        super().__init__(zip(POINT, points, strict=True))
+        super().__init__(zip(POINT_CHANNELS, points, strict=True))
         self._table = survey.table
 
     def __missing__(self, name: str) -> Array:

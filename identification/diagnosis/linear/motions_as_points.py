@@ -23,7 +23,7 @@ from errormodel.effects.base import axis_motion
 from errormodel.effects.unnamed import Unnamed
 from errormodel.machine import EffectSpec, Joint, Machine
 from errormodel.survey import Survey
-from errormodel.survey_columns import MEASURED, SIGMA, UNCERTAINTY
+from errormodel.survey_columns import MEASURED, MOTION_UNCERTAINTIES, SIGMA_COLUMNS
 from identification.runtime.progress import Progress
 
 ASIDE = 5000.0  # mm: far enough that the noise of a component is that of the angle that it shows
@@ -79,7 +79,7 @@ def _of_joint(machine: Machine, joint: Joint, motions: tuple[Motion, ...], surve
         return None
     others = [c for j in machine.joints if j is not joint for c in (j.name, f"dir_{j.name}")]
     bare = table.assign(**{f"dir_{joint.name}": direction(table, joint.name)})[keep]
-    own = bare.drop(columns=["joint", *MOTIONS, *UNCERTAINTY, *SIGMA, *others], errors="ignore")
+    own = bare.drop(columns=["joint", *MOTIONS, *MOTION_UNCERTAINTIES, *SIGMA_COLUMNS, *others], errors="ignore")
     own[[*MEASURED]] = np.nan
     turning, free = motions == ROTATIONS, survey.frame != "fixed"
     parts = []
@@ -93,7 +93,7 @@ def _of_joint(machine: Machine, joint: Joint, motions: tuple[Motion, ...], surve
             k = int(np.argmax(np.abs(way)))
             part[MEASURED[k]] = nominal[:, k] + offset[k] + way[k] * bare[motion]
             if f"u_{motion}" in bare:
-                part[SIGMA[k]] = abs(way[k]) * bare[f"u_{motion}"]
+                part[SIGMA_COLUMNS[k]] = abs(way[k]) * bare[f"u_{motion}"]
         parts.append(part)
     points = pd.concat(parts).sort_index(kind="stable")
     points = points[points[[*MEASURED]].notna().any(axis=1)].reset_index(drop=True)
@@ -155,7 +155,7 @@ def as_points(machine: Machine, survey: Survey) -> Survey:
     cold machine gives them; an instrument starts every run from a zero of its own.
     """
     table = survey.table
-    if survey.frame != "fixed" and not {*UNCERTAINTY} <= {*table.columns}:
+    if survey.frame != "fixed" and not {*MOTION_UNCERTAINTIES} <= {*table.columns}:
         return survey
     if not {"joint", *MOTIONS} <= {*table.columns} or table[list(MOTIONS)].isna().to_numpy().any():
         return survey
@@ -164,12 +164,12 @@ def as_points(machine: Machine, survey: Survey) -> Survey:
         return survey
     chain = Chain(machine)
     place = 6 * chain.element_names.index(joints[0])
-    bare = table.drop(columns=["joint", *MOTIONS, *UNCERTAINTY], errors="ignore")
+    bare = table.drop(columns=["joint", *MOTIONS, *MOTION_UNCERTAINTIES], errors="ignore")
     for joint in machine.joints:
         if joint.name != joints[0]:
             bare[joint.name] = sum(joint.travel) / 2
     motions = table[list(MOTIONS)].to_numpy(dtype=np.float64)
-    known = {*UNCERTAINTY} <= {*table.columns}
+    known = {*MOTION_UNCERTAINTIES} <= {*table.columns}
     parts = []
     for offset, components in POINTS:
         part = bare.copy()
@@ -182,8 +182,8 @@ def as_points(machine: Machine, survey: Survey) -> Survey:
         for c, name in enumerate(MEASURED):
             part[name] = moved[c] if c in components else np.nan
         if known:
-            u = table[list(UNCERTAINTY)].to_numpy(dtype=np.float64)
-            part[list(SIGMA)] = np.sqrt(np.einsum("kcn,nk->nc", arms**2, u**2))
+            u = table[list(MOTION_UNCERTAINTIES)].to_numpy(dtype=np.float64)
+            part[list(SIGMA_COLUMNS)] = np.sqrt(np.einsum("kcn,nk->nc", arms**2, u**2))
         parts.append(part)
     points = pd.concat(parts).sort_index(kind="stable").reset_index(drop=True)
     return replace(survey, table=points, frame="fixed", motions_of=str(joints[0]))

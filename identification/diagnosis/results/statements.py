@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
-from errormodel.channels import CALL, root
+from errormodel.channels import DERIVED_CHANNEL, root
 from errormodel.conventions import FRAME, INSTRUMENT, TOOL, Motion, iso_symbol, unit_of
 from errormodel.effects import registry
 from errormodel.effects.base import Effect
@@ -102,7 +102,7 @@ def _behind(text: str, taus: Sequence[float]) -> str:
 
 def channel(name: str) -> str:
     """A channel in words."""
-    if call := CALL.fullmatch(name):
+    if call := DERIVED_CHANNEL.fullmatch(name):
         behind = f" behind a lag of {duration(float(call[3]))}" if name.startswith("lag") else ", with play"
         return call[2] + behind
     if name.startswith("dir_"):

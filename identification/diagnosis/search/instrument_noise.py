@@ -17,7 +17,7 @@ from errormodel.arrays import Array
 from errormodel.instruments.laser_tracker import LaserTracker
 from errormodel.instruments.plain import Plain
 from errormodel.survey import Survey
-from errormodel.survey_columns import SIGMA
+from errormodel.survey_columns import SIGMA_COLUMNS
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.linear.residual_rows import by_rows
 from identification.diagnosis.search.candidates import Candidates
@@ -46,7 +46,7 @@ def tracker_noise(fit: Fit, linear: LinearModel, candidates: Candidates, survey:
     ----------
     linear, candidates : of the fit; what explains the residuals best is taken out of them, whatever its name.
     """
-    if not isinstance(survey.instrument, Plain) or any(name in survey.table for name in SIGMA):
+    if not isinstance(survey.instrument, Plain) or any(name in survey.table for name in SIGMA_COLUMNS):
         return None
     cleared = _cleared(linear, candidates)
     parts = [] if cleared is None else [*_triples(fit, cleared)]
