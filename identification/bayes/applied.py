@@ -17,7 +17,7 @@ from identification.estimation.result import Fit, Spread, residuals_of
 from identification.estimation.run import look_at
 from identification.observation.normal_equations import accumulate
 
-COMPARED = 8  # draws at which the linear model is compared with the exact kinematics
+DRAWS_COMPARED = 8  # draws at which the linear model is compared with the exact kinematics: limits the time
 
 
 def machine_at(machine: Machine, interpolations: Sequence[ShapeInterpolation], shapes: Array) -> Machine:
@@ -51,13 +51,13 @@ def departure(fit: Fit, linear: Collapsed, values: Array, moved: Array) -> float
     At some of the draws `values` (n, p), `moved` (n, coordinates); differences of draws are what counts.
     """
     statistics = linear.statistics
-    some = np.linspace(0, len(values) - 1, COMPARED).astype(int)
+    some = np.linspace(0, len(values) - 1, DRAWS_COMPARED).astype(int)
     values, moved = values[some], moved[some]
     levels, shapes = linear.levels(moved), linear.shapes(moved)
     approximate = -0.5 * np.sum(levels * statistics.squares(values, shapes), axis=1)
-    exact = np.empty(COMPARED)
+    exact = np.empty(DRAWS_COMPARED)
     problem = posed(fit, fit.chain.machine)
-    for k in range(COMPARED):
+    for k in range(DRAWS_COMPARED):
         if statistics.interpolations:
             problem = posed(fit, machine_at(fit.chain.machine, statistics.interpolations, shapes[k]))
         # an effect's parameters keep their names whatever its shape

@@ -13,9 +13,9 @@ from identification.estimation.result import Fit
 from identification.observation.models import PositionView
 from identification.observation.normal_equations import design_rows, view_vector
 
-DRAWS = 400
-ROWS = 1200  # consecutive, from the middle of a survey
-FEWEST = 12  # rows
+CHECK_DRAWS = 400  # draws of the posterior
+MOST_CHECK_ROWS = 1200  # consecutive rows from the middle of a survey: limits time and memory
+FEWEST_CHECK_ROWS = 12  # rows below which no check is made
 
 
 def predictive_checks(fit: Fit, posterior: Posterior, rng: np.random.Generator) -> tuple[Check, ...]:
@@ -26,13 +26,13 @@ def predictive_checks(fit: Fit, posterior: Posterior, rng: np.random.Generator) 
     """
     views = [v for v in posed(fit, fit.chain.machine).views if isinstance(v, PositionView)]
     rows = sum(len(v) for v in views)
-    if rows < FEWEST:
+    if rows < FEWEST_CHECK_ROWS:
         return ()
-    share = min(1.0, ROWS / rows)
+    share = min(1.0, MOST_CHECK_ROWS / rows)
     views = [v.part(slice(int(len(v) * (1 - share) / 2), int(len(v) * (1 + share) / 2) + 1)) for v in views]
     place, base = fit.problem.place(), fit.solution.groups.base
     zero = np.zeros(len(fit.chain.ids))
-    values = rng.multivariate_normal(np.zeros(len(base)), posterior.covariance, DRAWS, method="cholesky")
+    values = rng.multivariate_normal(np.zeros(len(base)), posterior.covariance, CHECK_DRAWS, method="cholesky")
     parts = []
     for view in views:
         vector = view_vector(view, place, fit.solution.values, zero)
@@ -46,7 +46,7 @@ def predictive_checks(fit: Fit, posterior: Posterior, rng: np.random.Generator) 
     residual /= noise[:, None, None]
     drawn = rng.standard_normal(residual.shape)
     if any(c.name == "outliers.share" for c in posterior.unknowns):
-        far = rng.random((DRAWS, 1, residual.shape[2])) < _column(posterior, "outliers.share", rng)[:, None, None]
+        far = rng.random((CHECK_DRAWS, 1, residual.shape[2])) < _column(posterior, "outliers.share", rng)[:, None, None]
         drawn *= np.where(far, _column(posterior, "outliers.width", rng)[:, None, None], 1.0)
     drawn[np.isnan(residual)] = np.nan
     figures: list[tuple[str, str, Callable[[Array], Array]]] = [
@@ -60,11 +60,11 @@ def predictive_checks(fit: Fit, posterior: Posterior, rng: np.random.Generator) 
 
 
 def _column(posterior: Posterior, name: str, rng: np.random.Generator) -> Array:
-    """Draws (DRAWS,) of one of the unknowns; 1 where it is none."""
+    """Draws (CHECK_DRAWS,) of one of the unknowns; 1 where it is none."""
     names = [c.name for c in posterior.unknowns]
     if name not in names:
-        return np.ones(DRAWS)
-    return np.asarray(rng.choice(posterior.coordinates[:, :, names.index(name)].ravel(), DRAWS))
+        return np.ones(CHECK_DRAWS)
+    return np.asarray(rng.choice(posterior.coordinates[:, :, names.index(name)].ravel(), CHECK_DRAWS))
 
 
 def _tails(r: Array) -> Array:

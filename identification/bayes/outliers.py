@@ -1,6 +1,6 @@
 """Outliers as a mixture: a row is of the common noise, or of one that is many times as wide; how many and how wide.
 
-Whether a row is an outlier depends on the parameters only where that is in doubt. Rows within `NEAR` are of the noise
+Whether a row is an outlier depends on the parameters only where that is in doubt. Rows within `DOUBT_TAIL_PROBABILITY` are of the noise
 whatever the parameters: they stay in the sufficient statistics, and what the mixture adds for them (which depends on
 noise, share and width only) comes from a histogram of their residuals. All others keep their equations, and a
 log-probability costs as much more as they are many.
@@ -19,12 +19,12 @@ from identification.estimation.result import Fit
 from identification.observation.models import PositionView
 from identification.observation.normal_equations import view_vector
 
-NEAR = 0.01  # of the rows of the noise lie further out
-GROSS = 4.0  # standard deviations: counted as outliers to begin with
-BINS = 60
-LEAST = 3.0  # how many times as wide as the noise outliers are, at least
-WIDEST = 10.0  # times the largest residual: how wide they may be
-FEWEST, LARGEST_SHARE = 0.1, 0.5  # outliers in all; of the rows
+DOUBT_TAIL_PROBABILITY = 0.01  # rows beyond this tail probability of the noise keep their own equations
+GROSS_SIGMA = 4.0  # standard deviations beyond which a row counts as an outlier in the starting values
+RESIDUAL_BINS = 60  # bins of equal numbers in the histogram of the other rows, for each number of components
+LEAST_OUTLIER_WIDTH = 3.0  # smallest width of the outliers, in standard deviations of the noise; by judgement
+WIDEST_OUTLIER_RATIO = 10.0  # largest width of the outliers over the largest residual, by judgement
+FEWEST_OUTLIERS, LARGEST_OUTLIER_SHARE = 0.1, 0.5  # bounds of the prior: expected outliers; share of the rows
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ def in_doubt(square: Array, seen: Array, sigma: float) -> Mask:
     """Rows that the mixture keeps apart, (rows,)."""
     from scipy.stats import chi2
 
-    return np.asarray(square > sigma**2 * chi2.isf(NEAR, np.maximum(seen, 1)))
+    return np.asarray(square > sigma**2 * chi2.isf(DOUBT_TAIL_PROBABILITY, np.maximum(seen, 1)))
 
 
 def _between(name: str, low: float, high: float, start: float, count: int) -> Coordinate:
@@ -106,15 +106,23 @@ def mixture_of(apart: RowsApart, square: Array, seen: Array, sigma: float) -> Mi
     bins = [
         part
         for count in np.unique(seen[own])
-        for part in np.array_split(order[seen[own][order] == count], BINS)
+        for part in np.array_split(order[seen[own][order] == count], RESIDUAL_BINS)
         if len(part)
     ]
     distance = np.sqrt(square[np.isfinite(square)] / np.maximum(seen[np.isfinite(square)], 1)) / sigma  # of a component
-    rows, gross = len(distance), distance[distance > GROSS]
+    rows, gross = len(distance), distance[distance > GROSS_SIGMA]
     number = len(gross)
-    share = _between("outliers.share", FEWEST / (rows + 1), LARGEST_SHARE, (number + 0.5) / (rows + 1), number)
-    size = float(np.sqrt(np.mean(gross**2))) if number else np.sqrt(LEAST * WIDEST)
-    width = _between("outliers.width", LEAST, WIDEST * max(1.0, float(distance.max(initial=1.0))), size, 6 * number)
+    share = _between(
+        "outliers.share", FEWEST_OUTLIERS / (rows + 1), LARGEST_OUTLIER_SHARE, (number + 0.5) / (rows + 1), number
+    )
+    size = float(np.sqrt(np.mean(gross**2))) if number else np.sqrt(LEAST_OUTLIER_WIDTH * WIDEST_OUTLIER_RATIO)
+    width = _between(
+        "outliers.width",
+        LEAST_OUTLIER_WIDTH,
+        WIDEST_OUTLIER_RATIO * max(1.0, float(distance.max(initial=1.0))),
+        size,
+        6 * number,
+    )
     return Mixture(
         apart,
         np.array([square[own][b].mean() for b in bins]),

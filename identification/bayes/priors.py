@@ -18,11 +18,12 @@ from errormodel.yamlfile import Document
 from identification.bayes.settings import PriorForm
 from identification.estimation.bounded import limits
 from identification.estimation.result import Fit
-from identification.uncertainty.prediction import PLAUSIBLE
+from identification.uncertainty.prediction import PLAUSIBLE_SIZES
 
-WIDE = 10.0  # times what is usual
-DOUBT = 6.0  # standard deviations within which a bound of physics matters
-LOOSE = {"mm": 100.0, "rad": 0.1}  # small parameters of frames, zeros and targets, after their alignment
+PRIOR_WIDTH_FACTOR = 10.0  # standard deviation of the default prior over the usual size of a parameter
+BOUND_DOUBT_SIGMA = 6.0  # physical bounds farther than this from the estimate (standard uncertainties) are left out
+# Prior standard deviation of the small parameters of frames, zeros and targets, after their alignment; uninformative
+NUISANCE_STD = {"mm": 100.0, "rad": 0.1}
 
 
 @dataclass(frozen=True)
@@ -80,8 +81,8 @@ def prior_of(fit: Fit, given: Mapping[str, PriorForm], document: Document | None
     error = np.sqrt(np.diag(solution.covariance)) * fit.inflation
     value = solution.values[groups.base]
     known = np.array([unknowns[j] in given for j in groups.base], dtype=bool)
-    low[~known & (value - DOUBT * error > low)] = -np.inf
-    high[~known & (value + DOUBT * error < high)] = np.inf
+    low[~known & (value - BOUND_DOUBT_SIGMA * error > low)] = -np.inf
+    high[~known & (value + BOUND_DOUBT_SIGMA * error < high)] = np.inf
     for name, form in given.items():
         if form.std is not None:
             std[place[name]], mean[place[name]] = form.std, form.mean
@@ -104,8 +105,8 @@ def _widths(fit: Fit) -> Array:
     named = solution.named()
     units = {p.id: p.unit for p in chain.parameters}
     own = {solution.unknowns[j] for j in solution.groups.base} - {*chain.frame_ids, *chain.tool_ids} - chain.of_effects
-    sizes = dict(PLAUSIBLE)
-    for unit, usual in PLAUSIBLE.items():
+    sizes = dict(PLAUSIBLE_SIZES)
+    for unit, usual in PLAUSIBLE_SIZES.items():
         values = [named[i] for i in own if units.get(i) == unit]
         sizes[unit] = max(usual, float(np.sqrt(np.mean(np.square(values)))) if values else 0.0)
     of_effects = {
@@ -117,9 +118,9 @@ def _widths(fit: Fit) -> Array:
     for k, name in enumerate(solution.unknowns):
         tied = name in units and chain.parameters[chain.index[name]].prior
         if name in of_effects:
-            out[k] = tied or WIDE * of_effects[name]
+            out[k] = tied or PRIOR_WIDTH_FACTOR * of_effects[name]
         elif name in units and name not in chain.frame_ids and name not in chain.tool_ids:
-            out[k] = WIDE * sizes[units[name]]
+            out[k] = PRIOR_WIDTH_FACTOR * sizes[units[name]]
         else:
-            out[k] = LOOSE["mm" if name.rsplit(".", 1)[1] in ("dx", "dy", "dz") else "rad"]
+            out[k] = NUISANCE_STD["mm" if name.rsplit(".", 1)[1] in ("dx", "dy", "dz") else "rad"]
     return out

@@ -37,10 +37,10 @@ from identification.estimation.result import Fit
 from identification.results.store import parameters
 from identification.runtime.progress import Progress, Steps, silent, uncounted
 
-CHAINS, DRAWS = 4, 1000  # of exact draws
-MOST_DRAWS = 8000  # kept of a chain
-GRID = 400  # points of a quadrature
-MOST_DEPARTURE = 0.5  # nats by which the linear model may miss the exact kinematics
+EXACT_CHAINS, EXACT_DRAWS = 4, 1000  # number of chains and draws per chain where draws are exact
+MOST_KEPT_DRAWS = 8000  # draws kept of sampled chains: limits the memory
+QUADRATURE_POINTS = 400  # grid points over 8 standard deviations on either side
+MOST_LOG_LIKELIHOOD_ERROR = 0.5  # error of the linear model's log-likelihood that gets no note, by judgement
 
 
 def bayesian(
@@ -79,7 +79,7 @@ def bayesian(
         with progress("Checking the posterior"):
             values = posterior.values.reshape(-1, len(posterior.names))
             away = departure(fit, linear, values, moved[:, : len(linear.coordinates)])
-            if away > MOST_DEPARTURE:
+            if away > MOST_LOG_LIKELIHOOD_ERROR:
                 notes = (
                     *notes,
                     f"the kinematics bend over the posterior: log-probabilities are off by up to {away:.1f}",
@@ -143,7 +143,7 @@ def drawn(
         flat = points.reshape(-1, points.shape[2])
         shape = points.shape[:2]
     else:
-        flat, shape = np.zeros((CHAINS * DRAWS, 0)), (CHAINS, DRAWS)
+        flat, shape = np.zeros((EXACT_CHAINS * EXACT_DRAWS, 0)), (EXACT_CHAINS, EXACT_DRAWS)
         if q:
             grid, weights = _grid(linear)
             flat = rng.choice(grid, len(flat), p=weights)[:, None]
@@ -181,16 +181,16 @@ def _sampled(
         raise InputError("--priors", found, "Widen the bounds: the data lie outside them")
     chains = sample(target, reference, start, seed, folder, count)
     points = chains.points
-    most = max(1, MOST_DRAWS // len(points))
+    most = max(1, MOST_KEPT_DRAWS // len(points))
     return points[:, :: -(-points.shape[1] // most)], chains
 
 
 def _grid(linear: Collapsed) -> tuple[Array, Array]:
-    """Points (GRID,) of the one coordinate and their probabilities, over all that counts."""
+    """Points (QUADRATURE_POINTS,) of the one coordinate and their probabilities, over all that counts."""
     (c,) = linear.coordinates
     center, scale = c.start, c.scale
     for _ in range(6):  # to where the density really is
-        grid = center + scale * np.linspace(-8, 8, GRID)
+        grid = center + scale * np.linspace(-8, 8, QUADRATURE_POINTS)
         log = linear.log_prob(grid[:, None])
         weights = np.exp(log - log.max())
         weights /= weights.sum()

@@ -18,11 +18,12 @@ from errormodel.exceptions import ErrorModelError
 from errormodel.files import replacing
 from identification.runtime.progress import Steps, uncounted
 
-LENGTH = 50.0  # autocorrelation times
-AGREE = 1.03  # split R-hat of one coordinate; walkers are short chains, of 25 autocorrelation times a half
-BURN = 0.25  # of a chain, left out
-PIECE = 200  # stored steps a file
-MOST_PIECES = 60
+LEAST_CHAIN_LENGTH_TAU = 50.0  # autocorrelation times a chain must last after burn-in: recommendation of emcee
+# Largest split R-hat of a coordinate. Above the usual 1.01: each half of a walker is only 25 autocorrelation times long
+LARGEST_SPLIT_RHAT = 1.03
+BURN_IN_SHARE = 0.25  # share of a chain that is discarded
+PIECE_STEPS = 200  # stored steps per file
+MOST_PIECES = 60  # files per chain, after which sampling fails
 
 
 class Target(Protocol):
@@ -122,14 +123,16 @@ def sample(
         while True:
             tau, rhat, done = _judge(pieces, thin)
             length = sum(len(p.points) for p in pieces) * thin
-            wanted = LENGTH * tau / (1 - BURN) if np.isfinite(tau) else PIECE * thin * most
+            wanted = (
+                LEAST_CHAIN_LENGTH_TAU * tau / (1 - BURN_IN_SHARE) if np.isfinite(tau) else PIECE_STEPS * thin * most
+            )
             told(min(1.0, length / wanted), _remark(length, tau))
             if done:
                 break
             if len(pieces) >= most:
                 raise NotConvergedError(_why(length, tau, rhat, folder))
             sampler.reset()
-            state = sampler.run_mcmc(state, PIECE, thin_by=thin, skip_initial_state_check=bool(pieces))
+            state = sampler.run_mcmc(state, PIECE_STEPS, thin_by=thin, skip_initial_state_check=bool(pieces))
             piece = _Piece(
                 sampler.get_chain().copy(), sampler.get_log_prob().copy(), state.coords, state.log_prob,
                 state.random_state, float(np.mean(sampler.acceptance_fraction)),
@@ -193,7 +196,7 @@ class _Pieces:
 
 def _kept(pieces: list[_Piece]) -> tuple[Array, Array]:
     points, log_prob = (np.concatenate([getattr(p, n) for p in pieces]) for n in ("points", "log_prob"))
-    first = int(BURN * len(points))
+    first = int(BURN_IN_SHARE * len(points))
     return points[first:], log_prob[first:]
 
 
@@ -203,10 +206,10 @@ def _judge(pieces: list[_Piece], thin: int) -> tuple[float, float, bool]:
         return float("nan"), float("nan"), False
     points, _ = _kept(pieces)
     tau = autocorrelation(points)
-    if not len(points) >= LENGTH * tau:
+    if not len(points) >= LEAST_CHAIN_LENGTH_TAU * tau:
         return thin * tau, float("nan"), False
     rhat = split_rhat(points)
-    return thin * tau, rhat, rhat < AGREE
+    return thin * tau, rhat, rhat < LARGEST_SPLIT_RHAT
 
 
 def autocorrelation(points: Array) -> float:
@@ -246,9 +249,9 @@ def _remark(length: int, tau: float) -> str:
 
 def _why(length: int, tau: float, rhat: float, folder: Path | None) -> str:
     reason = (
-        f"it is {(1 - BURN) * length / tau:.0f} autocorrelation times long where {LENGTH:.0f} are needed"
+        f"it is {(1 - BURN_IN_SHARE) * length / tau:.0f} autocorrelation times long where {LEAST_CHAIN_LENGTH_TAU:.0f} are needed"
         if not np.isfinite(rhat)
-        else f"its walkers disagree (split R-hat {rhat:.3f}, at most {AGREE} is allowed)"
+        else f"its walkers disagree (split R-hat {rhat:.3f}, at most {LARGEST_SPLIT_RHAT} is allowed)"
     )
     kept = f" The chain is kept in {folder}: the same command goes on from there." if folder is not None else ""
     return f"the chain has not converged after {length} steps: {reason}. No posterior is reported.{kept}"

@@ -23,11 +23,12 @@ from identification.diagnosis.search.shape_fit import SHAPES
 from identification.estimation.result import Fit
 from identification.observation.models import PositionView
 
-DEEP = 50.0  # of chi-square: where the interval of a shape ends, 7 standard deviations out
-WIDEST = np.log(30.0)  # how far a shape may be from what machine.yaml says
-NODES = (7, 11, 17, 25, 33, 49)  # a shape; knees want many
-MOST_NODES = 121  # an effect
-EXACT = 0.2  # of a standard uncertainty of all rows together: how well columns between the nodes are met
+BRACKET_CHI2_RISE = 50.0  # rise of chi-squared at the ends of a shape's interval: about 7 standard deviations
+LARGEST_LOG_SHAPE_RATIO = np.log(30.0)  # natural logarithm of the largest ratio to the value in machine.yaml
+NODES_PER_SHAPE = (7, 11, 17, 25, 33, 49)  # numbers of Chebyshev nodes that are tried; piecewise effects need many
+MOST_NODES_PER_EFFECT = 121  # limits time and memory
+# Interpolation error of the columns between nodes, in standard uncertainties of all rows together; by judgement
+INTERPOLATION_TOLERANCE_SIGMA = 0.2
 
 
 @dataclass(frozen=True)
@@ -48,7 +49,7 @@ class ShapeInterpolation:
     best: Array
     low: Array
     high: Array
-    count: int = NODES[0]
+    count: int = NODES_PER_SHAPE[0]
 
     def effect_at(self, moved: Array) -> Effect:
         """The effect with shapes (shapes,) as moved."""
@@ -123,11 +124,11 @@ def _interpolated(fit: Fit, number: int, effect: Effect, names: tuple[str, ...])
         low = np.maximum(best - spread * (best - low), [a for a, _ in limits])
         high = np.minimum(best + spread * (high - best), [b for _, b in limits])
     shape = replace(shape, best=best, low=low, high=high)
-    for count in NODES:
+    for count in NODES_PER_SHAPE:
         shape = replace(shape, count=count)
-        if count ** len(names) > MOST_NODES:
+        if count ** len(names) > MOST_NODES_PER_EFFECT:
             return None
-        if _error(shape, linear) * np.sqrt(share) < EXACT:
+        if _error(shape, linear) * np.sqrt(share) < INTERPOLATION_TOLERANCE_SIGMA:
             return shape
     return None
 
@@ -148,7 +149,7 @@ def _limits(linear: LinearModel, effect: Effect, name: str, start: float) -> tup
     if name == "at":
         values = linear.channel(effect.drivers[0])
         return float(values.min()), float(values.max())
-    low, high = start - WIDEST, start + WIDEST
+    low, high = start - LARGEST_LOG_SHAPE_RATIO, start + LARGEST_LOG_SHAPE_RATIO
     for rule in type(effect).model_fields[name].metadata:
         if isinstance(rule, Ge | Gt):
             bound = float(getattr(rule, "ge", getattr(rule, "gt", 0.0)))
@@ -159,7 +160,7 @@ def _limits(linear: LinearModel, effect: Effect, name: str, start: float) -> tup
 
 
 def bracket(misfit: Callable[[float], float], start: float, low: float, high: float) -> tuple[float, float, float]:
-    """The minimum of the valley that `start` lies in, and where on both sides it has risen by `DEEP` (or ends)."""
+    """The minimum of the valley that `start` lies in, and where on both sides it has risen by `BRACKET_CHI2_RISE` (or ends)."""
     from scipy.optimize import minimize_scalar
 
     best, least = start, misfit(start)
@@ -178,13 +179,13 @@ def bracket(misfit: Callable[[float], float], start: float, low: float, high: fl
 def _walk(
     misfit: Callable[[float], float], start: float, least: float, step: float, low: float, high: float
 ) -> tuple[float, float, float]:
-    """Outwards, in growing steps, until the misfit has risen by `DEEP` (or ended): where, and the lowest."""
+    """Outwards, in growing steps, until the misfit has risen by `BRACKET_CHI2_RISE` (or ended): where, and the lowest."""
     lowest = (start, least)
     while True:
         x = float(np.clip(start + step, low, high))
         here = misfit(x)
         lowest = min(lowest, (x, here), key=lambda p: p[1])
-        if here - lowest[1] > DEEP or x in (low, high):
+        if here - lowest[1] > BRACKET_CHI2_RISE or x in (low, high):
             return x, *lowest
         step *= 1.5
 

@@ -15,8 +15,8 @@ from identification.bayes.statistics import Statistics
 from identification.estimation.result import Fit
 from identification.observation.normal_equations import total
 
-APART = 5.0  # standard deviations: prior and data contradict each other
-CORRELATED = 1.02  # how much wider correlated noise must make variances before it counts
+PRIOR_CONFLICT_SIGMA = 5.0  # standard deviations between prior and estimate that contradict each other, by judgement
+CORRELATED_VARIANCE_FACTOR = 1.02  # mean variance ratio above which correlated noise is taken into account
 
 
 def counted(fit: Fit) -> float:
@@ -27,7 +27,7 @@ def counted(fit: Fit) -> float:
     pick = np.ix_(s.groups.base, s.groups.base)
     gram = total(s.sums, s.sigma)[0][pick] + np.diag(s.precision[s.groups.base])
     ratio = float(np.sum(gram * s.covariance)) / len(s.groups.base)
-    return 1 / ratio if ratio > CORRELATED else 1.0
+    return 1 / ratio if ratio > CORRELATED_VARIANCE_FACTOR else 1.0
 
 
 def check_against_data(fit: Fit, prior: Prior, given: Mapping[str, PriorForm], document: Document | None) -> None:
@@ -36,7 +36,10 @@ def check_against_data(fit: Fit, prior: Prior, given: Mapping[str, PriorForm], d
     std = np.sqrt(np.diag(s.covariance)) * fit.inflation
     for k, j in enumerate(s.groups.base):
         name, value = s.unknowns[j], float(s.values[j])
-        if name in given and not prior.low[k] - APART * std[k] < value < prior.high[k] + APART * std[k]:
+        if (
+            name in given
+            and not prior.low[k] - PRIOR_CONFLICT_SIGMA * std[k] < value < prior.high[k] + PRIOR_CONFLICT_SIGMA * std[k]
+        ):
             within = f"bounds {prior.low[k]:g} to {prior.high[k]:g}"
             found = f"{within}, the data say {value:.3g} ± {std[k]:.2g}: no walker fits in"
             raise prior_error(document, name, found, "Widen the bounds, or look for a mistake of unit or sign in them")
@@ -44,7 +47,7 @@ def check_against_data(fit: Fit, prior: Prior, given: Mapping[str, PriorForm], d
             continue
         name = next(m for m in s.groups.members(k) if m in given)
         apart = abs(value - prior.mean[k]) / float(np.hypot(std[k], prior.std[k]))
-        if apart > APART:
+        if apart > PRIOR_CONFLICT_SIGMA:
             found = (
                 f"it says {prior.mean[k]:.3g} ± {prior.std[k]:.2g} of {s.groups.name(k)}, the data say {value:.3g} ± "
                 f"{std[k]:.2g}: {apart:.0f} standard deviations apart"
@@ -108,10 +111,10 @@ def with_prior(c: Coordinate, given: Mapping[str, PriorForm], document: Document
     low, high = max(c.low, form.low or -np.inf), min(c.high, np.inf if form.high is None else form.high)
     value = float(c.value(np.array(c.start)))
     deviation = c.scale * (value if c.logarithmic else 1.0)
-    if not low - APART * deviation < value < high + APART * deviation:
+    if not low - PRIOR_CONFLICT_SIGMA * deviation < value < high + PRIOR_CONFLICT_SIGMA * deviation:
         found = f"bounds {form.low} to {form.high} where the data say {value:.4g} ± {deviation:.2g}: no walker fits in"
         raise prior_error(document, c.name, found, "Widen the bounds, or look for a mistake of unit in them")
-    if form.std is not None and abs(value - form.mean) > APART * np.hypot(form.std, deviation):
+    if form.std is not None and abs(value - form.mean) > PRIOR_CONFLICT_SIGMA * np.hypot(form.std, deviation):
         found = f"it says {form.mean:.4g} ± {form.std:.2g}, the data say {value:.4g} ± {deviation:.2g}"
         raise prior_error(document, c.name, found, "Widen its std, or look for a mistake of unit in it")
     return replace(c, low=low, high=high, mean=form.mean, std=form.std or np.inf)

@@ -14,10 +14,10 @@ import numpy as np
 
 from errormodel.arrays import Array, Index
 
-RIDGE = 1e-9  # information that is always there, as a share of that of one candidate: keeps every design invertible
-POWER = 12.0  # of the mean of variances that stands for the largest one and, unlike it, is smooth
-GAIN = 1e-4  # of the criterion: a smaller improvement is not worth an exchange
-MOST_ROUNDS = 12
+INFORMATION_RIDGE = 1e-9  # information added to every design, relative to that of all candidates: keeps it invertible
+MEAN_POWER = 12.0  # exponent of the power mean of variances, a smooth substitute for the largest one; by judgement
+LEAST_CRITERION_GAIN = 1e-4  # improvement of the logarithmic criterion below which the exchange stops
+MOST_EXCHANGE_ROUNDS = 12  # passes over all poses of a design
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Space:
     def covariance(self, chosen: Index) -> Array:
         """C (r, r) of a design."""
         rows = self.X[chosen].reshape(-1, self.rank)
-        return np.asarray(np.linalg.inv(rows.T @ rows + RIDGE * np.eye(self.rank)))
+        return np.asarray(np.linalg.inv(rows.T @ rows + INFORMATION_RIDGE * np.eye(self.rank)))
 
     def variances(self, covariance: Array) -> Array:
         """(m,) predicted variance of the position (sum over its three components), mm^2."""
@@ -51,17 +51,17 @@ class Space:
         return -float(np.linalg.slogdet(self.covariance(chosen))[1])
 
     def worst(self, chosen: Index) -> float:
-        """Smooth stand-in for the largest predicted variance in the volume: its `POWER`-mean."""
+        """Smooth stand-in for the largest predicted variance in the volume: its `MEAN_POWER`-mean."""
         return power_mean(self.variances(self.covariance(chosen)))
 
 
 def power_mean(variances: Array) -> float:
-    """The `POWER`-mean: near the largest."""
+    """The `MEAN_POWER`-mean: near the largest."""
     top = float(variances.max())
-    return float(top * np.mean((variances / top) ** POWER) ** (1 / POWER))
+    return float(top * np.mean((variances / top) ** MEAN_POWER) ** (1 / MEAN_POWER))
 
 
-def exchange(space: Space, chosen: Index, worst: bool, rounds: int = MOST_ROUNDS) -> Index:
+def exchange(space: Space, chosen: Index, worst: bool, rounds: int = MOST_EXCHANGE_ROUNDS) -> Index:
     """Exchange poses one by one against better candidates, until none is better; the criterion never gets worse.
 
     `worst`: by the largest predicted variance in the volume, else by the determinant (D).
@@ -71,7 +71,7 @@ def exchange(space: Space, chosen: Index, worst: bool, rounds: int = MOST_ROUNDS
         before = design.value
         for k in range(len(chosen)):
             design = design.improved(k)
-        if before - design.value < GAIN:
+        if before - design.value < LEAST_CRITERION_GAIN:
             break
     return design.chosen
 
@@ -146,13 +146,13 @@ class Fair(Design):
         super().__init__(space, chosen)
         variances = space.variances(self.C)
         self.value = float(np.log(power_mean(variances)))
-        weight = (variances / variances.max()) ** (POWER - 1)
+        weight = (variances / variances.max()) ** (MEAN_POWER - 1)
         rows = (space.V * np.sqrt(weight / weight.sum())[:, None, None]).reshape(-1, space.rank)
         self.PK = _times(self.P, rows.T @ rows)
         self.Q = _outer(self.PK, self.P)  # X_j C K C X_j', K the slope
 
     def better(self, chosen: Index) -> bool:
-        return float(np.log(self.space.worst(chosen))) < self.value - 0.1 * GAIN
+        return float(np.log(self.space.worst(chosen))) < self.value - 0.1 * LEAST_CRITERION_GAIN
 
     def gains(self, i: int) -> Array:
         """(n,) by how much each candidate would lower ``tr C K`` of the design without candidate i."""

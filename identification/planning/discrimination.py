@@ -13,9 +13,9 @@ import numpy as np
 from errormodel.arrays import Array, Index
 from identification.planning.design import Design, Space
 
-KEEP = 0.9  # D-efficiency that remains
-MOST_SWAPS = 20
-TRIED = 24  # poses, those that the design loses least by, that one exchange chooses from
+LEAST_D_EFFICIENCY = 0.9  # D-efficiency relative to the given design that exchanges must keep, by judgement
+MOST_SWAPS = 20  # exchanges of one pose
+SWAP_POSES_TRIED = 24  # poses tried in one exchange, those with the smallest loss of determinant: limits the time
 
 
 @dataclass(frozen=True)
@@ -27,12 +27,12 @@ class Pair:
 
 
 def told_apart(space: Space, chosen: Index, pairs: Sequence[Pair], correlation: float) -> Index:
-    """Exchange poses until the pairs' correlations are below the given one, as far as D-efficiency stays above `KEEP`.
+    """Exchange poses until the pairs' correlations are below the given one, as far as D-efficiency stays above `LEAST_D_EFFICIENCY`.
 
     The pair that is nearest to it comes first; one that no exchange helps is given up.
     """
     design = Design(space, chosen)
-    floor = design.value - np.log(KEEP) * space.rank  # of log det C
+    floor = design.value - np.log(LEAST_D_EFFICIENCY) * space.rank  # of log det C
     goal = float(np.log(1 - correlation**2))
     open_ = [
         (_extended(space.X, p.shown), _extended(space.X, p.beside), _extended(space.X, p.beside, p.shown))
@@ -62,7 +62,7 @@ def _left(base: Space, chosen: Index, shown: Space, beside: Space, both: Space) 
 def _swapped(base: Design, beside: Design, both: Design, floor: float) -> Index:
     """The poses after the exchange of one of them that raises T most."""
     best, chosen = 0.0, base.chosen
-    for k in base.least()[:TRIED].tolist():
+    for k in base.least()[:SWAP_POSES_TRIED].tolist():
         i = base.chosen[k]
         kept = base.gains(i)
         gain = both.gains(i) - beside.gains(i)

@@ -25,10 +25,10 @@ if TYPE_CHECKING:
     from errormodel.survey import Survey
     from identification.planning.setup import Setup
 
-SCATTERED = 1024  # poses of a low-discrepancy sequence that are looked at together
-MOST_CORNERS = 729
-ENDS = 0.03  # of the travel: how far at most a pose near an end or the middle is moved away from it
-TRIES = 64  # times as many are looked through for poses that are allowed
+SCATTERED_POSES = 1024  # poses of the low-discrepancy sequence per block
+MOST_CORNER_POSES = 729  # combinations of ends and middles: all for six joints or fewer
+END_SHIFT_SHARE = 0.03  # largest distance of a pose from an end or the middle, as a share of the travel; by judgement
+POSE_BLOCKS_TRIED = 64  # blocks of poses searched for allowed ones
 
 
 def candidates(chain: Chain, setup: Setup, seed: int) -> tuple[pd.DataFrame, int]:
@@ -43,19 +43,21 @@ def candidates(chain: Chain, setup: Setup, seed: int) -> tuple[pd.DataFrame, int
 
     rng = np.random.default_rng(seed)
     corners = _corners(len(chain.machine.joints), rng)
-    corners = np.where(corners < 0.5, 0.0, np.where(corners > 0.5, 1.0, 0.5)) + ENDS * _inward(corners, rng)
+    corners = np.where(corners < 0.5, 0.0, np.where(corners > 0.5, 1.0, 0.5)) + END_SHIFT_SHARE * _inward(corners, rng)
     parts: list[pd.DataFrame] = []
     scattered = 0
-    for block in np.split(_even(TRIES * SCATTERED, len(chain.machine.joints), rng), TRIES):
+    for block in np.split(
+        _even(POSE_BLOCKS_TRIED * SCATTERED_POSES, len(chain.machine.joints), rng), POSE_BLOCKS_TRIED
+    ):
         table = _within(chain, setup, block, rng)
         parts.append(table[allowed(chain, setup, table)])
         scattered += len(parts[-1])
-        if scattered >= SCATTERED // 2:
+        if scattered >= SCATTERED_POSES // 2:
             break
     table = _within(chain, setup, corners, rng)
     table = pd.concat([*parts, table[allowed(chain, setup, table)]], ignore_index=True)
     if not len(table):
-        found = f"no pose of {TRIES * SCATTERED} is reachable, visible and outside the boxes to avoid"
+        found = f"no pose of {POSE_BLOCKS_TRIED * SCATTERED_POSES} is reachable, visible and outside the boxes to avoid"
         raise InputError("--setup", found, "Make `avoid` smaller or `incidence` larger, or move the station")
     return table, scattered
 
@@ -65,7 +67,7 @@ def volume(chain: Chain, setup: Setup, seed: int) -> pd.DataFrame:
     import pandas as pd
 
     rng = np.random.default_rng([seed, 1])
-    scattered = _even(SCATTERED // 2, len(chain.machine.joints), rng)
+    scattered = _even(SCATTERED_POSES // 2, len(chain.machine.joints), rng)
     corners = _corners(len(chain.machine.joints), rng)
     return pd.concat([_within(chain, setup, part, rng) for part in (corners, scattered)], ignore_index=True)
 
@@ -78,9 +80,9 @@ def _even(count: int, joints: int, rng: np.random.Generator) -> Array:
 
 def _corners(joints: int, rng: np.random.Generator) -> Array:
     """Ends and middles of all joints in all combinations, or so many of them; 0 to 1."""
-    if 3**joints <= MOST_CORNERS:
+    if 3**joints <= MOST_CORNER_POSES:
         return np.array(list(itertools.product([0.0, 0.5, 1.0], repeat=joints)))
-    return np.asarray(rng.integers(0, 3, (MOST_CORNERS, joints)) / 2)
+    return np.asarray(rng.integers(0, 3, (MOST_CORNER_POSES, joints)) / 2)
 
 
 def _inward(corners: Array, rng: np.random.Generator) -> Array:

@@ -1,7 +1,7 @@
 """What a plan could detect, tell apart, or never see: every effect of the library against the planned rows.
 
 Detected is what `diagnose` would accept with `POWER` probability: its rule, turned around. Two effects are told apart
-as long as neither, with the geometry taken out, is explained by the other beyond the correlation `SAME`.
+as long as neither, with the geometry taken out, is explained by the other beyond the correlation `INDISTINGUISHABLE_CORRELATION`.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.search.candidates import ABSORBED, Candidates
 from identification.diagnosis.search.scoring import DETECT
 
-QUANTILE = 1.645  # of the normal distribution: 95 % power
-SAME = 0.95  # correlation beyond which two effects cannot be told apart
-POSSIBLE = 2.0  # standard deviations of its physical size: what an effect can be
-SHAPES = 5  # shapes of one effect, at one place and of one motion, that stand for all
+POWER_QUANTILE = 1.645  # normal quantile of the power: 95 %, by convention
+INDISTINGUISHABLE_CORRELATION = 0.95  # correlation above which two effects are indistinguishable, by judgement
+LARGEST_EFFECT_SIGMA = 2.0  # largest plausible size of an effect, in standard deviations of its physical size
+SHAPES_PER_FAMILY = 5  # shapes that represent one effect at one place in one motion: limits the time
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ def verdicts(linear: LinearModel) -> list[Verdict]:
     for members in groups.values():
         live = sorted((n for n in members if np.isfinite(strength[n])), key=lambda n: float(strength[n]))
         typical = live[len(live) // 2] if live else members[0]
-        others = {n: np.flatnonzero((share[n] > SAME**2) & (place != place[n])) for n in live}
+        others = {n: np.flatnonzero((share[n] > INDISTINGUISHABLE_CORRELATION**2) & (place != place[n])) for n in live}
         mistaken = [n for n in live if len(others[n])]
         rivals: list[int] = []
         if 2 * len(mistaken) > len(live):  # most of its shapes are taken for something else
@@ -104,7 +104,7 @@ def _verdict(
 ) -> Verdict:
     """Of the family whose shape in the middle is `typical`; `least`: the part absorbed of the shape seen best.
 
-    `sizes`: detected and told apart from, in standard deviations of what is possible, and `POSSIBLE` of them.
+    `sizes`: detected and told apart from, in standard deviations of what is possible, and `LARGEST_EFFECT_SIGMA` of them.
     """
     effect = candidates.effects[typical]
     term = effect.terms(linear.channel, linear.chain.machine)[0]
@@ -117,8 +117,8 @@ def _verdict(
         motion=getattr(effect, "motion", None),
         drivers=effect.drivers,
         verdict=word,
-        smallest=seen * possible / POSSIBLE if np.isfinite(seen) else None,
-        apart=apart * possible / POSSIBLE if apart <= POSSIBLE else None,
+        smallest=seen * possible / LARGEST_EFFECT_SIGMA if np.isfinite(seen) else None,
+        apart=apart * possible / LARGEST_EFFECT_SIGMA if apart <= LARGEST_EFFECT_SIGMA else None,
         possible=possible,
         unit=term.unit,
         absorbed=least,
@@ -142,8 +142,11 @@ def _named(effect: Effect) -> str:
 def _judged(strength: float, absorbed: float, alike: Sequence[str], effect: Effect) -> tuple[str, str]:
     if not np.isfinite(strength):
         return "invisible", f"geometry and measuring frame absorb {100 * absorbed:.1f} % of it"
-    if strength > POSSIBLE:
-        return "invisible", f"it would have to be {strength / POSSIBLE:.1f} times what is physically possible"
+    if strength > LARGEST_EFFECT_SIGMA:
+        return (
+            "invisible",
+            f"it would have to be {strength / LARGEST_EFFECT_SIGMA:.1f} times what is physically possible",
+        )
     if not alike:
         return "detectable", ""
     if all(other.startswith(f"{effect.effect} at ") for other in alike):
@@ -172,7 +175,7 @@ def _library(linear: LinearModel) -> tuple[list[Effect], dict[tuple[object, ...]
             if not kind.empirical:
                 alike.setdefault(family_of(effect), []).append(effect)
         for family in alike.values():
-            pick = np.unique(np.linspace(0, len(family) - 1, SHAPES).round().astype(int))
+            pick = np.unique(np.linspace(0, len(family) - 1, SHAPES_PER_FAMILY).round().astype(int))
             kept += [family[k] for k in pick]
     return kept, shapes, len(shapes)
 
@@ -180,7 +183,7 @@ def _library(linear: LinearModel) -> tuple[list[Effect], dict[tuple[object, ...]
 def _seen(
     linear: LinearModel, candidates: Candidates, shapes: dict[tuple[object, ...], int], trials: int
 ) -> tuple[Array, Array, Array, Index]:
-    """Of each proposal: size that is detected, in standard deviations of what is possible (inf: none), and `POSSIBLE`.
+    """Of each proposal: size that is detected, in standard deviations of what is possible (inf: none), and `LARGEST_EFFECT_SIGMA`.
 
     Also the columns of all, what the geometry absorbs taken out and scaled to their physical sizes, and whose they are.
     """
@@ -191,7 +194,7 @@ def _seen(
         numbers, columns = block.numbers, block.columns
         m, k, n = columns.shape
         left = linear.project(columns.reshape(m * k, n).astype(float)).reshape(m, k, n)
-        possible[numbers] = POSSIBLE * block.sizes[:, 0]
+        possible[numbers] = LARGEST_EFFECT_SIGMA * block.sizes[:, 0]
         gram = left @ left.transpose(0, 2, 1)
         norm = np.sqrt(block.square)
         seen = np.linalg.eigvalsh(gram / norm[:, :, None] / norm[:, None, :]).max(axis=1) > 1 - ABSORBED
@@ -199,7 +202,7 @@ def _seen(
         cost = np.array([candidates.effects[i].cost + np.log(shapes[candidates.keys[i]]) for i in numbers])
         nats = DETECT + np.log(trials) + 0.5 * np.log1p(gain).sum(axis=1) + cost
         drop = free * np.expm1(np.minimum(2 * nats / max(free, 1), 500.0))
-        needed = (np.sqrt(drop) + QUANTILE) ** 2  # of the noncentrality, in noise variances
+        needed = (np.sqrt(drop) + POWER_QUANTILE) ** 2  # of the noncentrality, in noise variances
         signal = gain.sum(axis=1) / k
         strength[numbers] = np.where(seen, np.sqrt(needed / np.maximum(signal, 1e-300)), np.inf)
         parts.append(np.where(seen[:, None, None], left, 0.0).reshape(m * k, n))

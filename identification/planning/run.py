@@ -25,7 +25,7 @@ from identification.planning.candidates import Stage, prepare
 from identification.planning.design import Design, Space, exchange, rounded
 from identification.planning.discrimination import Pair, told_apart
 from identification.planning.poses import as_survey
-from identification.planning.power import SAME, Verdict, classes, verdicts
+from identification.planning.power import INDISTINGUISHABLE_CORRELATION, Verdict, classes, verdicts
 from identification.planning.run_order import arranged, revisits
 from identification.planning.setup import Setup
 from identification.planning.weights import optimal_weights
@@ -34,10 +34,11 @@ from identification.runtime.progress import Progress, silent
 if TYPE_CHECKING:
     import pandas as pd
 
-RANDOM = 20  # designs of random poses to compare with
-UNSEEN = 1e7  # variance, of a unit that all candidates together know as 1, of what a design does not show
-LONGER = 0.4  # of a tool's length: how much longer a second one would be
-MOST_PAIRS = 12  # of effects that poses are exchanged for
+RANDOM_DESIGNS = 20  # random designs with which the plan is compared
+# Variance from which a direction counts as unobserved, in units in which all candidates together have information 1
+UNOBSERVED_VARIANCE = 1e7
+SECOND_TOOL_LENGTHENING = 0.4  # additional length of the suggested second tool over that of the first, by judgement
+MOST_EFFECT_PAIRS = 12  # pairs of effects for which poses are exchanged: limits the time
 
 
 @dataclass(frozen=True)
@@ -177,7 +178,7 @@ def _plan(
     with progress("Telling effects apart"):
         repeat = revisits(count, space.rank)
         pairs = _pairs(stage, plain, seed)
-        chosen = told_apart(space, without(space, chosen, repeat), pairs, SAME)
+        chosen = told_apart(space, without(space, chosen, repeat), pairs, INDISTINGUISHABLE_CORRELATION)
         rows = chosen[_arranged(stage, chosen, repeat, seed)]
         table = stage.table.iloc[rows].reset_index(drop=True)
         found, groups = _verdicts(stage, table, seed)
@@ -188,7 +189,7 @@ def _plan(
             changes += _changes(how, found, _verdicts(stage, more, seed)[0])
     rng = np.random.default_rng([seed, 3])
     pool = stage.scattered or len(stage.table)
-    chance = [rng.choice(pool, 2 * count, replace=2 * count > pool) for _ in range(RANDOM)]
+    chance = [rng.choice(pool, 2 * count, replace=2 * count > pool) for _ in range(RANDOM_DESIGNS)]
     information = -Design(space, rows).value
     by_chance = float(np.median([-Design(space, r[:count]).value for r in chance]))
     return Plan(
@@ -227,7 +228,7 @@ def optimal(space: Space, count: int, worst: bool) -> tuple[Index, float]:
 
 def shows_all(space: Space, chosen: Index) -> bool:
     """Whether a design has an equation to spare, and no combination of the groups that it does not show."""
-    return 3 * len(chosen) > space.rank and bool(np.linalg.eigvalsh(space.covariance(chosen))[-1] < UNSEEN)
+    return 3 * len(chosen) > space.rank and bool(np.linalg.eigvalsh(space.covariance(chosen))[-1] < UNOBSERVED_VARIANCE)
 
 
 def without(space: Space, chosen: Index, number: int) -> Index:
@@ -298,15 +299,15 @@ def _pairs(stage: Stage, found: list[Verdict], seed: int) -> list[Pair]:
         return []
     columns = [tuple(linear.columns(e)[0] for e in pair) for pair in open_]
     best = [canonical_correlation(linear, *pair) for pair in columns]  # with all poses
-    order = [k for k in np.argsort(best, kind="stable") if best[k] < SAME]
-    return [Pair(*(c.reshape(-1, 3, n).transpose(2, 1, 0) for c in columns[k])) for k in order[:MOST_PAIRS]]
+    order = [k for k in np.argsort(best, kind="stable") if best[k] < INDISTINGUISHABLE_CORRELATION]
+    return [Pair(*(c.reshape(-1, 3, n).transpose(2, 1, 0) for c in columns[k])) for k in order[:MOST_EFFECT_PAIRS]]
 
 
 def _second_tool(table: pd.DataFrame, machine: Machine) -> tuple[pd.DataFrame, str]:
     """Every other row with a longer tool, and how to say it."""
     tool = np.array(machine.tool)
-    length = float(np.linalg.norm(tool)) * LONGER
-    longer = tool * (1 + LONGER) if length else np.array([0.0, 0.0, -100.0])
+    length = float(np.linalg.norm(tool)) * SECOND_TOOL_LENGTHENING
+    longer = tool * (1 + SECOND_TOOL_LENGTHENING) if length else np.array([0.0, 0.0, -100.0])
     table = table.copy()
     table.loc[table.index[::2], list(TOOL_CHANNELS)] = longer
     return table, f"a second tool, {length or 100.0:.0f} mm longer, in every other row"

@@ -6,8 +6,8 @@ import numpy as np
 
 from errormodel.arrays import Array, Index
 
-BATCH = 100  # orders looked at together
-BATCHES = 40
+ORDERS_PER_BATCH = 100  # orders scored together
+ORDER_BATCHES = 40  # batches of random exchanges: limits the time
 
 
 def revisits(count: int, rank: int) -> int:
@@ -66,11 +66,11 @@ def arranged(X: Array, positions: Array, levers: Array, shifts: Array, repeat: i
             total += np.log(np.maximum(1 - absorbed / np.maximum(size, 1e-300), 1e-6))
         return total
 
-    orders = np.array([rng.permutation(n) for _ in range(BATCH)])
+    orders = np.array([rng.permutation(n) for _ in range(ORDERS_PER_BATCH)])
     values = score(orders)
     best, value = orders[np.argmax(values)], float(values.max())
-    for _ in range(BATCHES):
-        orders = np.tile(best, (BATCH, 1))
+    for _ in range(ORDER_BATCHES):
+        orders = np.tile(best, (ORDERS_PER_BATCH, 1))
         for row in orders:
             one, two = rng.integers(0, n, 2)
             row[[one, two]] = row[[two, one]]

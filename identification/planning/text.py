@@ -8,7 +8,7 @@ from identification.planning.power import Verdict
 from identification.planning.run import Change, Plan, Uncertainty
 from identification.results.parameter_table import printed
 
-ORDER = ("invisible", "confusable", "detectable")
+VERDICT_ORDER = ("invisible", "confusable", "detectable")  # from worst to best
 
 
 def plan_lines(plan: Plan) -> Iterator[str]:
@@ -37,7 +37,7 @@ def plan_lines(plan: Plan) -> Iterator[str]:
     for verdict in plan.found:
         by_name.setdefault(verdict.effect, []).append(verdict)
     for name, own in by_name.items():
-        counts = [sum(v.verdict == word for v in own) for word in reversed(ORDER)]
+        counts = [sum(v.verdict == word for v in own) for word in reversed(VERDICT_ORDER)]
         yield f"  {name:26}{counts[0]:9d}{counts[1]:9d}{counts[2]:7d}   {_smallest(own)}"
     yield from _confused(by_name)
     yield from _unseen(by_name)
@@ -91,7 +91,7 @@ def _changed(by: str, changes: Sequence[Change]) -> Iterator[str]:
     """Places that gain and that lose, by effect."""
     yield f"\nwith {by}"
     for word, sign in (("gained", 1), ("lost", -1)):
-        moved = [c for c in changes if sign * (ORDER.index(c.after) - ORDER.index(c.before)) > 0]
+        moved = [c for c in changes if sign * (VERDICT_ORDER.index(c.after) - VERDICT_ORDER.index(c.before)) > 0]
         counts = {name: [c.effect for c in moved].count(name) for name in dict.fromkeys(c.effect for c in moved)}
         if counts:
             names = ", ".join(f"{name} ({n})" if n > 1 else name for name, n in counts.items())

@@ -16,11 +16,11 @@ from errormodel.arrays import Array, Index
 from identification.planning.design import Space
 from identification.runtime.convex_solver import optimise
 
-MOST_STEPS = 12
-ENOUGH = 0.002  # of the optimum of log det by rank, as the equivalence theorem bounds it from above
-PICKED = 4  # candidates a rank that take part in a quadratic problem, ...
-MOST_PICKED = 300  # ... at most
-CLOSE = 0.7  # of the largest variance: poses of the volume that count as constraints
+MOST_QP_STEPS = 12  # steps of the sequential quadratic programme
+D_OPTIMALITY_GAP = 0.002  # gap of log det per rank to the bound of the equivalence theorem at which it stops
+CANDIDATES_PER_RANK = 4  # candidates in a quadratic problem, per rank of the design
+MOST_QP_CANDIDATES = 300  # candidates in a quadratic problem: limits the time
+ACTIVE_VARIANCE_SHARE = 0.7  # poses of the volume with at least this share of the largest variance are constraints
 
 
 def optimal_weights(space: Space, worst: bool) -> tuple[Array, float]:
@@ -29,10 +29,10 @@ def optimal_weights(space: Space, worst: bool) -> tuple[Array, float]:
     D-optimal, and from there (`worst`) by the largest predicted variance in the volume.
     """
     weights = _multiplied(space, np.full(len(space.X), 1 / len(space.X)), 10)
-    for _ in range(MOST_STEPS):
+    for _ in range(MOST_QP_STEPS):
         C = _covariance(space, weights)
         leverage = _leverage(space, C)
-        if leverage.max() < space.rank * (1 + ENOUGH):
+        if leverage.max() < space.rank * (1 + D_OPTIMALITY_GAP):
             break
         picked = _picked(space, weights, leverage)
         X = space.X[picked]
@@ -48,11 +48,11 @@ def optimal_weights(space: Space, worst: bool) -> tuple[Array, float]:
 
 def _fairest(space: Space, weights: Array) -> Array:
     """From D-optimal weights to those with the smallest largest variance in the volume."""
-    for _ in range(MOST_STEPS):
+    for _ in range(MOST_QP_STEPS):
         C = _covariance(space, weights)
         variances = space.variances(C)
         near = np.argsort(-variances, kind="stable")[: 2 * space.rank]
-        near = near[variances[near] > CLOSE * variances.max()]
+        near = near[variances[near] > ACTIVE_VARIANCE_SHARE * variances.max()]
         leverage = _leverage(space, C)
         picked = _picked(space, weights, leverage)
         X = space.X[picked]
@@ -111,7 +111,7 @@ def _multiplied(space: Space, weights: Array, rounds: int) -> Array:
 
 def _picked(space: Space, weights: Array, leverage: Array) -> Index:
     """The candidates that matter: those of most weight and of most leverage."""
-    count = min(len(weights), PICKED * space.rank, MOST_PICKED)
+    count = min(len(weights), CANDIDATES_PER_RANK * space.rank, MOST_QP_CANDIDATES)
     heavy = np.argsort(-weights, kind="stable")[: count // 2]
     return np.union1d(heavy, np.argsort(-leverage, kind="stable")[: count - count // 2])
 

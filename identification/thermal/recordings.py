@@ -24,13 +24,14 @@ from identification.diagnosis.data_checks.temperature_sensors import faults
 if TYPE_CHECKING:
     import pandas as pd
 
-FEWEST = 12  # rows at one position and run that make a recording; fewer are a calibration of the geometry
-LEAST = 1.0  # K, that some temperature must change by in a cycle
-PAUSE, LONG = 10.0, 600.0  # a gap in time: so many usual steps, and s
-ACROSS = 0.5  # K, by which temperatures may differ on both sides of a gap
-TOGETHER = 0.3  # K, by which most readings of a sensor may differ in two recordings of the same hours
-FINEST = 1e-4  # of the drift: no instrument is without noise, but a coarse one may show none
-SAME = 0.999  # correlation from which sensors are one group
+# All by judgement
+FEWEST_RECORDING_ROWS = 12  # rows at one position and run that make a recording; fewer calibrate the geometry
+LEAST_TEMPERATURE_RANGE_K = 1.0  # K, range that the most variable sensor must have in the files of a role
+GAP_STEPS, GAP_SECONDS = 10.0, 600.0  # a gap in time is longer than this many median steps and this many seconds
+GAP_TEMPERATURE_STEP_K = 0.5  # K, change of a temperature across a gap above which a side of it is left out
+SAME_HOURS_TOLERANCE_K = 0.3  # K, allowed difference of a sensor in two recordings with overlapping times
+LEAST_NOISE_SHARE_OF_DRIFT = 1e-4  # smallest noise over the range of the drift: a coarse resolution can hide noise
+SENSOR_GROUP_CORRELATION = 0.999  # correlation from which sensors form one group
 
 
 @dataclass(frozen=True)
@@ -55,7 +56,7 @@ class Drift:
         """Standard deviation of one value, from second differences in time: what drifts slowly drops out of them."""
         second = [np.diff(self.values[self.series == s], 2) for s in np.unique(self.series)]
         noise = float(np.sqrt(np.mean(np.square(np.concatenate(second))) / 6))
-        return max(noise, FINEST * float(np.ptp(self.values)), 1e-15)
+        return max(noise, LEAST_NOISE_SHARE_OF_DRIFT * float(np.ptp(self.values)), 1e-15)
 
 
 @dataclass(frozen=True)
@@ -66,7 +67,7 @@ class Recordings:
     ----------
     survey : without the rows that were left out.
     fit, test : the same joints' motions where both roles have them, in the same order.
-    groups : sensors that correlate at `SAME` or more; the first of each stands for it.
+    groups : sensors that correlate at `SENSOR_GROUP_CORRELATION` or more; the first of each stands for it.
     left_out : sensors that drive nothing, with the reason.
     """
 
@@ -117,7 +118,7 @@ def recordings(machine: Machine, survey: Survey) -> Recordings:
     drifts = {role: list(_drifts(machine, survey, role)) for role in ("fit", "test")}
     keys = [{(d.joint, d.motion) for d in drifts[role]} for role in ("fit", "test")]
     if not keys[0] & keys[1]:
-        found = f"no error motion with {FEWEST} readings at one position in the files to fit and in those to test"
+        found = f"no error motion with {FEWEST_RECORDING_ROWS} readings at one position in the files to fit and in those to test"
         raise InputError(source, found, "Record the same error motions over both cycles, each at a few positions")
     lonely = sorted(f"{j} {m}" for j, m in keys[0] ^ keys[1])
     if lonely:
@@ -139,7 +140,7 @@ def _parts(machine: Machine, table: pd.DataFrame) -> list[tuple[str, pd.DataFram
     for joint in machine.joints:
         own = table[table["joint"] == joint.name]
         for (_, run, _), part in own.groupby(["file", "run", joint.name], sort=False):
-            if len(part) >= FEWEST:
+            if len(part) >= FEWEST_RECORDING_ROWS:
                 position = float(part[joint.name].iloc[0])
                 shown = float(np.degrees(position)) if joint.type == "rotary" else position
                 out.append((f"run {run} ({joint.name} at {shown:g})", part))
@@ -159,7 +160,7 @@ def _refuse_clocks(parts: list[tuple[str, pd.DataFrame]], sensors: list[str]) ->
     for (one, here), (other, there) in combinations(parts, 2):
         file = here["file"].iloc[0]
         apart = _disagreement(here, there, sensors) if file == there["file"].iloc[0] else 0.0
-        if apart > TOGETHER:
+        if apart > SAME_HOURS_TOLERANCE_K:
             found = f"{one} and {other} claim the same hours, at temperatures that differ by {apart:.1f} K"
             cure = "Let time go on from recording to recording, or give each a file of its own"
             raise InputError(f"{file}, column time", found, cure)
@@ -188,7 +189,7 @@ def _without_gaps(
         usual = float(np.median(steps))
         warm = part[sensors].to_numpy(dtype=np.float64)
         change = np.nan_to_num(np.abs(np.diff(warm, axis=0))).max(axis=1)
-        for k in np.flatnonzero((steps > max(PAUSE * usual, LONG)) & (change > ACROSS)):
+        for k in np.flatnonzero((steps > max(GAP_STEPS * usual, GAP_SECONDS)) & (change > GAP_TEMPERATURE_STEP_K)):
             side = slice(0, k + 1) if 2 * (k + 1) < len(time) else slice(k + 1, None)
             bad[part.index[side]] = True
             first, last = numbers[side][[0, -1]]
@@ -215,7 +216,7 @@ def _drifts(machine: Machine, survey: Survey, role: str) -> Iterator[Drift]:
         for motion in MOTIONS:
             rows = np.flatnonzero(own & table[motion].notna().to_numpy())
             key = table.iloc[rows].groupby(["file", "run", joint.name], sort=False)
-            kept: Mask = (key["row"].transform("size") >= FEWEST).to_numpy(dtype=bool)
+            kept: Mask = (key["row"].transform("size") >= FEWEST_RECORDING_ROWS).to_numpy(dtype=bool)
             if kept.any():
                 _, series = np.unique(key.ngroup().to_numpy()[kept], return_inverse=True)
                 part = table.iloc[rows[kept]]
@@ -227,9 +228,9 @@ def _refuse_constant(survey: Survey, rows: Index, sensors: list[str], role: str)
     part = survey.table.iloc[rows]
     ranges = {name: float(np.ptp(part[name].to_numpy(dtype=np.float64))) for name in sensors}
     most = max(ranges, key=lambda name: ranges[name])
-    if ranges[most] < LEAST:
+    if ranges[most] < LEAST_TEMPERATURE_RANGE_K:
         found = f"temperatures hardly change in the files to {role}: {most}, most of all, by {ranges[most]:.2g} K"
-        cure = f"Record a warm-up, by {LEAST:g} K or more; better by all that the machine will see"
+        cure = f"Record a warm-up, by {LEAST_TEMPERATURE_RANGE_K:g} K or more; better by all that the machine will see"
         raise InputError(str(survey.source), found, cure)
 
 
@@ -242,7 +243,7 @@ def _groups(survey: Survey, drifts: tuple[Drift, ...], sensors: list[str]) -> li
     alike = (moving.T @ moving) / np.maximum(np.outer(norms, norms), 1e-30)
     groups: list[list[int]] = []
     for k in range(len(sensors)):
-        home = next((g for g in groups if alike[g[0], k] >= SAME), None)
+        home = next((g for g in groups if alike[g[0], k] >= SENSOR_GROUP_CORRELATION), None)
         if home is None:
             groups.append([k])
         else:

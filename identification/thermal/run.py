@@ -24,8 +24,10 @@ from identification.thermal.recordings import Drift, Recordings, recordings
 from identification.thermal.selection import centred, choose
 from identification.thermal.stepwise import stepwise
 
-QUICKEST, FACTOR, SLOWEST = 300.0, 1.6, 14400.0  # s: lags that are tried; a sensor's own reading is there as well
-MOST_ORDER = 2  # of the polynomial along the travel
+# Time constants of the lags, s: shortest, ratio and longest of a geometric series; zero lag is tried as well. By
+# judgement: minutes for a spindle or screw to hours for a casting
+SHORTEST_LAG_S, LAG_FACTOR, LONGEST_LAG_S = 300.0, 1.6, 14400.0
+MOST_TRAVEL_ORDER = 2  # largest order of the polynomial along the travel, by judgement
 
 
 @dataclass(frozen=True)
@@ -133,8 +135,8 @@ def _followed(machine: Machine, taken: Recordings) -> list[list[StructureDrift]]
     for drift in taken.fit:
         joint = joint_of(machine, drift.joint)
         u = scaled(joint, drift.position)
-        shapes = np.column_stack(np.broadcast_arrays(*polynomials(MOST_ORDER, u)))
-        most = min(MOST_ORDER, len(np.unique(drift.position)) - 1)
+        shapes = np.column_stack(np.broadcast_arrays(*polynomials(MOST_TRAVEL_ORDER, u)))
+        most = min(MOST_TRAVEL_ORDER, len(np.unique(drift.position)) - 1)
         tried = warm[drift.rows][:, :, None] * shapes[:, None, :]
         choice = choose(tried, drift.values, drift.series, most, drift.noise)
         own = [(*candidates[k], order) for k, order in choice.picked]
@@ -151,8 +153,8 @@ def _followed(machine: Machine, taken: Recordings) -> list[list[StructureDrift]]
 def _lags(taken: Recordings) -> list[float]:
     """Time constants to try, s: up to the length of the longest recording."""
     longest = max(float(np.ptp(part["time"])) for _, part in taken.survey.fit.table.groupby(["file", "run"]))
-    count = 1 + int(max(np.log(min(SLOWEST, longest) / QUICKEST) / np.log(FACTOR), 0.0))
-    return [float(f"{QUICKEST * FACTOR**k:.4g}") for k in range(count)]
+    count = 1 + int(max(np.log(min(LONGEST_LAG_S, longest) / SHORTEST_LAG_S) / np.log(LAG_FACTOR), 0.0))
+    return [float(f"{SHORTEST_LAG_S * LAG_FACTOR**k:.4g}") for k in range(count)]
 
 
 def _by_model(fit: Fit, taken: Recordings) -> list[Array]:

@@ -17,12 +17,13 @@ import numpy as np
 
 from errormodel.arrays import Array, Index
 
-STRETCHES = 5  # of every recording
-GAIN = 0.003  # of the mean square error of what was left out: less is not worth another temperature
-MOST = 12  # temperatures an error motion
-WIDTHS = (0.05, 0.2, 0.8)  # of the prior, in what the motion drifts a kelvin
-ALIKE = 0.02  # of the error of what was left out: of priors that do equally well the narrowest is taken
-ROUND_OFF = 1e-10  # of a column's square
+# All by judgement
+STRETCHES_PER_RECORDING = 5  # consecutive parts of each recording that are left out in turn
+LEAST_ERROR_REDUCTION = 0.003  # relative reduction of the cross-validated mean square error by one more temperature
+MOST_TEMPERATURES = 12  # temperatures per error motion
+PRIOR_WIDTHS = (0.05, 0.2, 0.8)  # standard deviations of the prior, in the motion's rms drift per kelvin
+EQUAL_ERROR_SHARE = 0.02  # relative difference of errors within which the narrower prior is preferred
+GRAM_ROUND_OFF = 1e-10  # ridge relative to the largest squared column norm: keeps Gram matrices invertible
 
 
 @dataclass(frozen=True)
@@ -53,9 +54,9 @@ def choose(columns: Array, values: Array, series: Index, most_order: int, noise:
     if usual == 0:  # nothing moves
         return Choice((), 0.0, 0.0)
     folds = _folds(columns, values, series)
-    tries = [_grow(folds, most_order, width * usual, noise) for width in WIDTHS]
+    tries = [_grow(folds, most_order, width * usual, noise) for width in PRIOR_WIDTHS]
     best = min(choice.error for choice in tries)
-    return next(choice for choice in tries if choice.error <= (1 + ALIKE) * best)
+    return next(choice for choice in tries if choice.error <= (1 + EQUAL_ERROR_SHARE) * best)
 
 
 def centred(values: Array, series: Index) -> Array:
@@ -91,7 +92,7 @@ def _folds(columns: Array, values: Array, series: Index) -> _Folds:
     both = np.column_stack([flat, values])
     both = both - both.mean(axis=0)  # for the digits
     for s in labels:
-        for k, rows in enumerate(np.array_split(np.flatnonzero(series == s), STRETCHES)):
+        for k, rows in enumerate(np.array_split(np.flatnonzero(series == s), STRETCHES_PER_RECORDING)):
             part = both[rows]
             cells[int(s), k] = (part.T @ part, part.sum(axis=0), len(part))
 
@@ -103,13 +104,13 @@ def _folds(columns: Array, values: Array, series: Index) -> _Folds:
             out += np.sum([g for g, *_ in own], axis=0) - np.outer(total, total) / max(count, 1)
         return out
 
-    sets = [[key for key in cells if key[1] == k] for k in range(STRETCHES)]
+    sets = [[key for key in cells if key[1] == k] for k in range(STRETCHES_PER_RECORDING)]
     sets += [[key for key in cells if key[0] == s] for s in labels] if len(labels) > 2 else []
     fit = np.array([gram([key for key in cells if key not in out]) for out in sets])
     left = np.array([gram(out) for out in sets])
     blocks = np.arange(candidates * orders).reshape(candidates, orders)
     pairs = (slice(None), blocks[:, :, None], blocks[:, None, :])
-    own = fit[pairs] + ROUND_OFF * float(np.diagonal(fit, axis1=1, axis2=2).max()) * np.eye(orders)
+    own = fit[pairs] + GRAM_ROUND_OFF * float(np.diagonal(fit, axis1=1, axis2=2).max()) * np.eye(orders)
     return _Folds(fit, left, own, left[pairs], blocks, sum(cells[key][2] for out in sets for key in out))
 
 
@@ -117,13 +118,13 @@ def _grow(folds: _Folds, most_order: int, width: float, noise: float) -> Choice:
     tie = (noise / width) ** 2
     picked: list[tuple[int, int]] = []
     error = float(folds.left[:, -1, -1].sum())
-    while len(picked) < min(MOST, len(folds.blocks)):
+    while len(picked) < min(MOST_TEMPERATURES, len(folds.blocks)):
         tries = _errors(folds, picked, most_order, tie)
         tries[[c for c, _ in picked]] = np.inf
         candidate = int(np.argmin(tries.min(axis=1)))
         # of orders that do equally well the lowest
-        order = int(np.flatnonzero(tries[candidate] <= tries[candidate].min() + GAIN * error)[0])
-        if not tries[candidate, order] < (1 - GAIN) * error:
+        order = int(np.flatnonzero(tries[candidate] <= tries[candidate].min() + LEAST_ERROR_REDUCTION * error)[0])
+        if not tries[candidate, order] < (1 - LEAST_ERROR_REDUCTION) * error:
             break
         error = float(tries[candidate, order])
         picked.append((candidate, order))

@@ -12,7 +12,8 @@ import numpy as np
 
 from errormodel.arrays import Array
 
-ENTER, LEAVE = 0.05, 0.10  # probability of the F statistic, as statistics programs have it
+# Probabilities of the F statistic below which a sensor enters and above which it leaves: defaults of statistics programs
+ENTER_PROBABILITY, LEAVE_PROBABILITY = 0.05, 0.10
 
 
 @dataclass(frozen=True)
@@ -63,7 +64,7 @@ def _chosen(values: Array, temperatures: Array) -> list[int]:
             break
         before, tries = square(chosen), {c: square([*chosen, c]) for c in left}
         best = min(tries, key=lambda c: tries[c])
-        if f.sf((before - tries[best]) / (tries[best] / dof + 1e-300), 1, dof) > ENTER:
+        if f.sf((before - tries[best]) / (tries[best] / dof + 1e-300), 1, dof) > ENTER_PROBABILITY:
             break
         chosen.append(best)
         whole = tries[best]
@@ -71,7 +72,7 @@ def _chosen(values: Array, temperatures: Array) -> list[int]:
             c: f.sf((square([o for o in chosen if o != c]) - whole) / (whole / dof + 1e-300), 1, dof) for c in chosen
         }
         worst = max(worth, key=lambda c: worth[c])
-        if worth[worst] > LEAVE:
+        if worth[worst] > LEAVE_PROBABILITY:
             chosen.remove(worst)
     return sorted(chosen)
 

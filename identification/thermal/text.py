@@ -9,7 +9,7 @@ from errormodel.conventions import unit_of
 from identification.results.parameter_table import printed
 from identification.thermal.run import MotionResult, Thermal
 
-SHOWN = 3  # temperatures of a motion, those that were found first
+TEMPERATURES_SHOWN = 3  # per error motion, the first that were selected
 
 
 def thermal_lines(result: Thermal, out: Path) -> Iterator[str]:
@@ -39,6 +39,6 @@ def thermal_lines(result: Thermal, out: Path) -> Iterator[str]:
 
 
 def _follows(motion: MotionResult) -> str:
-    said = [f"{f.sensor}{f' {f.tau / 60:.0f} min' if f.tau else ''}" for f in motion.follows[:SHOWN]]
-    more = len(motion.follows) - SHOWN
+    said = [f"{f.sensor}{f' {f.tau / 60:.0f} min' if f.tau else ''}" for f in motion.follows[:TEMPERATURES_SHOWN]]
+    more = len(motion.follows) - TEMPERATURES_SHOWN
     return ", ".join(said) + (f" and {more} more" if more > 0 else "") or "nothing"

@@ -28,12 +28,12 @@ from identification.observation.normal_equations import design_rows, total
 from identification.results.store import parameters, stored
 from identification.uncertainty.prediction import predict
 
-LEVEL = 0.95  # coverage probability
-POSES = 400  # all over the travels and, for few joints, in all their corners: where the prediction is known worst
-CLEARLY = 3.0  # standard deviations of its estimate by which held-out variance must exceed the noise's
-CHUNK = 4000  # rows whose M is held at a time
-STEP = 1e-4  # of a channel's unit, for its sensitivity
-WORTH = 0.01  # of the combined variance: what is left of the fit's covariance is a line of its own above this
+COVERAGE_PROBABILITY = 0.95  # of the expanded uncertainty: convention
+WORST_POSE_CANDIDATES = 400  # random poses, half of them corners at most, among which the worst prediction is sought
+FORM_ERROR_SIGMA = 3.0  # standard deviations by which held-out variance must exceed the noise's: convention
+DESIGN_CHUNK_ROWS = 4000  # rows whose M is held at a time: limits the memory
+SENSITIVITY_STEP = 1e-4  # finite difference of a temperature (K) or load channel; lengths and angles use 1e-3 mm, rad
+LEAST_VARIANCE_SHARE = 0.01  # of the fit's variance, above which the unexplained rest gets its own line; by judgement
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ class Budgets:
         return {"prediction": worst, "groups": [b.as_json() for b in self.groups]}
 
 
-def combine(measurand: str, unit: str, inputs: Sequence[Input], level: float = LEVEL) -> Budget:
+def combine(measurand: str, unit: str, inputs: Sequence[Input], level: float = COVERAGE_PROBABILITY) -> Budget:
     """The budget of independent inputs: law of propagation, Welch-Satterthwaite, Student's coverage factor.
 
     Effective degrees of freedom are rounded down before the coverage factor is looked up (GUM G.4.1, note 1).
@@ -158,7 +158,7 @@ def _effects(fit: Fit) -> Iterator[_Effect]:
         yield _Effect(line, covariance)
     rest = float(np.trace(left / whole.diagonal()[:, None])) / len(base) if len(base) else 0.0
     estimated = "position" not in s.declared
-    if parts and rest > WORTH:
+    if parts and rest > LEAST_VARIANCE_SHARE:
         name = "scatter beyond the instrument's (residuals, correlation of neighbours)"
         if fit.posterior is not None:
             name = "noise level and shapes of effects, as the posterior has them"
@@ -200,9 +200,9 @@ def _rows(fit: Fit) -> Iterator[tuple[PositionView, Array]]:
     base, place = fit.solution.groups.base, fit.problem.place()
     for view in fit.counted:
         if isinstance(view, PositionView):
-            for k in range(0, len(view), CHUNK):
-                part = view.part(slice(k, k + CHUNK))
-                rows = design_rows(part, place, most=CHUNK)[:, base] / fit.solution.sigma["position"]
+            for k in range(0, len(view), DESIGN_CHUNK_ROWS):
+                part = view.part(slice(k, k + DESIGN_CHUNK_ROWS))
+                rows = design_rows(part, place, most=DESIGN_CHUNK_ROWS)[:, base] / fit.solution.sigma["position"]
                 yield part, rows.reshape(3, len(part), -1)
 
 
@@ -235,7 +235,7 @@ def _moved_by(fit: Fit, acts: str) -> Array:
         if acts == "scale":
             change = view.pose.rotation.T @ view.measured.T
         else:
-            step = STEP if acts.startswith("T_") or acts == "load" else 1e-3
+            step = SENSITIVITY_STEP if acts.startswith("T_") or acts == "load" else 1e-3
             shifted = [c + step * (root(name) == acts) for name, c in zip(view.chain.channels, view.rows, strict=True)]
             other = replace(view, rows=as_rows(*shifted), fixed={k: v for k, v in view.fixed.items() if k != acts})
             here, there = (np.hstack([g for _, g in v.gaps(p)]) for v in (view, other))
@@ -248,15 +248,15 @@ def _moved_by(fit: Fit, acts: str) -> Array:
 def _prediction(fit: Fit, effects: Sequence[_Effect]) -> Budget:
     """Of the component of the predicted error that is known worst, at the pose where it is, with the machine's tool."""
     machine = fit.chain.machine
-    table = random_points(machine, POSES, 0)
-    corners = list(product(*(j.travel for j in machine.joints)))[: POSES // 2]
+    table = random_points(machine, WORST_POSE_CANDIDATES, 0)
+    corners = list(product(*(j.travel for j in machine.joints)))[: WORST_POSE_CANDIDATES // 2]
     table.iloc[: len(corners), : len(machine.joints)] = np.array(corners)
     source = fit.survey.table
     for name in source:  # temperatures, load and the rest as they were in the mean
         if str(name).startswith(("T_", "w_")) or name in ("time", "feed", "load"):
             table[name] = float(source[name].mean())
     first = source.iloc[0]
-    table = table.assign(run=first["run"], file=first["file"], role="fit", row=np.arange(1, POSES + 1))
+    table = table.assign(run=first["run"], file=first["file"], role="fit", row=np.arange(1, WORST_POSE_CANDIDATES + 1))
     points = replace(fit.survey, table=table)
     known = predict(stored(fit), points)[["ux", "uy", "uz"]].to_numpy()
     worst, axis = np.unravel_index(int(np.argmax(known)), known.shape)
@@ -304,7 +304,7 @@ def _form(fit: Fit) -> float:
     # the other blocks alone know the groups less well than all rows do
     others = count * (1 - 1 / max(fit.folds, 2)) - used
     left = (1e-3 * fit.heldout.rms_um) ** 2 / 3 - noise * (1 + used / max(others, 1))
-    return sqrt(left) if left > CLEARLY * noise * sqrt(2 / max(count, 1)) else 0.0
+    return sqrt(left) if left > FORM_ERROR_SIGMA * noise * sqrt(2 / max(count, 1)) else 0.0
 
 
 def _inverse(gram: Array) -> Array:

@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 
     from identification.estimation.result import Fit
 
-MORE = 10  # poses
-CANDIDATES = 400
-BLOCK = 4000  # rows whose M is held at once
+FURTHER_POSES = 10  # number of additional poses that are evaluated
+FURTHER_POSE_CANDIDATES = 400  # random poses from which the best are chosen: limits the time
+LEVERAGE_BLOCK_ROWS = 4000  # rows whose M is held at a time: limits the memory
 
 
 @dataclass(frozen=True)
@@ -44,16 +44,18 @@ def gain_of(fit: Fit) -> Gain:
     rows = int(np.isfinite(fit.residuals).any(axis=1).sum()) or len(fit.survey)
     information = np.linalg.inv(_unit(s.covariance)) - np.diag(known * np.diag(s.covariance))
     std = np.sqrt(np.diag(s.covariance)) * fit.inflation
-    more = np.linalg.inv(information * (1 + MORE / rows) + np.diag(known * np.diag(s.covariance)))
+    more = np.linalg.inv(information * (1 + FURTHER_POSES / rows) + np.diag(known * np.diag(s.covariance)))
     like = std * np.sqrt(np.diag(more))
     view = next((v for v in fit.problem.views if isinstance(v, PositionView)), None)
     if view is None or not s.groups.rank:
         return Gain(like, None, None)
-    somewhere = anywhere(view, CANDIDATES)
-    design = design_rows(somewhere, fit.problem.place(), CANDIDATES)[:, s.groups.base] / s.sigma["position"]
-    design = (design * np.sqrt(np.diag(s.covariance))).reshape(3, CANDIDATES, -1).transpose(1, 0, 2)
+    somewhere = anywhere(view, FURTHER_POSE_CANDIDATES)
+    design = (
+        design_rows(somewhere, fit.problem.place(), FURTHER_POSE_CANDIDATES)[:, s.groups.base] / s.sigma["position"]
+    )
+    design = (design * np.sqrt(np.diag(s.covariance))).reshape(3, FURTHER_POSE_CANDIDATES, -1).transpose(1, 0, 2)
     C, chosen = _unit(s.covariance), []
-    for _ in range(MORE):
+    for _ in range(FURTHER_POSES):
         seen = design @ C
         noise = np.linalg.inv(seen @ design.transpose(0, 2, 1) + np.eye(3))
         drop = np.einsum("nap,nab,nbp->n", seen, noise, seen)
@@ -72,9 +74,9 @@ def leverages(fit: Fit) -> Array:
     s, place = fit.solution, fit.problem.place()
     out = np.full(len(fit.survey), np.nan)
     for view in fit.problem.views:
-        for start in range(0, len(view), BLOCK):
-            part = view.part(slice(start, start + BLOCK))
-            rows = design_rows(part, place, BLOCK)[:, s.groups.base] / s.sigma[view.kind]
+        for start in range(0, len(view), LEVERAGE_BLOCK_ROWS):
+            part = view.part(slice(start, start + LEVERAGE_BLOCK_ROWS))
+            rows = design_rows(part, place, LEVERAGE_BLOCK_ROWS)[:, s.groups.base] / s.sigma[view.kind]
             own = np.einsum("np,np->n", rows @ s.covariance, rows).reshape(len(view.outputs), -1).sum(axis=0)
             out[part.index] = np.nan_to_num(out[part.index]) + own
     return out if fit.sorting is None else out * fit.sorting.weight

@@ -19,10 +19,10 @@ from identification.uncertainty.measured_range import beyond_notes
 if TYPE_CHECKING:
     import pandas as pd
 
-BLOCK = 8192  # rows whose M is held at a time
+PREDICTION_BLOCK_ROWS = 8192  # rows whose M is held at a time
 
 # What an error nobody could identify may be where no identified one of its kind gives a scale (mm, rad, 1, rad/mm)
-PLAUSIBLE = {"mm": 0.02, "rad": 5e-5, "1": 5e-5, "rad/mm": 5e-8}
+PLAUSIBLE_SIZES = {"mm": 0.02, "rad": 5e-5, "1": 5e-5, "rad/mm": 5e-8}
 
 
 def predict(fit: StoredFit, points: Survey) -> pd.DataFrame:
@@ -45,7 +45,7 @@ def predict(fit: StoredFit, points: Survey) -> pd.DataFrame:
     for label in dict.fromkeys(labels):
         used = label if label in fit.frames else first
         index = np.flatnonzero(labels == label)
-        for part in np.array_split(index, len(index) // BLOCK + 1):
+        for part in np.array_split(index, len(index) // PREDICTION_BLOCK_ROWS + 1):
             out[part] = _predict_frame(fit, as_rows(*(c[part] for c in channels)), used)
     table = pd.DataFrame(out, columns=["mx", "my", "mz", "ex", "ey", "ez", "ux", "uy", "uz"], index=points.table.index)
     if "joint" in points.table:
@@ -149,8 +149,8 @@ def _variance(fit: StoredFit, names: list[str], design: Array) -> Array:
 
 def _plausible(fit: StoredFit) -> dict[str, float]:
     """Size of an unidentified parameter of each unit: the root mean square of the identified ones, if there are any."""
-    out = dict(PLAUSIBLE)
-    for unit, least in PLAUSIBLE.items():
+    out = dict(PLAUSIBLE_SIZES)
+    for unit, least in PLAUSIBLE_SIZES.items():
         values = [v for i, v in fit.values.items() if fit.units[i] == unit and not i.startswith(("frame", "zero["))]
         if len(values) > 2:
             out[unit] = max(float(np.sqrt(np.mean(np.square(values)))), 1e-3 * least)

@@ -21,12 +21,12 @@ from errormodel.survey import Survey
 from errormodel.survey_columns import MEASURED
 from identification.diagnosis.data_checks.blunder import FEWEST, Blunder, Points, groups, listed, misses, sheet
 from identification.diagnosis.data_checks.checks import find_blunders
-from identification.estimation.checks import FAR, another, far_off, looked_over
+from identification.estimation.checks import FOREIGN_MACHINE_SHARE, another, far_off, looked_over
 from identification.estimation.result import Fit
-from identification.observation.frames import SMALL
+from identification.observation.frames import MACHINE_ERROR_SHARE
 
 WILD = 10.0  # times the distance of most rows, and
-WILD_FROM = 10 * SMALL  # of the machine's size: no row of a sound recording lies so far off
+WILD_FROM = 10 * MACHINE_ERROR_SHARE  # of the machine's size: no row of a sound recording lies so far off
 EXPLAINED = 0.01  # of the nominal error: a fit that leaves less has found it, if its errors are of a machine's size
 LARGE = 0.05  # rad or 1: error motions of a joint that a machine never has
 
@@ -51,7 +51,7 @@ def passed(machine: Machine, survey: Survey, fitted: Callable[[], Fit], robust: 
             examine(machine, survey)  # a mistake is a better reason than what came of it
         raise
     nominal = fit.nominal
-    if not nominal.n or 1e-3 * nominal.max_um < SMALL * fit.chain.size:
+    if not nominal.n or 1e-3 * nominal.max_um < MACHINE_ERROR_SHARE * fit.chain.size:
         return fit
     examine(machine, survey, robust)
     if _whole(survey) and another(fit.chain, nominal) and not _known_by(fit):
@@ -121,7 +121,7 @@ def _known_by(fit: Fit) -> bool:
     travels = {j.name: j.travel[1] - j.travel[0] for j in chain.machine.joints}
     for parameter in chain.parameters:
         travel = travels.get(parameter.element)
-        limit = {"1": LARGE, "rad": LARGE, "rad/mm": LARGE / (travel or 1.0), "mm": FAR * chain.size}
+        limit = {"1": LARGE, "rad": LARGE, "rad/mm": LARGE / (travel or 1.0), "mm": FOREIGN_MACHINE_SHARE * chain.size}
         dimension = travel is None and parameter.motion not in ROTATIONS  # an offset or a tool may be another one
         if not dimension and abs(named.get(parameter.id, 0.0)) > limit.get(parameter.unit, np.inf):
             return False
