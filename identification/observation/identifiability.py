@@ -117,7 +117,7 @@ def find_groups(
     if unit.shape[0] > unit.shape[1]:
         unit = np.linalg.qr(unit, mode="r")
     singular = np.linalg.svd(unit, compute_uv=False)
-    # weakly observable columns count in the rank, but are not chosen as base columns, and not against the noise
+    # weakly observable columns stay independent, but are chosen last as base columns, and dropped below the noise
     strength = norms[order] / np.maximum(scale[order], norms[order])
     above = np.linalg.svd(unit * strength, compute_uv=False) > floors.direction
     rank = min(int((singular > least).sum()), int(above.sum()))

@@ -76,7 +76,7 @@ class View(ABC):
         )
 
     def design(self, linearised: bool) -> Kernel:
-        """Kernel of the design matrix (outputs x ids, column by column), exact (linearised) or at zero errors."""
+        """Kernel of M (outputs x ids, column by column) at zero errors, or at given parameters if `linearised`."""
         what = "linearised" if linearised and self.what == "design" else self.what
         return self.chain.kernel(what, self.ids, self.fixed, self.outputs)
 

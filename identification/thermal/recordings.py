@@ -1,7 +1,7 @@
-"""Drift recordings of a survey: error motions at a few positions, again and again while temperatures change.
+"""Drift recordings of a survey: repeated error-motion readings at a few positions while temperatures change.
 
-What would mislead is refused or left out, and said: clocks that went back, recordings that claim the same hours, gaps
-in time, thermocouples that died, temperatures that do not change.
+Invalid data raise an error or are left out with a note: times that decrease, recordings with overlapping times at
+different temperatures, gaps in time, failed sensors, constant temperatures. Units: mm, rad, s, degC.
 """
 
 from __future__ import annotations
@@ -40,8 +40,9 @@ class Drift:
 
     Attributes
     ----------
-    rows : (n,) of the survey's table; `position` (n,) mm or rad; `values` (n,) mm or rad.
-    series : (n,) number of run and position: each has an instrument's zero of its own.
+    rows : (n,) row numbers in the survey's table.
+    position, values : (n,) position of the joint and error motion, mm or rad.
+    series : (n,) number of run and position: each has its own zero of the instrument.
     """
 
     joint: str
@@ -53,7 +54,7 @@ class Drift:
 
     @cached_property
     def noise(self) -> float:
-        """Standard deviation of one value, from second differences in time: what drifts slowly drops out of them."""
+        """Standard deviation of one value, from second differences in time, which slow drift does not affect."""
         second = [np.diff(self.values[self.series == s], 2) for s in np.unique(self.series)]
         noise = float(np.sqrt(np.mean(np.square(np.concatenate(second))) / 6))
         return max(noise, LEAST_NOISE_SHARE_OF_DRIFT * float(np.ptp(self.values)), 1e-15)
@@ -61,14 +62,15 @@ class Drift:
 
 @dataclass(frozen=True)
 class Recordings:
-    """Drifts by role, and what may drive them.
+    """Drifts by role, and the usable temperature sensors.
 
     Attributes
     ----------
     survey : without the rows that were left out.
-    fit, test : the same joints' motions where both roles have them, in the same order.
-    groups : sensors that correlate at `SENSOR_GROUP_CORRELATION` or more; the first of each stands for it.
-    left_out : sensors that drive nothing, with the reason.
+    fit, test : drifts of the error motions that both roles have, in the same order.
+    groups : sensors that correlate at `SENSOR_GROUP_CORRELATION` or more; the first of each represents it.
+    left_out : unusable sensors, with the reason.
+    notes : sentences for the user.
     """
 
     survey: Survey
@@ -80,7 +82,7 @@ class Recordings:
 
     @property
     def sensors(self) -> tuple[str, ...]:
-        """One of each group."""
+        """The first sensor of each group."""
         return tuple(group[0] for group in self.groups)
 
 
@@ -90,7 +92,7 @@ def recordings(machine: Machine, survey: Survey) -> Recordings:
     Raises
     ------
     InputError
-        Columns or files are missing, a clock went back, no temperature changes, or nothing is left.
+        Columns or files are missing, times decrease, temperatures are constant, or no sensor or motion is usable.
     """
     source = str(survey.source)
     names = [str(c) for c in survey.table if str(c).startswith("T_")]
@@ -135,7 +137,7 @@ def _needed(survey: Survey, sensors: list[str]) -> list[tuple[str, bool]]:
 
 
 def _parts(machine: Machine, table: pd.DataFrame) -> list[tuple[str, pd.DataFrame]]:
-    """Recordings, each of one file, run, joint and position, with what a message calls them."""
+    """Recordings, each of one file, run, joint and position, with their names for messages."""
     out = []
     for joint in machine.joints:
         own = table[table["joint"] == joint.name]
@@ -148,7 +150,7 @@ def _parts(machine: Machine, table: pd.DataFrame) -> list[tuple[str, pd.DataFram
 
 
 def _refuse_clocks(parts: list[tuple[str, pd.DataFrame]], sensors: list[str]) -> None:
-    """InputError where time goes back in a recording, or two of a file claim the same hours at other temperatures."""
+    """Raise InputError where time decreases, or two recordings of a file overlap in time at other temperatures."""
     for name, part in parts:
         time = part["time"].to_numpy(dtype=np.float64)
         falls = np.flatnonzero(np.diff(time) < 0)
@@ -167,7 +169,7 @@ def _refuse_clocks(parts: list[tuple[str, pd.DataFrame]], sensors: list[str]) ->
 
 
 def _disagreement(one: pd.DataFrame, other: pd.DataFrame, sensors: list[str]) -> float:
-    """How much two recordings' temperatures differ where their times overlap, K: nine in ten readings of a sensor."""
+    """Temperature difference of two recordings where their times overlap, K: 90 % quantile, largest of all sensors."""
     here, there = (p["time"].to_numpy(dtype=np.float64) for p in (one, other))
     both = (here >= there.min()) & (here <= there.max())
     if both.sum() < 2:
@@ -180,7 +182,7 @@ def _disagreement(one: pd.DataFrame, other: pd.DataFrame, sensors: list[str]) ->
 def _without_gaps(
     survey: Survey, parts: list[tuple[str, pd.DataFrame]], sensors: list[str]
 ) -> tuple[Survey, tuple[str, ...]]:
-    """The survey without the shorter side of every gap in time across which temperatures changed, and what was said."""
+    """The survey without the shorter side of every gap in time across which temperatures changed, and notes."""
     notes = list[str]()
     bad = np.zeros(len(survey), dtype=bool)
     for name, part in parts:
@@ -201,7 +203,7 @@ def _without_gaps(
 
 
 def _left_out(table: pd.DataFrame, names: list[str]) -> Iterator[tuple[str, str]]:
-    """Sensors that are none in some recording, with the first one's reason."""
+    """Sensors that fail in some recording, with the first reason."""
     found: dict[str, str] = {}
     for (file, run), part in table.groupby(["file", "run"], sort=False):
         for name, reason in faults(part.sort_values("time", kind="stable")).items():
@@ -235,7 +237,7 @@ def _refuse_constant(survey: Survey, rows: Index, sensors: list[str], role: str)
 
 
 def _groups(survey: Survey, drifts: tuple[Drift, ...], sensors: list[str]) -> list[tuple[str, ...]]:
-    """Sensors by groups, each sensor with the first one before it that it correlates with."""
+    """Groups of correlated sensors: each joins the first group whose first sensor it correlates with."""
     rows = np.unique(np.concatenate([d.rows for d in drifts]))
     values = survey.table.iloc[rows][sensors].to_numpy(dtype=np.float64)
     moving = values - values.mean(axis=0)

@@ -1,10 +1,10 @@
-"""Which temperatures, behind which lags, an error motion follows, and how along the travel: a few, found one by one.
+"""Forward selection of lagged temperatures for an error motion by cross-validated ridge regression.
 
-What expands is behind the sensor on its surface, and expands alike in every cycle. So each candidate is a sensor behind
-a first-order lag, times Legendre polynomials of the position up to some order, its coefficients tied to zero by a
-prior: sensors that say nearly the same must not be played off against each other. The candidate that best predicts
-what it was not fitted to is taken, as long as that gains something. Left out are stretches of time and, in turn, whole
-recordings: other positions, mostly in other cycles. The prior's width is found in the same way.
+Structures respond to a surface temperature with a delay. Each candidate is a sensor after a first-order lag, times
+Legendre polynomials of the position up to some order. A normal prior about zero (ridge) keeps nearly collinear sensors
+from large coefficients of opposite sign. The candidate with the smallest cross-validation error is added as long as it
+lowers the error enough. Folds are stretches of time and, in turn, whole recordings (other positions, mostly in other
+cycles). The width of the prior is chosen by the same error.
 """
 
 from __future__ import annotations
@@ -28,9 +28,13 @@ GRAM_ROUND_OFF = 1e-10  # ridge relative to the largest squared column norm: kee
 
 @dataclass(frozen=True)
 class Choice:
-    """What an error motion follows: (candidate, order along the travel) as they were found; prior's width, a kelvin.
+    """The selected temperatures of an error motion.
 
-    `error` is the root mean square of what was left out and predicted, in the motion's unit.
+    Attributes
+    ----------
+    picked : (candidate, order along the travel), in the order of selection.
+    width : standard deviation of the prior, in the motion's unit per kelvin.
+    error : root mean square of the cross-validation residuals, in the motion's unit.
     """
 
     picked: tuple[tuple[int, int], ...]
@@ -39,19 +43,19 @@ class Choice:
 
 
 def choose(columns: Array, values: Array, series: Index, most_order: int, noise: float) -> Choice:
-    """The candidates, and the width of the prior, that predict best.
+    """Select candidates and the width of the prior by cross-validation.
 
     Parameters
     ----------
     columns : (n, candidates, orders) of all candidates, K over 20 degC times a polynomial.
-    values : (n,) of the error motion.
-    series : (n,) numbers of recording and position: each has an instrument's zero of its own.
-    most_order : the largest order that the positions can tell from others.
-    noise : standard deviation of one value.
+    values : (n,) of the error motion, mm or rad.
+    series : (n,) numbers of recording and position: each has its own zero of the instrument.
+    most_order : largest order that the number of positions determines.
+    noise : standard deviation of one value, mm or rad.
     """
     warmth = np.sqrt(np.mean(np.square(centred(columns[:, :, 0], series))))
     usual = np.sqrt(np.mean(np.square(centred(values, series)))) / max(warmth, 1e-9)
-    if usual == 0:  # nothing moves
+    if usual == 0:  # no drift
         return Choice((), 0.0, 0.0)
     folds = _folds(columns, values, series)
     tries = [_grow(folds, most_order, width * usual, noise) for width in PRIOR_WIDTHS]
@@ -60,7 +64,7 @@ def choose(columns: Array, values: Array, series: Index, most_order: int, noise:
 
 
 def centred(values: Array, series: Index) -> Array:
-    """Values (n, ...) without the mean of their series."""
+    """Values (n, ...) minus the mean of their series."""
     flat = values.reshape(len(values), -1)
     sums = np.zeros((int(series.max(initial=0)) + 1, flat.shape[1]))
     np.add.at(sums, series, flat)
@@ -70,9 +74,10 @@ def centred(values: Array, series: Index) -> Array:
 
 @dataclass(frozen=True)
 class _Folds:
-    """Products of the columns, the values behind them, (folds, columns + 1, columns + 1): of rows to fit, and left out.
+    """Gram matrices (folds, columns + 1, columns + 1) of all columns, with the values as the last one.
 
-    `own` and `held` (folds, candidates, orders, orders) are those of each candidate with itself.
+    `fit` is of the rows fitted, `left` of those left out; `own` and `held` (folds, candidates, orders, orders) are
+    their diagonal blocks for each candidate.
     """
 
     fit: Array
@@ -84,13 +89,13 @@ class _Folds:
 
 
 def _folds(columns: Array, values: Array, series: Index) -> _Folds:
-    """A stretch of time of every recording left out, then whole recordings: from sums of each stretch of each one."""
+    """Gram matrices of all folds (stretches of time, then whole recordings), from the sums of each stretch."""
     _, candidates, orders = columns.shape
     flat = columns.reshape(len(values), -1)
     labels = np.unique(series)
     cells: dict[tuple[int, int], tuple[Array, Array, int]] = {}
     both = np.column_stack([flat, values])
-    both = both - both.mean(axis=0)  # for the digits
+    both = both - both.mean(axis=0)  # against cancellation
     for s in labels:
         for k, rows in enumerate(np.array_split(np.flatnonzero(series == s), STRETCHES_PER_RECORDING)):
             part = both[rows]
@@ -122,7 +127,7 @@ def _grow(folds: _Folds, most_order: int, width: float, noise: float) -> Choice:
         tries = _errors(folds, picked, most_order, tie)
         tries[[c for c, _ in picked]] = np.inf
         candidate = int(np.argmin(tries.min(axis=1)))
-        # of orders that do equally well the lowest
+        # the lowest order among those with nearly the same error
         order = int(np.flatnonzero(tries[candidate] <= tries[candidate].min() + LEAST_ERROR_REDUCTION * error)[0])
         if not tries[candidate, order] < (1 - LEAST_ERROR_REDUCTION) * error:
             break
@@ -132,7 +137,7 @@ def _grow(folds: _Folds, most_order: int, width: float, noise: float) -> Choice:
 
 
 def _errors(folds: _Folds, picked: Sequence[tuple[int, int]], most_order: int, tie: float) -> Array:
-    """Squared error of what was left out, with each candidate and order beside those picked, (candidates, orders)."""
+    """Cross-validation sum of squares (candidates, orders) with each candidate and order added to those picked."""
     shape = folds.blocks.shape
     active = [int(folds.blocks[c, k]) for c, order in picked for k in range(order + 1)]
     fit, left = folds.fit[:, active], folds.left[:, active]
@@ -140,7 +145,7 @@ def _errors(folds: _Folds, picked: Sequence[tuple[int, int]], most_order: int, t
     def apart(rows: Any) -> Array:
         return np.asarray(rows[:, :, :-1].reshape(len(rows), len(active), *shape))
 
-    # what the picked ones explain is taken out of all other columns and of the values
+    # eliminate the picked columns from all others and from the values (Schur complement)
     among, last = left[:, :, active], left[:, :, -1]
     mix = np.linalg.solve(fit[:, :, active] + tie * np.eye(len(active)), fit)
     columns, value = apart(mix), mix[:, :, -1]

@@ -1,4 +1,4 @@
-"""The result of a thermal model as lines for a terminal."""
+"""Text of the thermal model's result for a terminal."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ TEMPERATURES_SHOWN = 3  # per error motion, the first that were selected
 
 
 def thermal_lines(result: Thermal, out: Path) -> Iterator[str]:
-    """Sensors, a line for each error motion, and what was gained."""
+    """Lines on sensors, each error motion, and the residual beyond the noise."""
     r = result.recordings
     several = [" = ".join(g) for g in r.groups if len(g) > 1]
     yield f"{result.fit.chain.machine.name}: {len(result.motions)} error motions, {len(r.groups)} groups of sensors"

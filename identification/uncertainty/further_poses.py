@@ -1,7 +1,7 @@
-"""What each row holds of a fit, and what ten more poses would bring, like those measured or the best there are.
+"""Leverage of each row, and predicted standard uncertainties after ten more poses (similar or A-optimal).
 
-Best are those that lower the variances of all groups most, relative to what they are (A-optimal in units of the present
-standard uncertainties), taken one after another from random poses over the travels.
+Optimal poses minimise the sum of the groups' variances relative to the present ones (A-optimality in units of the
+present standard uncertainties). They are chosen one after another from random poses over the travels.
 """
 
 from __future__ import annotations
@@ -27,9 +27,13 @@ LEVERAGE_BLOCK_ROWS = 4000  # rows whose M is held at a time: limits the memory
 
 @dataclass(frozen=True)
 class Gain:
-    """Standard uncertainties (rank,) of the groups after ten more poses, and the commands (10, joints) of the best.
+    """Predicted standard uncertainties of the groups after ten more poses.
 
-    `best` and `poses` are None where no position was measured. Uncertainties carry the fit's inflation.
+    Attributes
+    ----------
+    like_these : (rank,) with poses like those measured; in the groups' units, with the fit's Birge ratio.
+    best : (rank,) with the A-optimal poses; None where no position was measured.
+    poses : these poses (10 rows), joints in mm and degrees; None where no position was measured.
     """
 
     like_these: Array
@@ -38,7 +42,7 @@ class Gain:
 
 
 def gain_of(fit: Fit) -> Gain:
-    """The gain of a fit by ten more poses of the same noise."""
+    """Predicted standard uncertainties of a fit after ten more poses with the same noise."""
     s = fit.solution
     known = s.precision[s.groups.base]
     rows = int(np.isfinite(fit.residuals).any(axis=1).sum()) or len(fit.survey)
@@ -67,9 +71,9 @@ def gain_of(fit: Fit) -> Gain:
 
 
 def leverages(fit: Fit) -> Array:
-    """(rows,) how much of the fit's degrees of freedom each row of the survey holds; NaN where nothing was measured.
+    """Leverage (rows,) of each row of the survey; NaN where nothing was measured.
 
-    Their sum is the number of groups; a row with more than two or three times the mean is one that a group hangs on.
+    The sum is the number of groups. A row with more than two or three times the mean dominates some group.
     """
     s, place = fit.solution, fit.problem.place()
     out = np.full(len(fit.survey), np.nan)

@@ -1,4 +1,4 @@
-"""What the fitted rows covered of each joint and channel, and a word on points beyond that."""
+"""Range of each joint and channel covered by the fitted rows, and notes on points outside it."""
 
 from __future__ import annotations
 
@@ -35,9 +35,14 @@ def covered(chain: Chain, table: pd.DataFrame) -> dict[str, list[float]]:
 
 
 def beyond_notes(chain: Chain, ranges: Mapping[str, list[float]], table: pd.DataFrame) -> Iterator[str]:
-    """A note for each joint and channel of which a table goes beyond what was fitted: how often, and the farthest row.
+    """Notes on joints and channels whose values lie outside the fitted range: number of points and farthest row.
 
-    The stated uncertainty is that of the model's parameters. It says nothing of a model that ends to hold.
+    The stated uncertainty is that of the parameters and assumes that the model holds there.
+
+    Parameters
+    ----------
+    ranges : lowest and highest fitted value by name, as `covered` returns them.
+    table : points to predict, mm and rad.
     """
     table = outward(table, chain.machine)
     kinds = {j.name: j.type for j in chain.machine.joints}
