@@ -249,7 +249,8 @@ def _remark(length: int, tau: float) -> str:
 
 def _why(length: int, tau: float, rhat: float, folder: Path | None) -> str:
     reason = (
-        f"it is {(1 - BURN_IN_SHARE) * length / tau:.0f} autocorrelation times long where {LEAST_CHAIN_LENGTH_TAU:.0f} are needed"
+        f"it is {(1 - BURN_IN_SHARE) * length / tau:.0f} autocorrelation times long where "
+        f"{LEAST_CHAIN_LENGTH_TAU:.0f} are needed"
         if not np.isfinite(rhat)
         else f"its walkers disagree (split R-hat {rhat:.3f}, at most {LARGEST_SPLIT_RHAT} is allowed)"
     )

@@ -160,7 +160,13 @@ def _limits(linear: LinearModel, effect: Effect, name: str, start: float) -> tup
 
 
 def bracket(misfit: Callable[[float], float], start: float, low: float, high: float) -> tuple[float, float, float]:
-    """The minimum of the valley that `start` lies in, and where on both sides it has risen by `BRACKET_CHI2_RISE` (or ends)."""
+    """The local minimum nearest to `start`, and the points on both sides where it has risen by `BRACKET_CHI2_RISE`.
+
+    Parameters
+    ----------
+    misfit : chi-squared as a function of a shape, as sampled.
+    low, high : limits, which replace a side where the rise is not reached.
+    """
     from scipy.optimize import minimize_scalar
 
     best, least = start, misfit(start)

@@ -170,7 +170,8 @@ def _believable(
         unit = _unit(chain, names[worst])
         notes.append(
             f"{names[worst]} is {solution.values[solution.groups.base[worst]]:.3g} ± {std[worst]:.2g} {unit} (k = 1), "
-            f"beyond what physics allows: {beyond[worst]:.0f} {BEYOND_BOUND_TEXT}. The bounds of this effect were dropped"
+            f"beyond what physics allows: {beyond[worst]:.0f} {BEYOND_BOUND_TEXT}. The bounds of this effect were "
+            "dropped"
         )
     return low, tuple(notes)
 

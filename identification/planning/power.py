@@ -1,7 +1,7 @@
-"""What a plan could detect, tell apart, or never see: every effect of the library against the planned rows.
+"""Power analysis of a plan: smallest detectable size of every effect of the library, and indistinguishable effects.
 
-Detected is what `diagnose` would accept with `POWER` probability: its rule, turned around. Two effects are told apart
-as long as neither, with the geometry taken out, is explained by the other beyond the correlation `INDISTINGUISHABLE_CORRELATION`.
+An effect is detectable from the size at which `diagnose` would accept it with a probability of 95 %. Two effects are
+distinguishable if, with the geometry eliminated, their correlation is below `INDISTINGUISHABLE_CORRELATION`.
 """
 
 from __future__ import annotations
@@ -26,16 +26,19 @@ SHAPES_PER_FAMILY = 5  # shapes that represent one effect at one place in one mo
 
 @dataclass(frozen=True)
 class Verdict:
-    """What the plan makes of one effect at one place.
+    """Detectability of one effect at one place.
 
     Attributes
     ----------
-    verdict : detectable, confusable (seen, but not told from those in `alike`) or invisible.
-    smallest, apart, possible : size of the first parameter from which it is detected, from which it is told from the
-        nearest other effect as well, and what it can physically be, in `unit`; None where no size is enough.
-    absorbed : share of it that geometry and measuring frame take, 0 to 1.
-    reason, needs : why, and the measurement that would help; empty for what is detected and told apart.
-    typical : the shape in the middle by how well it is seen; `rivals`: what explains it, best first.
+    effect, where : name and place; `drivers`, `motion`: its channels and error motion.
+    verdict : detectable, confusable (detectable, but indistinguishable from those in `alike`) or invisible.
+    smallest : size of the first parameter from which the effect is detected, in `unit`; None: at no size.
+    apart : size from which it is also distinguished from the most similar effect; None: beyond the plausible size.
+    possible : largest plausible size, in `unit`.
+    absorbed : share of the effect collinear with geometry and measuring frame, 0 to 1 (R squared).
+    alike : names of indistinguishable effects.
+    reason, needs : reason of the verdict and the measurement needed; empty for detectable effects.
+    typical : the shape of median detectability; `rivals`: effects indistinguishable from it, most similar first.
     """
 
     effect: str
@@ -60,7 +63,7 @@ class Verdict:
 
 
 def verdicts(linear: LinearModel) -> list[Verdict]:
-    """A verdict for every effect of the library and every place that it could have; first those best seen."""
+    """Verdicts on every effect of the library at every possible place, most detectable first."""
     effects, shapes, trials = _library(linear)
     candidates = Candidates.of(linear, effects)
     absorbed = candidates.scores(linear).absorbed
@@ -78,7 +81,7 @@ def verdicts(linear: LinearModel) -> list[Verdict]:
         others = {n: np.flatnonzero((share[n] > INDISTINGUISHABLE_CORRELATION**2) & (place != place[n])) for n in live}
         mistaken = [n for n in live if len(others[n])]
         rivals: list[int] = []
-        if 2 * len(mistaken) > len(live):  # most of its shapes are taken for something else
+        if 2 * len(mistaken) > len(live):  # most of its shapes are indistinguishable from another effect
             typical = typical if typical in mistaken else mistaken[len(mistaken) // 2]
             rivals = sorted(others[typical].tolist(), key=lambda n: -float(share[typical, n]))
         least = min(float(absorbed[n]) for n in members)
@@ -90,7 +93,7 @@ def verdicts(linear: LinearModel) -> list[Verdict]:
 
 
 def family_of(effect: Effect) -> tuple[object, ...]:
-    """The same for all shapes of one effect of one motion at one place."""
+    """Key common to all shapes of one effect in one motion at one place."""
     return (*effect.key, getattr(effect, "motion", None))
 
 
@@ -102,9 +105,9 @@ def _verdict(
     least: float,
     sizes: tuple[float, float, float],
 ) -> Verdict:
-    """Of the family whose shape in the middle is `typical`; `least`: the part absorbed of the shape seen best.
+    """Verdict on the family represented by `typical`; `least`: smallest share of its shapes absorbed by the geometry.
 
-    `sizes`: detected and told apart from, in standard deviations of what is possible, and `LARGEST_EFFECT_SIGMA` of them.
+    `sizes`: detectable and distinguishable size, in physical standard deviations, and the largest plausible size.
     """
     effect = candidates.effects[typical]
     term = effect.terms(linear.channel, linear.chain.machine)[0]
@@ -155,7 +158,7 @@ def _judged(strength: float, absorbed: float, alike: Sequence[str], effect: Effe
 
 
 def _absent(present: set[str]) -> list[Verdict]:
-    """Effects that nothing in the planned rows would show."""
+    """Verdicts on effects that do not occur in the planned rows."""
     reason = "nothing of this machine or in the planned rows would show it"
     return [
         Verdict(name, "", "invisible", None, None, None, "", 1.0, reason=reason, needs=kind.separate)
@@ -165,7 +168,7 @@ def _absent(present: set[str]) -> list[Verdict]:
 
 
 def _library(linear: LinearModel) -> tuple[list[Effect], dict[tuple[object, ...], int], int]:
-    """Proposals thinned to a few shapes each, how many shapes each key has in full, and how many keys are searched."""
+    """Proposals thinned to a few shapes each, number of shapes of each key, and number of keys (trials factor)."""
     kept: list[Effect] = []
     shapes: dict[tuple[object, ...], int] = {}
     for kind in registry().values():
@@ -183,9 +186,9 @@ def _library(linear: LinearModel) -> tuple[list[Effect], dict[tuple[object, ...]
 def _seen(
     linear: LinearModel, candidates: Candidates, shapes: dict[tuple[object, ...], int], trials: int
 ) -> tuple[Array, Array, Array, Index]:
-    """Of each proposal: size that is detected, in standard deviations of what is possible (inf: none), and `LARGEST_EFFECT_SIGMA`.
+    """Detectable size of each proposal, in physical standard deviations (inf: none), and its largest plausible size.
 
-    Also the columns of all, what the geometry absorbs taken out and scaled to their physical sizes, and whose they are.
+    Also the columns of all proposals, geometry eliminated and scaled to physical sizes, and their owners.
     """
     count, free = len(candidates.effects), linear.freedom
     strength, possible = np.full(count, np.inf), np.zeros(count)
@@ -202,7 +205,7 @@ def _seen(
         cost = np.array([candidates.effects[i].cost + np.log(shapes[candidates.keys[i]]) for i in numbers])
         nats = DETECT + np.log(trials) + 0.5 * np.log1p(gain).sum(axis=1) + cost
         drop = free * np.expm1(np.minimum(2 * nats / max(free, 1), 500.0))
-        needed = (np.sqrt(drop) + POWER_QUANTILE) ** 2  # of the noncentrality, in noise variances
+        needed = (np.sqrt(drop) + POWER_QUANTILE) ** 2  # noncentrality, in noise variances
         signal = gain.sum(axis=1) / k
         strength[numbers] = np.where(seen, np.sqrt(needed / np.maximum(signal, 1e-300)), np.inf)
         parts.append(np.where(seen[:, None, None], left, 0.0).reshape(m * k, n))
@@ -211,7 +214,7 @@ def _seen(
 
 
 def _explained(columns: Array, owner: Index, count: int) -> Array:
-    """(count, count) share of each proposal's columns (row) that each other's (column) explain: squared correlation."""
+    """Squared correlation (count, count): share of each proposal's columns (row) explained by each other (column)."""
     order = np.argsort(owner, kind="stable")
     columns, owner = columns[order], owner[order]
     starts = np.searchsorted(owner, np.arange(count))
@@ -229,7 +232,7 @@ def _explained(columns: Array, owner: Index, count: int) -> Array:
 
 
 def classes(found: Sequence[Verdict]) -> list[list[str]]:
-    """Sets of effects, by name and place, that cannot be told apart: connected through `alike`."""
+    """Sets of indistinguishable effects, by name and place: connected components through `alike`."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 

@@ -1,4 +1,8 @@
-"""The plan: from candidate poses to rows in order, their predicted uncertainty, and what they could show of physics."""
+"""Plan of a survey: optimal poses in order, predicted uncertainty, and power analysis of the effects.
+
+Poses are exchanged by the largest predicted variance or D-optimality, then for distinguishable effects, then ordered.
+Poses are in mm and rad; predicted standard uncertainties in um, k = 1.
+"""
 
 from __future__ import annotations
 
@@ -43,7 +47,7 @@ MOST_EFFECT_PAIRS = 12  # pairs of effects for which poses are exchanged: limits
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """Predicted standard uncertainty of the position (root of the sum over its components) in the volume, um, k = 1."""
+    """Predicted standard uncertainty of the position in the volume, um, k = 1 (root sum of squares of components)."""
 
     worst_um: float
     median_um: float
@@ -51,7 +55,7 @@ class Uncertainty:
 
 @dataclass(frozen=True)
 class Change:
-    """A verdict that another way of measuring changes."""
+    """A verdict on an effect that another way of measuring changes; `by` is that way."""
 
     by: str
     effect: str
@@ -62,17 +66,17 @@ class Change:
 
 @dataclass(frozen=True)
 class Plan:
-    """Poses in order and what they can show.
+    """Poses in order, their predicted uncertainty and detectable effects.
 
     Attributes
     ----------
-    table : the rows to measure, mm and rad.
-    groups : what they identify, the measuring frame included.
-    uncertainty : with these rows; `random`: the median of as many random ones (and of twice as many, `twice`).
-    d_efficiency : information by rank against the best weights; `d_random`: against random poses (above 1: better).
-    found : verdicts on the library's effects; `changes`: what the plan gains, and what a second tool would.
-    blind : share of the volume where parameters matter that no allowed pose shows.
-    repeated : rows in the end that repeat the first.
+    table : rows to measure, mm and rad.
+    groups : identifiable groups, measuring frame included.
+    uncertainty : with these rows; `random`: median of designs with as many random rows; `twice`: with twice as many.
+    d_efficiency : D-efficiency relative to optimal weights; `d_random`: relative to random rows (above 1: better).
+    found : verdicts on the library's effects; `changes`: verdicts changed by the plan's order, and by a second tool.
+    blind : share of the volume where parameters act that no allowed pose identifies.
+    repeated : number of rows at the end that repeat the first.
     """
 
     chain: Chain
@@ -146,9 +150,11 @@ def plan(
 
     Parameters
     ----------
+    setup : reachable and visible poses, tools, instrument and time.
     noise : an instrument, or one standard uncertainty of all coordinates, mm.
+    seed : of all random choices.
     worst : minimise the largest predicted uncertainty in the volume; else the determinant (D-optimal).
-    progress : surrounds each long part, with its name.
+    progress : context manager entered around each stage, with its name.
 
     Raises
     ------
@@ -173,7 +179,7 @@ def _plan(
         space = stage.space
         chosen, ceiling = optimal(space, count, worst)
     with progress("Asking what they would show of physics"):
-        walked = chosen[np.lexsort(stage.positions[chosen].T[::-1])]  # joint by joint, as a program would
+        walked = chosen[np.lexsort(stage.positions[chosen].T[::-1])]  # joint by joint, as in a usual program
         plain, _ = _verdicts(stage, stage.table.iloc[walked], seed)
     with progress("Telling effects apart"):
         repeat = revisits(count, space.rank)
@@ -183,7 +189,7 @@ def _plan(
         table = stage.table.iloc[rows].reset_index(drop=True)
         found, groups = _verdicts(stage, table, seed)
         changes = _changes("the order, repeats and poses of this plan", plain, found)
-    if len(setup.points(machine)) == 1 and repeat:  # a second tool has parameters of its own: rows must be to spare
+    if len(setup.points(machine)) == 1 and repeat:  # a second tool adds parameters: only where rows are plentiful
         with progress("Asking what a second tool would show"):
             more, how = _second_tool(table, machine)
             changes += _changes(how, found, _verdicts(stage, more, seed)[0])
@@ -209,12 +215,12 @@ def _plan(
 
 
 def optimal(space: Space, count: int, worst: bool) -> tuple[Index, float]:
-    """An optimal design of `count` poses, and what ``log det`` of no design of weight 1 exceeds.
+    """An optimal design of `count` poses, and an upper bound of ``log det`` of the information of weights with sum 1.
 
     Raises
     ------
     InputError
-        No design of so few poses shows all identifiable groups.
+        No design of so few poses identifies all groups.
     """
     weights, ceiling = optimal_weights(space, worst)
     chosen = exchange(space, rounded(weights, count), worst=False)
@@ -227,25 +233,25 @@ def optimal(space: Space, count: int, worst: bool) -> tuple[Index, float]:
 
 
 def shows_all(space: Space, chosen: Index) -> bool:
-    """Whether a design has an equation to spare, and no combination of the groups that it does not show."""
+    """Whether a design has a degree of freedom left and identifies every combination of the groups."""
     return 3 * len(chosen) > space.rank and bool(np.linalg.eigvalsh(space.covariance(chosen))[-1] < UNOBSERVED_VARIANCE)
 
 
 def without(space: Space, chosen: Index, number: int) -> Index:
-    """The design without the poses that it loses least by."""
+    """The design without the `number` poses whose removal loses least information."""
     for _ in range(number):
         chosen = np.delete(chosen, Design(space, chosen).least()[0])
     return chosen
 
 
 def uncertainty_of(space: Space, chosen: Index) -> Uncertainty:
-    """Predicted standard uncertainty in the volume with a design."""
+    """Predicted standard uncertainty in the volume with a design, um, k = 1."""
     u = 1e3 * np.sqrt(space.variances(space.covariance(chosen)))
     return Uncertainty(float(u.max()), float(np.median(u)))
 
 
 def as_file(plan: Plan, setup: Setup) -> pd.DataFrame:
-    """The rows as a points file has them: joints in mm and degrees, the tool where there are several."""
+    """The rows of a points file: joints in mm and degrees, and the tool if the setup lists tools."""
     machine = plan.chain.machine
     table = outward(plan.table, machine).round(6)
     return table if setup.tools else table.drop(columns=list(TOOL_CHANNELS))
@@ -256,7 +262,7 @@ def _middle(several: list[Uncertainty]) -> Uncertainty:
 
 
 def _verdicts(stage: Stage, table: pd.DataFrame, seed: int) -> tuple[list[Verdict], Groups]:
-    """What rows in this order would show: by a survey of them that holds nothing but noise."""
+    """Verdicts and groups of rows in this order, from a simulated survey with noise only."""
     fit = _noise_only(stage, table, seed)
     return verdicts(set_up(fit)), fit.solution.groups
 
@@ -283,7 +289,7 @@ def _arranged(stage: Stage, chosen: Index, repeat: int, seed: int) -> Index:
 
 
 def _pairs(stage: Stage, found: list[Verdict], seed: int) -> list[Pair]:
-    """Pairs of effects of different names that depend on position only and are not told apart; the worst first."""
+    """Indistinguishable pairs of effects of different names that depend on position only; least correlated first."""
     known = {j.name for j in stage.chain.machine.joints} | set(POINT)
     open_ = []
     for shown in (v.typical for v in found if v.typical is not None and {*v.drivers} <= known):
@@ -304,7 +310,7 @@ def _pairs(stage: Stage, found: list[Verdict], seed: int) -> list[Pair]:
 
 
 def _second_tool(table: pd.DataFrame, machine: Machine) -> tuple[pd.DataFrame, str]:
-    """Every other row with a longer tool, and how to say it."""
+    """The table with a longer tool in every other row, and a description for the user."""
     tool = np.array(machine.tool)
     length = float(np.linalg.norm(tool)) * SECOND_TOOL_LENGTHENING
     longer = tool * (1 + SECOND_TOOL_LENGTHENING) if length else np.array([0.0, 0.0, -100.0])

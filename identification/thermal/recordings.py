@@ -120,7 +120,10 @@ def recordings(machine: Machine, survey: Survey) -> Recordings:
     drifts = {role: list(_drifts(machine, survey, role)) for role in ("fit", "test")}
     keys = [{(d.joint, d.motion) for d in drifts[role]} for role in ("fit", "test")]
     if not keys[0] & keys[1]:
-        found = f"no error motion with {FEWEST_RECORDING_ROWS} readings at one position in the files to fit and in those to test"
+        found = (
+            f"no error motion with {FEWEST_RECORDING_ROWS} readings at one position in the files to fit and in those "
+            "to test"
+        )
         raise InputError(source, found, "Record the same error motions over both cycles, each at a few positions")
     lonely = sorted(f"{j} {m}" for j, m in keys[0] ^ keys[1])
     if lonely:

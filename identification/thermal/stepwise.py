@@ -12,7 +12,7 @@ import numpy as np
 
 from errormodel.arrays import Array
 
-# Probabilities of the F statistic below which a sensor enters and above which it leaves: defaults of statistics programs
+# Probabilities of the F statistic below which a sensor enters and above which it leaves: usual in statistics programs
 ENTER_PROBABILITY, LEAVE_PROBABILITY = 0.05, 0.10
 
 
