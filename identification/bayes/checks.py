@@ -1,4 +1,4 @@
-"""Posterior predictive checks: whether residuals look like those of data drawn from the model."""
+"""Posterior predictive checks: statistics of the residuals against those of data simulated from the model."""
 
 from __future__ import annotations
 
@@ -19,10 +19,15 @@ FEWEST_CHECK_ROWS = 12  # rows below which no check is made
 
 
 def predictive_checks(fit: Fit, posterior: Posterior, rng: np.random.Generator) -> tuple[Check, ...]:
-    """Checks of the positions of a fit that holds the posterior's means; none for surveys without positions.
+    """Posterior predictive checks of the positions; none for surveys with few or no positions.
 
-    Residuals are taken at draws of the parameters (shapes at their means) and of the noise, in its units; so are those
-    drawn from the model. Components that were not measured are left out.
+    Residuals are computed at draws of the parameters (shapes at their means) and divided by draws of the noise level;
+    simulated residuals are treated in the same way. Components that were not measured are left out.
+
+    Parameters
+    ----------
+    fit : with the posterior's means as values.
+    rng : generator of the draws.
     """
     views = [v for v in posed(fit, fit.chain.machine).views if isinstance(v, PositionView)]
     rows = sum(len(v) for v in views)
@@ -60,7 +65,7 @@ def predictive_checks(fit: Fit, posterior: Posterior, rng: np.random.Generator) 
 
 
 def _column(posterior: Posterior, name: str, rng: np.random.Generator) -> Array:
-    """Draws (CHECK_DRAWS,) of one of the unknowns; 1 where it is none."""
+    """Draws (CHECK_DRAWS,) of the hyperparameter `name`; ones if there is none of this name."""
     names = [c.name for c in posterior.unknowns]
     if name not in names:
         return np.ones(CHECK_DRAWS)

@@ -1,4 +1,4 @@
-"""Draws as a file that ``arviz.from_netcdf`` reads: one netCDF-4 group for each kind of thing."""
+"""Posterior draws as a netCDF-4 file that ``arviz.from_netcdf`` reads."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from identification.estimation.result import Fit
 def write_netcdf(fit: Fit, posterior: Posterior, path: Path) -> None:
     """Write groups ``posterior``, ``sample_stats`` (of a chain), ``posterior_predictive`` and ``observed_data``.
 
-    Groups are one variable ``parameter`` over their ids; what is not linear has a variable each, dots in its name
-    becoming underscores.
+    Parameter groups are one variable ``parameter`` over their ids, in mm, rad and derived units; each hyperparameter is
+    a variable, with dots in its name replaced by underscores.
     """
     import h5netcdf
 

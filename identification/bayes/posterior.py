@@ -1,4 +1,4 @@
-"""What is known of a machine after a survey: draws, moments, and how they were come by."""
+"""Posterior of a fit: draws, moments, method, predictive checks and Bayes factors."""
 
 from __future__ import annotations
 
@@ -27,11 +27,12 @@ STATEMENTS: dict[Method, str] = {
 
 @dataclass(frozen=True)
 class Check:
-    """A posterior predictive check: a figure of the residuals, and of residuals that the model would leave.
+    """A posterior predictive check: a statistic of the residuals and of simulated residuals.
 
     Attributes
     ----------
-    observed, replicated : (draws,) the figure for the data and for data drawn from the model, at the same draws.
+    name, meaning : of the statistic.
+    observed, replicated : (draws,) the statistic of the data and of data simulated from the model, at the same draws.
     """
 
     name: str
@@ -41,14 +42,14 @@ class Check:
 
     @property
     def p_value(self) -> float:
-        """How often the model's own data go as far as these; both ways, so that 1 is the middle."""
+        """Two-sided posterior predictive p-value; 1: the data are in the middle of the simulations."""
         above = float(np.mean(self.replicated >= self.observed))
         return min(1.0, 2 * min(above, 1 - above) + 1 / len(self.observed))
 
 
 @dataclass(frozen=True)
 class EffectEvidence:
-    """What the data say for an effect of the machine, against the machine without it."""
+    """Decimal logarithm of the Bayes factor of an effect, against the machine without it."""
 
     effect: str
     where: str
@@ -61,14 +62,21 @@ class Posterior:
 
     Attributes
     ----------
+    method : closed form, quadrature or sampling by emcee.
     names, units : of the groups' base parameters.
-    values : (chains, draws, p) of the parameters; `coordinates` (chains, draws, q): values of what is not linear.
-    unknowns : those coordinates; `mean`, `covariance` : of the parameters.
-    closed_mean, closed_std : (p,) of the closed form at the coordinates' start.
-    prior_std : (p,); `scaled`: whether the parameters themselves were sampled.
+    values : (chains, draws, p) draws of the parameters, in their units.
+    coordinates : (chains, draws, q) draws of the hyperparameters, in their units.
+    unknowns : the hyperparameters.
+    mean, covariance : (p,) and (p, p) of the parameters.
+    closed_mean, closed_std : (p,) of the closed form at the starting values of the hyperparameters.
+    prior_std : (p,) prior standard deviation of each parameter.
+    scaled : whether the parameters themselves were sampled, not only the hyperparameters.
     chains : of emcee; None where draws are exact.
-    outliers : file, row and probability of those that are more likely outliers than not.
-    departure : largest error, in nats, of the linear and interpolated model against the exact kinematics.
+    outliers : file, row and probability of rows with an outlier probability above 0.5.
+    checks, evidence : posterior predictive checks, and Bayes factors of the effects.
+    departure : largest error of the natural log-likelihood of the linear, interpolated model against the exact
+        kinematics.
+    notes : sentences for the user.
     """
 
     method: Method
@@ -92,7 +100,7 @@ class Posterior:
 
     @property
     def statement(self) -> str:
-        """How it was come by, in a sentence."""
+        """The method of the computation, in a sentence for the report."""
         names = ", ".join(c.name for c in self.unknowns)
         if self.chains is None:
             return STATEMENTS[self.method].format(what=names)
@@ -113,7 +121,7 @@ class Posterior:
 
     @property
     def bounds(self) -> Array:
-        """(2, p) of the intervals that hold 95 %."""
+        """Limits (2, p) of the central 95 % credible intervals."""
         return np.asarray(np.quantile(self.values.reshape(-1, len(self.names)), (0.025, 0.975), axis=0))
 
     def as_json(self) -> dict[str, Any]:

@@ -1,7 +1,7 @@
-"""emcee in pieces that survive: each is a file, a killed run goes on after the last one and ends as if never killed.
+"""Sampling by emcee with checkpoint files: an interrupted run continues after its last file with identical results.
 
-A chain counts once it is fifty autocorrelation times long and its walkers agree by the split R-hat of ranks
-(A. Vehtari et al., Bayesian Analysis 16 (2021) 667); until then it is no result.
+A chain is converged when it is fifty autocorrelation times long and the rank-normalised split R-hat of its walkers
+(A. Vehtari et al., Bayesian Analysis 16 (2021) 667) is small. Until then no result is returned.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ MOST_PIECES = 60  # files per chain, after which sampling fails
 
 
 class Target(Protocol):
-    """What can be sampled."""
+    """A density that can be sampled."""
 
     def log_prob(self, points: Array) -> Array:
-        """Of points (n, dimension), (n,)."""
+        """Log density (n,), up to a constant, of points (n, dimension)."""
         ...
 
 
 class NotConvergedError(ErrorModelError):
-    """A chain that has not converged, and is therefore no result."""
+    """The chain has not converged, and no posterior is returned."""
 
 
 @dataclass(frozen=True)
@@ -44,10 +44,13 @@ class Chains:
 
     Attributes
     ----------
-    points : (walkers, draws, dimension), `log_prob` (walkers, draws): after the burn-in, one in `thin` steps.
-    steps : in all, of each walker; `tau`: largest autocorrelation time, steps; `rhat`: largest; `effective`: smallest
-        number of draws that are as good as independent.
-    accepted : share of the proposals.
+    points : (walkers, draws, dimension), after the burn-in, every `thin`-th step.
+    log_prob : (walkers, draws) log density of the points.
+    steps : of each walker, burn-in included.
+    tau : largest integrated autocorrelation time of a coordinate, steps.
+    rhat : largest split R-hat of a coordinate.
+    effective : smallest effective number of independent draws.
+    accepted : share of accepted proposals.
     """
 
     points: Array
@@ -62,21 +65,21 @@ class Chains:
 
 @dataclass(frozen=True)
 class Reference:
-    """A normal distribution near the target: center and scale (dimension,).
+    """A normal approximation of the target: `center` and `scale` (dimension,).
 
-    Proposals that are reversible for it (preconditioned Crank-Nicolson) are accepted as far as the target is like it,
-    in any number of dimensions; where it is not, the moves of the ensemble find their own way.
+    Proposals reversible with respect to it (preconditioned Crank-Nicolson) have an acceptance rate that depends on the
+    quality of the approximation, not on the dimension. Where it is poor, the moves of the ensemble take over.
     """
 
     center: Array
     scale: Array
 
     def draw(self, rng: np.random.Generator, count: int) -> Array:
-        """Points (count, dimension)."""
+        """Random points (count, dimension)."""
         return np.asarray(self.center + self.scale * rng.standard_normal((count, len(self.scale))))
 
     def propose(self, points: Array, rng: np.random.RandomState) -> tuple[Array, Array]:
-        """New points, and the log of what the proposal's asymmetry counts; steps of all lengths."""
+        """Proposed points, and the log ratio of the proposal densities; step lengths are random."""
         unit = (points - self.center) / self.scale
         step = rng.uniform(0.05, 1.0, (len(points), 1))
         new = np.sqrt(1 - step**2) * unit + step * rng.standard_normal(unit.shape)
@@ -97,14 +100,18 @@ def sample(
 
     Parameters
     ----------
-    reference : near the target, as the closed form is; `start` (walkers, dimension), all inside what is possible.
-    folder : where the pieces of the chain are kept, and found again by a run of the same target, start and seed.
-    most : pieces.
+    target : log density.
+    reference : normal approximation of the target.
+    start : (walkers, dimension) starting points of finite density.
+    seed : of the chain.
+    folder : where pieces of the chain are stored, and found by a later run with the same target, start and seed.
+    count : progress callback.
+    most : largest number of pieces.
 
     Raises
     ------
     NotConvergedError
-        Not within that many pieces.
+        The chain has not converged within `most` pieces.
     """
     import emcee
 
@@ -112,7 +119,7 @@ def sample(
     thin = max(1, dimension // 8)
     moves = [(emcee.moves.MHMove(reference.propose), 0.5), (emcee.moves.DEMove(), 0.5)]
     sampler = emcee.EnsembleSampler(walkers, dimension, target.log_prob, vectorize=True, moves=moves)
-    # another model, survey or prior has other densities at the start
+    # the densities at the start identify model, survey and prior
     name = hashlib.sha256(start.tobytes() + target.log_prob(start).tobytes() + str(seed).encode()).hexdigest()[:12]
     store = _Pieces(folder, name)
     pieces = store.read()
@@ -155,7 +162,7 @@ class _Piece:
 
 
 class _Pieces:
-    """The pieces of one chain in a folder, or nowhere."""
+    """Storage of the pieces of one chain: files in a folder, or none."""
 
     def __init__(self, folder: Path | None, name: str) -> None:
         self.folder, self.name = folder, name
@@ -182,7 +189,7 @@ class _Pieces:
             )  # fmt: skip
 
     def clear(self) -> None:
-        """Once the result is there, it holds all that counts."""
+        """Delete the files of a completed chain."""
         if self.folder is not None and self.folder.is_dir():
             for path in self.folder.glob("piece_*.npz"):
                 path.unlink()
@@ -201,7 +208,7 @@ def _kept(pieces: list[_Piece]) -> tuple[Array, Array]:
 
 
 def _judge(pieces: list[_Piece], thin: int) -> tuple[float, float, bool]:
-    """Autocorrelation time in steps, split R-hat (only of a chain that is long enough), and whether that will do."""
+    """Autocorrelation time in steps, split R-hat (NaN for a chain that is too short), and whether it converged."""
     if len(pieces) < 2:
         return float("nan"), float("nan"), False
     points, _ = _kept(pieces)
@@ -213,14 +220,14 @@ def _judge(pieces: list[_Piece], thin: int) -> tuple[float, float, bool]:
 
 
 def autocorrelation(points: Array) -> float:
-    """The largest integrated autocorrelation time of chains (steps, walkers, dimension), in steps stored."""
+    """Largest integrated autocorrelation time of chains (steps, walkers, dimension), in stored steps."""
     import emcee
 
     return float(np.max(emcee.autocorr.integrated_time(points, tol=0)))
 
 
 def split_rhat(points: Array) -> float:
-    """The largest R-hat of ranks over coordinates, each walker a chain cut in halves."""
+    """Largest rank-normalised split R-hat over coordinates; each walker is a chain that is split in halves."""
     from arviz_stats.base.array import array_stats
 
     stats: Any = array_stats  # typed in part only
@@ -259,12 +266,12 @@ def _why(length: int, tau: float, rhat: float, folder: Path | None) -> str:
 
 
 def walkers_for(dimension: int) -> int:
-    """How many walkers: moves draw on differences of others, and want more of them than there are dimensions."""
+    """Number of walkers: differential evolution moves need more walkers than dimensions."""
     return max(24, 2 * dimension + 2 + dimension % 2)
 
 
 def inside(target: Target, reference: Reference, walkers: int, rng: np.random.Generator) -> Array:
-    """Walkers (walkers, dimension) of finite density, or fewer where the reference lies outside the bounds."""
+    """Starting points (walkers, dimension) of finite density; fewer if most of the reference is outside the bounds."""
     out = np.zeros((0, 0))
     for _ in range(50):
         points = reference.draw(rng, 4 * walkers)

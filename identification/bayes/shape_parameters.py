@@ -1,8 +1,9 @@
-"""Shapes of effects as unknowns: a period, a time constant, a knee.
+"""Nonlinear shape parameters of effects (a period, a time constant, a knee) by Chebyshev interpolation of columns.
 
-Over the few standard deviations that the data leave to a shape, an effect's columns bend smoothly. They are therefore
-a fixed combination, by Chebyshev interpolation, of its columns at a handful of shapes: so many copies of the effect,
-whose sufficient statistics are gathered like any others. No row is looked at again, whatever the shape.
+Within the few standard deviations that the data allow, an effect's columns vary smoothly with its shape. They are a
+linear combination of the columns at a few nodes: copies of the effect, whose sufficient statistics are gathered like
+those of other effects. The likelihood at any shape then needs no pass over the rows. Shapes are sampled as logarithms,
+positions (`at`) linearly.
 """
 
 from __future__ import annotations
@@ -33,13 +34,14 @@ INTERPOLATION_TOLERANCE_SIGMA = 0.2
 
 @dataclass(frozen=True)
 class ShapeInterpolation:
-    """An effect of the machine with its shapes between bounds.
+    """Chebyshev interpolation of an effect's columns over its shape parameters.
 
     Attributes
     ----------
-    number : of the effect in the machine.
-    names : its fields that are unknown; `logarithmic`: whether they are moved as logarithms.
-    best, low, high : (shapes,) as moved; `count`: nodes a shape.
+    number : index of the effect in the machine.
+    names : unknown fields of the effect; `logarithmic`: whether they are sampled as logarithms.
+    best, low, high : (shapes,) optimum and limits, on the sampled scale.
+    count : nodes per shape.
     """
 
     number: int
@@ -52,19 +54,19 @@ class ShapeInterpolation:
     count: int = NODES_PER_SHAPE[0]
 
     def effect_at(self, moved: Array) -> Effect:
-        """The effect with shapes (shapes,) as moved."""
+        """The effect with shapes (shapes,), given on the sampled scale."""
         values = [float(np.exp(x)) if log else float(x) for x, log in zip(moved, self.logarithmic, strict=True)]
         return self.effect.model_copy(update=dict(zip(self.names, values, strict=True)))
 
     @cached_property
     def nodes(self) -> Array:
-        """(count ** shapes, shapes) as moved."""
+        """Chebyshev nodes (count ** shapes, shapes), on the sampled scale."""
         t = np.cos((2 * np.arange(self.count) + 1) * np.pi / (2 * self.count))
         unit = np.array(list(product(t, repeat=len(self.names))))
         return np.asarray((self.low + self.high) / 2 + unit * (self.high - self.low) / 2)
 
     def weights(self, moved: Array) -> Array:
-        """What each node counts, (n, count ** shapes), at shapes (n, shapes)."""
+        """Interpolation weights (n, count ** shapes) of the nodes at shapes (n, shapes)."""
         unit = (2 * moved - self.low - self.high) / (self.high - self.low)
         k = np.arange(self.count)
         cosines = np.cos(np.outer(k, (2 * k + 1) * np.pi / (2 * self.count))) * 2 / self.count
@@ -77,7 +79,7 @@ class ShapeInterpolation:
 
 
 def shape_interpolations(fit: Fit) -> tuple[tuple[ShapeInterpolation, ...], tuple[str, ...]]:
-    """The shapes that can be sampled, and notes on those that stay as machine.yaml has them."""
+    """Interpolations of the shapes that can be sampled, and notes on those that keep the values of machine.yaml."""
     interpolations, notes = [], list[str]()
     seen = any(isinstance(v, PositionView) for v in fit.problem.views)
     for number, spec in enumerate(fit.chain.machine.effects):
@@ -119,7 +121,7 @@ def _interpolated(fit: Fit, number: int, effect: Effect, names: tuple[str, ...])
                 return linear.with_effect(shape.effect_at(moved)).square * share
 
             best[k], low[k], high[k] = bracket(misfit, float(best[k]), floor, ceiling)
-    if len(names) > 1:  # each was bracketed with the other held: together they have more room
+    if len(names) > 1:  # each was bracketed with the other held: the joint range is wider
         spread = 2.0
         low = np.maximum(best - spread * (best - low), [a for a, _ in limits])
         high = np.minimum(best + spread * (high - best), [b for _, b in limits])
@@ -134,7 +136,7 @@ def _interpolated(fit: Fit, number: int, effect: Effect, names: tuple[str, ...])
 
 
 def without_effect(fit: Fit, number: int) -> tuple[LinearModel, float]:
-    """The bench with all but one effect fitted, and how many of the survey's rows each of its rows stands for."""
+    """The linear model with all but one effect fitted, and the number of survey rows per row of it."""
     solution, own = fit.solution, fit.chain.effect_ids[number]
     ours = [k for k, j in enumerate(solution.groups.base) if solution.unknowns[j] not in own]
     groups = replace(solution.groups, base=solution.groups.base[ours], coefficients=solution.groups.coefficients[ours])
@@ -145,7 +147,7 @@ def without_effect(fit: Fit, number: int) -> tuple[LinearModel, float]:
 
 
 def _limits(linear: LinearModel, effect: Effect, name: str, start: float) -> tuple[float, float]:
-    """How far a shape may move, as moved: what its field allows, and what the survey covers."""
+    """Limits of a shape, on the sampled scale: those of its field, and the range covered by the survey."""
     if name == "at":
         values = linear.channel(effect.drivers[0])
         return float(values.min()), float(values.max())
@@ -185,7 +187,10 @@ def bracket(misfit: Callable[[float], float], start: float, low: float, high: fl
 def _walk(
     misfit: Callable[[float], float], start: float, least: float, step: float, low: float, high: float
 ) -> tuple[float, float, float]:
-    """Outwards, in growing steps, until the misfit has risen by `BRACKET_CHI2_RISE` (or ended): where, and the lowest."""
+    """Step outwards until the misfit has risen by `BRACKET_CHI2_RISE` or a limit is reached.
+
+    Returns the end, the position of the smallest misfit on the way, and that misfit.
+    """
     lowest = (start, least)
     while True:
         x = float(np.clip(start + step, low, high))
@@ -197,7 +202,7 @@ def _walk(
 
 
 def _error(shape: ShapeInterpolation, linear: LinearModel) -> float:
-    """By how much columns between the nodes are missed, as the effect acts, in standard uncertainties of the bench."""
+    """Largest interpolation error between nodes at the effect's estimate, in standard uncertainties of all rows."""
     nodes = np.array([linear.columns(shape.effect_at(x))[0] for x in shape.nodes])
     _, values = linear.estimates([shape.effect_at(shape.best)])
     tests = np.random.default_rng(0).uniform(shape.low, shape.high, (9, len(shape.names)))

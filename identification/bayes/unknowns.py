@@ -1,4 +1,4 @@
-"""The unknowns that are not linear, as a fit starts them and as the user's priors bound them."""
+"""Hyperparameters of a fit with their starting values and priors, and checks of the user's priors against the data."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ CORRELATED_VARIANCE_FACTOR = 1.02  # mean variance ratio above which correlated 
 
 
 def counted(fit: Fit) -> float:
-    """What a row counts: below 1 where noise is correlated, by how much wider that has made the covariance."""
+    """Weight of a row: 1, or the inverse mean variance ratio by which correlated noise widens the covariance."""
     s = fit.solution
     if not len(s.groups.base):
         return 1.0
@@ -31,7 +31,7 @@ def counted(fit: Fit) -> float:
 
 
 def check_against_data(fit: Fit, prior: Prior, given: Mapping[str, PriorForm], document: Document | None) -> None:
-    """InputError where a user's prior and the data cannot both be right."""
+    """Raise InputError where a user's prior contradicts the data by more than `PRIOR_CONFLICT_SIGMA`."""
     s = fit.solution
     std = np.sqrt(np.diag(s.covariance)) * fit.inflation
     for k, j in enumerate(s.groups.base):
@@ -56,13 +56,13 @@ def check_against_data(fit: Fit, prior: Prior, given: Mapping[str, PriorForm], d
 
 
 def free_kinds(fit: Fit, statistics: Statistics) -> tuple[int, ...]:
-    """Kinds of observation whose noise is unknown: those not declared, or declared smaller than residuals allow."""
+    """Indices of kinds with unknown noise level: not declared, or declared too small for the residuals."""
     declared = fit.solution.declared if fit.inflation == 1 else frozenset[str]()
     return tuple(k for k, kind in enumerate(statistics.kinds) if kind not in declared)
 
 
 def coordinates_of(fit: Fit, statistics: Statistics, prior: Prior) -> tuple[Coordinate, ...]:
-    """Noise levels, shapes of effects and scales of ties, each as the fit starts it."""
+    """Noise levels, shape parameters of effects and scales of random effects, with starting values from the fit."""
     out = []
     for k in free_kinds(fit, statistics):
         kind = statistics.kinds[k]
@@ -85,12 +85,12 @@ def coordinates_of(fit: Fit, statistics: Statistics, prior: Prior) -> tuple[Coor
         scale = (2 * len(place)) ** -0.5
         out.append(Coordinate(f"{where}.{spec.effect}.scale", "1", 0.0, scale, 1e-2, 1e2))
     names = [c.name for c in out]
-    # the same effect twice at one place is told apart as its parameters are
+    # the same effect twice at one place: a prime is added to the name, as for its parameters
     return tuple(replace(c, name=c.name + "'" * names[:k].count(c.name)) for k, c in enumerate(out))
 
 
 def _unit(fit: Fit, driver: str, name: str) -> str:
-    """Of a shape parameter: that of what drives the effect."""
+    """Unit of a shape parameter: s for a time constant, else that of the effect's driver."""
     if name in ("tau", "exponent"):
         return "s" if name == "tau" else "1"
     joint = next((j for j in fit.chain.machine.joints if j.name == driver), None)
@@ -104,7 +104,13 @@ def _place(fit: Fit, identity: str) -> int:
 
 
 def with_prior(c: Coordinate, given: Mapping[str, PriorForm], document: Document | None) -> Coordinate:
-    """A coordinate with what the user says of it."""
+    """A hyperparameter with the user's prior applied.
+
+    Raises
+    ------
+    InputError
+        The prior contradicts the data.
+    """
     form = given.get(c.name)
     if form is None:
         return c
