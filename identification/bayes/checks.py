@@ -73,14 +73,17 @@ def _column(posterior: Posterior, name: str, rng: np.random.Generator) -> Array:
 
 
 def _tails(r: Array) -> Array:
+    """Kurtosis about zero (draws,) of residuals (draws, components, rows)."""
     return np.asarray(np.nanmean(r**4, axis=(1, 2)) / np.nanmean(r**2, axis=(1, 2)) ** 2)
 
 
 def _neighbours(r: Array) -> Array:
+    """Correlation (draws,) of residuals of neighbouring rows."""
     return np.asarray(np.nanmean(r[:, :, 1:] * r[:, :, :-1], axis=(1, 2)) / np.nanmean(r**2, axis=(1, 2)))
 
 
 def _axes(r: Array) -> Array:
+    """Ratio (draws,) of the largest to the smallest mean square of a component."""
     seen = np.isfinite(r[0]).any(axis=1)
     square = np.nanmean(r[:, seen] ** 2, axis=2)
     return np.asarray(square.max(axis=1) / square.min(axis=1))

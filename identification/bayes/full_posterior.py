@@ -36,6 +36,7 @@ class Whole:
 
     @classmethod
     def of(cls, linear: Collapsed, mixture: Mixture | None = None) -> Whole:
+        """The target for a linear model; its start is the closed-form posterior."""
         (center,), (covariance,) = linear.closed(linear.start())
         d = np.sqrt(np.diag(covariance))
         factor = d[:, None] * np.linalg.cholesky(covariance / np.outer(d, d))
@@ -48,6 +49,7 @@ class Whole:
 
     @property
     def coordinates(self) -> tuple[Coordinate, ...]:
+        """All hyperparameters: those of the linear model, then those of the outliers."""
         return (*self.linear.coordinates, *(self.mixture.coordinates if self.mixture else ()))
 
     def split(self, points: Array) -> tuple[Array, Array]:

@@ -42,9 +42,11 @@ class Coordinate:
         return (float(np.degrees(1)), "°") if self.unit == "rad" else (1.0, self.unit)
 
     def value(self, moved: Array) -> Array:
+        """The value on the natural scale."""
         return np.exp(moved) if self.logarithmic else moved
 
     def moved(self, value: float) -> float:
+        """The value on the sampled scale."""
         return float(np.log(max(value, 1e-300))) if self.logarithmic else value
 
     def log_prior(self, moved: Array) -> Array:

@@ -34,6 +34,7 @@ class Collapsed:
 
     @property
     def _shapes(self) -> slice:
+        """Columns of the shape parameters among the coordinates."""
         return slice(len(self.free), len(self.free) + sum(len(b.names) for b in self.statistics.interpolations))
 
     def levels(self, points: Array) -> Array:
@@ -43,9 +44,11 @@ class Collapsed:
         return out
 
     def shapes(self, points: Array) -> Array:
+        """Shape parameters (n, all shapes), on the sampled scale."""
         return points[:, self._shapes]
 
     def scales(self, points: Array) -> Array:
+        """Scales (n, random effects) of the random effects' standard deviations."""
         start = self._shapes.stop
         return np.exp(points[:, start : start + len(self.prior.ties)])
 

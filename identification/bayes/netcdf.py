@@ -55,6 +55,7 @@ def _group(
     attributes: Mapping[str, str],
     groups: Sequence[str] = (),
 ) -> None:
+    """Write one group with its dimensions, variables and attributes."""
     import h5py
 
     group = file.create_group(name)

@@ -74,6 +74,7 @@ class Mixture:
 
     @staticmethod
     def _other(share: Array, width: Array, distance: Array, seen: Array) -> Array:
+        """Log density of being an outlier, up to the constant of the noise's density."""
         return np.asarray(np.log(share) - seen * np.log(width) - distance / (2 * width**2))
 
 
@@ -124,7 +125,9 @@ def mixture_of(apart: RowsApart, square: Array, seen: Array, sigma: float) -> Mi
         for part in np.array_split(order[seen[own][order] == count], RESIDUAL_BINS)
         if len(part)
     ]
-    distance = np.sqrt(square[np.isfinite(square)] / np.maximum(seen[np.isfinite(square)], 1)) / sigma  # of a component
+    distance = (
+        np.sqrt(square[np.isfinite(square)] / np.maximum(seen[np.isfinite(square)], 1)) / sigma
+    )  # rms per component
     rows, gross = len(distance), distance[distance > GROSS_SIGMA]
     number = len(gross)
     share = _between(

@@ -12,7 +12,8 @@ from identification.bayes.hyperparameters import Coordinate
 from identification.bayes.sampling import Chains
 
 Method = Literal["exact", "quadrature", "emcee"]
-STATEMENTS: dict[Method, str] = {
+# Sentence on the method in the report, with its fields
+METHOD_STATEMENTS: dict[Method, str] = {
     "exact": "The posterior is Gaussian: it is given in closed form, and its draws are exact and independent.",
     "quadrature": (
         "Given the one unknown that is not linear ({what}), the posterior is Gaussian in closed form; over that "
@@ -103,12 +104,12 @@ class Posterior:
         """The method of the computation, in a sentence for the report."""
         names = ", ".join(c.name for c in self.unknowns)
         if self.chains is None:
-            return STATEMENTS[self.method].format(what=names)
+            return METHOD_STATEMENTS[self.method].format(what=names)
         c = self.chains
         what = f"{'Scaled groups, ' if self.scaled else ''}{names}" if names else "Scaled groups"
         rest = "" if self.scaled else " Given these the groups are Gaussian: their draws are exact."
         return (
-            STATEMENTS["emcee"].format(
+            METHOD_STATEMENTS["emcee"].format(
                 what=what + (" were" if self.scaled or len(self.unknowns) > 1 else " was"),
                 walkers=len(c.points),
                 steps=c.steps,

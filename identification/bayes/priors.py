@@ -48,6 +48,7 @@ class Prior:
 
     @property
     def bounded(self) -> bool:
+        """Whether any group has a bound."""
         return bool(np.isfinite(self.low).any() or np.isfinite(self.high).any())
 
     def precisions(self, scales: Array) -> Array:

@@ -183,6 +183,7 @@ def drawn(
 def _sampled(
     target: Target, unknowns: Sequence[Coordinate], linear: int, seed: int, folder: Path | None, count: Steps
 ) -> tuple[Array, Chains]:
+    """Draws (walkers, draws, dimension) by emcee, thinned to `MOST_KEPT_DRAWS`, and the chains."""
     scale = np.array([*np.ones(linear), *(c.scale for c in unknowns)])
     center = np.array([*np.zeros(linear), *(c.start for c in unknowns)])
     walkers, reference = walkers_for(len(scale)), Reference(center, scale)

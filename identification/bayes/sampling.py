@@ -168,6 +168,7 @@ class _Pieces:
         self.folder, self.name = folder, name
 
     def read(self) -> list[_Piece]:
+        """All stored pieces, in order."""
         out: list[_Piece] = []
         while self.folder is not None and (path := self._path(len(out))).is_file():
             with np.load(path, allow_pickle=False) as f:
@@ -179,6 +180,7 @@ class _Pieces:
         return out
 
     def write(self, number: int, piece: _Piece) -> None:
+        """Store a piece."""
         if self.folder is None:
             return
         _, keys, *numbers = piece.random
@@ -202,6 +204,7 @@ class _Pieces:
 
 
 def _kept(pieces: list[_Piece]) -> tuple[Array, Array]:
+    """Points and log densities of all pieces without the burn-in."""
     points, log_prob = (np.concatenate([getattr(p, n) for p in pieces]) for n in ("points", "log_prob"))
     first = int(BURN_IN_SHARE * len(points))
     return points[first:], log_prob[first:]
@@ -230,11 +233,12 @@ def split_rhat(points: Array) -> float:
     """Largest rank-normalised split R-hat over coordinates; each walker is a chain that is split in halves."""
     from arviz_stats.base.array import array_stats
 
-    stats: Any = array_stats  # typed in part only
+    stats: Any = array_stats  # incompletely typed library
     return max(float(stats.rhat(points[:, :, k].T, chain_axis=0, draw_axis=1)) for k in range(points.shape[2]))
 
 
 def _chains(pieces: list[_Piece], thin: int, tau: float, rhat: float) -> Chains:
+    """The converged chains, thinned to half an autocorrelation time."""
     points, log_prob = _kept(pieces)
     stored = tau / thin
     every = max(1, int(stored / 2))
@@ -251,10 +255,12 @@ def _chains(pieces: list[_Piece], thin: int, tau: float, rhat: float) -> Chains:
 
 
 def _remark(length: int, tau: float) -> str:
+    """Text for the progress display."""
     return "" if not length else f"{length} steps" + (f", autocorrelation time {tau:.0f}" if np.isfinite(tau) else "")
 
 
 def _why(length: int, tau: float, rhat: float, folder: Path | None) -> str:
+    """Message of the error that the chain has not converged."""
     reason = (
         f"it is {(1 - BURN_IN_SHARE) * length / tau:.0f} autocorrelation times long where "
         f"{LEAST_CHAIN_LENGTH_TAU:.0f} are needed"

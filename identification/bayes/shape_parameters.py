@@ -99,11 +99,13 @@ def shape_interpolations(fit: Fit) -> tuple[tuple[ShapeInterpolation, ...], tupl
 
 
 def _shaped(effect: Effect, name: str) -> bool:
+    """Whether the field is a shape parameter that has a value."""
     value = getattr(effect, name)
     return isinstance(value, float) and (value > 0 or name == "at")
 
 
 def _interpolated(fit: Fit, number: int, effect: Effect, names: tuple[str, ...]) -> ShapeInterpolation | None:
+    """The interpolation of an effect with the fewest nodes that are accurate enough; None if there is none."""
     linear, share = without_effect(fit, number)
     logs = tuple(n != "at" for n in names)
     start = np.array(

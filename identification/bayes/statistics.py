@@ -173,6 +173,7 @@ def gather(
 
 
 def _apart(views: Sequence[PositionView], place: dict[str, int], at: Array, zero: Array) -> RowsApart:
+    """The equations of the rows that keep their own, at zero parameters."""
     designs, gaps = [np.zeros((0, 3, len(place)))], [np.zeros((0, 3))]
     for view in views:
         design = design_rows(view, place, most=len(view)).reshape(3, len(view), -1).transpose(1, 0, 2)

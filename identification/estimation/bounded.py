@@ -191,4 +191,5 @@ def _nearest(correlation: Array, low: Array, high: Array) -> Array:
 
 
 def _unit(chain: Chain, name: str) -> str:
+    """Unit of a parameter of the chain; empty for zeros of instruments and labelled frames."""
     return chain.parameters[chain.index[name]].unit if name in chain.index else ""

@@ -77,6 +77,7 @@ class Solution:
     kept: float = 1.0
 
     def named(self) -> dict[str, float]:
+        """Estimates by name."""
         return dict(zip(self.unknowns, self.values.tolist(), strict=True))
 
 
@@ -101,7 +102,7 @@ def solve(
         False solves the linear model ``gap = M values`` only.
     levels : noise level of each kind in units of its whitener; None: 1 where declared, else estimated.
     """
-    with threadpool_limits(1, "blas"):  # blocks are small: two threads would wait for each other
+    with threadpool_limits(1, "blas"):  # blocks are small: one thread is fastest
         return _Solver(chain, views, tuple(unknowns), held, declared, exact, levels).run()
 
 
@@ -132,6 +133,8 @@ def observed(
 
 
 class _Solver:
+    """State of one least-squares solution; the parameters are those of `solve`."""
+
     def __init__(
         self,
         chain: Chain,
@@ -245,7 +248,7 @@ class _Solver:
             return Floors()
         views = [v for v in self.views if v.kind == "position"]
         weight = np.sqrt(sum(map(weight_of, views)))
-        shift = self.sigma["position"] / weight  # standard uncertainty, mm, of a shift of everything
+        shift = self.sigma["position"] / weight  # standard uncertainty, mm, of a common shift of all rows
         return Floors(direction=shift / (0.1 * self.chain.size), lever=min(1e-3, shift))
 
     def of_its_size(self, full: Array) -> Array:

@@ -37,6 +37,7 @@ class MotionErrors:
 
     @property
     def symbol(self) -> str:
+        """Symbol of the error motion by ISO 230-1, such as EXY."""
         return iso_symbol(self.joint, self.motion)
 
     @property
@@ -81,7 +82,13 @@ class Motions:
 def motion_residuals(
     views: Sequence[View], unknowns: Mapping[str, int], values: Array, held: Array, rows: int
 ) -> Array:
-    """Readings minus predicted error motions (rows, 6), mm and rad, NaN where nothing was read."""
+    """Measured minus predicted error motions (rows, 6), mm and rad, NaN where nothing was read.
+
+    Parameters
+    ----------
+    unknowns : index of each unknown in `values`; `held`: (chain parameters,) values of the others, mm and rad.
+    rows : number of rows of the survey.
+    """
     out = np.full((rows, 6), np.nan)
     for view in views:
         if isinstance(view, MotionView):
@@ -104,5 +111,6 @@ def before_fit(views: Sequence[View], unknowns: Mapping[str, int], held: Array, 
 
 
 def _rms(values: Array) -> float:
+    """Root mean square of the finite values."""
     seen = values[np.isfinite(values)]
     return float(np.sqrt(np.mean(seen**2))) if len(seen) else float("nan")

@@ -21,7 +21,7 @@ from identification.observation.models import View
 class Outlier:
     """A row, or one component of it, that has weight zero in the fit."""
 
-    index: int  # of the row in the survey
+    index: int  # row number in the survey, from 0
     file: str
     row: int  # data row of the file, from 1
     run: str
@@ -110,4 +110,5 @@ def sort_rows(
 
 
 def _kind(view: View) -> str:
+    """Name of the observation for the list of outliers."""
     return view.kind if view.kind in ("position", "orientation") else MOTIONS[view.outputs[0]]

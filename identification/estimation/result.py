@@ -53,7 +53,7 @@ class Spread:
 class TestFile:
     """A test file: residuals of the nominal and the fitted machine, after its own frame and tool were estimated."""
 
-    __test__ = False  # not a test of pytest's
+    __test__ = False  # keeps pytest from collecting the class
 
     path: str
     survey: Survey

@@ -133,14 +133,14 @@ class _Rows:
         return {kind: rank * n / whole for kind, n in counts.items()}
 
     def gaps(self, values: Array) -> list[Array]:
-        """Whitened residuals of the exact kinematics, (outputs, n) a view."""
+        """Whitened residuals of the exact kinematics, (outputs, n) for each view."""
         return [_gap(view, self.place, values, self.held) for view in self.views]
 
     def levels(self, judged: Judgement) -> dict[Kind, float]:
         return {k: 1.0 if k in self.declared else s for k, s in judged.sigma.items()}
 
     def solution(self, judged: Judgement) -> Solution:
-        """Least squares of the weighted rows."""
+        """Least-squares solution of the weighted rows."""
         views = judged.weigh(self.views)
         return solve(self.chain, views, self.unknowns, self.held, self.declared, levels=self.levels(judged))
 
@@ -174,6 +174,7 @@ class _Rows:
 
 
 def _gap(view: View, place: Mapping[str, int], values: Array, held: Array) -> Array:
+    """Whitened residual (outputs, n) of a view at the given values."""
     p = view_vector(view, place, values, held)
     gap = np.hstack([view.whiten(part, g) for part, g in view.gaps(p)])
     zeros = [c for c in view.columns[len(view.ids) :] if c in place]  # zeros of instruments are not in the chain

@@ -62,7 +62,7 @@ def fit_machine(
         The survey has no rows to fit or no more equations than identifiable unknowns, a bound names an unknown
         parameter, or (robust) most rows are outliers.
     """
-    with threadpool_limits(1, "blas"):  # blocks are small: two threads would wait for each other
+    with threadpool_limits(1, "blas"):  # blocks are small: one thread is fastest
         return _fit(Chain(machine), survey, robust, bounds or {}, document)
 
 
@@ -246,6 +246,7 @@ def placed(problem: Problem, poses: dict[str, Pose]) -> Problem:
 
 
 def _notes(survey: Survey, solution: Solution, noise: Noise | None, longest: int) -> tuple[str, ...]:
+    """Notes for the user on correlated noise, divergence and convergence."""
     notes = list(survey.notes)
     if noise is not None:
         part = 100 * noise.part / (1 + noise.part)

@@ -150,6 +150,7 @@ def _common(rows: Sequence[tuple[Array, Index, Array | None]], level: float, bef
 
 
 def _usual(m: int, rows: Sequence[tuple[Array, Index, Array | None]], outliers: Outliers) -> float:
+    """Expected ``u'psi`` per observation under the mixture; 1 where no row has `m` components."""
     if not any(m in own for _, own, _ in rows):
         return 1.0
     order = np.argsort(-np.abs(outliers.mean))  # assume that rows with fewer components have those of the largest mean

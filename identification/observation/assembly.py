@@ -48,6 +48,7 @@ class Problem:
     mount: Array | None = None
 
     def place(self) -> dict[str, int]:
+        """Index of each unknown by name."""
         return {name: k for k, name in enumerate(self.unknowns)}
 
 
@@ -191,6 +192,7 @@ def _assumed(survey: Survey) -> Array | None:
 
 
 def _rotations(survey: Survey) -> Array | None:
+    """Measured orientations (n, 3, 3) of a 6-D target, NaN where missing; None without them."""
     if "mrx" not in survey.table:
         return None
     from scipy.spatial.transform import Rotation
@@ -203,6 +205,7 @@ def _rotations(survey: Survey) -> Array | None:
 
 
 def _sigmas(survey: Survey, index: Index) -> Array | None:
+    """Standard uncertainties (n, 3) of positions from the survey's columns, mm; None if not stated."""
     if not any(name in survey.table for name in SIGMA):
         return None
     sigmas = survey.table.reindex(columns=SIGMA).to_numpy(dtype=float)[index]
@@ -221,6 +224,7 @@ def _sigmas(survey: Survey, index: Index) -> Array | None:
 
 
 def _row_weights(survey: Survey, index: Index) -> Array | None:
+    """Weights 1/sigma (n,) for the alignment; None if not stated."""
     sigmas = _sigmas(survey, index)
     return None if sigmas is None else 1 / np.linalg.norm(sigmas, axis=1)
 

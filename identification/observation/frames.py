@@ -172,6 +172,7 @@ def _of_rank(a: Array, b: Array, w: Array, axes: Array, rank: int) -> Pose:
 
 
 def _kabsch(a: Array, b: Array, w: Array) -> Pose:
+    """Weighted least-squares pose of points b (n, 3) over points a (n, 3), with weights 1/sigma."""
     w = w**2 / (w**2).sum()
     middle_a, middle_b = w @ a, w @ b
     cross = (b - middle_b).T @ ((a - middle_a) * w[:, None])

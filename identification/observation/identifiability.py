@@ -46,6 +46,7 @@ class Groups:
 
     @property
     def rank(self) -> int:
+        """Number of groups."""
         return len(self.base)
 
     @property

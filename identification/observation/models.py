@@ -19,7 +19,9 @@ from errormodel.chain import TOOL_CHANNELS, Chain, What
 from errormodel.kernel import BLOCK, Kernel
 from identification.observation.frames import IDENTITY, Pose
 
-Kind = Literal["position", "orientation", "displacement", "angle"]  # one noise level each, where none is declared
+Kind = Literal[
+    "position", "orientation", "displacement", "angle"
+]  # each has its own noise level, where none is declared
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,7 +136,7 @@ class GapView(View):
     `identification.observation.normal_equations.accumulate` overwrites them with the residual at its last values.
     """
 
-    gap: Array  # (outputs, n), actual minus nominal in the reference's axes
+    gap: Array  # (outputs, n) measured minus predicted, in the axes of the reference
 
     def part(self, rows: Rows) -> Self:
         return replace(super().part(rows), gap=self.gap[:, rows])

@@ -29,6 +29,7 @@ class Sums:
 
     @classmethod
     def zero(cls, p: int) -> Sums:
+        """Empty sums over `p` unknowns."""
         return cls(np.zeros((p, p)), np.zeros(p))
 
     def moved(self, base: Index, step: Array) -> Sums:
@@ -123,6 +124,7 @@ class _Task:
         return self._alike(kernel, selectors) if alike else self._directed(kernel, selectors)
 
     def _blocks(self, kernel: Kernel, selectors: list[Selector]) -> Iterator[tuple[slice, Array, Array]]:
+        """Blocks of rows: slice, distinct functions and residual."""
         design = kernel.blocks(self.view.rows, self.p if self.at is None else self.at)
         n = kernel.n_functions
         slopes = None if self.linear is None else np.array([np.bincount(k, s * self.linear, n) for k, s in selectors])

@@ -76,7 +76,7 @@ def prepare(machine: Machine, setup: Setup, noise: Instrument | float, seed: int
     place = problem.place()
     groups = identifiable(chain, problem.views, problem.unknowns)
     near = design_rows(view, place, most=len(view))
-    far_view = _position(build(chain, as_survey(chain, setup, volume(chain, setup, seed), 1.0)))  # 1 mm: not whitened
+    far_view = _position(build(chain, as_survey(chain, setup, volume(chain, setup, seed), 1.0)))  # 1 mm: rows in mm
     far = design_rows(far_view, place, most=len(far_view))
     base = groups.base
     norms = np.linalg.norm(near[:, base], axis=0)
@@ -88,6 +88,7 @@ def prepare(machine: Machine, setup: Setup, noise: Instrument | float, seed: int
 
 
 def _position(problem: Problem) -> PositionView:
+    """The position view of a problem."""
     return next(v for v in problem.views if isinstance(v, PositionView))
 
 

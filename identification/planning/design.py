@@ -36,6 +36,7 @@ class Space:
 
     @property
     def rank(self) -> int:
+        """Number of identifiable groups r."""
         return int(self.X.shape[2])
 
     def covariance(self, chosen: Index) -> Array:

@@ -59,6 +59,7 @@ class Verdict:
 
     @property
     def key(self) -> tuple[object, ...]:
+        """Key common to the verdicts on one effect at one place in different plans."""
         return (self.effect, self.where, self.drivers, self.motion)
 
 
@@ -134,15 +135,18 @@ def _verdict(
 
 
 def _rank(verdict: Verdict) -> tuple[int, float]:
+    """Sort key: verdict, then detectable size over plausible size."""
     place = ("detectable", "confusable", "invisible").index(verdict.verdict)
     return place, (verdict.smallest or np.inf) / (verdict.possible or 1.0)
 
 
 def _named(effect: Effect) -> str:
+    """Name and place of an effect."""
     return f"{effect.effect} at {effect.where}"
 
 
 def _judged(strength: float, absorbed: float, alike: Sequence[str], effect: Effect) -> tuple[str, str]:
+    """Verdict and its reason, from the detectable size in physical standard deviations."""
     if not np.isfinite(strength):
         return "invisible", f"geometry and measuring frame absorb {100 * absorbed:.1f} % of it"
     if strength > LARGEST_EFFECT_SIGMA:

@@ -93,6 +93,7 @@ class Plan:
     repeated: int
 
     def as_json(self) -> dict[str, Any]:
+        """The content of ``plan.json``: mm, rad, um."""
         return {
             "schema": "errormodel.plan/1",
             "machine": self.chain.machine.name,
@@ -115,10 +116,12 @@ class Plan:
 
 
 def _numbers(u: Uncertainty) -> dict[str, float]:
+    """An uncertainty for JSON."""
     return {"worst_um": u.worst_um, "median_um": u.median_um}
 
 
 def _verdict(v: Verdict) -> dict[str, Any]:
+    """A verdict for JSON."""
     return {
         "effect": v.effect,
         "where": v.where,
@@ -161,7 +164,7 @@ def plan(
     InputError
         Too few rows for the machine's identifiable groups, or no pose is allowed.
     """
-    with threadpool_limits(1, "blas"):  # blocks are small: two threads would wait for each other
+    with threadpool_limits(1, "blas"):  # blocks are small: one thread is fastest
         return _plan(machine, setup, count, noise, seed, worst, progress)
 
 
@@ -258,6 +261,7 @@ def as_file(plan: Plan, setup: Setup) -> pd.DataFrame:
 
 
 def _middle(several: list[Uncertainty]) -> Uncertainty:
+    """Medians of several uncertainties."""
     return Uncertainty(*(float(np.median([getattr(u, n) for u in several])) for n in ("worst_um", "median_um")))
 
 
@@ -268,6 +272,7 @@ def _verdicts(stage: Stage, table: pd.DataFrame, seed: int) -> tuple[list[Verdic
 
 
 def _noise_only(stage: Stage, table: pd.DataFrame, seed: int) -> Fit:
+    """Fit of a simulated survey of the nominal machine with noise only."""
     machine = stage.chain.machine
     survey = as_survey(stage.chain, stage.setup, table.reset_index(drop=True), stage.noise)
     seen = measured_at(machine, survey.table, Truth({}), stage.noise, seed)
@@ -276,6 +281,7 @@ def _noise_only(stage: Stage, table: pd.DataFrame, seed: int) -> Fit:
 
 
 def _arranged(stage: Stage, chosen: Index, repeat: int, seed: int) -> Index:
+    """Run order of the chosen poses with the repeated ones."""
     view = stage.view.part(chosen)
     chain = stage.chain
     arms = chain.kernel("levers", (), view.fixed, (0, 1, 2))(view.rows, np.zeros(len(chain.ids)))
@@ -304,7 +310,7 @@ def _pairs(stage: Stage, found: list[Verdict], seed: int) -> list[Pair]:
     if linear.size != 3 * n:  # some component is not measured anywhere
         return []
     columns = [tuple(linear.columns(e)[0] for e in pair) for pair in open_]
-    best = [canonical_correlation(linear, *pair) for pair in columns]  # with all poses
+    best = [canonical_correlation(linear, *pair) for pair in columns]  # with all candidate poses
     order = [k for k in np.argsort(best, kind="stable") if best[k] < INDISTINGUISHABLE_CORRELATION]
     return [Pair(*(c.reshape(-1, 3, n).transpose(2, 1, 0) for c in columns[k])) for k in order[:MOST_EFFECT_PAIRS]]
 
@@ -320,6 +326,7 @@ def _second_tool(table: pd.DataFrame, machine: Machine) -> tuple[pd.DataFrame, s
 
 
 def _changes(by: str, before: list[Verdict], after: list[Verdict]) -> list[Change]:
+    """Verdicts that differ between two plans."""
     old = {v.key: v.verdict for v in before}
     return [
         Change(by, v.effect, v.where, old.get(v.key, "invisible"), v.verdict)

@@ -31,6 +31,7 @@ class Box(FileModel):
     z: Range = Field([-1e9, 1e9], description="[low, high] in mm, such as [-200, 200]")
 
     def sides(self) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+        """Lower and upper limits (3, 2), mm."""
         return np.array([self.x, self.y, self.z])
 
 
@@ -98,11 +99,13 @@ def read_setup(path: Path, machine: Machine) -> Setup:
 
 
 def _rising(document: Document, keys: tuple[str | int, ...], low: float, high: float) -> None:
+    """Raise InputError if a range is empty."""
     if low >= high:
         raise document.error(keys, f"{low:g} to {high:g}", "Write [low, high] with low below high")
 
 
 def _outward(joint: Joint) -> tuple[float, float]:
+    """Travel of a joint, mm or degrees."""
     low, high = joint.travel
     return (float(np.degrees(low)), float(np.degrees(high))) if joint.type == "rotary" else (low, high)
 

@@ -77,6 +77,7 @@ def _confused(by_name: dict[str, list[Verdict]]) -> Iterator[str]:
 
 
 def _unseen(by_name: dict[str, list[Verdict]]) -> Iterator[str]:
+    """Lines on effects that are invisible at all places."""
     lines = [
         f"  {name}: {own[0].reason}. Needs: {own[0].needs}"
         for name, own in by_name.items()

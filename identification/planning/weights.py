@@ -117,12 +117,14 @@ def _picked(space: Space, weights: Array, leverage: Array) -> Index:
 
 
 def _covariance(space: Space, weights: Array) -> Array:
+    """Covariance (r, r) of weights (n,)."""
     live = weights > 0
     rows = (space.X[live] * np.sqrt(weights[live])[:, None, None]).reshape(-1, space.rank)
     return np.asarray(np.linalg.inv(rows.T @ rows + 1e-12 * np.eye(space.rank)))
 
 
 def _log_det(space: Space, weights: Array) -> float:
+    """Logarithm of the determinant of the information of weights (n,)."""
     return -float(np.linalg.slogdet(_covariance(space, weights))[1])
 
 

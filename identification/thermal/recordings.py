@@ -135,6 +135,7 @@ def recordings(machine: Machine, survey: Survey) -> Recordings:
 
 
 def _needed(survey: Survey, sensors: list[str]) -> list[tuple[str, bool]]:
+    """Required columns, and whether the survey has them."""
     there = set(survey.table)
     return [("joint", "joint" in there), ("time", "time" in there), ("T_<sensor>", bool(sensors))]
 
@@ -215,6 +216,7 @@ def _left_out(table: pd.DataFrame, names: list[str]) -> Iterator[tuple[str, str]
 
 
 def _drifts(machine: Machine, survey: Survey, role: str) -> Iterator[Drift]:
+    """Drifts of all recorded error motions of one role."""
     table = survey.table
     for joint in machine.joints:
         own = ((table["joint"] == joint.name) & (table["role"] == role)).to_numpy(dtype=bool)
@@ -230,6 +232,7 @@ def _drifts(machine: Machine, survey: Survey, role: str) -> Iterator[Drift]:
 
 
 def _refuse_constant(survey: Survey, rows: Index, sensors: list[str], role: str) -> None:
+    """Raise InputError if no temperature changes enough in the rows."""
     part = survey.table.iloc[rows]
     ranges = {name: float(np.ptp(part[name].to_numpy(dtype=np.float64))) for name in sensors}
     most = max(ranges, key=lambda name: ranges[name])

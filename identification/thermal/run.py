@@ -193,6 +193,7 @@ def _by_regression(taken: Recordings, fit: Drift, test: Drift) -> tuple[Array, f
 def _judged(
     pair: tuple[Drift, Drift], effects: list[StructureDrift], said: Array, usual: tuple[Array, float]
 ) -> MotionResult:
+    """Result of one error motion: residuals of model and regression in the test cycle."""
     fit, test = pair
     values, r2 = usual
 

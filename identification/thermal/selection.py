@@ -120,6 +120,7 @@ def _folds(columns: Array, values: Array, series: Index) -> _Folds:
 
 
 def _grow(folds: _Folds, most_order: int, width: float, noise: float) -> Choice:
+    """Forward selection of temperatures at one width of the prior."""
     tie = (noise / width) ** 2
     picked: list[tuple[int, int]] = []
     error = float(folds.left[:, -1, -1].sum())

@@ -39,6 +39,7 @@ def thermal_lines(result: Thermal, out: Path) -> Iterator[str]:
 
 
 def _follows(motion: MotionResult) -> str:
+    """The first selected temperatures of an error motion with their lags."""
     said = [f"{f.sensor}{f' {f.tau / 60:.0f} min' if f.tau else ''}" for f in motion.follows[:TEMPERATURES_SHOWN]]
     more = len(motion.follows) - TEMPERATURES_SHOWN
     return ", ".join(said) + (f" and {more} more" if more > 0 else "") or "nothing"

@@ -50,6 +50,7 @@ class Input:
 
     @property
     def contribution(self) -> float:
+        """Standard uncertainty of the measurand by this input."""
         return abs(self.sensitivity) * self.std
 
 
@@ -183,14 +184,17 @@ def _effects(fit: Fit) -> Iterator[_Effect]:
 
 
 def _dof(fit: Fit) -> float:
+    """Degrees of freedom of the fit, at least 1."""
     return float(max(fit.solution.dof, 1))
 
 
 def _input(entry: BudgetEntry, unit: str) -> Input:
+    """A line of the budget from an entry of the survey."""
     return Input(entry.name, entry.type, entry.shape, entry.standard, unit, 1.0, entry.dof or inf)
 
 
 def _unit(fit: Fit, acts: str) -> str:
+    """Unit of a systematic input."""
     joint = next((j for j in fit.chain.machine.joints if j.name == acts), None)
     if joint is not None:
         return "rad" if joint.type == "rotary" else "mm"
@@ -198,6 +202,7 @@ def _unit(fit: Fit, acts: str) -> str:
 
 
 def _own_sigmas(survey: Survey) -> bool:
+    """Whether the survey states a standard uncertainty for each axis in its rows."""
     return any(name in survey.table for name in ("sigma_x", "sigma_y", "sigma_z"))
 
 
@@ -314,6 +319,7 @@ def _form(fit: Fit) -> float:
 
 
 def _inverse(gram: Array) -> Array:
+    """Pseudo-inverse of normal equations, scaled to unit diagonal."""
     d = 1 / np.sqrt(np.diag(gram))
     return np.asarray(np.linalg.pinv(gram * np.outer(d, d), hermitian=True) * np.outer(d, d))
 

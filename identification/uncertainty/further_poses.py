@@ -87,6 +87,7 @@ def leverages(fit: Fit) -> Array:
 
 
 def _unit(covariance: Array) -> Array:
+    """Correlation matrix of a covariance matrix."""
     std = np.sqrt(np.diag(covariance))
     return np.asarray(covariance / np.outer(std, std))
 

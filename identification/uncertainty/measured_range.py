@@ -66,4 +66,5 @@ def beyond_notes(chain: Chain, ranges: Mapping[str, list[float]], table: pd.Data
 
 
 def _unit(name: str) -> str:
+    """Unit of a channel for messages."""
     return " degC" if name.startswith("T_") else " s" if name == "time" else ""

@@ -112,6 +112,7 @@ def _unfitted(fit: StoredFit, points: Survey) -> tuple[str, ...]:
 
 
 def _predict_frame(fit: StoredFit, rows: list[Array], label: str | None) -> Array:
+    """Predictions (n, 9) of rows in one measuring frame: position, error, standard uncertainty."""
     chain = fit.chain
     pose: Pose = fit.frames[label] if label is not None else IDENTITY
     columns = (*(frame_columns(chain, label) if label is not None else chain.frame_ids), *chain.ids[6:])
