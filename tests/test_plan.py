@@ -22,9 +22,9 @@ from identification.diagnosis.search.scoring import DETECT
 from identification.estimation.run import fit_machine
 from identification.planning.candidates import prepare
 from identification.planning.design import Design, Fair, Space, exchange, rounded
-from identification.planning.discrimination import KEEP, Pair, told_apart
+from identification.planning.discrimination import LEAST_D_EFFICIENCY, Pair, told_apart
 from identification.planning.poses import as_survey, candidates, crosses
-from identification.planning.power import SAME, verdicts
+from identification.planning.power import INDISTINGUISHABLE_CORRELATION, verdicts
 from identification.planning.run import Plan, as_file, optimal, plan
 from identification.planning.run_order import directions
 from identification.planning.setup import Setup, read_setup
@@ -117,7 +117,7 @@ def test_a_pair_is_told_apart_and_the_design_stays_good() -> None:
     other = one.copy()
     other[40:] += 2 * rng.normal(size=(20, 3, 1))  # they differ at poses that the design does not have
     start = np.arange(30)
-    found = told_apart(space, start, [Pair(one, other)], SAME)
+    found = told_apart(space, start, [Pair(one, other)], INDISTINGUISHABLE_CORRELATION)
 
     def correlation(chosen: Array) -> float:
         X, a, b = (c[chosen].reshape(3 * len(chosen), -1) for c in (space.X, one, other))
@@ -125,8 +125,8 @@ def test_a_pair_is_told_apart_and_the_design_stays_good() -> None:
         return float(a.ravel() @ b.ravel() / np.linalg.norm(a) / np.linalg.norm(b))
 
     assert correlation(start) > 0.9999
-    assert correlation(found) < SAME
-    assert space.log_det(found) >= space.log_det(start) + space.rank * np.log(KEEP)
+    assert correlation(found) < INDISTINGUISHABLE_CORRELATION
+    assert space.log_det(found) >= space.log_det(start) + space.rank * np.log(LEAST_D_EFFICIENCY)
 
 
 def test_lines_that_enter_a_box() -> None:

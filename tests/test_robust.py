@@ -17,7 +17,7 @@ from errormodel.exceptions import InputError
 from errormodel.instruments.laser_tracker import LaserTracker
 from errormodel.machine_file import read_machine
 from identification.estimation import run
-from identification.estimation.bisquare import CUTS, normal, pull
+from identification.estimation.bisquare import BISQUARE_CUT_SIGMA, normal, pull
 from identification.estimation.result import Fit
 from identification.estimation.robust import first_judgement
 from identification.observation.assembly import build
@@ -235,7 +235,7 @@ def test_the_pull_of_normal_rows(m: int) -> None:
     assert mean == pytest.approx(w @ rows.along / m, rel=5e-3)  # but for faint explanations, which are cut off
     assert 0.925 < mean**2 / (w @ rows.square / m) < 0.955
     assert normal()[m] == pytest.approx(w @ rows.along / (w @ rows.live), rel=2e-3)
-    assert chi.sf(CUTS[m], m) < 3e-6
+    assert chi.sf(BISQUARE_CUT_SIGMA[m], m) < 3e-6
 
 
 def test_the_slope_is_the_derivative() -> None:

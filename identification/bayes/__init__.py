@@ -1,6 +1,6 @@
-"""The posterior of a fit: exact where it is Gaussian, by quadrature in one dimension, by emcee beyond.
+"""Posterior distribution of a fit: closed form where Gaussian, quadrature over one hyperparameter, else emcee.
 
-Given noise levels, shapes of effects and scales of ties, the parameters of the error model are Gaussian: they are
-integrated out, and only what is not linear is sampled. Everything a log-probability needs are sufficient statistics,
-gathered in one stream through the rows.
+Given noise levels, shape parameters of effects and scales of random effects, the parameters of the error model are
+Gaussian and integrated out; only these hyperparameters are sampled. Log-probabilities need sufficient statistics only,
+which are gathered in one pass over the rows.
 """

@@ -1,4 +1,4 @@
-"""A fit that holds a posterior: means for values, its covariance, shapes of effects where they are most likely."""
+"""Transfer of a posterior to a fit (means, covariance, shapes), and check of the linear model behind it."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from identification.estimation.result import Fit, Spread, residuals_of
 from identification.estimation.run import look_at
 from identification.observation.normal_equations import accumulate
 
-COMPARED = 8  # draws at which the linear model is compared with the exact kinematics
+DRAWS_COMPARED = 8  # draws at which the linear model is compared with the exact kinematics: limits the time
 
 
 def machine_at(machine: Machine, interpolations: Sequence[ShapeInterpolation], shapes: Array) -> Machine:
-    """The machine with shapes (all shapes,) as moved."""
+    """The machine with the given shape parameters (all shapes,), on the sampled scale."""
     specs, start = list(machine.effects), 0
     for shape in interpolations:
         effect = shape.effect_at(shapes[start : start + len(shape.names)])
@@ -31,13 +31,13 @@ def machine_at(machine: Machine, interpolations: Sequence[ShapeInterpolation], s
 
 
 def with_posterior(fit: Fit, posterior: Posterior) -> Fit:
-    """The fit with the posterior's means and covariance in place of the closed form's; residuals and tests follow."""
+    """The fit with the posterior's means and covariance, and residuals and test files recomputed from them."""
     values = np.zeros(len(fit.solution.unknowns))
     values[fit.solution.groups.base] = posterior.mean
     solution = replace(fit.solution, values=values, covariance=posterior.covariance / fit.inflation**2)
     zero = np.zeros(len(fit.chain.ids))
     residuals = residuals_of(fit.problem.views, fit.problem.place(), values, zero, len(fit.survey))
-    held = {b.statement for b in fit.at_bound}  # of the least squares that it began with: means lie within
+    held = {b.statement for b in fit.at_bound}  # notes of the bounded least squares: posterior means are not at bounds
     notes = tuple(n for n in fit.notes if n not in held)
     out = replace(
         fit, solution=solution, residuals=residuals, fitted=Spread.of(residuals), at_bound=(), notes=notes,
@@ -46,18 +46,24 @@ def with_posterior(fit: Fit, posterior: Posterior) -> Fit:
 
 
 def departure(fit: Fit, linear: Collapsed, values: Array, moved: Array) -> float:
-    """By how many nats the linear, interpolated model misses the exact kinematics' log-likelihood, at most.
+    """Largest error of the log-likelihood of the linear, interpolated model against the exact kinematics.
 
-    At some of the draws `values` (n, p), `moved` (n, coordinates); differences of draws are what counts.
+    It is the range of the difference over a few of the draws, because a constant has no effect.
+
+    Parameters
+    ----------
+    linear : the linear model.
+    values : (n, p) draws of the parameters, mm, rad and derived units.
+    moved : (n, coordinates) draws of the hyperparameters, on the sampled scale.
     """
     statistics = linear.statistics
-    some = np.linspace(0, len(values) - 1, COMPARED).astype(int)
+    some = np.linspace(0, len(values) - 1, DRAWS_COMPARED).astype(int)
     values, moved = values[some], moved[some]
     levels, shapes = linear.levels(moved), linear.shapes(moved)
     approximate = -0.5 * np.sum(levels * statistics.squares(values, shapes), axis=1)
-    exact = np.empty(COMPARED)
+    exact = np.empty(DRAWS_COMPARED)
     problem = posed(fit, fit.chain.machine)
-    for k in range(COMPARED):
+    for k in range(DRAWS_COMPARED):
         if statistics.interpolations:
             problem = posed(fit, machine_at(fit.chain.machine, statistics.interpolations, shapes[k]))
         # an effect's parameters keep their names whatever its shape

@@ -1,4 +1,4 @@
-"""What the data say for each effect of a machine: closed-form Bayes factors, as the diagnosis weighs candidates."""
+"""Bayes factors of the effects of a machine in closed form, with the scores of the diagnosis."""
 
 from __future__ import annotations
 
@@ -13,7 +13,10 @@ from identification.observation.models import PositionView
 
 
 def evidence_of(fit: Fit) -> tuple[EffectEvidence, ...]:
-    """Of each effect at its present shapes, against the machine without it; positions only, in white noise."""
+    """Bayes factor of each effect at its present shapes against the machine without it.
+
+    Positions only, with white noise; empty for surveys without positions.
+    """
     if not any(isinstance(v, PositionView) for v in fit.problem.views):
         return ()
     out = []

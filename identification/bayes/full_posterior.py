@@ -1,6 +1,7 @@
-"""The posterior with its linear parameters kept, where they are not Gaussian: bounded, or with outliers among the rows.
+"""Posterior density of parameters and hyperparameters together, for bounded parameters or rows with outliers.
 
-Parameters are sampled in units of the closed-form posterior: from its mean, along the columns of its Cholesky factor.
+In these cases the linear parameters are not Gaussian and must be sampled. They are scaled by the closed-form posterior:
+relative to its mean, along the columns of its Cholesky factor.
 """
 
 from __future__ import annotations
@@ -17,14 +18,14 @@ from identification.bayes.outliers import Mixture
 
 @dataclass(frozen=True)
 class Whole:
-    """A target of a sampler: points are (n, p + coordinates), scaled parameters before coordinates.
+    """Target density of a sampler: points are (n, p + coordinates), scaled parameters before hyperparameters.
 
     Attributes
     ----------
     linear : the same model with its parameters integrated out.
-    mixture : the outliers' part, or None where all rows are of one noise.
-    center (p,), factor (p, p) : of the closed-form posterior where walkers begin.
-    shear (q, p) : how its mean follows the linear model's coordinates, so that scaled parameters hardly depend on them.
+    mixture : outlier model, or None without outliers.
+    center, factor : mean (p,) and Cholesky factor (p, p) of the covariance of the closed-form posterior at the start.
+    shear : (q, p) change of this mean per unit of each hyperparameter: decorrelates scaled parameters from these.
     """
 
     linear: Collapsed
@@ -35,6 +36,7 @@ class Whole:
 
     @classmethod
     def of(cls, linear: Collapsed, mixture: Mixture | None = None) -> Whole:
+        """The target for a linear model; its start is the closed-form posterior."""
         (center,), (covariance,) = linear.closed(linear.start())
         d = np.sqrt(np.diag(covariance))
         factor = d[:, None] * np.linalg.cholesky(covariance / np.outer(d, d))
@@ -47,17 +49,18 @@ class Whole:
 
     @property
     def coordinates(self) -> tuple[Coordinate, ...]:
+        """All hyperparameters: those of the linear model, then those of the outliers."""
         return (*self.linear.coordinates, *(self.mixture.coordinates if self.mixture else ()))
 
     def split(self, points: Array) -> tuple[Array, Array]:
-        """Parameters (n, p) and the linear model's coordinates (n, q) of points."""
+        """Parameters (n, p) and hyperparameters (n, q) of the linear model, of points."""
         p = len(self.center)
         own = points[:, p : p + len(self.linear.coordinates)]
         follow = (own - self.linear.start()) @ self.shear
         return self.center + points[:, :p] @ self.factor.T + follow, own
 
     def log_prob(self, points: Array) -> Array:
-        """Log posterior density, up to a constant, (n,)."""
+        """Logarithm of the posterior density, up to a constant, (n,)."""
         linear, prior = self.linear, self.linear.prior
         values, own = self.split(points)
         others = points[:, points.shape[1] - (2 if self.mixture else 0) :]
@@ -71,7 +74,7 @@ class Whole:
         return np.asarray(out)
 
     def _inside(self, values: Array, own: Array, others: Array) -> Array:
-        """Log likelihood and the parameters' log prior, within all bounds."""
+        """Log-likelihood plus the log prior of the parameters, for points within all bounds."""
         linear, prior, statistics = self.linear, self.linear.prior, self.linear.statistics
         levels, shapes, away = linear.levels(own), linear.shapes(own), values - prior.mean
         out = -0.5 * np.sum(levels * statistics.squares(values, shapes), axis=1)

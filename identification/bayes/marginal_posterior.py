@@ -1,4 +1,7 @@
-"""The posterior of noise levels, shapes and scales, with all linear parameters integrated out."""
+"""Marginal posterior of the hyperparameters, with all linear parameters integrated out in closed form.
+
+Hyperparameters are noise levels, shape parameters of effects and scales of random effects.
+"""
 
 from __future__ import annotations
 
@@ -14,9 +17,14 @@ from identification.bayes.statistics import Statistics
 
 @dataclass(frozen=True)
 class Collapsed:
-    """A target of a sampler: points are (n, coordinates), as they are moved.
+    """Target density of a sampler: points are (n, coordinates), on the sampled scale.
 
-    Coordinates are noise levels of `free` kinds (numbers among the statistics' kinds), then shapes, then ties' scales.
+    Attributes
+    ----------
+    statistics : sufficient statistics of the rows.
+    prior : of the linear parameters.
+    coordinates : noise levels of the `free` kinds, then shape parameters, then scales of random effects.
+    free : indices of the kinds of observation whose noise level is unknown.
     """
 
     statistics: Statistics
@@ -26,6 +34,7 @@ class Collapsed:
 
     @property
     def _shapes(self) -> slice:
+        """Columns of the shape parameters among the coordinates."""
         return slice(len(self.free), len(self.free) + sum(len(b.names) for b in self.statistics.interpolations))
 
     def levels(self, points: Array) -> Array:
@@ -35,14 +44,19 @@ class Collapsed:
         return out
 
     def shapes(self, points: Array) -> Array:
+        """Shape parameters (n, all shapes), on the sampled scale."""
         return points[:, self._shapes]
 
     def scales(self, points: Array) -> Array:
+        """Scales (n, random effects) of the random effects' standard deviations."""
         start = self._shapes.stop
         return np.exp(points[:, start : start + len(self.prior.ties)])
 
     def log_prior(self, points: Array) -> Array:
-        """Of the coordinates, and of ties' scales what normalises the ties; minus infinity where nothing is known."""
+        """Log prior density of the hyperparameters, (n,), with the normalisation of the random effects' priors.
+
+        Minus infinity outside the bounds or the interpolated range of a shape.
+        """
         total = sum((c.log_prior(x) for c, x in zip(self.coordinates, points.T, strict=True)), np.zeros(len(points)))
         shapes, start = self.shapes(points), 0
         for shape in self.statistics.interpolations:
@@ -52,14 +66,14 @@ class Collapsed:
         return np.asarray(total + self.prior.log_ties(self.scales(points)))
 
     def normal(self, points: Array) -> tuple[Array, Array, Array]:
-        """Precision (n, p, p) of the parameters given the coordinates, that times their mean, and what remains."""
+        """Precision (n, p, p) of the parameters given the hyperparameters, its product with the mean, and ``y'Wy``."""
         gram, slope, square = self.statistics.normal(self.levels(points), self.shapes(points))
         precision = self.prior.precisions(self.scales(points))
         pull = self.prior.precision @ self.prior.mean
         return gram + precision, slope + pull, square + self.prior.mean @ pull
 
     def log_prob(self, points: Array) -> Array:
-        """Log posterior density, up to a constant, (n,)."""
+        """Logarithm of the marginal posterior density, up to a constant, (n,)."""
         out = self.log_prior(points)
         inside = np.isfinite(out)
         if inside.any():
@@ -71,14 +85,14 @@ class Collapsed:
         return out
 
     def parameters(self, points: Array, rng: np.random.Generator) -> Array:
-        """A draw (n, p) of the parameters for each point: exact."""
+        """One exact draw (n, p) of the parameters for each point."""
         out = np.empty((len(points), len(self.statistics.names)))
         for start in range(0, len(points), 500):
             part = slice(start, start + 500)
             gram, slope, _ = self.normal(points[part])
             d = 1 / np.sqrt(np.diagonal(gram, axis1=1, axis2=2))
             factor = np.linalg.cholesky(gram * d[:, :, None] * d[:, None, :])
-            # with L L' the precision, L'^-1 (L^-1 slope + noise)
+            # with the precision L L': L'^-1 (L^-1 slope + noise)
             white = np.linalg.solve(factor, (d * slope)[:, :, None])
             white = white + rng.standard_normal(white.shape)
             out[part] = d * np.linalg.solve(factor.transpose(0, 2, 1), white)[:, :, 0]
@@ -94,12 +108,12 @@ class Collapsed:
         return np.einsum("nij,nj->ni", covariance, slope), covariance
 
     def start(self) -> Array:
-        """(1, coordinates) where walkers begin."""
+        """Centre (1, coordinates) of the starting points."""
         return np.array([[c.start for c in self.coordinates]])
 
 
 def _factors(gram: Array, slope: Array, square: Array) -> Array:
-    """Cholesky factors (n, p + 1, p + 1) whose last diagonal entry is the root of what the parameters leave over."""
+    """Cholesky factors (n, p + 1, p + 1); the last diagonal entry squared is the residual sum of squares."""
     n, p = slope.shape
     whole = np.empty((n, p + 1, p + 1))
     d = np.sqrt(np.diagonal(gram, axis1=1, axis2=2))

@@ -1,4 +1,4 @@
-"""Draws as a file that ``arviz.from_netcdf`` reads: one netCDF-4 group for each kind of thing."""
+"""Posterior draws as a netCDF-4 file that ``arviz.from_netcdf`` reads."""
 
 from __future__ import annotations
 
@@ -96,6 +96,7 @@ def _group(
     variables: Mapping[str, tuple[tuple[str, ...], Array, str]],
     attributes: Mapping[str, str],
 ) -> None:
+    """Write one group with its dimensions, variables and attributes."""
     import h5py
 
     group = file.create_group(name)

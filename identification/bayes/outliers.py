@@ -1,9 +1,9 @@
-"""Outliers as a mixture: a row is of the common noise, or of one that is many times as wide; how many and how wide.
+"""Bayesian outlier model: a row has the common noise, or noise many times as wide, with unknown share and width.
 
-Whether a row is an outlier depends on the parameters only where that is in doubt. Rows within `NEAR` are of the noise
-whatever the parameters: they stay in the sufficient statistics, and what the mixture adds for them (which depends on
-noise, share and width only) comes from a histogram of their residuals. All others keep their equations, and a
-log-probability costs as much more as they are many.
+Only rows whose residual is in the tail of the noise can change their class with the parameters; they keep their own
+equations. The other rows stay in the sufficient statistics, and the mixture's correction for them, which depends on
+noise level, share and width only, is computed from a histogram of their residuals. The cost of a log-probability grows
+with the number of doubtful rows.
 """
 
 from __future__ import annotations
@@ -19,22 +19,23 @@ from identification.estimation.result import Fit
 from identification.observation.models import PositionView
 from identification.observation.normal_equations import view_vector
 
-NEAR = 0.01  # of the rows of the noise lie further out
-GROSS = 4.0  # standard deviations: counted as outliers to begin with
-BINS = 60
-LEAST = 3.0  # how many times as wide as the noise outliers are, at least
-WIDEST = 10.0  # times the largest residual: how wide they may be
-FEWEST, LARGEST_SHARE = 0.1, 0.5  # outliers in all; of the rows
+DOUBT_TAIL_PROBABILITY = 0.01  # rows beyond this tail probability of the noise keep their own equations
+GROSS_SIGMA = 4.0  # standard deviations beyond which a row counts as an outlier in the starting values
+RESIDUAL_BINS = 60  # bins of equal numbers in the histogram of the other rows, for each number of components
+LEAST_OUTLIER_WIDTH = 3.0  # smallest width of the outliers, in standard deviations of the noise; by judgement
+WIDEST_OUTLIER_RATIO = 10.0  # largest width of the outliers over the largest residual, by judgement
+FEWEST_OUTLIERS, LARGEST_OUTLIER_SHARE = 0.1, 0.5  # bounds of the prior: expected outliers; share of the rows
 
 
 @dataclass(frozen=True)
 class Mixture:
-    """Rows in doubt, and a histogram of the others.
+    """Mixture model: equations of the doubtful rows, and a histogram of the residuals of the others.
 
     Attributes
     ----------
     apart : rows that keep their equations.
-    square, seen, number : (b,) squared residuals of the others in units of their whitener, components, and rows so.
+    square, seen, number : (b,) mean squared residual, in units of the whitener, number of components, and number of
+        rows of each bin of the others.
     coordinates : share of outliers, and their width in standard deviations of the noise.
     """
 
@@ -45,7 +46,14 @@ class Mixture:
     coordinates: tuple[Coordinate, Coordinate]
 
     def log_likelihood(self, points: Array, level: Array, extended: Array) -> Array:
-        """Of the rows apart, and what the mixture adds for the others, (n,)."""
+        """Log-likelihood (n,) of the doubtful rows, plus the mixture's correction for the others.
+
+        Parameters
+        ----------
+        points : (n, 2) natural logarithms of share and width.
+        level : (n,) inverse noise variances of positions.
+        extended : (n, e) extended unknowns, see `identification.bayes.statistics.Statistics`.
+        """
         share, width = np.exp(points).T[:, :, None]
         gaps = self.apart.gap - np.tensordot(extended, self.apart.design, axes=(1, 2))
         distance = level[:, None] * np.einsum("nmc,nmc->nm", gaps, gaps)
@@ -57,7 +65,7 @@ class Mixture:
         return np.asarray(far.sum(axis=1) + near + 0.5 * np.log(level) * seen.sum())
 
     def probability(self, points: Array, level: Array, extended: Array) -> Array:
-        """Of each row apart to be an outlier, (n, m)."""
+        """Probability (n, m) of each doubtful row to be an outlier."""
         share, width = np.exp(points).T[:, :, None]
         gaps = self.apart.gap - np.tensordot(extended, self.apart.design, axes=(1, 2))
         distance = level[:, None] * np.einsum("nmc,nmc->nm", gaps, gaps)
@@ -66,11 +74,12 @@ class Mixture:
 
     @staticmethod
     def _other(share: Array, width: Array, distance: Array, seen: Array) -> Array:
+        """Log density of being an outlier, up to the constant of the noise's density."""
         return np.asarray(np.log(share) - seen * np.log(width) - distance / (2 * width**2))
 
 
 def squares_of(fit: Fit) -> tuple[Array, Array]:
-    """Squared whitened residuals (rows,) of the survey's positions, NaN where there are none; components measured."""
+    """Squared whitened residuals (rows,) of positions, NaN where there are none, and numbers of components (rows,)."""
     problem = posed(fit, fit.chain.machine)
     square, seen = np.full(len(fit.survey), np.nan), np.zeros(len(fit.survey))
     zero = np.zeros(len(fit.chain.ids))
@@ -84,37 +93,54 @@ def squares_of(fit: Fit) -> tuple[Array, Array]:
 
 
 def in_doubt(square: Array, seen: Array, sigma: float) -> Mask:
-    """Rows that the mixture keeps apart, (rows,)."""
+    """Mask (rows,) of rows beyond the tail probability `DOUBT_TAIL_PROBABILITY` of the noise `sigma`."""
     from scipy.stats import chi2
 
-    return np.asarray(square > sigma**2 * chi2.isf(NEAR, np.maximum(seen, 1)))
+    return np.asarray(square > sigma**2 * chi2.isf(DOUBT_TAIL_PROBABILITY, np.maximum(seen, 1)))
 
 
 def _between(name: str, low: float, high: float, start: float, count: int) -> Coordinate:
-    """A coordinate that `count` observations tell; where there are none, its prior, flat in the logarithm."""
+    """A hyperparameter with a prior flat in the logarithm; `count` observations set the scale of its start."""
     spread = float(np.log(high / low))
     scale = min((count + 1) ** -0.5, spread / 4)
     return Coordinate(name, "1", float(np.log(np.clip(start, 1.1 * low, high / 1.1))), scale, low, high)
 
 
 def mixture_of(apart: RowsApart, square: Array, seen: Array, sigma: float) -> Mixture:
-    """The mixture of a fit: `square` and `seen` as :func:`squares_of` has them, `sigma` in units of the whitener."""
+    """The mixture model of a fit.
+
+    Parameters
+    ----------
+    apart : equations of the doubtful rows.
+    square, seen : (rows,) as :func:`squares_of` returns them.
+    sigma : noise level of positions, in units of the whitener.
+    """
     own = np.isfinite(square)
     own[apart.index] = False
     order = np.argsort(square[own])
-    # bins of equal numbers, of one count of components each
+    # bins of equal numbers of rows, each with one number of components
     bins = [
         part
         for count in np.unique(seen[own])
-        for part in np.array_split(order[seen[own][order] == count], BINS)
+        for part in np.array_split(order[seen[own][order] == count], RESIDUAL_BINS)
         if len(part)
     ]
-    distance = np.sqrt(square[np.isfinite(square)] / np.maximum(seen[np.isfinite(square)], 1)) / sigma  # of a component
-    rows, gross = len(distance), distance[distance > GROSS]
+    distance = (
+        np.sqrt(square[np.isfinite(square)] / np.maximum(seen[np.isfinite(square)], 1)) / sigma
+    )  # rms per component
+    rows, gross = len(distance), distance[distance > GROSS_SIGMA]
     number = len(gross)
-    share = _between("outliers.share", FEWEST / (rows + 1), LARGEST_SHARE, (number + 0.5) / (rows + 1), number)
-    size = float(np.sqrt(np.mean(gross**2))) if number else np.sqrt(LEAST * WIDEST)
-    width = _between("outliers.width", LEAST, WIDEST * max(1.0, float(distance.max(initial=1.0))), size, 6 * number)
+    share = _between(
+        "outliers.share", FEWEST_OUTLIERS / (rows + 1), LARGEST_OUTLIER_SHARE, (number + 0.5) / (rows + 1), number
+    )
+    size = float(np.sqrt(np.mean(gross**2))) if number else np.sqrt(LEAST_OUTLIER_WIDTH * WIDEST_OUTLIER_RATIO)
+    width = _between(
+        "outliers.width",
+        LEAST_OUTLIER_WIDTH,
+        WIDEST_OUTLIER_RATIO * max(1.0, float(distance.max(initial=1.0))),
+        size,
+        6 * number,
+    )
     return Mixture(
         apart,
         np.array([square[own][b].mean() for b in bins]),

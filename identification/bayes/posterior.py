@@ -1,4 +1,4 @@
-"""What is known of a machine after a survey: draws, moments, and how they were come by."""
+"""Posterior of a fit: draws, moments, method, predictive checks and Bayes factors."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from identification.bayes.hyperparameters import Coordinate
 from identification.bayes.sampling import Chains
 
 Method = Literal["exact", "quadrature", "emcee"]
-STATEMENTS: dict[Method, str] = {
+# Sentence on the method in the report, with its fields
+METHOD_STATEMENTS: dict[Method, str] = {
     "exact": "The posterior is Gaussian: it is given in closed form, and its draws are exact and independent.",
     "quadrature": (
         "Given the one unknown that is not linear ({what}), the posterior is Gaussian in closed form; over that "
@@ -28,11 +29,12 @@ STATEMENTS: dict[Method, str] = {
 
 @dataclass(frozen=True)
 class Check:
-    """A posterior predictive check: a figure of the residuals, and of residuals that the model would leave.
+    """A posterior predictive check: a statistic of the residuals and of simulated residuals.
 
     Attributes
     ----------
-    observed, replicated : (draws,) the figure for the data and for data drawn from the model, at the same draws.
+    name, meaning : of the statistic.
+    observed, replicated : (draws,) the statistic of the data and of data simulated from the model, at the same draws.
     """
 
     name: str
@@ -42,14 +44,14 @@ class Check:
 
     @property
     def p_value(self) -> float:
-        """How often the model's own data go as far as these; both ways, so that 1 is the middle."""
+        """Two-sided posterior predictive p-value; 1: the data are in the middle of the simulations."""
         above = float(np.mean(self.replicated >= self.observed))
         return min(1.0, 2 * min(above, 1 - above) + 1 / len(self.observed))
 
 
 @dataclass(frozen=True)
 class EffectEvidence:
-    """What the data say for an effect of the machine, against the machine without it."""
+    """Decimal logarithm of the Bayes factor of an effect, against the machine without it."""
 
     effect: str
     where: str
@@ -62,11 +64,15 @@ class Posterior:
 
     Attributes
     ----------
+    method : closed form, quadrature or sampling by emcee.
     names, units : of the groups' base parameters.
-    values : (chains, draws, p) of the parameters; `coordinates` (chains, draws, q): values of what is not linear.
-    unknowns : those coordinates; `mean`, `covariance` : of the parameters.
-    closed_mean, closed_std : (p,) of the closed form at the coordinates' start.
-    prior_std : (p,); `scaled`: whether the parameters themselves were sampled.
+    values : (chains, draws, p) draws of the parameters, in their units.
+    coordinates : (chains, draws, q) draws of the hyperparameters, in their units.
+    unknowns : the hyperparameters.
+    mean, covariance : (p,) and (p, p) of the parameters.
+    closed_mean, closed_std : (p,) of the closed form at the starting values of the hyperparameters.
+    prior_std : (p,) prior standard deviation of each parameter.
+    scaled : whether the parameters themselves were sampled, not only the hyperparameters.
     chains : of emcee; None where draws are exact.
     outliers : file, row and probability of those that are more likely outliers than not.
     log_likelihood : (chains, some of the draws, rows) of each kind of observation; each is one of `every` draws.
@@ -99,15 +105,15 @@ class Posterior:
 
     @property
     def statement(self) -> str:
-        """How it was come by, in a sentence."""
+        """The method of the computation, in a sentence for the report."""
         names = ", ".join(c.name for c in self.unknowns)
         if self.chains is None:
-            return STATEMENTS[self.method].format(what=names)
+            return METHOD_STATEMENTS[self.method].format(what=names)
         c = self.chains
         what = f"{'Scaled groups, ' if self.scaled else ''}{names}" if names else "Scaled groups"
         rest = "" if self.scaled else " Given these the groups are Gaussian: their draws are exact."
         return (
-            STATEMENTS["emcee"].format(
+            METHOD_STATEMENTS["emcee"].format(
                 what=what + (" were" if self.scaled or len(self.unknowns) > 1 else " was"),
                 walkers=len(c.points),
                 steps=c.steps,
@@ -120,7 +126,7 @@ class Posterior:
 
     @property
     def bounds(self) -> Array:
-        """(2, p) of the intervals that hold 95 %."""
+        """Limits (2, p) of the central 95 % credible intervals."""
         return np.asarray(np.quantile(self.values.reshape(-1, len(self.names)), (0.025, 0.975), axis=0))
 
     def as_json(self) -> dict[str, Any]:

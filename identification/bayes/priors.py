@@ -1,8 +1,8 @@
-"""What is known of the parameters beforehand: wide normal priors of physical size, and what the user says.
+"""Prior of the parameter groups: wide normal distributions of physical size, and the user's priors.
 
-A group is a sum of parameters; its prior is that of the sum of their priors. A parameter that the user says nothing of
-may be ten times what machines show (or what this one's other parameters of the same unit are, if that is more): it
-moves an estimate that the data know well by less than a hundredth of its standard uncertainty.
+A group is a sum of parameters, and its prior follows from those of its members. The default standard deviation is ten
+times the usual size in machines (or the rms of this machine's parameters of the same unit, if that is larger): it moves
+a well-determined estimate by less than a hundredth of its standard uncertainty. Units: mm, rad and derived ones.
 """
 
 from __future__ import annotations
@@ -18,23 +18,24 @@ from errormodel.yamlfile import Document
 from identification.bayes.settings import PriorForm
 from identification.estimation.bounded import limits
 from identification.estimation.result import Fit
-from identification.uncertainty.prediction import PLAUSIBLE
+from identification.uncertainty.prediction import PLAUSIBLE_SIZES
 
-WIDE = 10.0  # times what is usual
-DOUBT = 6.0  # standard deviations within which a bound of physics matters
-LOOSE = {"mm": 100.0, "rad": 0.1}  # small parameters of frames, zeros and targets, after their alignment
+PRIOR_WIDTH_FACTOR = 10.0  # standard deviation of the default prior over the usual size of a parameter
+BOUND_DOUBT_SIGMA = 6.0  # physical bounds farther than this from the estimate (standard uncertainties) are left out
+# Prior standard deviation of the small parameters of frames, zeros and targets, after their alignment; uninformative
+NUISANCE_STD = {"mm": 100.0, "rad": 0.1}
 
 
 @dataclass(frozen=True)
 class Prior:
-    """Of the groups: normal, with bounds; ties apart, whose common standard deviation may be unknown.
+    """Normal prior of the groups with bounds; random effects have a common, possibly unknown standard deviation.
 
     Attributes
     ----------
-    mean (p,), precision (p, p) : of the groups, ties left out.
+    mean, precision : (p,) and (p, p), random effects left out.
     low, high : (p,) bounds.
-    ties : for each tied effect the places of its parameters; `sizes`: their standard deviation.
-    std : (p,) of each group by itself.
+    ties : for each random effect the indices of its parameters; `sizes`: their nominal standard deviations.
+    std : (p,) marginal standard deviation of each group.
     """
 
     mean: Array
@@ -47,17 +48,18 @@ class Prior:
 
     @property
     def bounded(self) -> bool:
+        """Whether any group has a bound."""
         return bool(np.isfinite(self.low).any() or np.isfinite(self.high).any())
 
     def precisions(self, scales: Array) -> Array:
-        """(n, p, p) with ties (n, ties) times as wide."""
+        """Precisions (n, p, p) with the standard deviations of random effects times `scales` (n, ties)."""
         out = np.broadcast_to(self.precision, (len(scales), *self.precision.shape)).copy()
         for k, (place, size) in enumerate(zip(self.ties, self.sizes, strict=True)):
             out[:, place, place] += (size * scales[:, k, None]) ** -2.0
         return out
 
     def log_ties(self, scales: Array) -> Array:
-        """What depends on the scales of the normalisation, (n,)."""
+        """Logarithm (n,) of the scale-dependent normalisation of the random effects' priors."""
         counts = np.array([len(place) for place in self.ties])
         return np.asarray(-np.log(scales) @ counts) if len(counts) else np.zeros(len(scales))
 
@@ -65,10 +67,14 @@ class Prior:
 def prior_of(fit: Fit, given: Mapping[str, PriorForm], document: Document | None) -> Prior:
     """The groups' prior.
 
+    Parameters
+    ----------
+    given : the user's priors by parameter name; `document`: their file, for messages.
+
     Raises
     ------
     InputError
-        A prior names what is no parameter, or bounds one that cannot be told from others.
+        A prior names an unknown parameter, or bounds one that is not the base of a group.
     """
     solution, chain = fit.solution, fit.chain
     unknowns, groups = solution.unknowns, solution.groups
@@ -76,12 +82,12 @@ def prior_of(fit: Fit, given: Mapping[str, PriorForm], document: Document | None
     base = {unknowns[j]: k for k, j in enumerate(groups.base)}
     std, mean = _widths(fit), np.zeros(len(unknowns))
     low, high = limits(chain, unknowns, groups, given, document)
-    # what physics allows counts where the data leave doubt
+    # physical bounds are used only where the estimate is close to them
     error = np.sqrt(np.diag(solution.covariance)) * fit.inflation
     value = solution.values[groups.base]
     known = np.array([unknowns[j] in given for j in groups.base], dtype=bool)
-    low[~known & (value - DOUBT * error > low)] = -np.inf
-    high[~known & (value + DOUBT * error < high)] = np.inf
+    low[~known & (value - BOUND_DOUBT_SIGMA * error > low)] = -np.inf
+    high[~known & (value + BOUND_DOUBT_SIGMA * error < high)] = np.inf
     for name, form in given.items():
         if form.std is not None:
             std[place[name]], mean[place[name]] = form.std, form.mean
@@ -99,13 +105,13 @@ def prior_of(fit: Fit, given: Mapping[str, PriorForm], document: Document | None
 
 
 def _widths(fit: Fit) -> Array:
-    """(unknowns,) standard deviations of the parameters where the user says nothing."""
+    """Default prior standard deviations (unknowns,) of the parameters."""
     solution, chain = fit.solution, fit.chain
     named = solution.named()
     units = {p.id: p.unit for p in chain.parameters}
     own = {solution.unknowns[j] for j in solution.groups.base} - {*chain.frame_ids, *chain.tool_ids} - chain.of_effects
-    sizes = dict(PLAUSIBLE)
-    for unit, usual in PLAUSIBLE.items():
+    sizes = dict(PLAUSIBLE_SIZES)
+    for unit, usual in PLAUSIBLE_SIZES.items():
         values = [named[i] for i in own if units.get(i) == unit]
         sizes[unit] = max(usual, float(np.sqrt(np.mean(np.square(values)))) if values else 0.0)
     of_effects = {
@@ -117,9 +123,9 @@ def _widths(fit: Fit) -> Array:
     for k, name in enumerate(solution.unknowns):
         tied = name in units and chain.parameters[chain.index[name]].prior
         if name in of_effects:
-            out[k] = tied or WIDE * of_effects[name]
+            out[k] = tied or PRIOR_WIDTH_FACTOR * of_effects[name]
         elif name in units and name not in chain.frame_ids and name not in chain.tool_ids:
-            out[k] = WIDE * sizes[units[name]]
+            out[k] = PRIOR_WIDTH_FACTOR * sizes[units[name]]
         else:
-            out[k] = LOOSE["mm" if name.rsplit(".", 1)[1] in ("dx", "dy", "dz") else "rad"]
+            out[k] = NUISANCE_STD["mm" if name.rsplit(".", 1)[1] in ("dx", "dy", "dz") else "rad"]
     return out

@@ -1,4 +1,7 @@
-"""The posterior of a fitted machine, from priors to draws that may be signed."""
+"""Bayesian inference for a fitted machine: prior, sufficient statistics, sampling, predictive checks.
+
+The method is exact where the posterior is Gaussian, quadrature for one hyperparameter, and emcee otherwise.
+"""
 
 from __future__ import annotations
 
@@ -57,19 +60,27 @@ def bayesian(
     progress: Progress = silent,
     count: Steps = uncounted,
 ) -> Fit:
-    """A fit with the posterior of its parameters, noise levels, shapes of effects and, `robust`, outliers.
+    """A fit with the posterior of its parameters, noise levels, shape parameters and, if `robust`, outliers.
 
     Parameters
     ----------
-    refit : fits a machine whose shapes have moved to the same survey.
-    given : priors by name; `document`: the file they stand in, for messages.
-    robust : rows are a mixture of the noise and of outliers.
-    folder : keeps an unfinished chain.
+    fit : least-squares fit.
+    refit : fits a machine with other shape parameters to the same survey.
+    given : the user's priors by name; `document`: their file, for messages.
+    robust : model rows as a mixture of noise and outliers.
+    seed : of all random numbers.
+    folder : where an unfinished chain is stored.
+    progress, count : progress callbacks for stages and for the steps of the chain.
+
+    Returns
+    -------
+    Fit
+        With the posterior's means, covariance and shape parameters.
 
     Raises
     ------
     InputError
-        A prior contradicts itself, another or the data, or leaves no walker inside its bounds.
+        A prior contradicts itself, another or the data, or too few walkers start inside its bounds.
     NotConvergedError
         The chain has not converged.
     """
@@ -81,7 +92,7 @@ def bayesian(
         with progress("Checking the posterior"):
             values = posterior.values.reshape(-1, len(posterior.names))
             away = departure(fit, linear, values, moved[:, : len(linear.coordinates)])
-            if away > MOST_DEPARTURE:
+            if away > MOST_LOG_LIKELIHOOD_ERROR:
                 notes = (
                     *notes,
                     f"the kinematics bend over the posterior: log-probabilities are off by up to {away:.1f}",
@@ -118,7 +129,7 @@ def _with_likelihood(
 def model_of(
     fit: Fit, given: Mapping[str, PriorForm], document: Document | None, robust: bool
 ) -> tuple[Collapsed, Whole | None, tuple[str, ...]]:
-    """The linear model with its parameters integrated out; the whole one where that cannot be; notes."""
+    """The marginal posterior; the full one if parameters are bounded or rows have outliers, else None; notes."""
     known = fit.solution.unknowns
     prior = prior_of(fit, {n: f for n, f in given.items() if n in known}, document)
     check_against_data(fit, prior, given, document)
@@ -149,7 +160,7 @@ def model_of(
 def drawn(
     fit: Fit, linear: Collapsed, whole: Whole | None, seed: int, folder: Path | None = None, count: Steps = uncounted
 ) -> tuple[Posterior, Array]:
-    """The posterior, without its checks, and the coordinates (n, q) of its draws as moved."""
+    """The posterior without checks, and the hyperparameters (n, q) of its draws on the sampled scale."""
     rng = np.random.default_rng(seed)
     (mean,), (covariance,) = linear.closed(linear.start())
     closed_mean, closed_std = mean, np.sqrt(np.diag(covariance))
@@ -163,7 +174,7 @@ def drawn(
         flat = points.reshape(-1, points.shape[2])
         shape = points.shape[:2]
     else:
-        flat, shape = np.zeros((CHAINS * DRAWS, 0)), (CHAINS, DRAWS)
+        flat, shape = np.zeros((EXACT_CHAINS * EXACT_DRAWS, 0)), (EXACT_CHAINS, EXACT_DRAWS)
         if q:
             grid, weights = _grid(linear)
             flat = rng.choice(grid, len(flat), p=weights)[:, None]
@@ -192,6 +203,7 @@ def drawn(
 def _sampled(
     target: Target, unknowns: Sequence[Coordinate], linear: int, seed: int, folder: Path | None, count: Steps
 ) -> tuple[Array, Chains]:
+    """Draws (walkers, draws, dimension) by emcee, thinned to `MOST_KEPT_DRAWS`, and the chains."""
     scale = np.array([*np.ones(linear), *(c.scale for c in unknowns)])
     center = np.array([*np.zeros(linear), *(c.start for c in unknowns)])
     walkers, reference = walkers_for(len(scale)), Reference(center, scale)
@@ -201,16 +213,16 @@ def _sampled(
         raise InputError("--priors", found, "Widen the bounds: the data lie outside them")
     chains = sample(target, reference, start, seed, folder, count)
     points = chains.points
-    most = max(1, MOST_DRAWS // len(points))
+    most = max(1, MOST_KEPT_DRAWS // len(points))
     return points[:, :: -(-points.shape[1] // most)], chains
 
 
 def _grid(linear: Collapsed) -> tuple[Array, Array]:
-    """Points (GRID,) of the one coordinate and their probabilities, over all that counts."""
+    """Grid (QUADRATURE_POINTS,) of the one hyperparameter on the sampled scale, and its probabilities."""
     (c,) = linear.coordinates
     center, scale = c.start, c.scale
-    for _ in range(6):  # to where the density really is
-        grid = center + scale * np.linspace(-8, 8, GRID)
+    for _ in range(6):  # recentre and rescale the grid by the moments of the density
+        grid = center + scale * np.linspace(-8, 8, QUADRATURE_POINTS)
         log = linear.log_prob(grid[:, None])
         weights = np.exp(log - log.max())
         weights /= weights.sum()
@@ -220,7 +232,7 @@ def _grid(linear: Collapsed) -> tuple[Array, Array]:
 
 
 def moments(linear: Collapsed, points: Array, weights: Array) -> tuple[Array, Array]:
-    """Mean (p,) and covariance (p, p) of the parameters over weighted points."""
+    """Mean (p,) and covariance (p, p) of the parameters over points (n, coordinates) with weights (n,)."""
     points, weights = points[weights > 1e-9], weights[weights > 1e-9]
     means, covariances = linear.closed(points)
     mean = weights @ means
@@ -229,7 +241,7 @@ def moments(linear: Collapsed, points: Array, weights: Array) -> tuple[Array, Ar
 
 
 def _outliers(fit: Fit, whole: Whole, points: Array) -> tuple[tuple[str, int, float], ...]:
-    """File, row and probability of rows that are more likely outliers than not."""
+    """File, row and probability of rows with an outlier probability above 0.5."""
     if whole.mixture is None or not len(whole.mixture.apart.index):
         return ()
     some = points[:: max(1, len(points) // 200)]

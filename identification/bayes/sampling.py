@@ -1,7 +1,7 @@
-"""emcee in pieces that survive: each is a file, a killed run goes on after the last one and ends as if never killed.
+"""Sampling by emcee with checkpoint files: an interrupted run continues after its last file with identical results.
 
-A chain counts once it is fifty autocorrelation times long and its walkers agree by the split R-hat of ranks
-(A. Vehtari et al., Bayesian Analysis 16 (2021) 667); until then it is no result.
+A chain is converged when it is fifty autocorrelation times long and the rank-normalised split R-hat of its walkers
+(A. Vehtari et al., Bayesian Analysis 16 (2021) 667) is small. Until then no result is returned.
 """
 
 from __future__ import annotations
@@ -18,23 +18,24 @@ from errormodel.exceptions import ErrorModelError
 from errormodel.files import replacing
 from identification.runtime.progress import Steps, uncounted
 
-LENGTH = 50.0  # autocorrelation times
-AGREE = 1.03  # split R-hat of one coordinate; walkers are short chains, of 25 autocorrelation times a half
-BURN = 0.25  # of a chain, left out
-PIECE = 200  # stored steps a file
-MOST_PIECES = 60
+LEAST_CHAIN_LENGTH_TAU = 50.0  # autocorrelation times a chain must last after burn-in: recommendation of emcee
+# Largest split R-hat of a coordinate. Above the usual 1.01: each half of a walker is only 25 autocorrelation times long
+LARGEST_SPLIT_RHAT = 1.03
+BURN_IN_SHARE = 0.25  # share of a chain that is discarded
+PIECE_STEPS = 200  # stored steps per file
+MOST_PIECES = 60  # files per chain, after which sampling fails
 
 
 class Target(Protocol):
-    """What can be sampled."""
+    """A density that can be sampled."""
 
     def log_prob(self, points: Array) -> Array:
-        """Of points (n, dimension), (n,)."""
+        """Log density (n,), up to a constant, of points (n, dimension)."""
         ...
 
 
 class NotConvergedError(ErrorModelError):
-    """A chain that has not converged, and is therefore no result."""
+    """The chain has not converged, and no posterior is returned."""
 
 
 @dataclass(frozen=True)
@@ -43,10 +44,13 @@ class Chains:
 
     Attributes
     ----------
-    points : (walkers, draws, dimension), `log_prob` (walkers, draws): after the burn-in, one in `thin` steps.
-    steps : in all, of each walker; `tau`: largest autocorrelation time, steps; `rhat`: largest; `effective`: smallest
-        number of draws that are as good as independent.
-    accepted : share of the proposals.
+    points : (walkers, draws, dimension), after the burn-in, every `thin`-th step.
+    log_prob : (walkers, draws) log density of the points.
+    steps : of each walker, burn-in included.
+    tau : largest integrated autocorrelation time of a coordinate, steps.
+    rhat : largest split R-hat of a coordinate.
+    effective : smallest effective number of independent draws.
+    accepted : share of accepted proposals.
     """
 
     points: Array
@@ -61,21 +65,21 @@ class Chains:
 
 @dataclass(frozen=True)
 class Reference:
-    """A normal distribution near the target: center and scale (dimension,).
+    """A normal approximation of the target: `center` and `scale` (dimension,).
 
-    Proposals that are reversible for it (preconditioned Crank-Nicolson) are accepted as far as the target is like it,
-    in any number of dimensions; where it is not, the moves of the ensemble find their own way.
+    Proposals reversible with respect to it (preconditioned Crank-Nicolson) have an acceptance rate that depends on the
+    quality of the approximation, not on the dimension. Where it is poor, the moves of the ensemble take over.
     """
 
     center: Array
     scale: Array
 
     def draw(self, rng: np.random.Generator, count: int) -> Array:
-        """Points (count, dimension)."""
+        """Random points (count, dimension)."""
         return np.asarray(self.center + self.scale * rng.standard_normal((count, len(self.scale))))
 
     def propose(self, points: Array, rng: np.random.RandomState) -> tuple[Array, Array]:
-        """New points, and the log of what the proposal's asymmetry counts; steps of all lengths."""
+        """Proposed points, and the log ratio of the proposal densities; step lengths are random."""
         unit = (points - self.center) / self.scale
         step = rng.uniform(0.05, 1.0, (len(points), 1))
         new = np.sqrt(1 - step**2) * unit + step * rng.standard_normal(unit.shape)
@@ -96,14 +100,18 @@ def sample(
 
     Parameters
     ----------
-    reference : near the target, as the closed form is; `start` (walkers, dimension), all inside what is possible.
-    folder : where the pieces of the chain are kept, and found again by a run of the same target, start and seed.
-    most : pieces.
+    target : log density.
+    reference : normal approximation of the target.
+    start : (walkers, dimension) starting points of finite density.
+    seed : of the chain.
+    folder : where pieces of the chain are stored, and found by a later run with the same target, start and seed.
+    count : progress callback.
+    most : largest number of pieces.
 
     Raises
     ------
     NotConvergedError
-        Not within that many pieces.
+        The chain has not converged within `most` pieces.
     """
     import emcee
 
@@ -111,7 +119,7 @@ def sample(
     thin = max(1, dimension // 8)
     moves = [(emcee.moves.MHMove(reference.propose), 0.5), (emcee.moves.DEMove(), 0.5)]
     sampler = emcee.EnsembleSampler(walkers, dimension, target.log_prob, vectorize=True, moves=moves)
-    # another model, survey or prior has other densities at the start
+    # the densities at the start identify model, survey and prior
     name = hashlib.sha256(start.tobytes() + target.log_prob(start).tobytes() + str(seed).encode()).hexdigest()[:12]
     store = _Pieces(folder, name)
     pieces = store.read()
@@ -122,14 +130,16 @@ def sample(
         while True:
             tau, rhat, done = _judge(pieces, thin)
             length = sum(len(p.points) for p in pieces) * thin
-            wanted = LENGTH * tau / (1 - BURN) if np.isfinite(tau) else PIECE * thin * most
+            wanted = (
+                LEAST_CHAIN_LENGTH_TAU * tau / (1 - BURN_IN_SHARE) if np.isfinite(tau) else PIECE_STEPS * thin * most
+            )
             told(min(1.0, length / wanted), _remark(length, tau))
             if done:
                 break
             if len(pieces) >= most:
                 raise NotConvergedError(_why(length, tau, rhat, folder))
             sampler.reset()
-            state = sampler.run_mcmc(state, PIECE, thin_by=thin, skip_initial_state_check=bool(pieces))
+            state = sampler.run_mcmc(state, PIECE_STEPS, thin_by=thin, skip_initial_state_check=bool(pieces))
             piece = _Piece(
                 sampler.get_chain().copy(), sampler.get_log_prob().copy(), state.coords, state.log_prob,
                 state.random_state, float(np.mean(sampler.acceptance_fraction)),
@@ -152,12 +162,13 @@ class _Piece:
 
 
 class _Pieces:
-    """The pieces of one chain in a folder, or nowhere."""
+    """Storage of the pieces of one chain: files in a folder, or none."""
 
     def __init__(self, folder: Path | None, name: str) -> None:
         self.folder, self.name = folder, name
 
     def read(self) -> list[_Piece]:
+        """All stored pieces, in order."""
         out: list[_Piece] = []
         while self.folder is not None and (path := self._path(len(out))).is_file():
             with np.load(path, allow_pickle=False) as f:
@@ -169,6 +180,7 @@ class _Pieces:
         return out
 
     def write(self, number: int, piece: _Piece) -> None:
+        """Store a piece."""
         if self.folder is None:
             return
         _, keys, *numbers = piece.random
@@ -179,7 +191,7 @@ class _Pieces:
             )  # fmt: skip
 
     def clear(self) -> None:
-        """Once the result is there, it holds all that counts."""
+        """Delete the files of a completed chain."""
         if self.folder is not None and self.folder.is_dir():
             for path in self.folder.glob("piece_*.npz"):
                 path.unlink()
@@ -192,39 +204,41 @@ class _Pieces:
 
 
 def _kept(pieces: list[_Piece]) -> tuple[Array, Array]:
+    """Points and log densities of all pieces without the burn-in."""
     points, log_prob = (np.concatenate([getattr(p, n) for p in pieces]) for n in ("points", "log_prob"))
-    first = int(BURN * len(points))
+    first = int(BURN_IN_SHARE * len(points))
     return points[first:], log_prob[first:]
 
 
 def _judge(pieces: list[_Piece], thin: int) -> tuple[float, float, bool]:
-    """Autocorrelation time in steps, split R-hat (only of a chain that is long enough), and whether that will do."""
+    """Autocorrelation time in steps, split R-hat (NaN for a chain that is too short), and whether it converged."""
     if len(pieces) < 2:
         return float("nan"), float("nan"), False
     points, _ = _kept(pieces)
     tau = autocorrelation(points)
-    if not len(points) >= LENGTH * tau:
+    if not len(points) >= LEAST_CHAIN_LENGTH_TAU * tau:
         return thin * tau, float("nan"), False
     rhat = split_rhat(points)
-    return thin * tau, rhat, rhat < AGREE
+    return thin * tau, rhat, rhat < LARGEST_SPLIT_RHAT
 
 
 def autocorrelation(points: Array) -> float:
-    """The largest integrated autocorrelation time of chains (steps, walkers, dimension), in steps stored."""
+    """Largest integrated autocorrelation time of chains (steps, walkers, dimension), in stored steps."""
     import emcee
 
     return float(np.max(emcee.autocorr.integrated_time(points, tol=0)))
 
 
 def split_rhat(points: Array) -> float:
-    """The largest R-hat of ranks over coordinates, each walker a chain cut in halves."""
+    """Largest rank-normalised split R-hat over coordinates; each walker is a chain that is split in halves."""
     from arviz_stats.base.array import array_stats
 
-    stats: Any = array_stats  # typed in part only
+    stats: Any = array_stats  # incompletely typed library
     return max(float(stats.rhat(points[:, :, k].T, chain_axis=0, draw_axis=1)) for k in range(points.shape[2]))
 
 
 def _chains(pieces: list[_Piece], thin: int, tau: float, rhat: float) -> Chains:
+    """The converged chains, thinned to half an autocorrelation time."""
     points, log_prob = _kept(pieces)
     stored = tau / thin
     every = max(1, int(stored / 2))
@@ -241,26 +255,29 @@ def _chains(pieces: list[_Piece], thin: int, tau: float, rhat: float) -> Chains:
 
 
 def _remark(length: int, tau: float) -> str:
+    """Text for the progress display."""
     return "" if not length else f"{length} steps" + (f", autocorrelation time {tau:.0f}" if np.isfinite(tau) else "")
 
 
 def _why(length: int, tau: float, rhat: float, folder: Path | None) -> str:
+    """Message of the error that the chain has not converged."""
     reason = (
-        f"it is {(1 - BURN) * length / tau:.0f} autocorrelation times long where {LENGTH:.0f} are needed"
+        f"it is {(1 - BURN_IN_SHARE) * length / tau:.0f} autocorrelation times long where "
+        f"{LEAST_CHAIN_LENGTH_TAU:.0f} are needed"
         if not np.isfinite(rhat)
-        else f"its walkers disagree (split R-hat {rhat:.3f}, at most {AGREE} is allowed)"
+        else f"its walkers disagree (split R-hat {rhat:.3f}, at most {LARGEST_SPLIT_RHAT} is allowed)"
     )
     kept = f" The chain is kept in {folder}: the same command goes on from there." if folder is not None else ""
     return f"the chain has not converged after {length} steps: {reason}. No posterior is reported.{kept}"
 
 
 def walkers_for(dimension: int) -> int:
-    """How many walkers: moves draw on differences of others, and want more of them than there are dimensions."""
+    """Number of walkers: differential evolution moves need more walkers than dimensions."""
     return max(24, 2 * dimension + 2 + dimension % 2)
 
 
 def inside(target: Target, reference: Reference, walkers: int, rng: np.random.Generator) -> Array:
-    """Walkers (walkers, dimension) of finite density, or fewer where the reference lies outside the bounds."""
+    """Starting points (walkers, dimension) of finite density; fewer if most of the reference is outside the bounds."""
     out = np.zeros((0, 0))
     for _ in range(50):
         points = reference.draw(rng, 4 * walkers)

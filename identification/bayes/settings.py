@@ -1,4 +1,4 @@
-"""What is known before anything is measured: the file form of ``--priors``."""
+"""The user's priors: file form and reader of ``--priors``."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from errormodel.yamlfile import Document, FileModel, Number, VersionedModel
 
 
 class PriorForm(FileModel):
-    """A normal prior, bounds, or both: in mm, rad and what is made of them, as in parameters.csv."""
+    """A normal prior, bounds, or both, in mm, rad and derived units, as in parameters.csv."""
 
     mean: Number = Field(0.0, description="a number: the middle of the normal prior, such as 0")
     std: Annotated[Number, Field(gt=0)] | None = Field(
@@ -26,7 +26,7 @@ class PriorForm(FileModel):
 
 
 class PriorsForm(VersionedModel):
-    """``priors.yaml``: of parameters, and of noise levels, shapes of effects and outliers by their names."""
+    """``priors.yaml``: priors by name of parameters, noise levels, shape parameters of effects and outliers."""
 
     priors: dict[str, PriorForm] = Field(
         {}, description="a block such as {X.dx.1: {std: 2.0e-5}, T3.ec: {low: 0, high: 1.0e-4}}"
@@ -83,5 +83,5 @@ def read_priors(source: Mapping[str, Mapping[str, float]] | str | Path) -> tuple
 
 
 def prior_error(document: Document | None, name: str, found: str, cure: str) -> InputError:
-    """About a prior, with its line where there is a file."""
+    """Error about a prior, with its line if it comes from a file."""
     return document.error(("priors", name), found, cure) if document else InputError(f"prior {name}", found, cure)

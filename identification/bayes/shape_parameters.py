@@ -1,8 +1,9 @@
-"""Shapes of effects as unknowns: a period, a time constant, a knee.
+"""Nonlinear shape parameters of effects (a period, a time constant, a knee) by Chebyshev interpolation of columns.
 
-Over the few standard deviations that the data leave to a shape, an effect's columns bend smoothly. They are therefore
-a fixed combination, by Chebyshev interpolation, of its columns at a handful of shapes: so many copies of the effect,
-whose sufficient statistics are gathered like any others. No row is looked at again, whatever the shape.
+Within the few standard deviations that the data allow, an effect's columns vary smoothly with its shape. They are a
+linear combination of the columns at a few nodes: copies of the effect, whose sufficient statistics are gathered like
+those of other effects. The likelihood at any shape then needs no pass over the rows. Shapes are sampled as logarithms,
+positions (`at`) linearly.
 """
 
 from __future__ import annotations
@@ -22,22 +23,24 @@ from identification.diagnosis.linear.linear_model import LinearModel, set_up
 from identification.estimation.result import Fit
 from identification.observation.models import PositionView
 
-DEEP = 50.0  # of chi-square: where the interval of a shape ends, 7 standard deviations out
-WIDEST = np.log(30.0)  # how far a shape may be from what machine.yaml says
-NODES = (7, 11, 17, 25, 33, 49)  # a shape; knees want many
-MOST_NODES = 121  # an effect
-EXACT = 0.2  # of a standard uncertainty of all rows together: how well columns between the nodes are met
+BRACKET_CHI2_RISE = 50.0  # rise of chi-squared at the ends of a shape's interval: about 7 standard deviations
+LARGEST_LOG_SHAPE_RATIO = np.log(30.0)  # natural logarithm of the largest ratio to the value in machine.yaml
+NODES_PER_SHAPE = (7, 11, 17, 25, 33, 49)  # numbers of Chebyshev nodes that are tried; piecewise effects need many
+MOST_NODES_PER_EFFECT = 121  # limits time and memory
+# Interpolation error of the columns between nodes, in standard uncertainties of all rows together; by judgement
+INTERPOLATION_TOLERANCE_SIGMA = 0.2
 
 
 @dataclass(frozen=True)
 class ShapeInterpolation:
-    """An effect of the machine with its shapes between bounds.
+    """Chebyshev interpolation of an effect's columns over its shape parameters.
 
     Attributes
     ----------
-    number : of the effect in the machine.
-    names : its fields that are unknown; `logarithmic`: whether they are moved as logarithms.
-    best, low, high : (shapes,) as moved; `count`: nodes a shape.
+    number : index of the effect in the machine.
+    names : unknown fields of the effect; `logarithmic`: whether they are sampled as logarithms.
+    best, low, high : (shapes,) optimum and limits, on the sampled scale.
+    count : nodes per shape.
     """
 
     number: int
@@ -47,22 +50,22 @@ class ShapeInterpolation:
     best: Array
     low: Array
     high: Array
-    count: int = NODES[0]
+    count: int = NODES_PER_SHAPE[0]
 
     def effect_at(self, moved: Array) -> Effect:
-        """The effect with shapes (shapes,) as moved."""
+        """The effect with shapes (shapes,), given on the sampled scale."""
         values = [float(np.exp(x)) if log else float(x) for x, log in zip(moved, self.logarithmic, strict=True)]
         return self.effect.model_copy(update=dict(zip(self.names, values, strict=True)))
 
     @cached_property
     def nodes(self) -> Array:
-        """(count ** shapes, shapes) as moved."""
+        """Chebyshev nodes (count ** shapes, shapes), on the sampled scale."""
         t = np.cos((2 * np.arange(self.count) + 1) * np.pi / (2 * self.count))
         unit = np.array(list(product(t, repeat=len(self.names))))
         return np.asarray((self.low + self.high) / 2 + unit * (self.high - self.low) / 2)
 
     def weights(self, moved: Array) -> Array:
-        """What each node counts, (n, count ** shapes), at shapes (n, shapes)."""
+        """Interpolation weights (n, count ** shapes) of the nodes at shapes (n, shapes)."""
         unit = (2 * moved - self.low - self.high) / (self.high - self.low)
         k = np.arange(self.count)
         cosines = np.cos(np.outer(k, (2 * k + 1) * np.pi / (2 * self.count))) * 2 / self.count
@@ -75,7 +78,7 @@ class ShapeInterpolation:
 
 
 def shape_interpolations(fit: Fit) -> tuple[tuple[ShapeInterpolation, ...], tuple[str, ...]]:
-    """The shapes that can be sampled, and notes on those that stay as machine.yaml has them."""
+    """Interpolations of the shapes that can be sampled, and notes on those that keep the values of machine.yaml."""
     interpolations, notes = [], list[str]()
     seen = any(isinstance(v, PositionView) for v in fit.problem.views)
     for number, spec in enumerate(fit.chain.machine.effects):
@@ -95,11 +98,13 @@ def shape_interpolations(fit: Fit) -> tuple[tuple[ShapeInterpolation, ...], tupl
 
 
 def _shaped(effect: Effect, name: str) -> bool:
+    """Whether the field is a shape parameter that has a value."""
     value = getattr(effect, name)
     return isinstance(value, float) and (value > 0 or effect.shapes()[name].place)
 
 
 def _interpolated(fit: Fit, number: int, effect: Effect, names: tuple[str, ...]) -> ShapeInterpolation | None:
+    """The interpolation of an effect with the fewest nodes that are accurate enough; None if there is none."""
     linear, share = without_effect(fit, number)
     logs = tuple(not effect.shapes()[n].place for n in names)
     start = np.array(
@@ -117,22 +122,22 @@ def _interpolated(fit: Fit, number: int, effect: Effect, names: tuple[str, ...])
                 return linear.with_effect(shape.effect_at(moved)).square * share
 
             best[k], low[k], high[k] = bracket(misfit, float(best[k]), floor, ceiling)
-    if len(names) > 1:  # each was bracketed with the other held: together they have more room
+    if len(names) > 1:  # each was bracketed with the other held: the joint range is wider
         spread = 2.0
         low = np.maximum(best - spread * (best - low), [a for a, _ in limits])
         high = np.minimum(best + spread * (high - best), [b for _, b in limits])
     shape = replace(shape, best=best, low=low, high=high)
-    for count in NODES:
+    for count in NODES_PER_SHAPE:
         shape = replace(shape, count=count)
-        if count ** len(names) > MOST_NODES:
+        if count ** len(names) > MOST_NODES_PER_EFFECT:
             return None
-        if _error(shape, linear) * np.sqrt(share) < EXACT:
+        if _error(shape, linear) * np.sqrt(share) < INTERPOLATION_TOLERANCE_SIGMA:
             return shape
     return None
 
 
 def without_effect(fit: Fit, number: int) -> tuple[LinearModel, float]:
-    """The bench with all but one effect fitted, and how many of the survey's rows each of its rows stands for."""
+    """The linear model with all but one effect fitted, and the number of survey rows per row of it."""
     solution, own = fit.solution, fit.chain.effect_ids[number]
     ours = [k for k, j in enumerate(solution.groups.base) if solution.unknowns[j] not in own]
     groups = replace(solution.groups, base=solution.groups.base[ours], coefficients=solution.groups.coefficients[ours])
@@ -147,7 +152,7 @@ def _limits(linear: LinearModel, effect: Effect, name: str, start: float) -> tup
     if effect.shapes()[name].place:
         values = linear.channel(effect.drivers[0])
         return float(values.min()), float(values.max())
-    low, high = start - WIDEST, start + WIDEST
+    low, high = start - LARGEST_LOG_SHAPE_RATIO, start + LARGEST_LOG_SHAPE_RATIO
     for rule in type(effect).model_fields[name].metadata:
         if isinstance(rule, Ge | Gt):
             bound = float(getattr(rule, "ge", getattr(rule, "gt", 0.0)))
@@ -158,7 +163,13 @@ def _limits(linear: LinearModel, effect: Effect, name: str, start: float) -> tup
 
 
 def bracket(misfit: Callable[[float], float], start: float, low: float, high: float) -> tuple[float, float, float]:
-    """The minimum of the valley that `start` lies in, and where on both sides it has risen by `DEEP` (or ends)."""
+    """The local minimum nearest to `start`, and the points on both sides where it has risen by `BRACKET_CHI2_RISE`.
+
+    Parameters
+    ----------
+    misfit : chi-squared as a function of a shape, as sampled.
+    low, high : limits, which replace a side where the rise is not reached.
+    """
     from scipy.optimize import minimize_scalar
 
     best, least = start, misfit(start)
@@ -177,19 +188,22 @@ def bracket(misfit: Callable[[float], float], start: float, low: float, high: fl
 def _walk(
     misfit: Callable[[float], float], start: float, least: float, step: float, low: float, high: float
 ) -> tuple[float, float, float]:
-    """Outwards, in growing steps, until the misfit has risen by `DEEP` (or ended): where, and the lowest."""
+    """Step outwards until the misfit has risen by `BRACKET_CHI2_RISE` or a limit is reached.
+
+    Returns the end, the position of the smallest misfit on the way, and that misfit.
+    """
     lowest = (start, least)
     while True:
         x = float(np.clip(start + step, low, high))
         here = misfit(x)
         lowest = min(lowest, (x, here), key=lambda p: p[1])
-        if here - lowest[1] > DEEP or x in (low, high):
+        if here - lowest[1] > BRACKET_CHI2_RISE or x in (low, high):
             return x, *lowest
         step *= 1.5
 
 
 def _error(shape: ShapeInterpolation, linear: LinearModel) -> float:
-    """By how much columns between the nodes are missed, as the effect acts, in standard uncertainties of the bench."""
+    """Largest interpolation error between nodes at the effect's estimate, in standard uncertainties of all rows."""
     nodes = np.array([linear.columns(shape.effect_at(x))[0] for x in shape.nodes])
     _, values = linear.estimates([shape.effect_at(shape.best)])
     tests = np.random.default_rng(0).uniform(shape.low, shape.high, (9, len(shape.names)))

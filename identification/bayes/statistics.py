@@ -1,4 +1,7 @@
-"""Sufficient statistics of a model whose effects may bend: all that a log-probability looks at."""
+"""Sufficient statistics of the linear model with interpolated shape parameters, from which log-likelihoods follow.
+
+M is the design matrix, W the inverse covariance of the observations, y the gap at zero parameters.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +23,13 @@ from identification.observation.normal_equations import accumulate, design_rows,
 
 @dataclass(frozen=True)
 class RowsApart:
-    """Position rows that keep their own equations: whitened M (m, 3, e), gaps at zero parameters (m, 3), and rows."""
+    """Position rows that keep their own equations.
+
+    Attributes
+    ----------
+    design, gap : whitened M (m, 3, e) over the extended unknowns, and gap at zero parameters (m, 3).
+    index : (m,) row numbers in the survey.
+    """
 
     design: Array
     gap: Array
@@ -28,20 +37,24 @@ class RowsApart:
 
     @property
     def seen(self) -> Array:
-        """(m,) components that were measured."""
+        """Number of measured components, (m,)."""
         return np.asarray((np.abs(self.design).sum(axis=2) + np.abs(self.gap) > 0).sum(axis=1), dtype=float)
 
 
 @dataclass(frozen=True)
 class Statistics:
-    """``M'WM``, ``M'Wy``, ``y'Wy`` and counts over the extended unknowns: one a parameter, or one a node of its effect.
+    """``M'WM``, ``M'Wy``, ``y'Wy`` and counts over the extended unknowns.
+
+    A parameter has one extended unknown, or one for each interpolation node of its effect.
 
     Attributes
     ----------
     names : (p,) the groups' base parameters.
-    places : for each of them its extended unknowns; `shape`: the number of its bend, or None.
-    gram (K, e, e), slope (K, e), square (K,), count (K,) : of each kind of observation, `y` the gap at zero parameters.
-    apart : rows that these leave out; `share`: what the others count, each.
+    places : indices of the extended unknowns of each of them; `shape`: index of its interpolation, or None.
+    interpolations : of the shape parameters.
+    kinds : kinds of observation, K in number.
+    gram, slope, square, count : (K, e, e), (K, e), (K,) and (K,) for each kind.
+    apart : rows that these leave out; `share`: weight of each of the other rows.
     """
 
     names: tuple[str, ...]
@@ -57,7 +70,7 @@ class Statistics:
     share: float = 1.0
 
     def weights(self, shapes: Array) -> list[Array]:
-        """Of each bend its nodes' weights (n, nodes), from shapes (n, all shapes) as moved."""
+        """Weights (n, nodes) of each interpolation, at shapes (n, all shapes) on the sampled scale."""
         out, start = [], 0
         for shape in self.interpolations:
             out.append(shape.weights(shapes[:, start : start + len(shape.names)]))
@@ -65,7 +78,7 @@ class Statistics:
         return out
 
     def extended(self, values: Array, shapes: Array) -> Array:
-        """The extended unknowns (n, e) of parameters (n, p) and shapes (n, all shapes)."""
+        """Extended unknowns (n, e) from parameters (n, p) and shapes (n, all shapes)."""
         weights = self.weights(shapes)
         out = np.zeros((len(values), self.gram.shape[1]))
         for k, (place, shape) in enumerate(zip(self.places, self.shape, strict=True)):
@@ -95,7 +108,7 @@ class Statistics:
 
 
 def posed(fit: Fit, machine: Machine) -> Problem:
-    """What the fit's rows ask of a machine, in the fit's measuring frames; each row with its own weight."""
+    """Estimation problem of a machine with the fit's rows and measuring frames, without robust weights."""
     chain = fit.chain if machine is fit.chain.machine else Chain(machine)
     problem = build(chain, fit.survey, mount=fit.problem.mount)
     return placed(problem, fit.problem.frames) if fit.problem.frames else problem
@@ -148,7 +161,7 @@ def extended(fit: Fit, interpolations: Sequence[ShapeInterpolation]) -> Extended
         places.append(np.arange(len(place), len(place) + len(ids)))
         bend_of.append(by_number.get(owner[name][0]) if name in owner else None)
         place |= {identity: len(place) + k for k, identity in enumerate(ids)}
-    # residuals are those of the exact kinematics at the fit, M is taken there
+    # residuals and M of the exact kinematics at the fitted parameters
     at = np.zeros(len(place))
     for k, j in enumerate(solution.groups.base):
         own = None if bend_of[k] is None else interpolations[bend_of[k] or 0]
@@ -185,6 +198,7 @@ def gather(
 
 
 def _apart(views: Sequence[PositionView], place: dict[str, int], at: Array, zero: Array) -> RowsApart:
+    """The equations of the rows that keep their own, at zero parameters."""
     designs, gaps = [np.zeros((0, 3, len(place)))], [np.zeros((0, 3))]
     for view in views:
         design, gap = equations(view, place, at, zero)

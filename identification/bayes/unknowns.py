@@ -1,4 +1,4 @@
-"""The unknowns that are not linear, as a fit starts them and as the user's priors bound them."""
+"""Hyperparameters of a fit with their starting values and priors, and checks of the user's priors against the data."""
 
 from __future__ import annotations
 
@@ -15,28 +15,31 @@ from identification.bayes.statistics import Statistics
 from identification.estimation.result import Fit
 from identification.observation.normal_equations import total
 
-APART = 5.0  # standard deviations: prior and data contradict each other
-CORRELATED = 1.02  # how much wider correlated noise must make variances before it counts
+PRIOR_CONFLICT_SIGMA = 5.0  # standard deviations between prior and estimate that contradict each other, by judgement
+CORRELATED_VARIANCE_FACTOR = 1.02  # mean variance ratio above which correlated noise is taken into account
 
 
 def counted(fit: Fit) -> float:
-    """What a row counts: below 1 where noise is correlated, by how much wider that has made the covariance."""
+    """Weight of a row: 1, or the inverse mean variance ratio by which correlated noise widens the covariance."""
     s = fit.solution
     if not len(s.groups.base):
         return 1.0
     pick = np.ix_(s.groups.base, s.groups.base)
     gram = total(s.sums, s.sigma)[0][pick] + np.diag(s.precision[s.groups.base])
     ratio = float(np.sum(gram * s.covariance)) / len(s.groups.base)
-    return 1 / ratio if ratio > CORRELATED else 1.0
+    return 1 / ratio if ratio > CORRELATED_VARIANCE_FACTOR else 1.0
 
 
 def check_against_data(fit: Fit, prior: Prior, given: Mapping[str, PriorForm], document: Document | None) -> None:
-    """InputError where a user's prior and the data cannot both be right."""
+    """Raise InputError where a user's prior contradicts the data by more than `PRIOR_CONFLICT_SIGMA`."""
     s = fit.solution
     std = np.sqrt(np.diag(s.covariance)) * fit.inflation
     for k, j in enumerate(s.groups.base):
         name, value = s.unknowns[j], float(s.values[j])
-        if name in given and not prior.low[k] - APART * std[k] < value < prior.high[k] + APART * std[k]:
+        if (
+            name in given
+            and not prior.low[k] - PRIOR_CONFLICT_SIGMA * std[k] < value < prior.high[k] + PRIOR_CONFLICT_SIGMA * std[k]
+        ):
             within = f"bounds {prior.low[k]:g} to {prior.high[k]:g}"
             found = f"{within}, the data say {value:.3g} ± {std[k]:.2g}: no walker fits in"
             raise prior_error(document, name, found, "Widen the bounds, or look for a mistake of unit or sign in them")
@@ -44,7 +47,7 @@ def check_against_data(fit: Fit, prior: Prior, given: Mapping[str, PriorForm], d
             continue
         name = next(m for m in s.groups.members(k) if m in given)
         apart = abs(value - prior.mean[k]) / float(np.hypot(std[k], prior.std[k]))
-        if apart > APART:
+        if apart > PRIOR_CONFLICT_SIGMA:
             found = (
                 f"it says {prior.mean[k]:.3g} ± {prior.std[k]:.2g} of {s.groups.name(k)}, the data say {value:.3g} ± "
                 f"{std[k]:.2g}: {apart:.0f} standard deviations apart"
@@ -53,13 +56,13 @@ def check_against_data(fit: Fit, prior: Prior, given: Mapping[str, PriorForm], d
 
 
 def free_kinds(fit: Fit, statistics: Statistics) -> tuple[int, ...]:
-    """Kinds of observation whose noise is unknown: those not declared, or declared smaller than residuals allow."""
+    """Indices of kinds with unknown noise level: not declared, or declared too small for the residuals."""
     declared = fit.solution.declared if fit.inflation == 1 else frozenset[str]()
     return tuple(k for k, kind in enumerate(statistics.kinds) if kind not in declared)
 
 
 def coordinates_of(fit: Fit, statistics: Statistics, prior: Prior) -> tuple[Coordinate, ...]:
-    """Noise levels, shapes of effects and scales of ties, each as the fit starts it."""
+    """Noise levels, shape parameters of effects and scales of random effects, with starting values from the fit."""
     out = []
     for k in free_kinds(fit, statistics):
         kind = statistics.kinds[k]
@@ -82,7 +85,7 @@ def coordinates_of(fit: Fit, statistics: Statistics, prior: Prior) -> tuple[Coor
         scale = (2 * len(place)) ** -0.5
         out.append(Coordinate(f"{where}.{spec.effect}.scale", "1", 0.0, scale, 1e-2, 1e2))
     names = [c.name for c in out]
-    # the same effect twice at one place is told apart as its parameters are
+    # the same effect twice at one place: a prime is added to the name, as for its parameters
     return tuple(replace(c, name=c.name + "'" * names[:k].count(c.name)) for k, c in enumerate(out))
 
 
@@ -91,17 +94,23 @@ def _place(fit: Fit, identity: str) -> int:
 
 
 def with_prior(c: Coordinate, given: Mapping[str, PriorForm], document: Document | None) -> Coordinate:
-    """A coordinate with what the user says of it."""
+    """A hyperparameter with the user's prior applied.
+
+    Raises
+    ------
+    InputError
+        The prior contradicts the data.
+    """
     form = given.get(c.name)
     if form is None:
         return c
     low, high = max(c.low, form.low or -np.inf), min(c.high, np.inf if form.high is None else form.high)
     value = float(c.value(np.array(c.start)))
     deviation = c.scale * (value if c.logarithmic else 1.0)
-    if not low - APART * deviation < value < high + APART * deviation:
+    if not low - PRIOR_CONFLICT_SIGMA * deviation < value < high + PRIOR_CONFLICT_SIGMA * deviation:
         found = f"bounds {form.low} to {form.high} where the data say {value:.4g} ± {deviation:.2g}: no walker fits in"
         raise prior_error(document, c.name, found, "Widen the bounds, or look for a mistake of unit in them")
-    if form.std is not None and abs(value - form.mean) > APART * np.hypot(form.std, deviation):
+    if form.std is not None and abs(value - form.mean) > PRIOR_CONFLICT_SIGMA * np.hypot(form.std, deviation):
         found = f"it says {form.mean:.4g} ± {form.std:.2g}, the data say {value:.4g} ± {deviation:.2g}"
         raise prior_error(document, c.name, found, "Widen its std, or look for a mistake of unit in it")
     return replace(c, low=low, high=high, mean=form.mean, std=form.std or np.inf)

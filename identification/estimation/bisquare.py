@@ -1,10 +1,11 @@
-"""What one row says to a robust fit: a bisquare on the whole row, or on what one wrong component leaves of it.
+"""Bisquare psi function for rows of up to three components, with the alternative that one component is the outlier.
 
-A row counts as one: its distance is that of all its components together, so that a blunder in any direction shows.
-Beside "the row as a whole" stands, for each component, "this one alone is wrong" (a misread digit, a reflected axis),
-at a price; the cheapest explanation counts, softly, so that nothing jumps. Far rows get weight zero.
+The bisquare acts on the length of the row's whitened residual, so that an outlier in any direction is found. For each
+component there is the alternative explanation that it alone is wrong (a misread digit, a reflected axis), at a fixed
+cost. The explanations are averaged with weights that fall with their cost, so that weights change smoothly with the
+residual. Rows beyond the cut-off get weight zero. Residuals are in standard deviations of the noise.
 
-The bisquare and its tuning for rows of several components: R. A. Maronna & al., Robust Statistics, 2019, 5.4 and 6.4.
+Source of the bisquare and its tuning for several components: R. A. Maronna et al., Robust Statistics, 2019, 5.4, 6.4.
 """
 
 from __future__ import annotations
@@ -17,25 +18,29 @@ import numpy as np
 
 from errormodel.arrays import Array, Index, Mask
 
-CUTS = np.array([np.inf, 4.685, 5.123, 5.490])  # sigma, by components: 95 % efficient on normal rows
-PRICE = 3.0  # of one wrong component, in units of half a squared distance: as of 2.5 standard deviations
-SHARP = 3.0  # how sharply the cheapest explanation is preferred
-FAINT = 0.01  # an explanation less likely than this is none
+# Cut-off of the bisquare by number of components (0 to 3), in sigma: 95 % efficiency on normal rows
+BISQUARE_CUT_SIGMA = np.array([np.inf, 4.685, 5.123, 5.490])
+# Cost of "one component is wrong", in half squared sigma: that of a residual of 2.5 sigma, by judgement
+ONE_COMPONENT_COST = 3.0
+EXPLANATION_SHARPNESS = 3.0  # factor on the cost in the weights of the explanations, by judgement
+LEAST_EXPLANATION_PROBABILITY = 0.01  # less likely explanations are set to zero, by judgement: saves time
 
 
 @dataclass(frozen=True)
 class Pull:
-    """Rows at a noise level; psi is how a row pulls at the fit, W the weight of its components: ``psi = W u``.
+    """The psi function of each row at a noise level: ``psi = W u``, u the residual, W the (3, 3) weight matrix.
 
     Attributes
     ----------
-    distance : (n,) in standard deviations.
-    live : (n,) scalar observations that take part.
-    trace : (n,) of W; `along` = ``u'psi``, `square` = ``psi'psi``, `slope` = divergence of psi by u.
-    likely, bare : (4, n) how likely "the row as a whole" is, and each component alone being wrong; weight that each of
-        these leaves to the rest.
+    distance : (n,) length of u, in standard deviations.
+    live : (n,) expected number of scalar observations with non-zero weight.
+    trace : (n,) trace of W.
+    along, square : (n,) ``u'psi`` and ``psi'psi``.
+    slope : (n,) divergence of psi with respect to u.
+    likely : (4, n) probabilities of the explanations: no component wrong, or only the first, second, third.
+    bare : (4, n) weight of the components that are not wrong under each explanation.
     axes : (3, 3, n) direction of each component, in whitened units; 0 where it was not measured.
-    alone : (n,) how far the farthest component is by itself, where it was asked for.
+    alone : (n,) largest single component in standard deviations; 0 where one-component alternatives were not tried.
     """
 
     distance: Array
@@ -51,19 +56,19 @@ class Pull:
 
     @property
     def mixed(self) -> Index:
-        """Rows whose components count differently."""
+        """Indices of rows whose components have different weights."""
         return np.flatnonzero((self.likely[1:] > 0).any(axis=0) & (self.trace > 0))
 
     @property
     def out(self) -> Mask:
-        """(n,) whether the row as a whole is too far to count."""
+        """(n,) whether the whole row is beyond the cut-off."""
         return np.asarray(self.bare[0] == 0)
 
     @property
     def wrong(self) -> Index:
-        """(n,) the component that alone is wrong, -1 for none: far by itself, and the likeliest explanation."""
+        """(n,) component that is the outlier, -1 for none: beyond the cut-off and the best explanation."""
         best = self.likely.argmax(axis=0) - 1
-        return np.where((self.trace > 0) & (self.alone > CUTS[1]), best, -1)
+        return np.where((self.trace > 0) & (self.alone > BISQUARE_CUT_SIGMA[1]), best, -1)
 
     def roots(self, factor: float) -> Array:
         """Symmetric square roots of ``factor W`` of the mixed rows, (mixed, 3, 3)."""
@@ -74,7 +79,7 @@ class Pull:
 
 
 class Scale(Protocol):
-    """What explanations of a row cost: `price` of one wrong component, `sharp` as the cheapest is preferred."""
+    """Cost function of a row. `price`: cost of one wrong component; `sharp`: factor on costs in the weights."""
 
     @property
     def price(self) -> float: ...
@@ -83,16 +88,16 @@ class Scale(Protocol):
     def sharp(self) -> float: ...
 
     def whole(self, u: Array, m: Index) -> tuple[Array, Array, Array]:
-        """Cost, weight and divergence of the pull of rows as they are: residuals (components, n), how many (n,)."""
+        """Cost, weight and divergence of psi, (n,) each, of residuals u (components, n) with m (n,) components."""
 
     def rest(self, distance: Array, m: Index) -> tuple[Array, Array, Array]:
-        """The same of what one wrong component leaves, by its distance (n,)."""
+        """The same for the m (n,) components that remain beside a wrong one, by their length (n,)."""
 
 
 class ByDistance:
-    """Bisquares of distances."""
+    """Bisquare of the residual's length."""
 
-    price, sharp = PRICE, SHARP
+    price, sharp = ONE_COMPONENT_COST, EXPLANATION_SHARPNESS
 
     def whole(self, u: Array, m: Index) -> tuple[Array, Array, Array]:
         return bisquare(np.linalg.norm(u, axis=0), m)
@@ -105,14 +110,19 @@ BY_DISTANCE = ByDistance()
 
 
 def pull(u: Array, m: Index, axes: Array | None, scale: Scale = BY_DISTANCE) -> Pull:
-    """How rows pull.
+    """Psi function of rows.
 
     Parameters
     ----------
-    u : (components, n) whitened residuals in units of the noise.
-    m : (n,) components that were measured.
-    axes : (3, 3, n) direction of each component in whitened units; None: they are not read one by one.
-    scale : by which rows are judged.
+    u : (components, n) whitened residuals in standard deviations of the noise.
+    m : (n,) number of measured components.
+    axes : (3, 3, n) direction of each component in whitened units; None: no one-component alternatives.
+    scale : cost function of the rows.
+
+    Returns
+    -------
+    Pull
+        Psi, weights and derivatives of each row.
     """
     n, square = len(m), np.square(u).sum(axis=0)
     cost, weight, slope = scale.whole(u, m)
@@ -122,14 +132,14 @@ def pull(u: Array, m: Index, axes: Array | None, scale: Scale = BY_DISTANCE) -> 
         np.sqrt(square), np.where(weight > 0, m, 0.0), weight * m, weight * square, weight**2 * square, slope,
         likely, bare, np.zeros((3, 3, n)) if axes is None else axes, np.zeros(n),
     )  # fmt: skip
-    doubtful = np.flatnonzero((scale.sharp * (cost - scale.price) > np.log(FAINT)) & (m > 1))
+    doubtful = np.flatnonzero((scale.sharp * (cost - scale.price) > np.log(LEAST_EXPLANATION_PROBABILITY)) & (m > 1))
     if axes is not None and len(doubtful):
         _explain(out, doubtful, u[:, doubtful], m[doubtful], cost[doubtful], scale)
     return out
 
 
 def _explain(out: Pull, rows: Index, u: Array, m: Index, cost: Array, scale: Scale) -> None:
-    """Ask of doubtful rows whether one component alone is wrong, and put what follows into `out`."""
+    """Try "one component is wrong" for the given rows, and write the averaged psi into `out`."""
     axes = out.axes[:, :, rows]
     parts = np.einsum("jan,an->jn", axes, u)
     rest = np.maximum(np.square(u).sum(axis=0) - parts**2, 0.0)
@@ -137,7 +147,7 @@ def _explain(out: Pull, rows: Index, u: Array, m: Index, cost: Array, scale: Sca
     measured = np.abs(axes).sum(axis=1) > 0
     every = np.vstack([cost, np.where(measured, costs + scale.price, np.inf)])
     p = np.exp(-scale.sharp * (every - every.min(axis=0)))
-    p[1:][p[1:] < FAINT * p.sum(axis=0)] = 0.0
+    p[1:][p[1:] < LEAST_EXPLANATION_PROBABILITY * p.sum(axis=0)] = 0.0
     p /= p.sum(axis=0)
     bare, slope = np.vstack([out.bare[0, rows], weights]), np.vstack([out.slope[rows], slopes])
     pulls = np.concatenate([(bare[0] * u)[None], weights[:, None] * (u - axes * parts[:, None])])
@@ -153,8 +163,14 @@ def _explain(out: Pull, rows: Index, u: Array, m: Index, cost: Array, scale: Sca
 
 
 def bisquare(d: Array, m: Index) -> tuple[Array, Array, Array]:
-    """Cost, weight and divergence of the pull, of rows of `m` components at distance `d`."""
-    cut = CUTS[m]
+    """Cost rho, weight w and divergence of psi of the bisquare, (n,) each.
+
+    Parameters
+    ----------
+    d : (n,) lengths of residuals, in standard deviations.
+    m : (n,) number of components of each row.
+    """
+    cut = BISQUARE_CUT_SIGMA[m]
     t = np.square(d / cut)
     near = np.where(t < 1, 1 - t, 0.0)
     return cut**2 / 6 * (1 - near**3), near**2, m * near**2 - 4 * t * near
@@ -162,12 +178,12 @@ def bisquare(d: Array, m: Index) -> tuple[Array, Array, Array]:
 
 @lru_cache
 def normal() -> Array:
-    """Mean of ``u'psi`` a component that takes part, of normal rows, (4,) by components."""
+    """Expected ``u'psi`` per observation with weight, for normal rows; (4,) by number of components."""
     return np.array([1.0, *(usual(m, BY_DISTANCE) for m in (1, 2, 3))])
 
 
 def usual(m: int, scale: Scale) -> float:
-    """Mean of ``u'psi`` a component that takes part, of normal rows of `m` components."""
+    """Expected ``u'psi`` per observation with weight, for normal rows of `m` components (Gauss-Hermite quadrature)."""
     w, u, axes = _normal_rows(m)
     rows = pull(u, np.full(len(w), m), axes, scale)
     return float(w @ rows.along) / float(w @ rows.live)
@@ -175,7 +191,7 @@ def usual(m: int, scale: Scale) -> float:
 
 @lru_cache
 def _normal_rows(m: int) -> tuple[Array, Array, Array]:
-    """Nodes of a mean over normal rows of `m` components: weights (n,), residuals (3, n), axes (3, 3, n)."""
+    """Gauss-Hermite nodes of normal rows of `m` components: weights (n,), residuals (3, n), axes (3, 3, n)."""
     nodes, weights = np.polynomial.hermite_e.hermegauss(24)
     u = np.stack([a.ravel() for a in np.meshgrid(*[nodes] * m)])
     w = np.prod([a.ravel() for a in np.meshgrid(*[weights] * m)], axis=0)

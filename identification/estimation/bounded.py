@@ -1,12 +1,13 @@
-"""Least squares within bounds: what physics allows of an effect (a weight winds a gear one way), and the user.
+"""Least squares with bounds on parameter groups: signs that physics prescribes for effects, and the user's bounds.
 
-The bounded estimate is the point within the bounds that is nearest to the free one, as the data measure distance: a
-convex quadratic problem over the few groups that have bounds; the others follow as the data tie them to these. In that
-distance it is never further from the truth than the free estimate, if the truth is within the bounds. Standard
-uncertainties therefore stay those of the free estimate: at a bound they are cautious, and said to be.
+The bounded estimate is the point within the bounds with the smallest Mahalanobis distance (covariance of the fit) from
+the unbounded estimate: a convex quadratic programme over the groups that have bounds. The other groups follow by their
+covariance with these. If the true values lie within the bounds, the bounded estimate is never farther from them in this
+distance than the unbounded one. Standard uncertainties therefore stay those of the unbounded estimate, which is
+cautious at a bound, and the report says so.
 
-Where the data contradict what physics allows of an effect, it is not that effect, or not with that sign: then its
-bounds would only bend all the rest, and they are dropped, which is said. What the user gives is kept.
+If the data contradict the bounds of an effect, the effect or its sign is wrong, and keeping the bounds would bias all
+other parameters. These bounds are dropped with a note. Bounds of the user are kept. Units: mm, rad and derived ones.
 """
 
 from __future__ import annotations
@@ -26,9 +27,11 @@ from identification.observation.identifiability import Groups
 from identification.observation.normal_equations import total
 from identification.runtime.convex_solver import optimise
 
-CLOSE = 1e-5  # standard uncertainties (of the farthest step): at the bound
-CONTRADICTED = 3.0  # standard uncertainties beyond the bound: chance no longer explains it
-NO_CHANCE = (
+# Distance from a bound, in standard uncertainties relative to the largest step, that counts as at the bound: accuracy
+# of the quadratic solver
+AT_BOUND_TOLERANCE = 1e-5
+CONTRADICTED_SIGMA = 3.0  # standard uncertainties beyond a bound that contradict it: convention, 3 sigma
+BEYOND_BOUND_TEXT = (  # part of two messages to the user
     "standard uncertainties beyond a bound are no chance: look for a wrong sign or unit, another cause "
     "(`errormodel diagnose`)"
 )
@@ -36,40 +39,48 @@ NO_CHANCE = (
 
 @dataclass(frozen=True)
 class AtBound:
-    """A group that is held at a bound; `free` and `std` are its estimate and standard uncertainty without bounds."""
+    """A group whose estimate lies at a bound.
+
+    Attributes
+    ----------
+    id : base parameter of the group; `unit`: unit of all values.
+    bound : the estimate.
+    free, std : estimate and standard uncertainty (k = 1) without bounds.
+    given : True for a bound of the user, False for one of physics.
+    """
 
     id: str
     bound: float
     free: float
     std: float
     unit: str
-    given: bool  # by the user; else by physics
+    given: bool
 
     @property
     def statement(self) -> str:
-        """One sentence: what the data alone say."""
+        """One sentence for the report: the bound, and the estimate without it."""
         beyond = abs(self.free - self.bound) / self.std
         said = (
             f"{self.id} is held at {self.bound:.6g} {self.unit}, the bound that "
             f"{'--priors gives' if self.given else 'physics sets'}: the data alone say "
             f"{self.free:.3g} ± {self.std:.2g} (k = 1), which is also the uncertainty reported"
         )
-        if beyond < CONTRADICTED:
+        if beyond < CONTRADICTED_SIGMA:
             return said
-        return f"{said}. {beyond:.0f} {NO_CHANCE}, or write other bounds in --priors"
+        return f"{said}. {beyond:.0f} {BEYOND_BOUND_TEXT}, or write other bounds in --priors"
 
 
 def limits(
     chain: Chain, unknowns: tuple[str, ...], groups: Groups, given: Mapping[str, PriorForm], document: Document | None
 ) -> tuple[Array, Array]:
-    """Least and greatest value (rank,) of each group, infinite where there is none.
+    """Lower and upper bound (rank,) of each group, infinite where there is none.
 
-    A group has what physics leaves of the sum of its members, and by its first parameter what the user says instead.
+    A group is bounded by the sum of its members' physical bounds; a user's bound on its base parameter replaces them.
 
     Raises
     ------
     InputError
-        A bound names what is no parameter, or no group's first.
+        A bound names an unknown parameter, or one that is not the base of a group.
     """
     place = {unknowns[j]: k for k, j in enumerate(groups.base)}
     least = [chain.parameters[chain.index[name]].low if name in chain.index else -np.inf for name in unknowns]
@@ -93,7 +104,23 @@ def limits(
 def bounded(
     chain: Chain, solution: Solution, given: Mapping[str, PriorForm], document: Document | None
 ) -> tuple[Solution, tuple[AtBound, ...], tuple[str, ...]]:
-    """The solution within its bounds, what is held at one, and what is to be said of bounds that were dropped."""
+    """The bounded solution.
+
+    Parameters
+    ----------
+    solution : unbounded least-squares solution.
+    given : the user's bounds by parameter name, mm, rad and derived units; `document`: their file, for messages.
+
+    Returns
+    -------
+    tuple
+        The solution within the bounds, the groups at a bound, and notes on bounds that were dropped.
+
+    Raises
+    ------
+    InputError
+        A bound names an unknown parameter, or one that is not the base of a group.
+    """
     base = solution.groups.base
     low, high = limits(chain, solution.unknowns, solution.groups, given, document)
     free = solution.values[base]
@@ -106,7 +133,7 @@ def bounded(
     std = np.sqrt(np.diag(inverse))
     below, above = ((side[some] - free[some]) / std[some] for side in (low, high))
     near = _nearest(inverse[np.ix_(some, some)] / np.outer(std[some], std[some]), below, above)
-    close = CLOSE * (1 + np.abs(near).max())
+    close = AT_BOUND_TOLERANCE * (1 + np.abs(near).max())
     held = (near - below <= close) | (above - near <= close)
     active, bound = some[held], np.where(near - below <= close, low[some], high[some])[held]
     away = bound - free[active]
@@ -129,7 +156,7 @@ def bounded(
 def _believable(
     chain: Chain, solution: Solution, low: Array, given: Mapping[str, PriorForm]
 ) -> tuple[Array, tuple[str, ...]]:
-    """Least values without those of effects that the data contradict, and what is said of these."""
+    """Lower bounds without those of effects that the data contradict, and a note for each of these."""
     names = [solution.unknowns[j] for j in solution.groups.base]
     std = np.sqrt(np.diag(solution.covariance))
     beyond = (low - solution.values[solution.groups.base]) / std
@@ -137,19 +164,20 @@ def _believable(
     for ids in chain.effect_ids:
         own = [k for k, name in enumerate(names) if name in ids and name not in given]
         worst = max(own, key=lambda k: beyond[k], default=None)
-        if worst is None or beyond[worst] < CONTRADICTED:
+        if worst is None or beyond[worst] < CONTRADICTED_SIGMA:
             continue
-        low[own] = -np.inf
+        low[own] = -np.inf  # all bounds of the effect
         unit = _unit(chain, names[worst])
         notes.append(
             f"{names[worst]} is {solution.values[solution.groups.base[worst]]:.3g} ± {std[worst]:.2g} {unit} (k = 1), "
-            f"beyond what physics allows: {beyond[worst]:.0f} {NO_CHANCE}. The bounds of this effect were dropped"
+            f"beyond what physics allows: {beyond[worst]:.0f} {BEYOND_BOUND_TEXT}. The bounds of this effect were "
+            "dropped"
         )
     return low, tuple(notes)
 
 
 def _nearest(correlation: Array, low: Array, high: Array) -> Array:
-    """The step (p,) within bounds that the inverse of a correlation matrix measures as the shortest."""
+    """The step (p,) within bounds with the smallest Mahalanobis length."""
     import cvxpy as cp
     from cvxpy.atoms.sum_squares import sum_squares
 
@@ -158,9 +186,10 @@ def _nearest(correlation: Array, low: Array, high: Array) -> Array:
     step = factor @ z
     rules = [step[k] >= low[k] for k in np.flatnonzero(np.isfinite(low))]
     rules += [step[k] <= high[k] for k in np.flatnonzero(np.isfinite(high))]
-    optimise(cp.Problem(cp.Minimize(sum_squares(z)), rules))  # which bounds hold is all that is asked of it
+    optimise(cp.Problem(cp.Minimize(sum_squares(z)), rules))  # only the set of active bounds is used
     return np.asarray(factor @ np.asarray(z.value))
 
 
 def _unit(chain: Chain, name: str) -> str:
+    """Unit of a parameter of the chain; empty for zeros of instruments and labelled frames."""
     return chain.parameters[chain.index[name]].unit if name in chain.index else ""

@@ -1,4 +1,7 @@
-"""What a survey must hold before a fit of it can be signed, and what is said of one that does not."""
+"""Checks of a survey before and after its fit: runs, redundancy, declared uncertainty, coverage of the travels.
+
+Each check raises an `InputError` that states the finding and the cure, or adds a note to the fit.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +31,7 @@ UNIT = 100.0  # times: so far off is a declaration in another unit
 
 
 def check_runs(chain: Chain, survey: Survey) -> None:
-    """InputError if an effect is that of a run which was not fitted."""
+    """Raise InputError if an effect of the machine belongs to a run that has no row in the fit."""
     runs = dict.fromkeys(survey.table["run"].astype(str))
     for name in chain.channels:
         if name.startswith("run(") and name[4:-1] not in runs:
@@ -37,11 +40,11 @@ def check_runs(chain: Chain, survey: Survey) -> None:
 
 
 def check_redundant(survey: Survey, problem: Problem) -> None:
-    """InputError if a robust fit has too few equations to tell a wrong row from a wrong parameter."""
+    """Raise InputError if a robust fit has too few equations to distinguish an outlier from a parameter."""
     equations = sum(v.count for v in problem.views)
     rank = identifiable(problem.chain, problem.views, problem.unknowns).rank
-    if equations < REDUNDANT * rank:
-        rows = -(-REDUNDANT * rank * len(survey) // max(equations, 1))
+    if equations < LEAST_EQUATIONS_PER_GROUP * rank:
+        rows = -(-LEAST_EQUATIONS_PER_GROUP * rank * len(survey) // max(equations, 1))
         raise InputError(
             str(survey.source),
             f"{equations} measured values for {rank} groups of parameters: too few to say which rows are wrong",
@@ -50,10 +53,10 @@ def check_redundant(survey: Survey, problem: Problem) -> None:
 
 
 def check_enough(survey: Survey, problem: Problem, solution: Solution) -> None:
-    """InputError if there are no more equations than groups that such rows, all over the travels, can tell apart."""
+    """Raise InputError if the equations do not outnumber the groups that such rows, all over the travels, identify."""
     equations, rows = sum(s.count for s in solution.sums.values()), len(survey.fit)
     whole, lost = out_of_reach(problem, solution)
-    known = solution.declared == set(solution.sums)  # then just enough will do
+    known = solution.declared == set(solution.sums)  # declared noise: no degree of freedom is needed to estimate it
     if equations > whole.rank or (equations == whole.rank and known and not lost):
         return
     need = -(-(whole.rank + 1) * rows // max(equations, 1))
@@ -71,21 +74,19 @@ def check_enough(survey: Survey, problem: Problem, solution: Solution) -> None:
 
 
 def out_of_reach(problem: Problem, solution: Solution) -> tuple[Groups, list[str]]:
-    """The groups that such rows, all over the travels, can tell apart; and of these the ones that the fit could not."""
+    """Groups identifiable by such rows all over the travels, and the names of those that the fit did not identify."""
     whole = identifiable(problem.chain, [anywhere(v, 600) for v in problem.views], problem.unknowns)
     reached = {solution.groups.ids[j] for j in solution.groups.base}
     return whole, [whole.name(k) for k in range(whole.rank) if whole.ids[whole.base[k]] not in reached]
 
 
 def looked_over(fit: Fit) -> Fit:
-    """The fit with notes on what its poses do not identify and on a declared uncertainty that cannot be right.
-
-    They are for those who read the fit rather than build on it.
+    """The fit with notes on groups that its poses do not identify and on an implausible declared uncertainty.
 
     Raises
     ------
     InputError
-        No parameter stands above what the model leaves, or it was another machine.
+        No group is identifiable, or the misfit is too large for this machine.
     """
     before, after = (float(np.median(np.linalg.norm(r, axis=1))) for r in (fit.nominal_residuals, fit.residuals))
     other = before > FAR * fit.chain.size and after > UNEXPLAINED * before  # nan where rows measured one component
@@ -107,7 +108,8 @@ def looked_over(fit: Fit) -> Fit:
     short = [
         f"{j.name} covers {100 * share:.0f} %"
         for j in fit.chain.machine.joints
-        if (share := float(np.ptp(fit.survey.table[j.name].dropna())) / (j.travel[1] - j.travel[0])) < COVERED
+        if (share := float(np.ptp(fit.survey.table[j.name].dropna())) / (j.travel[1] - j.travel[0]))
+        < COVERED_TRAVEL_SHARE
     ]
     where = f" ({', '.join(short)} of its travel)" if short else ""
     note = (
@@ -119,15 +121,19 @@ def looked_over(fit: Fit) -> Fit:
 
 
 def _declared(fit: Fit) -> Iterator[str]:
-    """A note on a declared uncertainty that is several times what the residuals show, or beside them by a unit."""
+    """Notes on a declared uncertainty several times larger than the residuals, or different by a unit's factor."""
     s = fit.solution
     if not s.declared or s.dof <= 0 or s.chi2 <= 0:
         return
     ratio = float(np.sqrt(s.chi2 / s.dof))
-    unit = " sigma of a survey is in mm (rad for angles): look for another unit" if max(ratio, 1 / ratio) > UNIT else ""
-    if ratio > UNIT:
+    unit = (
+        " sigma of a survey is in mm (rad for angles): look for another unit"
+        if max(ratio, 1 / ratio) > WRONG_UNIT_FACTOR
+        else ""
+    )
+    if ratio > WRONG_UNIT_FACTOR:
         yield f"the residuals are {ratio:.3g} times as large as the declared uncertainty.{unit}"
-    elif 1 / ratio > CAREFUL and s.dof >= FEW:
+    elif 1 / ratio > CAUTIOUS_DECLARATION_FACTOR and s.dof >= FEW_DOF:
         yield (
             f"the declared uncertainty is {1 / ratio:.3g} times as large as the residuals show, and standard "
             f"uncertainties follow what is declared.{unit}"
@@ -153,12 +159,12 @@ def _beside(fit: Fit) -> Iterator[str]:
 
 
 def another(chain: Chain, nominal: Spread) -> bool:
-    """Whether what was measured lies so far from the nominal machine that it can hardly be this one."""
-    return bool(nominal.n) and 1e-3 * nominal.rms_um > FAR * chain.size
+    """Whether the rms misfit to the nominal machine is too large for error motions of this machine."""
+    return bool(nominal.n) and 1e-3 * nominal.rms_um > FOREIGN_MACHINE_SHARE * chain.size
 
 
 def far_off(nominal: Spread) -> str:
-    """What to do about a survey that does not look like the machine's."""
+    """Message to the user: the misfit, and mistakes that cause such a misfit."""
     return (
         f"What was measured lies {1e-3 * nominal.rms_um:.3g} mm rms beside the nominal machine, further than errors of "
         "a machine go: look for a wrong unit (degrees or radians), sign, column, tool or machine; "

@@ -1,9 +1,9 @@
-"""Weighted least squares: all unknowns together, iterated on the exact kinematics until linearising no longer matters.
+"""Weighted Gauss-Newton least squares of all unknowns on the exact kinematics.
 
-The normal equations of the scaled base columns are factorised once; every further pass streams the exact residual
-through again, which removes second-order terms and, at the same time, what normal equations lose in digits.
-Where no uncertainty is declared, each kind of observation gets its own noise level from its own residuals
-(variance components, with the degrees of freedom its rows leave).
+The normal equations of the scaled base columns are factorised once. Each further pass evaluates the exact residual in a
+stream over the rows, which removes second-order terms and the digits lost by the normal equations. Kinds of
+observation without declared uncertainty get a noise level from their own residuals (variance components, with the
+degrees of freedom that their rows leave). Units: mm and rad.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from errormodel.arrays import Array, Index
 from errormodel.chain import Chain
 from errormodel.kernel import KERNEL_BLOCK_ROWS
 from identification.observation.assembly import group_order
-from identification.observation.identifiability import ROUND_OFF, Floors, Groups, find_groups
+from identification.observation.identifiability import DEPENDENCE_TOLERANCE, Floors, Groups, find_groups
 from identification.observation.models import GapView, Kind, View
 from identification.observation.normal_equations import (
-    SAMPLE,
+    RANK_SAMPLE_ROWS,
     Sums,
     accumulate,
     design_rows,
@@ -32,11 +32,13 @@ from identification.observation.normal_equations import (
     weight_of,
 )
 
-FINEST = 1e-4  # of the coarsest kind of observation, by what it moves at the far end
-SHAKY = 1e4  # condition from which normal equations give fewer than eight digits
-MOST_PASSES = 30
-MOST_RETREATS = 6
-LARGEST = 0.003  # error of a machine, of its size: where the fit runs away, what is not seen is no larger
+# Smallest estimated noise level over the largest (angles times the machine's size): a kind without noise would weigh
+# so much that the others were ignored; by judgement
+LEAST_NOISE_RATIO = 1e-4
+ILL_CONDITIONED = 1e4  # condition number above which normal equations keep fewer than eight digits
+MOST_PASSES = 30  # streams through the data
+MOST_RETREATS = 6  # restarts with a tighter prior after divergence
+RUNAWAY_ERROR_SHARE = 0.003  # prior std of error motions over the machine's size, after divergence; by judgement
 
 
 @dataclass(frozen=True)
@@ -45,16 +47,16 @@ class Solution:
 
     Attributes
     ----------
-    unknowns : names; `values` (u,): their estimates, 0 for those that are not the base of a group.
-    groups : what is identifiable; `covariance` (rank, rank) of the groups' values.
-    sigma : noise level of each kind in units of its whitener (1 where declared: `declared`).
+    unknowns : names; `values` (u,): their estimates, mm and rad, 0 for those that are not the base of a group.
+    groups : identifiable groups; `covariance` (rank, rank): of the groups' values.
+    sigma : noise level of each kind in units of its whitener, 1 for the kinds in `declared`.
     chi2, dof : whitened residual sum of squares with those levels, and degrees of freedom.
     sums : sufficient statistics of each kind, the residual taken at `values`.
     passes : streams through the data; `converged`: the last step was negligible.
-    precision : (u,) of what is known beforehand, about zero.
-    within : of the machine's size, the standard deviation by which rigid error motions are tied to zero, so that what
-        the poses hardly show does not run away; inf where nothing did.
-    left : of a linear fit, the residual of each view whose weights are alike in all directions, (outputs, n).
+    precision : (u,) of the normal prior about zero; 0: none.
+    within : standard deviation, over the machine's size, of the prior that holds rigid error motions at zero after the
+        fit diverged along weakly observable directions; inf where it did not.
+    left : residuals (outputs, n) of a linear fit, for each view with the same weight in all directions.
     kept : mean square of the weighted residuals of positions, in noise variances: not 1 if rows are weighted robustly.
     """
 
@@ -75,6 +77,7 @@ class Solution:
     kept: float = 1.0
 
     def named(self) -> dict[str, float]:
+        """Estimates by name."""
         return dict(zip(self.unknowns, self.values.tolist(), strict=True))
 
 
@@ -92,31 +95,33 @@ def solve(
 
     Parameters
     ----------
-    held : (chain parameters,) values of parameters that are known; None: zero.
-    levels : noise level of each kind in units of its whitener; None: 1 where declared, else estimated.
+    unknowns : names of the parameters to estimate.
+    held : (chain parameters,) values of known parameters, mm and rad; None: zero.
+    declared : kinds of observation whose uncertainty is declared.
     exact : bool
         False solves the linear model ``gap = M values`` only.
+    levels : noise level of each kind in units of its whitener; None: 1 where declared, else estimated.
     """
-    with threadpool_limits(1, "blas"):  # blocks are small: two threads would wait for each other
+    with threadpool_limits(1, "blas"):  # blocks are small: one thread is fastest
         return _Solver(chain, views, tuple(unknowns), held, declared, exact, levels).run()
 
 
 def identifiable(
     chain: Chain, views: Sequence[View], unknowns: Sequence[str], floors: Floors | None = None, thorough: bool = False
 ) -> Groups:
-    """The groups of unknowns that the views can tell apart, by a sample of their rows or (`thorough`) by all."""
+    """The identifiable groups of unknowns, decided on a sample of the views' rows or (`thorough`) on all."""
     return find_groups(*observed(chain, views, unknowns, thorough), group_order(chain, unknowns), floors)
 
 
 def observed(
     chain: Chain, views: Sequence[View], unknowns: Sequence[str], thorough: bool
 ) -> tuple[Array, Sequence[str], Array]:
-    """A triangular factor of M over all views, its columns' names, and what their norms would be with a full lever."""
+    """Triangular factor of M over all views, names of its columns, and their norms at full travel and lever."""
     place = {name: k for k, name in enumerate(unknowns)}
     factor, square = np.zeros((0, len(unknowns))), np.zeros(len(unknowns))
     for view in views:
-        level = chain.size if view.outputs[0] >= 3 else 1.0  # angles count by what they move at the far end
-        most = max(SAMPLE, 4 * len(unknowns))
+        level = chain.size if view.outputs[0] >= 3 else 1.0  # angles in mm at the machine's size
+        most = max(RANK_SAMPLE_ROWS, 4 * len(unknowns))
         parts = (
             [view.part(slice(k, k + most)) for k in range(0, len(view), most)] if thorough else [sampled(view, most)]
         )
@@ -128,6 +133,8 @@ def observed(
 
 
 class _Solver:
+    """State of one least-squares solution; the parameters are those of `solve`."""
+
     def __init__(
         self,
         chain: Chain,
@@ -152,8 +159,9 @@ class _Solver:
     def run(self) -> Solution:
         start = self.pass_(np.zeros(len(self.unknowns)), None, gram=True)
         seen = self.observed(thorough=False)
-        # the normal equations of positions need what can be told apart to be so clearly; of readings a factor will do
-        least = ROUND_OFF if any(v.kind == "position" for v in self.views) else 1e-5 * ROUND_OFF
+        # normal equations of positions need well-separated columns; for readings a triangular factor is used, down to
+        # a smaller threshold
+        least = DEPENDENCE_TOLERANCE if any(v.kind == "position" for v in self.views) else 1e-5 * DEPENDENCE_TOLERANCE
         groups = find_groups(*seen, least=least)
         if self.missed(groups, start):
             seen = self.observed(thorough=True)
@@ -163,19 +171,19 @@ class _Solver:
         beforehand, whole, within = self.precision, self.of_its_size(seen[2]), np.inf
         for _ in range(MOST_RETREATS):
             groups = find_groups(*seen, floors, least)
-            solve = self.iterate if groups.condition < 1 / ROUND_OFF else self.by_factor
+            solve = self.iterate if groups.condition < 1 / DEPENDENCE_TOLERANCE else self.by_factor
             values, sums, passes, converged = solve(groups, start)
             if converged and self.misfit(sums) <= (1 + 1e-9) * self.misfit(start):
                 break
-            # along a direction that hardly shows the step was so far that the kinematics bent: errors are tied to
-            # what they can be, and ever more tightly
-            within = min(0.3 * within, LARGEST)
+            # the step along a weakly observable direction left the linear range: error motions get a prior of
+            # physical size, which is tightened at each restart
+            within = min(0.3 * within, RUNAWAY_ERROR_SHARE)
             self.precision = beforehand + whole / within**2
             self.taken = np.zeros(len(self.unknowns))
             self.update_noise(start, groups)
         base = groups.base
         covariance = self.covariance(groups, sums)
-        free = groups.rank - round(float(np.diag(covariance) @ self.precision[base]))  # what a prior holds is not free
+        free = groups.rank - round(float(np.diag(covariance) @ self.precision[base]))  # less those set by the prior
         return Solution(
             self.unknowns,
             values,
@@ -194,9 +202,9 @@ class _Solver:
         )
 
     def covariance(self, groups: Groups, sums: dict[Kind, Sums]) -> Array:
-        """Of the base; where the normal equations have lost digits, from a triangular factor of all rows."""
+        """Covariance of the groups; from a triangular factor of all rows where the normal equations lost digits."""
         base = groups.base
-        if groups.condition < SHAKY or self.relinearised:
+        if groups.condition < ILL_CONDITIONED or self.relinearised:
             gram, _ = self.total(sums)
             return scaled_inverse(gram[np.ix_(base, base)])
         factor = self.triangle(base, np.diag(np.sqrt(self.precision[base])))
@@ -215,10 +223,10 @@ class _Solver:
         return np.vstack([factor, held]), unknowns, norms, group_order(self.chain, self.unknowns)
 
     def missed(self, groups: Groups, sums: dict[Kind, Sums]) -> bool:
-        """Whether some row outside the sample moves a parameter by itself that the sample saw only in groups."""
+        """Whether a row outside the sample identifies a parameter that is dependent in the sample."""
         gram, _ = self.total(sums)
         others = np.setdiff1d(np.arange(len(self.unknowns)), groups.base)
-        if not len(others) or all(len(v) <= SAMPLE for v in self.views):
+        if not len(others) or all(len(v) <= RANK_SAMPLE_ROWS for v in self.views):
             return False
         mix = groups.coefficients[:, others]
         base = groups.base
@@ -230,29 +238,30 @@ class _Solver:
         return bool((left > 1e-9 * np.diag(gram)[others] + 1e-300).any())
 
     def floors(self, sums: dict[Kind, Sums]) -> Floors:
-        """What the noise hides: directions uncertain by a tenth of the machine, and motions that hardly show.
+        """Thresholds of the rank by the noise: least singular value and least norm of a column.
 
-        The latter are those of which a millimetre (at the end of the travel and of the longest lever) would stay below
-        the noise, because less than a thousandth of it is seen: what is not measured shows by the frame's tilt only.
+        A direction is dropped if its standard uncertainty exceeds a tenth of the machine's size. A column is dropped if
+        one millimetre of it (at the end of the travel, with the longest lever) stays below the noise and less than a
+        thousandth of it is observed: unmeasured motions show only through the tilt of the frame.
         """
         if "position" not in sums or not sums["position"].count:
             return Floors()
         views = [v for v in self.views if v.kind == "position"]
         weight = np.sqrt(sum(map(weight_of, views)))
-        shift = self.sigma["position"] / weight  # standard uncertainty, mm, of a shift of everything
+        shift = self.sigma["position"] / weight  # standard uncertainty, mm, of a common shift of all rows
         return Floors(direction=shift / (0.1 * self.chain.size), lever=min(1e-3, shift))
 
     def of_its_size(self, full: Array) -> Array:
-        """Precision (unknowns,) of the rigid error motions if each could move the tip by the machine's size.
+        """Precision (unknowns,) of rigid error motions whose prior moves the tip by the machine's size.
 
-        `full` are the norms that their columns would have with a full lever.
+        `full` are the norms of their columns at full travel and lever.
         """
-        reach = full / np.sqrt(sum(map(weight_of, self.views)))  # mm that a unit of each moves
+        reach = full / np.sqrt(sum(map(weight_of, self.views)))  # mm at the tip per unit of each
         rigid = np.isin(self.unknowns, [*{*self.chain.machine_ids} - self.chain.of_effects])
         return np.where(rigid, np.square(reach / self.chain.size), 0.0)
 
     def round_off(self) -> float:
-        """Size of a step that moves what is measured by 1e-13 of the machine."""
+        """Whitened length of a step that moves the measured points by 1e-13 of the machine's size."""
         weight = sum(float(np.square(v.whitener).sum()) / self.sigma[v.kind] ** 2 for v in self.views)
         return float(1e-13 * self.chain.size * np.sqrt(weight))
 
@@ -267,19 +276,19 @@ class _Solver:
             if not np.isfinite(slope).all():
                 return values, sums, passes, False
             step = scaled_solve(gram[pick], slope[base])
-            if passes == 1:  # all steps are measured alike: noise levels fall with the residual as long as it falls
+            if passes == 1:  # one norm for all steps: the noise levels, and with them the Gram matrix, change
                 measure, round_off = gram[pick], self.round_off()
             size = float(np.sqrt(max(float(step @ measure @ step), 0.0)))
             first = first or size
             small = max(1e-6 * first, round_off)
-            # the residual at `values` is known; a step that rounds away, or no longer shrinks, is not worth a pass
+            # the residual at `values` is known; a step at round-off level or no longer shrinking needs no pass
             if size <= small and size > 0.5 * last:
                 return values, sums, passes, True
             values = values.copy()
             values[base] += step
             if size <= 1e-12 * first:
                 return values, {kind: s.moved(base, step) for kind, s in sums.items()}, passes, True
-            relinearise = passes > 1 and size > max(0.2 * last, small)  # errors so large that M itself has changed
+            relinearise = passes > 1 and size > max(0.2 * last, small)  # slow convergence: M has changed
             last = size
             if relinearise and self.exact:
                 at, self.relinearised = values, True
@@ -291,7 +300,7 @@ class _Solver:
         return values, sums, MOST_PASSES, False
 
     def by_factor(self, groups: Groups, sums: dict[Kind, Sums]) -> tuple[Array, dict[Kind, Sums], int, bool]:
-        """As `iterate`, of a linear problem whose columns are so much alike that only orthogonal steps keep digits."""
+        """Solve an ill-conditioned linear problem by orthogonal triangularisation instead of normal equations."""
         values, base = np.zeros(len(self.unknowns)), groups.base
         factor = self.triangle(base, np.zeros((0, len(base) + 1)), read=True)
         values[base] = np.linalg.solve(factor[: len(base), :-1], factor[: len(base), -1])
@@ -300,7 +309,7 @@ class _Solver:
         return values, sums, 1, True
 
     def triangle(self, base: Index, above: Array, *, read: bool = False) -> Array:
-        """Triangular factor of the base's columns over all rows, below `above`; `read`: with the readings, last."""
+        """Triangular factor of the base columns over all rows and `above`; `read`: with the readings as last column."""
         factor = above
         for view in self.views:
             if read:
@@ -321,12 +330,12 @@ class _Solver:
         return accumulate(self.views, self.place, values, self.held, exact=False, gram=gram, taken=taken)
 
     def total(self, sums: dict[Kind, Sums]) -> tuple[Array, Array]:
-        """Of the data at the values of the last pass, and of what is known beforehand."""
+        """Normal equations of the data at the values of the last pass and of the prior."""
         gram, slope = total(sums, self.sigma)
         return gram + np.diag(self.precision), slope - self.precision * self.taken
 
     def update_noise(self, sums: dict[Kind, Sums], groups: Groups) -> None:
-        """Noise level of each kind that has none declared, from the residuals one step ahead."""
+        """Estimate the noise level of each undeclared kind, from the predicted residuals after the next step."""
         open_kinds = [k for k in sums if k not in self.known]
         base = groups.base
         pick = np.ix_(base, base)
@@ -339,26 +348,26 @@ class _Solver:
                 own = sums[kind]
                 square = own.square - 2 * float(step @ own.slope[base]) + float(step @ own.gram[pick] @ step)
                 used = float(np.sum(inverse * own.gram[pick])) / self.sigma[kind] ** 2
-                used = len(base) if len(sums) == 1 and not self.precision.any() else used  # exactly
+                used = len(base) if len(sums) == 1 and not self.precision.any() else used  # without round-off
                 free = own.count - used
                 floor = 1e-30 * max(own.square, 1e-30)
                 self.sigma[kind] = float(np.sqrt(max(square, floor) / max(free, 1e-3)))
-            # angles without noise beside noisy positions would weigh so much that nothing else is left to solve
+            # noise-free angles beside noisy positions would make the normal equations singular
             reach = {kind: self.chain.size if kind in ("orientation", "angle") else 1.0 for kind in open_kinds}
-            least = FINEST * max((reach[kind] * self.sigma[kind] for kind in open_kinds), default=0.0)
+            least = LEAST_NOISE_RATIO * max((reach[kind] * self.sigma[kind] for kind in open_kinds), default=0.0)
             self.sigma |= {kind: max(self.sigma[kind], least / reach[kind]) for kind in open_kinds}
             if all(abs(self.sigma[k] / before[k] - 1) < 1e-6 for k in open_kinds):
                 break
 
 
 def known_beforehand(chain: Chain, unknowns: Sequence[str]) -> Array:
-    """Precision (unknowns,) about zero of what a prior holds: 1/variance, 0 where there is none."""
+    """Precision (unknowns,) of the normal priors about zero: 1/variance, 0 where there is none."""
     priors = [chain.parameters[chain.index[u]].prior if u in chain.index else None for u in unknowns]
     return np.array([0.0 if p is None else p**-2 for p in priors])
 
 
 def scaled_solve(gram: Array, slope: Array) -> Array:
-    """Solution of normal equations, by their columns' scale."""
+    """Solution of normal equations, scaled to unit diagonal."""
     from scipy.linalg import cho_factor, cho_solve
 
     if not len(slope):
@@ -367,12 +376,12 @@ def scaled_solve(gram: Array, slope: Array) -> Array:
     unit = gram * np.outer(d, d)
     try:
         return np.asarray(d * cho_solve(cho_factor(unit), d * slope))
-    except np.linalg.LinAlgError:  # dependent to round-off: the shortest step
+    except np.linalg.LinAlgError:  # singular to round-off: minimum-norm step
         return np.asarray(d * (np.linalg.pinv(unit, rcond=1e-12, hermitian=True) @ (d * slope)))
 
 
 def scaled_inverse(gram: Array) -> Array:
-    """Inverse of normal equations, by their columns' scale."""
+    """Inverse of normal equations, scaled to unit diagonal."""
     from scipy.linalg import cho_factor, cho_solve
 
     if not len(gram):

@@ -1,4 +1,7 @@
-"""What a fit leaves of readings of error motions: rows about one joint, each from the zero of its instrument."""
+"""Residuals of error-motion readings of single joints, each relative to the zero of its instrument.
+
+Error motions are dx, dy, dz (mm) and ea, eb, ec (rad) of one joint; residuals are measured minus predicted.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +20,13 @@ from identification.observation.normal_equations import view_vector
 
 @dataclass(frozen=True)
 class MotionErrors:
-    """Root mean squares of one motion's readings, um or urad."""
+    """Root mean squares of one error motion's residuals, um or urad.
+
+    Attributes
+    ----------
+    nominal, fitted, heldout : relative to the machine without errors, after the fit, and of blocks left out of it.
+    n : number of readings.
+    """
 
     joint: str
     motion: Motion
@@ -28,6 +37,7 @@ class MotionErrors:
 
     @property
     def symbol(self) -> str:
+        """Symbol of the error motion by ISO 230-1, such as EXY."""
         return iso_symbol(self.joint, self.motion)
 
     @property
@@ -41,8 +51,8 @@ class Motions:
 
     Attributes
     ----------
-    nominal : of a machine without errors, after the zero of the instrument where that is unknown.
-    fitted, heldout : after the fit, and of blocks of rows that were left out of it.
+    nominal : relative to a machine without errors, less the mean where the zero of the instrument is unknown.
+    fitted, heldout : after the fit, and of blocks of rows predicted by fits without them.
     """
 
     nominal: Array
@@ -50,7 +60,7 @@ class Motions:
     heldout: Array
 
     def without(self, views: Sequence[View], judged: Judgement | None) -> Motions:
-        """The same with NaN for the readings that a robust fit leaves out."""
+        """The same residuals with NaN for outliers of a robust fit."""
         gone = np.zeros(self.fitted.shape, dtype=bool)
         for view, own in zip(views, judged.views if judged else (), strict=judged is not None):
             if isinstance(view, MotionView):
@@ -58,7 +68,7 @@ class Motions:
         return Motions(*(np.where(gone, np.nan, a) for a in (self.nominal, self.fitted, self.heldout)))
 
     def errors(self, survey: Survey) -> Iterator[MotionErrors]:
-        """Of each motion of each joint that was read, in the order of the survey."""
+        """Root mean squares of each error motion of each joint that was read, in the order of the survey."""
         joint = survey.table["joint"].to_numpy(dtype=object)
         for name in dict.fromkeys(joint[joint != ""]):
             for k, motion in enumerate(MOTIONS):
@@ -72,11 +82,17 @@ class Motions:
 def motion_residuals(
     views: Sequence[View], unknowns: Mapping[str, int], values: Array, held: Array, rows: int
 ) -> Array:
-    """Readings minus predicted error motions (rows, 6), mm and rad, NaN where nothing was read."""
+    """Measured minus predicted error motions (rows, 6), mm and rad, NaN where nothing was read.
+
+    Parameters
+    ----------
+    unknowns : index of each unknown in `values`; `held`: (chain parameters,) values of the others, mm and rad.
+    rows : number of rows of the survey.
+    """
     out = np.full((rows, 6), np.nan)
     for view in views:
         if isinstance(view, MotionView):
-            # behind the joint's parameters stand the zeros of the instrument, that of this motion among them
+            # a motion view lists the joint's parameters first, then the six zeros of the instrument
             vector, k = view_vector(view, unknowns, values, held), view.outputs[0]
             zero = view.columns[len(view.ids) + k]
             offset = float(values[unknowns[zero]]) if zero in unknowns else 0.0
@@ -86,7 +102,7 @@ def motion_residuals(
 
 
 def before_fit(views: Sequence[View], unknowns: Mapping[str, int], held: Array, rows: int) -> Array:
-    """The same of a machine without errors: readings, minus their mean where the instrument's zero is unknown."""
+    """Residuals (rows, 6) of a machine without errors: readings, less their mean where the zero is unknown."""
     out = motion_residuals(views, {}, np.zeros(0), held, rows)
     for view in views:
         if isinstance(view, MotionView) and view.columns[len(view.ids) + view.outputs[0]] in unknowns:
@@ -95,5 +111,6 @@ def before_fit(views: Sequence[View], unknowns: Mapping[str, int], held: Array, 
 
 
 def _rms(values: Array) -> float:
+    """Root mean square of the finite values."""
     seen = values[np.isfinite(values)]
     return float(np.sqrt(np.mean(seen**2))) if len(seen) else float("nan")

@@ -1,8 +1,8 @@
-"""Noise that is correlated from row to row: white plus first-order, and what it does to standard uncertainties.
+"""Serially correlated noise: estimation of an ARMA(1,1) model by restricted likelihood, and corrected covariances.
 
-Moving air and a drifting instrument give neighbouring rows much of the same error. Least squares still estimates
-without bias, but what varies slowly along the survey (a frame, a zero, a rarely moved joint) is known less well than
-independent rows would make it.
+Moving air and a drifting instrument give neighbouring rows similar errors. Least squares stays unbiased, but parameters
+that act slowly along the survey (a frame, a zero, a rarely moved joint) have larger standard uncertainties than
+independent rows would give. The covariance of the fit is corrected for this. Lengths are in rows, in survey order.
 """
 
 from __future__ import annotations
@@ -19,19 +19,21 @@ from identification.observation.assembly import Problem
 from identification.observation.models import PositionView
 from identification.observation.normal_equations import design_rows, view_vector
 
-LENGTHS = (2.0, 6.0, 20.0, 60.0, 200.0)  # rows over which the correlation falls to 1/e
-PARTS = (0.1, 0.4, 1.5, 6.0)  # variance of the correlated part, in variances of the white one
-FEWEST = 30  # rows
-ROUND_OFF = 1e-10  # of the machine: residuals below are no noise
-CLEAR = 8.0  # nats by which correlated noise must be likelier than white
-MOST = 4000  # rows: longer surveys are judged by as many from their middle
+# Grid of the noise model, by judgement: steps of about a factor of 3 (lengths) and 4 (variances)
+CORRELATION_LENGTHS_ROWS = (2.0, 6.0, 20.0, 60.0, 200.0)  # rows over which the correlation falls to 1/e
+CORRELATED_VARIANCE_RATIOS = (0.1, 0.4, 1.5, 6.0)  # variance of the correlated part over that of the white part
+FEWEST_NOISE_ROWS = 30  # rows below which correlation is not estimated, by judgement
+RESIDUAL_ROUND_OFF_SHARE = 1e-10  # of the machine's size: smaller residuals are round-off, not noise
+LEAST_LOG_LIKELIHOOD_GAIN = 8.0  # by which correlated noise must exceed white noise (natural logarithm), by judgement
+MOST_NOISE_ROWS = 4000  # longer surveys are represented by this many rows from their middle: limits the time
 
 
 @dataclass(frozen=True)
 class Noise:
-    """White noise of variance 1 and first-order noise of variance `part`, correlated over `length` rows.
+    """Sum of white noise of variance 1 and first-order autoregressive noise of variance `part`.
 
-    Their sum is an ARMA(1,1) process, whose innovations are a filter of two coefficients. Series are rows in order.
+    The correlation of the latter falls to 1/e over `length` rows. The sum is an ARMA(1,1) process: a filter of two
+    coefficients turns it into innovations. Series are in the order of the rows.
     """
 
     length: float
@@ -39,33 +41,36 @@ class Noise:
 
     @property
     def kept(self) -> float:
-        """Of the correlated part, from row to row."""
+        """Autoregressive coefficient: correlation of the correlated part from row to row."""
         return float(np.exp(-1 / self.length))
 
     @property
     def moving(self) -> float:
-        """Coefficient of the moving average, from the first autocovariance."""
+        """Moving-average coefficient, from the first autocovariance."""
         phi = self.kept
         ratio = phi / (1 + phi**2 + self.part * (1 - phi**2))
         return float((1 - np.sqrt(1 - 4 * ratio**2)) / (2 * ratio))
 
     @property
     def news(self) -> float:
-        """Variance of an innovation, of the whole variance."""
+        """Variance of an innovation over the variance of the process."""
         return self.kept / self.moving / (1 + self.part)
 
     def whitened(self, columns: Array, edges: Array) -> Array:
-        """Innovations of series (k, N) between `edges`, to one common variance; what lies behind the last stays."""
+        """Innovations of series (k, N), each part between two `edges` by itself, scaled to one common variance.
+
+        Values behind the last edge stay as they are.
+        """
         out = columns.copy()
         for a, b in pairwise(edges):
             change = columns[:, a:b].copy()
             change[:, 1:] -= self.kept * columns[:, a : b - 1]
             out[:, a:b] = _recursion(change, self.moving)
-            out[:, a] *= np.sqrt(self.news)  # the first row has the process' whole variance
+            out[:, a] *= np.sqrt(self.news)  # the first row has the variance of the process
         return out
 
     def spread(self, columns: Array, edges: Array) -> Array:
-        """Covariance matrix of the noise, of unit variance, times series (k, N)."""
+        """Product of series (k, N) and the correlation matrix of the noise."""
         out = columns / (1 + self.part)
         for a, b in pairwise(edges):
             before = _recursion(columns[:, a:b], self.kept)
@@ -75,7 +80,7 @@ class Noise:
 
 
 def _recursion(series: Array, kept: float) -> Array:
-    """``y[k] = kept y[k-1] + x[k]`` along series (k, n), as a bidiagonal system."""
+    """Recursion ``y[i] = kept y[i-1] + x[i]`` along series (k, n), solved as a bidiagonal system."""
     from scipy.linalg.lapack import dtbtrs
 
     bands = np.vstack([np.ones(series.shape[1]), np.full(series.shape[1], -kept)])
@@ -84,14 +89,14 @@ def _recursion(series: Array, kept: float) -> Array:
 
 
 def noises() -> Iterator[Noise]:
-    """The grid over which the noise is fitted."""
-    return (Noise(length, part) for length, part in product(LENGTHS, PARTS))
+    """The grid of noise models over which the likelihood is maximised."""
+    return (Noise(length, part) for length, part in product(CORRELATION_LENGTHS_ROWS, CORRELATED_VARIANCE_RATIOS))
 
 
 def likeliest(residual: Array, design: Array, edges: Array) -> tuple[Noise | None, float]:
-    """The noise that the residual (N,) of a fit of columns (p, N) shows, None where it is white; and its variance.
+    """Noise model of the residual (N,) after a fit of the columns `design` (p, N), None for white; and its variance.
 
-    By restricted likelihood: what varies slowly has gone into the parameters, and is missing from the residual.
+    Restricted likelihood accounts for the slowly varying part of the noise that the fitted parameters have absorbed.
     """
     free = len(residual) - len(design)
     square = float(residual @ residual)
@@ -101,17 +106,17 @@ def likeliest(residual: Array, design: Array, edges: Array) -> tuple[Noise | Non
         both = both if noise is None else noise.whitened(both, edges)
         triangle = np.abs(np.diag(np.linalg.qr(both.T, mode="r")))
         minus = free * float(np.log(triangle[-1])) + float(np.log(triangle[:-1]).sum())
-        # beforehand, any scale of length is as likely as any other: one as long as the run hardly shows in residuals
-        minus += 0.0 if noise is None else CLEAR + float(np.log(noise.length))
+        # prior: uniform in the logarithm of the length; a length like that of the run is hardly visible in residuals
+        minus += 0.0 if noise is None else LEAST_LOG_LIKELIHOOD_GAIN + float(np.log(noise.length))
         if minus < least:
             news = 1.0 if noise is None else noise.news
-            # beyond the grid the innovations say too little: never less than the residual itself
+            # innovations underestimate noise beyond the grid: the variance is at least that of the residual
             best, least, variance = noise, minus, max(float(triangle[-1]) ** 2 / news, square) / free
     return best, variance
 
 
 def _uneven(residual: Array) -> bool:
-    """Whether means of neighbouring rows scatter more than independent rows' would: else nothing need be fitted."""
+    """Whether means of neighbouring rows scatter more than for independent rows: a quick test before the fit."""
     for size in (4, 16, 64):
         means = residual[: len(residual) // size * size].reshape(-1, size).mean(axis=1)
         if len(means) > 3 and size * np.var(means) > np.var(residual) * (1 + 2.5 * np.sqrt(2 / len(means))):
@@ -120,13 +125,24 @@ def _uneven(residual: Array) -> bool:
 
 
 def correlated(problem: Problem, solution: Solution) -> tuple[Solution, Noise | None]:
-    """The solution with the covariance that its residuals' correlation along the rows leaves, and that noise."""
+    """The solution with its covariance corrected for serial correlation of the residuals, and the noise model.
+
+    Returns
+    -------
+    tuple
+        The corrected solution and the noise; the unchanged solution and None where the residuals are white, rows are
+        few, or no positions were measured.
+    """
     views = [v for v in problem.views if isinstance(v, PositionView)]
     base, place = solution.groups.base, problem.place()
     rows = sum(len(v) for v in views)
-    if rows < FEWEST or not len(base) or solution.sigma["position"] < ROUND_OFF * problem.chain.size:
+    if (
+        rows < FEWEST_NOISE_ROWS
+        or not len(base)
+        or solution.sigma["position"] < RESIDUAL_ROUND_OFF_SHARE * problem.chain.size
+    ):
         return solution, None
-    share = min(1.0, MOST / rows)
+    share = min(1.0, MOST_NOISE_ROWS / rows)
     level, zero = solution.sigma["position"], np.zeros(len(problem.chain.ids))
     parts, residuals, edges = [], [], [0]
     for whole in views:
@@ -134,7 +150,7 @@ def correlated(problem: Problem, solution: Solution) -> tuple[Solution, Noise | 
         view = whole.part(slice(int(middle - half), max(int(middle + half), 1)))
         vector = view_vector(view, place, solution.values, zero)
         gap = np.hstack([view.whiten(part, g) for part, g in view.gaps(vector)])
-        seen = np.abs(gap).max(axis=1, initial=0.0) > 0  # components that were measured
+        seen = np.abs(gap).max(axis=1, initial=0.0) > 0  # measured components
         residuals.append(gap[seen].ravel() / (level * np.sqrt(solution.kept)))
         parts.append((view, np.repeat(seen, len(view))))
         edges += [edges[-1] + k * len(view) for k in range(1, seen.sum() + 1)]
@@ -143,7 +159,7 @@ def correlated(problem: Problem, solution: Solution) -> tuple[Solution, Noise | 
         return solution, None
     design = np.vstack([design_rows(v, place, most=len(v))[live][:, base] / level for v, live in parts]).T
     norms = np.linalg.norm(design, axis=1)
-    free = (norms > 0) & (solution.precision[base] * np.diag(solution.covariance) < 0.5)  # known by the data
+    free = (norms > 0) & (solution.precision[base] * np.diag(solution.covariance) < 0.5)  # by the data, not the prior
     noise, variance = likeliest(residual, design[free] / norms[free, None], np.array(edges))
     if noise is None:
         return solution, None

@@ -1,4 +1,4 @@
-"""Which rows of a survey a robust fit leaves out, by name."""
+"""Outliers of a robust fit by file, row and component, and the weight of every row."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from identification.observation.models import View
 
 @dataclass(frozen=True)
 class Outlier:
-    """A row, or what of it, that takes no part in the fit."""
+    """A row, or one component of it, that has weight zero in the fit."""
 
-    index: int  # of the row in the survey
+    index: int  # row number in the survey, from 0
     file: str
     row: int  # data row of the file, from 1
     run: str
     what: str  # "position", "orientation", a component (mx my mz) or an error motion (dx ... ec)
-    distance_sigma: float  # of the whole from the fit, in robust standard deviations
-    residual_um: float  # length; NaN where it is no position
+    distance_sigma: float  # of the whole row from the fit, in robust standard deviations
+    residual_um: float  # length of the residual; NaN for angles and error motions
 
     def as_json(self) -> dict[str, Any]:
         return {k: v for k, v in vars(self).items() if k != "index"}
@@ -35,14 +35,14 @@ class Outlier:
 
 @dataclass(frozen=True)
 class Sorting:
-    """The rows of a survey as a robust fit sorts them.
+    """The rows of a survey by their weight in a robust fit.
 
     Attributes
     ----------
-    outliers : what takes no part, in the order of the rows.
-    distance, weight : (n,) of each row the largest distance of what it holds, in standard deviations, and the least
-        weight (0 of outliers, about 1 of others); NaN where nothing was measured.
-    gone : (n, 3) position components that take no part.
+    outliers : rows or components with weight zero, in the order of the rows.
+    distance : (n,) largest distance of each row's observations from the fit, in standard deviations.
+    weight : (n,) smallest weight of them, 0 for outliers, about 1 for others. Both NaN where nothing was measured.
+    gone : (n, 3) position components with weight zero.
     residuals, nominal_residuals : (n, 3) mm, of all rows.
     """
 
@@ -54,19 +54,24 @@ class Sorting:
     nominal_residuals: Array
 
     def without(self, residuals: Array) -> Array:
-        """Residuals (n, 3) with NaN for what takes no part."""
+        """Residuals (n, 3) with NaN for components with weight zero."""
         return np.where(self.gone, np.nan, residuals)
 
 
 def sort_rows(
     survey: Survey, views: Sequence[View], judged: Judgement, residuals: Array, nominal_residuals: Array
 ) -> Sorting:
-    """Name what a judgement leaves out.
+    """List the outliers of a robust fit.
+
+    Parameters
+    ----------
+    judged : weights of the rows of each of `views`.
+    residuals, nominal_residuals : (n, 3) mm of all rows, NaN where not measured.
 
     Raises
     ------
     InputError
-        More than half of the rows would be.
+        More than half of the rows are outliers.
     """
     n, table = len(survey), survey.table
     distance, weight = np.full(n, np.nan), np.full(n, np.nan)
@@ -105,4 +110,5 @@ def sort_rows(
 
 
 def _kind(view: View) -> str:
+    """Name of the observation for the list of outliers."""
     return view.kind if view.kind in ("position", "orientation") else MOTIONS[view.outputs[0]]

@@ -1,4 +1,7 @@
-"""What a fit returns, and how residuals are summed up."""
+"""Result of a fit, statistics of residual vectors, and residuals of positions.
+
+Residuals are measured minus predicted, in mm in the measuring frame.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +29,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Spread:
-    """Statistics of residual vectors, um. For rows with missing components the vector is that of what was measured."""
+    """Statistics of residual vectors, um; in rows with missing components the vector has the measured ones only."""
 
     rms_um: float  # root mean square of the 3-D residual
     mean_um: float  # mean magnitude
@@ -35,7 +38,7 @@ class Spread:
 
     @classmethod
     def of(cls, residuals: Array) -> Spread:
-        """Of residuals (n, 3) in mm, NaN where not measured."""
+        """Statistics of residuals (n, 3) in mm, NaN where not measured."""
         seen = np.isfinite(residuals).any(axis=1)
         length = 1e3 * np.sqrt(np.nansum(np.square(residuals[seen]), axis=1))
         if not len(length):
@@ -45,9 +48,9 @@ class Spread:
 
 @dataclass(frozen=True)
 class TestFile:
-    """One file that was not fitted: nominal and predicted, after what it may estimate for itself."""
+    """A test file: residuals of the nominal and the fitted machine, after its own frame and tool were estimated."""
 
-    __test__ = False  # not a test of pytest's
+    __test__ = False  # keeps pytest from collecting the class
 
     path: str
     survey: Survey
@@ -55,7 +58,7 @@ class TestFile:
     fitted: Spread
     residuals: Array  # (n, 3) mm, after the fit
     nominal_residuals: Array
-    refit: dict[str, float]  # what was re-estimated: frame and tool parameters by name
+    refit: dict[str, float]  # re-estimated frame and tool parameters by name, mm and rad
     frames: dict[str, Pose]
 
 
@@ -64,27 +67,27 @@ class Fit:
     """A fitted machine: plain values. What is derived from them is in `identification.results.analysis`."""
 
     chain: Chain
-    survey: Survey  # rows of role `fit`
+    survey: Survey
     problem: Problem
     solution: Solution
     nominal: Spread
     fitted: Spread
     heldout: Spread
     folds: int
-    residuals: Array  # (n, 3) mm in the measuring frame, NaN where not measured
+    residuals: Array
     nominal_residuals: Array
     heldout_residuals: Array
     tests: tuple[TestFile, ...] = ()
     notes: tuple[str, ...] = field(default=())
     posterior: Posterior | None = None
-    motions: Motions | None = None  # of rows about error motions, if there are any
-    sorting: Sorting | None = None  # of a robust fit; residuals are then NaN for its outliers
-    at_bound: tuple[AtBound, ...] = ()  # groups that are held where physics or the user ends them
-    counted: tuple[View, ...] = ()  # the problem's views as they count: weighted by a robust fit
+    motions: Motions | None = None
+    sorting: Sorting | None = None
+    at_bound: tuple[AtBound, ...] = ()
+    counted: tuple[View, ...] = ()
 
     @property
     def outliers(self) -> tuple[Outlier, ...]:
-        """What a robust fit leaves out; nothing else does."""
+        """Outliers of a robust fit; none of another."""
         return () if self.sorting is None else self.sorting.outliers
 
     @property
@@ -97,12 +100,12 @@ class Fit:
 
     @property
     def sigma_mm(self) -> float:
-        """Standard uncertainty of one measured coordinate as the residuals show it, mm."""
+        """Standard uncertainty of one measured coordinate, from the residuals, mm."""
         return position_sigma(self.problem.views, self.solution)
 
     @property
     def inflation(self) -> float:
-        """Factor on standard uncertainties: residuals clearly larger than declared are taken at their word (Birge)."""
+        """Birge ratio, a factor on standard uncertainties: above 1 if chi-squared rejects the declared noise at 1 %."""
         s = self.solution
         if not s.declared or s.dof <= 0:
             return 1.0
@@ -112,13 +115,13 @@ class Fit:
 
 
 def position_sigma(views: Sequence[View], solution: Solution) -> float:
-    """Noise of one measured coordinate, mm: from residuals, in the mean over rows and directions."""
+    """Standard deviation of one measured coordinate, mm: from residuals, mean over rows and directions."""
     whiteners = [v.whitener for v in views if v.kind == "position"]
     if not whiteners:
         return float("nan")
     if "position" not in solution.declared:
         return solution.sigma["position"]
-    # for a covariance a row, 1/trace(L'L) of what was measured: the mean precision, turned back into a deviation
+    # rows with a covariance: mean precision trace(L'L)/3 of the measured components
     precision = np.concatenate([np.square(w) if w.ndim == 1 else np.square(w).sum(axis=(1, 2)) / 3 for w in whiteners])
     return float(np.sqrt(np.mean(1 / precision[precision > 0]) * max(solution.chi2 / max(solution.dof, 1), 0.0)))
 

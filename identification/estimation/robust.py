@@ -1,9 +1,9 @@
-"""Robust least squares: an MM-estimator for rows of a survey (V. J. Yohai, Ann. Statist. 15 (1987) 642).
+"""Robust least squares of survey rows: an MM-type estimator (V. J. Yohai, Ann. Statist. 15 (1987) 642).
 
-Commands are known exactly, so only what was measured can be an outlier, and the smallest sum of distances, a convex
-problem, already resists a large minority of them of any size. From there rows are weighted by a bisquare
-(`identification.estimation.bisquare`) until nothing moves: 93 % efficient where all is normal. Last, each row counts
-as likely as it is none of the outliers, by what these have in common (`identification.estimation.mixture`).
+Joint positions are known exactly, so only measured values can be outliers. The start is the fit with the smallest sum
+of distances, a convex problem that resists a large minority of outliers of any size. From there rows are reweighted by
+a bisquare (`identification.estimation.bisquare`) until convergence: 93 % efficiency on normal rows. Finally each row
+is weighted by its probability of being an inlier (`identification.estimation.mixture`).
 """
 
 from __future__ import annotations
@@ -24,18 +24,20 @@ from identification.estimation.least_squares import (
     scaled_solve,
     solve,
 )
-from identification.estimation.noise import ROUND_OFF
+from identification.estimation.noise import RESIDUAL_ROUND_OFF_SHARE
 from identification.estimation.weights import Judgement, judge
 from identification.observation.models import Kind, View
 from identification.observation.normal_equations import accumulate, design_rows, sampled, total, view_vector
 from identification.runtime.convex_solver import optimise
 
-FAR = 100.0  # typical errors of the nominal machine
-SAMPLE = 600  # rows of a view from which the start is found
-ROUNDS = 50
-MOST_GROUPINGS = 4  # times that other weights may change what can be told apart
-STILL = 3e-3  # standard uncertainties: a step that is not worth another round
-ROUNDED = 1e-6  # of a value: as closely as one solution comes
+# Distance from the nominal machine, in median distances, to which rows are shortened for the start: keeps the digits
+# of the solver
+FAR_TYPICAL_DISTANCES = 100.0
+START_SAMPLE_ROWS = 600  # rows of a view used for the start: limits the time
+MOST_REWEIGHTINGS = 50
+MOST_GROUPINGS = 4  # repetitions in which new weights may change the identifiable groups
+STEP_TOLERANCE_SIGMA = 3e-3  # step, in standard uncertainties, at which reweighting stops; by judgement
+STEP_TOLERANCE_RELATIVE = 1e-6  # step relative to the value at which it stops: accuracy of one solution
 
 
 def first_judgement(
@@ -45,9 +47,16 @@ def first_judgement(
     held: Array | None = None,
     declared: frozenset[Kind] = frozenset(),
 ) -> Judgement:
-    """Which rows are outliers, by the smallest sum of distances of a sample of the rows."""
+    """First weights of the rows, from the fit with the smallest sum of distances to a sample of them.
+
+    Parameters
+    ----------
+    unknowns : names of the parameters to estimate.
+    held : (chain parameters,) values of known parameters, mm and rad; None: zero.
+    declared : kinds of observation whose uncertainty is declared.
+    """
     whole = _Rows.of(chain, views, unknowns, held, declared)
-    some = replace(whole, views=tuple(sampled(v, max(SAMPLE, 4 * len(unknowns))) for v in views))
+    some = replace(whole, views=tuple(sampled(v, max(START_SAMPLE_ROWS, 4 * len(unknowns))) for v in views))
     base = identifiable(chain, some.views, unknowns).base
     with threadpool_limits(1, "blas"):
         left = _least_distances(chain, some.views, unknowns, base, whole.held)
@@ -65,18 +74,19 @@ def settle(
     declared: frozenset[Kind],
     judged: Judgement,
 ) -> tuple[Solution, Judgement]:
-    """The robust estimates, from a first judgement; their covariance and degrees of freedom are of the weighted rows.
+    """Robust estimates from the first weights `judged`, and the final weights.
 
-    With noise levels that no survey declares, ``sigma`` is the robust one; ``chi2`` is what robust levels make of it.
+    Covariance and degrees of freedom are those of the weighted rows. ``sigma`` of undeclared kinds is the robust noise
+    level; ``chi2`` is computed from the robust levels.
     """
     rows = _Rows.of(chain, views, unknowns, held, declared)
     solution = rows.solution(judged)
     with threadpool_limits(1, "blas"):
-        _, judged, _ = rows.rounds(solution, judged, ROUNDS)
+        _, judged, _ = rows.rounds(solution, judged, MOST_REWEIGHTINGS)
         solution = rows.solution(judged)
         for _ in range(MOST_GROUPINGS):
             base = solution.groups.base
-            _, judged, settled = rows.rounds(solution, judged, ROUNDS, sharply=True)
+            _, judged, settled = rows.rounds(solution, judged, MOST_REWEIGHTINGS, sharply=True)
             solution = rows.solution(judged)
             if solution.groups.base.tolist() == base.tolist():
                 break
@@ -89,7 +99,7 @@ def settle(
 
 @dataclass(frozen=True)
 class _Rows:
-    """What is fitted; `floor` are noise levels below which residuals are round-off."""
+    """Views and unknowns of the fit; `floor` are noise levels below which residuals are round-off."""
 
     chain: Chain
     views: tuple[View, ...]
@@ -106,7 +116,7 @@ class _Rows:
         for view in views:
             weight = float(np.median(view.whitener[view.whitener > 0])) if (view.whitener > 0).any() else 1.0
             reach = chain.size if view.kind in ("position", "displacement") else 1.0
-            floor[view.kind] = max(floor.get(view.kind, 0.0), ROUND_OFF * reach * weight)
+            floor[view.kind] = max(floor.get(view.kind, 0.0), RESIDUAL_ROUND_OFF_SHARE * reach * weight)
         held = np.zeros(len(chain.ids)) if held is None else held
         return cls(chain, tuple(views), tuple(unknowns), held, declared, floor)
 
@@ -115,7 +125,7 @@ class _Rows:
         return {name: k for k, name in enumerate(self.unknowns)}
 
     def share(self, rank: int) -> dict[Kind, float]:
-        """Degrees of freedom that a fit takes from each kind, if it takes them from all alike."""
+        """Degrees of freedom that a fit takes from each kind, in proportion to their observations."""
         counts: dict[Kind, float] = {}
         for view in self.views:
             counts[view.kind] = counts.get(view.kind, 0.0) + view.count
@@ -123,24 +133,24 @@ class _Rows:
         return {kind: rank * n / whole for kind, n in counts.items()}
 
     def gaps(self, values: Array) -> list[Array]:
-        """Whitened residuals of the exact kinematics, (outputs, n) a view."""
+        """Whitened residuals of the exact kinematics, (outputs, n) for each view."""
         return [_gap(view, self.place, values, self.held) for view in self.views]
 
     def levels(self, judged: Judgement) -> dict[Kind, float]:
         return {k: 1.0 if k in self.declared else s for k, s in judged.sigma.items()}
 
     def solution(self, judged: Judgement) -> Solution:
-        """Least squares of the weighted rows."""
+        """Least-squares solution of the weighted rows."""
         views = judged.weigh(self.views)
         return solve(self.chain, views, self.unknowns, self.held, self.declared, levels=self.levels(judged))
 
     def rounds(
         self, solution: Solution, judged: Judgement, most: int, *, moving: bool = False, sharply: bool = False
     ) -> tuple[Array, Judgement, bool]:
-        """From a solution, judge and step in turn until nothing moves: the values, their judgement, and whether.
+        """Iteratively reweighted least squares: values, weights of the rows, and whether it converged.
 
-        `moving` takes noise levels from the nearer rows only, as long as the fit may still be far off; `sharply` judges
-        rows by what outliers have in common, once it no longer is.
+        `moving` takes noise levels from the quantile of the nearest rows, while the fit may be far off; `sharply` uses
+        the outlier mixture instead of the bisquare.
         """
         base, values = solution.groups.base, solution.values
         pick, hold, sums, levels = np.ix_(base, base), np.diag(solution.precision), solution.sums, solution.sigma
@@ -157,16 +167,17 @@ class _Rows:
             step, inverse = scaled_solve(gram[pick], slope[base]), scaled_inverse(gram[pick])
             values = values.copy()
             values[base] += step
-            limit = STILL * np.sqrt(np.diag(inverse)) + ROUNDED * np.abs(values[base])
+            limit = STEP_TOLERANCE_SIGMA * np.sqrt(np.diag(inverse)) + STEP_TOLERANCE_RELATIVE * np.abs(values[base])
             if (np.abs(step) <= limit).all():
                 return values, judged, True
         return values, judged, False
 
 
 def _gap(view: View, place: Mapping[str, int], values: Array, held: Array) -> Array:
+    """Whitened residual (outputs, n) of a view at the given values."""
     p = view_vector(view, place, values, held)
     gap = np.hstack([view.whiten(part, g) for part, g in view.gaps(p)])
-    zeros = [c for c in view.columns[len(view.ids) :] if c in place]  # of instruments: not the chain's
+    zeros = [c for c in view.columns[len(view.ids) :] if c in place]  # zeros of instruments are not in the chain
     if zeros:
         rows = design_rows(view, {c: k for k, c in enumerate(zeros)}, len(view))
         gap -= (rows @ values[[place[c] for c in zeros]]).reshape(gap.shape)
@@ -176,20 +187,23 @@ def _gap(view: View, place: Mapping[str, int], values: Array, held: Array) -> Ar
 def _least_distances(
     chain: Chain, views: Sequence[View], unknowns: Sequence[str], base: Index, held: Array
 ) -> list[Array]:
-    """Whitened residuals (outputs, n) of the linear fit with the smallest sum of distances, each kind in its own scale.
+    """Whitened residuals (outputs, n) of the linear fit with the smallest sum of scaled distances.
 
-    Rows much farther out than the machine's errors are shortened first: they pull as hard from there, and the solver
-    keeps its digits.
+    Each kind of observation is scaled by its median distance. Rows far beyond it are shortened first: the gradient of
+    a distance does not depend on its length, and the solver keeps its digits.
     """
     place = {name: k for k, name in enumerate(unknowns)}
     gaps = [_gap(v, {}, np.zeros(0), held) for v in views]
     designs = [design_rows(v, place, len(v))[:, base] for v in views]
     distances = [np.linalg.norm(g, axis=0) for g in gaps]
     scale = _typical(views, distances)
-    near = [np.minimum(1, FAR * scale[v.kind] / np.maximum(d, 1e-300)) for v, d in zip(views, distances, strict=True)]
+    near = [
+        np.minimum(1, FAR_TYPICAL_DISTANCES * scale[v.kind] / np.maximum(d, 1e-300))
+        for v, d in zip(views, distances, strict=True)
+    ]
     aims = [g * s for g, s in zip(gaps, near, strict=True)]
     left = aims
-    for _ in range(1 + (len(scale) > 1)):  # noise levels of several kinds show only once most is fitted
+    for _ in range(1 + (len(scale) > 1)):  # the scales of several kinds need a first fit
         weights = [np.full(d.size, 1 / scale[v.kind]) for v, d in zip(views, gaps, strict=True)]
         values = _smallest_sum(views, designs, aims, weights, known_beforehand(chain, unknowns)[base])
         left = [a - (m @ values).reshape(a.shape) for a, m in zip(aims, designs, strict=True)]
@@ -218,7 +232,7 @@ def _smallest_sum(
     for a, end in zip(aims, ends, strict=True):
         rest = b[end - a.size : end] - (unit * Q[end - a.size : end]) @ x
         goal += norm(reshape(rest, a.shape, order="C"), 2, axis=0).sum()
-    optimise(cp.Problem(cp.Minimize(goal)))  # an inexact start is a start all the same
+    optimise(cp.Problem(cp.Minimize(goal)))  # an inexact solution is accurate enough as a start
     start = unit * (Q.T @ b) / len(Q) if x.value is None else x.value
     return np.asarray(inverse @ start)
 

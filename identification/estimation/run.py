@@ -1,4 +1,8 @@
-"""The fit of a machine to a survey, from aligned frames to residuals on data that was not fitted."""
+"""Fit of a machine to a survey: frames, least squares or robust estimation, bounds, held-out and test residuals.
+
+Residuals are measured minus predicted, in mm in the measuring frame. Steps: assembly of the problem, alignment of the
+frames, estimation, correction for correlated noise, bounds, cross-validation by blocks of rows, test files.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +33,8 @@ from identification.observation.frames import IDENTITY, Pose, rotation_notes
 from identification.observation.models import MotionView, OrientationView, PositionView, View
 from identification.observation.normal_equations import accumulate, total
 
-BLOCK_ROWS = 600  # consecutive rows left out together, in large surveys; a tenth of the rows in small ones
+# Consecutive rows left out together in large surveys, a tenth of the rows in small ones; by judgement
+HELDOUT_BLOCK_ROWS = 600
 
 
 def fit_machine(
@@ -39,20 +44,25 @@ def fit_machine(
     bounds: Mapping[str, PriorForm] | None = None,
     document: Document | None = None,
 ) -> Fit:
-    """Fit all parameters, frames and noise levels to the survey's fit rows; then look at its test files.
+    """Fit all parameters, frames and noise levels to the survey's fit rows, and evaluate its test files.
 
     Parameters
     ----------
-    robust : rows far from what the others agree on count less or nothing, and are named.
-    bounds : of parameters, in place of what physics says of them; `document`: the file they stand in, for messages.
+    robust : estimate robustly: outliers get weight zero and are listed.
+    bounds : the user's bounds by parameter name, in place of physical ones; `document`: their file, for messages.
+
+    Returns
+    -------
+    Fit
+        Estimates, covariance, residuals and notes.
 
     Raises
     ------
     InputError
-        The survey has no rows to fit, or fewer equations than identifiable unknowns; of a robust fit, most rows are
-        outliers.
+        The survey has no rows to fit or no more equations than identifiable unknowns, a bound names an unknown
+        parameter, or (robust) most rows are outliers.
     """
-    with threadpool_limits(1, "blas"):  # blocks are small: two threads would wait for each other
+    with threadpool_limits(1, "blas"):  # blocks are small: one thread is fastest
         return _fit(Chain(machine), survey, robust, bounds or {}, document)
 
 
@@ -116,10 +126,10 @@ def _fit(chain: Chain, survey: Survey, robust: bool, bounds: Mapping[str, PriorF
 def anchored(
     problem: Problem, rows: int, held: Array | None = None, judged: Judgement | None = None
 ) -> tuple[Problem, Array]:
-    """The problem with its frames at their least-squares best fit to the given parameters (None: nominal).
+    """The problem with its frames aligned by least squares to the machine with parameters `held` (None: nominal).
 
-    Small frame parameters then count from there, and what is left over, returned as (rows, 3), is the nominal error.
-    With a judgement, rows count for the frames what they count by it.
+    Small frame parameters are relative to these poses. Also returned are the residuals (rows, 3), mm: the error of that
+    machine. With `judged`, rows have their robust weights.
     """
     held = np.zeros(len(problem.chain.ids)) if held is None else held
     weighted = problem.views if judged is None else judged.weigh(problem.views)
@@ -157,10 +167,11 @@ def held_out(
 ) -> tuple[Array, int]:
     """Residuals (rows, 3) of blocks of consecutive rows, each predicted by a fit without it; and how many blocks.
 
-    Leaving a block out takes its sums away from the whole's: no data is streamed twice. What is `fixed` (at a bound)
-    stays. `residuals` says of what: `motion_residuals` are (rows, 6).
+    The sums of a block are subtracted from those of all rows, so that no data is streamed twice. Parameters that are
+    `fixed` (at a bound) keep their values. `residuals` computes the residuals: (rows, 3) of positions, or
+    `motion_residuals` (rows, 6).
     """
-    blocks = np.array_split(np.arange(rows), min(max(10, round(rows / BLOCK_ROWS)), rows))
+    blocks = np.array_split(np.arange(rows), min(max(10, round(rows / HELDOUT_BLOCK_ROWS)), rows))
     zero, place, base = np.zeros(len(problem.chain.ids)), problem.place(), solution.groups.base
     base = base[~np.isin(np.array(solution.unknowns)[base], fixed)]
     pick = np.ix_(base, base)
@@ -176,7 +187,7 @@ def held_out(
         own_gram, own_slope = total(own, solution.sigma)
         less, slope = gram - own_gram[pick], -own_slope[base]
         values = solution.values.copy()
-        # what the other blocks cannot determine stays as it was fitted
+        # directions that the other blocks do not determine keep the fitted values
         step = np.linalg.pinv(less * np.outer(scale, scale), rcond=1e-13, hermitian=True) @ (scale * slope)
         values[base] += scale * step
         part = residuals(views, place, values, zero, rows)
@@ -185,7 +196,7 @@ def held_out(
 
 
 def look_at(fit: Fit, test: Survey) -> TestFile:
-    """A file that was not fitted: it estimates its own frame, if it has one, and what `refit` names, nothing else."""
+    """Residuals of a test file after re-estimating its own frame, if it has one, and the tool if `refit` names it."""
     chain, held = fit.chain, fit.held
     tool = chain.tool_ids[:3] if "tool" in test.refit else ()
     labels = frame_labels(test)
@@ -212,7 +223,7 @@ def look_at(fit: Fit, test: Survey) -> TestFile:
     refit: dict[str, float] = {}
     if judged is not None:
         refit = settle(chain, views, unknowns, held, declared, judged)[0].named()
-    elif unknowns:  # a file in a frame that is known has nothing to estimate
+    elif unknowns:  # none for a file in a known frame
         refit = solve(chain, views, unknowns, held, declared).named()
     places = {name: k for k, name in enumerate(refit)}
     residuals = residuals_of(views, places, np.array([*refit.values()]), held, len(test))
@@ -225,7 +236,7 @@ def _positions(problem: Problem) -> tuple[PositionView, ...]:
 
 
 def placed(problem: Problem, poses: dict[str, Pose]) -> Problem:
-    """The problem with its measuring frames, by label, at the given poses."""
+    """The problem with its measuring frames at the given poses (by label)."""
     labels = {frame_columns(problem.chain, label)[0]: label for label in poses}
     views = tuple(
         replace(v, pose=poses[labels[v.columns[0]]]) if isinstance(v, PositionView | OrientationView) else v
@@ -235,6 +246,7 @@ def placed(problem: Problem, poses: dict[str, Pose]) -> Problem:
 
 
 def _notes(survey: Survey, solution: Solution, noise: Noise | None, longest: int) -> tuple[str, ...]:
+    """Notes for the user on correlated noise, divergence and convergence."""
     notes = list(survey.notes)
     if noise is not None:
         part = 100 * noise.part / (1 + noise.part)

@@ -1,6 +1,6 @@
-"""What the rows of a survey count in a robust fit, and the noise level by which they are judged.
+"""Robust weights of survey rows, and the robust noise level that scales their residuals.
 
-Weights are scaled so that the weighted normal equations are the information that the estimator really has, with the
+Weights are scaled so that the weighted normal equations equal the information of the robust estimator, with the
 finite-sample correction of P. J. Huber & E. M. Ronchetti, Robust Statistics, 2009, section 7.6.
 """
 
@@ -16,23 +16,25 @@ from identification.estimation.bisquare import BY_DISTANCE, Pull, Scale, normal,
 from identification.estimation.mixture import Outliers
 from identification.observation.models import Kind, PositionView, View
 
-LOW = 0.25  # of the rows set the first noise level: more than half of them may be out, and are then told of
-TIGHT = 0.75  # of that level: what is not clearly good stays out while the fit has still to move
-LEAST_LEFT = 0.05  # of the observations, whatever the fit used up
-STEADY = 1e-6  # relative change of a noise level
+# Quantile of the distances that sets the first noise level: low, so that surveys with more than half outliers are
+# recognised as such
+FIRST_LEVEL_QUANTILE = 0.25
+FIRST_LEVEL_FACTOR = 0.75  # factor on that level: doubtful rows stay out while the fit may be far off; by judgement
+LEAST_DOF_SHARE = 0.05  # smallest share of the observations that counts as degrees of freedom
+NOISE_LEVEL_TOLERANCE = 1e-6  # relative change of the squared noise level at which its iteration stops
 
 
 @dataclass(frozen=True)
 class Judged:
-    """The rows of one view.
+    """Robust weights of the rows of one view.
 
     Attributes
     ----------
     distance : (n,) of the whole row from the fit, in robust standard deviations.
-    weight : (n,) what the row counts: 0 for outliers, about 1 for others.
-    out : (n,) whether the row is out, in whole or with one component.
-    wrong : (n,) the component (0, 1, 2) that alone is wrong, -1 for none.
-    mixed : rows whose components count differently; `roots` (mixed, 3, 3): square roots of their weights.
+    weight : (n,) 0 for outliers, about 1 for others.
+    out : (n,) whether the row, or one component of it, is an outlier.
+    wrong : (n,) the component (0, 1, 2) that is the outlier, -1 for none.
+    mixed : rows whose components have different weights; `roots` (mixed, 3, 3): square roots of their weight matrices.
     """
 
     distance: Array
@@ -43,7 +45,7 @@ class Judged:
     roots: Array
 
     def weigh(self, view: View) -> list[View]:
-        """The view with its rows weighted; in a view of their own those of which one component counts less."""
+        """The view with its rows weighted; rows with different weights of components become a view of their own."""
         root = np.sqrt(self.weight)
         if view.whitener.ndim == 3:
             whitener = view.whitener * root[:, None, None]
@@ -60,15 +62,15 @@ class Judged:
 
 @dataclass(frozen=True)
 class Judgement:
-    """What the rows of all views count.
+    """Robust weights of the rows of all views.
 
     Attributes
     ----------
-    views : one entry a view.
+    views : one entry per view.
     sigma : robust noise level of each kind, in units of its whitener.
-    count : scalar observations of each kind that take part.
-    kept : for each kind, mean of the weighted squared residual of rows that take part, in noise variances.
-    common : what the outliers of each kind have in common, once that was asked for.
+    count : scalar observations of each kind with non-zero weight.
+    kept : mean weighted squared residual of these, for each kind, in noise variances.
+    common : outlier cluster of each kind, where the mixture was used.
     """
 
     views: tuple[Judged, ...]
@@ -78,7 +80,7 @@ class Judgement:
     common: dict[Kind, Outliers] = field(default_factory=dict)
 
     def weigh(self, views: Sequence[View]) -> tuple[View, ...]:
-        """The views, weighted; rows that take no part are left out."""
+        """The weighted views without rows of weight zero."""
         weighted = [w for j, v in zip(self.views, views, strict=True) for w in j.weigh(v)]
         live = [np.abs(w.whitener).reshape(len(w), -1).max(axis=1) > 0 for w in weighted]
         return tuple(w if own.all() else w.part(own) for w, own in zip(weighted, live, strict=True) if own.any())
@@ -92,15 +94,20 @@ def judge(
     start: Mapping[Kind, float] | None = None,
     common: Mapping[Kind, Outliers] | None = None,
 ) -> Judgement:
-    """Judge rows by what a fit leaves of them.
+    """Robust weights and noise levels from the residuals of a fit.
 
     Parameters
     ----------
-    gaps : for each view its whitened residual, (outputs, n).
+    gaps : whitened residual (outputs, n) of each view.
     used : degrees of freedom that the fit took from each kind.
-    floor : least noise level of each kind.
-    start : noise levels to start from; None: those of the nearer rows, while the fit has still to move.
-    common : what the outliers were found to have in common; None: rows are judged by their distance alone.
+    floor : smallest noise level of each kind, in units of its whitener.
+    start : noise levels to start from; None: from the quantile of the nearest rows, while the fit may be far off.
+    common : outlier cluster of each kind to start from; None: bisquare of the distance alone.
+
+    Returns
+    -------
+    Judgement
+        Weights, noise levels and outlier clusters.
     """
     judged: dict[int, Judged] = {}
     found = Judgement((), {}, {}, {})
@@ -120,7 +127,7 @@ def judge(
             live = sum(float(p.live.sum()) for p in pulls)
             expected = sum(float(expect[m] @ p.live) for (_, m, _), p in zip(rows, pulls, strict=True))
             square = sum(float(p.along.sum()) for p in pulls) / max(expected * _left(live, used[kind]), 1e-300)
-            if start is None or abs(square - 1) < STEADY or level * np.sqrt(square) <= floor[kind]:
+            if start is None or abs(square - 1) < NOISE_LEVEL_TOLERANCE or level * np.sqrt(square) <= floor[kind]:
                 break
             level *= float(np.sqrt(square))
         factor, found.kept[kind] = _information(pulls, used[kind])
@@ -133,7 +140,7 @@ def judge(
 
 
 def _common(rows: Sequence[tuple[Array, Index, Array | None]], level: float, before: Outliers | None) -> Outliers:
-    """What outliers have in common; rows of which one component alone is wrong are none."""
+    """The outlier cluster, estimated without rows that have one wrong component."""
     sound = [pull(gap / level, m, axes).likely[0] > 0.5 for gap, m, axes in rows]
     left = [
         np.pad(gap[:, own] / level, ((0, 3 - len(gap)), (0, 0))) for (gap, _, _), own in zip(rows, sound, strict=True)
@@ -143,22 +150,23 @@ def _common(rows: Sequence[tuple[Array, Index, Array | None]], level: float, bef
 
 
 def _usual(m: int, rows: Sequence[tuple[Array, Index, Array | None]], outliers: Outliers) -> float:
+    """Expected ``u'psi`` per observation under the mixture; 1 where no row has `m` components."""
     if not any(m in own for _, own, _ in rows):
         return 1.0
-    order = np.argsort(-np.abs(outliers.mean))  # what rows of fewer components have is where the mean is
+    order = np.argsort(-np.abs(outliers.mean))  # assume that rows with fewer components have those of the largest mean
     return usual(m, replace(outliers, mean=outliers.mean[order]))
 
 
 def _components(view: View) -> Index:
-    """How many scalar observations each row holds, (n,)."""
+    """Number of scalar observations of each row, (n,)."""
     return np.asarray(view.components.sum(axis=1))
 
 
 def _axes(view: View) -> Array | None:
-    """Direction of each measured component in whitened units, (3, 3, n); of angles none: they are read together."""
+    """Direction of each measured component in whitened units, (3, 3, n); None for angles, which are read together."""
     if view.kind != "position":
         return None
-    if view.whitener.ndim == 1:  # whitened without leaving the reference's axes
+    if view.whitener.ndim == 1:  # a scalar weight keeps the axes of the reference
         return np.broadcast_to(_turn(view)[:, :, None], (3, 3, len(view)))
     columns = view.whitener.transpose(2, 1, 0)
     lengths = np.linalg.norm(columns, axis=1)[:, None]
@@ -171,28 +179,30 @@ def _turn(view: View) -> Array:
 
 
 def _nearer(rows: Sequence[tuple[Array, Index, Array | None]], used: float) -> float:
-    """A first noise level: from the rows that are nearer than most."""
+    """First noise level, from a low quantile of the distances."""
     from scipy.stats import chi
 
     m = np.concatenate([m for _, m, _ in rows])
     distance = np.concatenate([np.linalg.norm(gap, axis=0) for gap, _, _ in rows])
-    typical = np.asarray(chi.ppf(LOW, np.arange(1, 4)))[m - 1]
-    return TIGHT * float(np.quantile(distance / typical, LOW) / np.sqrt(_left(float(m.sum()), used)))
+    typical = np.asarray(chi.ppf(FIRST_LEVEL_QUANTILE, np.arange(1, 4)))[m - 1]
+    return FIRST_LEVEL_FACTOR * float(
+        np.quantile(distance / typical, FIRST_LEVEL_QUANTILE) / np.sqrt(_left(float(m.sum()), used))
+    )
 
 
 def _left(count: float, used: float) -> float:
-    """Share of the residual variance that a fit leaves."""
-    return max(1 - used / max(count, 1.0), LEAST_LEFT)
+    """Degrees of freedom over observations."""
+    return max(1 - used / max(count, 1.0), LEAST_DOF_SHARE)
 
 
 def _information(pulls: Sequence[Pull], used: float) -> tuple[float, float]:
-    """Factor that turns weights into information, and the mean weighted square in noise variances."""
+    """Factor from weights to information (Huber & Ronchetti), and the mean weighted square in noise variances."""
     along, square, slope, live, trace = (
         np.concatenate([getattr(p, name) for p in pulls]) for name in ("along", "square", "slope", "live", "trace")
     )
     own = live > 0
     n = max(float(live.sum()), 1.0)
-    mean = max(float(slope[own].sum()) / n, LEAST_LEFT)
+    mean = max(float(slope[own].sum()) / n, LEAST_DOF_SHARE)
     uneven = float(live[own] @ np.square(slope[own] / live[own] - mean)) / n
     small = 1 + used / n * uneven / mean**2
     factor = mean**2 * n**2 * _left(n, used) / (float(square.sum()) * float(trace.sum()) * small**2)

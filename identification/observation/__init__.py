@@ -1,1 +1,1 @@
-"""From survey rows to equations: observation models, measuring frames, normal equations, identifiability."""
+"""Observation models, measuring frames, normal equations and identifiability of the rows of a survey."""

@@ -1,4 +1,8 @@
-"""From a survey to the views and unknowns of a fit: frames aligned, rows whitened, rows that see nothing left out."""
+"""Assembly of the estimation problem: views and unknowns of a fit from the rows of a survey.
+
+Measuring frames are aligned to the nominal points, rows are whitened by their standard uncertainties, and rows without
+a measured value are left out. Units: mm and rad.
+"""
 
 from __future__ import annotations
 
@@ -23,12 +27,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Problem:
-    """What a survey asks of a chain.
+    """The estimation problem of a chain and a survey.
 
     Attributes
     ----------
-    views : what the rows see; `frames`: pose by label ("" for the one shared frame; none if the frame is fixed).
+    views : observation models of the rows.
     unknowns : names of all unknowns, those of the frames first.
+    frames : pose by label ("" for the one shared frame; empty if the frame is fixed).
+    labels : (n,) of str, the frame of each row of the survey.
     declared : kinds of observation whose uncertainty the survey states.
     mount : (3, 3) orientation of a 6-D target in the last frame, or None.
     """
@@ -37,18 +43,19 @@ class Problem:
     views: tuple[View, ...]
     unknowns: tuple[str, ...]
     frames: dict[str, Pose]
-    labels: Array  # (n,) of str: the frame of each row of the survey
+    labels: Array
     declared: frozenset[Kind]
     mount: Array | None = None
 
     def place(self) -> dict[str, int]:
+        """Index of each unknown by name."""
         return {name: k for k, name in enumerate(self.unknowns)}
 
 
 def frame_labels(survey: Survey, mode: str | None = None) -> Array:
-    """The label of each row's measuring frame: "" where all share one, else the run's or the file's name.
+    """Label (n,) of each row's measuring frame: "" where all share one, else the name of the run or file.
 
-    `mode` in place of the survey's own ``frame``.
+    `mode` replaces the survey's own ``frame``.
     """
     mode = mode or survey.frame
     if mode in ("shared", "fixed"):
@@ -62,10 +69,10 @@ def frame_columns(chain: Chain, label: str) -> tuple[str, ...]:
 
 
 def determined_columns(chain: Chain, label: str, pose: Pose) -> tuple[str, ...]:
-    """Those of a frame's six unknowns that its points determine.
+    """Names of the frame's unknowns that its points determine.
 
-    Where a line leaves the rotation about itself open, the rotation about the nearest axis of the reference stays out:
-    with the two others it makes all rotations but that one.
+    Where the points lie on a line, the rotation about the axis of the reference nearest to it is left out: the two
+    others span all rotations but the one about the line.
     """
     columns = frame_columns(chain, label)
     open_axes = {int(np.argmax(np.abs(axis))) for axis in pose.undetermined}
@@ -79,9 +86,19 @@ def build(
     ids: Sequence[str] | None = None,
     mount: Array | None = None,
 ) -> Problem:
-    """Views of a survey; the unknowns are the frames' and `ids` (None: the machine's own parameters).
+    """The estimation problem of a survey.
 
-    `held` are known parameters (test files): frames are then aligned to the predicted instead of the nominal points.
+    Parameters
+    ----------
+    held : (chain parameters,) known parameters, mm and rad, of a test file: frames are then aligned to the predicted
+        points instead of the nominal ones.
+    ids : parameters that are unknown besides the frames'; None: those of the machine.
+    mount : (3, 3) known orientation of a 6-D target in the last frame; None: estimated from the rows.
+
+    Raises
+    ------
+    InputError
+        No row holds a measured value, or only some rows of a kind have a standard uncertainty.
     """
     table = survey.table
     joint = table["joint"].to_numpy(dtype=object) if "joint" in table else np.full(len(table), "", dtype=object)
@@ -92,11 +109,11 @@ def build(
     views: list[View] = []
     frames: dict[str, Pose] = {}
     free: list[str] = []
-    stated: set[bool] = set()  # whether positions come with their uncertainty
+    stated: set[bool] = set()  # whether positions of a frame have a standard uncertainty
     seen = np.asarray(np.isfinite(survey.measured).any(axis=1))
     turned = _rotations(survey)
     channels = chain.columns(survey.table) if len(volumetric) else []
-    fixed = fixed_tool(chain, channels) if channels else {}  # in all frames, so that they share their kernels
+    fixed = fixed_tool(chain, channels) if channels else {}  # the same in all frames, which then share kernels
     exact: What = "actual" if p.any() else "nominal"
     mounts = []
     for label in dict.fromkeys(labels[volumetric].tolist()):
@@ -110,7 +127,7 @@ def build(
             nominal = chain.kernel(exact, (), fixed, (0, 1, 2))(rows, p)
             pose = align(
                 nominal.T, survey.measured[index], _row_weights(survey, index),
-                assumed=_assumed(survey), largest=SMALL * chain.size,
+                assumed=_assumed(survey), largest=MACHINE_ERROR_SHARE * chain.size,
             )  # fmt: skip
             frames[label] = pose
             free += frame_columns(chain, label)
@@ -156,7 +173,7 @@ def build(
         own = (*own, *(i for i in chain.tool_ids[3:] if i not in own))
     motion_views, zeros = _motion_views(chain, survey, joint)
     if ids is None:
-        # a fixed frame without any position: error motions from the machine's own zero
+        # a fixed frame without positions: error motions are relative to the machine's own zero
         free += zeros if views or survey.frame != "fixed" else []
         views += motion_views
         declared |= _stated(survey, motion_views)
@@ -171,6 +188,7 @@ def _assumed(survey: Survey) -> Array | None:
 
 
 def _rotations(survey: Survey) -> Array | None:
+    """Measured orientations (n, 3, 3) of a 6-D target, NaN where missing; None without them."""
     if "mrx" not in survey.table:
         return None
     from scipy.spatial.transform import Rotation
@@ -201,12 +219,13 @@ def _sigmas(survey: Survey, index: Index) -> Array | None:
 
 
 def _row_weights(survey: Survey, index: Index) -> Array | None:
+    """Weights 1/sigma (n,) for the alignment; None if not stated."""
     sigmas = _sigmas(survey, index)
     return None if sigmas is None else 1 / np.linalg.norm(sigmas, axis=1)
 
 
 def _whitener(survey: Survey, index: Index) -> tuple[Array, bool]:
-    """Whitener of positions and whether the survey states their uncertainty (columns before instrument)."""
+    """Whitener of positions, and whether the survey states their uncertainty (columns take precedence)."""
     measured = survey.measured[index]
     missing = ~np.isfinite(measured)
     sigmas = _sigmas(survey, index)
@@ -226,7 +245,13 @@ def _whitener(survey: Survey, index: Index) -> tuple[Array, bool]:
 
 
 def marginal_whitener(covariance: Array, missing: Mask) -> Array:
-    """Whiteners (n, 3, 3) of what was measured: marginal covariance (n, 3, 3), no equation for what is missing."""
+    """Whiteners (n, 3, 3) of the measured components, with zero rows for missing ones.
+
+    Parameters
+    ----------
+    covariance : (n, 3, 3) of all components, mm^2.
+    missing : (n, 3) components that were not measured.
+    """
     covariance = covariance.copy()
     covariance[missing] = 0.0
     covariance.transpose(0, 2, 1)[missing] = 0.0
@@ -237,7 +262,7 @@ def marginal_whitener(covariance: Array, missing: Mask) -> Array:
 
 
 def _motion_views(chain: Chain, survey: Survey, joint: Array) -> tuple[list[View], list[str]]:
-    """Views of error-motion rows: each joint, run and motion has an instrument's zero of its own."""
+    """Views of error-motion rows, and names of their zeros: one for each joint, run and motion."""
     views: list[View] = []
     zeros: list[str] = []
     table = survey.table
@@ -275,12 +300,12 @@ def _motion_views(chain: Chain, survey: Survey, joint: Array) -> tuple[list[View
 
 
 def _stated(survey: Survey, views: Sequence[View]) -> frozenset[Kind]:
-    """The kinds of error-motion readings whose uncertainty the survey states.
+    """Kinds of error-motion readings whose uncertainty the survey states.
 
     Raises
     ------
     InputError
-        It does for some of a kind and not for others, so that they cannot be weighed against each other.
+        Only some readings of a kind have a standard uncertainty, so that their relative weight is unknown.
     """
     table, stated = survey.table, dict[Kind, bool]()
     for view in views:
@@ -297,9 +322,9 @@ def _stated(survey: Survey, views: Sequence[View]) -> frozenset[Kind]:
 
 
 def group_order(chain: Chain, unknowns: Sequence[str]) -> list[int]:
-    """The order in which unknowns stand for their group: shapes' lengths, shapes' angles, joints, zeros, frames, tool.
+    """Order in which unknowns may be the base of a group: link lengths, link angles, joints, zeros, frames, tool.
 
-    The measuring frame comes late, so that a group it shares is named after the member of the machine.
+    Measuring frames come late, so that a group with both is named after the machine's parameter.
     """
     joints = {e.name for e in chain.machine.elements if isinstance(e, Joint)}
 

@@ -1,8 +1,9 @@
-"""The measuring frame of any size and orientation: closed-form alignment of nominal to measured points.
+"""Rigid alignment of nominal to measured points: the pose of a measuring frame in closed form.
 
-Weighted Kabsch/Umeyama (rotation by singular value decomposition), reweighted so that gross outliers do not tilt it.
-Rotations that the nominal points do not determine (all of a single point, one of a line) are not taken from the noise:
-they stay as the survey says, or at none.
+Weighted Kabsch/Umeyama algorithm (rotation by singular value decomposition), iteratively reweighted against gross
+outliers. Rotations that the nominal points do not determine (three for a single point, one for a line) are not
+estimated: they keep the rotation stated in the survey, or zero. Units: mm; poses map the machine's reference into the
+measuring frame.
 """
 
 from __future__ import annotations
@@ -14,40 +15,44 @@ import numpy as np
 
 from errormodel.arrays import Array
 
-SMALL = 2e-4  # of the machine's size: a larger error at the nominal point is no machine's (0.6 mm in 3 m)
-HELD = 10.0  # standard deviation of the nominal points over the misfit: a rotation is then sure to a tenth of a radian,
-# whatever makes the misfit; errors of the machine do not average out over rows as noise does
-SURE = 0.99  # of the misfit, which few points know badly: its upper limit counts
-CHANCE = 1e-3  # that points which are not turned look turned
-EXACT = 1e-9  # of the coordinates: no spread, but round-off
+# Largest position error of a working machine over its size (0.6 mm in 3 m), by judgement
+MACHINE_ERROR_SHARE = 2e-4
+# Standard deviation of the nominal points over the misfit from which a rotation is determined: to a tenth of a radian
+# whatever causes the misfit, because errors of the machine do not average out over rows as noise does
+ROTATION_SPREAD_RATIO = 10.0
+MISFIT_CONFIDENCE = 0.99  # level of the upper confidence limit of the misfit, which is uncertain for few points
+FALSE_ROTATION_PROBABILITY = 1e-3  # significance level of the F test for a rotation
+POINT_SPREAD_ROUND_OFF = 1e-9  # spread over the largest coordinate below which it is round-off
 
 
 @dataclass(frozen=True)
 class Pose:
-    """``y = rotation x + translation``: from the machine's reference into the measuring frame, mm.
+    """Rigid motion ``y = rotation x + translation`` from the machine's reference into the measuring frame.
 
     Attributes
     ----------
-    undetermined : (k, 3) unit vectors in the reference. The points did not determine the rotation about them, which is
-        an assumption: none of a volume or a plane, one of a line, three of a point.
+    rotation : (3, 3).
+    translation : (3,) mm.
+    undetermined : (k, 3) unit vectors in the reference about which the rotation is assumed, because the points do not
+        determine it: k = 0 for a volume or plane, 1 for a line, 3 for a point.
     """
 
-    rotation: Array  # (3, 3)
-    translation: Array  # (3,)
+    rotation: Array
+    translation: Array
     undetermined: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
     def apply(self, points: Array) -> Array:
-        """Points (n, 3) of the reference, in the measuring frame."""
+        """Transform points (n, 3), mm, from the reference into the measuring frame."""
         return points @ self.rotation.T + self.translation
 
     def invert(self, points: Array) -> Array:
-        """Points (n, 3) of the measuring frame, in the reference."""
-        if self is IDENTITY:  # a fixed frame: the same numbers, and a pass over many rows less
+        """Transform points (n, 3), mm, from the measuring frame into the reference."""
+        if self is IDENTITY:  # a fixed frame: saves a pass over the rows
             return points
         return (points - self.translation) @ self.rotation
 
     def then_small(self, shift: Array, turn: Array) -> Pose:
-        """The pose with a further motion ``Trans(shift) Rot(turn)`` on the machine's side."""
+        """The pose times ``Trans(shift) Rot(turn)`` on the machine's side; shift (3,) mm, turn (3, 3)."""
         return Pose(self.rotation @ turn, self.rotation @ shift + self.translation, self.undetermined)
 
 
@@ -62,26 +67,28 @@ def align(
     assumed: Array | None = None,
     largest: float = np.inf,
 ) -> Pose:
-    """Pose that carries nominal points (n, 3) onto measured ones (n, 3, NaN where a component is missing).
+    """Pose that maps nominal points onto measured ones by robust least squares.
 
-    The rotation is determined only as far as the nominal points spread (see `_rank`); about the other axes it stays
-    as near as it can to the assumed one. Reweighted by 1/(1 + (distance/scale)^2): up to a third of gross outliers of
-    any size do not matter.
+    The rotation is estimated only about axes that the spread of the nominal points determines (see
+    `_as_far_as_determined`); about the others it stays as close as possible to the assumed one. Rows are reweighted by
+    1/(1 + (distance/scale)^2), which resists up to a third of gross outliers of any size.
 
     Parameters
     ----------
+    nominal : (n, 3) mm in the machine's reference.
+    measured : (n, 3) mm in the measuring frame, NaN where a component is missing.
     weights : (n,) 1/sigma.
-    rounds : the most reweightings.
-    assumed : (3, 3) rotation where the points do not tell; None: none.
-    largest : misfit (mm) that errors of a machine can make. A larger one is a mistake in the recording, which says
-        nothing of how well the points determine the rotation.
+    rounds : largest number of reweightings.
+    assumed : (3, 3) rotation to assume where the points do not determine it; None: identity.
+    largest : misfit (mm) that errors of a machine can cause. A larger one is a mistake in the recording and is not used
+        to decide whether the points determine the rotation.
     """
     if assumed is not None:
         pose = align(nominal @ assumed.T, measured, weights, rounds, largest=largest)
         return Pose(pose.rotation @ assumed, pose.translation, pose.undetermined @ assumed)
     w = np.ones(len(nominal)) if weights is None else weights / weights.max()
     full = np.isfinite(measured).all(axis=1)
-    if not full.any():  # no rotation can be had, the middle of each component can
+    if not full.any():  # no complete point: no rotation, only the median shift of each component
         gaps = np.where(np.isfinite(measured), measured - nominal, np.nan)
         seen = np.isfinite(gaps).any(axis=0)
         shift = np.zeros(3)
@@ -91,7 +98,7 @@ def align(
     pose = _kabsch(a, b, w)
     counted = w
     least = 1e-8 * float(np.abs(a).max())  # the closed form is exact to 1e-10
-    for _ in range(rounds if len(a) > 6 else 0):  # of fewer points, so few may agree that they determine no frame
+    for _ in range(rounds if len(a) > 6 else 0):  # with fewer points, the inliers might not determine a frame
         distance = np.linalg.norm(b - pose.apply(a), axis=1)
         scale = max(3.0 * float(np.median(distance)), least, 1e-9)
         counted = w / (1 + (distance / scale) ** 2)
@@ -104,10 +111,10 @@ def align(
 
 
 def _as_far_as_determined(a: Array, b: Array, w: Array, best: Pose, largest: float) -> Pose:
-    """The best pose, or one of a lower rank where the spread of the nominal points does not determine it.
+    """The best pose, or one with fewer rotations where the spread of the nominal points does not determine it.
 
-    A principal direction of the nominal points counts if their standard deviation along it is `HELD` times the misfit,
-    or if the measured points are turned so far that the misfit without it is twice as large, by more than chance.
+    A principal direction of the nominal points counts if their standard deviation along it is `ROTATION_SPREAD_RATIO`
+    times the misfit, or if the misfit without it is at least twice as large and an F test rejects equality.
     """
     from scipy.special import chdtri, fdtri
 
@@ -115,19 +122,23 @@ def _as_far_as_determined(a: Array, b: Array, w: Array, best: Pose, largest: flo
     about = a - square @ a
     variance, axes = np.linalg.eigh(about.T @ (about * square[:, None]))
     spread, axes = np.sqrt(np.maximum(variance[::-1], 0.0)), axes[:, ::-1].T  # the widest direction first
-    seen = spread > EXACT * max(float(np.abs(a).max()), 1e-300)
+    seen = spread > POINT_SPREAD_ROUND_OFF * max(float(np.abs(a).max()), 1e-300)
     rank = min(int(seen.sum()), 2)  # a plane determines all three rotations, a line two
     poses = {rank: best if rank == 2 else _of_rank(a, b, w, axes, rank)}
     while rank:
         lower = poses[rank - 1] = _of_rank(a, b, w, axes, rank - 1)
         misfit, without = (float(square @ np.square(b - p.apply(a)).sum(axis=1)) for p in (poses[rank], lower))
-        more = 3 - rank  # rotations that this direction adds: two of a line, one of a plane
+        more = 3 - rank  # rotations added by this direction: two for a line, one for a plane
         free = 3 * len(a) - 3 - (2 if rank == 1 else 3)
         coordinate = np.sqrt(misfit * len(a) / free) if free > 0 else np.inf
-        upper = coordinate * np.sqrt(free / chdtri(free, SURE)) if free > 0 else np.inf
-        if spread[rank - 1] >= HELD * min(upper, largest):
+        upper = coordinate * np.sqrt(free / chdtri(free, MISFIT_CONFIDENCE)) if free > 0 else np.inf
+        if spread[rank - 1] >= ROTATION_SPREAD_RATIO * min(upper, largest):
             break
-        beyond = (without - misfit) / more > fdtri(more, free, 1 - CHANCE) * misfit / free if free > 0 else False
+        beyond = (
+            (without - misfit) / more > fdtri(more, free, 1 - FALSE_ROTATION_PROBABILITY) * misfit / free
+            if free > 0
+            else False
+        )
         if beyond and without > 4 * misfit:
             break
         rank -= 1
@@ -136,10 +147,10 @@ def _as_far_as_determined(a: Array, b: Array, w: Array, best: Pose, largest: flo
 
 
 def _of_rank(a: Array, b: Array, w: Array, axes: Array, rank: int) -> Pose:
-    """The best pose whose rotation is that of the nominal points' first principal directions, by least angle.
+    """The best pose with the smallest rotation that aligns the first `rank` principal directions.
 
-    Of rank 0 no rotation at all, of rank 1 the smallest that carries the line through the nominal points onto that
-    through the measured ones.
+    Rank 0: no rotation; rank 1: the smallest rotation from the line through the nominal points to that through the
+    measured ones; rank 2: full rotation.
     """
     from scipy.spatial.transform import Rotation
 
@@ -155,7 +166,7 @@ def _of_rank(a: Array, b: Array, w: Array, axes: Array, rank: int) -> Pose:
         if length > 0:
             turn = np.cross(line, seen / length)
             size, along = float(np.linalg.norm(turn)), float(line @ seen / length)
-            across = turn / size if size > 1e-12 else axes[1]  # a line turned round: about any axis across it
+            across = turn / size if size > 1e-12 else axes[1]  # antiparallel lines: any perpendicular axis
             rotation = Rotation.from_rotvec(np.arctan2(size, along) * across).as_matrix()
     return Pose(rotation, middle_b - rotation @ middle_a)
 
@@ -174,7 +185,7 @@ def _kabsch(a: Array, b: Array, w: Array) -> Pose:
 
 
 def rotation_notes(frames: Mapping[str, Pose]) -> tuple[str, ...]:
-    """A sentence for users on measuring frames whose rotation is assumed, because the points do not determine it."""
+    """Notes for users on measuring frames whose rotation is assumed because the points do not determine it."""
     notes = []
     for count in (3, 1):
         labels = [label for label, pose in frames.items() if len(pose.undetermined) == count]

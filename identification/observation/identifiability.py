@@ -1,9 +1,9 @@
-"""Which combinations of parameters a set of observations can identify, and which it cannot tell apart.
+"""Identifiable parameter groups (base parameters) of a design matrix, by singular values and QR decomposition.
 
-The rank is decided on columns scaled to unit length, so that neither units, nor the order of rows, nor the measuring
-frame matter; the threshold stands above round-off and, where the noise is known, above combinations whose standard
-uncertainty would be larger than anything a machine can be. The null space is then written as groups: each identifiable
-(base) parameter with the coefficients of those that act in the same way (W. Khalil & E. Dombre, base parameters).
+The rank is decided on columns scaled to unit length, so that it does not depend on units, the order of rows or the
+measuring frame. The threshold lies above round-off and, where the noise is known, above combinations whose standard
+uncertainty would exceed any plausible machine error. The null space is expressed as groups: each identifiable (base)
+parameter with the coefficients of its dependent parameters (base parameters: W. Khalil & E. Dombre).
 """
 
 from __future__ import annotations
@@ -15,7 +15,9 @@ import numpy as np
 
 from errormodel.arrays import Array, Index
 
-ROUND_OFF = 1e-7  # of a unit column: exact dependences come out below 1e-12, and the normal equations hold down to here
+# Singular value of unit columns up to which a direction is a dependence: exact dependences come out below 1e-12, and
+# normal equations are solvable above 1e-7
+DEPENDENCE_TOLERANCE = 1e-7
 
 
 @dataclass(frozen=True)
@@ -25,9 +27,9 @@ class Groups:
     Attributes
     ----------
     ids : tuple of str
-        All parameters that were examined, in the order of the columns.
+        All parameters, in the order of the columns.
     base : Array of int (rank,)
-        Columns that stand for their group; the solver keeps these and sets the others to zero.
+        Base columns, one per group; the solver keeps these and sets the others to zero.
     coefficients : Array (rank, n)
         Row k: the group of base parameter k as coefficients of all parameters (1 at the base itself).
     no_effect : tuple of str
@@ -44,11 +46,12 @@ class Groups:
 
     @property
     def rank(self) -> int:
+        """Number of groups."""
         return len(self.base)
 
     @property
     def condition(self) -> float:
-        """Of the scaled base columns: largest over smallest singular value that counts."""
+        """Condition number of the scaled columns: largest over smallest singular value within the rank."""
         return float(self.singular_values[0] / self.singular_values[self.rank - 1]) if self.rank else 1.0
 
     def members(self, k: int) -> dict[str, float]:
@@ -67,16 +70,16 @@ class Groups:
         return text
 
     def listed(self) -> list[dict[str, object]]:
-        """All groups as the contract's JSON has them: ``{"name": ..., "members": {id: coefficient}}``."""
+        """All groups for JSON: ``{"name": ..., "members": {id: coefficient}}``."""
         return [{"name": self.name(k), "members": self.members(k)} for k in range(self.rank)]
 
 
 @dataclass(frozen=True)
 class Floors:
-    """What noise leaves meaningful, of columns that would have unit length with a full lever."""
+    """Thresholds by the noise, for columns of unit norm at full travel and lever."""
 
-    direction: float = 0.0  # smallest singular value
-    lever: float = 0.0  # smallest length of a column
+    direction: float = 0.0  # smallest singular value that is identifiable
+    lever: float = 0.0  # smallest norm of a column that has an effect
 
 
 def find_groups(
@@ -85,7 +88,7 @@ def find_groups(
     scale: Array,
     order: Sequence[int],
     floors: Floors | None = None,
-    least: float = ROUND_OFF,
+    least: float = DEPENDENCE_TOLERANCE,
 ) -> Groups:
     """Groups of the columns of a design matrix.
 
@@ -95,10 +98,15 @@ def find_groups(
         Rows of M (any row weights), or any triangular factor of it.
     ids : n parameter ids.
     scale : (n,)
-        What each column's norm would be with a full lever (see `full_norms`): decides "no effect".
-    order : columns in the order in which they may stand for a group.
-    floors : where the noise is known.
+        Norm of each column at full travel and lever (see `full_norms`): decides "no effect".
+    order : columns in the order of preference as base of a group.
+    floors : thresholds by the noise, where it is known.
     least : singular value of unit columns up to which a direction is a dependence.
+
+    Returns
+    -------
+    Groups
+        Base columns, coefficients of the groups, and parameters without effect.
     """
     floors = floors or Floors()
     norms = np.linalg.norm(design, axis=0)
@@ -110,7 +118,7 @@ def find_groups(
     if unit.shape[0] > unit.shape[1]:
         unit = np.linalg.qr(unit, mode="r")
     singular = np.linalg.svd(unit, compute_uv=False)
-    # what hardly shows is independent all the same; but it should not stand for a group, nor outlast the noise
+    # weakly observable columns stay independent, but are chosen last as base columns, and dropped below the noise
     strength = norms[order] / np.maximum(scale[order], norms[order])
     above = np.linalg.svd(unit * strength, compute_uv=False) > floors.direction
     rank = min(int((singular > least).sum()), int(above.sum()))
@@ -118,7 +126,7 @@ def find_groups(
     # a_dependent = A_base K, column by column
     mix, *_ = np.linalg.lstsq(unit[:, chosen], unit, rcond=None)
     mix[np.abs(mix) < 1e-7] = 0.0
-    mix[np.abs(mix) * strength < floors.direction] = 0.0  # a share that the noise hides is none
+    mix[np.abs(mix) * strength < floors.direction] = 0.0  # coefficients below the noise
     coefficients = np.zeros((rank, len(ids)))
     base = np.array([order[c] for c in chosen], dtype=np.intp)
     coefficients[:, order] = mix * norms[order] / norms[base][:, None]
@@ -129,9 +137,9 @@ def find_groups(
 
 
 def _first_independent(unit: Array, strength: Array, rank: int) -> list[int]:
-    """The first columns, in order, that are clearly independent of those before; as many as the rank."""
+    """The first `rank` columns, in order, that are clearly independent of those chosen before."""
     _, singular, directions = np.linalg.svd(unit * strength, full_matrices=False)
-    seen = singular[:rank, None] * directions[:rank]  # what counts of each column: exactly of this rank
+    seen = singular[:rank, None] * directions[:rank]  # the columns projected to exactly this rank
     q = np.zeros((rank, rank))
     chosen: list[int] = []
     clearly = 1e-3
@@ -139,17 +147,17 @@ def _first_independent(unit: Array, strength: Array, rank: int) -> list[int]:
         for j in np.flatnonzero(strength >= clearly).tolist():
             basis = q[:, : len(chosen)]
             rest = seen[:, j] - basis @ (basis.T @ seen[:, j])
-            rest -= basis @ (basis.T @ rest)  # once more: once is not enough near dependence
+            rest -= basis @ (basis.T @ rest)  # orthogonalise twice: once is inaccurate near dependence
             size = float(np.linalg.norm(rest))
             if j not in chosen and size > clearly * strength[j] and len(chosen) < rank:
                 q[:, len(chosen)] = rest / size
                 chosen.append(j)
-        clearly /= 10  # some of those passed over are needed
+        clearly /= 10  # too few columns passed: lower the threshold
     return sorted(chosen)
 
 
 def _tidy(values: Array) -> Array:
-    """Values within round-off of a short number are that number: tool lengths stay as they were written."""
+    """Round values that are within round-off of a nine-digit number: tool lengths stay as they were written."""
     digits = 10.0 ** (8 - np.floor(np.log10(np.maximum(np.abs(values), 1e-300))))
     short = np.round(values * digits) / digits
     return np.where(np.abs(short - values) <= 1e-11 * np.abs(values), short, values)

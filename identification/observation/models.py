@@ -1,8 +1,8 @@
-"""What the rows of a survey see of a chain: one view a kind of observation and measuring frame.
+"""Observation models of survey rows: one view per kind of observation and measuring frame.
 
-A view streams, block by block, the distinct functions of its design matrix and the gap between what was measured and
-what the exact kinematics predict. Nothing here stores M. Gaps and design are in the axes of the machine's reference;
-the whitener of a view takes them to units of one standard uncertainty.
+A view streams, block by block, the distinct functions of its design matrix M and the gap between the measured value and
+the prediction of the exact kinematics. M itself is never stored. Gaps and design are in the axes of the machine's
+reference, mm and rad; the whitener of a view scales them to one standard uncertainty.
 """
 
 from __future__ import annotations
@@ -19,23 +19,27 @@ from errormodel.chain import TOOL_CHANNELS, Chain, What
 from errormodel.kernel import KERNEL_BLOCK_ROWS, Kernel
 from identification.observation.frames import IDENTITY, Pose
 
-Kind = Literal["position", "orientation", "displacement", "angle"]  # one noise level each, where none is declared
+Kind = Literal[
+    "position", "orientation", "displacement", "angle"
+]  # each has its own noise level, where none is declared
 
 
 @dataclass(frozen=True, kw_only=True)
 class View(ABC):
-    """Rows that see the chain in the same way.
+    """Rows with the same observation model.
 
     Attributes
     ----------
-    kind : which noise level the rows share where no uncertainty is declared.
+    kind : kind of observation; rows of a kind share a noise level where no uncertainty is declared.
     chain, ids : the chain and its parameters that this view depends on.
-    columns : for each of `ids`, the unknown it is in the solution (a frame's parameters carry the frame's label).
+    columns : for each of `ids`, the name of the unknown (a frame's parameters carry the frame's label).
     rows : the chain's channels, each (n,), mm and rad.
     whitener : (n,) 1/sigma, or (n, 3, 3) ``L`` with ``L'L`` the inverse covariance in the measuring frame;
-        0 for what was not measured.
-    index : (n,) the survey's rows.
-    fixed : channels that are one number in all rows: folded into the kernels, which then do less.
+        0 for components that were not measured.
+    index : (n,) row numbers in the survey.
+    fixed : channels that are constant over all rows: folded into the kernels, which saves time.
+    outputs : observed components: 0 to 2 translation, 3 to 5 rotation about x, y, z.
+    what : kernel of the chain that gives the design.
     """
 
     kind: Kind
@@ -55,40 +59,40 @@ class View(ABC):
 
     @property
     def count(self) -> int:
-        """Scalar observations."""
+        """Number of scalar observations."""
         if self.whitener.ndim == 1:
             return int((self.whitener > 0).sum()) * len(self.outputs)
         return int(self.components.sum())
 
     @property
     def components(self) -> Mask:
-        """Which were measured, (n, outputs); of a view with one weight a row all."""
+        """Mask of measured components, (n, outputs); all True for a view with one weight per row."""
         if self.whitener.ndim == 1:
             return np.ones((len(self), len(self.outputs)), dtype=bool)
         return np.asarray(np.abs(self.whitener).sum(axis=2) > 0)
 
     def part(self, rows: Rows) -> Self:
-        """The same view with some of its rows."""
+        """The view with a subset of its rows."""
         return replace(
             self, rows=as_rows(*(c[rows] for c in self.rows)), whitener=self.whitener[rows], index=self.index[rows]
         )
 
     def design(self, linearised: bool) -> Kernel:
-        """Kernel of ``outputs x ids``, column by column."""
+        """Kernel of M (outputs x ids, column by column) at zero errors, or at given parameters if `linearised`."""
         what = "linearised" if linearised and self.what == "design" else self.what
         return self.chain.kernel(what, self.ids, self.fixed, self.outputs)
 
     @abstractmethod
     def gaps(self, p: Array) -> Iterator[tuple[slice, Array]]:
-        """Measured minus exact at the chain's parameters `p`: (len(outputs), m) a block."""
+        """Measured minus predicted at the chain's parameters `p`, mm or rad: (len(outputs), m) per block."""
 
     def whiten(self, part: slice, vectors: Array) -> Array:
-        """(..., outputs, m) in the reference's axes to units of one sigma."""
+        """Scale vectors (..., outputs, m) in the axes of the reference to units of one sigma."""
         return vectors * self.whitener[part]
 
 
 def anywhere(view: View, poses: int) -> View:
-    """The view as it would be with poses all over the travels: same tools, components and other channels."""
+    """The view with random poses over the full travels, and the tools, components and other channels of its rows."""
     rng = np.random.default_rng(0)
     more = view.part(np.arange(poses) % len(view))
     joints = [rng.uniform(*j.travel, poses) for j in view.chain.machine.joints]
@@ -96,7 +100,7 @@ def anywhere(view: View, poses: int) -> View:
 
 
 def fixed_tool(chain: Chain, rows: Sequence[Array]) -> dict[str, float]:
-    """Tool components that are one number in all rows of the chain's channels."""
+    """Tool components that are constant over all rows of the chain's channels."""
     start = chain.channels.index(TOOL_CHANNELS[0])
     columns = rows[start : start + 3]
     return {n: float(c[0]) for n, c in zip(TOOL_CHANNELS, columns, strict=True) if len(c) and (c == c[0]).all()}
@@ -106,7 +110,7 @@ def fixed_tool(chain: Chain, rows: Sequence[Array]) -> dict[str, float]:
 class PositionView(View):
     """Positions of the functional point in a measuring frame of known pose; small frame parameters follow the pose."""
 
-    measured: Array  # (n, 3) mm, 0 where not measured
+    measured: Array  # (n, 3) mm in the measuring frame, 0 where not measured
     pose: Pose = IDENTITY
 
     def part(self, rows: Rows) -> Self:
@@ -127,12 +131,12 @@ class PositionView(View):
 
 @dataclass(frozen=True, kw_only=True)
 class GapView(View):
-    """Gaps that are already known: those of another view at fixed parameters, for linear models.
+    """Stored gaps of another view at fixed parameters, for linear models.
 
-    `identification.observation.normal_equations.accumulate` keeps them at the residual of the values it was last given.
+    `identification.observation.normal_equations.accumulate` overwrites them with the residual at its last values.
     """
 
-    gap: Array  # (outputs, n), actual minus nominal in the reference's axes
+    gap: Array  # (outputs, n) measured minus predicted, in the axes of the reference
 
     def part(self, rows: Rows) -> Self:
         return replace(super().part(rows), gap=self.gap[:, rows])
@@ -144,7 +148,7 @@ class GapView(View):
 
     @classmethod
     def of(cls, view: View, p: Array) -> GapView:
-        """The gaps of a view at the chain's parameters `p`, taken once."""
+        """Store the gaps of a view at the chain's parameters `p`."""
         gap = np.empty((len(view.outputs), len(view)))
         for part, block in view.gaps(p):
             gap[:, part] = block
@@ -156,7 +160,7 @@ class GapView(View):
 
 @dataclass(frozen=True, kw_only=True)
 class OrientationView(View):
-    """Orientations of a 6-D target: `mount` is the target in the last frame, `turned` (n, 3, 3) what was measured."""
+    """Orientations of a 6-D target: `mount` (3, 3) is the target in the last frame, `turned` (n, 3, 3) as measured."""
 
     turned: Array
     pose: Pose = IDENTITY
@@ -179,7 +183,7 @@ class OrientationView(View):
 
 @dataclass(frozen=True, kw_only=True)
 class MotionView(View):
-    """One error motion of one joint, read by an instrument with a zero of its own.
+    """Readings of one error motion of one joint, relative to the zero of the instrument.
 
     The last six columns are the instrument's zeros; only that of this motion (``outputs[0]``) has an effect.
     """

@@ -1,4 +1,7 @@
-"""Sufficient statistics of least squares, accumulated by streaming the views' rows through the kernels."""
+"""Normal equations of weighted least squares, accumulated block by block over the rows of the views.
+
+M is the design matrix, W the inverse covariance of the observations, r the residual; units mm and rad, whitened.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,7 @@ from errormodel.kernel import Kernel
 from identification.observation.models import GapView, Kind, View, anywhere
 
 Selector = tuple[Index, Array]
-SAMPLE = 400  # rows that the rank is decided on, before all rows are asked whether they agree
+RANK_SAMPLE_ROWS = 400  # rows of a view on which the rank is decided first, before all are checked: saves time
 
 
 @dataclass
@@ -26,10 +29,11 @@ class Sums:
 
     @classmethod
     def zero(cls, p: int) -> Sums:
+        """Empty sums over `p` unknowns."""
         return cls(np.zeros((p, p)), np.zeros(p))
 
     def moved(self, base: Index, step: Array) -> Sums:
-        """The sums with the residual taken a small step of some unknowns further, without streaming."""
+        """The sums after a small step of the `base` unknowns, by linear algebra without a pass over the rows."""
         along = self.gram[:, base] @ step
         square = self.square - 2 * float(step @ self.slope[base]) + float(step @ along[base])
         return Sums(self.gram, self.slope - along, square, self.count)
@@ -46,23 +50,23 @@ def accumulate(
     gram: bool = True,
     taken: Array | None = None,
 ) -> dict[Kind, Sums]:
-    """Sums of each kind of observation over the unknowns.
+    """Normal equations of each kind of observation.
 
     Parameters
     ----------
-    unknowns : place of each unknown in the sums; a view's columns that are not named are held.
+    unknowns : index of each unknown; columns of a view that are not named are held fixed.
     values : (unknowns,)
-        Where the residual is taken.
+        Point at which the residual is evaluated, mm and rad.
     held : (chain parameters,)
-        Values of what is not unknown.
+        Values of the parameters that are not unknown.
     exact : bool
         Residual of the exact kinematics, or of the linear model ``gap(held) - M values``.
     at : (unknowns,)
-        Where M is taken; None: at `held` zero errors, which is cheaper and, errors being small, nearly always enough.
+        Point at which M is evaluated; None: at zero errors, which is cheaper and nearly always accurate enough.
     gram : bool
-        False leaves ``M'WM`` out (it does not change while M is not taken anew).
+        False leaves ``M'WM`` out (it does not change while M does not).
     taken : (unknowns,)
-        Values that the gaps of `GapView`s are already free of; afterwards they are free of `values`.
+        Values whose contribution the gaps of `GapView`s no longer contain; afterwards these are `values`.
     """
     sums: dict[Kind, Sums] = {}
     for view in views:
@@ -82,7 +86,7 @@ def accumulate(
 
 
 def total(sums: Mapping[Kind, Sums], sigma: Mapping[Kind, float]) -> tuple[Array, Array]:
-    """``M'WM`` and ``M'Wr`` of all kinds together, each at its noise level."""
+    """``M'WM`` and ``M'Wr`` summed over all kinds, each divided by the square of its noise level `sigma`."""
     parts = [(s, 1 / sigma[kind] ** 2) for kind, s in sums.items()]
     size = len(parts[0][0].slope)
     gram, slope = np.zeros((size, size)), np.zeros(size)
@@ -93,7 +97,7 @@ def total(sums: Mapping[Kind, Sums], sigma: Mapping[Kind, float]) -> tuple[Array
 
 
 def view_vector(view: View, unknowns: Mapping[str, int], values: Array, held: Array) -> Array:
-    """The chain's parameters as this view sees them: held ones, and the unknowns among its columns."""
+    """The chain's parameters for a view: held values, replaced by `values` where a column is unknown."""
     p = held.copy()
     for identity, column in zip(view.ids, view.columns, strict=False):  # a motion view's zeros are not the chain's
         if column in unknowns:
@@ -120,16 +124,17 @@ class _Task:
         return self._alike(kernel, selectors) if alike else self._directed(kernel, selectors)
 
     def _blocks(self, kernel: Kernel, selectors: list[Selector]) -> Iterator[tuple[slice, Array, Array]]:
+        """Blocks of rows: slice, distinct functions and residual."""
         design = kernel.blocks(self.view.rows, self.p if self.at is None else self.at)
         n = kernel.n_functions
         slopes = None if self.linear is None else np.array([np.bincount(k, s * self.linear, n) for k, s in selectors])
         for (part, functions), (_, gap) in zip(design, self.view.gaps(self.p), strict=True):
             block = np.asarray(functions)
-            kept = gap if isinstance(self.view, GapView) else None  # whose gaps stay at the residual
+            kept = gap if isinstance(self.view, GapView) else None  # stored gaps are overwritten by the residual
             yield part, block, gap if slopes is None else np.subtract(gap, slopes @ block, out=kept)
 
     def _alike(self, kernel: Kernel, selectors: list[Selector]) -> Sums:
-        """Weights alike in all directions: one Gram matrix of the distinct functions serves all components."""
+        """Sums for one weight per row: one Gram matrix of the distinct functions serves all components."""
         n, c = kernel.n_functions, len(selectors)
         gram, slope, square = np.zeros((n, n)), np.zeros((n, c)), np.zeros(c)
         whitener = self.view.whitener
@@ -150,7 +155,7 @@ class _Task:
         return sums
 
     def _directed(self, kernel: Kernel, selectors: list[Selector]) -> Sums:
-        """A covariance for each row, or hardly a function that two columns share: M is whitened as it is."""
+        """Sums for a covariance per row, or where columns share few functions: M is expanded and whitened."""
         sums = Sums.zero(len(self.columns))
         for part, functions, gap in self._blocks(kernel, selectors):
             white = self.view.whiten(part, _expanded(functions, selectors)).reshape(len(self.columns), gap.size)
@@ -163,7 +168,7 @@ class _Task:
 
 
 def selectors_of(kernel: Kernel, components: int, columns: Index) -> list[Selector]:
-    """For each component c the function that each column of ``M_c`` is, and by what factor."""
+    """For each component c, the index and factor of the distinct function that makes each column of ``M_c``."""
     places = [columns * components + c for c in range(components)]
     return [
         (np.asarray(kernel.index[k], dtype=np.intp), np.asarray(kernel.coefficient[k], dtype=float)) for k in places
@@ -181,7 +186,7 @@ def sampled(view: View, most: int) -> View:
 
 
 def full_norms(view: View, unknowns: Mapping[str, int]) -> Array:
-    """(unknowns,) what the norms of the view's columns would be all over the travels and with the longest lever."""
+    """Norms (unknowns,) of the view's columns for poses over the full travels and the longest lever."""
     chain, poses = view.chain, 200
     terms = chain.kernel("terms", view.ids, view.fixed)(anywhere(view, poses).rows, np.zeros(len(view.chain.ids)))
     motions = terms.reshape(-1, 6, poses)[: len(view.columns)]
@@ -196,11 +201,11 @@ def full_norms(view: View, unknowns: Mapping[str, int]) -> Array:
 
 
 def weight_of(view: View) -> float:
-    """Sum over a view's rows of the squared weight, the largest of each row's components."""
+    """Sum over a view's rows of the largest squared weight of their components."""
     return float(np.square(view.whitener).reshape(len(view), -1).max(axis=1).sum())
 
 
-def design_rows(view: View, unknowns: Mapping[str, int], most: int = SAMPLE) -> Array:
+def design_rows(view: View, unknowns: Mapping[str, int], most: int = RANK_SAMPLE_ROWS) -> Array:
     """Whitened rows of M, dense, of at most `most` of the view's rows, evenly spread: (rows * components, unknowns)."""
     view = sampled(view, most)
     kernel = view.design(linearised=False)

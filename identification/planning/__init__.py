@@ -1,1 +1,1 @@
-"""Poses by optimal design, and what they could detect, tell apart or never see, before anything is measured."""
+"""Optimal design of measuring poses, and power analysis of the effects that they could detect and distinguish."""

@@ -1,4 +1,7 @@
-"""The candidates and the volume of a machine and setup as rows of a design, whitened, in one basis."""
+"""Design problem of a plan: whitened rows of the candidate poses and of the volume, in a common orthonormal basis.
+
+Candidates are poses that may be measured; the volume are poses at which predictions are wanted.
+"""
 
 from __future__ import annotations
 
@@ -26,13 +29,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Stage:
-    """What a plan chooses from.
+    """The design problem of a plan.
 
     Attributes
     ----------
-    table : candidates, mm and rad; the first `scattered` of them lie evenly, the others near ends and middles.
-    view : how they see the chain; `space` the same as a design, with the volume.
-    blind : share of the volume where parameters matter that no candidate shows.
+    chain, setup, noise : machine, circumstances, and instrument or standard uncertainty of a coordinate (mm).
+    table : candidates, mm and rad; the first `scattered` of them are evenly distributed, the others near ends and
+        middles of the travels.
+    view : observation model of the candidates.
+    space : rows of candidates and volume.
+    blind : share of the volume where parameters act that no candidate identifies.
     """
 
     chain: Chain
@@ -46,12 +52,17 @@ class Stage:
 
     @property
     def positions(self) -> Array:
-        """(n, joints), mm and rad."""
+        """Joint positions of the candidates, (n, joints), mm and rad."""
         return self.table[[j.name for j in self.chain.machine.joints]].to_numpy(dtype=np.float64)
 
 
 def prepare(machine: Machine, setup: Setup, noise: Instrument | float, seed: int) -> Stage:
-    """Candidates and volume of a machine.
+    """The design problem of a machine and setup.
+
+    Parameters
+    ----------
+    noise : an instrument, or one standard uncertainty of all coordinates, mm.
+    seed : of the random poses.
 
     Raises
     ------
@@ -65,7 +76,7 @@ def prepare(machine: Machine, setup: Setup, noise: Instrument | float, seed: int
     place = problem.place()
     groups = identifiable(chain, problem.views, problem.unknowns)
     near = design_rows(view, place, most=len(view))
-    far_view = _position(build(chain, as_survey(chain, setup, volume(chain, setup, seed), 1.0)))  # 1 mm: not whitened
+    far_view = _position(build(chain, as_survey(chain, setup, volume(chain, setup, seed), 1.0)))  # 1 mm: rows in mm
     far = design_rows(far_view, place, most=len(far_view))
     base = groups.base
     norms = np.linalg.norm(near[:, base], axis=0)
@@ -77,11 +88,12 @@ def prepare(machine: Machine, setup: Setup, noise: Instrument | float, seed: int
 
 
 def _position(problem: Problem) -> PositionView:
+    """The position view of a problem."""
     return next(v for v in problem.views if isinstance(v, PositionView))
 
 
 def _blind(groups: Groups, far: Array) -> float:
-    """Share of the volume's poses whose rows no combination of the groups' gives."""
+    """Share of the volume's poses whose rows are not in the span of the groups."""
     lost = np.abs(far - far[:, groups.base] @ groups.coefficients)
     scale = np.abs(far).max(axis=0)
     return float((lost > 1e-5 * np.where(scale > 0, scale, 1.0)).reshape(3, -1, far.shape[1]).any(axis=(0, 2)).mean())

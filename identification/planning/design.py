@@ -1,8 +1,9 @@
-"""Designs of experiments whose observations are vectors: information, predicted variance, and exchange of poses.
+"""Optimal experimental designs with vector observations: information, predicted variance, and exchange of poses.
 
-A candidate pose i gives the block ``X_i`` (3, r) of whitened rows, in a basis in which all candidates together have the
-information I. A design is a multiset of candidates; ``C = (sum X_i' X_i)^-1``. Sources: V. V. Fedorov, *Theory of
-Optimal Experiments*, 1972; R. D. Cook & C. J. Nachtsheim, Technometrics 22 (1980) 315, for the exchange pose by pose.
+Candidate pose i gives the block ``X_i`` (3, r) of whitened rows, in a basis in which all candidates together have the
+information I. A design is a multiset of candidates; ``C = (sum X_i' X_i)^-1``. Criteria are D (determinant of C) and
+the largest predicted variance in the volume. Sources: V. V. Fedorov, *Theory of Optimal Experiments*, 1972; R. D. Cook
+& C. J. Nachtsheim, Technometrics 22 (1980) 315, for the exchange pose by pose.
 """
 
 from __future__ import annotations
@@ -14,20 +15,20 @@ import numpy as np
 
 from errormodel.arrays import Array, Index
 
-RIDGE = 1e-9  # information that is always there, as a share of that of one candidate: keeps every design invertible
-POWER = 12.0  # of the mean of variances that stands for the largest one and, unlike it, is smooth
-GAIN = 1e-4  # of the criterion: a smaller improvement is not worth an exchange
-MOST_ROUNDS = 12
+INFORMATION_RIDGE = 1e-9  # information added to every design, relative to that of all candidates: keeps it invertible
+MEAN_POWER = 12.0  # exponent of the power mean of variances, a smooth substitute for the largest one; by judgement
+LEAST_CRITERION_GAIN = 1e-4  # improvement of the logarithmic criterion below which the exchange stops
+MOST_EXCHANGE_ROUNDS = 12  # passes over all poses of a design
 
 
 @dataclass(frozen=True)
 class Space:
-    """What can be measured, and where predictions are wanted.
+    """Rows of the candidate poses and of the volume.
 
     Attributes
     ----------
     X : (n, 3, r) whitened rows of each candidate pose.
-    V : (m, 3, r) rows, mm, of each pose of the volume.
+    V : (m, 3, r) rows of each pose of the volume at which predictions are wanted, mm.
     """
 
     X: Array
@@ -35,15 +36,16 @@ class Space:
 
     @property
     def rank(self) -> int:
+        """Number of identifiable groups r."""
         return int(self.X.shape[2])
 
     def covariance(self, chosen: Index) -> Array:
-        """C (r, r) of a design."""
+        """Covariance C (r, r) of a design."""
         rows = self.X[chosen].reshape(-1, self.rank)
-        return np.asarray(np.linalg.inv(rows.T @ rows + RIDGE * np.eye(self.rank)))
+        return np.asarray(np.linalg.inv(rows.T @ rows + INFORMATION_RIDGE * np.eye(self.rank)))
 
     def variances(self, covariance: Array) -> Array:
-        """(m,) predicted variance of the position (sum over its three components), mm^2."""
+        """Predicted variance (m,) of the position in the volume, sum over its three components, mm^2."""
         return np.asarray(np.einsum("mia,ab,mib->m", self.V, covariance, self.V, optimize=True))
 
     def log_det(self, chosen: Index) -> float:
@@ -51,33 +53,37 @@ class Space:
         return -float(np.linalg.slogdet(self.covariance(chosen))[1])
 
     def worst(self, chosen: Index) -> float:
-        """Smooth stand-in for the largest predicted variance in the volume: its `POWER`-mean."""
+        """Smooth approximation of the largest predicted variance in the volume, mm^2: the power mean."""
         return power_mean(self.variances(self.covariance(chosen)))
 
 
 def power_mean(variances: Array) -> float:
-    """The `POWER`-mean: near the largest."""
+    """Power mean with exponent `MEAN_POWER`: close to the largest value."""
     top = float(variances.max())
-    return float(top * np.mean((variances / top) ** POWER) ** (1 / POWER))
+    return float(top * np.mean((variances / top) ** MEAN_POWER) ** (1 / MEAN_POWER))
 
 
-def exchange(space: Space, chosen: Index, worst: bool, rounds: int = MOST_ROUNDS) -> Index:
-    """Exchange poses one by one against better candidates, until none is better; the criterion never gets worse.
+def exchange(space: Space, chosen: Index, worst: bool, rounds: int = MOST_EXCHANGE_ROUNDS) -> Index:
+    """Exchange poses one by one for better candidates until none is better; the criterion never gets worse.
 
-    `worst`: by the largest predicted variance in the volume, else by the determinant (D).
+    Parameters
+    ----------
+    chosen : indices of the candidates in the design, with repetition.
+    worst : criterion is the largest predicted variance in the volume; else the determinant (D).
+    rounds : largest number of passes over all poses.
     """
     design = (Fair if worst else Design)(space, chosen)
     for _ in range(rounds):
         before = design.value
         for k in range(len(chosen)):
             design = design.improved(k)
-        if before - design.value < GAIN:
+        if before - design.value < LEAST_CRITERION_GAIN:
             break
     return design.chosen
 
 
 class Design:
-    """A design with what exchanges of one of its poses need. `value` is a logarithm, to be made small: of det C."""
+    """A design by the D criterion, with the products that an exchange needs. `value`: log det C, to be minimised."""
 
     def __init__(self, space: Space, chosen: Index) -> None:
         self.space, self.chosen = space, chosen
@@ -87,7 +93,7 @@ class Design:
         self.value = float(np.linalg.slogdet(self.C)[1])
 
     def improved(self, k: int) -> Self:
-        """The design with pose k exchanged against the best candidate, or itself if that is not better."""
+        """The design with pose k replaced by the best candidate, or itself if that is not better."""
         i = self.chosen[k]
         gain = self.gains(i)
         j = int(np.argmax(gain))
@@ -101,16 +107,16 @@ class Design:
         return new if new.value < self.value else self
 
     def better(self, chosen: Index) -> bool:
-        """Whether another design may be better: asked before all is computed for it."""
+        """Whether another design may be better: a cheap test before its products are computed."""
         return True
 
     def least(self) -> Index:
-        """Places in the design, those first that its determinant loses least by."""
+        """Positions in the design, in ascending order of the loss of determinant without the pose."""
         left = np.linalg.slogdet(np.eye(3) * (1 + 1e-12) - self.S[self.chosen])[1]
         return np.argsort(-left, kind="stable")
 
     def gains(self, i: int) -> Array:
-        """(n,) what each candidate would add to the design without candidate i."""
+        """Increase (n,) of log det information by each candidate, added to the design without candidate i."""
         return np.asarray(np.log(_adjoint(np.eye(3) + self.without(i)[1])[1]))
 
     def without(self, i: int) -> tuple[Array, Array]:
@@ -121,17 +127,17 @@ class Design:
 
 
 def _times(stack: Array, matrix: Array) -> Array:
-    """``stack @ matrix`` of a stack (n, 3, m), as one product."""
+    """``stack @ matrix`` for a stack (n, 3, m), as one matrix product."""
     return np.asarray((stack.reshape(-1, len(matrix)) @ matrix).reshape(*stack.shape[:2], -1))
 
 
 def _outer(one: Array, two: Array) -> Array:
-    """``one two'`` of stacks (n, 3, m): many small products at once."""
+    """``one two'`` for stacks (n, 3, m)."""
     return np.asarray(np.einsum("nam,nbm->nab", one, two))
 
 
 def _adjoint(a: Array) -> tuple[Array, Array]:
-    """Adjoint (n, 3, 3) and determinant (n,) of symmetric matrices, written out: many small ones at once."""
+    """Adjugates (n, 3, 3) and determinants (n,) of symmetric matrices, written out for speed."""
     out = np.empty_like(a)
     for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)):
         (b, c), (d, e) = ((i + 1) % 3, (i + 2) % 3), ((j + 1) % 3, (j + 2) % 3)
@@ -140,22 +146,22 @@ def _adjoint(a: Array) -> tuple[Array, Array]:
 
 
 class Fair(Design):
-    """By the largest predicted variance in the volume: exchanges go down the slope of its smooth stand-in."""
+    """A design by the largest predicted variance: exchanges follow the gradient of its power mean."""
 
     def __init__(self, space: Space, chosen: Index) -> None:
         super().__init__(space, chosen)
         variances = space.variances(self.C)
         self.value = float(np.log(power_mean(variances)))
-        weight = (variances / variances.max()) ** (POWER - 1)
+        weight = (variances / variances.max()) ** (MEAN_POWER - 1)
         rows = (space.V * np.sqrt(weight / weight.sum())[:, None, None]).reshape(-1, space.rank)
         self.PK = _times(self.P, rows.T @ rows)
-        self.Q = _outer(self.PK, self.P)  # X_j C K C X_j', K the slope
+        self.Q = _outer(self.PK, self.P)  # X_j C K C X_j', K the gradient
 
     def better(self, chosen: Index) -> bool:
-        return float(np.log(self.space.worst(chosen))) < self.value - 0.1 * GAIN
+        return float(np.log(self.space.worst(chosen))) < self.value - 0.1 * LEAST_CRITERION_GAIN
 
     def gains(self, i: int) -> Array:
-        """(n,) by how much each candidate would lower ``tr C K`` of the design without candidate i."""
+        """Decrease (n,) of ``tr C K`` by each candidate, added to the design without candidate i."""
         A, S = self.without(i)
         T = _outer(_times(self.PK, self.P[i].T), A)
         W = self.Q + T + T.transpose(0, 2, 1) + _outer(_times(A, self.Q[i]), A)
@@ -164,7 +170,7 @@ class Fair(Design):
 
 
 def rounded(weights: Array, count: int) -> Index:
-    """Weights (sum 1) as a multiset of `count` candidates: by efficient apportionment (Pukelsheim & Rieder 1992)."""
+    """Multiset of `count` candidates from weights (sum 1): efficient apportionment (Pukelsheim & Rieder 1992)."""
     support = np.flatnonzero(weights > 1e-6 * weights.max())
     if len(support) > count:
         support = support[np.argsort(-weights[support], kind="stable")[:count]]

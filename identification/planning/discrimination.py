@@ -1,6 +1,6 @@
-"""Poses that let effects be told apart: T-optimality (A. C. Atkinson & V. V. Fedorov, Biometrika 62 (1975) 57).
+"""Exchange of poses to distinguish effects by T-optimality (A. C. Atkinson & V. V. Fedorov, Biometrika 62 (1975) 57).
 
-Of a pair, T is what is left of one effect after geometry, measuring frame and the other effect have been fitted.
+For a pair of effects, T is the residual of one effect after geometry, measuring frame and the other effect are fitted.
 """
 
 from __future__ import annotations
@@ -13,26 +13,37 @@ import numpy as np
 from errormodel.arrays import Array, Index
 from identification.planning.design import Design, Space
 
-KEEP = 0.9  # D-efficiency that remains
-MOST_SWAPS = 20
-TRIED = 24  # poses, those that the design loses least by, that one exchange chooses from
+LEAST_D_EFFICIENCY = 0.9  # D-efficiency relative to the given design that exchanges must keep, by judgement
+MOST_SWAPS = 20  # exchanges of one pose
+SWAP_POSES_TRIED = 24  # poses tried in one exchange, those with the smallest loss of determinant: limits the time
 
 
 @dataclass(frozen=True)
 class Pair:
-    """Columns of two effects at all candidates, (n, 3, k) each, of which the first is to show beside the second."""
+    """Whitened columns (n, 3, k) of two effects at all candidates; `shown` is to be distinguished from `beside`."""
 
     shown: Array
     beside: Array
 
 
 def told_apart(space: Space, chosen: Index, pairs: Sequence[Pair], correlation: float) -> Index:
-    """Exchange poses until the pairs' correlations are below the given one, as far as D-efficiency stays above `KEEP`.
+    """Exchange poses until all pairs correlate less than `correlation`, or D-efficiency falls to `LEAST_D_EFFICIENCY`.
 
-    The pair that is nearest to it comes first; one that no exchange helps is given up.
+    The pair closest to the limit comes first; a pair that no exchange improves is given up.
+
+    Parameters
+    ----------
+    chosen : indices of the candidates in the design.
+    pairs : effects to distinguish.
+    correlation : largest correlation of the effects' columns, geometry and frame eliminated.
+
+    Returns
+    -------
+    Index
+        The design after the exchanges.
     """
     design = Design(space, chosen)
-    floor = design.value - np.log(KEEP) * space.rank  # of log det C
+    floor = design.value - np.log(LEAST_D_EFFICIENCY) * space.rank  # of log det C
     goal = float(np.log(1 - correlation**2))
     open_ = [
         (_extended(space.X, p.shown), _extended(space.X, p.beside), _extended(space.X, p.beside, p.shown))
@@ -54,15 +65,15 @@ def told_apart(space: Space, chosen: Index, pairs: Sequence[Pair], correlation: 
 
 
 def _left(base: Space, chosen: Index, shown: Space, beside: Space, both: Space) -> float:
-    """Logarithm of the part of an effect, geometry taken out, that the other one does not explain."""
+    """Logarithm of the share of an effect, geometry eliminated, that the other effect does not explain."""
     alone = shown.log_det(chosen) - base.log_det(chosen)
     return both.log_det(chosen) - beside.log_det(chosen) - alone
 
 
 def _swapped(base: Design, beside: Design, both: Design, floor: float) -> Index:
-    """The poses after the exchange of one of them that raises T most."""
+    """The design after the exchange of one pose that raises T most."""
     best, chosen = 0.0, base.chosen
-    for k in base.least()[:TRIED].tolist():
+    for k in base.least()[:SWAP_POSES_TRIED].tolist():
         i = base.chosen[k]
         kept = base.gains(i)
         gain = both.gains(i) - beside.gains(i)
@@ -75,6 +86,6 @@ def _swapped(base: Design, beside: Design, both: Design, floor: float) -> Index:
 
 
 def _extended(X: Array, *more: Array) -> Space:
-    """The space with further columns, each of unit length over all candidates."""
+    """The design problem with further columns, each of unit norm over all candidates."""
     columns = [c / np.maximum(np.sqrt(np.square(c).sum(axis=(0, 1))), 1e-300) for c in more]
     return Space(np.concatenate([X, *columns], axis=2), np.zeros((0, 3, X.shape[2] + sum(c.shape[2] for c in more))))

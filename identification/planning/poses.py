@@ -1,6 +1,6 @@
-"""Poses to choose from: all over the allowed travels, near their ends and middles, reachable and visible.
+"""Candidate poses of a plan: a low-discrepancy sequence plus ends and middles of the travels, reachable and visible.
 
-No two share a position of a joint exactly, so that no period of a screw or scale is a multiple of their steps.
+Positions of a joint are irregular, so that no period of a screw or scale is a multiple of their steps. Units: mm, rad.
 """
 
 from __future__ import annotations
@@ -25,62 +25,64 @@ if TYPE_CHECKING:
     from errormodel.survey import Survey
     from identification.planning.setup import Setup
 
-SCATTERED = 1024  # poses of a low-discrepancy sequence that are looked at together
-MOST_CORNERS = 729
-ENDS = 0.03  # of the travel: how far at most a pose near an end or the middle is moved away from it
-TRIES = 64  # times as many are looked through for poses that are allowed
+SCATTERED_POSES = 1024  # poses of the low-discrepancy sequence per block
+MOST_CORNER_POSES = 729  # combinations of ends and middles: all for six joints or fewer
+END_SHIFT_SHARE = 0.03  # largest distance of a pose from an end or the middle, as a share of the travel; by judgement
+POSE_BLOCKS_TRIED = 64  # blocks of poses searched for allowed ones
 
 
 def candidates(chain: Chain, setup: Setup, seed: int) -> tuple[pd.DataFrame, int]:
-    """Poses (mm, rad) with tools that may be reached and seen, and how many of them, the first, are scattered evenly.
+    """Candidate poses (mm, rad) with tools, and the number of those, the first, that are evenly distributed.
 
     Raises
     ------
     InputError
-        There are none.
+        No pose is reachable and visible.
     """
     import pandas as pd
 
     rng = np.random.default_rng(seed)
     corners = _corners(len(chain.machine.joints), rng)
-    corners = np.where(corners < 0.5, 0.0, np.where(corners > 0.5, 1.0, 0.5)) + ENDS * _inward(corners, rng)
+    corners = np.where(corners < 0.5, 0.0, np.where(corners > 0.5, 1.0, 0.5)) + END_SHIFT_SHARE * _inward(corners, rng)
     parts: list[pd.DataFrame] = []
     scattered = 0
-    for block in np.split(_even(TRIES * SCATTERED, len(chain.machine.joints), rng), TRIES):
+    for block in np.split(
+        _even(POSE_BLOCKS_TRIED * SCATTERED_POSES, len(chain.machine.joints), rng), POSE_BLOCKS_TRIED
+    ):
         table = _within(chain, setup, block, rng)
         parts.append(table[allowed(chain, setup, table)])
         scattered += len(parts[-1])
-        if scattered >= SCATTERED // 2:
+        if scattered >= SCATTERED_POSES // 2:
             break
     table = _within(chain, setup, corners, rng)
     table = pd.concat([*parts, table[allowed(chain, setup, table)]], ignore_index=True)
     if not len(table):
-        found = f"no pose of {TRIES * SCATTERED} is reachable, visible and outside the boxes to avoid"
+        found = f"no pose of {POSE_BLOCKS_TRIED * SCATTERED_POSES} is reachable, visible and outside the boxes to avoid"
         raise InputError("--setup", found, "Make `avoid` smaller or `incidence` larger, or move the station")
     return table, scattered
 
 
 def volume(chain: Chain, setup: Setup, seed: int) -> pd.DataFrame:
-    """Poses (mm, rad) all over the allowed travels, with every end: where predictions are wanted, seen or not."""
+    """Poses (mm, rad) over the allowed travels, ends included, at which predictions are wanted, measurable or not."""
     import pandas as pd
 
     rng = np.random.default_rng([seed, 1])
-    scattered = _even(SCATTERED // 2, len(chain.machine.joints), rng)
+    scattered = _even(SCATTERED_POSES // 2, len(chain.machine.joints), rng)
     corners = _corners(len(chain.machine.joints), rng)
     return pd.concat([_within(chain, setup, part, rng) for part in (corners, scattered)], ignore_index=True)
 
 
 def _even(count: int, joints: int, rng: np.random.Generator) -> Array:
-    """A low-discrepancy sequence, (count, joints), 0 to 1: multiples of the roots of primes, from a random start."""
+    """Low-discrepancy sequence (count, joints), 0 to 1: multiples of square roots of primes, from a random start."""
     primes = [n for n in range(2, 20 * joints) if all(n % k for k in range(2, n))][:joints]
     return np.asarray((rng.uniform(size=joints) + np.outer(np.arange(count), np.sqrt(primes))) % 1.0)
 
 
 def _corners(joints: int, rng: np.random.Generator) -> Array:
-    """Ends and middles of all joints in all combinations, or so many of them; 0 to 1."""
-    if 3**joints <= MOST_CORNERS:
+    """Combinations of ends and middles of all joints, 0 to 1: all, or a random sample of them."""
+    if 3**joints <= MOST_CORNER_POSES:
         return np.array(list(itertools.product([0.0, 0.5, 1.0], repeat=joints)))
-    return np.asarray(rng.integers(0, 3, (MOST_CORNERS, joints)) / 2)
+    return np.asarray(rng.integers(0, 3, (MOST_CORNER_POSES, joints)) / 2)
 
 
 def _inward(corners: Array, rng: np.random.Generator) -> Array:
@@ -90,14 +92,14 @@ def _inward(corners: Array, rng: np.random.Generator) -> Array:
 
 
 def _within(chain: Chain, setup: Setup, part: Array, rng: np.random.Generator) -> pd.DataFrame:
-    """Positions 0 to 1 of the allowed travels as a table, tools by chance."""
+    """Table of poses, mm and rad, from positions 0 to 1 of the allowed travels, with random tools."""
     import pandas as pd
 
     columns = {}
     for joint, share in zip(chain.machine.joints, part.T, strict=True):
         low, high = setup.allowed(joint)
         position = low + (high - low) * share
-        turns = joint.type == "rotary"  # a hundredth of a mm or a thousandth of a degree: what people type
+        turns = joint.type == "rotary"  # rounded to 0.01 mm or 0.001 degrees, for short programs
         short = np.radians(np.round(np.degrees(position), 3)) if turns else np.round(position, 2)
         columns[joint.name] = np.clip(short, low, high)
     table = pd.DataFrame(columns)
@@ -107,7 +109,7 @@ def _within(chain: Chain, setup: Setup, part: Array, rng: np.random.Generator) -
 
 
 def allowed(chain: Chain, setup: Setup, table: pd.DataFrame) -> Mask:
-    """Which poses, (n,), are outside all boxes, tool and line of sight included, and face the station."""
+    """Mask (n,) of poses that face the station and keep tool and line of sight outside all boxes."""
     fine = np.ones(len(table), dtype=bool)
     if not setup.avoid and setup.sight is None:
         return fine
@@ -132,7 +134,7 @@ def allowed(chain: Chain, setup: Setup, table: pd.DataFrame) -> Mask:
 
 
 def crosses(sides: Array, start: Array, end: Array) -> Mask:
-    """Which straight lines from `start` to `end`, each (n, 3), enter the box with sides (3, 2)."""
+    """Mask (n,) of straight lines from `start` to `end`, each (n, 3) mm, that enter the box with sides (3, 2) mm."""
     step = end - start
     with np.errstate(divide="ignore", invalid="ignore"):
         first, last = ((sides[:, k] - start) / step for k in (0, 1))
@@ -144,9 +146,9 @@ def crosses(sides: Array, start: Array, end: Array) -> Mask:
 
 
 def assumed(chain: Chain, setup: Setup, table: pd.DataFrame) -> pd.DataFrame:
-    """The table with the channels that are to be expected: time at the given pace, temperatures that take their course.
+    """The table with assumed values of the model's other channels: time at the given pace, temperatures, feed, load.
 
-    The first sensor warms up by 5 K and settles, further ones swing by 5 K once, twice ... in the same time.
+    The first sensor warms up exponentially by 5 K; further ones oscillate by 5 K with one, two ... periods.
     """
     part = np.arange(len(table)) / max(len(table) - 1, 1)
     columns = {"time": setup.pace * np.arange(len(table))}
@@ -161,7 +163,7 @@ def assumed(chain: Chain, setup: Setup, table: pd.DataFrame) -> pd.DataFrame:
 
 
 def as_survey(chain: Chain, setup: Setup, table: pd.DataFrame, noise: Instrument | float) -> Survey:
-    """The poses as a survey in which the nominal machine was measured, its uncertainty declared."""
+    """The poses as a survey of the nominal machine, with the instrument's or a constant uncertainty `noise` (mm)."""
     from errormodel.survey import Survey
 
     table = assumed(chain, setup, table)

@@ -1,7 +1,7 @@
-"""What a plan could detect, tell apart, or never see: every effect of the library against the planned rows.
+"""Power analysis of a plan: smallest detectable size of every effect of the library, and indistinguishable effects.
 
-Detected is what `diagnose` would accept with `POWER` probability: its rule, turned around. Two effects are told apart
-as long as neither, with the geometry taken out, is explained by the other beyond the correlation `SAME`.
+An effect is detectable from the size at which `diagnose` would accept it with a probability of 95 %. Two effects are
+distinguishable if, with the geometry eliminated, their correlation is below `INDISTINGUISHABLE_CORRELATION`.
 """
 
 from __future__ import annotations
@@ -18,24 +18,27 @@ from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.search.candidates import ABSORBED, Candidates
 from identification.diagnosis.search.scoring import DETECT
 
-QUANTILE = 1.645  # of the normal distribution: 95 % power
-SAME = 0.95  # correlation beyond which two effects cannot be told apart
-POSSIBLE = 2.0  # standard deviations of its physical size: what an effect can be
-SHAPES = 5  # shapes of one effect, at one place and of one motion, that stand for all
+POWER_QUANTILE = 1.645  # normal quantile of the power: 95 %, by convention
+INDISTINGUISHABLE_CORRELATION = 0.95  # correlation above which two effects are indistinguishable, by judgement
+LARGEST_EFFECT_SIGMA = 2.0  # largest plausible size of an effect, in standard deviations of its physical size
+SHAPES_PER_FAMILY = 5  # shapes that represent one effect at one place in one motion: limits the time
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What the plan makes of one effect at one place.
+    """Detectability of one effect at one place.
 
     Attributes
     ----------
-    verdict : detectable, confusable (seen, but not told from those in `alike`) or invisible.
-    smallest, apart, possible : size of the first parameter from which it is detected, from which it is told from the
-        nearest other effect as well, and what it can physically be, in `unit`; None where no size is enough.
-    absorbed : share of it that geometry and measuring frame take, 0 to 1.
-    reason, needs : why, and the measurement that would help; empty for what is detected and told apart.
-    typical : the shape in the middle by how well it is seen; `rivals`: what explains it, best first.
+    effect, where : name and place; `drivers`, `motion`: its channels and error motion.
+    verdict : detectable, confusable (detectable, but indistinguishable from those in `alike`) or invisible.
+    smallest : size of the first parameter from which the effect is detected, in `unit`; None: at no size.
+    apart : size from which it is also distinguished from the most similar effect; None: beyond the plausible size.
+    possible : largest plausible size, in `unit`.
+    absorbed : share of the effect collinear with geometry and measuring frame, 0 to 1 (R squared).
+    alike : names of indistinguishable effects.
+    reason, needs : reason of the verdict and the measurement needed; empty for detectable effects.
+    typical : the shape of median detectability; `rivals`: effects indistinguishable from it, most similar first.
     """
 
     effect: str
@@ -56,11 +59,12 @@ class Verdict:
 
     @property
     def key(self) -> tuple[object, ...]:
+        """Key common to the verdicts on one effect at one place in different plans."""
         return (self.effect, self.where, self.drivers, self.motion)
 
 
 def verdicts(linear: LinearModel) -> list[Verdict]:
-    """A verdict for every effect of the library and every place that it could have; first those best seen."""
+    """Verdicts on every effect of the library at every possible place, most detectable first."""
     effects, shapes, trials = _library(linear)
     candidates = Candidates.of(linear, effects)
     absorbed = candidates.scores(linear).absorbed
@@ -75,10 +79,10 @@ def verdicts(linear: LinearModel) -> list[Verdict]:
     for members in groups.values():
         live = sorted((n for n in members if np.isfinite(strength[n])), key=lambda n: float(strength[n]))
         typical = live[len(live) // 2] if live else members[0]
-        others = {n: np.flatnonzero((share[n] > SAME**2) & (place != place[n])) for n in live}
+        others = {n: np.flatnonzero((share[n] > INDISTINGUISHABLE_CORRELATION**2) & (place != place[n])) for n in live}
         mistaken = [n for n in live if len(others[n])]
         rivals: list[int] = []
-        if 2 * len(mistaken) > len(live):  # most of its shapes are taken for something else
+        if 2 * len(mistaken) > len(live):  # most of its shapes are indistinguishable from another effect
             typical = typical if typical in mistaken else mistaken[len(mistaken) // 2]
             rivals = sorted(others[typical].tolist(), key=lambda n: -float(share[typical, n]))
         least = min(float(absorbed[n]) for n in members)
@@ -90,7 +94,7 @@ def verdicts(linear: LinearModel) -> list[Verdict]:
 
 
 def family_of(effect: Effect) -> tuple[object, ...]:
-    """The same for all shapes of one effect of one motion at one place."""
+    """Key common to all shapes of one effect in one motion at one place."""
     return (*effect.key, getattr(effect, "motion", None))
 
 
@@ -102,9 +106,9 @@ def _verdict(
     least: float,
     sizes: tuple[float, float, float],
 ) -> Verdict:
-    """Of the family whose shape in the middle is `typical`; `least`: the part absorbed of the shape seen best.
+    """Verdict on the family represented by `typical`; `least`: smallest share of its shapes absorbed by the geometry.
 
-    `sizes`: detected and told apart from, in standard deviations of what is possible, and `POSSIBLE` of them.
+    `sizes`: detectable and distinguishable size, in physical standard deviations, and the largest plausible size.
     """
     effect = candidates.effects[typical]
     term = effect.terms(linear.channel, linear.chain.machine)[0]
@@ -117,8 +121,8 @@ def _verdict(
         motion=getattr(effect, "motion", None),
         drivers=effect.drivers,
         verdict=word,
-        smallest=seen * possible / POSSIBLE if np.isfinite(seen) else None,
-        apart=apart * possible / POSSIBLE if apart <= POSSIBLE else None,
+        smallest=seen * possible / LARGEST_EFFECT_SIGMA if np.isfinite(seen) else None,
+        apart=apart * possible / LARGEST_EFFECT_SIGMA if apart <= LARGEST_EFFECT_SIGMA else None,
         possible=possible,
         unit=term.unit,
         absorbed=least,
@@ -131,19 +135,25 @@ def _verdict(
 
 
 def _rank(verdict: Verdict) -> tuple[int, float]:
+    """Sort key: verdict, then detectable size over plausible size."""
     place = ("detectable", "confusable", "invisible").index(verdict.verdict)
     return place, (verdict.smallest or np.inf) / (verdict.possible or 1.0)
 
 
 def _named(effect: Effect) -> str:
+    """Name and place of an effect."""
     return f"{effect.effect} at {effect.where}"
 
 
 def _judged(strength: float, absorbed: float, alike: Sequence[str], effect: Effect) -> tuple[str, str]:
+    """Verdict and its reason, from the detectable size in physical standard deviations."""
     if not np.isfinite(strength):
         return "invisible", f"geometry and measuring frame absorb {100 * absorbed:.1f} % of it"
-    if strength > POSSIBLE:
-        return "invisible", f"it would have to be {strength / POSSIBLE:.1f} times what is physically possible"
+    if strength > LARGEST_EFFECT_SIGMA:
+        return (
+            "invisible",
+            f"it would have to be {strength / LARGEST_EFFECT_SIGMA:.1f} times what is physically possible",
+        )
     if not alike:
         return "detectable", ""
     if all(other.startswith(f"{effect.effect} at ") for other in alike):
@@ -152,7 +162,7 @@ def _judged(strength: float, absorbed: float, alike: Sequence[str], effect: Effe
 
 
 def _absent(present: set[str]) -> list[Verdict]:
-    """Effects that nothing in the planned rows would show."""
+    """Verdicts on effects that do not occur in the planned rows."""
     reason = "nothing of this machine or in the planned rows would show it"
     return [
         Verdict(name, "", "invisible", None, None, None, "", 1.0, reason=reason, needs=kind.separate)
@@ -162,7 +172,7 @@ def _absent(present: set[str]) -> list[Verdict]:
 
 
 def _library(linear: LinearModel) -> tuple[list[Effect], dict[tuple[object, ...], int], int]:
-    """Proposals thinned to a few shapes each, how many shapes each key has in full, and how many keys are searched."""
+    """Proposals thinned to a few shapes each, number of shapes of each key, and number of keys (trials factor)."""
     kept: list[Effect] = []
     shapes: dict[tuple[object, ...], int] = {}
     for kind in registry().values():
@@ -172,7 +182,7 @@ def _library(linear: LinearModel) -> tuple[list[Effect], dict[tuple[object, ...]
             if not kind.empirical:
                 alike.setdefault(family_of(effect), []).append(effect)
         for family in alike.values():
-            pick = np.unique(np.linspace(0, len(family) - 1, SHAPES).round().astype(int))
+            pick = np.unique(np.linspace(0, len(family) - 1, SHAPES_PER_FAMILY).round().astype(int))
             kept += [family[k] for k in pick]
     return kept, shapes, len(shapes)
 
@@ -180,9 +190,9 @@ def _library(linear: LinearModel) -> tuple[list[Effect], dict[tuple[object, ...]
 def _seen(
     linear: LinearModel, candidates: Candidates, shapes: dict[tuple[object, ...], int], trials: int
 ) -> tuple[Array, Array, Array, Index]:
-    """Of each proposal: size that is detected, in standard deviations of what is possible (inf: none), and `POSSIBLE`.
+    """Detectable size of each proposal, in physical standard deviations (inf: none), and its largest plausible size.
 
-    Also the columns of all, what the geometry absorbs taken out and scaled to their physical sizes, and whose they are.
+    Also the columns of all proposals, geometry eliminated and scaled to physical sizes, and their owners.
     """
     count, free = len(candidates.effects), linear.freedom
     strength, possible = np.full(count, np.inf), np.zeros(count)
@@ -191,7 +201,7 @@ def _seen(
         numbers, columns = block.numbers, block.columns
         m, k, n = columns.shape
         left = linear.project(columns.reshape(m * k, n).astype(float)).reshape(m, k, n)
-        possible[numbers] = POSSIBLE * block.sizes[:, 0]
+        possible[numbers] = LARGEST_EFFECT_SIGMA * block.sizes[:, 0]
         gram = left @ left.transpose(0, 2, 1)
         norm = np.sqrt(block.square)
         seen = np.linalg.eigvalsh(gram / norm[:, :, None] / norm[:, None, :]).max(axis=1) > 1 - ABSORBED
@@ -199,7 +209,7 @@ def _seen(
         cost = np.array([candidates.effects[i].cost + np.log(shapes[candidates.keys[i]]) for i in numbers])
         nats = DETECT + np.log(trials) + 0.5 * np.log1p(gain).sum(axis=1) + cost
         drop = free * np.expm1(np.minimum(2 * nats / max(free, 1), 500.0))
-        needed = (np.sqrt(drop) + QUANTILE) ** 2  # of the noncentrality, in noise variances
+        needed = (np.sqrt(drop) + POWER_QUANTILE) ** 2  # noncentrality, in noise variances
         signal = gain.sum(axis=1) / k
         strength[numbers] = np.where(seen, np.sqrt(needed / np.maximum(signal, 1e-300)), np.inf)
         parts.append(np.where(seen[:, None, None], left, 0.0).reshape(m * k, n))
@@ -208,7 +218,7 @@ def _seen(
 
 
 def _explained(columns: Array, owner: Index, count: int) -> Array:
-    """(count, count) share of each proposal's columns (row) that each other's (column) explain: squared correlation."""
+    """Squared correlation (count, count): share of each proposal's columns (row) explained by each other (column)."""
     order = np.argsort(owner, kind="stable")
     columns, owner = columns[order], owner[order]
     starts = np.searchsorted(owner, np.arange(count))
@@ -226,7 +236,7 @@ def _explained(columns: Array, owner: Index, count: int) -> Array:
 
 
 def classes(found: Sequence[Verdict]) -> list[list[str]]:
-    """Sets of effects, by name and place, that cannot be told apart: connected through `alike`."""
+    """Sets of indistinguishable effects, by name and place: connected components through `alike`."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 

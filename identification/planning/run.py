@@ -1,4 +1,8 @@
-"""The plan: from candidate poses to rows in order, their predicted uncertainty, and what they could show of physics."""
+"""Plan of a survey: optimal poses in order, predicted uncertainty, and power analysis of the effects.
+
+Poses are exchanged by the largest predicted variance or D-optimality, then for distinguishable effects, then ordered.
+Poses are in mm and rad; predicted standard uncertainties in um, k = 1.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +29,7 @@ from identification.planning.candidates import Stage, prepare
 from identification.planning.design import Design, Space, exchange, rounded
 from identification.planning.discrimination import Pair, told_apart
 from identification.planning.poses import as_survey
-from identification.planning.power import SAME, Verdict, classes, verdicts
+from identification.planning.power import INDISTINGUISHABLE_CORRELATION, Verdict, classes, verdicts
 from identification.planning.run_order import arranged, revisits
 from identification.planning.setup import Setup
 from identification.planning.weights import optimal_weights
@@ -34,15 +38,16 @@ from identification.runtime.progress import Progress, silent
 if TYPE_CHECKING:
     import pandas as pd
 
-RANDOM = 20  # designs of random poses to compare with
-UNSEEN = 1e7  # variance, of a unit that all candidates together know as 1, of what a design does not show
-LONGER = 0.4  # of a tool's length: how much longer a second one would be
-MOST_PAIRS = 12  # of effects that poses are exchanged for
+RANDOM_DESIGNS = 20  # random designs with which the plan is compared
+# Variance from which a direction counts as unobserved, in units in which all candidates together have information 1
+UNOBSERVED_VARIANCE = 1e7
+SECOND_TOOL_LENGTHENING = 0.4  # additional length of the suggested second tool over that of the first, by judgement
+MOST_EFFECT_PAIRS = 12  # pairs of effects for which poses are exchanged: limits the time
 
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """Predicted standard uncertainty of the position (root of the sum over its components) in the volume, um, k = 1."""
+    """Predicted standard uncertainty of the position in the volume, um, k = 1 (root sum of squares of components)."""
 
     worst_um: float
     median_um: float
@@ -50,7 +55,7 @@ class Uncertainty:
 
 @dataclass(frozen=True)
 class Change:
-    """A verdict that another way of measuring changes."""
+    """A verdict on an effect that another way of measuring changes; `by` is that way."""
 
     by: str
     effect: str
@@ -61,17 +66,17 @@ class Change:
 
 @dataclass(frozen=True)
 class Plan:
-    """Poses in order and what they can show.
+    """Poses in order, their predicted uncertainty and detectable effects.
 
     Attributes
     ----------
-    table : the rows to measure, mm and rad.
-    groups : what they identify, the measuring frame included.
-    uncertainty : with these rows; `random`: the median of as many random ones (and of twice as many, `twice`).
-    d_efficiency : information by rank against the best weights; `d_random`: against random poses (above 1: better).
-    found : verdicts on the library's effects; `changes`: what the plan gains, and what a second tool would.
-    blind : share of the volume where parameters matter that no allowed pose shows.
-    repeated : rows in the end that repeat the first.
+    table : rows to measure, mm and rad.
+    groups : identifiable groups, measuring frame included.
+    uncertainty : with these rows; `random`: median of designs with as many random rows; `twice`: with twice as many.
+    d_efficiency : D-efficiency relative to optimal weights; `d_random`: relative to random rows (above 1: better).
+    found : verdicts on the library's effects; `changes`: verdicts changed by the plan's order, and by a second tool.
+    blind : share of the volume where parameters act that no allowed pose identifies.
+    repeated : number of rows at the end that repeat the first.
     """
 
     chain: Chain
@@ -88,6 +93,7 @@ class Plan:
     repeated: int
 
     def as_json(self) -> dict[str, Any]:
+        """The content of ``plan.json``: mm, rad, um."""
         return {
             "schema": "errormodel.plan/1",
             "machine": self.chain.machine.name,
@@ -110,10 +116,12 @@ class Plan:
 
 
 def _numbers(u: Uncertainty) -> dict[str, float]:
+    """An uncertainty for JSON."""
     return {"worst_um": u.worst_um, "median_um": u.median_um}
 
 
 def _verdict(v: Verdict) -> dict[str, Any]:
+    """A verdict for JSON."""
     return {
         "effect": v.effect,
         "where": v.where,
@@ -145,16 +153,18 @@ def plan(
 
     Parameters
     ----------
+    setup : reachable and visible poses, tools, instrument and time.
     noise : an instrument, or one standard uncertainty of all coordinates, mm.
+    seed : of all random choices.
     worst : minimise the largest predicted uncertainty in the volume; else the determinant (D-optimal).
-    progress : surrounds each long part, with its name.
+    progress : context manager entered around each stage, with its name.
 
     Raises
     ------
     InputError
         Too few rows for the machine's identifiable groups, or no pose is allowed.
     """
-    with threadpool_limits(1, "blas"):  # blocks are small: two threads would wait for each other
+    with threadpool_limits(1, "blas"):  # blocks are small: one thread is fastest
         return _plan(machine, setup, count, noise, seed, worst, progress)
 
 
@@ -172,23 +182,23 @@ def _plan(
         space = stage.space
         chosen, ceiling = optimal(space, count, worst)
     with progress("Asking what they would show of physics"):
-        walked = chosen[np.lexsort(stage.positions[chosen].T[::-1])]  # joint by joint, as a program would
+        walked = chosen[np.lexsort(stage.positions[chosen].T[::-1])]  # joint by joint, as in a usual program
         plain, _ = _verdicts(stage, stage.table.iloc[walked], seed)
     with progress("Telling effects apart"):
         repeat = revisits(count, space.rank)
         pairs = _pairs(stage, plain, seed)
-        chosen = told_apart(space, without(space, chosen, repeat), pairs, SAME)
+        chosen = told_apart(space, without(space, chosen, repeat), pairs, INDISTINGUISHABLE_CORRELATION)
         rows = chosen[_arranged(stage, chosen, repeat, seed)]
         table = stage.table.iloc[rows].reset_index(drop=True)
         found, groups = _verdicts(stage, table, seed)
         changes = _changes("the order, repeats and poses of this plan", plain, found)
-    if len(setup.points(machine)) == 1 and repeat:  # a second tool has parameters of its own: rows must be to spare
+    if len(setup.points(machine)) == 1 and repeat:  # a second tool adds parameters: only where rows are plentiful
         with progress("Asking what a second tool would show"):
             more, how = _second_tool(table, machine)
             changes += _changes(how, found, _verdicts(stage, more, seed)[0])
     rng = np.random.default_rng([seed, 3])
     pool = stage.scattered or len(stage.table)
-    chance = [rng.choice(pool, 2 * count, replace=2 * count > pool) for _ in range(RANDOM)]
+    chance = [rng.choice(pool, 2 * count, replace=2 * count > pool) for _ in range(RANDOM_DESIGNS)]
     information = -Design(space, rows).value
     by_chance = float(np.median([-Design(space, r[:count]).value for r in chance]))
     return Plan(
@@ -208,12 +218,12 @@ def _plan(
 
 
 def optimal(space: Space, count: int, worst: bool) -> tuple[Index, float]:
-    """An optimal design of `count` poses, and what ``log det`` of no design of weight 1 exceeds.
+    """An optimal design of `count` poses, and an upper bound of ``log det`` of the information of weights with sum 1.
 
     Raises
     ------
     InputError
-        No design of so few poses shows all identifiable groups.
+        No design of so few poses identifies all groups.
     """
     weights, ceiling = optimal_weights(space, worst)
     chosen = exchange(space, rounded(weights, count), worst=False)
@@ -226,41 +236,43 @@ def optimal(space: Space, count: int, worst: bool) -> tuple[Index, float]:
 
 
 def shows_all(space: Space, chosen: Index) -> bool:
-    """Whether a design has an equation to spare, and no combination of the groups that it does not show."""
-    return 3 * len(chosen) > space.rank and bool(np.linalg.eigvalsh(space.covariance(chosen))[-1] < UNSEEN)
+    """Whether a design has a degree of freedom left and identifies every combination of the groups."""
+    return 3 * len(chosen) > space.rank and bool(np.linalg.eigvalsh(space.covariance(chosen))[-1] < UNOBSERVED_VARIANCE)
 
 
 def without(space: Space, chosen: Index, number: int) -> Index:
-    """The design without the poses that it loses least by."""
+    """The design without the `number` poses whose removal loses least information."""
     for _ in range(number):
         chosen = np.delete(chosen, Design(space, chosen).least()[0])
     return chosen
 
 
 def uncertainty_of(space: Space, chosen: Index) -> Uncertainty:
-    """Predicted standard uncertainty in the volume with a design."""
+    """Predicted standard uncertainty in the volume with a design, um, k = 1."""
     u = 1e3 * np.sqrt(space.variances(space.covariance(chosen)))
     return Uncertainty(float(u.max()), float(np.median(u)))
 
 
 def as_file(plan: Plan, setup: Setup) -> pd.DataFrame:
-    """The rows as a points file has them: joints in mm and degrees, the tool where there are several."""
+    """The rows of a points file: joints in mm and degrees, and the tool if the setup lists tools."""
     machine = plan.chain.machine
     table = outward(plan.table, machine).round(6)
     return table if setup.tools else table.drop(columns=list(TOOL_CHANNELS))
 
 
 def _middle(several: list[Uncertainty]) -> Uncertainty:
+    """Medians of several uncertainties."""
     return Uncertainty(*(float(np.median([getattr(u, n) for u in several])) for n in ("worst_um", "median_um")))
 
 
 def _verdicts(stage: Stage, table: pd.DataFrame, seed: int) -> tuple[list[Verdict], Groups]:
-    """What rows in this order would show: by a survey of them that holds nothing but noise."""
+    """Verdicts and groups of rows in this order, from a simulated survey with noise only."""
     fit = _noise_only(stage, table, seed)
     return verdicts(set_up(fit)), fit.solution.groups
 
 
 def _noise_only(stage: Stage, table: pd.DataFrame, seed: int) -> Fit:
+    """Fit of a simulated survey of the nominal machine with noise only."""
     machine = stage.chain.machine
     survey = as_survey(stage.chain, stage.setup, table.reset_index(drop=True), stage.noise)
     seen = measured_at(machine, survey.table, Truth({}), stage.noise, seed)
@@ -269,6 +281,7 @@ def _noise_only(stage: Stage, table: pd.DataFrame, seed: int) -> Fit:
 
 
 def _arranged(stage: Stage, chosen: Index, repeat: int, seed: int) -> Index:
+    """Run order of the chosen poses with the repeated ones."""
     view = stage.view.part(chosen)
     chain = stage.chain
     arms = chain.kernel("levers", (), view.fixed, (0, 1, 2))(view.rows, np.zeros(len(chain.ids)))
@@ -297,22 +310,23 @@ def _pairs(stage: Stage, found: list[Verdict], seed: int) -> list[Pair]:
     if linear.size != 3 * n:  # some component is not measured anywhere
         return []
     columns = [tuple(linear.columns(e)[0] for e in pair) for pair in open_]
-    best = [canonical_correlation(linear, *pair) for pair in columns]  # with all poses
-    order = [k for k in np.argsort(best, kind="stable") if best[k] < SAME]
-    return [Pair(*(c.reshape(-1, 3, n).transpose(2, 1, 0) for c in columns[k])) for k in order[:MOST_PAIRS]]
+    best = [canonical_correlation(linear, *pair) for pair in columns]  # with all candidate poses
+    order = [k for k in np.argsort(best, kind="stable") if best[k] < INDISTINGUISHABLE_CORRELATION]
+    return [Pair(*(c.reshape(-1, 3, n).transpose(2, 1, 0) for c in columns[k])) for k in order[:MOST_EFFECT_PAIRS]]
 
 
 def _second_tool(table: pd.DataFrame, machine: Machine) -> tuple[pd.DataFrame, str]:
-    """Every other row with a longer tool, and how to say it."""
+    """The table with a longer tool in every other row, and a description for the user."""
     tool = np.array(machine.tool)
-    length = float(np.linalg.norm(tool)) * LONGER
-    longer = tool * (1 + LONGER) if length else np.array([0.0, 0.0, -100.0])
+    length = float(np.linalg.norm(tool)) * SECOND_TOOL_LENGTHENING
+    longer = tool * (1 + SECOND_TOOL_LENGTHENING) if length else np.array([0.0, 0.0, -100.0])
     table = table.copy()
     table.loc[table.index[::2], list(TOOL_CHANNELS)] = longer
     return table, f"a second tool, {length or 100.0:.0f} mm longer, in every other row"
 
 
 def _changes(by: str, before: list[Verdict], after: list[Verdict]) -> list[Change]:
+    """Verdicts that differ between two plans."""
     old = {v.key: v.verdict for v in before}
     return [
         Change(by, v.effect, v.where, old.get(v.key, "invisible"), v.verdict)

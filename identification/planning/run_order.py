@@ -1,4 +1,7 @@
-"""The order of a plan: every axis comes from both sides, drift is told from position, the first poses return."""
+"""Run order of a plan: approach from both sides, drift uncorrelated with position, repeated first poses.
+
+The order is found by random search: it minimises the share of backlash and drift that the geometry absorbs.
+"""
 
 from __future__ import annotations
 
@@ -6,18 +9,18 @@ import numpy as np
 
 from errormodel.arrays import Array, Index
 
-BATCH = 100  # orders looked at together
-BATCHES = 40
+ORDERS_PER_BATCH = 100  # orders scored together
+ORDER_BATCHES = 40  # batches of random exchanges: limits the time
 
 
 def revisits(count: int, rank: int) -> int:
-    """How many of `count` rows repeat the first ones: a twentieth, at least two, none where rows are scarce."""
+    """Number of the `count` rows that repeat the first ones: a twentieth, at least two, none where rows are scarce."""
     wanted = max(2, count // 20)
     return wanted if 3 * (count - wanted) >= 2 * rank else 0
 
 
 def directions(positions: Array) -> Array:
-    """Side of arrival, +-1, of positions (..., n) in order, as `errormodel.channels.direction` derives it."""
+    """Approach direction, +-1, of positions (..., n) in order, as `errormodel.channels.direction` derives it."""
     signs = np.sign(np.diff(positions, axis=-1))
     signs = np.concatenate([signs[..., :1], signs], axis=-1)
     for k in range(1, signs.shape[-1]):  # a joint that stands still keeps its sign
@@ -26,16 +29,16 @@ def directions(positions: Array) -> Array:
 
 
 def arranged(X: Array, positions: Array, levers: Array, shifts: Array, repeat: int, seed: int) -> Index:
-    """An order (n + repeat,) of n poses, the first `repeat` of them once more in the end.
+    """An order (n + repeat,) of n poses, with the first `repeat` of them repeated at the end.
 
-    Backlash of each joint and a drift of each direction should be absorbed by the geometry as little as they can.
+    It minimises the share of each joint's backlash and of a linear drift in each direction that the geometry absorbs.
 
     Parameters
     ----------
     X : (n, 3, r) whitened rows of the poses.
-    positions : (n, joints).
+    positions : (n, joints), mm and rad.
     levers : (joints, n, 3) whitened motion of the functional point per unit along (about) each joint's axis.
-    shifts : (3, n, 3) whitened motion per unit shift of everything.
+    shifts : (3, n, 3) whitened motion per unit shift of the reference along x, y, z.
     """
     n = len(X)
     rng = np.random.default_rng([seed, 2])
@@ -45,7 +48,7 @@ def arranged(X: Array, positions: Array, levers: Array, shifts: Array, repeat: i
 
     rows = whole(np.arange(n)[None])[0]
     q, _ = np.linalg.qr(X[rows].reshape(-1, X.shape[2]))
-    # in terms of poses: a row's part of the basis depends on the pose only, but for which of two visits it is
+    # the basis is taken per pose: both visits of a repeated pose have the same rows
     basis = q.reshape(len(rows), 3, -1)[:n]
     moved = np.concatenate([levers, shifts])
     inner = np.einsum("jni,nir->jnr", moved, basis)
@@ -66,11 +69,11 @@ def arranged(X: Array, positions: Array, levers: Array, shifts: Array, repeat: i
             total += np.log(np.maximum(1 - absorbed / np.maximum(size, 1e-300), 1e-6))
         return total
 
-    orders = np.array([rng.permutation(n) for _ in range(BATCH)])
+    orders = np.array([rng.permutation(n) for _ in range(ORDERS_PER_BATCH)])
     values = score(orders)
     best, value = orders[np.argmax(values)], float(values.max())
-    for _ in range(BATCHES):
-        orders = np.tile(best, (BATCH, 1))
+    for _ in range(ORDER_BATCHES):
+        orders = np.tile(best, (ORDERS_PER_BATCH, 1))
         for row in orders:
             one, two = rng.integers(0, n, 2)
             row[[one, two]] = row[[two, one]]

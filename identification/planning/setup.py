@@ -1,4 +1,7 @@
-"""The circumstances of a measurement that is being planned: the file form of ``--setup``."""
+"""Setup of a planned measurement: travels, tools, obstacles, line of sight, instrument; file form of ``--setup``.
+
+Lengths are in mm in the axes of the machine's reference; angles are in degrees in the file.
+"""
 
 from __future__ import annotations
 
@@ -28,11 +31,12 @@ class Box(FileModel):
     z: Range = Field([-1e9, 1e9], description="[low, high] in mm, such as [-200, 200]")
 
     def sides(self) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+        """Lower and upper limits (3, 2), mm."""
         return np.array([self.x, self.y, self.z])
 
 
 class Sight(FileModel):
-    """Where the instrument stands, and from where the target can be seen."""
+    """Position of the instrument, and directions from which the target is visible."""
 
     station: Vector3 = Field(description="[x, y, z] of the instrument in the axes of the machine's reference, mm")
     facing: Vector3 | None = Field(None, description="[x, y, z] that the target looks along in the last frame")
@@ -42,7 +46,7 @@ class Sight(FileModel):
 
 
 class Setup(VersionedModel):
-    """Of a plan: what may be reached and seen, with which tools, by which instrument, in what time."""
+    """Setup of a plan: reachable and visible poses, tools, instrument, measuring frame and time per pose."""
 
     travels: dict[str, Range] = Field({}, description="a block such as {X: [-500, 500]}, mm and degrees")
     tools: list[Vector3] = Field([], description="functional points such as [[0, 0, -150], [0, 0, -300]], mm")
@@ -54,19 +58,19 @@ class Setup(VersionedModel):
     sensors: list[Sensor] = Field(["T_machine"], description="temperatures that will be logged, such as [T_bed]")
 
     def allowed(self, joint: Joint) -> tuple[float, float]:
-        """The travel of a joint that may be used, mm or rad."""
+        """Lower and upper limit of the usable travel of a joint, mm or rad."""
         low, high = self.travels.get(joint.name, [-np.inf, np.inf])
         if joint.name in self.travels and joint.type == "rotary":
             low, high = np.radians([low, high]).tolist()
         return max(low, joint.travel[0]), min(high, joint.travel[1])
 
     def points(self, machine: Machine) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
-        """The tools' functional points, (n, 3) mm."""
+        """Functional points of the tools in the last frame, (n, 3) mm."""
         return np.array(self.tools or [list(machine.tool)], dtype=np.float64)
 
 
 def read_setup(path: Path, machine: Machine) -> Setup:
-    """Read and check a setup.
+    """Read and check a setup file.
 
     Raises
     ------
@@ -95,17 +99,23 @@ def read_setup(path: Path, machine: Machine) -> Setup:
 
 
 def _rising(document: Document, keys: tuple[str | int, ...], low: float, high: float) -> None:
+    """Raise InputError if a range is empty."""
     if low >= high:
         raise document.error(keys, f"{low:g} to {high:g}", "Write [low, high] with low below high")
 
 
 def _outward(joint: Joint) -> tuple[float, float]:
+    """Travel of a joint, mm or degrees."""
     low, high = joint.travel
     return (float(np.degrees(low)), float(np.degrees(high))) if joint.type == "rotary" else (low, high)
 
 
 def noise_of(setup: Setup, noise: float | None) -> Instrument | float:
-    """The instrument, or one standard uncertainty of all coordinates, mm.
+    """The setup's instrument, or one standard uncertainty of all coordinates, mm.
+
+    Parameters
+    ----------
+    noise : value of ``--noise``, mm; None: not given.
 
     Raises
     ------
@@ -114,7 +124,7 @@ def noise_of(setup: Setup, noise: float | None) -> Instrument | float:
     """
     if isinstance(setup.instrument, Plain):
         if noise is None:
-            return 1e-3  # 1 um: uncertainties come out a micrometre of noise
+            return 1e-3  # 1 um: predicted uncertainties are per micrometre of noise
         if not 0 < noise < float("inf"):
             raise InputError(
                 "--noise", f"{noise:g}", "Write a standard uncertainty of a coordinate in mm, such as 0.005"

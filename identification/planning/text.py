@@ -1,4 +1,4 @@
-"""What the command line prints of a plan."""
+"""Text of a plan for a terminal."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from identification.planning.power import Verdict
 from identification.planning.run import Change, Plan, Uncertainty
 from identification.results.parameter_table import printed
 
-ORDER = ("invisible", "confusable", "detectable")
+VERDICT_ORDER = ("invisible", "confusable", "detectable")  # from worst to best
 
 
 def plan_lines(plan: Plan) -> Iterator[str]:
-    """Rank and uncertainty, then effects: what is detected, not told apart, never seen, and what would help."""
+    """Lines on rank and uncertainty, then on detectable, indistinguishable and invisible effects with their needs."""
     n = len(plan.table)
     yield plan.chain.machine.name
     yield (
@@ -37,7 +37,7 @@ def plan_lines(plan: Plan) -> Iterator[str]:
     for verdict in plan.found:
         by_name.setdefault(verdict.effect, []).append(verdict)
     for name, own in by_name.items():
-        counts = [sum(v.verdict == word for v in own) for word in reversed(ORDER)]
+        counts = [sum(v.verdict == word for v in own) for word in reversed(VERDICT_ORDER)]
         yield f"  {name:26}{counts[0]:9d}{counts[1]:9d}{counts[2]:7d}   {_smallest(own)}"
     yield from _confused(by_name)
     yield from _unseen(by_name)
@@ -46,12 +46,12 @@ def plan_lines(plan: Plan) -> Iterator[str]:
 
 
 def _smallest(own: Sequence[Verdict]) -> str:
-    """The size from which it is detected, at the place where it is seen best."""
+    """The smallest detectable size of an effect over all its places."""
     return _least([(v.smallest, v) for v in own if v.verdict != "invisible"])
 
 
 def _least(sizes: Sequence[tuple[float | None, Verdict]]) -> str:
-    """The smallest size, as a share of what is possible, in words; empty where there is none."""
+    """Text of the smallest size relative to the largest plausible one; empty where there is none."""
     known = [(size, v) for size, v in sizes if size is not None]
     if not known:
         return ""
@@ -61,7 +61,7 @@ def _least(sizes: Sequence[tuple[float | None, Verdict]]) -> str:
 
 
 def _confused(by_name: dict[str, list[Verdict]]) -> Iterator[str]:
-    """Effects that no place tells from others of another name, and what would."""
+    """Lines on effects that are indistinguishable from effects of another name at all places, and their needs."""
     lines = []
     for name, own in by_name.items():
         others = [n.split(" at ")[0] for v in own for n in v.alike]
@@ -77,6 +77,7 @@ def _confused(by_name: dict[str, list[Verdict]]) -> Iterator[str]:
 
 
 def _unseen(by_name: dict[str, list[Verdict]]) -> Iterator[str]:
+    """Lines on effects that are invisible at all places."""
     lines = [
         f"  {name}: {own[0].reason}. Needs: {own[0].needs}"
         for name, own in by_name.items()
@@ -88,10 +89,10 @@ def _unseen(by_name: dict[str, list[Verdict]]) -> Iterator[str]:
 
 
 def _changed(by: str, changes: Sequence[Change]) -> Iterator[str]:
-    """Places that gain and that lose, by effect."""
+    """Lines on effects whose verdict improves and worsens, with the number of places."""
     yield f"\nwith {by}"
     for word, sign in (("gained", 1), ("lost", -1)):
-        moved = [c for c in changes if sign * (ORDER.index(c.after) - ORDER.index(c.before)) > 0]
+        moved = [c for c in changes if sign * (VERDICT_ORDER.index(c.after) - VERDICT_ORDER.index(c.before)) > 0]
         counts = {name: [c.effect for c in moved].count(name) for name in dict.fromkeys(c.effect for c in moved)}
         if counts:
             names = ", ".join(f"{name} ({n})" if n > 1 else name for name, n in counts.items())

@@ -1,9 +1,9 @@
-"""Weights of an optimal design by convex optimisation: how large a share of the poses each candidate deserves.
+"""Approximate optimal designs: weights of the candidate poses by sequential quadratic programming.
 
-``-log det M(w)`` (D-optimal) and the largest predicted variance in the volume are convex in the weights. Each is solved
-by sequential quadratic programming, whose quadratic problems on the simplex CVXPY hands to its solver: a problem of a
-few hundred weights whatever the rank, where the semidefinite form of the same takes minutes at rank 70. Candidates join
-as the equivalence theorem asks for them (J. Kiefer & J. Wolfowitz, Canad. J. Math. 12 (1960) 363).
+``-log det M(w)`` (D-optimality) and the largest predicted variance in the volume are convex in the weights w. The
+quadratic problems on the simplex are solved through CVXPY: a few hundred weights whatever the rank, where the
+semidefinite form takes minutes at rank 70. Candidates are added by the equivalence theorem (J. Kiefer & J. Wolfowitz,
+Canad. J. Math. 12 (1960) 363).
 """
 
 from __future__ import annotations
@@ -16,23 +16,23 @@ from errormodel.arrays import Array, Index
 from identification.planning.design import Space
 from identification.runtime.convex_solver import optimise
 
-MOST_STEPS = 12
-ENOUGH = 0.002  # of the optimum of log det by rank, as the equivalence theorem bounds it from above
-PICKED = 4  # candidates a rank that take part in a quadratic problem, ...
-MOST_PICKED = 300  # ... at most
-CLOSE = 0.7  # of the largest variance: poses of the volume that count as constraints
+MOST_QP_STEPS = 12  # steps of the sequential quadratic programme
+D_OPTIMALITY_GAP = 0.002  # gap of log det per rank to the bound of the equivalence theorem at which it stops
+CANDIDATES_PER_RANK = 4  # candidates in a quadratic problem, per rank of the design
+MOST_QP_CANDIDATES = 300  # candidates in a quadratic problem: limits the time
+ACTIVE_VARIANCE_SHARE = 0.7  # poses of the volume with at least this share of the largest variance are constraints
 
 
 def optimal_weights(space: Space, worst: bool) -> tuple[Array, float]:
-    """Weights (n,) with sum 1, and what ``log det M`` cannot exceed with any weights on the candidates.
+    """Weights (n,) with sum 1 of an optimal design, and an upper bound of ``log det M`` over all weights.
 
-    D-optimal, and from there (`worst`) by the largest predicted variance in the volume.
+    The weights are D-optimal or, starting there (`worst`), minimise the largest predicted variance in the volume.
     """
     weights = _multiplied(space, np.full(len(space.X), 1 / len(space.X)), 10)
-    for _ in range(MOST_STEPS):
+    for _ in range(MOST_QP_STEPS):
         C = _covariance(space, weights)
         leverage = _leverage(space, C)
-        if leverage.max() < space.rank * (1 + ENOUGH):
+        if leverage.max() < space.rank * (1 + D_OPTIMALITY_GAP):
             break
         picked = _picked(space, weights, leverage)
         X = space.X[picked]
@@ -42,17 +42,17 @@ def optimal_weights(space: Space, worst: bool) -> tuple[Array, float]:
         goal = _quadratic(weights[picked], curve, [np.zeros(1), -leverage[None, picked]])
         weights = _line_search(weights, picked, goal, lambda w: -_log_det(space, w))
     excess = float(_leverage(space, _covariance(space, weights)).max()) - space.rank
-    ceiling = _log_det(space, weights) + excess  # log det is concave, and this its slope towards the best candidate
+    ceiling = _log_det(space, weights) + excess  # log det is concave; excess is its slope towards the best candidate
     return (_fairest(space, weights) if worst else weights), ceiling
 
 
 def _fairest(space: Space, weights: Array) -> Array:
-    """From D-optimal weights to those with the smallest largest variance in the volume."""
-    for _ in range(MOST_STEPS):
+    """Weights that minimise the largest predicted variance in the volume, starting from D-optimal ones."""
+    for _ in range(MOST_QP_STEPS):
         C = _covariance(space, weights)
         variances = space.variances(C)
         near = np.argsort(-variances, kind="stable")[: 2 * space.rank]
-        near = near[variances[near] > CLOSE * variances.max()]
+        near = near[variances[near] > ACTIVE_VARIANCE_SHARE * variances.max()]
         leverage = _leverage(space, C)
         picked = _picked(space, weights, leverage)
         X = space.X[picked]
@@ -71,7 +71,7 @@ def _fairest(space: Space, weights: Array) -> Array:
 
 
 def _quadratic(weights: Array, curve: Array, planes: list[Array]) -> Array:
-    """Weights that minimise the largest of ``value + slope (w - weights)`` plus half the curvature; same sum."""
+    """Weights of the same sum that minimise max(``value + slope (w - weights)``) plus the quadratic term."""
     import cvxpy as cp
     from cvxpy.atoms.sum_squares import sum_squares
 
@@ -83,7 +83,7 @@ def _quadratic(weights: Array, curve: Array, planes: list[Array]) -> Array:
     scale = unit * float(np.abs(slopes).max())
     limits = [top >= (values - values.max()) / scale + (unit / scale * slopes) @ step, new.sum() == len(weights)]
     bend = sum_squares((unit / np.sqrt(scale) * factor) @ step)
-    optimise(cp.Problem(cp.Minimize(top + 0.5 * bend), limits))  # inexact or not: the line search judges it
+    optimise(cp.Problem(cp.Minimize(top + 0.5 * bend), limits))  # may be inexact: a line search follows
     if new.value is None:
         return weights
     found = np.maximum(np.asarray(new.value, dtype=np.float64), 0.0)
@@ -91,7 +91,7 @@ def _quadratic(weights: Array, curve: Array, planes: list[Array]) -> Array:
 
 
 def _line_search(weights: Array, picked: Index, goal: Array, criterion: Callable[[Array], float]) -> Array:
-    """As far towards the goal as makes the criterion smaller."""
+    """The largest step towards the goal that lowers the criterion."""
     start = criterion(weights)
     for share in (1.0, 0.5, 0.25, 0.1, 0.03):
         new = weights.copy()
@@ -102,7 +102,7 @@ def _line_search(weights: Array, picked: Index, goal: Array, criterion: Callable
 
 
 def _multiplied(space: Space, weights: Array, rounds: int) -> Array:
-    """Rounds of ``w <- w leverage / rank``, which never lower the determinant (S. D. Silvey & al. 1978)."""
+    """Rounds of ``w <- w leverage / rank``, which never lower the determinant (S. D. Silvey et al. 1978)."""
     for _ in range(rounds):
         weights = weights * _leverage(space, _covariance(space, weights)) / space.rank
         weights = weights / weights.sum()
@@ -110,22 +110,24 @@ def _multiplied(space: Space, weights: Array, rounds: int) -> Array:
 
 
 def _picked(space: Space, weights: Array, leverage: Array) -> Index:
-    """The candidates that matter: those of most weight and of most leverage."""
-    count = min(len(weights), PICKED * space.rank, MOST_PICKED)
+    """The candidates of largest weight and of largest leverage."""
+    count = min(len(weights), CANDIDATES_PER_RANK * space.rank, MOST_QP_CANDIDATES)
     heavy = np.argsort(-weights, kind="stable")[: count // 2]
     return np.union1d(heavy, np.argsort(-leverage, kind="stable")[: count - count // 2])
 
 
 def _covariance(space: Space, weights: Array) -> Array:
+    """Covariance (r, r) of weights (n,)."""
     live = weights > 0
     rows = (space.X[live] * np.sqrt(weights[live])[:, None, None]).reshape(-1, space.rank)
     return np.asarray(np.linalg.inv(rows.T @ rows + 1e-12 * np.eye(space.rank)))
 
 
 def _log_det(space: Space, weights: Array) -> float:
+    """Logarithm of the determinant of the information of weights (n,)."""
     return -float(np.linalg.slogdet(_covariance(space, weights))[1])
 
 
 def _leverage(space: Space, C: Array) -> Array:
-    """(n,) ``tr X_i C X_i'``: the rank at most, at the optimum; the rank on average over the weights, always."""
+    """Leverage (n,) ``tr X_i C X_i'``: its mean over the weights is the rank; at the optimum its maximum as well."""
     return np.asarray(np.einsum("nia,ab,nib->n", space.X, C, space.X, optimize=True))

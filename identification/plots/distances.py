@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from identification.estimation.bisquare import CUTS
+from identification.estimation.bisquare import BISQUARE_CUT_SIGMA
 from identification.estimation.result import Fit
 from identification.plots import style
 
@@ -31,12 +31,12 @@ def draw_distances(fit: Fit) -> Figure:
     axes = style.panel(figure, 0.75, 0.6, style.WIDTH - 1.0, 2.2)
     axes.set_yscale("log")
     style.powers(axes.yaxis)
-    axes.axhspan(CUTS[1], CUTS[3], color=style.FAINT, alpha=0.7, lw=0, zorder=0)
+    axes.axhspan(BISQUARE_CUT_SIGMA[1], BISQUARE_CUT_SIGMA[3], color=style.FAINT, alpha=0.7, lw=0, zorder=0)
     axes.plot(some + 1, distance[some], ".", ms=3.5, mew=0, color=style.FITTED, alpha=0.6, rasterized=True)
     axes.plot(np.flatnonzero(out) + 1, distance[out], "x", ms=6, mew=1.4, color=style.AXIS_COLOURS[0])
     axes.set_xlim(0, len(distance) + 1)
-    top = float(np.nanmax(distance, initial=CUTS[3]))
-    axes.set_ylim(0.1, 2 * max(top, 2 * CUTS[3]))
+    top = float(np.nanmax(distance, initial=BISQUARE_CUT_SIGMA[3]))
+    axes.set_ylim(0.1, 2 * max(top, 2 * BISQUARE_CUT_SIGMA[3]))
     style.dress(axes, "row, in the order of the survey", "distance / standard deviations")
     text = "dots: rows that take part  ·  crosses: outliers  ·  grey: from where a row is usually out"
     figure.text(0.75 / style.WIDTH, 1 - 0.25 / 3.2, text, size=style.SMALL, color=style.MUTED)

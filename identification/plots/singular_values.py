@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from identification.estimation.result import Fit
-from identification.observation.identifiability import ROUND_OFF
+from identification.observation.identifiability import DEPENDENCE_TOLERANCE
 from identification.plots import style
 
 FLOOR = 1e-17  # what is computed as zero is drawn here
@@ -28,8 +28,10 @@ def draw_singular_values(fit: Fit) -> Figure:
         axes.plot(place[~kept], values[~kept], "o", ms=5, mfc="white", mec=style.NOMINAL, mew=1.3,
                   label=f"not told apart: {int((~kept).sum())}")  # fmt: skip
     dropped = values[~kept]
-    by_noise = len(dropped) and dropped[0] > ROUND_OFF
-    threshold = float(np.sqrt(dropped[0] * values[groups.rank - 1])) if by_noise and groups.rank else ROUND_OFF
+    by_noise = len(dropped) and dropped[0] > DEPENDENCE_TOLERANCE
+    threshold = (
+        float(np.sqrt(dropped[0] * values[groups.rank - 1])) if by_noise and groups.rank else DEPENDENCE_TOLERANCE
+    )
     axes.axhline(threshold, color=style.INK, lw=1.1, ls="--")
     why = "below the line: hidden by the noise" if by_noise else "below the line: cannot be told apart in these poses"
     there = axes.get_yaxis_transform()

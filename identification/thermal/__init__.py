@@ -1,1 +1,1 @@
-"""Error motions that drift with temperature: from recordings over thermal cycles to effects of the machine."""
+"""Thermal drift of error motions: regression on lagged temperatures from recordings over thermal cycles."""

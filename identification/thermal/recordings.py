@@ -1,7 +1,7 @@
-"""Drift recordings of a survey: error motions at a few positions, again and again while temperatures change.
+"""Drift recordings of a survey: repeated error-motion readings at a few positions while temperatures change.
 
-What would mislead is refused or left out, and said: clocks that went back, recordings that claim the same hours, gaps
-in time, thermocouples that died, temperatures that do not change.
+Invalid data raise an error or are left out with a note: times that decrease, recordings with overlapping times at
+different temperatures, gaps in time, failed sensors, constant temperatures. Units: mm, rad, s, degC.
 """
 
 from __future__ import annotations
@@ -24,13 +24,14 @@ from identification.diagnosis.data_checks.temperature_sensors import faults
 if TYPE_CHECKING:
     import pandas as pd
 
-FEWEST = 12  # rows at one position and run that make a recording; fewer are a calibration of the geometry
-LEAST = 1.0  # K, that some temperature must change by in a cycle
-PAUSE, LONG = 10.0, 600.0  # a gap in time: so many usual steps, and s
-ACROSS = 0.5  # K, by which temperatures may differ on both sides of a gap
-TOGETHER = 0.3  # K, by which most readings of a sensor may differ in two recordings of the same hours
-FINEST = 1e-4  # of the drift: no instrument is without noise, but a coarse one may show none
-SAME = 0.999  # correlation from which sensors are one group
+# All by judgement
+FEWEST_RECORDING_ROWS = 12  # rows at one position and run that make a recording; fewer calibrate the geometry
+LEAST_TEMPERATURE_RANGE_K = 1.0  # K, range that the most variable sensor must have in the files of a role
+GAP_STEPS, GAP_SECONDS = 10.0, 600.0  # a gap in time is longer than this many median steps and this many seconds
+GAP_TEMPERATURE_STEP_K = 0.5  # K, change of a temperature across a gap above which a side of it is left out
+SAME_HOURS_TOLERANCE_K = 0.3  # K, allowed difference of a sensor in two recordings with overlapping times
+LEAST_NOISE_SHARE_OF_DRIFT = 1e-4  # smallest noise over the range of the drift: a coarse resolution can hide noise
+SENSOR_GROUP_CORRELATION = 0.999  # correlation from which sensors form one group
 
 
 @dataclass(frozen=True)
@@ -39,8 +40,9 @@ class Drift:
 
     Attributes
     ----------
-    rows : (n,) of the survey's table; `position` (n,) mm or rad; `values` (n,) mm or rad.
-    series : (n,) number of run and position: each has an instrument's zero of its own.
+    rows : (n,) row numbers in the survey's table.
+    position, values : (n,) position of the joint and error motion, mm or rad.
+    series : (n,) number of run and position: each has its own zero of the instrument.
     """
 
     joint: str
@@ -52,22 +54,23 @@ class Drift:
 
     @cached_property
     def noise(self) -> float:
-        """Standard deviation of one value, from second differences in time: what drifts slowly drops out of them."""
+        """Standard deviation of one value, from second differences in time, which slow drift does not affect."""
         second = [np.diff(self.values[self.series == s], 2) for s in np.unique(self.series)]
         noise = float(np.sqrt(np.mean(np.square(np.concatenate(second))) / 6))
-        return max(noise, FINEST * float(np.ptp(self.values)), 1e-15)
+        return max(noise, LEAST_NOISE_SHARE_OF_DRIFT * float(np.ptp(self.values)), 1e-15)
 
 
 @dataclass(frozen=True)
 class Recordings:
-    """Drifts by role, and what may drive them.
+    """Drifts by role, and the usable temperature sensors.
 
     Attributes
     ----------
     survey : without the rows that were left out.
-    fit, test : the same joints' motions where both roles have them, in the same order.
-    groups : sensors that correlate at `SAME` or more; the first of each stands for it.
-    left_out : sensors that drive nothing, with the reason.
+    fit, test : drifts of the error motions that both roles have, in the same order.
+    groups : sensors that correlate at `SENSOR_GROUP_CORRELATION` or more; the first of each represents it.
+    left_out : unusable sensors, with the reason.
+    notes : sentences for the user.
     """
 
     survey: Survey
@@ -79,7 +82,7 @@ class Recordings:
 
     @property
     def sensors(self) -> tuple[str, ...]:
-        """One of each group."""
+        """The first sensor of each group."""
         return tuple(group[0] for group in self.groups)
 
 
@@ -89,7 +92,7 @@ def recordings(machine: Machine, survey: Survey) -> Recordings:
     Raises
     ------
     InputError
-        Columns or files are missing, a clock went back, no temperature changes, or nothing is left.
+        Columns or files are missing, times decrease, temperatures are constant, or no sensor or motion is usable.
     """
     source = str(survey.source)
     names = [str(c) for c in survey.table if str(c).startswith("T_")]
@@ -117,7 +120,10 @@ def recordings(machine: Machine, survey: Survey) -> Recordings:
     drifts = {role: list(_drifts(machine, survey, role)) for role in ("fit", "test")}
     keys = [{(d.joint, d.motion) for d in drifts[role]} for role in ("fit", "test")]
     if not keys[0] & keys[1]:
-        found = f"no error motion with {FEWEST} readings at one position in the files to fit and in those to test"
+        found = (
+            f"no error motion with {FEWEST_RECORDING_ROWS} readings at one position in the files to fit and in those "
+            "to test"
+        )
         raise InputError(source, found, "Record the same error motions over both cycles, each at a few positions")
     lonely = sorted(f"{j} {m}" for j, m in keys[0] ^ keys[1])
     if lonely:
@@ -129,17 +135,18 @@ def recordings(machine: Machine, survey: Survey) -> Recordings:
 
 
 def _needed(survey: Survey, sensors: list[str]) -> list[tuple[str, bool]]:
+    """Required columns, and whether the survey has them."""
     there = set(survey.table)
     return [("joint", "joint" in there), ("time", "time" in there), ("T_<sensor>", bool(sensors))]
 
 
 def _parts(machine: Machine, table: pd.DataFrame) -> list[tuple[str, pd.DataFrame]]:
-    """Recordings, each of one file, run, joint and position, with what a message calls them."""
+    """Recordings, each of one file, run, joint and position, with their names for messages."""
     out = []
     for joint in machine.joints:
         own = table[table["joint"] == joint.name]
         for (_, run, _), part in own.groupby(["file", "run", joint.name], sort=False):
-            if len(part) >= FEWEST:
+            if len(part) >= FEWEST_RECORDING_ROWS:
                 position = float(part[joint.name].iloc[0])
                 shown = float(np.degrees(position)) if joint.type == "rotary" else position
                 out.append((f"run {run} ({joint.name} at {shown:g})", part))
@@ -147,7 +154,7 @@ def _parts(machine: Machine, table: pd.DataFrame) -> list[tuple[str, pd.DataFram
 
 
 def _refuse_clocks(parts: list[tuple[str, pd.DataFrame]], sensors: list[str]) -> None:
-    """InputError where time goes back in a recording, or two of a file claim the same hours at other temperatures."""
+    """Raise InputError where time decreases, or two recordings of a file overlap in time at other temperatures."""
     for name, part in parts:
         time = part["time"].to_numpy(dtype=np.float64)
         falls = np.flatnonzero(np.diff(time) < 0)
@@ -159,14 +166,14 @@ def _refuse_clocks(parts: list[tuple[str, pd.DataFrame]], sensors: list[str]) ->
     for (one, here), (other, there) in combinations(parts, 2):
         file = here["file"].iloc[0]
         apart = _disagreement(here, there, sensors) if file == there["file"].iloc[0] else 0.0
-        if apart > TOGETHER:
+        if apart > SAME_HOURS_TOLERANCE_K:
             found = f"{one} and {other} claim the same hours, at temperatures that differ by {apart:.1f} K"
             cure = "Let time go on from recording to recording, or give each a file of its own"
             raise InputError(f"{file}, column time", found, cure)
 
 
 def _disagreement(one: pd.DataFrame, other: pd.DataFrame, sensors: list[str]) -> float:
-    """How much two recordings' temperatures differ where their times overlap, K: nine in ten readings of a sensor."""
+    """Temperature difference of two recordings where their times overlap, K: 90 % quantile, largest of all sensors."""
     here, there = (p["time"].to_numpy(dtype=np.float64) for p in (one, other))
     both = (here >= there.min()) & (here <= there.max())
     if both.sum() < 2:
@@ -179,7 +186,7 @@ def _disagreement(one: pd.DataFrame, other: pd.DataFrame, sensors: list[str]) ->
 def _without_gaps(
     survey: Survey, parts: list[tuple[str, pd.DataFrame]], sensors: list[str]
 ) -> tuple[Survey, tuple[str, ...]]:
-    """The survey without the shorter side of every gap in time across which temperatures changed, and what was said."""
+    """The survey without the shorter side of every gap in time across which temperatures changed, and notes."""
     notes = list[str]()
     bad = np.zeros(len(survey), dtype=bool)
     for name, part in parts:
@@ -188,7 +195,7 @@ def _without_gaps(
         usual = float(np.median(steps))
         warm = part[sensors].to_numpy(dtype=np.float64)
         change = np.nan_to_num(np.abs(np.diff(warm, axis=0))).max(axis=1)
-        for k in np.flatnonzero((steps > max(PAUSE * usual, LONG)) & (change > ACROSS)):
+        for k in np.flatnonzero((steps > max(GAP_STEPS * usual, GAP_SECONDS)) & (change > GAP_TEMPERATURE_STEP_K)):
             side = slice(0, k + 1) if 2 * (k + 1) < len(time) else slice(k + 1, None)
             bad[part.index[side]] = True
             first, last = numbers[side][[0, -1]]
@@ -200,7 +207,7 @@ def _without_gaps(
 
 
 def _left_out(table: pd.DataFrame, names: list[str]) -> Iterator[tuple[str, str]]:
-    """Sensors that are none in some recording, with the first one's reason."""
+    """Sensors that fail in some recording, with the first reason."""
     found: dict[str, str] = {}
     for (file, run), part in table.groupby(["file", "run"], sort=False):
         for name, reason in faults(part.sort_values("time", kind="stable")).items():
@@ -209,13 +216,14 @@ def _left_out(table: pd.DataFrame, names: list[str]) -> Iterator[tuple[str, str]
 
 
 def _drifts(machine: Machine, survey: Survey, role: str) -> Iterator[Drift]:
+    """Drifts of all recorded error motions of one role."""
     table = survey.table
     for joint in machine.joints:
         own = ((table["joint"] == joint.name) & (table["role"] == role)).to_numpy(dtype=bool)
         for motion in MOTIONS:
             rows = np.flatnonzero(own & table[motion].notna().to_numpy())
             key = table.iloc[rows].groupby(["file", "run", joint.name], sort=False)
-            kept: Mask = (key["row"].transform("size") >= FEWEST).to_numpy(dtype=bool)
+            kept: Mask = (key["row"].transform("size") >= FEWEST_RECORDING_ROWS).to_numpy(dtype=bool)
             if kept.any():
                 _, series = np.unique(key.ngroup().to_numpy()[kept], return_inverse=True)
                 part = table.iloc[rows[kept]]
@@ -224,17 +232,18 @@ def _drifts(machine: Machine, survey: Survey, role: str) -> Iterator[Drift]:
 
 
 def _refuse_constant(survey: Survey, rows: Index, sensors: list[str], role: str) -> None:
+    """Raise InputError if no temperature changes enough in the rows."""
     part = survey.table.iloc[rows]
     ranges = {name: float(np.ptp(part[name].to_numpy(dtype=np.float64))) for name in sensors}
     most = max(ranges, key=lambda name: ranges[name])
-    if ranges[most] < LEAST:
+    if ranges[most] < LEAST_TEMPERATURE_RANGE_K:
         found = f"temperatures hardly change in the files to {role}: {most}, most of all, by {ranges[most]:.2g} K"
-        cure = f"Record a warm-up, by {LEAST:g} K or more; better by all that the machine will see"
+        cure = f"Record a warm-up, by {LEAST_TEMPERATURE_RANGE_K:g} K or more; better by all that the machine will see"
         raise InputError(str(survey.source), found, cure)
 
 
 def _groups(survey: Survey, drifts: tuple[Drift, ...], sensors: list[str]) -> list[tuple[str, ...]]:
-    """Sensors by groups, each sensor with the first one before it that it correlates with."""
+    """Groups of correlated sensors: each joins the first group whose first sensor it correlates with."""
     rows = np.unique(np.concatenate([d.rows for d in drifts]))
     values = survey.table.iloc[rows][sensors].to_numpy(dtype=np.float64)
     moving = values - values.mean(axis=0)
@@ -242,7 +251,7 @@ def _groups(survey: Survey, drifts: tuple[Drift, ...], sensors: list[str]) -> li
     alike = (moving.T @ moving) / np.maximum(np.outer(norms, norms), 1e-30)
     groups: list[list[int]] = []
     for k in range(len(sensors)):
-        home = next((g for g in groups if alike[g[0], k] >= SAME), None)
+        home = next((g for g in groups if alike[g[0], k] >= SENSOR_GROUP_CORRELATION), None)
         if home is None:
             groups.append([k])
         else:

@@ -1,4 +1,8 @@
-"""From drift recordings to a machine whose error motions follow temperatures, judged on another thermal cycle."""
+"""Thermal model of a machine from drift recordings, validated on another thermal cycle.
+
+Each error motion is regressed on a few lagged temperatures times polynomials of the position; the result is a machine
+with drift effects, fitted jointly. Units: mm, rad, K, s.
+"""
 
 from __future__ import annotations
 
@@ -24,8 +28,10 @@ from identification.thermal.recordings import Drift, Recordings, recordings
 from identification.thermal.selection import centred, choose
 from identification.thermal.stepwise import stepwise
 
-QUICKEST, FACTOR, SLOWEST = 300.0, 1.6, 14400.0  # s: lags that are tried; a sensor's own reading is there as well
-MOST_ORDER = 2  # of the polynomial along the travel
+# Time constants of the lags, s: shortest, ratio and longest of a geometric series; zero lag is tried as well. By
+# judgement: minutes for a spindle or screw to hours for a casting
+SHORTEST_LAG_S, LAG_FACTOR, LONGEST_LAG_S = 300.0, 1.6, 14400.0
+MOST_TRAVEL_ORDER = 2  # largest order of the polynomial along the travel, by judgement
 
 
 @dataclass(frozen=True)
@@ -39,11 +45,20 @@ class Follows:
 
 @dataclass(frozen=True)
 class MotionResult:
-    """How one error motion drifts, and how well that is predicted in the cycle that was not fitted.
+    """Drift of one error motion and its prediction in the test cycle.
 
-    Root mean squares in mm or rad, after each recording's own zero: `drift` with no model, `stepwise` by regression on
-    temperatures at each position, `lagged` by the model that was fitted; `noise` of one reading, which nothing can go
-    below. `stepwise_r2` is what the regressions reach on their own data, the least of all positions.
+    Root mean squares are in mm or rad, after subtraction of each recording's mean.
+
+    Attributes
+    ----------
+    follows : temperatures in the model, in the order of their selection.
+    positions : of the recordings to fit, mm or rad.
+    drift : rms of the readings, without a model.
+    stepwise : rms residual of stepwise regression on temperatures at each position.
+    stepwise_r2 : smallest coefficient of determination of these regressions on their own data.
+    lagged : rms residual of the fitted model.
+    noise : standard deviation of one reading, the lower limit of any residual.
+    rows : number of test readings.
     """
 
     joint: str
@@ -61,9 +76,14 @@ class MotionResult:
 
 @dataclass(frozen=True)
 class Thermal:
-    """The result: recordings as they were used, each error motion, and the fit of the machine with its drifts.
+    """Result of the thermal identification.
 
-    `predicted` are values (n,) of the lagged model and of the regressions for each test drift of the recordings.
+    Attributes
+    ----------
+    recordings : as used.
+    motions : result of each error motion.
+    fit : fit of the machine with its drift effects.
+    predicted : for each test drift the values (n,) of the lagged model and of the stepwise regression, mm or rad.
     """
 
     recordings: Recordings
@@ -73,13 +93,13 @@ class Thermal:
 
     @property
     def left_beyond(self) -> tuple[float, float]:
-        """Root mean square, over all error motions, of what regressions and the model leave beyond the noise, in it."""
+        """Residual beyond the noise, in units of the noise, rms over all error motions: stepwise, lagged."""
         left = np.array([(m.stepwise / m.noise, m.lagged / m.noise) for m in self.motions])
         stepwise, lagged = np.sqrt(np.mean(np.maximum(left**2 - 1, 0), axis=0)).tolist()
         return stepwise, lagged
 
     def as_json(self) -> dict[str, Any]:
-        """``thermal.json``: mm, rad, s."""
+        """The content of ``thermal.json``: mm, rad, s."""
         r = self.recordings
         return {
             "schema": "errormodel.thermal/1",
@@ -93,12 +113,12 @@ class Thermal:
 
 
 def thermal(machine: Machine, survey: Survey, progress: Progress = silent) -> Thermal:
-    """Find what temperatures each recorded error motion follows, fit the machine with that, and judge it.
+    """Select temperatures and lags for each recorded error motion, fit the machine, and validate on the test cycle.
 
     Raises
     ------
     InputError
-        The recordings cannot show it (`identification.thermal.recordings`), or the machine has a thermal model already.
+        The recordings are not usable (`identification.thermal.recordings`), or the machine has a thermal model already.
     """
     if any(e.effect == StructureDrift.effect and e.options.get("std") for e in machine.effects):
         found = f"{StructureDrift.effect} with std: the machine has a thermal model already"
@@ -119,13 +139,13 @@ def thermal(machine: Machine, survey: Survey, progress: Progress = silent) -> Th
 
 
 def _without_test_drifts(taken: Recordings) -> Survey:
-    """The survey as a fit can judge it: error motions of test files are judged here."""
+    """The survey without error motions of test files, which are evaluated here."""
     table = taken.survey.table
     return taken.survey.rows(((table["role"] == "fit") | (table["joint"] == "")).to_numpy(dtype=bool))
 
 
 def _followed(machine: Machine, taken: Recordings) -> list[list[StructureDrift]]:
-    """What each error motion follows, as effects of its joint."""
+    """Drift effects of each error motion, one for each selected temperature."""
     table = taken.survey.table
     candidates = [(s, tau) for s in taken.sensors for tau in (0.0, *_lags(taken))]
     warm = np.column_stack([warmth(lambda name: columns(table, [name])[0], s, None, tau) for s, tau in candidates])
@@ -133,8 +153,8 @@ def _followed(machine: Machine, taken: Recordings) -> list[list[StructureDrift]]
     for drift in taken.fit:
         joint = joint_of(machine, drift.joint)
         u = scaled(joint, drift.position)
-        shapes = np.column_stack(np.broadcast_arrays(*polynomials(MOST_ORDER, u)))
-        most = min(MOST_ORDER, len(np.unique(drift.position)) - 1)
+        shapes = np.column_stack(np.broadcast_arrays(*polynomials(MOST_TRAVEL_ORDER, u)))
+        most = min(MOST_TRAVEL_ORDER, len(np.unique(drift.position)) - 1)
         tried = warm[drift.rows][:, :, None] * shapes[:, None, :]
         choice = choose(tried, drift.values, drift.series, most, drift.noise)
         own = [(*candidates[k], order) for k, order in choice.picked]
@@ -149,14 +169,14 @@ def _followed(machine: Machine, taken: Recordings) -> list[list[StructureDrift]]
 
 
 def _lags(taken: Recordings) -> list[float]:
-    """Time constants to try, s: up to the length of the longest recording."""
+    """Time constants to try, s: geometric series up to the length of the longest recording."""
     longest = max(float(np.ptp(part["time"])) for _, part in taken.survey.fit.table.groupby(["file", "run"]))
-    count = 1 + int(max(np.log(min(SLOWEST, longest) / QUICKEST) / np.log(FACTOR), 0.0))
-    return [float(f"{QUICKEST * FACTOR**k:.4g}") for k in range(count)]
+    count = 1 + int(max(np.log(min(LONGEST_LAG_S, longest) / SHORTEST_LAG_S) / np.log(LAG_FACTOR), 0.0))
+    return [float(f"{SHORTEST_LAG_S * LAG_FACTOR**k:.4g}") for k in range(count)]
 
 
 def _by_model(fit: Fit, taken: Recordings) -> list[Array]:
-    """What the fitted machine says of each test drift, (n,)."""
+    """Prediction (n,) of each test drift by the fitted machine, mm or rad."""
     named = fit.solution.named()
     truth = Truth({i: named[i] for i in fit.chain.machine_ids})
     said = measured_at(fit.chain.machine, taken.survey.table, truth)
@@ -164,7 +184,7 @@ def _by_model(fit: Fit, taken: Recordings) -> list[Array]:
 
 
 def _by_regression(taken: Recordings, fit: Drift, test: Drift) -> tuple[Array, float]:
-    """What regressions at each position say of a test drift, (n,), and the least R^2 on their own data."""
+    """Prediction (n,) of a test drift by stepwise regression, and the smallest R^2 on the data that were fitted."""
     raw = taken.survey.table[list(taken.sensors)].to_numpy(dtype=np.float64)
     found = stepwise(fit.position, fit.values, raw[fit.rows])
     return found.predict(test.position, raw[test.rows]), float(found.r2.min())
@@ -173,6 +193,7 @@ def _by_regression(taken: Recordings, fit: Drift, test: Drift) -> tuple[Array, f
 def _judged(
     pair: tuple[Drift, Drift], effects: list[StructureDrift], said: Array, usual: tuple[Array, float]
 ) -> MotionResult:
+    """Result of one error motion: residuals of model and regression in the test cycle."""
     fit, test = pair
     values, r2 = usual
 

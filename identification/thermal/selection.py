@@ -1,10 +1,10 @@
-"""Which temperatures, behind which lags, an error motion follows, and how along the travel: a few, found one by one.
+"""Forward selection of lagged temperatures for an error motion by cross-validated ridge regression.
 
-What expands is behind the sensor on its surface, and expands alike in every cycle. So each candidate is a sensor behind
-a first-order lag, times Legendre polynomials of the position up to some order, its coefficients tied to zero by a
-prior: sensors that say nearly the same must not be played off against each other. The candidate that best predicts
-what it was not fitted to is taken, as long as that gains something. Left out are stretches of time and, in turn, whole
-recordings: other positions, mostly in other cycles. The prior's width is found in the same way.
+Structures respond to a surface temperature with a delay. Each candidate is a sensor after a first-order lag, times
+Legendre polynomials of the position up to some order. A normal prior about zero (ridge) keeps nearly collinear sensors
+from large coefficients of opposite sign. The candidate with the smallest cross-validation error is added as long as it
+lowers the error enough. Folds are stretches of time and, in turn, whole recordings (other positions, mostly in other
+cycles). The width of the prior is chosen by the same error.
 """
 
 from __future__ import annotations
@@ -17,19 +17,24 @@ import numpy as np
 
 from errormodel.arrays import Array, Index
 
-STRETCHES = 5  # of every recording
-GAIN = 0.003  # of the mean square error of what was left out: less is not worth another temperature
-MOST = 12  # temperatures an error motion
-WIDTHS = (0.05, 0.2, 0.8)  # of the prior, in what the motion drifts a kelvin
-ALIKE = 0.02  # of the error of what was left out: of priors that do equally well the narrowest is taken
-ROUND_OFF = 1e-10  # of a column's square
+# All by judgement
+STRETCHES_PER_RECORDING = 5  # consecutive parts of each recording that are left out in turn
+LEAST_ERROR_REDUCTION = 0.003  # relative reduction of the cross-validated mean square error by one more temperature
+MOST_TEMPERATURES = 12  # temperatures per error motion
+PRIOR_WIDTHS = (0.05, 0.2, 0.8)  # standard deviations of the prior, in the motion's rms drift per kelvin
+EQUAL_ERROR_SHARE = 0.02  # relative difference of errors within which the narrower prior is preferred
+GRAM_ROUND_OFF = 1e-10  # ridge relative to the largest squared column norm: keeps Gram matrices invertible
 
 
 @dataclass(frozen=True)
 class Choice:
-    """What an error motion follows: (candidate, order along the travel) as they were found; prior's width, a kelvin.
+    """The selected temperatures of an error motion.
 
-    `error` is the root mean square of what was left out and predicted, in the motion's unit.
+    Attributes
+    ----------
+    picked : (candidate, order along the travel), in the order of selection.
+    width : standard deviation of the prior, in the motion's unit per kelvin.
+    error : root mean square of the cross-validation residuals, in the motion's unit.
     """
 
     picked: tuple[tuple[int, int], ...]
@@ -38,28 +43,28 @@ class Choice:
 
 
 def choose(columns: Array, values: Array, series: Index, most_order: int, noise: float) -> Choice:
-    """The candidates, and the width of the prior, that predict best.
+    """Select candidates and the width of the prior by cross-validation.
 
     Parameters
     ----------
     columns : (n, candidates, orders) of all candidates, K over 20 degC times a polynomial.
-    values : (n,) of the error motion.
-    series : (n,) numbers of recording and position: each has an instrument's zero of its own.
-    most_order : the largest order that the positions can tell from others.
-    noise : standard deviation of one value.
+    values : (n,) of the error motion, mm or rad.
+    series : (n,) numbers of recording and position: each has its own zero of the instrument.
+    most_order : largest order that the number of positions determines.
+    noise : standard deviation of one value, mm or rad.
     """
     warmth = np.sqrt(np.mean(np.square(centred(columns[:, :, 0], series))))
     usual = np.sqrt(np.mean(np.square(centred(values, series)))) / max(warmth, 1e-9)
-    if usual == 0:  # nothing moves
+    if usual == 0:  # no drift
         return Choice((), 0.0, 0.0)
     folds = _folds(columns, values, series)
-    tries = [_grow(folds, most_order, width * usual, noise) for width in WIDTHS]
+    tries = [_grow(folds, most_order, width * usual, noise) for width in PRIOR_WIDTHS]
     best = min(choice.error for choice in tries)
-    return next(choice for choice in tries if choice.error <= (1 + ALIKE) * best)
+    return next(choice for choice in tries if choice.error <= (1 + EQUAL_ERROR_SHARE) * best)
 
 
 def centred(values: Array, series: Index) -> Array:
-    """Values (n, ...) without the mean of their series."""
+    """Values (n, ...) minus the mean of their series."""
     flat = values.reshape(len(values), -1)
     sums = np.zeros((int(series.max(initial=0)) + 1, flat.shape[1]))
     np.add.at(sums, series, flat)
@@ -69,9 +74,10 @@ def centred(values: Array, series: Index) -> Array:
 
 @dataclass(frozen=True)
 class _Folds:
-    """Products of the columns, the values behind them, (folds, columns + 1, columns + 1): of rows to fit, and left out.
+    """Gram matrices (folds, columns + 1, columns + 1) of all columns, with the values as the last one.
 
-    `own` and `held` (folds, candidates, orders, orders) are those of each candidate with itself.
+    `fit` is of the rows fitted, `left` of those left out; `own` and `held` (folds, candidates, orders, orders) are
+    their diagonal blocks for each candidate.
     """
 
     fit: Array
@@ -83,15 +89,15 @@ class _Folds:
 
 
 def _folds(columns: Array, values: Array, series: Index) -> _Folds:
-    """A stretch of time of every recording left out, then whole recordings: from sums of each stretch of each one."""
+    """Gram matrices of all folds (stretches of time, then whole recordings), from the sums of each stretch."""
     _, candidates, orders = columns.shape
     flat = columns.reshape(len(values), -1)
     labels = np.unique(series)
     cells: dict[tuple[int, int], tuple[Array, Array, int]] = {}
     both = np.column_stack([flat, values])
-    both = both - both.mean(axis=0)  # for the digits
+    both = both - both.mean(axis=0)  # against cancellation
     for s in labels:
-        for k, rows in enumerate(np.array_split(np.flatnonzero(series == s), STRETCHES)):
+        for k, rows in enumerate(np.array_split(np.flatnonzero(series == s), STRETCHES_PER_RECORDING)):
             part = both[rows]
             cells[int(s), k] = (part.T @ part, part.sum(axis=0), len(part))
 
@@ -103,27 +109,28 @@ def _folds(columns: Array, values: Array, series: Index) -> _Folds:
             out += np.sum([g for g, *_ in own], axis=0) - np.outer(total, total) / max(count, 1)
         return out
 
-    sets = [[key for key in cells if key[1] == k] for k in range(STRETCHES)]
+    sets = [[key for key in cells if key[1] == k] for k in range(STRETCHES_PER_RECORDING)]
     sets += [[key for key in cells if key[0] == s] for s in labels] if len(labels) > 2 else []
     fit = np.array([gram([key for key in cells if key not in out]) for out in sets])
     left = np.array([gram(out) for out in sets])
     blocks = np.arange(candidates * orders).reshape(candidates, orders)
     pairs = (slice(None), blocks[:, :, None], blocks[:, None, :])
-    own = fit[pairs] + ROUND_OFF * float(np.diagonal(fit, axis1=1, axis2=2).max()) * np.eye(orders)
+    own = fit[pairs] + GRAM_ROUND_OFF * float(np.diagonal(fit, axis1=1, axis2=2).max()) * np.eye(orders)
     return _Folds(fit, left, own, left[pairs], blocks, sum(cells[key][2] for out in sets for key in out))
 
 
 def _grow(folds: _Folds, most_order: int, width: float, noise: float) -> Choice:
+    """Forward selection of temperatures at one width of the prior."""
     tie = (noise / width) ** 2
     picked: list[tuple[int, int]] = []
     error = float(folds.left[:, -1, -1].sum())
-    while len(picked) < min(MOST, len(folds.blocks)):
+    while len(picked) < min(MOST_TEMPERATURES, len(folds.blocks)):
         tries = _errors(folds, picked, most_order, tie)
         tries[[c for c, _ in picked]] = np.inf
         candidate = int(np.argmin(tries.min(axis=1)))
-        # of orders that do equally well the lowest
-        order = int(np.flatnonzero(tries[candidate] <= tries[candidate].min() + GAIN * error)[0])
-        if not tries[candidate, order] < (1 - GAIN) * error:
+        # the lowest order among those with nearly the same error
+        order = int(np.flatnonzero(tries[candidate] <= tries[candidate].min() + LEAST_ERROR_REDUCTION * error)[0])
+        if not tries[candidate, order] < (1 - LEAST_ERROR_REDUCTION) * error:
             break
         error = float(tries[candidate, order])
         picked.append((candidate, order))
@@ -131,7 +138,7 @@ def _grow(folds: _Folds, most_order: int, width: float, noise: float) -> Choice:
 
 
 def _errors(folds: _Folds, picked: Sequence[tuple[int, int]], most_order: int, tie: float) -> Array:
-    """Squared error of what was left out, with each candidate and order beside those picked, (candidates, orders)."""
+    """Cross-validation sum of squares (candidates, orders) with each candidate and order added to those picked."""
     shape = folds.blocks.shape
     active = [int(folds.blocks[c, k]) for c, order in picked for k in range(order + 1)]
     fit, left = folds.fit[:, active], folds.left[:, active]
@@ -139,7 +146,7 @@ def _errors(folds: _Folds, picked: Sequence[tuple[int, int]], most_order: int, t
     def apart(rows: Any) -> Array:
         return np.asarray(rows[:, :, :-1].reshape(len(rows), len(active), *shape))
 
-    # what the picked ones explain is taken out of all other columns and of the values
+    # eliminate the picked columns from all others and from the values (Schur complement)
     among, last = left[:, :, active], left[:, :, -1]
     mix = np.linalg.solve(fit[:, :, active] + tie * np.eye(len(active)), fit)
     columns, value = apart(mix), mix[:, :, -1]

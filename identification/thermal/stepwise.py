@@ -1,7 +1,7 @@
-"""What is usually done: at each position a regression on the sensors that a stepwise search keeps, then a polynomial.
+"""Stepwise regression on temperatures at each position, with a polynomial through the positions.
 
-After "Synthesization of Thermally Induced Errors in Coordinate Measuring Machines", equations (5) to (8). It stands
-here as the measure of the method that the command uses (`identification.thermal.selection`).
+After "Synthesization of Thermally Induced Errors in Coordinate Measuring Machines", equations (5) to (8). It is the
+benchmark for the method that the command uses (`identification.thermal.selection`).
 """
 
 from __future__ import annotations
@@ -12,14 +12,19 @@ import numpy as np
 
 from errormodel.arrays import Array
 
-ENTER, LEAVE = 0.05, 0.10  # probability of the F statistic, as statistics programs have it
+# Probabilities of the F statistic below which a sensor enters and above which it leaves: usual in statistics programs
+ENTER_PROBABILITY, LEAVE_PROBABILITY = 0.05, 0.10
 
 
 @dataclass(frozen=True)
 class Stepwise:
-    """Regressions ``constant + coefficients @ temperatures`` (positions, 1 + sensors) at each of `positions` (mm, rad).
+    """Regressions ``constant + coefficients @ temperatures`` at each position.
 
-    `r2` is the coefficient of determination of each on its own data: what such regressions are praised by.
+    Attributes
+    ----------
+    positions : (positions,) mm or rad.
+    coefficients : (positions, 1 + sensors), constant first; mm or rad, and per kelvin.
+    r2 : (positions,) coefficient of determination of each on its own data.
     """
 
     positions: Array
@@ -27,13 +32,13 @@ class Stepwise:
     r2: Array
 
     def predict(self, position: Array, temperatures: Array) -> Array:
-        """At any position (n,) and temperatures (n, sensors): the polynomial through all positions, (n,)."""
+        """Prediction (n,) at positions (n,) and temperatures (n, sensors): polynomial through all positions."""
         at_each = self.coefficients[:, 0] + temperatures @ self.coefficients[:, 1:].T
         return np.asarray(np.einsum("np,np->n", at_each, _through(self.positions, position)))
 
 
 def stepwise(position: Array, values: Array, temperatures: Array) -> Stepwise:
-    """Regressions of values (n,) on temperatures (n, sensors), one for each of the positions (n,)."""
+    """Stepwise regressions of values (n,) on temperatures (n, sensors), one for each distinct position in (n,)."""
     places = np.unique(position)
     coefficients, r2 = np.zeros((len(places), temperatures.shape[1] + 1)), np.zeros(len(places))
     for k, place in enumerate(places):
@@ -47,7 +52,7 @@ def stepwise(position: Array, values: Array, temperatures: Array) -> Stepwise:
 
 
 def _chosen(values: Array, temperatures: Array) -> list[int]:
-    """Columns by stepwise regression: the best enters, then the least leaves if it is not worth it any more."""
+    """Columns by stepwise regression: the best enters, then the weakest leaves if it is no longer significant."""
     from scipy.stats import f
 
     def square(columns: list[int]) -> float:
@@ -56,14 +61,14 @@ def _chosen(values: Array, temperatures: Array) -> list[int]:
         return float(gap @ gap)
 
     chosen: list[int] = []
-    for _ in range(2 * temperatures.shape[1]):  # two turns a sensor are enough, and it cannot go in circles for ever
+    for _ in range(2 * temperatures.shape[1]):  # limited, because entering and leaving can alternate
         left = [c for c in range(temperatures.shape[1]) if c not in chosen]
         dof = len(values) - len(chosen) - 2
         if not left or dof < 1:
             break
         before, tries = square(chosen), {c: square([*chosen, c]) for c in left}
         best = min(tries, key=lambda c: tries[c])
-        if f.sf((before - tries[best]) / (tries[best] / dof + 1e-300), 1, dof) > ENTER:
+        if f.sf((before - tries[best]) / (tries[best] / dof + 1e-300), 1, dof) > ENTER_PROBABILITY:
             break
         chosen.append(best)
         whole = tries[best]
@@ -71,13 +76,13 @@ def _chosen(values: Array, temperatures: Array) -> list[int]:
             c: f.sf((square([o for o in chosen if o != c]) - whole) / (whole / dof + 1e-300), 1, dof) for c in chosen
         }
         worst = max(worth, key=lambda c: worth[c])
-        if worth[worst] > LEAVE:
+        if worth[worst] > LEAVE_PROBABILITY:
             chosen.remove(worst)
     return sorted(chosen)
 
 
 def _through(places: Array, position: Array) -> Array:
-    """Weights (n, places) of the polynomial through all places (Lagrange)."""
+    """Lagrange weights (n, places) of the polynomial through all places."""
     out = np.ones((len(position), len(places)))
     for k, here in enumerate(places):
         for other in np.delete(places, k):

@@ -1,4 +1,4 @@
-"""The result of a thermal model as lines for a terminal."""
+"""Text of the thermal model's result for a terminal."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from errormodel.conventions import unit_of
 from identification.results.parameter_table import printed
 from identification.thermal.run import MotionResult, Thermal
 
-SHOWN = 3  # temperatures of a motion, those that were found first
+TEMPERATURES_SHOWN = 3  # per error motion, the first that were selected
 
 
 def thermal_lines(result: Thermal) -> Iterator[str]:
@@ -37,6 +37,7 @@ def thermal_lines(result: Thermal) -> Iterator[str]:
 
 
 def _follows(motion: MotionResult) -> str:
-    said = [f"{f.sensor}{f' {f.tau / 60:.0f} min' if f.tau else ''}" for f in motion.follows[:SHOWN]]
-    more = len(motion.follows) - SHOWN
+    """The first selected temperatures of an error motion with their lags."""
+    said = [f"{f.sensor}{f' {f.tau / 60:.0f} min' if f.tau else ''}" for f in motion.follows[:TEMPERATURES_SHOWN]]
+    more = len(motion.follows) - TEMPERATURES_SHOWN
     return ", ".join(said) + (f" and {more} more" if more > 0 else "") or "nothing"

@@ -1,1 +1,1 @@
-"""What a fit predicts and how sure it is: prediction, uncertainty budget (GUM), the value of further poses."""
+"""Prediction with standard uncertainty, uncertainty budget (GUM), and the value of further poses."""

@@ -1,9 +1,9 @@
-"""The uncertainty budget of a fit by the GUM: inputs, sensitivities, degrees of freedom, coverage factor.
+"""Uncertainty budget of a fit by the GUM (JCGM 100:2008): inputs, sensitivities, degrees of freedom, coverage factor.
 
-Two kinds of measurand: a component of the predicted volumetric error where it is known worst, and each parameter group.
-Measurement noise reaches both through the fit; a systematic input (a scale factor, a temperature sensor's offset, a
-tool's length) moves what was measured, so the fitted parameters, so the prediction. Inputs are independent. Combination
-and effective degrees of freedom are GTC's (B. D. Hall; JCGM 100:2008, 5.1 and G.4.1).
+Measurands are the component of the predicted volumetric error with the largest uncertainty, and each parameter group.
+Measurement noise propagates to both through the fit. A systematic input (a scale factor, a temperature sensor's offset,
+a tool's length) changes the measured values, thereby the parameters and the prediction. Inputs are independent. The
+combination and the effective degrees of freedom are computed by GTC (B. D. Hall; GUM 5.1 and G.4.1). Units: mm, rad, K.
 """
 
 from __future__ import annotations
@@ -28,20 +28,20 @@ from identification.observation.normal_equations import design_rows, total
 from identification.results.stored_fit import StoredFit
 from identification.uncertainty.prediction import predict
 
-LEVEL = 0.95  # coverage probability
-POSES = 400  # all over the travels and, for few joints, in all their corners: where the prediction is known worst
-CLEARLY = 3.0  # standard deviations of its estimate by which held-out variance must exceed the noise's
-CHUNK = 4000  # rows whose M is held at a time
-STEP = 1e-4  # of a channel's unit, for its sensitivity
-WORTH = 0.01  # of the combined variance: what is left of the fit's covariance is a line of its own above this
+COVERAGE_PROBABILITY = 0.95  # of the expanded uncertainty: convention
+WORST_POSE_CANDIDATES = 400  # random poses, half of them corners at most, among which the worst prediction is sought
+FORM_ERROR_SIGMA = 3.0  # standard deviations by which held-out variance must exceed the noise's: convention
+DESIGN_CHUNK_ROWS = 4000  # rows whose M is held at a time: limits the memory
+SENSITIVITY_STEP = 1e-4  # finite difference of a temperature (K) or load channel; lengths and angles use 1e-3 mm, rad
+LEAST_VARIANCE_SHARE = 0.01  # of the fit's variance, above which the unexplained rest gets its own line; by judgement
 
 
 @dataclass(frozen=True)
 class Input:
-    """One line: `std` in `unit`, `sensitivity` in units of the measurand per that, `dof` may be infinite."""
+    """One line of a budget: `std` in `unit`, `sensitivity` in units of the measurand per `unit`."""
 
     name: str
-    type: str  # A: from a statistical analysis of observations, B: from elsewhere
+    type: str  # A: by statistical analysis of observations, B: by other means (GUM)
     distribution: str
     std: float
     unit: str
@@ -50,6 +50,7 @@ class Input:
 
     @property
     def contribution(self) -> float:
+        """Standard uncertainty of the measurand by this input."""
         return abs(self.sensitivity) * self.std
 
 
@@ -67,7 +68,7 @@ class Budget:
     level: float
 
     def as_json(self) -> dict[str, Any]:
-        """With infinite degrees of freedom as null."""
+        """The budget for JSON, with null for infinite degrees of freedom."""
         lines = [
             asdict(i) | {"contribution": i.contribution, "dof": i.dof if isfinite(i.dof) else None} for i in self.inputs
         ]
@@ -80,7 +81,7 @@ class Budget:
 
 @dataclass(frozen=True)
 class Budgets:
-    """Of the prediction at its worst, None where no position was measured; and of each group, in the fit's order."""
+    """Budgets of the least certain prediction (None where no position was measured) and of each group, in order."""
 
     prediction: Budget | None
     groups: tuple[Budget, ...]
@@ -91,10 +92,16 @@ class Budgets:
         return {"prediction": worst, "groups": [b.as_json() for b in self.groups]}
 
 
-def combine(measurand: str, unit: str, inputs: Sequence[Input], level: float = LEVEL) -> Budget:
-    """The budget of independent inputs: law of propagation, Welch-Satterthwaite, Student's coverage factor.
+def combine(measurand: str, unit: str, inputs: Sequence[Input], level: float = COVERAGE_PROBABILITY) -> Budget:
+    """Combine independent inputs: law of propagation, Welch-Satterthwaite formula, coverage factor of Student's t.
 
-    Effective degrees of freedom are rounded down before the coverage factor is looked up (GUM G.4.1, note 1).
+    Effective degrees of freedom are rounded down before the coverage factor is computed (GUM G.4.1, note 1).
+
+    Parameters
+    ----------
+    measurand, unit : name and unit of the measurand.
+    inputs : lines of the budget.
+    level : coverage probability.
     """
     import GTC
 
@@ -125,7 +132,7 @@ def budgets_of(fit: Fit, groups: Sequence[Mapping[str, Any]], stored: StoredFit)
 
 @dataclass(frozen=True)
 class _Effect:
-    """How an input reaches the groups: by the covariance (p, p) that it causes, or by their change (p,) per unit."""
+    """Effect of an input on the groups: the covariance (p, p) that it causes, or their change (p,) per unit."""
 
     input: Input
     covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
@@ -138,7 +145,7 @@ class _Effect:
         return self._noise(float(row @ self.covariance @ row))
 
     def of_group(self, k: int) -> Input:
-        """The same for one group."""
+        """The budget's line for group k."""
         if self.change is not None:
             return replace(self.input, sensitivity=float(self.change[k]))
         return self._noise(float(self.covariance[k, k]))
@@ -148,7 +155,7 @@ class _Effect:
 
 
 def _effects(fit: Fit) -> Iterator[_Effect]:
-    """What reaches the prediction through the fit: noise by its parts, then systematic inputs."""
+    """Inputs that propagate through the fit: noise by its sources, then systematic inputs."""
     s = fit.solution
     base = s.groups.base
     pick = np.ix_(base, base)
@@ -162,7 +169,7 @@ def _effects(fit: Fit) -> Iterator[_Effect]:
         yield _Effect(line, covariance)
     rest = float(np.trace(left / whole.diagonal()[:, None])) / len(base) if len(base) else 0.0
     estimated = "position" not in s.declared
-    if parts and rest > WORTH:
+    if parts and rest > LEAST_VARIANCE_SHARE:
         name = "scatter beyond the instrument's (residuals, correlation of neighbours)"
         if fit.posterior is not None:
             name = "noise level and shapes of effects, as the posterior has them"
@@ -181,14 +188,17 @@ def _effects(fit: Fit) -> Iterator[_Effect]:
 
 
 def _dof(fit: Fit) -> float:
+    """Degrees of freedom of the fit, at least 1."""
     return float(max(fit.solution.dof, 1))
 
 
 def _input(entry: BudgetEntry, unit: str) -> Input:
+    """A line of the budget from an entry of the survey."""
     return Input(entry.name, entry.type, entry.shape, entry.standard, unit, 1.0, entry.dof or inf)
 
 
 def _unit(fit: Fit, acts: str) -> str:
+    """Unit of a systematic input."""
     joint = next((j for j in fit.chain.machine.joints if j.name == acts), None)
     if joint is not None:
         return "rad" if joint.type == "rotary" else "mm"
@@ -196,22 +206,23 @@ def _unit(fit: Fit, acts: str) -> str:
 
 
 def _own_sigmas(survey: Survey) -> bool:
+    """Whether the survey states a standard uncertainty for each axis in its rows."""
     return any(name in survey.table for name in ("sigma_x", "sigma_y", "sigma_z"))
 
 
 def _rows(fit: Fit) -> Iterator[tuple[PositionView, Array]]:
-    """Position rows in pieces, and their whitened M (3, m, p) in units of the noise."""
+    """Position rows in chunks, and their whitened M (3, m, p) in units of the noise."""
     base, place = fit.solution.groups.base, fit.problem.place()
     for view in fit.counted:
         if isinstance(view, PositionView):
-            for k in range(0, len(view), CHUNK):
-                part = view.part(slice(k, k + CHUNK))
-                rows = design_rows(part, place, most=CHUNK)[:, base] / fit.solution.sigma["position"]
+            for k in range(0, len(view), DESIGN_CHUNK_ROWS):
+                part = view.part(slice(k, k + DESIGN_CHUNK_ROWS))
+                rows = design_rows(part, place, most=DESIGN_CHUNK_ROWS)[:, base] / fit.solution.sigma["position"]
                 yield part, rows.reshape(3, len(part), -1)
 
 
 def _caused(fit: Fit) -> list[tuple[Input, Array]]:
-    """Each source of the declared instrument: its line, and ``M'W S W M`` (p, p) of the covariance S of the rows."""
+    """For each source of the declared instrument its line and ``M'W S W M`` (p, p), S its covariance of the rows."""
     instrument = fit.survey.instrument
     lines: dict[str, Input] = {}
     caused: dict[str, Array] = {}
@@ -219,7 +230,7 @@ def _caused(fit: Fit) -> list[tuple[Input, Array]]:
         sources = instrument.sources(view.measured)
         whole = instrument.covariance(view.measured)
         assert whole is not None
-        # in units of the noise; what a robust fit takes off a row stands in M, so that the parts add up to the whole
+        # in units of the noise; robust weights are contained in M, so that the parts add up to the total
         white = marginal_whitener(whole, ~np.isfinite(fit.survey.measured[view.index]))
         for source in sources:
             if source.std > 0:
@@ -232,14 +243,14 @@ def _caused(fit: Fit) -> list[tuple[Input, Array]]:
 
 
 def _moved_by(fit: Fit, acts: str) -> Array:
-    """``M'W d`` (p,), d the change of what was measured minus predicted per unit of a systematic input."""
+    """``M'W d`` (p,), d the change of measured minus predicted values per unit of a systematic input."""
     out = np.zeros(len(fit.solution.groups.base))
     p = fit.held
     for view, rows in _rows(fit):
         if acts == "scale":
             change = view.pose.rotation.T @ view.measured.T
         else:
-            step = STEP if acts.startswith("T_") or acts == "load" else 1e-3
+            step = SENSITIVITY_STEP if acts.startswith("T_") or acts == "load" else 1e-3
             shifted = [c + step * (root(name) == acts) for name, c in zip(view.chain.channels, view.rows, strict=True)]
             other = replace(view, rows=as_rows(*shifted), fixed={k: v for k, v in view.fixed.items() if k != acts})
             here, there = (np.hstack([g for _, g in v.gaps(p)]) for v in (view, other))
@@ -252,15 +263,15 @@ def _moved_by(fit: Fit, acts: str) -> Array:
 def _prediction(fit: Fit, stored: StoredFit, effects: Sequence[_Effect]) -> Budget:
     """Of the component of the predicted error that is known worst, at the pose where it is, with the machine's tool."""
     machine = fit.chain.machine
-    table = random_points(machine, POSES, 0)
-    corners = list(product(*(j.travel for j in machine.joints)))[: POSES // 2]
+    table = random_points(machine, WORST_POSE_CANDIDATES, 0)
+    corners = list(product(*(j.travel for j in machine.joints)))[: WORST_POSE_CANDIDATES // 2]
     table.iloc[: len(corners), : len(machine.joints)] = np.array(corners)
     source = fit.survey.table
-    for name in source:  # temperatures, load and the rest as they were in the mean
+    for name in source:  # temperatures, load and other channels at their means
         if str(name).startswith(("T_", "w_")) or name in ("time", "feed", "load"):
             table[name] = float(source[name].mean())
     first = source.iloc[0]
-    table = table.assign(run=first["run"], file=first["file"], role="fit", row=np.arange(1, POSES + 1))
+    table = table.assign(run=first["run"], file=first["file"], role="fit", row=np.arange(1, WORST_POSE_CANDIDATES + 1))
     points = replace(fit.survey, table=table)
     known = predict(stored, points)[["ux", "uy", "uz"]].to_numpy()
     worst, axis = np.unravel_index(int(np.argmax(known)), known.shape)
@@ -286,7 +297,7 @@ def _prediction(fit: Fit, stored: StoredFit, effects: Sequence[_Effect]) -> Budg
 
 
 def _design(fit: Fit, rows: list[Array], label: str | None) -> Array:
-    """Change (p, 3) of the predicted position in the measuring frame per unit of each group, at one pose."""
+    """Change (p, 3) of the predicted position in the measuring frame, mm, per unit of each group, at one pose."""
     chain, view = fit.chain, fit.problem.views[0]
     columns = dict(zip(view.columns, view.ids, strict=False)) if isinstance(view, PositionView) else {}
     ids = [columns.get(fit.solution.unknowns[j], fit.solution.unknowns[j]) for j in fit.solution.groups.base]
@@ -299,25 +310,26 @@ def _design(fit: Fit, rows: list[Array], label: str | None) -> Array:
 
 
 def _form(fit: Fit) -> float:
-    """Standard uncertainty (mm) of a coordinate by what blocks left out are missed by, beyond noise and estimates."""
+    """Standard uncertainty (mm) of a coordinate by the form of the model: held-out residuals beyond noise."""
     if not fit.heldout.n:
         return 0.0
     count = sum(own.count for own in fit.solution.sums.values())
     used = len(fit.solution.groups.base)
     noise = (1e-3 * fit.fitted.rms_um) ** 2 / 3 * count / max(count - used, 1)
-    # the other blocks alone know the groups less well than all rows do
+    # parameters estimated without a block are less certain than with all rows
     others = count * (1 - 1 / max(fit.folds, 2)) - used
     left = (1e-3 * fit.heldout.rms_um) ** 2 / 3 - noise * (1 + used / max(others, 1))
-    return sqrt(left) if left > CLEARLY * noise * sqrt(2 / max(count, 1)) else 0.0
+    return sqrt(left) if left > FORM_ERROR_SIGMA * noise * sqrt(2 / max(count, 1)) else 0.0
 
 
 def _inverse(gram: Array) -> Array:
+    """Pseudo-inverse of normal equations, scaled to unit diagonal."""
     d = 1 / np.sqrt(np.diag(gram))
     return np.asarray(np.linalg.pinv(gram * np.outer(d, d), hermitian=True) * np.outer(d, d))
 
 
 def rounded(value: float, digits: int = 2) -> str:
-    """An uncertainty as it is signed: rounded up, two digits."""
+    """An uncertainty as text, rounded up to `digits` significant digits."""
     if value <= 0 or not isfinite(value):
         return "0" if value == 0 else "–"
     places = digits - 1 - floor(np.log10(value))

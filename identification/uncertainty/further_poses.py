@@ -1,7 +1,7 @@
-"""What each row holds of a fit, and what ten more poses would bring, like those measured or the best there are.
+"""Leverage of each row, and predicted standard uncertainties after ten more poses (similar or A-optimal).
 
-Best are those that lower the variances of all groups most, relative to what they are (A-optimal in units of the present
-standard uncertainties), taken one after another from random poses over the travels.
+Optimal poses minimise the sum of the groups' variances relative to the present ones (A-optimality in units of the
+present standard uncertainties). They are chosen one after another from random poses over the travels.
 """
 
 from __future__ import annotations
@@ -20,16 +20,20 @@ if TYPE_CHECKING:
 
     from identification.estimation.result import Fit
 
-MORE = 10  # poses
-CANDIDATES = 400
-BLOCK = 4000  # rows whose M is held at once
+FURTHER_POSES = 10  # number of additional poses that are evaluated
+FURTHER_POSE_CANDIDATES = 400  # random poses from which the best are chosen: limits the time
+LEVERAGE_BLOCK_ROWS = 4000  # rows whose M is held at a time: limits the memory
 
 
 @dataclass(frozen=True)
 class Gain:
-    """Standard uncertainties (rank,) of the groups after ten more poses, and the commands (10, joints) of the best.
+    """Predicted standard uncertainties of the groups after ten more poses.
 
-    `best` and `poses` are None where no position was measured. Uncertainties carry the fit's inflation.
+    Attributes
+    ----------
+    like_these : (rank,) with poses like those measured; in the groups' units, with the fit's Birge ratio.
+    best : (rank,) with the A-optimal poses; None where no position was measured.
+    poses : these poses (10 rows), joints in mm and degrees; None where no position was measured.
     """
 
     like_these: Array
@@ -38,22 +42,24 @@ class Gain:
 
 
 def gain_of(fit: Fit) -> Gain:
-    """The gain of a fit by ten more poses of the same noise."""
+    """Predicted standard uncertainties of a fit after ten more poses with the same noise."""
     s = fit.solution
     known = s.precision[s.groups.base]
     rows = int(np.isfinite(fit.residuals).any(axis=1).sum()) or len(fit.survey)
     information = np.linalg.inv(_unit(s.covariance)) - np.diag(known * np.diag(s.covariance))
     std = np.sqrt(np.diag(s.covariance)) * fit.inflation
-    more = np.linalg.inv(information * (1 + MORE / rows) + np.diag(known * np.diag(s.covariance)))
+    more = np.linalg.inv(information * (1 + FURTHER_POSES / rows) + np.diag(known * np.diag(s.covariance)))
     like = std * np.sqrt(np.diag(more))
     view = next((v for v in fit.problem.views if isinstance(v, PositionView)), None)
     if view is None or not s.groups.rank:
         return Gain(like, None, None)
-    somewhere = anywhere(view, CANDIDATES)
-    design = design_rows(somewhere, fit.problem.place(), CANDIDATES)[:, s.groups.base] / s.sigma["position"]
-    design = (design * np.sqrt(np.diag(s.covariance))).reshape(3, CANDIDATES, -1).transpose(1, 0, 2)
+    somewhere = anywhere(view, FURTHER_POSE_CANDIDATES)
+    design = (
+        design_rows(somewhere, fit.problem.place(), FURTHER_POSE_CANDIDATES)[:, s.groups.base] / s.sigma["position"]
+    )
+    design = (design * np.sqrt(np.diag(s.covariance))).reshape(3, FURTHER_POSE_CANDIDATES, -1).transpose(1, 0, 2)
     C, chosen = _unit(s.covariance), []
-    for _ in range(MORE):
+    for _ in range(FURTHER_POSES):
         seen = design @ C
         noise = np.linalg.inv(seen @ design.transpose(0, 2, 1) + np.eye(3))
         drop = np.einsum("nap,nab,nbp->n", seen, noise, seen)
@@ -65,22 +71,23 @@ def gain_of(fit: Fit) -> Gain:
 
 
 def leverages(fit: Fit) -> Array:
-    """(rows,) how much of the fit's degrees of freedom each row of the survey holds; NaN where nothing was measured.
+    """Leverage (rows,) of each row of the survey; NaN where nothing was measured.
 
-    Their sum is the number of groups; a row with more than two or three times the mean is one that a group hangs on.
+    The sum is the number of groups. A row with more than two or three times the mean dominates some group.
     """
     s, place = fit.solution, fit.problem.place()
     out = np.full(len(fit.survey), np.nan)
     for view in fit.problem.views:
-        for start in range(0, len(view), BLOCK):
-            part = view.part(slice(start, start + BLOCK))
-            rows = design_rows(part, place, BLOCK)[:, s.groups.base] / s.sigma[view.kind]
+        for start in range(0, len(view), LEVERAGE_BLOCK_ROWS):
+            part = view.part(slice(start, start + LEVERAGE_BLOCK_ROWS))
+            rows = design_rows(part, place, LEVERAGE_BLOCK_ROWS)[:, s.groups.base] / s.sigma[view.kind]
             own = np.einsum("np,np->n", rows @ s.covariance, rows).reshape(len(view.outputs), -1).sum(axis=0)
             out[part.index] = np.nan_to_num(out[part.index]) + own
     return out if fit.sorting is None else out * fit.sorting.weight
 
 
 def _unit(covariance: Array) -> Array:
+    """Correlation matrix of a covariance matrix."""
     std = np.sqrt(np.diag(covariance))
     return np.asarray(covariance / np.outer(std, std))
 

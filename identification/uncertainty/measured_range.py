@@ -1,4 +1,4 @@
-"""What the fitted rows covered of each joint and channel, and a word on points beyond that."""
+"""Range of each joint and channel covered by the fitted rows, and notes on points outside it."""
 
 from __future__ import annotations
 
@@ -14,9 +14,10 @@ from errormodel.simulation import outward
 if TYPE_CHECKING:
     import pandas as pd
 
-MARGIN = 0.1  # of the range: so little beyond its ends a curve goes on
-ROUND = 324.0  # deg: a joint that was nearly all around has no side that nobody saw
-_WORDS = ("dir_", "run(", "point_", "tool_")  # channels that have no range, or whose unknown share `predict` counts
+RANGE_MARGIN_SHARE = 0.1  # extrapolation beyond the measured range, as a share of it, that gets no note; by judgement
+FULL_TURN_DEG = 324.0  # range of a rotary joint, 90 % of a turn, from which nothing counts as outside; by judgement
+# Prefixes of channels that have no range, or whose unidentified share is in the uncertainty of `predict`
+_UNRANGED_PREFIXES = ("dir_", "run(", "point_", "tool_")
 
 
 def covered(chain: Chain, table: pd.DataFrame) -> dict[str, list[float]]:
@@ -25,7 +26,7 @@ def covered(chain: Chain, table: pd.DataFrame) -> dict[str, list[float]]:
     names = dict.fromkeys((*(j.name for j in chain.machine.joints), *map(root, chain.channels)))
     out = {}
     for name in names:
-        if name.startswith(_WORDS) or name not in table:
+        if name.startswith(_UNRANGED_PREFIXES) or name not in table:
             continue
         values = table[name].to_numpy(dtype=np.float64)
         if np.isfinite(values).any():
@@ -34,18 +35,23 @@ def covered(chain: Chain, table: pd.DataFrame) -> dict[str, list[float]]:
 
 
 def beyond_notes(chain: Chain, ranges: Mapping[str, list[float]], table: pd.DataFrame) -> Iterator[str]:
-    """A note for each joint and channel of which a table goes beyond what was fitted: how often, and the farthest row.
+    """Notes on joints and channels whose values lie outside the fitted range: number of points and farthest row.
 
-    The stated uncertainty is that of the model's parameters. It says nothing of a model that ends to hold.
+    The stated uncertainty is that of the parameters and assumes that the model holds there.
+
+    Parameters
+    ----------
+    ranges : lowest and highest fitted value by name, as `covered` returns them.
+    table : points to predict, mm and rad.
     """
     table = outward(table, chain.machine)
     kinds = {j.name: j.type for j in chain.machine.joints}
     for name, (low, high) in ranges.items():
-        if name not in table or (kinds.get(name) == "rotary" and high - low >= ROUND):
+        if name not in table or (kinds.get(name) == "rotary" and high - low >= FULL_TURN_DEG):
             continue
         values = table[name].to_numpy(dtype=np.float64)
         beyond = np.fmax(low - values, values - high)
-        outside = beyond > MARGIN * (high - low) + 1e-9 * max(abs(low), abs(high))
+        outside = beyond > RANGE_MARGIN_SHARE * (high - low) + 1e-9 * max(abs(low), abs(high))
         if not outside.any():
             continue
         at = int(np.nanargmax(np.where(outside, beyond, np.nan)))
@@ -60,4 +66,5 @@ def beyond_notes(chain: Chain, ranges: Mapping[str, list[float]], table: pd.Data
 
 
 def _unit(name: str) -> str:
+    """Unit of a channel for messages."""
     return " degC" if name.startswith("T_") else " s" if name == "time" else ""

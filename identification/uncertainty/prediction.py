@@ -1,4 +1,7 @@
-"""Predictions of a stored fit: what would be measured, the volumetric error, and how well both are known."""
+"""Predictions of a stored fit: measured positions, volumetric error, and standard uncertainties.
+
+Positions and errors are in mm in the measuring frame, error motions in mm and rad, standard uncertainties with k = 1.
+"""
 
 from __future__ import annotations
 
@@ -19,22 +22,29 @@ from identification.uncertainty.measured_range import beyond_notes
 if TYPE_CHECKING:
     import pandas as pd
 
-BLOCK = 8192  # rows whose M is held at a time
+PREDICTION_BLOCK_ROWS = 8192  # rows whose M is held at a time: limits the memory
 
-# What an error nobody could identify may be where no identified one of its kind gives a scale (mm, rad, 1, rad/mm)
-PLAUSIBLE = {"mm": 0.02, "rad": 5e-5, "1": 5e-5, "rad/mm": 5e-8}
+# Standard deviation of an unidentified parameter by unit, where no identified one gives a scale; by judgement
+PLAUSIBLE_SIZES = {"mm": 0.02, "rad": 5e-5, "1": 5e-5, "rad/mm": 5e-8}
 
 
 def predict(fit: StoredFit, points: Survey) -> pd.DataFrame:
-    """Predict at commands: ``mx my mz`` (mm, measuring frame), ``ex ey ez`` (actual minus nominal), ``ux uy uz``.
+    """Predict measured positions and volumetric errors at commanded poses.
 
-    What effects of the instrument do (a station that moved, a drift, its scale) is in what would be measured, not in
-    the machine's error. The uncertainty is that of the model: estimated parameters with their covariance, and
-    parameters that the survey could not identify (another tool may bring them in) with the size of the identified ones
-    of their kind.
+    Effects of the instrument (a moved station, drift, scale) are part of the measured position, not of the machine's
+    error. The uncertainty contains the covariance of the estimated parameters and, for unidentified parameters that act
+    here (with another tool, for instance), the size of the identified ones of the same unit.
 
-    Rows about one joint (column ``joint``) get its error motions ``dx ... ec`` (mm, rad) from the joint's own zero, and
-    their standard uncertainties ``u_dx ... u_ec``.
+    Parameters
+    ----------
+    points : commands, mm and rad, with the model's channels.
+
+    Returns
+    -------
+    DataFrame
+        ``mx my mz`` (predicted measurement), ``ex ey ez`` (error, actual minus nominal) and ``ux uy uz`` (its standard
+        uncertainty, k = 1), mm in the measuring frame. Rows about one joint (column ``joint``) get its error motions
+        ``dx ... ec`` (mm, rad) relative to the joint's own zero, and their standard uncertainties ``u_dx ... u_ec``.
     """
     import pandas as pd
 
@@ -45,7 +55,7 @@ def predict(fit: StoredFit, points: Survey) -> pd.DataFrame:
     for label in dict.fromkeys(labels):
         used = label if label in fit.frames else first
         index = np.flatnonzero(labels == label)
-        for part in np.array_split(index, len(index) // BLOCK + 1):
+        for part in np.array_split(index, len(index) // PREDICTION_BLOCK_ROWS + 1):
             out[part] = _predict_frame(fit, as_rows(*(c[part] for c in channels)), used)
     table = pd.DataFrame(out, columns=["mx", "my", "mz", "ex", "ey", "ez", "ux", "uy", "uz"], index=points.table.index)
     if "joint" in points.table:
@@ -69,18 +79,18 @@ def _motions(fit: StoredFit, points: Survey, channels: list[Array]) -> Array:
 
 
 def _labels(fit: StoredFit, points: Survey) -> Array:
-    """The frame of each row, by the rule of the survey that was fitted: mere commands have none of their own."""
+    """Frame label of each row, by the rule of the fitted survey: commands have no frame of their own."""
     return frame_labels(points, fit.frame_mode)
 
 
 def notes(fit: StoredFit, points: Survey) -> tuple[str, ...]:
-    """Notes on assumed rotations and borrowed measuring frames, points beyond what was measured, sides of arrival."""
+    """Notes on assumed rotations, rows in another run's frame, extrapolation, and assumed approach directions."""
     beyond = beyond_notes(fit.chain, fit.data.get("covered", {}), points.table)
     return (*rotation_notes(fit.frames), *_unfitted(fit, points), *beyond, *_arrivals(fit, points))
 
 
 def _arrivals(fit: StoredFit, points: Survey) -> Iterator[str]:
-    """A note for each joint whose side of arrival matters and is in no column: where it comes from."""
+    """Notes on joints whose approach direction acts in the model but is not in a column."""
     names = [c.removeprefix("dir_") for c in fit.chain.channels if c.startswith("dir_")]
     for name in names:
         given = points.table.get(f"dir_{name}")
@@ -92,7 +102,7 @@ def _arrivals(fit: StoredFit, points: Survey) -> Iterator[str]:
 
 
 def _unfitted(fit: StoredFit, points: Survey) -> tuple[str, ...]:
-    """A note on rows whose run (or file) was not fitted: they are predicted in the first one's frame."""
+    """A note on rows whose run (or file) was not fitted: they are predicted in the first fitted frame."""
     what = {"per-run": "run", "per-file": "file"}.get(fit.frame_mode)
     unknown = [label for label in dict.fromkeys(_labels(fit, points)) if label not in fit.frames]
     if what is None or not fit.frames or not unknown or (what == "file" and len(fit.frames) == 1):
@@ -102,6 +112,7 @@ def _unfitted(fit: StoredFit, points: Survey) -> tuple[str, ...]:
 
 
 def _predict_frame(fit: StoredFit, rows: list[Array], label: str | None) -> Array:
+    """Predictions (n, 9) of rows in one measuring frame: position, error, standard uncertainty."""
     chain = fit.chain
     pose: Pose = fit.frames[label] if label is not None else IDENTITY
     columns = (*(frame_columns(chain, label) if label is not None else chain.frame_ids), *chain.ids[6:])
@@ -121,7 +132,7 @@ def _predict_frame(fit: StoredFit, rows: list[Array], label: str | None) -> Arra
 
 
 def _variance(fit: StoredFit, names: list[str], design: Array) -> Array:
-    """(3, m): of the estimated groups, plus what the dependent parameters add where they are no longer dependent."""
+    """Variance (3, m) or (6, m): of the estimated groups, plus dependent parameters that are independent here."""
     place = {n: k for k, n in enumerate(names)}
     kept = [k for k, n in enumerate(fit.base) if n in place]
     base = design[[place[fit.base[k]] for k in kept]]
@@ -142,15 +153,15 @@ def _variance(fit: StoredFit, names: list[str], design: Array) -> Array:
         mix = groups[:, place[name]]
         some = np.flatnonzero(mix)
         left = column - np.tensordot(mix[some], base[some], axes=1)
-        left[np.abs(left) < 1e-6 * np.abs(column).max(initial=1e-300)] = 0.0  # the group acts here as it did there
+        left[np.abs(left) < 1e-6 * np.abs(column).max(initial=1e-300)] = 0.0  # round-off: dependent here as well
         variance += np.square(left * priors.get(name, scale.get(units[name], 0.0)))
     return variance
 
 
 def _plausible(fit: StoredFit) -> dict[str, float]:
-    """Size of an unidentified parameter of each unit: the root mean square of the identified ones, if there are any."""
-    out = dict(PLAUSIBLE)
-    for unit, least in PLAUSIBLE.items():
+    """Size of an unidentified parameter by unit: root mean square of the identified ones, if at least three."""
+    out = dict(PLAUSIBLE_SIZES)
+    for unit, least in PLAUSIBLE_SIZES.items():
         values = [v for i, v in fit.values.items() if fit.units[i] == unit and not i.startswith(("frame", "zero["))]
         if len(values) > 2:
             out[unit] = max(float(np.sqrt(np.mean(np.square(values)))), 1e-3 * least)

@@ -15,7 +15,7 @@ from errormodel.effects.axis_blunder import AxisBlunder
 from errormodel.survey import Survey
 from errormodel.survey_columns import MEASURED
 from identification.observation.assembly import frame_labels
-from identification.observation.frames import IDENTITY, SMALL, Pose, align
+from identification.observation.frames import IDENTITY, MACHINE_ERROR_SHARE, Pose, align
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -72,7 +72,9 @@ class Points:
     @classmethod
     def of(cls, chain: Chain, sheet: Sheet, fixed: bool) -> Points:
         nominal = chain.kernel("nominal", outputs=(0, 1, 2))([sheet[name] for name in chain.channels]).T
-        return cls(nominal, np.column_stack([sheet[name] for name in MEASURED]), fixed, SMALL * chain.size)
+        return cls(
+            nominal, np.column_stack([sheet[name] for name in MEASURED]), fixed, MACHINE_ERROR_SHARE * chain.size
+        )
 
     def __len__(self) -> int:
         return len(self.nominal)

@@ -19,7 +19,7 @@ from errormodel.machine import Joint, Machine
 from errormodel.survey import Survey
 from errormodel.survey_columns import MEASURED, TOOL_COLUMNS
 from identification.diagnosis.data_checks.blunder import FEWEST, Blunder, Points, Sheet, groups, sheet
-from identification.observation.frames import SMALL
+from identification.observation.frames import MACHINE_ERROR_SHARE
 
 ALIKE = 1.05  # times: two changes that fit as well
 BETTER = 4.0  # times: a mended table must fit the nominal machine this much better
@@ -52,7 +52,7 @@ def wrong_column(chain: Chain, survey: Survey, *, two: bool = False) -> Blunder 
 
     table = Points.of(chain, columns, fixed)
     before = misfit(())
-    small, larger, largest = (part * chain.size / max(table.reach, 1e-9) for part in (SMALL, ZERO, TWO))
+    small, larger, largest = (part * chain.size / max(table.reach, 1e-9) for part in (MACHINE_ERROR_SHARE, ZERO, TWO))
     if before < small:
         return None
     enough = min(before / BETTER, RIGHT)

@@ -15,7 +15,7 @@ from errormodel.exceptions import InputError
 from errormodel.survey import Survey
 from errormodel.survey_columns import MEASURED, TOOL_COLUMNS
 from identification.diagnosis.data_checks.blunder import Blunder, groups, listed
-from identification.observation.frames import SMALL
+from identification.observation.frames import MACHINE_ERROR_SHARE
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -45,7 +45,7 @@ def copied_rows(chain: Chain, survey: Survey) -> Blunder | None:
     if not again.any():
         return None
     points = chain.kernel("nominal", outputs=(0, 1, 2))(chain.columns(part)).T
-    elsewhere = np.linalg.norm(points - points[earlier], axis=1) > SMALL * chain.size
+    elsewhere = np.linalg.norm(points - points[earlier], axis=1) > MACHINE_ERROR_SHARE * chain.size
     timed = "time" in part and part["time"].nunique() > len(part) / 4
     whole = part.drop(columns=["row", "file"]).duplicated().to_numpy() & timed
     bad = again & (elsewhere | whole)

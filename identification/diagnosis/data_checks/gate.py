@@ -24,10 +24,10 @@ from identification.diagnosis.data_checks.checks import find_blunders
 from identification.diagnosis.data_checks.duplicates_and_clock import copied_rows
 from identification.estimation.checks import FAR, another, far_off, looked_over
 from identification.estimation.result import Fit
-from identification.observation.frames import SMALL
+from identification.observation.frames import MACHINE_ERROR_SHARE
 
 WILD = 10.0  # times the distance of most rows, and
-WILD_FROM = 10 * SMALL  # of the machine's size: no row of a sound recording lies so far off
+WILD_FROM = 10 * MACHINE_ERROR_SHARE  # of the machine's size: no row of a sound recording lies so far off
 EXPLAINED = 0.01  # of the nominal error: a fit that leaves less has found it, if its errors are of a machine's size
 LARGE = 0.05  # rad or 1: error motions of a joint that a machine never has
 
@@ -54,7 +54,7 @@ def passed(machine: Machine, survey: Survey, fitted: Callable[[], Fit], robust: 
     if (copies := copied_rows(fit.chain, survey)) is not None:  # they lie where they should, and count more than once
         raise InputError(str(survey.source), copies.text, _cure(copies))
     nominal = fit.nominal
-    if not nominal.n or 1e-3 * nominal.max_um < SMALL * fit.chain.size:
+    if not nominal.n or 1e-3 * nominal.max_um < MACHINE_ERROR_SHARE * fit.chain.size:
         return fit
     examine(machine, survey, robust)
     if _whole(survey) and another(fit.chain, nominal) and not _known_by(fit):
@@ -124,7 +124,7 @@ def _known_by(fit: Fit) -> bool:
     travels = {j.name: j.travel[1] - j.travel[0] for j in chain.machine.joints}
     for parameter in chain.parameters:
         travel = travels.get(parameter.element)
-        limit = {"1": LARGE, "rad": LARGE, "rad/mm": LARGE / (travel or 1.0), "mm": FAR * chain.size}
+        limit = {"1": LARGE, "rad": LARGE, "rad/mm": LARGE / (travel or 1.0), "mm": FOREIGN_MACHINE_SHARE * chain.size}
         dimension = travel is None and parameter.motion not in ROTATIONS  # an offset or a tool may be another one
         if not dimension and abs(named.get(parameter.id, 0.0)) > limit.get(parameter.unit, np.inf):
             return False

@@ -19,7 +19,7 @@ from errormodel.survey import Survey
 from errormodel.survey_columns import MEASURED, ORIENTATION
 from identification.diagnosis.data_checks.blunder import Blunder, Points, groups, sheet
 from identification.diagnosis.data_checks.columns import Changes, mended, single_changes
-from identification.observation.frames import SMALL, Pose
+from identification.observation.frames import MACHINE_ERROR_SHARE, Pose
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -67,7 +67,7 @@ class _Part:
 
     @property
     def small(self) -> float:
-        return SMALL * self.chain.size
+        return MACHINE_ERROR_SHARE * self.chain.size
 
     @property
     def plausible(self) -> float:
