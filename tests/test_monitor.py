@@ -22,7 +22,7 @@ from errormodel.survey import read_survey
 from identification.estimation.run import fit_machine
 from identification.monitoring import run as stage
 from identification.monitoring.alarms import alarm_text, look_at
-from identification.monitoring.control_limits import USEFUL, Judged, judge
+from identification.monitoring.control_limits import USEFUL_CYCLES, Judged, judge
 from identification.monitoring.history import Record, opened
 from identification.monitoring.quantities import NOISE, Cycle, measured, watched
 from identification.results import store
@@ -135,7 +135,7 @@ def test_first_cycles_only_teach(fitted, tmp_path):
     folder = Path(shutil.copytree(fitted / "bare", tmp_path / "fit"))
     for seed in (1, 2, 3):
         out = monitor(folder, cycle_table(seed, {"ec": 1e-3 * (seed == 3)}), name=f"{seed}.csv").out
-        assert f"learning: {seed - 1} earlier cycles; a range needs 3, and a useful one {USEFUL}" in out
+        assert f"learning: {seed - 1} earlier cycles; a range needs 3, and a useful one {USEFUL_CYCLES}" in out
     data = json.loads((folder / "monitor.json").read_text())
     assert (data["status"], data["alarms"], data["together_p_value"]) == ("learning", [], None)
 

@@ -1,4 +1,7 @@
-"""A survey of error motions only, as a compensation sees it: which were read, where all joints stood, what is left."""
+"""Surveys of single-joint error motions, prepared for compensation: joints measured, positions, held-out residuals.
+
+Positions in mm and rad; error motions at the tool's tip in mm.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +24,7 @@ if TYPE_CHECKING:
 
 
 def joints_read(table: pd.DataFrame) -> dict[str, list[str]] | None:
-    """Of a survey of error motions only, which motions of which joints were read; None of any other survey."""
+    """Error motions measured of each joint, of a survey of error motions only; None for any other survey."""
     if "joint" not in table or table["joint"].isna().any():
         return None
     out: dict[str, list[str]] = {}
@@ -31,9 +34,10 @@ def joints_read(table: pd.DataFrame) -> dict[str, list[str]] | None:
 
 
 def placed(table: pd.DataFrame, machine: Machine, read: Collection[str]) -> pd.DataFrame:
-    """Rows about one joint each with positions of all: the others in the middle of what was read of them.
+    """Complete rows that concern one joint with positions of all joints.
 
-    Joints of which nothing was read stand still, where most rows have them or in the middle of their travel.
+    Joints that were measured elsewhere are placed in the middle of their measured range, the others at the median of
+    their positions or in the middle of their travel.
     """
     table = table.copy()
     for joint in machine.joints:
@@ -47,12 +51,12 @@ def placed(table: pd.DataFrame, machine: Machine, read: Collection[str]) -> pd.D
 
 
 def known_at_tip(folder: Path, read: Mapping[str, Sequence[str]]) -> list[str]:
-    """The joints whose errors at the tool are known from readings of these error motions.
+    """Joints whose errors at the tool follow from the measured error motions.
 
     Raises
     ------
     InputError
-        None is.
+        There is no such joint, since only angles were measured.
     """
     known = [joint for joint, motions in read.items() if any(m in TRANSLATIONS for m in motions)]
     if not known:
@@ -63,18 +67,18 @@ def known_at_tip(folder: Path, read: Mapping[str, Sequence[str]]) -> list[str]:
 
 
 def motion_rows(field: Field, table: pd.DataFrame, read: Mapping[str, Sequence[str]]) -> Rows | None:
-    """Readings of error motions that a fit without them predicted; what is `left` at the tool's tip.
+    """Held-out residuals of error motions, transferred to the tool's tip.
 
-    Each run of a joint comes from a zero of its own, which is its frame. None if there are too few of each joint.
+    Each run of a joint has a zero of its own, which serves as its frame. None if there are too few rows of each joint.
     """
-    from identification.compensation.rows import FEWEST, Rows, commands
+    from identification.compensation.rows import FEWEST_HELD_OUT, Rows, commands
 
     q, came, tools = commands(table, field.chain.machine)
     left, known = np.zeros((len(table), 3)), np.zeros(len(table), dtype=bool)
     for k, joint in enumerate(field.joints):
         names = [f"heldout_{m}_{'um' if m in TRANSLATIONS else 'urad'}" for m in read.get(joint.name, ())]
         keep = ((table["joint"] == joint.name) & table[names].notna().any(axis=1)).to_numpy(dtype=bool)
-        if not names or keep.sum() < FEWEST:
+        if not names or keep.sum() < FEWEST_HELD_OUT:
             continue
         known |= keep
         motions = np.zeros((int(keep.sum()), 6))
@@ -89,7 +93,7 @@ def motion_rows(field: Field, table: pd.DataFrame, read: Mapping[str, Sequence[s
 
 
 def notes_on_motions(setup: Setup, read: Mapping[str, Sequence[str]]) -> Iterator[str]:
-    """What readings of error motions do not say."""
+    """Notes on errors that readings of error motions do not determine."""
     for axis in setup.axes:
         motions = read.get(axis.joint, ())
         turns = [m for m in motions if m not in TRANSLATIONS]

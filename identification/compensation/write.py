@@ -1,4 +1,4 @@
-"""A compensation on disk: the controller's files, the sign test, the checklist and ``compensation.json``."""
+"""Writing a compensation to disk: the controller's files, the sign test, the checklist and ``compensation.json``."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 
 from errormodel.files import write_text_atomic
 from identification.compensation.result import Compensation
-from identification.compensation.text import OWN, compensation_lines
+from identification.compensation.text import COMMON_FILES, compensation_lines
 from identification.results.store import dumps
 
 
@@ -21,5 +21,5 @@ def write_compensation(result: Compensation, folder: Path) -> None:
     for name, text in result.tests.items():
         write_text_atomic(text, folder / "sign_test" / name)
     *lines, _, _ = compensation_lines(result, Path())  # the last say where it was written, which changes when moved
-    write_text_atomic("\n".join(lines) + "\n", folder / OWN[0])
-    write_text_atomic(dumps(result.as_json()), folder / OWN[1])
+    write_text_atomic("\n".join(lines) + "\n", folder / COMMON_FILES[0])
+    write_text_atomic(dumps(result.as_json()), folder / COMMON_FILES[1])

@@ -8,7 +8,7 @@ import numpy as np
 
 from errormodel import __version__
 from identification.monitoring.alarms import alarm_text, value_text
-from identification.monitoring.control_limits import FEWEST, USEFUL
+from identification.monitoring.control_limits import MIN_CYCLES, USEFUL_CYCLES
 from identification.monitoring.run import Monitored
 from identification.plots.history import draw_history
 from identification.report.page import page
@@ -32,7 +32,8 @@ def _headline(result: Monitored) -> str:
     number, judged = result.record.number, result.judged
     if judged.learning:
         return (
-            f"Cycle {number}: learning. {result.learned} earlier cycles; a range needs {FEWEST}, a useful one {USEFUL}."
+            f"Cycle {number}: learning. {result.learned} earlier cycles; "
+            f"a range needs {MIN_CYCLES}, a useful one {USEFUL_CYCLES}."
         )
     if result.record.status == "alarm":
         taken = ", accepted as normal all the same" if result.record.accepted else ""
