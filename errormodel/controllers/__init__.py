@@ -1,4 +1,4 @@
-"""Controllers that take compensation tables: one class a file, found by itself."""
+"""Controllers that take compensation tables: a plug-in registry, one class per file of this package."""
 
 from __future__ import annotations
 

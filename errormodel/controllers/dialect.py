@@ -1,6 +1,6 @@
-"""The language of a control's programmes, as far as the check of signs needs it: slow straight moves, axis by axis.
+"""Syntax of a control's programmes, as far as the polarity check needs it: slow straight moves of one axis.
 
-Every position is a machine coordinate, every move is straight, of one axis and at a stated feed: there is no rapid.
+Every position is a machine coordinate, every move is straight, of one axis and at a stated feed; there are no rapids.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A machine as controllers see it: its axes by their letters there, in mm and degrees."""
+"""Description of a machine for controllers: axes with letters, travels, grids; mm and degrees."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from errormodel.controllers.grids import anchored_grid, even_grid
 from errormodel.exceptions import InputError, nearest
 from errormodel.machine import Vector
 
-LARGEST = 100_000  # nodes of a lattice
+MOST_LATTICE_NODES = 100_000  # nodes of a lattice over all axes, a bound on size and time; by judgement
 
 
 @dataclass(frozen=True)
 class Axis:
-    """An axis as the controller knows it.
+    """An axis of the controller.
 
     Attributes
     ----------
@@ -39,7 +39,7 @@ class Axis:
 
 @dataclass(frozen=True)
 class Reversal:
-    """What an axis loses at a reversal, as ISO 230-2 has it: mean position going plus, less that going minus.
+    """Reversal value of an axis (ISO 230-2): mean position approached in plus direction less that in minus direction.
 
     Negative is ordinary backlash: the axis stays behind the direction of travel.
 
@@ -53,13 +53,13 @@ class Reversal:
 
     @property
     def mean(self) -> float:
-        """What one number for the whole travel should be."""
+        """Single value for the whole travel."""
         return (self.low + self.high) / 2
 
 
 @dataclass(frozen=True)
 class Setup:
-    """The machine as a controller sees it.
+    """The machine as described to a controller.
 
     Attributes
     ----------
@@ -109,7 +109,7 @@ class Setup:
 
     @property
     def ordered(self) -> tuple[Axis, ...]:
-        """Axes in the order X Y Z A B C U V W, as controllers number them, or in that of the user's numbers."""
+        """Axes in the order X Y Z A B C U V W, or in that of the user's numbers."""
         names = sorted(self.numbers, key=lambda n: self.numbers[n]) if self.numbers else in_order(self.names)
         return tuple(map(self.axis, names))
 
@@ -118,7 +118,7 @@ class Setup:
         return self.numbers[name] if self.numbers else in_order(self.names).index(name) + first
 
     def numbered(self, number: int, first: int) -> str:
-        """The axis of that number.
+        """Axis of a number.
 
         Raises
         ------
@@ -132,7 +132,7 @@ class Setup:
 
     @property
     def moving(self) -> tuple[str, ...]:
-        """Axes whose travel the survey covered: of the others nothing is known."""
+        """Axes whose travel the survey covered; nothing is known of the others."""
         return tuple(a.name for a in self.axes if a.measured[1] > a.measured[0])
 
     @property
@@ -146,7 +146,7 @@ class Setup:
         return tuple(a.name for a in self.ordered if a.name in self.linear)
 
     def grid(self, name: str, most: int, anchored: bool = False, every: bool = False) -> tuple[float, ...]:
-        """Equidistant positions over what was measured of an axis: as many as its errors need, at most `most`.
+        """Equidistant positions over the measured range of an axis: as many as its errors need, at most `most`.
 
         `anchored` ones are whole multiples of their step, so that the reference point 0 is one of them; `every`: as
         many as there may be.
@@ -161,7 +161,7 @@ class Setup:
         return make(*axis.measured, self.points - 1)
 
     def lattice(self, names: Sequence[str], most: int, nodes: int) -> tuple[tuple[float, ...], ...]:
-        """Grids of several axes with at most `nodes` nodes together, all thinned alike; bends are kept.
+        """Grids of several axes with at most `nodes` nodes together, coarsened by a common factor; bends are kept.
 
         Raises
         ------
@@ -177,7 +177,7 @@ class Setup:
                 for axis in map(self.axis, names)
             )
         count = int(np.prod([len(g) for g in grids]))
-        if self.points is not None and count > LARGEST:
-            found = f"{self.points} points on {len(names)} axes are {count} nodes, more than {LARGEST}"
+        if self.points is not None and count > MOST_LATTICE_NODES:
+            found = f"{self.points} points on {len(names)} axes are {count} nodes, more than {MOST_LATTICE_NODES}"
             raise InputError("--points", found, "Ask for fewer points")
         return grids

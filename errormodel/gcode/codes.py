@@ -35,10 +35,10 @@ _QUIET = (
 )
 _PRINTING_M = dict.fromkeys(_QUIET.split(), "printer") | {"M17": "motors", "M18": "motors", "M84": "motors"}
 
-STOPS = frozenset(_STOPS)  # carried out after the block's motion: NIST IR 6556, table 8
-ENDS = frozenset({"M2", "M30"})
+STOP_CODES = frozenset(_STOPS)  # carried out after the block's motion: NIST IR 6556, table 8
+END_CODES = frozenset({"M2", "M30"})
 PLANES = {"G17": ("X", "Y", "I", "J", "K"), "G18": ("Z", "X", "K", "I", "J"), "G19": ("Y", "Z", "J", "K", "I")}
-EXACT = frozenset({"G9", "G61", "G61.1"})  # an exact stop at the end of every block
+EXACT_STOPS = frozenset({"G9", "G61", "G61.1"})  # an exact stop at the end of every block
 
 _ROTATED = "Write the programme without rotation, scaling and mirroring"
 _CYCLE = "Write the cycle as single moves (most CAM systems can)"

@@ -16,10 +16,10 @@ from errormodel.gcode.steps import Step
 Correct = Callable[[Array, Array], Array]
 """Commands for wanted positions and directions of arrival, all (n, axes), mm and deg."""
 
-BEND = 0.0002  # mm or deg, by which a straight piece may miss the curve of the correction
-LARGEST = 1.0  # mm or deg: what is larger is no compensation
-LONGEST = 10_000  # pieces of one block
-FINER = 6  # times the samples are doubled before a block is refused
+CHORD_TOLERANCE = 0.0002  # mm or deg, by which a straight piece may miss the curve of the correction
+LARGEST_CORRECTION = 1.0  # mm or deg: what is larger is no compensation
+MOST_PIECES = 10_000  # pieces of one block
+MOST_DOUBLINGS = 6  # times the samples are doubled before a block is refused
 
 
 @dataclass(frozen=True)
@@ -87,9 +87,9 @@ def sampled(part: Part, setup: Setup) -> Part:
     spans = np.array([a.measured[1] - a.measured[0] for a in setup.axes])
     needed = moved / np.where(spans > 0, spans, np.inf) * [a.intervals for a in setup.axes]
     chords = int(np.ceil(part.path.pieces() * (part.ends[1] - part.ends[0])))
-    if chords > LONGEST:
-        part.step.block.refuse(f"an arc of {chords} chords, and {LONGEST} is the most", "Divide it")
-    return replace(part, count=int(max(2, min(np.ceil(4 * known(needed).max()), LONGEST), chords)))
+    if chords > MOST_PIECES:
+        part.step.block.refuse(f"an arc of {chords} chords, and {MOST_PIECES} is the most", "Divide it")
+    return replace(part, count=int(max(2, min(np.ceil(4 * known(needed).max()), MOST_PIECES), chords)))
 
 
 def divided(steps: Sequence[Step], setup: Setup, correct: Correct) -> list[list[Run]]:
@@ -105,13 +105,13 @@ def divided(steps: Sequence[Step], setup: Setup, correct: Correct) -> list[list[
     parts = [[sampled(part, setup) for part in parts_of(step)] for step in steps]
     left = {(k, n): part for k, row in enumerate(parts) for n, part in enumerate(row)}
     found: dict[tuple[int, int], Run] = {}
-    for _ in range(FINER):
+    for _ in range(MOST_DOUBLINGS):
         if not left:
             break
         moved = _corrections(list(left.values()), correct)
         for key, part, shift in zip([*left], [*left.values()], moved, strict=True):
             reasonable(part.step, shift, setup)
-            if np.abs(shift[1::2] - (shift[:-1:2] + shift[2::2]) / 2).max() > BEND / 2:
+            if np.abs(shift[1::2] - (shift[:-1:2] + shift[2::2]) / 2).max() > CHORD_TOLERANCE / 2:
                 left[key] = part.finer()
                 continue
             share = part.shares()
@@ -122,8 +122,8 @@ def divided(steps: Sequence[Step], setup: Setup, correct: Correct) -> list[list[
         part.step.block.refuse(f"a correction that bends more often than {part.count // 2} times along it", "Divide it")
     out = [[found[k, n] for n in range(len(row))] for k, row in enumerate(parts)]
     for step, runs in zip(steps, out, strict=True):
-        if sum(len(r.share) for r in runs) > LONGEST:
-            step.block.refuse(f"more than {LONGEST} pieces", "Divide it")
+        if sum(len(r.share) for r in runs) > MOST_PIECES:
+            step.block.refuse(f"more than {MOST_PIECES} pieces", "Divide it")
     return out
 
 
@@ -144,7 +144,7 @@ def _straight(share: Array, moved: Array) -> Array:
             continue
         part = (share[a : b + 1] - share[a]) / (share[b] - share[a])
         gap = np.abs(moved[a : b + 1] - (moved[a] + part[:, None] * (moved[b] - moved[a]))).max(axis=1)
-        if gap.max() > BEND / 2:
+        if gap.max() > CHORD_TOLERANCE / 2:
             middle = a + int(np.argmax(gap))
             kept.add(middle)
             stack += [(a, middle), (middle, b)]
@@ -155,7 +155,10 @@ def reasonable(step: Step, moved: Array, setup: Setup) -> None:
     """Raise InputError where a correction is none: not a number, or larger than `LARGEST`."""
     largest = np.abs(moved).max(axis=0)
     k = int(np.argmax(np.where(np.isfinite(largest), largest, np.inf)))
-    if not largest[k] <= LARGEST:
+    if not largest[k] <= LARGEST_CORRECTION:
         unit = "deg" if setup.axes[k].rotary else "mm"
-        found = f"a correction of {setup.axes[k].name} by {largest[k]:.3f} {unit}, and {LARGEST:g} {unit} is the most"
+        found = (
+            f"a correction of {setup.axes[k].name} by {largest[k]:.3f} {unit}, "
+            f"and {LARGEST_CORRECTION:g} {unit} is the most"
+        )
         step.block.refuse(found, "Adjust the machine first, measure and fit again")

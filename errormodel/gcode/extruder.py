@@ -13,7 +13,7 @@ import numpy as np
 from errormodel.gcode.grammar import Codes
 from errormodel.gcode.words import Block
 
-INCH = 25.4
+INCH_MM = 25.4
 Spread = Literal["absolute", "relative", ""]
 
 
@@ -46,6 +46,6 @@ class Extruder:
         value = block.number_of("E")
         if value is None:
             return
-        value *= INCH if inch else 1.0
+        value *= INCH_MM if inch else 1.0
         known = {"absolute": value, "relative": self.position + value}
         self.position = known.get(self.spread, np.nan)

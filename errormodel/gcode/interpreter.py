@@ -14,8 +14,8 @@ import numpy as np
 from errormodel.arrays import Array
 from errormodel.controllers.setup import Setup
 from errormodel.gcode import grammar
-from errormodel.gcode.codes import ENDS, PLANES, Dialect
-from errormodel.gcode.extruder import INCH, Extruder
+from errormodel.gcode.codes import END_CODES, PLANES, Dialect
+from errormodel.gcode.extruder import INCH_MM, Extruder
 from errormodel.gcode.grammar import Codes
 from errormodel.gcode.origins import Origins
 from errormodel.gcode.paths import Line, arc_of, centre_by_radius
@@ -54,7 +54,7 @@ class Interpreter:
             if ended:
                 block.refuse(f"it is behind the programme's end (line {ended.number})", "Take it out")
             yield self._step(block, code)
-            if ENDS & {*block.codes("M")} and not self.dialect.printer:
+            if END_CODES & {*block.codes("M")} and not self.dialect.printer:
                 ended = block
 
     def _still(self, block: Block, placed: tuple[int, ...] = ()) -> Step:
@@ -122,7 +122,7 @@ class Interpreter:
                 self._inside(block, k, value * self._unit(k) + shift[k])
 
     def _unit(self, column: int) -> float:
-        return INCH if self.modes.inch and self.linear[column] else 1.0
+        return INCH_MM if self.modes.inch and self.linear[column] else 1.0
 
     def _shift(self, block: Block) -> Array:
         return self.origins.shift(block, self.modes.origin, self.modes.tool)

@@ -12,10 +12,11 @@ import numpy as np
 from errormodel.arrays import Array
 from errormodel.gcode.words import Block
 
-TOLERANCE = 0.005  # mm, by which the radii at an arc's ends may differ: a unit of the third decimal at each end
-TURNED = 0.001  # mm, that an axis moves back at an end of an arc before it counts as turned
-CHORD = 0.0005  # mm, between an arc and its chords
-TURN = 2 * np.pi
+# mm: permitted difference of the radii at an arc's ends, a unit of the third decimal at each end
+ARC_RADIUS_TOLERANCE_MM = 0.005
+ARC_REVERSAL_MM = 0.001  # mm, that an axis moves back at an end of an arc before it counts as turned
+ARC_CHORD_MM = 0.0005  # mm, between an arc and its chords
+FULL_TURN = 2 * np.pi
 
 
 @dataclass(frozen=True)
@@ -86,14 +87,14 @@ class Arc(Line):
     def corners(self) -> Array:
         first = float(np.arctan2(self._first[1], self._first[0]))
         low, high = sorted((first, first + self.angle))
-        quarters = np.arange(np.ceil(low / (TURN / 4)), np.floor(high / (TURN / 4)) + 1) * (TURN / 4)
+        quarters = np.arange(np.ceil(low / (FULL_TURN / 4)), np.floor(high / (FULL_TURN / 4)) + 1) * (FULL_TURN / 4)
         inner = np.sort((quarters - first) / self.angle)
         beside = np.minimum(inner, 1 - inner) * abs(self.angle)
-        turned = self.radius * (1 - np.cos(np.minimum(beside, TURN / 4))) > TURNED
+        turned = self.radius * (1 - np.cos(np.minimum(beside, FULL_TURN / 4))) > ARC_REVERSAL_MM
         return np.concatenate([[0.0], inner[turned], [1.0]])
 
     def pieces(self) -> int:
-        step = 2 * np.arccos(max(1 - CHORD / max(self.radius, CHORD), 0.0))
+        step = 2 * np.arccos(max(1 - ARC_CHORD_MM / max(self.radius, ARC_CHORD_MM), 0.0))
         return max(int(np.ceil(abs(self.angle) / step)), 1)
 
     def nearest(self, q: Array, near: Array) -> Array:
@@ -101,7 +102,7 @@ class Arc(Line):
         first = np.arctan2(self._first[1], self._first[0])
         beside = q[:, [self.i, self.j]] - self.centre
         share = (np.arctan2(beside[:, 1], beside[:, 0]) - first) / self.angle
-        turn = TURN / abs(self.angle)
+        turn = FULL_TURN / abs(self.angle)
         share = share + np.rint((near - share) / turn) * turn
         rise = self.end - self.start  # of a helix: the share by the angle and by the other axes, by their lengths
         rise[[self.i, self.j]] = 0.0
@@ -126,19 +127,19 @@ def arc_of(block: Block, start: Array, end: Array, clockwise: bool, columns: tup
     a, b = start[[i, j]], end[[i, j]]
     first, last = a - centre, b - centre
     radii = float(np.hypot(*first)), float(np.hypot(*last))
-    if min(radii) < TOLERANCE:
+    if min(radii) < ARC_RADIUS_TOLERANCE_MM:
         block.refuse(f"an arc of radius {min(radii):.4f} mm", "Write its centre from the start (I, J, K)")
-    if abs(radii[0] - radii[1]) > TOLERANCE:
+    if abs(radii[0] - radii[1]) > ARC_RADIUS_TOLERANCE_MM:
         found = (
             f"an arc whose end is not on its circle (radius {radii[0]:.4f} mm at the start, {radii[1]:.4f} at the end)"
         )
-        block.refuse(found, f"Write end and centre to within {TOLERANCE} mm")
+        block.refuse(found, f"Write end and centre to within {ARC_RADIUS_TOLERANCE_MM} mm")
     angle = float(np.arctan2(first[0] * last[1] - first[1] * last[0], first @ last))
     closed = float(np.hypot(*(b - a))) < 1e-9
     if clockwise:
-        angle = angle - TURN if angle > 0 or closed else angle
+        angle = angle - FULL_TURN if angle > 0 or closed else angle
     else:
-        angle = angle + TURN if angle < 0 or closed else angle
+        angle = angle + FULL_TURN if angle < 0 or closed else angle
     if abs(angle) < 1e-9:
         block.refuse("an arc without an angle", "Write the end where the arc ends, or leave it out for a full circle")
     return Arc(start, end, i, j, centre, angle)
@@ -155,7 +156,7 @@ def centre_by_radius(block: Block, a: Array, b: Array, radius: float, clockwise:
     chord, half = b - a, float(np.hypot(*(b - a))) / 2
     if half < 1e-6:
         block.refuse("an arc by radius whose end is its start", "Write a full circle by its centre (I, J, K)")
-    if half - abs(radius) > TOLERANCE / 2:
+    if half - abs(radius) > ARC_RADIUS_TOLERANCE_MM / 2:
         found = f"an arc whose ends are {2 * half:.4f} mm apart, more than twice its radius of {abs(radius):.4f} mm"
         block.refuse(found, "Write a larger radius")
     height = float(np.sqrt(max(radius**2 - half**2, 0.0)))

@@ -16,7 +16,7 @@ Place = Mapping[str, float]  # position by axis letter
 START, STAY, UNKNOWN = "START", "stay", "unknown"
 AXIS = re.compile(r"([A-Z])=?([-+]?(?:\d+\.?\d*|\.\d+))")
 OFFSET_NAME = re.compile(r"G5[4-9](\.[123])?|H\d+")
-COMMENT = re.compile(r"\(\s*ERRORMODEL OFFSET([^()]*)\)", re.IGNORECASE)
+OFFSET_COMMENT = re.compile(r"\(\s*ERRORMODEL OFFSET([^()]*)\)", re.IGNORECASE)
 EXAMPLE = "X100,Y-20.5,Z310"
 
 
@@ -77,7 +77,7 @@ class Reading:
         InputError
             It cannot be read, or an option or another comment states an offset, too.
         """
-        stated = COMMENT.findall(text)
+        stated = OFFSET_COMMENT.findall(text)
         if not stated:
             return self
         if len(stated) > 1 or self.offsets.get("") is not None:

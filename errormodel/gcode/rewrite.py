@@ -22,15 +22,15 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.controllers.setup import Setup
-from errormodel.gcode.codes import STOPS
+from errormodel.gcode.codes import STOP_CODES
 from errormodel.gcode.divide import Correct, Run, directions, divided, known, reasonable
-from errormodel.gcode.extruder import INCH
+from errormodel.gcode.extruder import INCH_MM
 from errormodel.gcode.steps import Step, stops_exactly
 
-TAKE_UP = 0.0005  # mm or deg, that the axes may stand beside where a cut's correction begins
+TAKE_UP_TOLERANCE = 0.0005  # mm or deg, that the axes may stand beside where a cut's correction begins
 PATH_WORDS = frozenset("IJKR")
-MOTIONS = frozenset({"G0", "G1", "G2", "G3"})
-DISTORTED = 0.1  # of the length in X, Y, Z: change that a correction may make where other axes move, too
+PATH_CODES = frozenset({"G0", "G1", "G2", "G3"})
+MOST_STRETCH = 0.1  # of the length in X, Y, Z: change that a correction may make where other axes move, too
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ class Writer:
                 self.at[k] = step.q[k]
             else:
                 self.at[k] += step.q[k] - step.path.start[k]
-        own = [g for g in step.block.codes("G") if g in MOTIONS or g == "G80"]
+        own = [g for g in step.block.codes("G") if g in PATH_CODES or g == "G80"]
         self.motion = own[0] if own else self.motion
 
     def _pieces(self, step: Step, runs: Sequence[Run]) -> Iterator[Piece]:
@@ -104,7 +104,7 @@ class Writer:
         for run in runs:
             gap = np.zeros(len(at))
             gap[movable] = (run.corrected[0] - at)[movable]
-            if np.abs(gap).max() > max(TAKE_UP, 1.01 * self._quantum(step)):
+            if np.abs(gap).max() > max(TAKE_UP_TOLERANCE, 1.01 * self._quantum(step)):
                 targets.append((run.corrected[0], float(run.share[0]), float(np.linalg.norm(gap))))
             inner = zip(run.corrected[1:], run.share[1:], np.diff(run.share), strict=True)
             targets += [(q, float(s), float(d * length)) for q, s, d in inner]
@@ -117,7 +117,7 @@ class Writer:
         self._feeds(step, runs)
 
     def _quantum(self, step: Step) -> float:
-        return 0.5 * 10.0 ** -self._figures(step) * (INCH if step.modes.inch else 1.0)
+        return 0.5 * 10.0 ** -self._figures(step) * (INCH_MM if step.modes.inch else 1.0)
 
     def _figures(self, step: Step) -> int:
         return self.figures + 1 if step.modes.inch else self.figures
@@ -136,7 +136,7 @@ class Writer:
             asked = np.linalg.norm(np.diff(step.path.at(run.share), axis=0)[:, first], axis=1)
             moved = np.diff(run.corrected, axis=0)[:, first]
             sent = np.linalg.norm(moved, axis=1)
-            if (np.abs(sent - asked) > DISTORTED * asked + 1e-9).any():
+            if (np.abs(sent - asked) > MOST_STRETCH * asked + 1e-9).any():
                 found = "a feed of other axes than X, Y, Z that a correction of these would change"
                 step.block.refuse(found, "Write this cut in inverse time (G93)")
 
@@ -159,15 +159,15 @@ class Writer:
         for word in block.words:
             if word.letter in self.names or word.letter in PATH_WORDS or word.letter == "E":
                 continue
-            if word.letter == "G" and word.code in MOTIONS:
+            if word.letter == "G" and word.code in PATH_CODES:
                 words += [str(word) if word.code == code else code] if first else []
             elif word.letter == "F" and step.modes.feed == "G93" and divided:
                 words.append(f"F{_plain(word.value / piece.time if piece.time else word.value)}")
-            elif word.letter == "M" and word.code in STOPS:
+            elif word.letter == "M" and word.code in STOP_CODES:
                 words += [str(word)] if piece.last else []
             elif first:
                 words.append(str(word))
-        said = any(w.letter == "G" and w.code in MOTIONS for w in block.words)
+        said = any(w.letter == "G" and w.code in PATH_CODES for w in block.words)
         if (self.printer and not (first and said)) or (first and not said and self.motion != code):
             words.insert(0 if self.printer else len(words), code)
         words += axes
@@ -184,7 +184,7 @@ class Writer:
         for k, name in enumerate(self.names):
             if k not in step.named and not (k in further and name in self.setup.movers):
                 continue
-            unit = INCH if step.modes.inch and self.linear[k] else 1.0
+            unit = INCH_MM if step.modes.inch and self.linear[k] else 1.0
             base = step.shift[k] if step.modes.absolute else self.at[k]
             text = f"{(piece.target[k] - base) / unit:.{figures}f}"
             text = text[1:] if text.startswith("-") and not float(text) else text
@@ -199,7 +199,7 @@ class Writer:
         if not divided or (piece.last and step.spread == "absolute"):
             return f"E{text}"
         figures = max(5, len(text.partition(".")[2]))
-        unit = INCH if step.modes.inch else 1.0
+        unit = INCH_MM if step.modes.inch else 1.0
         value, before = float(text), step.extruded[0] / unit
         if step.spread == "absolute":
             return f"E{before + piece.share * (value - before):.{figures}f}"

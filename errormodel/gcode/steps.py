@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from errormodel.arrays import Array
-from errormodel.gcode.codes import EXACT
+from errormodel.gcode.codes import EXACT_STOPS
 from errormodel.gcode.extruder import Spread
 from errormodel.gcode.paths import Line
 from errormodel.gcode.words import Block
@@ -72,4 +72,4 @@ class Step:
 
 def stops_exactly(step: Step) -> bool:
     """Whether the control stops at the end of every block."""
-    return bool(EXACT & {*step.block.codes("G"), step.modes.path})
+    return bool(EXACT_STOPS & {*step.block.codes("G"), step.modes.path})
