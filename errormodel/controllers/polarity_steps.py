@@ -35,7 +35,7 @@ def check_of(controller: Controller, setup: Setup, tables: Tables) -> dict[str, 
 
 
 def approach(setup: Setup, step: Step) -> float | None:
-    """Where the watched axis comes from, mm, `BACK` before its place; None: no room.
+    """Where the watched axis comes from, mm, `BACK_OFF_MM` before its place; None: no room.
 
     From a side where an indicator on the table can stand before it. Every position must keep `MARGIN` from the ends.
     """

@@ -166,7 +166,7 @@ class Setup:
         Raises
         ------
         InputError
-            The points that were asked for make more nodes than `LARGEST`.
+            The requested points make more nodes than `MOST_LATTICE_NODES`.
         """
         grids = tuple(self.grid(name, most) for name in names)
         share = 1.0

@@ -1,7 +1,7 @@
-"""What was written, executed from its text and compared with what was read, before anybody gets it.
+"""Verification of a corrected programme: it is executed from its text and compared with the original.
 
-The written positions less the correction at each point have to run along the path that was asked for, in its order,
-with the same words, feeds, rapids, extrusion and times.
+The written positions less the correction at each point must follow the original path in its order, with the same
+words, feeds, rapids, extrusion and times. Positions in mm and deg.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ from errormodel.gcode.paths import ARC_CHORD_MM, Line
 from errormodel.gcode.rewrite import PATH_CODES, PATH_WORDS, TAKE_UP_TOLERANCE
 from errormodel.gcode.steps import Step
 
-CHECK_SHARES = np.array([0.0, 0.23, 0.5, 0.81, 1.0])  # of each written piece
-CHECK_STEPS = 4  # steps from a written position back to the one that was asked for: corrections change by less than 1 %
-EXTRUSION_TOLERANCE_MM = 3e-5  # mm, by which the extrusion of a piece may differ: its last figure, rounded
-REVERSAL_DISTANCE_MM = 0.05  # mm of a place where an axis turns back
-LENGTH_TOLERANCE = 0.01  # relative, by which a corrected length may differ
-TIME_TOLERANCE = 1e-6  # relative, by which times of G93 may differ: nine figures
+CHECK_SHARES = np.array([0.0, 0.23, 0.5, 0.81, 1.0])  # shares of each written piece at which it is compared
+CHECK_STEPS = 4  # fixed-point steps from a written position to the original one; corrections change by less than 1 %
+EXTRUSION_TOLERANCE_MM = 3e-5  # mm: permitted difference of the extrusion of a piece, the rounding of its last digit
+REVERSAL_DISTANCE_MM = 0.05  # mm from a reversal of an axis, within which the direction of approach is ambiguous
+LENGTH_TOLERANCE = 0.01  # permitted relative change of the length of a corrected path; by judgement
+TIME_TOLERANCE = 1e-6  # permitted relative difference of the times of G93, which have nine digits
 
 
 @dataclass(frozen=True)
 class Deviation:
-    """Largest differences between what was asked for and what was written, and where."""
+    """Largest differences between the original and the written programme, and where they occur."""
 
     path: float = 0.0  # mm or deg
     line: int = 0
@@ -42,7 +42,7 @@ class Deviation:
     rapids: int = 0
 
     def with_other(self, other: Deviation) -> Deviation:
-        """The larger of each, of the programme with its optional blocks and without."""
+        """Element-wise maximum, of the programme with its optional blocks and without."""
         worst = self if self.path >= other.path else other
         return replace(
             worst,
@@ -55,7 +55,7 @@ class Deviation:
         )
 
     def text(self, name: str) -> str:
-        """A line for a person."""
+        """One line of text for the operator."""
         where = f" (line {self.line})" if self.line else ""
         return (
             f"{name}: {self.rapids} rapids, {self.cuts} cuts in {self.pieces} pieces; executed and compared: "
@@ -102,7 +102,7 @@ def _disagree(step: Step, found: str) -> None:
 
 
 def _words(step: Step, group: Sequence[Step]) -> None:
-    """The same words in the same order, but for those of the path."""
+    """Compare words and their order, except those of the path."""
     if step.kind == "as it is":
         if [g.block.text for g in group] != [step.block.text] or group[0].kind != "as it is":
             _disagree(step, "a line that should stay")
@@ -154,14 +154,14 @@ def _rapids(pairs: Sequence[tuple[Step, Step]], setup: Setup, correct: Correct, 
 
 
 def _quantum(step: Step, figures: int) -> float:
-    """Half a step of the last figure, mm or deg."""
+    """Half a unit of the last digit, mm or deg."""
     return float(max(0.5 * 10.0**-figures, 0.5 * 10.0 ** -(figures + 1) * INCH_MM if step.modes.inch else 0.0))
 
 
 def _paths(
     pairs: Sequence[tuple[Step, Sequence[Step]]], setup: Setup, correct: Correct, figures: int
 ) -> tuple[float, int]:
-    """Largest distance (mm or deg) of a written cut, less its correction, from the path that was asked for."""
+    """Largest distance (mm or deg) of a written cut, less its correction, from the original path."""
     movers = np.array([n in setup.movers for n in setup.names])
     samples = [_samples(step, group, movers) for step, group in pairs]
     if not samples:
@@ -188,7 +188,7 @@ def _paths(
 
 
 def _back(sent: Array, came: Array, free: Array, correct: Correct) -> Array:
-    """Positions that written ones were made from: these less the correction there."""
+    """Positions before correction of written ones, by fixed-point iteration."""
     stands = known(sent)
     q = stands.copy()
     for _ in range(CHECK_STEPS if len(q) else 0):
@@ -262,7 +262,7 @@ def _gap(step: Step, group: Sequence[Step], candidates: Sequence[Array]) -> floa
 
 
 def _extrusion(step: Step, group: Sequence[Step]) -> float:
-    """Largest difference (mm) of the extrusion, which has to grow with the path."""
+    """Largest difference (mm) of the extrusion, which must grow with the path."""
     if not step.block.has("E"):
         if any(s.block.has("E") for s in group):
             _disagree(step, "an extrusion")
@@ -280,7 +280,7 @@ def _extrusion(step: Step, group: Sequence[Step]) -> float:
     along = _along(sizes)[1:]
     gap = float(abs(done[-1] - (whole - before)))
     shared = float(np.abs(done - (whole - before) * along).max())
-    still = np.diff(done, prepend=0.0) == 0.0  # pieces of micrometres, at which nothing is extruded
+    still = np.diff(done, prepend=0.0) == 0.0  # pieces of micrometres without extrusion
     loose = min(1.0, LENGTH_TOLERANCE + float(sizes[still].sum() / max(sizes.sum(), 1e-9)))
     if gap > EXTRUSION_TOLERANCE_MM * unit or shared > EXTRUSION_TOLERANCE_MM * unit + loose * abs(whole - before):
         _disagree(step, f"an extrusion that differs by {max(gap, shared):.5f} mm")
@@ -288,7 +288,7 @@ def _extrusion(step: Step, group: Sequence[Step]) -> float:
 
 
 def _time(step: Step, group: Sequence[Step]) -> float:
-    """Relative difference of the time of a cut in G93; F of other cuts is a word that stays."""
+    """Relative difference of the time of a cut in G93; for other cuts F is compared as a word."""
     if step.modes.feed != "G93":
         return 0.0
     asked = 1 / float(step.block.number_of("F") or np.nan)

@@ -1,4 +1,4 @@
-"""Words that are understood, each with its modal group, and why others are not. What is in no table is refused.
+"""Words of each dialect with their modal groups, and reasons for refusing others. Any word in no table is refused.
 
 Sources: NIST IR 6556, tables 4 (modal groups), 5 and 7 (G and M codes); LinuxCNC manual, "G codes" and "M codes"; FANUC
 Series 30i operator's manual B-64484EN (preparatory functions); Marlin documentation, "G-code index"; RepRap wiki,
@@ -88,7 +88,7 @@ REFUSED: Mapping[str, tuple[str, str]] = {
 
 @dataclass(frozen=True)
 class Dialect:
-    """What one family of controls understands.
+    """Words that a family of controls has.
 
     Attributes
     ----------

@@ -1,6 +1,6 @@
-"""The dialect of a programme, by words that only one of them has. Where words of two stand together nothing is guessed.
+"""Detection of a programme's dialect by words that only one dialect has; contradictory words are refused.
 
-A programme without such words is plain RS274/NGC, which all of these dialects read alike, but for whole numbers: some
+A programme without such words is plain RS274/NGC, which all of these dialects read alike, except whole numbers: some
 FANUC-like controls count ``X10`` in least increments, and ``X10.`` in mm.
 """
 

@@ -1,4 +1,7 @@
-"""Cuts divided where the correction bends, so that straight lines between corrected points follow it."""
+"""Division of cuts where the correction bends, so that straight lines between corrected points follow it.
+
+Positions in mm and deg.
+"""
 
 from __future__ import annotations
 
@@ -16,15 +19,15 @@ from errormodel.gcode.steps import Step
 Correct = Callable[[Array, Array], Array]
 """Commands for wanted positions and directions of arrival, all (n, axes), mm and deg."""
 
-CHORD_TOLERANCE = 0.0002  # mm or deg, by which a straight piece may miss the curve of the correction
-LARGEST_CORRECTION = 1.0  # mm or deg: what is larger is no compensation
-MOST_PIECES = 10_000  # pieces of one block
-MOST_DOUBLINGS = 6  # times the samples are doubled before a block is refused
+CHORD_TOLERANCE = 0.0002  # mm or deg: permitted distance between a straight piece and the corrected curve; by judgement
+LARGEST_CORRECTION = 1.0  # mm or deg: larger corrections are refused as implausible; by judgement
+MOST_PIECES = 10_000  # pieces of one block; by judgement
+MOST_DOUBLINGS = 6  # doublings of the samples before a block is refused
 
 
 @dataclass(frozen=True)
 class Run:
-    """Part of a path along which every axis keeps its direction.
+    """Part of a path along which no axis reverses.
 
     Attributes
     ----------
@@ -38,7 +41,7 @@ class Run:
 
 
 def known(q: Array) -> Array:
-    """Positions with 0 for what is not known: it is not known only where it does not matter."""
+    """Positions with 0 for unknown ones, which occur only where they have no effect."""
     return np.where(np.isfinite(q), q, 0.0)
 
 
@@ -51,7 +54,7 @@ def directions(before: Array, step: Array) -> Array:
 
 @dataclass(frozen=True)
 class Part:
-    """What a run is made from: shares `ends` (2,) of a step's path, sampled in `count` intervals."""
+    """Origin of a run: shares `ends` (2,) of a step's path, sampled in `count` intervals."""
 
     step: Step
     path: Line
@@ -60,7 +63,7 @@ class Part:
     count: int = 0
 
     def finer(self) -> Part:
-        """The same, sampled twice as fine."""
+        """The same part with twice as many samples."""
         return replace(self, count=2 * self.count)
 
     def shares(self) -> Array:
@@ -69,7 +72,7 @@ class Part:
 
 
 def parts_of(step: Step) -> list[Part]:
-    """Parts of a step's path along which directions are kept."""
+    """Parts of a step's path along which no axis reverses."""
     if step.path is None:
         return []
     came, out = step.came, []
@@ -82,7 +85,7 @@ def parts_of(step: Step) -> list[Part]:
 
 
 def sampled(part: Part, setup: Setup) -> Part:
-    """With four intervals in each that the errors along an axis need, and at least an arc's chords."""
+    """A part with four samples per interval that the errors along an axis need, and at least the chords of an arc."""
     moved = np.abs(np.diff(part.path.at(part.ends), axis=0)[0])
     spans = np.array([a.measured[1] - a.measured[0] for a in setup.axes])
     needed = moved / np.where(spans > 0, spans, np.inf) * [a.intervals for a in setup.axes]
@@ -128,7 +131,7 @@ def divided(steps: Sequence[Step], setup: Setup, correct: Correct) -> list[list[
 
 
 def _corrections(parts: Sequence[Part], correct: Correct) -> list[Array]:
-    """Corrections (samples, axes) of each part, all at once."""
+    """Corrections (samples, axes) of each part, evaluated together."""
     points = [known(part.path.at(part.shares())) for part in parts]
     came = [np.tile(part.came, (len(q), 1)) for part, q in zip(parts, points, strict=True)]
     moved = correct(np.vstack(points), np.vstack(came)) - np.vstack(points)
@@ -136,7 +139,7 @@ def _corrections(parts: Sequence[Part], correct: Correct) -> list[Array]:
 
 
 def _straight(share: Array, moved: Array) -> Array:
-    """Indices to keep, so that lines between them stay within `BEND` of all samples (Douglas and Peucker)."""
+    """Samples to keep so that straight lines stay within `CHORD_TOLERANCE` of all (Douglas and Peucker)."""
     kept, stack = {0, len(share) - 1}, [(0, len(share) - 1)]
     while stack:
         a, b = stack.pop()
@@ -152,7 +155,7 @@ def _straight(share: Array, moved: Array) -> Array:
 
 
 def reasonable(step: Step, moved: Array, setup: Setup) -> None:
-    """Raise InputError where a correction is none: not a number, or larger than `LARGEST`."""
+    """Raise InputError where a correction is NaN or larger than `LARGEST_CORRECTION`."""
     largest = np.abs(moved).max(axis=0)
     k = int(np.argmax(np.where(np.isfinite(largest), largest, np.inf)))
     if not largest[k] <= LARGEST_CORRECTION:

@@ -1,7 +1,7 @@
-"""Where a printer's extruder stands, and how its words count.
+"""Position of a printer's extruder, and absolute or relative meaning of its words.
 
-Sources: Marlin documentation, M82, M83 and G92; RepRap wiki, "G-code". Whether G90 and G91 change how E counts, too,
-differs between firmwares (Marlin, Klipper and RepRapFirmware each in its way).
+Sources: Marlin documentation, M82, M83 and G92; RepRap wiki, "G-code". Whether G90 and G91 change the meaning of E as
+well differs between firmwares (Marlin, Klipper and RepRapFirmware).
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ import numpy as np
 from errormodel.gcode.grammar import Codes
 from errormodel.gcode.words import Block
 
-INCH_MM = 25.4
+INCH_MM = 25.4  # mm per inch
 Spread = Literal["absolute", "relative", ""]
 
 
 class Extruder:
-    """Follows E. `position` (mm) is not a number while it is not known."""
+    """State of E; `position` (mm) is NaN while it is unknown."""
 
     def __init__(self) -> None:
         self.position = np.nan
@@ -26,7 +26,7 @@ class Extruder:
         self.later: Spread = ""  # what G90 or G91 said since
 
     def count(self, codes: Codes) -> None:
-        """Take note of codes that say how E counts."""
+        """Update the mode of E from the codes of a block."""
         if "M82" in codes or "M83" in codes:
             self.said, self.later = "absolute" if "M82" in codes else "relative", ""
         elif "G90" in codes or "G91" in codes:
@@ -34,15 +34,15 @@ class Extruder:
 
     @property
     def spread(self) -> Spread:
-        """How E counts; empty where that is not certain."""
+        """Mode of E; empty where it is not certain."""
         return "" if self.later not in ("", self.said) else self.said
 
     def set(self, block: Block) -> None:
-        """G92 E."""
+        """Apply G92 E."""
         self.position = block.number_of("E") or 0.0
 
     def move(self, block: Block, inch: bool) -> None:
-        """Follow a word E."""
+        """Apply a word E."""
         value = block.number_of("E")
         if value is None:
             return

@@ -1,4 +1,4 @@
-"""Paths of one block in positions of the axes: straight lines, arcs and helices.
+"""Paths of one block in positions of the axes (mm, deg): straight lines, arcs and helices.
 
 Source: NIST IR 6556, sections 3.5.1 to 3.5.3 (motion at rapid and feed rate, arcs by centre and by radius).
 """
@@ -14,8 +14,8 @@ from errormodel.gcode.words import Block
 
 # mm: permitted difference of the radii at an arc's ends, a unit of the third decimal at each end
 ARC_RADIUS_TOLERANCE_MM = 0.005
-ARC_REVERSAL_MM = 0.001  # mm, that an axis moves back at an end of an arc before it counts as turned
-ARC_CHORD_MM = 0.0005  # mm, between an arc and its chords
+ARC_REVERSAL_MM = 0.001  # mm: a smaller motion back at an end of an arc counts as no reversal; by judgement
+ARC_CHORD_MM = 0.0005  # mm: permitted distance between an arc and its chords; by judgement
 FULL_TURN = 2 * np.pi
 
 
@@ -35,15 +35,15 @@ class Line:
         return np.asarray(self.start + share[:, None] * (self.end - self.start))
 
     def corners(self) -> Array:
-        """Shares between which every axis keeps its direction, but for `TURNED`."""
+        """Shares between which no axis reverses by more than `ARC_REVERSAL_MM`."""
         return np.array([0.0, 1.0])
 
     def pieces(self) -> int:
-        """Least number of straight pieces."""
+        """Smallest number of straight pieces."""
         return 1
 
     def nearest(self, q: Array, near: Array) -> Array:
-        """Shares of the points of the path that are nearest to positions (k, axes)."""
+        """Shares of the path nearest to positions (k, axes)."""
         step = self.end - self.start
         size = float(step @ step)
         return np.clip((q - self.start) @ step / size, 0, 1) if size else np.ones(len(q))
@@ -98,13 +98,15 @@ class Arc(Line):
         return max(int(np.ceil(abs(self.angle) / step)), 1)
 
     def nearest(self, q: Array, near: Array) -> Array:
-        """Shares, of the turns that are possible those nearest to shares `near` (k,)."""
+        """Shares of the path nearest to positions; of the possible turns, those nearest to shares `near` (k,)."""
         first = np.arctan2(self._first[1], self._first[0])
         beside = q[:, [self.i, self.j]] - self.centre
         share = (np.arctan2(beside[:, 1], beside[:, 0]) - first) / self.angle
         turn = FULL_TURN / abs(self.angle)
         share = share + np.rint((near - share) / turn) * turn
-        rise = self.end - self.start  # of a helix: the share by the angle and by the other axes, by their lengths
+        rise = (
+            self.end - self.start
+        )  # of a helix: mean of the shares by angle and by the other axes, weighted by length
         rise[[self.i, self.j]] = 0.0
         around = (self.radius * self.angle) ** 2
         return np.asarray(np.clip((around * share + (q - self.start) @ rise) / (around + rise @ rise), 0, 1))

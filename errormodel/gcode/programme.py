@@ -1,6 +1,6 @@
-"""A whole programme: read, corrected with the optional blocks and without, checked, and written or refused.
+"""Correction of a whole programme: parsed, corrected with and without the optional blocks, verified, written.
 
-The switch of the optional blocks is taken to stay as it is while a programme runs.
+The switch of the optional blocks is assumed to stay as it is while a programme runs.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from errormodel.gcode.words import Block, lines_of, split
 
 @dataclass(frozen=True)
 class Source:
-    """A programme whose every word is known, and how it is read."""
+    """A programme whose words are all known, with its dialect and offsets."""
 
     name: str
     dialect: Dialect
@@ -35,7 +35,7 @@ class Source:
 
     @classmethod
     def of(cls, name: str, text: str, reading: Reading) -> Source:
-        """Of a programme's text.
+        """Parse a programme's text.
 
         Raises
         ------
@@ -50,7 +50,7 @@ class Source:
         return cls(name, dialect, _blocks(raw, dialect), reading)
 
     def steps(self, setup: Setup, optional: bool = True) -> list[Step]:
-        """What each block does.
+        """Steps of the blocks.
 
         Raises
         ------
@@ -60,7 +60,7 @@ class Source:
         return list(Interpreter(self.dialect, setup, self.reading, self.blocks).run(self.blocks, optional))
 
     def start(self, setup: Setup) -> Array:
-        """Where the axes stand at first (axes,), not a number where that is not known."""
+        """Initial positions of the axes (axes,), NaN where unknown."""
         return Interpreter(self.dialect, setup, self.reading, ()).q
 
     @property
@@ -71,14 +71,14 @@ class Source:
 
 @dataclass(frozen=True)
 class Corrected:
-    """A corrected programme and what its check found, for a person."""
+    """A corrected programme, and notes on the result of its check."""
 
     text: str
     notes: tuple[str, ...] = ()
 
 
 def corrected(name: str, text: str, setup: Setup, correct: Correct, reading: Reading, figures: int) -> Corrected:
-    """The programme with corrected positions, executed and compared with the one that was given.
+    """Correct the positions of a programme, execute the result and compare it with the original.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ def _once(
 
 
 def _split_again(source: Source, lines: Sequence[Sequence[str]]) -> list[Block]:
-    """What was written, read from its text; a block keeps the number of the line that it came from."""
+    """Parse the written lines again; a block keeps the number of its original line."""
     out = []
     for block, part in zip(source.blocks, lines, strict=True):
         for line in part:
@@ -128,7 +128,7 @@ def _split_again(source: Source, lines: Sequence[Sequence[str]]) -> list[Block]:
 
 
 def _blocks(raw: Sequence[Block], dialect: Dialect) -> list[Block]:
-    """Blocks with their words; ``%`` and the programme's number stand where they belong, or nothing is read."""
+    """Blocks with their words; ``%`` and the programme's number must stand in their places."""
     full = [k for k, b in enumerate(raw) if b.text.strip()]
     out, begun = [], False
     for k, block in enumerate(raw):
@@ -153,7 +153,7 @@ def _blocks(raw: Sequence[Block], dialect: Dialect) -> list[Block]:
 
 
 def _notes(source: Source, steps: Sequence[Step], setup: Setup) -> tuple[str, ...]:
-    """What was taken for granted, and what stays uncorrected."""
+    """Notes on assumptions and on what stays uncorrected."""
     steps = [s for s in steps if s.path is not None]
     if not steps:
         return (f"{source.name}: it moves no axis",)

@@ -1,4 +1,4 @@
-"""What a programme does not say of itself, and its user has to: the dialect, work offsets, where axes stand.
+"""Information that a programme does not state: dialect, work offsets, positions of the axes after commands.
 
 Positions are those of the axes (machine coordinates) in mm and degrees, whatever units the programme has.
 """
@@ -22,7 +22,7 @@ EXAMPLE = "X100,Y-20.5,Z310"
 
 @dataclass(frozen=True)
 class Reading:
-    """How a programme is read.
+    """Settings for reading a programme.
 
     Attributes
     ----------

@@ -1,14 +1,12 @@
-"""A programme with corrected positions.
+"""Writing of a programme with corrected positions.
 
-What is written, and what is not:
-
-- a line that moves no axis, and a positioning whose correction is not known, stays as it is, to the letter;
-- a rapid stays one rapid with the axis words that it had, corrected at its end; none is added;
-- a cut is divided where the correction bends, an arc into chords. It gets words of further axes only if the programme
-  commanded them before, their position is known, and their correction changes;
-- where the axes do not stand where a cut's correction begins (behind a rapid that did not name them, where an axis
-  turns back), a first block of micrometres brings them there at the cut's own feed;
-- extrusion and the time of G93 are shared out by length.
+- A line that moves no axis, and a positioning move whose correction is unknown, stays unchanged to the letter.
+- A rapid stays one rapid with its axis words, corrected at its end; none is added.
+- A cut is divided where the correction bends, an arc into chords. It gets words of further axes only if the programme
+  commanded them before, their position is known, and their correction changes.
+- Where the axes are not at the start of a cut's correction (after a rapid that did not name them, or at a reversal), a
+  first block of micrometres moves them there at the cut's own feed.
+- Extrusion and the time of G93 are divided by length.
 
 Source: NIST IR 6556, sections 3.5 (G codes), 3.8 (order of execution).
 """
@@ -27,15 +25,16 @@ from errormodel.gcode.divide import Correct, Run, directions, divided, known, re
 from errormodel.gcode.extruder import INCH_MM
 from errormodel.gcode.steps import Step, stops_exactly
 
+# mm or deg: permitted distance of the axes from the start of a cut's correction; by judgement
 TAKE_UP_TOLERANCE = 0.0005  # mm or deg, that the axes may stand beside where a cut's correction begins
 PATH_WORDS = frozenset("IJKR")
 PATH_CODES = frozenset({"G0", "G1", "G2", "G3"})
-MOST_STRETCH = 0.1  # of the length in X, Y, Z: change that a correction may make where other axes move, too
+MOST_STRETCH = 0.1  # permitted relative change of the length in X, Y, Z where other axes move as well; by judgement
 
 
 @dataclass(frozen=True)
 class Piece:
-    """A line to write: the axes' commands, the shares of the block's length at both its ends, and that of its time."""
+    """A line to write: commands of the axes, and shares of the block's length at both ends and of its time."""
 
     target: Array
     share: float
@@ -45,7 +44,7 @@ class Piece:
 
 
 class Writer:
-    """Writes steps of one programme in order; it knows where the written programme has brought the axes."""
+    """Writer of the steps of one programme in order; it tracks the positions that the written programme reaches."""
 
     def __init__(self, setup: Setup, figures: int, printer: bool) -> None:
         self.names = setup.names
@@ -55,7 +54,7 @@ class Writer:
         self.motion = ""
 
     def lines(self, step: Step, runs: Sequence[Run], rapid: Array | None) -> list[str]:
-        """Lines that take the place of a block; `rapid` (axes,) is the corrected end of a rapid."""
+        """Lines that replace a block; `rapid` (axes,) is the corrected end of a rapid."""
         lines = self._lines(step, runs, rapid)
         self.at[~np.isfinite(step.q)] = np.nan
         return lines
@@ -72,7 +71,7 @@ class Writer:
         for piece in pieces:
             time += piece.time
             axes = self._axes(step, piece)
-            if axes or piece.last:  # what is less than a figure comes with the next piece
+            if axes or piece.last:  # less than the last digit is added to the next piece
                 whole = replace(piece, begin=begin, time=time)
                 out.append(self._line(step, whole, axes, not out, len(pieces) > 1))
                 begin, time = piece.share, 0.0
@@ -80,11 +79,11 @@ class Writer:
         return out
 
     def start(self, q: Array) -> None:
-        """Where the axes stand at the programme's beginning."""
+        """Set the positions of the axes at the start of the programme."""
         self.at = q.copy()
 
     def _follow(self, step: Step) -> None:
-        """A line that stays moves the axes as it says."""
+        """Track the motion of a line that stays unchanged."""
         for k in (*step.named, *step.placed):
             if step.path is None or step.modes.absolute:
                 self.at[k] = step.q[k]
@@ -123,7 +122,7 @@ class Writer:
         return self.figures + 1 if step.modes.inch else self.figures
 
     def _feeds(self, step: Step, runs: Sequence[Run]) -> None:
-        """F counts along X, Y, Z where any of them moves: a correction must not change what it means.
+        """Check that F keeps its meaning: it counts along X, Y, Z where any of them moves.
 
         Source: NIST IR 6556, section 2.1.2.5; LinuxCNC manual, "Feed rate" (U, V, W and A, B, C only without them).
         """
@@ -178,7 +177,7 @@ class Writer:
         return (head + " ".join([*words, *([tail] if tail else [])])).rstrip(" ")
 
     def _axes(self, step: Step, piece: Piece) -> list[str]:
-        """Words of the axes that move, and at the end of those that the block names."""
+        """Words of the axes that move, and at the end those of the axes that the block names."""
         out, figures = [], self._figures(step)
         further = () if step.kind == "rapid" else step.movable
         for k, name in enumerate(self.names):
@@ -207,7 +206,7 @@ class Writer:
 
 
 def _plain(value: float) -> str:
-    """A number in plain figures, nine of them significant."""
+    """A number in plain digits, nine of them significant."""
     text = np.format_float_positional(value, precision=9, fractional=False, trim="0")
     return str(text)
 
@@ -215,7 +214,7 @@ def _plain(value: float) -> str:
 def rewritten(
     steps: Sequence[Step], start: Array, setup: Setup, correct: Correct, figures: int, printer: bool
 ) -> list[list[str]]:
-    """Lines that take the place of each step.
+    """Lines that replace each step.
 
     Parameters
     ----------
@@ -236,7 +235,7 @@ def rewritten(
 
 
 def _rapid_ends(steps: Sequence[Step], setup: Setup, correct: Correct) -> dict[int, Array]:
-    """Corrected ends of rapids; of axes whose position does not matter the unknown stays unknown."""
+    """Corrected ends of rapids; unknown positions that have no effect stay unknown."""
     if not steps:
         return {}
     ends = np.array([s.q for s in steps])

@@ -1,4 +1,4 @@
-"""What the blocks of a programme do, as the interpreter finds it."""
+"""Steps of a programme: effect of each block, as the interpreter finds it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Kind = Literal["rapid", "feed", "as it is"]
 
 @dataclass(frozen=True)
 class Modes:
-    """Modal state behind a block. The motion of a programme is unknown until it is said."""
+    """Modal state after a block; the motion of a programme is unknown until it is stated."""
 
     motion: str = ""
     plane: str = "G17"
@@ -41,7 +41,7 @@ class Modes:
 
 @dataclass(frozen=True)
 class Step:
-    """What a block does.
+    """Effect of a block.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Lines of a programme as words. Every character is part of a word, a comment or white space, or the line is refused.
+"""Lexer: lines of a programme as words. Every character must belong to a word, a comment or white space.
 
 Sources: NIST IR 6556, section 3.3 (format of a line); LinuxCNC manual, "G-code overview"; Marlin documentation, "G-code
 index" (one command a line, its parameters after it); Klipper documentation, "G-Codes" (extended commands).
@@ -16,8 +16,9 @@ from errormodel.exceptions import InputError
 NUMBER_WORD = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)")
 BLANKS = re.compile(r"[ \t]*")
 BLOCK_NUMBER = re.compile(r"[Nn][ \t]*(\d+)(?![\d.])")
-EXTENDED = re.compile(r"[A-Za-z_][A-Za-z_0-9]*_[A-Za-z_0-9]*|[A-Za-z]{3,}[A-Za-z0-9]*")  # of Klipper
-TEXT_CODES = {"M115", "M117", "M118", "M23", "M32", "M862.3", "M486"}  # of printers: their argument is text
+# names of Klipper's extended commands
+EXTENDED = re.compile(r"[A-Za-z_][A-Za-z_0-9]*_[A-Za-z_0-9]*|[A-Za-z]{3,}[A-Za-z0-9]*")
+TEXT_CODES = {"M115", "M117", "M118", "M23", "M32", "M862.3", "M486"}  # codes of printers whose argument is text
 PLAIN_NUMBER_CURE = "Write plain numbers, such as X10.5; a CAM system or the control itself can work them out"
 SIGNS = {
     "#": ("a variable (#)", PLAIN_NUMBER_CURE),
@@ -33,7 +34,7 @@ SIGNS = {
 
 @dataclass(frozen=True)
 class Word:
-    """A letter with its number; `text` is the number as it stands, empty for a letter alone (printers)."""
+    """A letter with its number; `text` is the number as written, empty for a letter alone (printers)."""
 
     letter: str
     text: str
@@ -44,7 +45,7 @@ class Word:
 
     @cached_property
     def code(self) -> str:
-        """Of G and M words: ``G1`` for G01."""
+        """Normal form of G and M words: ``G1`` for G01."""
         return f"{self.letter}{self.value:g}" if self.text else self.letter
 
     def __str__(self) -> str:
@@ -104,7 +105,7 @@ class Block:
 
 
 def lines_of(file: str, text: str) -> list[Block]:
-    """Lines without their ends, none of them split yet.
+    """Lines without their ends, not yet split into words.
 
     Raises
     ------
@@ -128,7 +129,7 @@ def lines_of(file: str, text: str) -> list[Block]:
 
 
 def split(block: Block, printer: bool) -> Block:
-    """The block with its words.
+    """Split a block into its words.
 
     Raises
     ------
