@@ -35,9 +35,8 @@ KINK_WEIGHT = 0.1  # penalty on second differences: values with few poses contin
 # LEAST_CURVE_PIECES: otherwise the last value alone would follow the pose in the corner. By judgement.
 CURVE_PIECES = 8
 LEAST_CURVE_PIECES = 3
-LATTICE_PIECES = (
-    2  # pieces of a lattice along an axis with two directions of approach: nearly all poses are then active
-)
+# pieces of a lattice along an axis with two directions of approach: nearly all poses are then active
+LATTICE_PIECES = 2
 IDLE_TABLE_SHARE = 1e-3  # of the largest table's RMS effect: smaller tables are left out; by judgement
 
 

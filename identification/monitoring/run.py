@@ -24,7 +24,7 @@ from identification.monitoring.history import SCHEMA, Record, opened
 from identification.monitoring.quantities import NOISE, Cycle, Watched, measured, watched
 from identification.results.store import StoredFit
 
-NAME = "monitor.sqlite"
+DATABASE_NAME = "monitor.sqlite"
 # An RMS nominal error beyond both is taken for another machine; by judgement.
 OTHER_MACHINE_RATIO = 30.0  # times the RMS nominal error of the fit
 OTHER_MACHINE_UM = 1000.0  # um
@@ -119,7 +119,7 @@ def monitored(folder: Path, stored: StoredFit, survey: Survey, rate: float, acce
     what = watched(stored)
     cycle = _measure(stored, what, survey)
     digest, model = _digest(survey), _fingerprint(folder, what)
-    with opened(folder / NAME, model) as history:
+    with opened(folder / DATABASE_NAME, model) as history:
         known = history.find(digest)
         earlier = [r.cycle for r in history.records if r.normal and (known is None or r.number < known.number)]
         if known is not None:

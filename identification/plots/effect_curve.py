@@ -18,7 +18,7 @@ from identification.diagnosis.search.model import EffectModel
 from identification.estimation.result import Fit
 from identification.plots import style
 from identification.results.parameter_table import printed
-from identification.results.residual_projection import PAIR, Evidence, axis_of, is_warm
+from identification.results.residual_projection import PAIR_SEPARATOR, Evidence, axis_of, is_warm
 
 POINTS = 361
 PERIODS = 3  # of a wave that has many
@@ -185,8 +185,8 @@ class Channels:
         self._evidence, self._rows = evidence, rows
         self._given = dict(given)
         for name in given:
-            if PAIR in name:
-                one, other = name.split(PAIR)
+            if PAIR_SEPARATOR in name:
+                one, other = name.split(PAIR_SEPARATOR)
                 level = self._median(other)
                 self._given |= {root(one): given[name] + level, root(other): level}
             else:

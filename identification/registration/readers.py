@@ -18,9 +18,8 @@ from identification.registration.refusals import unreadable
 
 TEXT_SUFFIXES = (".csv", ".xyz", ".txt", ".asc")
 CLOUD_SUFFIXES = (*TEXT_SUFFIXES, ".ply", ".pcd")
-FEWEST_HEIGHT_COLUMNS = (
-    12  # columns from which an unnamed table is taken for heights, not for points with attributes; by judgement
-)
+# columns from which an unnamed table is taken for heights, not for points with attributes; by judgement
+FEWEST_HEIGHT_COLUMNS = 12
 MOST_COORDINATE_MM = 1e6  # mm: larger coordinates are refused
 _HEAD = 1 << 16  # bytes in which the first line of numbers must begin
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?(?:nan|inf(?:inity)?)"

@@ -27,9 +27,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
 MOST_CLOUD_POINTS = 2_000_000  # points of a cloud; larger ones are thinned, for time and memory
-MISFIT_RATIO = (
-    20.0  # times the cold noise: with a larger spread the warm points belong to another surface; by judgement
-)
+# times the cold noise: with a larger spread the warm points belong to another surface; by judgement
+MISFIT_RATIO = 20.0
 
 
 @dataclass(frozen=True)

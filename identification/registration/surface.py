@@ -16,10 +16,8 @@ from errormodel.arrays import Array, Mask
 from identification.registration.cleaning import cell_size, lines_of
 
 SURFACE_CLIP_SIGMA = 5.0  # robust standard deviations beyond which a point is left out; by judgement
-COARSEST_INTERVALS, FINER_INTERVALS = (
-    4,
-    (8, 16, 32, 64, 128),
-)  # intervals along the longer side: the first trial, and the following ones
+# intervals along the longer side: the first trial, and the following ones
+COARSEST_INTERVALS, FINER_INTERVALS = 4, (8, 16, 32, 64, 128)
 REFINEMENT_RATIO = 0.995  # ratio of cross-validation errors that finer knots must reach; by judgement
 SURFACE_ROUNDS = 8  # iterations of the outlier rejection; by judgement
 KNOT_POINTS = 60_000  # points that choose the knots; more cost time only

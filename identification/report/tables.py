@@ -12,7 +12,7 @@ from identification.estimation.result import Fit, Spread
 from identification.estimation.run import moved
 from identification.report.wording import file_name, three
 from identification.results.description import no_effect_reasons
-from identification.results.parameter_table import ARCSEC, Estimate, Kind, decimals
+from identification.results.parameter_table import ARCSEC_PER_URAD, Estimate, Kind, decimals
 
 HEADINGS: dict[Kind, str] = {
     "member": "Structural members (constants)",
@@ -120,8 +120,8 @@ def _group_row(e: Estimate) -> GroupRow:
     places = decimals(e.std)
     arcsec = ""
     if e.unit.startswith("µrad"):
-        places_arcsec = decimals(ARCSEC * e.std)
-        size = f"{number(ARCSEC * e.value, places_arcsec)} ± {number(ARCSEC * e.std, places_arcsec)}"
+        places_arcsec = decimals(ARCSEC_PER_URAD * e.std)
+        size = f"{number(ARCSEC_PER_URAD * e.value, places_arcsec)} ± {number(ARCSEC_PER_URAD * e.std, places_arcsec)}"
         arcsec = f"{size} arcsec{e.unit.removeprefix('µrad')}"
     value = f"{number(e.value, places)} ± {number(e.std, places)}"
     significance = number(e.significance, 1) if e.significance < 1e4 else "over 10000"

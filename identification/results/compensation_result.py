@@ -1,4 +1,4 @@
-"""Compensation tables as a notebook uses them."""
+"""Result of a compensation for the Python API."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 class CompensationResult:
-    """What `identification.compensate` returns.
+    """Result of `identification.compensate`.
 
     Attributes
     ----------
@@ -34,7 +34,7 @@ class CompensationResult:
 
     @cached_property
     def figures(self) -> pd.DataFrame:
-        """Rms and largest error (um) before, after an ideal compensation and after these tables, for each set."""
+        """RMS and largest error (um) before, after an ideal compensation and after these tables, for each set."""
         import pandas as pd
 
         rows = [
@@ -49,7 +49,7 @@ class CompensationResult:
         return table
 
     def write(self, folder: str | Path) -> Path:
-        """Make a folder that of the controller's files, ``checklist.txt`` and ``compensation.json``, as a whole."""
+        """Write the controller's files, ``checklist.txt`` and ``compensation.json`` to a folder, all or none."""
         from identification.compensation.write import write_compensation
         from identification.results.results_folder import ResultsFolder
 

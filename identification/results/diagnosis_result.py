@@ -1,4 +1,4 @@
-"""A diagnosis as a notebook uses it."""
+"""Result of a diagnosis for the Python API."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ if TYPE_CHECKING:
 
     from identification.diagnosis.pipeline import Diagnosed
 
-FINDING = ("effect", "where", "motion", "driver", "probability", "statement")
+FINDING_COLUMNS = ("effect", "where", "motion", "driver", "probability", "statement")
 
 
 class DiagnosisResult(FitResult):
-    """What `identification.diagnose` returns: the fit of the extended machine, and what was found.
+    """Result of `identification.diagnose`: the fit of the extended machine, and the findings.
 
     Attributes
     ----------
@@ -42,15 +42,17 @@ class DiagnosisResult(FitResult):
 
     @cached_property
     def findings(self) -> pd.DataFrame:
-        """One row a finding, the strongest first."""
+        """One row per finding, the strongest first."""
         import pandas as pd
 
         rows = [f.as_json() for f in self.diagnosed.diagnosis.findings]
-        return pd.DataFrame([{name: row[name] for name in FINDING} for row in rows], columns=list(FINDING))
+        return pd.DataFrame(
+            [{name: row[name] for name in FINDING_COLUMNS} for row in rows], columns=list(FINDING_COLUMNS)
+        )
 
     @cached_property
     def untestable(self) -> pd.DataFrame:
-        """Effects that this survey cannot show, why, and what would."""
+        """Effects that this survey cannot test, the reason, and the measurement needed."""
         import pandas as pd
 
         rows = [vars(u) for u in self.diagnosed.diagnosis.untestable]
@@ -85,7 +87,7 @@ class DiagnosisPlots(FitPlots):
         self._diagnosed = diagnosed
 
     def where(self) -> Figure:
-        """Map of how well each effect at each place explains the residuals of the plain fit."""
+        """Map of the share of the plain fit's residuals that each effect explains, by place."""
         from errormodel.exceptions import InputError
         from identification.plots.where_map import draw_where_map
 

@@ -1,4 +1,4 @@
-"""A fit as a notebook uses it: tables with units, figures, prediction, storage."""
+"""Result of a fit for the Python API: tables with units, figures, prediction, storage."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ if TYPE_CHECKING:
     from identification.estimation.result import Fit, Spread
     from identification.results.store import StoredFit
 
-STATISTICS = ("rms_um", "mean_um", "max_um", "n")
+STATISTICS_COLUMNS = ("rms_um", "mean_um", "max_um", "n")
 
 
 class FitResult:
-    """What `identification.fit` returns. All tables are made when they are asked for.
+    """Result of `identification.fit`; tables are computed on request.
 
     Attributes
     ----------
@@ -46,12 +46,12 @@ class FitResult:
 
     @property
     def degrees_of_freedom(self) -> int:
-        """Of the residuals."""
+        """Degrees of freedom of the residuals."""
         return self.fit.solution.dof
 
     @cached_property
     def parameters(self) -> pd.DataFrame:
-        """One row a base parameter: ``group`` (formula), ISO ``symbol``, ``value``, ``std`` (k = 1), ``unit``."""
+        """One row per base parameter: ``group`` (formula), ISO ``symbol``, ``value``, ``std`` (k = 1), ``unit``."""
         import pandas as pd
 
         from identification.results import store
@@ -71,7 +71,7 @@ class FitResult:
 
     @cached_property
     def residuals(self) -> pd.DataFrame:
-        """One row a measurement: nominal, fitted and held-out residual, um, measured minus predicted."""
+        """One row per measurement: nominal, fitted and held-out residual, um, measured minus predicted."""
         from identification.results import store
 
         table = store.residual_table(self.fit)
@@ -80,7 +80,7 @@ class FitResult:
 
     @cached_property
     def statistics(self) -> pd.DataFrame:
-        """Root mean square, mean and largest 3-D residual (um) and rows: nominal, fitted, held out, each test file."""
+        """RMS, mean and largest 3-D residual (um) and rows: nominal, fitted, held out, each test file."""
         spreads = {"nominal": self.fit.nominal, "fitted": self.fit.fitted, "held out": self.fit.heldout}
         spreads |= {f"test {t.path}": t.fitted for t in self.fit.tests}
         return spread_table(spreads)
@@ -92,7 +92,7 @@ class FitResult:
 
     @cached_property
     def stored(self) -> StoredFit:
-        """What prediction needs of the fit."""
+        """The part of the fit that prediction needs."""
         from identification.results import store
 
         return store.stored(self.fit)
@@ -104,7 +104,7 @@ class FitResult:
         return predict(self, points)
 
     def save(self, folder: str | Path, *, report: bool = False) -> Path:
-        """Make a folder that of this result, as a whole or not at all; with `report`, ``report.html`` is in it."""
+        """Write this result to a folder, all or nothing; with `report`, ``report.html`` as well."""
         from identification.results.results_folder import ResultsFolder
 
         out = ResultsFolder(Path(folder))
@@ -201,7 +201,7 @@ def spread_table(spreads: dict[str, Spread]) -> pd.DataFrame:
     """Statistics of residuals, one row each."""
     import pandas as pd
 
-    rows: list[dict[str, Any]] = [{name: getattr(s, name) for name in STATISTICS} for s in spreads.values()]
-    table = pd.DataFrame(rows, index=list(spreads), columns=list(STATISTICS))
-    table.attrs["units"] = dict.fromkeys(STATISTICS[:3], "um")
+    rows: list[dict[str, Any]] = [{name: getattr(s, name) for name in STATISTICS_COLUMNS} for s in spreads.values()]
+    table = pd.DataFrame(rows, index=list(spreads), columns=list(STATISTICS_COLUMNS))
+    table.attrs["units"] = dict.fromkeys(STATISTICS_COLUMNS[:3], "um")
     return table

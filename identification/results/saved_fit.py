@@ -1,4 +1,4 @@
-"""A result that was read back from its folder."""
+"""Fit or diagnosis read back from its folder, for the Python API."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class SavedFit:
-    """What `identification.load` returns.
+    """Result of `identification.load`.
 
     Attributes
     ----------
@@ -42,12 +42,12 @@ class SavedFit:
 
     @property
     def data(self) -> dict[str, Any]:
-        """``fit.json`` as it stands in the folder."""
+        """Content of ``fit.json`` in the folder."""
         return self.stored.data
 
     @cached_property
     def parameters(self) -> pd.DataFrame:
-        """One row a base parameter: ``group`` (formula), ISO ``symbol``, ``value``, ``std`` (k = 1), ``unit``."""
+        """One row per base parameter: ``group`` (formula), ISO ``symbol``, ``value``, ``std`` (k = 1), ``unit``."""
         import pandas as pd
 
         table = pd.DataFrame(self.data["parameters"]).set_index("id")[["group", "symbol", "value", "std", "unit"]]

@@ -1,4 +1,4 @@
-"""A fit on disk: ``fit.json``, the tables beside it, and what `predict` needs to read it back."""
+"""Fit files: writing ``fit.json`` and its tables, and reading back what prediction and compensation need."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ if TYPE_CHECKING:
     import pandas as pd
 
 SCHEMA = "errormodel.fit/1"
-PARAMETERS = (  # columns
+PARAMETER_COLUMNS = (  # columns
     "id", "group", "symbol", "value", "std", "std_after_10_more", "std_after_10_best", "unit", "meaning",
 )  # fmt: skip
 CURE = "Give the folder that `errormodel fit ... --out DIR` wrote"
 
 
 def as_json(fit: Fit) -> dict[str, Any]:
-    """``fit.json``: values and standard uncertainties in mm, rad and their ratios; residual statistics in um."""
+    """Content of ``fit.json``: values and standard uncertainties in mm, rad and ratios; residual statistics in um."""
     s = fit.solution
     named = s.named()
     whole = None if s.dof <= 0 else s.chi2 / s.dof
@@ -98,7 +98,7 @@ def as_json(fit: Fit) -> dict[str, Any]:
 
 
 def parameters(fit: Fit) -> list[dict[str, Any]]:
-    """One entry a group: id of the base parameter, the group as a formula, value, standard uncertainty, unit."""
+    """One entry per group: id of the base parameter, formula, value, standard uncertainty, unit."""
     s, chain = fit.solution, fit.chain
     std = np.sqrt(np.diag(s.covariance)) * fit.inflation
     best = fit.gain.best
@@ -128,7 +128,7 @@ def parameters(fit: Fit) -> list[dict[str, Any]]:
 
 
 def correlations(fit: Fit, least: float = 0.9, most: int = 100) -> list[dict[str, Any]]:
-    """Pairs of groups that hang together, the strongest first; all correlations follow from ``covariance.csv``."""
+    """Most strongly correlated pairs of groups; all correlations follow from ``covariance.csv``."""
     s = fit.solution
     std = np.sqrt(np.diag(s.covariance))
     matrix = np.triu(s.covariance / np.outer(std, std), 1)
@@ -139,7 +139,7 @@ def correlations(fit: Fit, least: float = 0.9, most: int = 100) -> list[dict[str
 
 
 def save(fit: Fit, folder: Path) -> None:
-    """Make `folder` the results of a fit: the files of `write` and their manifest, as a whole or not at all.
+    """Write the results of a fit with their manifest to `folder`, all or nothing.
 
     Raises
     ------
@@ -155,7 +155,7 @@ def write(fit: Fit, folder: Path) -> None:
     import pandas as pd
 
     write_machine(fit.chain.machine, folder / "machine.yaml")
-    table = pd.DataFrame(parameters(fit), columns=list(PARAMETERS))
+    table = pd.DataFrame(parameters(fit), columns=list(PARAMETER_COLUMNS))
     write_csv(table, folder / "parameters.csv")
     write_csv(residual_table(fit), folder / "residuals.csv")
     names = [fit.solution.unknowns[j] for j in fit.solution.groups.base]
@@ -165,7 +165,7 @@ def write(fit: Fit, folder: Path) -> None:
 
 
 def dumps(data: Any) -> str:
-    """Return JSON with NaN as null, so that every reader takes it."""
+    """JSON text with NaN as null, which every reader accepts."""
     return json.dumps(_plain(data), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
@@ -180,7 +180,7 @@ def _plain(value: Any) -> Any:
 
 
 def _pose_json(pose: Pose) -> dict[str, list[float]]:
-    """Translation in mm and rotation vector in rad, reference into measuring frame; axes it is not determined about."""
+    """Translation (mm) and rotation vector (rad) from reference to measuring frame, and undetermined axes."""
     from scipy.spatial.transform import Rotation
 
     return {
@@ -190,10 +190,10 @@ def _pose_json(pose: Pose) -> dict[str, list[float]]:
 
 
 def residual_table(fit: Fit) -> pd.DataFrame:
-    """Every measured row: nominal and fitted residual (and held out), um, in the measuring frame."""
+    """Nominal, fitted and held-out residual of every measured row, um, in the measuring frame."""
     import pandas as pd
 
-    whole = fit.sorting or fit  # outliers have residuals too
+    whole = fit.sorting or fit  # the fit that includes outliers, which have residuals too
     parts: list[tuple[Survey, Array, Array, Array | None]] = [
         (fit.survey, whole.nominal_residuals, whole.residuals, fit.heldout_residuals)
     ]
@@ -220,7 +220,7 @@ def residual_table(fit: Fit) -> pd.DataFrame:
 
 
 def _motion_columns(motions: Motions) -> Any:
-    """The same of error motions that were read, um and urad: ``nominal_dx_um``, ``heldout_eb_urad``."""
+    """Columns of measured error motions, um and urad: ``nominal_dx_um``, ``heldout_eb_urad``."""
     import pandas as pd
 
     columns = {}
@@ -234,16 +234,16 @@ def _motion_columns(motions: Motions) -> Any:
 
 @dataclass(frozen=True)
 class StoredFit:
-    """What `predict` and `compensate` need of a fit: the chain, values, covariance and frames."""
+    """Part of a fit that prediction and compensation need: chain, values, covariance and frames."""
 
     chain: Chain
     values: dict[str, float]
     base: tuple[str, ...]
-    covariance: Array  # of `base`
+    covariance: Array  # of the parameters `base`, in products of their units
     units: dict[str, str]
     groups: dict[str, dict[str, float]]  # members of each group and their coefficients
-    frame_mode: str  # which rows of a survey share a measuring frame
-    frames: dict[str, Pose]  # alignments, which the small frame parameters follow
+    frame_mode: str  # rows that share a measuring frame
+    frames: dict[str, Pose]  # alignments by label; the small frame parameters are relative to them
     test_frames: dict[str, dict[str, Pose]]  # the same for each test file
     data: dict[str, Any]
 
@@ -253,7 +253,7 @@ class StoredFit:
 
 
 def stored(fit: Fit) -> StoredFit:
-    """The fit as it would come back from its folder, without its figures."""
+    """The fit as read back from its folder, without residual statistics."""
     entries = parameters(fit)
     return StoredFit(
         chain=fit.chain,
@@ -270,7 +270,7 @@ def stored(fit: Fit) -> StoredFit:
 
 
 def load(folder: Path) -> StoredFit:
-    """Read a fit's folder back.
+    """Read a fit from its folder.
 
     Raises
     ------
@@ -282,7 +282,7 @@ def load(folder: Path) -> StoredFit:
 
 
 def read_files(folder: Path) -> StoredFit:
-    """Like `load`, without the manifest and the lock."""
+    """Read a fit without checking the manifest and without a lock."""
     path = noted(folder / "fit.json")
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
@@ -310,7 +310,7 @@ def read_files(folder: Path) -> StoredFit:
 
 
 def _poses(entries: list[dict[str, Any]]) -> dict[str, Pose]:
-    """Alignments by label, as `_pose_json` wrote them."""
+    """Alignments by label, from the JSON of `_pose_json`."""
     from scipy.spatial.transform import Rotation
 
     return {
