@@ -273,7 +273,7 @@ for name, result in heated.items():
 # %%
 def draw_homing() -> Figure:
     """The recorded wander and what is left of it, um over hours, both printers."""
-    figure = Figure(figsize=(style.WIDTH, 2.6), facecolor="white")
+    figure = Figure(figsize=(style.REPORT_WIDTH_IN, 2.6), facecolor="white")
     for k, (name, result) in enumerate(heated.items()):
         axes = style.panel(figure, 0.75 + 3.75 * k, 0.5, 3.1, 1.75)
         hours = result.final.survey.table["time"] / 3600
@@ -371,7 +371,7 @@ if arm.is_dir():
     series = {"A": with_curves("a", 8), "C": with_curves("c", 2)}
     for name, (alone, fit) in series.items():
         print(f"series {name}, {len(fit.survey)} rows, held-out blocks: {alone:.0f} -> {fit.heldout.rms_um:.0f} um rms")
-    figure = Figure(figsize=(style.WIDTH, 2.6), facecolor="white")
+    figure = Figure(figsize=(style.REPORT_WIDTH_IN, 2.6), facecolor="white")
     for joint in CURVES:
         angle = np.radians(np.arange(-180.0, 180.0))
         both = np.column_stack([curve(fit, joint, angle) for _, fit in series.values()])

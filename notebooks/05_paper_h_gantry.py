@@ -233,7 +233,7 @@ print({name: round(float(u), 2) for name, u in uncertainty.items()}, "um")
 print(f"ey x 100 mm of X: {1e5 * np.abs(EY).min():.1f} to {1e5 * np.abs(EY).max():.1f} um")
 
 # %%
-figure = Figure(figsize=(style.WIDTH, 3.2), facecolor="white", layout="constrained")
+figure = Figure(figsize=(style.REPORT_WIDTH_IN, 3.2), facecolor="white", layout="constrained")
 panels = figure.subplots(1, 2, sharey=True)
 angles = ["εx, inertial unit", "εy, arm"]
 for axes, first in zip(panels, ("δz, steps (print)", "δz, from point 1"), strict=True):

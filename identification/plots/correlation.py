@@ -1,4 +1,4 @@
-"""How far the uncertainties of the identified groups hang together."""
+"""Heat map of the correlations between identified parameter groups."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from identification.estimation.result import Fit
 from identification.plots import style
 from identification.results.parameter_table import Estimate, estimates
 
-MOST = 90  # groups; beyond, those of frames and instruments are left out
+MOST_CORRELATED_GROUPS = 90  # groups, beyond which those of frames and instruments are left out, for legibility
 
 
 def correlation(fit: Fit) -> tuple[list[Estimate], Array]:
-    """The groups shown and their correlation coefficients, (n, n)."""
+    """Groups shown, and their correlation coefficients (n, n)."""
     groups = estimates(fit)
-    if len(groups) > MOST:
+    if len(groups) > MOST_CORRELATED_GROUPS:
         groups = [e for e in groups if e.kind not in ("frame", "zero")]
     place = [e.number - 1 for e in groups]
     covariance = fit.solution.covariance[np.ix_(place, place)]
@@ -33,7 +33,7 @@ def draw_correlation(fit: Fit) -> Figure:
     side = float(np.clip(0.135 * n, 3.0, 5.3))
     every = max(1, ceil(0.09 * n / side))  # a name needs 0.09 inches
     height = side + 0.7
-    figure = Figure(figsize=(style.WIDTH, height), facecolor="white")
+    figure = Figure(figsize=(style.REPORT_WIDTH_IN, height), facecolor="white")
     axes = style.panel(figure, 1.4, 0.5, side, side)
     image = axes.imshow(matrix, cmap="RdBu_r", vmin=-1, vmax=1, interpolation="nearest")
     style.dress(axes, "number of the group", "")

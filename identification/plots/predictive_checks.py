@@ -1,4 +1,4 @@
-"""Figures of the residuals beside those of data drawn from the model."""
+"""Posterior predictive checks: statistics of the residuals compared with data drawn from the model."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from identification.plots import style
 
 
 def draw_predictive_checks(posterior: Posterior) -> Figure:
-    """A panel a check: what the model would leave (grey), what this survey leaves (a line with its spread)."""
+    """One panel per check: distribution under the model (grey), value of this survey (a line with its spread)."""
     n = len(posterior.checks)
-    width = (style.WIDTH - 0.4) / n
-    figure = Figure(figsize=(style.WIDTH, 2.0), facecolor="white")
+    width = (style.REPORT_WIDTH_IN - 0.4) / n
+    figure = Figure(figsize=(style.REPORT_WIDTH_IN, 2.0), facecolor="white")
     for k, check in enumerate(posterior.checks):
         axes = style.panel(figure, 0.2 + k * width, 0.62, width - 0.16, 1.0)
         style.dress(axes, title=f"{check.name}")

@@ -1,4 +1,4 @@
-"""What the fit leaves over, against where the joints stood and when the row was measured."""
+"""Residuals of a fit against positions of the joints, and against time or row."""
 
 from __future__ import annotations
 
@@ -10,25 +10,25 @@ from errormodel.arrays import Array
 from identification.estimation.result import Fit
 from identification.plots import style
 
-MOST = 1500  # dots of a panel
-LANE = 1.25  # height of a panel, inches
+MOST_RESIDUAL_DOTS = 1500  # dots of a panel
+RESIDUAL_PANEL_IN = 1.25  # inches: height of a panel
 
 
 def draw_residuals_by_position(fit: Fit) -> Figure:
-    """Residuals x, y, z (um, measuring frame) against the position of each joint: one column a joint."""
+    """Residuals x, y, z (um, measuring frame) against the position of each joint: one column per joint."""
     joints = [j for j in fit.chain.machine.joints if np.ptp(_finite(fit, j.name)) > 0]
     lines = max(-(-len(joints) // 6), 1)
     wide = max(-(-len(joints) // lines), 1)
-    height = lines * (3 * LANE + 0.75) + 0.1
-    figure = Figure(figsize=(style.WIDTH, height), facecolor="white")
+    height = lines * (3 * RESIDUAL_PANEL_IN + 0.75) + 0.1
+    figure = Figure(figsize=(style.REPORT_WIDTH_IN, height), facecolor="white")
     limit = _limit(fit)
     column = 7.3 / max(wide, 3)
     for k, joint in enumerate(joints):
         line, place = divmod(k, wide)
         position = fit.survey.table[joint.name].to_numpy(dtype=float)
         for component, axis in enumerate("xyz"):
-            bottom = height - 0.3 - line * (3 * LANE + 0.75) - (component + 1) * LANE
-            axes = style.panel(figure, 0.65 + place * column, bottom, column - 0.2, LANE - 0.12)
+            bottom = height - 0.3 - line * (3 * RESIDUAL_PANEL_IN + 0.75) - (component + 1) * RESIDUAL_PANEL_IN
+            axes = style.panel(figure, 0.65 + place * column, bottom, column - 0.2, RESIDUAL_PANEL_IN - 0.12)
             style.dress(axes, "", f"{axis} / µm" if place == 0 else "")
             _panel(fit, axes, style.shown(joint, position), component, limit)
             axes.tick_params(labelbottom=component == 2, labelleft=place == 0)
@@ -40,11 +40,13 @@ def draw_residuals_by_position(fit: Fit) -> Figure:
 def draw_residuals_by_order(fit: Fit) -> Figure:
     """Residuals x, y, z (um, measuring frame) against time, or against the row where no time was recorded."""
     when, label = _when(fit)
-    height = 3 * LANE + 0.85
-    figure = Figure(figsize=(style.WIDTH, height), facecolor="white")
+    height = 3 * RESIDUAL_PANEL_IN + 0.85
+    figure = Figure(figsize=(style.REPORT_WIDTH_IN, height), facecolor="white")
     limit = _limit(fit)
     for component, axis in enumerate("xyz"):
-        axes = style.panel(figure, 0.65, height - 0.3 - (component + 1) * LANE, 7.2, LANE - 0.12)
+        axes = style.panel(
+            figure, 0.65, height - 0.3 - (component + 1) * RESIDUAL_PANEL_IN, 7.2, RESIDUAL_PANEL_IN - 0.12
+        )
         style.dress(axes, label if component == 2 else "", f"{axis} / µm")
         axes.margins(x=0.01)
         _panel(fit, axes, when, component, limit)
@@ -70,7 +72,7 @@ def _when(fit: Fit) -> tuple[Array, str]:
 
 
 def _limit(fit: Fit) -> float:
-    """Half the height of every panel: nearly all residuals, um; what lies beyond is drawn at the edge."""
+    """Half the height of every panel: a high quantile of the residuals, um; larger ones are drawn at the edge."""
     sizes = np.abs(fit.residuals[np.isfinite(fit.residuals)])
     if not len(sizes):
         return 1.0
@@ -78,7 +80,7 @@ def _limit(fit: Fit) -> float:
 
 
 def _panel(fit: Fit, axes: Axes, x: Array, component: int, limit: float) -> None:
-    """Dots, the median and the middle nine tenths in bins of equally many rows, and twice the noise."""
+    """Dots, medians and central 90 % in bins of equal counts, and twice the noise."""
     y = 1e3 * fit.residuals[:, component]
     use = np.isfinite(x) & np.isfinite(y)
     x, y = x[use], y[use]
@@ -89,7 +91,7 @@ def _panel(fit: Fit, axes: Axes, x: Array, component: int, limit: float) -> None
     if not len(x):
         axes.text(0.5, 0.6, "not measured", transform=axes.transAxes, size=style.SMALL, color=style.MUTED, ha="center")
         return
-    some = np.unique(np.linspace(0, len(x) - 1, MOST).astype(int))
+    some = np.unique(np.linspace(0, len(x) - 1, MOST_RESIDUAL_DOTS).astype(int))
     size, alpha = (4.5, 0.55) if len(some) < 600 else (2.5, 0.4)
     inside = np.clip(y[some], -limit, limit)
     axes.plot(x[some], inside, ".", ms=size, mew=0, color=colour, alpha=alpha, rasterized=True, clip_on=False)
@@ -100,7 +102,7 @@ def _panel(fit: Fit, axes: Axes, x: Array, component: int, limit: float) -> None
 
 
 def _quantiles(x: Array, y: Array) -> tuple[Array, Array, Array, Array]:
-    """Of bins with equally many rows (equal x stay together): mean x, and the 5, 50 and 95 % points of y."""
+    """Per bin of equal counts (equal x stay together): mean x, and the 5, 50 and 95 % quantiles of y."""
     bins = int(np.clip(len(x) // 25, 3, 24))
     edges = np.unique(np.quantile(x, np.linspace(0, 1, bins + 1)))
     bin_of = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, max(len(edges) - 2, 0))
@@ -117,4 +119,4 @@ def _quantiles(x: Array, y: Array) -> tuple[Array, Array, Array, Array]:
 def _legend(figure: Figure) -> None:
     height = figure.get_figheight()
     text = "dark line: median  ·  dashed: 9 of 10 residuals lie between  ·  grey: ± 2 standard deviations of the noise"
-    figure.text(0.65 / style.WIDTH, 1 - 0.2 / height, text, size=style.SMALL, color=style.MUTED)
+    figure.text(0.65 / style.REPORT_WIDTH_IN, 1 - 0.2 / height, text, size=style.SMALL, color=style.MUTED)

@@ -1,4 +1,4 @@
-"""A page from its template, with the figures in it: all are drawn last, side by side."""
+"""Page from a template with embedded figures, which are drawn last and in parallel."""
 
 from __future__ import annotations
 
@@ -14,26 +14,28 @@ if TYPE_CHECKING:
 
 
 def page(template: str, **parts: object) -> str:
-    """HTML that holds all it shows."""
+    """Self-contained HTML of a template."""
     album = Album()
     return album.filled(environment().get_template(template).render(album=album, **parts))
 
 
 class Album:
-    """The figures of a page: a word stands for each until it is drawn."""
+    """Figures of a page; a placeholder stands for each until it is drawn."""
 
     def __init__(self) -> None:
-        self._word = secrets.token_hex(8)  # what no user's text has
+        self._word = secrets.token_hex(8)  # random, so that no user's text contains it
         self._placed: list[Picture] = []
 
     def place(self, picture: Picture) -> str:
-        """The word that stands for a figure."""
+        """Placeholder of a figure."""
         self._placed.append(picture)
         return self._stand_in(len(self._placed) - 1)
 
     def filled(self, text: str) -> str:
-        """The text with all figures."""
-        backwards = side_by_side([p.source for p in reversed(self._placed)])  # the last ones take longest
+        """Text with all figures."""
+        backwards = side_by_side(
+            [p.source for p in reversed(self._placed)]
+        )  # the last figures take longest, so they start first
         for k, source in enumerate(reversed(backwards)):
             text = text.replace(self._stand_in(k), source)
         return text
@@ -44,12 +46,12 @@ class Album:
 
 @cache
 def environment() -> jinja2.Environment:
-    """The templates, compiled when first used."""
+    """Template environment; templates are compiled on first use."""
     import jinja2
 
     return jinja2.Environment(
         loader=jinja2.PackageLoader("identification.report"),
-        autoescape=True,  # names of machines, elements, runs and files are anybody's
+        autoescape=True,  # names of machines, elements, runs and files are arbitrary text
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,

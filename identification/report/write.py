@@ -1,4 +1,4 @@
-"""`report`: figures, tables and words of a fit, put into the template."""
+"""Report of a fit: figures, tables and sentences rendered by the HTML template."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from identification.thermal.run import Thermal
 
 
 def load() -> None:
-    """Load what is else loaded while the first page is made: libraries and templates."""
+    """Load libraries and templates in advance, which the first page needs."""
     import GTC  # noqa: F401
     import scipy.spatial.transform
     import scipy.special  # noqa: F401
@@ -36,7 +36,7 @@ def write_report(fit: Fit, path: Path, diagnosed: Diagnosed | None = None, therm
 
 
 def report(fit: Fit, diagnosed: Diagnosed | None = None, thermal: Thermal | None = None) -> str:
-    """The report of `fit`: HTML that holds all it shows; same fit, same text.
+    """Report of `fit` as self-contained HTML; the same fit gives the same text.
 
     With a diagnosis or a thermal model, `fit` is that of the extended machine, and what was found comes first.
     """
