@@ -26,7 +26,7 @@ from errormodel.gcode.programme import Corrected
 from errormodel.gcode.reading import Reading
 
 # characters of a machine's name in a comment, which leaves room for the rest of the line
-MOST_MACHINE_NAME = 60  # characters of a machine's name in a file
+MOST_MACHINE_NAME = 60
 
 
 class Target(ABC):

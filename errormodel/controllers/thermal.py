@@ -22,7 +22,7 @@ States = Sequence[tuple[Mapping[str, float], Tables]]
 
 Emulate = Callable[[Tables, Setup, Array, Array], Array]
 COMPARISON_POSES = 512  # poses at which corrections are compared; a power of two, for Sobol points
-MOST_SENSOR_NAME = 60  # characters of a sensor's name in a file  # characters of a sensor's name in a file
+MOST_SENSOR_NAME = 60  # characters of a sensor's name in a file
 LEAST_GROWTH_MM_K = 1e-4  # mm per K: smaller growth is not written; by judgement
 LAW_LINE = re.compile(
     r"^\W+correct (\w+) by ([-+.\deE]+) mm and ([-+.\deE]+) mm/mm a kelvin of (.+) above ([-+.\d]+)$", re.MULTILINE

@@ -14,7 +14,7 @@ from identification.observation.models import MotionView
 from identification.plots import style
 
 MOTION_POINTS = 241  # points of a curve
-MOST_DOTS = 400  # of a motion's own measurements  # dots of direct measurements of a motion
+MOST_DOTS = 400  # dots of direct measurements of a motion
 LINE_STYLES = ("-", "--", "-.")
 
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from errormodel.files import write_bytes_atomic
 from errormodel.machine import Joint
 
-# Okabe and Ito's palette: red, green and blue in spirit, and distinct in every common colour blindness
+# palette of Okabe and Ito for the axes x, y, z: red, green and blue, distinct in every common colour blindness
 AXIS_COLOURS = ("#D55E00", "#009E73", "#0072B2")  # x, y, z
 ACCENT = "#CC79A7"
 INK = "#1F2933"
@@ -26,14 +26,14 @@ MUTED = "#57626F"
 FAINT = "#D5DBE1"
 PAPER = "#F5F7F9"
 # a darkened orange, since the palette's own is faint on white
-NOMINAL, FITTED, HELDOUT = "#8A6100", "#0072B2", "#009E73"  # a darkened orange: the palette's own is faint on white
+NOMINAL, FITTED, HELDOUT = "#8A6100", "#0072B2", "#009E73"
 OTHERS = ("#CC79A7", "#56B4E9", "#D55E00", "#000000")  # colours of test files, in turn
 
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 TITLE, HEADING, BODY, SMALL = 15.0, 11.0, 9.0, 8.0  # points: sizes of text
 TICK_STEPS = [1, 2, 2.5, 5, 10]  # permitted steps between ticks, times a power of ten
 # inches: width of a report's figure, at which its text has the size of the report's
-REPORT_WIDTH_IN = 8.0  # inches of a report's figure: its text is then as large as the report's, on A4 as on a screen
+REPORT_WIDTH_IN = 8.0
 
 
 def save(figure: Figure, path: Path) -> None:

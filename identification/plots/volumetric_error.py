@@ -20,7 +20,7 @@ MOST_ARROWS = 400  # arrows drawn
 ARROW_COLOURS = ListedColormap(mpl.colormaps["viridis_r"](np.linspace(0.15, 1, 128)))
 ELEVATION, AZIMUTH = 22.0, -58.0  # degrees
 # inches: largest width and height of a volume's drawing
-BOX_IN = (2.6, 2.7)  # a volume's drawing is at most so wide and high, inches
+BOX_IN = (2.6, 2.7)
 SQUARE_SIDE_IN = 3.4  # of the square that Matplotlib draws it in; it fills 1.03 of it at zoom 1, see `_shadow`
 
 

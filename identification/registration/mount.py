@@ -23,11 +23,11 @@ from identification.registration.form import CalibrationBlock, MountBlock
 from identification.registration.motions import pose
 
 # rad: angle after mounting with a dial indicator; the size of these angles in the paper's section 5
-SQUARENESS_RAD = 0.01  # rad; mounted with a dial indicator: the size of these angles in the paper's section 5
+SQUARENESS_RAD = 0.01
 # mm: initial noise of an edge's points, replaced by that of the residuals
-EDGE_NOISE_MM = 0.01  # mm, of an edge's point before the residuals tell
+EDGE_NOISE_MM = 0.01
 # of the radius: width of the ring within which edge points are accepted; by judgement
-RING_SHARE = 0.2  # of the radius, that an edge's points spread at most
+RING_SHARE = 0.2
 FEWEST_EDGE_POINTS = 12  # points of an edge that a fit needs; by judgement
 EDGE_CLIP_SIGMA = 4.0  # robust standard deviations beyond which an edge point is left out; by judgement
 ELLIPSE_SIGMA = 5.0  # standard deviations from which the ellipse counts as established; by judgement
