@@ -37,7 +37,7 @@ def wanted_axes(text: str, joints: Sequence[str]) -> dict[str, Wanted]:
     Raises
     ------
     InputError
-        A joint is unknown or there twice, a letter or number is there twice, a number is none or is missing.
+        A joint is unknown or repeated, a letter or number is repeated, a number is invalid or missing.
     """
     out: dict[str, Wanted] = {}
     for part in filter(None, (p.strip() for p in text.split(","))):
@@ -83,7 +83,7 @@ def axis_letters(
     Parameters
     ----------
     along : (joints, 3) unit vectors of the joints in the reference's axes.
-    wanted : what the user says.
+    wanted : letters and numbers given by the user, by joint.
     """
     out = [wanted[j.name].letter if j.name in wanted else "" for j in joints]
     for k, joint in enumerate(joints):

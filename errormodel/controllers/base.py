@@ -72,7 +72,7 @@ class Rewriter(Target):
         Raises
         ------
         InputError
-            The program has what cannot be corrected line by line.
+            The program has commands that cannot be corrected line by line.
         """
 
     @abstractmethod
@@ -84,7 +84,7 @@ class Rewriter(Target):
         Raises
         ------
         InputError
-            The program has what is not understood, not known or out of reach.
+            A word is not understood, a position is unknown or out of reach.
         """
 
     @abstractmethod
@@ -97,12 +97,13 @@ class Controller(Target):
 
     Attributes
     ----------
-    comment : how its files mark comments; None: they have none.
-    sign_known : whether a public source settles the sign of its tables.
-    other_sign : what to do where the check shows the other sign; needed where `sign_known` is False.
-    dialect : its language of programmes, for the check; None: no public source settles it, and words take its place.
-    backlash_parameter : of the control, the axis' name in it as ``{axis}``, its number as ``{number}``; empty: none.
-    first_number : of the first axis, where files name axes by numbers; `number_form`: how they are then written.
+    comment : comment syntax of its files; None: they have no comments.
+    sign_known : whether a public source documents the sign of its tables.
+    other_sign : instruction for the case that the check shows the other sign; required if `sign_known` is False.
+    dialect : syntax of its programmes, for the check; None: not documented, the check is then described in words.
+    backlash_parameter : name of the control's parameter, with the axis as ``{axis}`` or ``{number}``; empty: none.
+    first_number : number of the first axis, if files name axes by numbers; `number_form`: how they are then written.
+    most_tables : number of tables that the control holds; None: no bound.
     """
 
     comment: ClassVar[Comment | None]
@@ -148,7 +149,8 @@ class Controller(Target):
 
         Parameters
         ----------
-        size : mm or deg; positive where the axis stays behind its direction of travel (ordinary backlash).
+        axis : letter of the axis.
+        size : mm or deg; positive if the axis lags behind its direction of travel (ordinary backlash).
         """
         return f"{size:+.4f} {'deg' if setup.axis(axis).rotary else 'mm'}"
 
@@ -195,7 +197,7 @@ class Controller(Target):
         Raises
         ------
         InputError
-            It adds nothing.
+            The controller does not correct readings.
         """
         found = f"{self.title} corrects no readings"
         raise InputError("--probe", found, "Leave it out, or use --controller klipper")

@@ -56,10 +56,10 @@ CAPITAL_COMMENT = Comment("(", ")", upper=True)
 
 @dataclass(frozen=True)
 class FanucDialect(Dialect):
-    """G53 is a rapid on a FANUC whatever G code stands beside it, so that work coordinates have to be the machine's.
+    """Programme syntax with work coordinates equal to machine coordinates, since G53 is always a rapid on a FANUC.
 
-    The operator sets G59 and the external offset to zero; the macro lines end the programme with an alarm, before
-    anything moved, where the position in work coordinates is not that in machine coordinates.
+    The operator sets G59 and the external offset to zero; macro lines stop the programme with an alarm before any
+    motion if the position in work coordinates differs from that in machine coordinates.
     """
 
     def prepare(self, numbers: Mapping[str, int]) -> list[str]:

@@ -33,9 +33,9 @@ def anchored_grid(low: float, high: float, intervals: int) -> tuple[float, ...]:
 
 
 def even_grid(low: float, high: float, intervals: int) -> tuple[float, ...]:
-    """Equidistant positions that just cover [low, high] in `intervals` intervals, start and step in few figures.
+    """Equidistant positions that just cover [low, high] in `intervals` intervals; start and step have few digits.
 
-    In decimal figures, so that a file holds start, end and step without rounding.
+    Decimal digits are used, so that a file holds start, end and step without rounding.
     """
     span = max(high - low, 1e-3)
     figures = int(max(np.floor(np.log10(span / (100 * intervals))), -4))

@@ -119,9 +119,9 @@ class Isg(Kernel):
         return thermal(states, setup, self.emulate, temperature_file, ISG_THERMAL_DOUBT)
 
     def structures(self, setup: Setup) -> list[list[Term]]:
-        """Six motions an axis over its own position; then with the last linear axis' translations over all linear axes.
+        """Six motions per axis over its own position; then also translations of the last linear axis over all of them.
 
-        Those take what is no rigid motion of one axis: sag that depends on two positions.
+        The latter represent errors that are no rigid motion of one axis, such as sag that depends on two positions.
         """
         linear = tuple(a for a in self.measured(setup) if not setup.axis(a).rotary)
         plain = self.terms(setup)

@@ -27,15 +27,15 @@ TRAVEL_MARGIN_MM = 1.0  # mm between any position and the ends of the travel; by
 
 @dataclass(frozen=True)
 class Step:
-    """One reading.
+    """One reading of the check.
 
     Attributes
     ----------
-    axis : that is watched.
+    axis : axis on which the indicator is read.
     place : machine positions of all axes (mm, deg), by name.
-    reading : mm, what the compensation must add; positive is further towards plus.
-    by_itself : mm, what a table that must not act by itself would add; None: there is no such table.
-    table : which table makes it, in words.
+    reading : mm, expected displacement by the compensation, positive in plus direction.
+    by_itself : mm, displacement if a pure multiplier table acted directly; None: there is no such table.
+    table : description of the table that causes it.
     """
 
     axis: str

@@ -1,4 +1,4 @@
-"""The polarity check on paper and as programmes: where to stand, how to get there, and what each reading means."""
+"""Instructions and programmes of the polarity check: positions, approach, and the meaning of each reading."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ FIRST_PROGRAMME_NUMBER = 7001  # of the first programme, where programmes have n
 
 
 def check_of(controller: Controller, setup: Setup, tables: Tables) -> dict[str, str]:
-    """All files of the check of a controller's tables, by name; none where it needs none."""
+    """Files of the check of a controller's tables, by name; empty if no check is needed."""
     own = controller.own_check(setup, tables)
     if own is not None:
         return own
@@ -35,9 +35,9 @@ def check_of(controller: Controller, setup: Setup, tables: Tables) -> dict[str, 
 
 
 def approach(setup: Setup, step: Step) -> float | None:
-    """Where the watched axis comes from, mm, `BACK_OFF_MM` before its place; None: no room.
+    """Start position (mm) of the axis to be read, `BACK_OFF_MM` before its place; None: no room.
 
-    From a side where an indicator on the table can stand before it. Every position must keep `MARGIN` from the ends.
+    The side is one on which an indicator can stand; every position keeps `TRAVEL_MARGIN_MM` from the ends of travel.
     """
     for axis in setup.axes:
         low, high = axis.travel
@@ -56,9 +56,9 @@ def approach(setup: Setup, step: Step) -> float | None:
 
 
 def _free_sides(setup: Setup, name: str) -> tuple[float, ...]:
-    """Sides from which an axis can come to an indicator, -1 or +1: along the spindle only that away from the table.
+    """Sides from which an axis can approach an indicator, -1 or +1: along the spindle only that away from the table.
 
-    The spindle nose faces the way of the tool; without a tool plus Z leads away from the workpiece (ISO 841).
+    The spindle nose points in the direction of the tool; without a tool plus Z leads away from the workpiece (ISO 841).
     """
     tool, along = np.asarray(setup.tool, np.float64), np.asarray(setup.axis(name).along)
     length = float(np.linalg.norm(tool))
@@ -109,7 +109,7 @@ def check_files(
 
 
 def _opening(controller: Controller, setup: Setup, steps: Sequence[Step], load: Sequence[str]) -> list[str]:
-    """What holds for all readings."""
+    """Instructions common to all readings."""
     watched = list(dict.fromkeys(s.axis for s in steps))
     unseen = [m for m in setup.watched if m not in watched]
     still = [a for a in setup.axes if a.name not in setup.watched]
@@ -161,7 +161,7 @@ def _opening(controller: Controller, setup: Setup, steps: Sequence[Step], load: 
 
 
 def _reading(controller: Controller, setup: Setup, k: int, step: Step, start: float | None) -> list[str]:
-    """One reading in words, whatever it shows."""
+    """Instructions for one reading, with the meaning of every outcome."""
     want, axis = step.reading, step.axis
     come = (
         f"from the {_side(start > step.place[axis])} side, from {axis} = {start:.3f}"
@@ -191,7 +191,7 @@ OTHER_SIGN_CAUSE = (
 
 
 def _cure(controller: Controller, setup: Setup) -> str:
-    """What to do where the control wants the other sign: of tables that were turned round, leave that out again."""
+    """Instruction for the other sign; tables that were already reversed are written again without --invert."""
     cure = controller.other_sign or OTHER_SIGN_CAUSE
     return cure.replace("with --invert", "without --invert") if setup.inverted else cure
 

@@ -22,10 +22,10 @@ class Axis:
 
     Attributes
     ----------
-    name : its letter there; `joint` its name in ``machine.yaml``.
-    travel, measured : ends of the travel, and of what the survey covered (mm or deg).
+    name : its letter on the controller; `joint` : its name in ``machine.yaml``.
+    travel, measured : ends of the travel, and of its surveyed part (mm or deg).
     along : direction of the joint at the machine's zero (unit vector in the reference's axes).
-    intervals : how many equal intervals the errors along it need to be followed by straight lines.
+    intervals : number of equal intervals in which linear interpolation represents the errors along it.
     """
 
     name: str
@@ -41,11 +41,11 @@ class Axis:
 class Reversal:
     """Reversal value of an axis (ISO 230-2): mean position approached in plus direction less that in minus direction.
 
-    Negative is ordinary backlash: the axis stays behind the direction of travel.
+    Negative values are ordinary backlash: the axis lags behind its direction of travel.
 
     Attributes
     ----------
-    low, high : at the two ends of the travel (mm or deg); alike where it does not change along the travel.
+    low, high : values at the two ends of the travel (mm or deg); equal if it is constant along the travel.
     """
 
     low: float
@@ -63,19 +63,19 @@ class Setup:
 
     Attributes
     ----------
-    axes : in the order of the chain, from the workpiece.
-    movers : names of the axes that carry out corrections, one a direction of space.
-    reversing : axes whose errors depend on the side from which they arrive.
+    axes : in the order of the kinematic chain, from the workpiece.
+    movers : names of the axes that carry out corrections, one per direction of space.
+    reversing : axes whose errors depend on the direction of approach.
     resolution : least increment of the controller (mm, deg), None: the format's usual one.
     probe : x and y of a probe from the nozzle (mm), None: there is none, or it is not known.
-    points : points an axis asked for by the user, None: as many as the errors need.
+    points : points per axis requested by the user, None: as many as the errors need.
     levers : motion of the tool tip, (n, 3, 6 axes), in mm per unit (mm, rad) of the six error motions of each axis, at
         positions (n, axes); and the tip's motion (n, 3, axes) per mm or deg of each axis.
-    read : by axis the error motions that were read for themselves, where no positions were; None: positions were.
-    numbers : axes' numbers that the user gave, by name; empty: those that follow from the letters.
-    unsure : joints whose letter only the user can know, and did not say.
-    reversals : what was found of backlash, by axis.
-    inverted : whether the files get the other sign, because the control turned out to want it.
+    read : measured error motions by axis, in a survey of single-joint error motions; None: positions were measured.
+    numbers : numbers of axes given by the user, by name; empty: those that follow from the letters.
+    unsure : joints whose letter is ambiguous and was not given.
+    reversals : fitted reversal values, by axis.
+    inverted : whether the files get the other sign, because the check of the control showed it.
     """
 
     machine: str
@@ -148,8 +148,8 @@ class Setup:
     def grid(self, name: str, most: int, anchored: bool = False, every: bool = False) -> tuple[float, ...]:
         """Equidistant positions over the measured range of an axis: as many as its errors need, at most `most`.
 
-        `anchored` ones are whole multiples of their step, so that the reference point 0 is one of them; `every`: as
-        many as there may be.
+        `anchored` positions are integer multiples of their step, so that the reference point 0 is one of them; with
+        `every` there are as many as permitted.
         """
         axis, make = self.axis(name), anchored_grid if anchored else even_grid
         if self.points is None:

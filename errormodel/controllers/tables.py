@@ -28,10 +28,10 @@ class Term:
     Attributes
     ----------
     output : the axis that it corrects, or an error parameter such as EXX.
-    inputs, grids : axes that it is a function of, and its positions along each; none: a single number.
-    factor : axis by whose position its value is multiplied; with ``sin`` or ``cos`` before it that of a rotary axis.
-    direction : 0 holds for both directions of the first input, +1 or -1 for one.
-    zero : whether it must be zero where its inputs are (nearest to) zero, the reference point.
+    inputs, grids : axes that it is a function of, and its positions along each; empty: a single number.
+    factor : axis whose position multiplies the value; ``sin`` or ``cos`` before it: that function of a rotary axis.
+    direction : direction of travel of the first input that it applies to, +1 or -1; 0: both.
+    zero : whether it must be zero at the reference point, where its inputs are (closest to) zero.
     """
 
     output: str
@@ -93,7 +93,7 @@ def even_step(term: Term, axis: int = 0, name: str = "") -> float:
     Raises
     ------
     InputError
-        It does not increase, or its steps differ: the step would not divide the range.
+        The positions do not increase, or their steps differ.
     """
     where, g = f"table {name or term.output}", np.asarray(term.grids[axis])
     check_increasing(term, axis, name)

@@ -19,7 +19,7 @@ TRANSLITERATION = str.maketrans(
     }
 )  # fmt: skip
 COMMENT_ENDS = str.maketrans({"%": " pct ", ";": ",", "\\": "/", "{": "[", "}": "]", "*": "x"})
-"""What ends a tape or a comment on some control, or begins something else in it, and what is written in its place."""
+"""Characters that end a tape or a comment on some control, or have another meaning in it, with their replacements."""
 
 
 def printable(text: str) -> str:
@@ -35,8 +35,8 @@ class Comment:
 
     Attributes
     ----------
-    start, end : what stands before and after it on its line; `end` is empty where it runs to the end of the line.
-    upper : whether the control knows capital letters only.
+    start, end : delimiters; `end` is empty if the comment runs to the end of the line.
+    upper : whether the control accepts capital letters only.
     """
 
     start: str
@@ -77,7 +77,7 @@ class Lines:
         Raises
         ------
         InputError
-            One is no number, or there are not `count` of them.
+            A field is no number, or their number is not `count`.
         """
         try:
             values = [float(v) for v in line.split(separator)]

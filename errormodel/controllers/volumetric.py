@@ -74,8 +74,8 @@ class Volumetric(Controller):
     def motions(self, setup: Setup, axis: str) -> Sequence[str]:
         """Error parameters of an axis; of single-joint error motions, the measured ones.
 
-        Unless all linear axes moved, the levers do not change, and a rotation is part of the displacement that it makes
-        there: as a parameter of its own it would act with other levers elsewhere.
+        Unless all linear axes moved, the levers are constant and a rotation cannot be separated from the displacement
+        that it causes: as a parameter of its own it would act with other levers elsewhere.
         """
         if setup.read is None:
             return ISO_MOTIONS

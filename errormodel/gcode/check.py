@@ -67,17 +67,17 @@ class Deviation:
 def checked(
     asked: Sequence[Step], written: Sequence[Step], sizes: Sequence[int], setup: Setup, correct: Correct, figures: int
 ) -> Deviation:
-    """The largest deviations.
+    """Compare the written programme with the original and return the largest deviations.
 
     Parameters
     ----------
-    asked, written : steps of both programmes; `sizes[k]` of the written ones take the place of the k-th one.
-    figures : behind the decimal point, of mm and degrees.
+    asked, written : steps of both programmes; `sizes[k]` of the written ones replace the k-th original one.
+    figures : digits after the decimal point, of mm and degrees.
 
     Raises
     ------
     InputError
-        They do not agree.
+        The programmes do not agree.
     """
     groups, at = [], 0
     for size in sizes:
@@ -197,9 +197,9 @@ def _back(sent: Array, came: Array, free: Array, correct: Correct) -> Array:
 
 
 def _samples(step: Step, group: Sequence[Step], movers: Array) -> tuple[Array, Array, Array, Array]:
-    """Positions along the written pieces, directions of arrival there, and which axes are corrected.
+    """Positions along the written pieces, two arrays of directions of approach, and the corrected axes.
 
-    Beside a place where an axis turns back both of its directions are right: the two arrays differ there.
+    Near a reversal of an axis both of its directions are valid: the two arrays differ there.
     """
     paths = [s.path for s in group if s.path is not None]
     starts, steps = np.array([p.start for p in paths]), np.array([p.end - p.start for p in paths])

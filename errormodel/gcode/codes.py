@@ -92,10 +92,10 @@ class Dialect:
 
     Attributes
     ----------
-    groups : modal group of every G and M code that is understood; two of a group exclude each other in a block.
-    letters : letters besides N, G, M and the axes.
+    groups : modal group of every known G and M code; two codes of a group exclude each other in a block.
+    letters : permitted letters besides N, G, M and the axes.
     extras : parameters that a code may have; any other use of these letters is refused.
-    moving : commands that move axes by rules of their own: where these stand afterwards has to be said.
+    moving : commands that move axes by rules of their own; the user must state the positions after them.
     """
 
     name: str

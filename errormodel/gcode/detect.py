@@ -42,12 +42,12 @@ WHOLE_NUMBER = re.compile(r"[XYZABCUVWIJKR][-+]?0*[1-9]\d*(?![\d.])")
 
 
 def dialect_of(asked: str, blocks: Sequence[Block]) -> Dialect:
-    """The dialect that was asked for, or the one that the words show.
+    """Dialect requested by the user, or detected from the words.
 
     Raises
     ------
     InputError
-        The dialect is not read here, is none, or is not certain.
+        The dialect is not supported, unknown, or ambiguous.
     """
     if asked != AUTO and asked not in DIALECTS:
         if asked in UNREAD:

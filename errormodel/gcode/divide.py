@@ -31,8 +31,8 @@ class Run:
 
     Attributes
     ----------
-    share : (k,) of the length, rising; `corrected` : (k, axes) commands there.
-    came : (axes,) of +-1.
+    share : (k,) ascending shares of the length; `corrected` : (k, axes) commands there.
+    came : (axes,) directions of approach, +-1.
     """
 
     share: Array
@@ -98,7 +98,7 @@ def sampled(part: Part, setup: Setup) -> Part:
 def divided(steps: Sequence[Step], setup: Setup, correct: Correct) -> list[list[Run]]:
     """Runs of the paths of steps, each with the points between which the correction is straight.
 
-    All blocks are corrected together, then those again, twice as fine, whose samples do not show how it bends.
+    All blocks are corrected together; those with too few samples for the curvature are sampled twice as finely again.
 
     Raises
     ------

@@ -23,7 +23,7 @@ class Extruder:
     def __init__(self) -> None:
         self.position = np.nan
         self.said: Spread = ""
-        self.later: Spread = ""  # what G90 or G91 said since
+        self.later: Spread = ""  # mode of the last G90 or G91 since
 
     def count(self, codes: Codes) -> None:
         """Update the mode of E from the codes of a block."""

@@ -46,12 +46,12 @@ def check(block: Block, dialect: Dialect, axes: Sequence[str], stated: Collectio
     Parameters
     ----------
     axes : letters of the machine's axes.
-    stated : commands of which the user said where they leave the axes: they are understood, too.
+    stated : commands after which the user stated the positions of the axes; they are permitted as well.
 
     Raises
     ------
     InputError
-        A word is not understood, stands twice, or does not belong there.
+        A word is not understood, repeated, or misplaced.
     """
     if block.extended:
         return _extended(block, dialect, stated)

@@ -32,7 +32,7 @@ class Origins:
         return cls(setup, reading, len(named) < 2)
 
     def shift(self, block: Block, origin: str, tool: str) -> Array:
-        """(axes,) mm and deg.
+        """Offset (axes,) of a block from programme positions to those of the axes, mm and deg.
 
         Raises
         ------

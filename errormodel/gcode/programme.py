@@ -82,7 +82,7 @@ def corrected(name: str, text: str, setup: Setup, correct: Correct, reading: Rea
 
     Parameters
     ----------
-    figures : behind the decimal point, of mm and degrees; inches get one more.
+    figures : digits after the decimal point, of mm and degrees; inches get one more.
 
     Raises
     ------

@@ -218,8 +218,8 @@ def rewritten(
 
     Parameters
     ----------
-    start : (axes,) where they stand at first, not a number where that is not known.
-    figures : behind the decimal point, of mm and degrees.
+    start : (axes,) initial positions, NaN where unknown.
+    figures : digits after the decimal point, of mm and degrees.
 
     Raises
     ------

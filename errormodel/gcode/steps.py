@@ -46,14 +46,14 @@ class Step:
     Attributes
     ----------
     kind : `rapid`, `feed`, or `as it is`: no motion, or one that is not corrected.
-    path : of a motion whose start and end are known.
+    path : path of a motion whose start and end are known; mm and deg.
     named : columns of the axes that have words.
-    movable : columns that were commanded up to here and are known: only these may get words.
-    placed : columns that a command of its own rules left where `q` says.
-    shift : what positions of the programme lack to be those of the axes (axes,).
-    came : directions of arrival before the block, 0 where an axis has not moved yet.
-    q : where the axes stand behind it, not a number where that is unknown.
-    extruded : position of the extruder before the block and behind it; not a number where unknown.
+    movable : columns of axes commanded so far whose positions are known; only these may get words.
+    placed : columns of axes positioned at `q` by a command with rules of its own.
+    shift : (axes,) offset from programme positions to those of the axes, mm and deg.
+    came : (axes,) directions of approach before the block, 0 where an axis has not moved yet.
+    q : (axes,) positions after the block, NaN where unknown.
+    extruded : positions of the extruder before and after the block, mm; NaN where unknown.
     """
 
     block: Block

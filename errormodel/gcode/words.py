@@ -110,7 +110,7 @@ def lines_of(file: str, text: str) -> list[Block]:
     Raises
     ------
     InputError
-        A character is no printable ASCII.
+        A character is not printable ASCII.
     """
     if text.startswith("\ufeff"):
         raise InputError(f"{file}, line 1", "a byte order mark", "Save the programme as plain ASCII text")
