@@ -17,10 +17,10 @@ from errormodel.arrays import Array
 from errormodel.exceptions import InputError, nearest
 from errormodel.machine import Joint
 
-AXIS_LETTERS = ("X", "Y", "Z", "A", "B", "C", "U", "V", "W")
+AXIS_LETTERS = ("X", "Y", "Z", "A", "B", "C", "U", "V", "W")  # letters of ISO 841, in the order of numbering
 ALONG_COSINE = 0.9  # cosine between joint and x, y or z, from which on the joint runs along it; by judgement
 AXES_FORM = "Write --axes X=1,Y=2,Z=3 (joint=number), or bridge=Y2 (joint=letter and number), every joint once"
-AXES_ITEM = re.compile(r"([A-Za-z]?)([-+]?[\d.]*)")
+AXES_ITEM = re.compile(r"([A-Za-z]?)([-+]?[\d.]*)")  # a letter and a number, both optional
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,7 @@ from errormodel.controllers.text import Comment, Files, Lines, one_file
 from errormodel.exceptions import InputError
 
 M556 = re.compile(r"^M556 S1000 X([-.\d]+) Y([-.\d]+) Z([-.\d]+)", re.MULTILINE)
+# header of a height map, version 2
 HEIGHT_MAP_KEYS = "axis0,axis1,min0,max0,min1,max1,radius,spacing0,spacing1,num0,num1"
 MOST_MAP_POINTS = 441  # points of a height map on boards with little memory
 

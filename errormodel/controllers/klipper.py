@@ -44,7 +44,7 @@ class Klipper(Printer):
         xy, xz, yz = (-skew[k] for k in ("XY", "XZ", "YZ"))
         y, z = (q[:, setup.place(n)] if n in setup.names else np.zeros(len(q)) for n in "YZ")
         moved = {"X": -y * xy - z * (xz - xy * yz), "Y": -z * yz}
-        if mesh is not None:  # the mesh is asked after the skew, at the place that is really driven to
+        if mesh is not None:  # the mesh is evaluated after the skew, at the position actually commanded
             place = q.copy()
             for name, shift in moved.items():
                 place[:, setup.place(name)] += shift

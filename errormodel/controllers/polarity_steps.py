@@ -14,13 +14,13 @@ from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Tables
 from errormodel.controllers.text import printable
 
-FEWEST_INTERVALS = 8  # intervals of a table of the check
-BACK_OFF_MM = 10.0  # mm, from which an axis comes to its place, and to which it is taken back
-SPINDLE_COSINE = 0.7  # direction cosine from which on an axis runs along the spindle
-STOP_SHORT_MM = 2.0  # mm before its place, where a programme stops: the rest is driven by hand
-AWAY_FEED, TOWARDS_FEED = 500.0, 100.0  # mm/min, away from the indicator and towards it
-START_DISTANCE_MM = 20.0  # mm, from where a programme may be started
-FIRST_PROGRAMME_NUMBER = 7001  # of the first programme, where programmes have numbers
+FEWEST_INTERVALS = 8  # intervals of a table of the check, so that a peak fits
+BACK_OFF_MM = 10.0  # mm between the start of an approach and its place; by judgement
+SPINDLE_COSINE = 0.7  # cosine, from which an axis counts as running along the spindle; by judgement
+STOP_SHORT_MM = 2.0  # mm before its place where a programme stops; the rest is jogged by hand
+AWAY_FEED, TOWARDS_FEED = 500.0, 100.0  # mm/min, away from the indicator and towards it; by judgement
+START_DISTANCE_MM = 20.0  # mm, within which a programme may be started; by judgement
+FIRST_PROGRAMME_NUMBER = 7001  # number of the first programme, on controls that number programmes
 
 
 def check_of(controller: Controller, setup: Setup, tables: Tables) -> dict[str, str]:

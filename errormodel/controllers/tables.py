@@ -124,6 +124,7 @@ def check_points(term: Term, most: int, axis: int = 0) -> None:
         )
 
 
+# comment that states a constant
 ZERO_SHIFT_LINE = re.compile(r"^\W*zero shift of (\w+): ([-+.\d]+)", re.MULTILINE | re.IGNORECASE)
 
 

@@ -21,7 +21,7 @@ from errormodel.exceptions import InputError
 
 ARRAY_TEXT = re.compile(r"(\w)_(both|plus|minus)\s*:\s*ARRAY\[1\.\.(\d+)\][^;]*?:=\s*\[(.*?)\];", re.DOTALL)
 ELEMENT_TEXT = re.compile(r"Position\s*:=\s*([-+.\deE]+)\s*,\s*Compensation\s*:=\s*([-+.\deE]+)")
-DIRECTION_WORDS = {0: "both", 1: "plus", -1: "minus"}
+DIRECTION_WORDS = {0: "both", 1: "plus", -1: "minus"}  # names of tables by direction of travel
 
 
 class TwinCatNc(Controller):

@@ -18,7 +18,7 @@ from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Term
 from errormodel.exceptions import InputError
 
-ISO_MOTIONS = ("EX", "EY", "EZ", "EA", "EB", "EC")
+ISO_MOTIONS = ("EX", "EY", "EZ", "EA", "EB", "EC")  # ISO 230-1: translations along and rotations about X, Y, Z
 STRAIGHT_COSINE = 0.999  # cosine between an axis and x, y or z, from which on it counts as running along it
 
 

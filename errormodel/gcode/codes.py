@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 MOTION = "motion"
-ORIGINS = ("G54", "G55", "G56", "G57", "G58", "G59")
+ORIGINS = ("G54", "G55", "G56", "G57", "G58", "G59")  # work offsets
 _FOR_ALL = {
     "G0": MOTION, "G1": MOTION, "G2": MOTION, "G3": MOTION,
     "G17": "plane", "G18": "plane", "G19": "plane",
@@ -36,7 +36,7 @@ _QUIET = (
 _PRINTING_M = dict.fromkeys(_QUIET.split(), "printer") | {"M17": "motors", "M18": "motors", "M84": "motors"}
 
 STOP_CODES = frozenset(_STOPS)  # carried out after the block's motion: NIST IR 6556, table 8
-END_CODES = frozenset({"M2", "M30"})
+END_CODES = frozenset({"M2", "M30"})  # end of the programme
 PLANES = {"G17": ("X", "Y", "I", "J", "K"), "G18": ("Z", "X", "K", "I", "J"), "G19": ("Y", "Z", "J", "K", "I")}
 EXACT_STOPS = frozenset({"G9", "G61", "G61.1"})  # an exact stop at the end of every block
 

@@ -16,7 +16,7 @@ from errormodel.gcode.words import Block
 ARC_RADIUS_TOLERANCE_MM = 0.005
 ARC_REVERSAL_MM = 0.001  # mm: a smaller motion back at an end of an arc counts as no reversal; by judgement
 ARC_CHORD_MM = 0.0005  # mm: permitted distance between an arc and its chords; by judgement
-FULL_TURN = 2 * np.pi
+FULL_TURN = 2 * np.pi  # rad
 
 
 @dataclass(frozen=True)
@@ -104,9 +104,8 @@ class Arc(Line):
         share = (np.arctan2(beside[:, 1], beside[:, 0]) - first) / self.angle
         turn = FULL_TURN / abs(self.angle)
         share = share + np.rint((near - share) / turn) * turn
-        rise = (
-            self.end - self.start
-        )  # of a helix: mean of the shares by angle and by the other axes, weighted by length
+        # of a helix: mean of the shares by angle and by the other axes, weighted by length
+        rise = self.end - self.start
         rise[[self.i, self.j]] = 0.0
         around = (self.radius * self.angle) ** 2
         return np.asarray(np.clip((around * share + (q - self.start) @ rise) / (around + rise @ rise), 0, 1))

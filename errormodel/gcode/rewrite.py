@@ -27,8 +27,8 @@ from errormodel.gcode.steps import Step, stops_exactly
 
 # mm or deg: permitted distance of the axes from the start of a cut's correction; by judgement
 TAKE_UP_TOLERANCE = 0.0005
-PATH_WORDS = frozenset("IJKR")
-PATH_CODES = frozenset({"G0", "G1", "G2", "G3"})
+PATH_WORDS = frozenset("IJKR")  # words of arcs
+PATH_CODES = frozenset({"G0", "G1", "G2", "G3"})  # rapid, straight cut, arcs
 MOST_STRETCH = 0.1  # permitted relative change of the length in X, Y, Z where other axes move as well; by judgement
 
 

@@ -38,7 +38,7 @@ class Advice:
 
 
 def mechanical_advice(volume: Volume, before_um: float) -> list[Advice]:
-    """Squareness errors of linear axes and twist along them that are worth adjusting, largest effect first.
+    """Squareness errors of linear axes and twist along them that exceed the thresholds, largest effect first.
 
     Parameters
     ----------

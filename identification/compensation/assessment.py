@@ -20,7 +20,7 @@ from identification.compensation.rows import FEWEST_HELD_OUT, Rows
 from identification.compensation.volume import Volume, best_frame
 
 SAME_TOOL_MM = 0.5  # mm between tool tips: closer tips count as the same tool; by judgement
-OTHER_TOOLS = "other tools"
+OTHER_TOOLS = "other tools"  # ending of the description of rows with other tools
 FRESH_POSES = 1024  # poses for the assessment, other than those of the reduction; a power of two, for Sobol points
 
 Correct = Callable[[Array, Array, Array | None], Array]

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 PLAUSIBLE_MM = 1.0  # mm: a larger correction is taken for a mistake in the survey; by judgement
-CHANNEL_UNITS = {"time": "s", "feed": "mm/min", "load": "kg"}
+CHANNEL_UNITS = {"time": "s", "feed": "mm/min", "load": "kg"}  # display units of channels
 REPORTED_SHARE = 0.05  # of the residual RMS: smaller differences are not reported; by judgement
 
 

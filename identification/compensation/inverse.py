@@ -50,7 +50,7 @@ def inverse(
     commands : (n, joints)
         `q` with changed positions of the movers.
     left : (n,), mm
-        Distance from the wanted point; above `CLOSED` only where the movers cannot reach it.
+        Distance from the wanted point; above `CLOSED_MM` only where the movers cannot reach it.
     """
     wanted = field.nominal(q, tool) if target is None else target
     out, movers = q.copy(), list(field.movers)

@@ -19,6 +19,7 @@ from identification.compensation.conditions import (
 )
 
 SCHEMA = "errormodel.compensation/1"
+# last step of the checklist
 REDATUM_STEP = (
     "once the tables act, touch off work offsets, datum and tool setter again: positions that were taken without them "
     "are shifted by the corrections there"
@@ -29,13 +30,13 @@ REDATUM_STEP = (
 class Stated:
     """Files for one state of the machine (its temperatures), and their residual errors."""
 
-    label: str  # folder below the output's, "" where there is one state
+    label: str  # subfolder of the output, "" if there is one state only
     state: Mapping[str, float]
     files: dict[str, str]
     tables: Tables
     figures: list[Figures]
     conditions: Conditions | None = None  # None for corrected commands, which need no zero shift or backlash value
-    notes: tuple[str, ...] = ()  # on rewritten programmes
+    notes: tuple[str, ...] = ()  # remarks on rewritten programmes
 
 
 @dataclass(frozen=True)

@@ -243,7 +243,7 @@ def _rewritten(
         out[:, movers] = np.round(moved / step) * step * np.where(field.rotary[movers], np.pi / 180, 1.0)
         return out
 
-    # the control's line ends: those of the plain programme
+    # the line ends of the original programme are kept, since the control may require them
     new = re.sub(r"\r?\n", "\r\n", done.text) if "\r\n" in text else done.text
     return Stated(label, state, {name: new}, (), assess(volume, rounded, held, seed), None, done.notes)
 
@@ -267,7 +267,9 @@ def _source(controller: Target, path: Path | None, reading: Reading | None) -> t
     if manifest.lists(path):
         raise InputError(str(path), "a programme that compensate wrote: it is corrected already", "Give the plain one")
     try:
-        return path.name, noted(path).read_bytes().decode("utf-8")  # a lone CR is no line end to every control
+        return path.name, noted(path).read_bytes().decode(
+            "utf-8"
+        )  # as bytes, since a lone CR is not a line end on every control
     except (OSError, ValueError) as error:
         raise InputError(str(path), f"it cannot be read ({error})", "Give a programme as plain text") from error
 

@@ -21,6 +21,7 @@ from identification.monitoring.quantities import Cycle
 SCHEMA = "errormodel.monitor/1"
 LOCK_TIMEOUT_S = 60.0  # s to wait for another run; by judgement
 CURE = "Move it away to begin a new history, or put a copy of it back"
+# SQL: key-value pairs about the model, and one row per cycle
 HISTORY_TABLES = """
 create table if not exists about (key text primary key, value text not null) strict;
 create table if not exists cycles (
@@ -96,6 +97,7 @@ class History:
         return new
 
 
+# columns in the order of `Record`
 CYCLE_COLUMNS = "number, digest, source, status, accepted, flagged, estimates, covariance"
 
 

@@ -22,6 +22,7 @@ from identification.results.store import StoredFit
 
 NOISE = "noise"  # id of the residual scatter of a cycle's fit, as the natural logarithm of its standard deviation
 SAME_GROUP_SHARE = 1e-4  # relative difference of coefficients up to which two groups are the same; far above rounding
+# parameter id of an instrument's zero
 ZERO_ID = re.compile(r"zero\[(?P<joint>.*), run (?P<run>[^\]]*)\]\.(?P<motion>\w+)")
 
 

@@ -24,7 +24,7 @@ from identification.monitoring.history import SCHEMA, Record, opened
 from identification.monitoring.quantities import NOISE, Cycle, Watched, measured, watched
 from identification.results.store import StoredFit
 
-DATABASE_NAME = "monitor.sqlite"
+DATABASE_NAME = "monitor.sqlite"  # file of the history in the folder of the fit
 # An RMS nominal error beyond both is taken for another machine; by judgement.
 OTHER_MACHINE_RATIO = 30.0  # times the RMS nominal error of the fit
 OTHER_MACHINE_UM = 1000.0  # um

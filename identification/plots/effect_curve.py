@@ -25,7 +25,7 @@ DRAWN_PERIODS = 3  # periods drawn of a periodic effect with many
 FEW_VALUES = 8  # distinct values of a channel, up to which they are drawn as markers
 # share of the largest motion's displacement at the tip: smaller motions are not drawn; by judgement
 SMALL_MOTION_SHARE = 0.05
-MOST_PANELS = 6
+MOST_PANELS = 6  # motions drawn of a finding
 EFFECT_PANEL_IN = 1.75  # inches: height of a panel
 
 
@@ -42,11 +42,11 @@ class Curve:
 
 
 def draw_effect_curve(evidence: Evidence, model: EffectModel, fit: Fit) -> Figure:
-    """The finding's motions (um, urad), each in a panel, with bands of twice their standard uncertainty.
+    """Motions of a finding (um, urad), each in a panel, with bands of twice their standard uncertainty.
 
-    `fit` is that of the extended machine. What the finding depends on beside the abscissa is a family of curves, or
-    two branches by the side of arrival; all else stands at its median. Along time a motion counts from the first row,
-    a wave or a free curve from its mean.
+    `fit` is that of the extended machine. Further channels of the finding appear as a family of curves, or as two
+    branches by direction of approach; all other channels are at their median. Along time a motion is relative to the
+    first row, a wave or a free curve to its mean.
     """
     panels = curves(evidence, model, fit)
     lines = -(-len(panels) // 2)
@@ -115,9 +115,9 @@ def curves(evidence: Evidence, model: EffectModel, fit: Fit) -> dict[tuple[str, 
 
 
 def _zero(evidence: Evidence, rates: Array) -> Array:
-    """What a motion is counted from, (parameters, 1): the first row in time, the mean of a wave or a free curve.
+    """Derivatives (parameters, 1) at the reference of a motion: the first row in time, or the mean of a wave or curve.
 
-    The mean of a curve is the geometry's as well, and not known apart. Else from nothing.
+    The mean of a curve is collinear with the geometry. Other motions have no reference.
     """
     if evidence.abscissa.name == "time":
         return rates[:, :1]
@@ -127,8 +127,8 @@ def _zero(evidence: Evidence, rates: Array) -> Array:
 def _effects(evidence: Evidence, model: EffectModel, fit: Fit) -> Iterator[tuple[Effect, list[str]]]:
     """Effects of the finding as fitted, with the ids of their parameters.
 
-    The growth's steps are the machine's last effects. Effects of the same kind at one place have the same labels: the
-    chain holds their parameters in the order of the machine.
+    The selected effects are the last ones of the machine. Effects of the same kind at one place have the same labels:
+    the chain holds their parameters in the order of the machine.
     """
     chain = fit.chain
     left = list(chain.parameters)
@@ -178,8 +178,8 @@ def _range(evidence: Evidence) -> Array:
 class Channels:
     """Channels along a curve: prescribed ones, recorded ones (time and temperatures, where `rows` are), else medians.
 
-    Away from a recording, temperatures have stood still for long: what lags behind has caught up. Joints have
-    arrived from the side that is given, or from both in equal parts.
+    Without recorded rows temperatures are stationary, so lagged channels equal the channels themselves. Joints approach
+    from the given direction, or from both in equal parts.
     """
 
     def __init__(self, evidence: Evidence, given: Mapping[str, Array], rows: Index | None = None) -> None:

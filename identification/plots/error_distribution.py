@@ -11,7 +11,7 @@ from errormodel.arrays import Array
 from identification.estimation.result import Fit
 from identification.plots import style
 
-MOST_BINS = 32
+MOST_BINS = 32  # bins of the histogram
 Curve = tuple[str, str, Array, str, float]  # label, colour, sizes, line style, line width
 
 

@@ -15,7 +15,7 @@ from identification.plots import style
 
 MOTION_POINTS = 241  # points of a curve
 MOST_DOTS = 400  # dots of direct measurements of a motion
-LINE_STYLES = ("-", "--", "-.")
+LINE_STYLES = ("-", "--", "-.")  # styles of the motions about x, y, z
 
 
 def moving_joints(fit: Fit) -> list[Joint]:
@@ -25,11 +25,11 @@ def moving_joints(fit: Fit) -> list[Joint]:
 
 
 def draw_error_motions(fit: Fit, joint: Joint) -> Figure:
-    """The identified error motions of one joint, with a band of twice their standard uncertainty.
+    """Identified error motions of one joint, with a band of twice their standard uncertainty.
 
-    Translations in um on the left, rotations in urad on the right, over the joint's travel; a kind of which none was
-    identified has no panel. Dots are measurements of the motion itself, their instrument's zero taken off; a shaded end
-    of the travel holds no measured row.
+    Translations in um on the left, rotations in urad on the right, over the joint's travel; a kind without identified
+    motions has no panel. Dots are direct measurements of the motion less the instrument's zero; shaded ends of the
+    travel hold no measured rows.
     """
     q = np.linspace(*joint.travel, MOTION_POINTS)
     value, deviation = _curves(fit, joint, q)

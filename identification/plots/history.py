@@ -17,14 +17,14 @@ from identification.plots import style
 HISTORY_COLUMNS = 3  # panels in a row
 PANEL_HEIGHT_IN, PANEL_WIDTH_IN = 1.75, 2.62  # inches: height and width of a panel
 ALARM_COLOUR = style.AXIS_COLOURS[0]
-MOST_TICKS = 5
+MOST_TICKS = 5  # ticks along the cycles
 
 
 def draw_history(what: Sequence[Watched], records: Sequence[Record], judged: Judged) -> Figure:
     """One panel per quantity, those nearest to (or beyond) their limits first; bars are twice the standard uncertainty.
 
-    A hollow point is not part of the normal range; one in another colour left it. The band is the range that the last
-    of `records` was judged by.
+    A hollow point is not part of the normal range; one in another colour is outside it. The band is the prediction
+    interval for the last of `records`.
     """
     values = np.array([r.cycle.values for r in records])
     shown = [k for k in range(len(what)) if np.isfinite(values[:, k]).any()]

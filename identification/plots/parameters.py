@@ -11,13 +11,14 @@ from identification.results.parameter_table import Estimate, estimates
 
 BAR_HEIGHT_IN = 0.19  # inches per parameter
 LABEL_WIDTH_IN = 1.5  # inches for the longest label
+# titles of the panels by unit
 UNIT_TITLES = {"µm": "Lengths", "µm/m": "Scale errors", "µrad": "Angles", "µrad/m": "Angles for a metre of travel"}
 
 
 def draw_parameters(fit: Fit) -> Figure:
     """Dots with bars of twice the standard uncertainty; hollow where the interval contains zero.
 
-    Frames and zeros of instruments are left out: they say nothing of the machine.
+    Frames and zeros of instruments are left out, since they are no properties of the machine.
     """
     shown = [e for e in estimates(fit) if e.kind in ("member", "joint", "effect")]
     shown.sort(key=lambda e: -e.significance)

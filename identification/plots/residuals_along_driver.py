@@ -20,7 +20,7 @@ DRIVER_PANEL_IN = 2.0  # inches: height of a panel
 def draw_residuals_along_driver(evidence: Evidence, sigma: float) -> Figure:
     """Residuals (um) along the main motion, each row a dot, with bin means and their standard errors.
 
-    On the left everything is fitted but the finding, on the right the finding too; `sigma` is the noise, mm.
+    On the left everything but the finding is fitted, on the right the finding as well; `sigma` is the noise, mm.
     """
     height = DRIVER_PANEL_IN + 1.0
     figure = Figure(figsize=(style.REPORT_WIDTH_IN, height), facecolor="white")

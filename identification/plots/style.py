@@ -29,7 +29,7 @@ PAPER = "#F5F7F9"
 NOMINAL, FITTED, HELDOUT = "#8A6100", "#0072B2", "#009E73"
 OTHERS = ("#CC79A7", "#56B4E9", "#D55E00", "#000000")  # colours of test files, in turn
 
-SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")  # digits of exponents
 TITLE, HEADING, BODY, SMALL = 15.0, 11.0, 9.0, 8.0  # points: sizes of text
 TICK_STEPS = [1, 2, 2.5, 5, 10]  # permitted steps between ticks, times a power of ten
 # inches: width of a report's figure, at which its text has the size of the report's
@@ -62,7 +62,9 @@ def dress(axes: Axes, x: str = "", y: str = "", title: str = "") -> None:
     axes.set_xlabel(x, size=BODY, color=INK)
     axes.set_ylabel(y, size=BODY, color=INK)
     if title:
-        axes.set_title(title, size=BODY, weight="bold", color=INK, loc="left", y=1.0)  # nothing above to make way for
+        axes.set_title(
+            title, size=BODY, weight="bold", color=INK, loc="left", y=1.0
+        )  # a fixed height avoids a slow layout
     axes.tick_params(labelsize=SMALL, labelcolor=INK, left=False, bottom=False)
     for axis in (axes.xaxis, axes.yaxis):
         if isinstance(axis.get_major_locator(), AutoLocator):

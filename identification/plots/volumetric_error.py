@@ -27,7 +27,7 @@ SQUARE_SIDE_IN = 3.4  # of the square that Matplotlib draws it in; it fills 1.03
 def draw_volumetric_error(fit: Fit) -> Figure:
     """Arrows from the nominal positions along the error, in the axes of the machine's reference.
 
-    The magnification stands above; what was not measured of a row counts as no error.
+    The magnification is given above the panels; unmeasured coordinates of a row count as zero error.
     """
     points, before, after = _arrows(fit)
     low, high = points.min(axis=0), points.max(axis=0)

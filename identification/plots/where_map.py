@@ -40,11 +40,11 @@ class WhereMap:
 def where_map(
     model: EffectModel, ranking: Sequence[Ranked], numbered: Sequence[tuple[int, Sequence[Step]]]
 ) -> WhereMap:
-    """The best proposal of each cell before anything is accepted, as a share of the excess over noise.
+    """Best candidate of each cell before any effect is accepted, as a share of the excess of residuals over noise.
 
-    `ranking` is that of the growth's start, `numbered` its findings by their number in the report. A proposal with
-    several motions or channels counts in all their cells; a channel that adds nothing to the proposal's others does
-    not count.
+    `ranking` is that of the candidates before selection, `numbered` the findings by their number in the report. A
+    candidate with several motions or channels counts in all their cells; a channel that adds nothing to the others of
+    the candidate does not count.
     """
     start, end = model.start, model.linear
     excess = start.square - start.freedom * end.square / end.freedom

@@ -22,7 +22,7 @@ EDGE_MM, EDGE_POINTS = 0.25, 20
 EDGE_SPACINGS = 10.0  # spacings without a point that count as an edge; by judgement
 # mm of height between neighbouring points that count as an edge, in addition to EDGE_SLOPE times their distance
 EDGE_STEP_MM = 0.1
-EDGE_SLOPE = 2.0
+EDGE_SLOPE = 2.0  # height per distance; by judgement
 FEWEST_CLOUD_POINTS = 300  # points that must remain for a registration; by judgement
 
 
@@ -86,7 +86,7 @@ def clean(points: Array, name: str) -> Array:
     Raises
     ------
     InputError
-        Too few are left to be called a surface.
+        Fewer than `FEWEST_CLOUD_POINTS` remain.
     """
     kept = points
     if len(points) >= FEWEST_CLOUD_POINTS:

@@ -25,6 +25,7 @@ SETTLED_RATIO = 3.0  # times the cold noise: with a smaller spread of heights no
 LEAST_OVERLAP = 0.3  # of the warm points that must lie over the cold surface; by judgement
 OBSERVABLE_RATIO = 4.0  # times the expectation from noise, from which a direction counts as observable; by judgement
 SLOPE_POINTS = 50  # points at which the uncertainty of the slopes is evaluated; for time
+# names of the six components
 SHIFTS_AND_TURNS = ("shift along x", "shift along y", "shift along z", "turn about x", "turn about y", "turn about z")
 BLOCK_CELLS = 32  # cells per side of a block whose mean residual tests for correlated noise; by judgement
 
@@ -37,7 +38,7 @@ class Displacement:
     ----------
     matrix : (4, 4)
     covariance : (6, 6)
-        Of a small shift (mm) and turn (rad) after it, about the origin of the cold sensor's frame.
+        Of a small shift (mm) and rotation (rad) after it, about the origin of the cold sensor's frame.
     rmse : float
         Root mean square distance of the warm points from the cold surface, along its normal, mm.
     sigma : float
@@ -45,7 +46,7 @@ class Displacement:
     overlap : float
         Share of the warm points that lie over the cold surface.
     unseen : tuple of str
-        Shifts and turns that this surface does not show.
+        Shifts and rotations that are not identifiable on this surface.
     """
 
     matrix: Array

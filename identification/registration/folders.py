@@ -10,7 +10,7 @@ from errormodel.exceptions import InputError
 from errormodel.inputs import noted, noted_folder
 from identification.registration.readers import CLOUD_SUFFIXES
 
-_SECONDS = {"s": 1.0, "sec": 1.0, "min": 60.0, "m": 60.0, "h": 3600.0, "hr": 3600.0}
+_SECONDS = {"s": 1.0, "sec": 1.0, "min": 60.0, "m": 60.0, "h": 3600.0, "hr": 3600.0}  # s per unit of time
 
 
 def clouds_in(folder: Path, count: int, reference: Sequence[Path] = ()) -> list[Path]:
@@ -20,14 +20,14 @@ def clouds_in(folder: Path, count: int, reference: Sequence[Path] = ()) -> list[
     ----------
     folder : Path
     count : int
-        How many artefacts there are.
+        Number of artefacts.
     reference : sequence of Path
-        The clouds of the cold folder: a file that is missing is named after them.
+        Clouds of the cold folder, from which the name of a missing file follows.
 
     Raises
     ------
     InputError
-        There is no such folder, or not one cloud an artefact in it.
+        The folder does not exist, or does not hold one cloud per artefact.
     """
     if not folder.is_dir():
         found = "a file" if folder.exists() else "no such folder"

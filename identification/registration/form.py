@@ -73,7 +73,7 @@ def read_profiler(path: Path) -> tuple[Profiler, Document]:
     Raises
     ------
     InputError
-        A key or a value is wrong, or the mount is given neither or twice.
+        A key or a value is wrong, or the mount is given not at all or twice.
     """
     document = yamlfile.load(path)
     form = yamlfile.validate(document, Profiler)

@@ -42,7 +42,7 @@ def error_motions(displaced: Array, mount: Array, lever: Array) -> Array:
     displaced : (4, 4)
         ``X``, from warm to cold coordinates in the sensor's frame.
     mount : (6,)
-        Of the sensor's frame in the tool frame, mm and rad, as :func:`pose` takes them.
+        Pose of the sensor's frame in the tool frame, mm and rad, in the order of :func:`pose`.
     lever : (3,)
         From the joint's frame to the tool frame, mm.
     """

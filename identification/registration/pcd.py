@@ -31,7 +31,7 @@ def read_pcd(path: Path, name: str) -> dict[str, Array]:
     Raises
     ------
     InputError
-        The file is no PCD, or ends before all points that its header promises.
+        The file is not a PCD, or holds fewer points than its header announces.
     """
     from pypcd4.pypcd4 import PointCloud
 

@@ -24,6 +24,7 @@ PLY_TYPES = {
     "uint16": "u2", "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4", "float": "f4", "float32": "f4",
     "double": "f8", "float64": "f8",
 }  # fmt: skip
+# prefix of NumPy types by format of the file
 BYTE_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 MOST_HEADER_BYTES = 1 << 20  # bytes in which the header must end; by judgement
 
@@ -59,7 +60,7 @@ def read_ply(path: Path, name: str) -> dict[str, Array]:
     Raises
     ------
     InputError
-        The file is no PLY, ends too soon, or its vertices cannot be told from what stands before them.
+        The file is not a PLY, is truncated, or an element of varying length precedes the vertices.
     """
     with path.open("rb") as file:
         order, elements = _header(file, name)

@@ -16,14 +16,14 @@ from identification.registration.pcd import read_pcd
 from identification.registration.ply import read_ply
 from identification.registration.refusals import unreadable
 
-TEXT_SUFFIXES = (".csv", ".xyz", ".txt", ".asc")
-CLOUD_SUFFIXES = (*TEXT_SUFFIXES, ".ply", ".pcd")
+TEXT_SUFFIXES = (".csv", ".xyz", ".txt", ".asc")  # suffixes of text files
+CLOUD_SUFFIXES = (*TEXT_SUFFIXES, ".ply", ".pcd")  # suffixes of all point clouds
 # columns from which an unnamed table is taken for heights, not for points with attributes; by judgement
 FEWEST_HEIGHT_COLUMNS = 12
 MOST_COORDINATE_MM = 1e6  # mm: larger coordinates are refused
 _HEAD = 1 << 16  # bytes in which the first line of numbers must begin
-_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?(?:nan|inf(?:inity)?)"
-# What profilers write where nothing came back: digits of 9 only, or the least integer in their unit.
+_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?(?:nan|inf(?:inity)?)"  # a number, nan or inf
+# Values that profilers write for missing returns: digits of 9 only, or the smallest integer in their unit.
 _SENTINELS = (99.99, 99.999, 99.9999, 999.99, 999.999, 999.9999, 9999.0, 9999.99, 9999.999, 9999.9999, 99999.0)
 _LEAST_INTEGERS = (2147483648.0, 2147483647.0, 21474.83648, 21474.83647, 2147483.648, 2147483.647, 32768.0)
 

@@ -38,10 +38,10 @@ class Registered:
     Attributes
     ----------
     table : DataFrame
-        A row an artefact and WARM folder, as a survey has it: mm, rad, s.
+        One row per artefact and WARM folder, in the columns of a survey: mm, rad, s.
     mount : Mount
     displacements : list of Displacement
-        In the rows' order.
+        In the order of the rows.
     notes : tuple of str
     """
 
@@ -57,16 +57,16 @@ def register(cold: Path, warm: Sequence[Path], profiler: Path, progress: Progres
     Parameters
     ----------
     cold, warm : Path, sequence of Path
-        Folders with one cloud an artefact.
+        Folders with one cloud per artefact.
     profiler : Path
         ``profiler.yaml``.
     progress : Tell
-        How to show progress.
+        Progress callback.
 
     Raises
     ------
     InputError
-        A file is missing or wrong, or clouds do not show what they should.
+        A file is missing or wrong, or clouds cannot be registered.
     """
     import pandas as pd
 
@@ -140,7 +140,7 @@ def _displacement(cold: Array, surface: Surface, warm: Array, cold_file: Path, w
     Raises
     ------
     InputError
-        They do not overlap, are not of one surface, one is mirrored, or the surface does not show all six motions.
+        The clouds do not overlap, differ in shape, one is mirrored, or not all six motions are identifiable.
     """
     found = displacement(cold, surface, warm)
     limit = MISFIT_RATIO * max(surface.sigma, 1e-6)

@@ -36,9 +36,9 @@ class Surface:
     sigma : float
         Standard deviation of a point's height, mm.
     factor : SuperLU
-        Of the normal equations' matrix (m, m), for the uncertainty of the surface.
+        Factorisation of the normal equations' matrix (m, m), for the uncertainty of the surface.
     cell, seen : float, (cx, cy) bool
-        Side of the cells of a grid, mm, and which of them have points all round.
+        Side of the cells of a grid, mm, and mask of the cells surrounded by points.
     inliers : (n,) bool
     """
 

@@ -33,9 +33,8 @@ class Album:
 
     def filled(self, text: str) -> str:
         """Text with all figures."""
-        backwards = side_by_side(
-            [p.source for p in reversed(self._placed)]
-        )  # the last figures take longest, so they start first
+        # the last figures take longest, so they start first
+        backwards = side_by_side([p.source for p in reversed(self._placed)])
         for k, source in enumerate(reversed(backwards)):
             text = text.replace(self._stand_in(k), source)
         return text

@@ -38,7 +38,7 @@ def write_report(fit: Fit, path: Path, diagnosed: Diagnosed | None = None, therm
 def report(fit: Fit, diagnosed: Diagnosed | None = None, thermal: Thermal | None = None) -> str:
     """Report of `fit` as self-contained HTML; the same fit gives the same text.
 
-    With a diagnosis or a thermal model, `fit` is that of the extended machine, and what was found comes first.
+    With a diagnosis or a thermal model, `fit` is that of the extended machine, and the findings come first.
     """
     groups = estimates(fit)
     return page(

@@ -18,8 +18,8 @@ class CompensationResult:
     Attributes
     ----------
     compensation : the tables and their assessment.
-    checklist : what to do at the machine, in order.
-    notes : what needs attention, as sentences.
+    checklist : steps at the machine, in order.
+    notes : warnings and remarks, as sentences.
     """
 
     def __init__(self, compensation: Compensation) -> None:

@@ -32,10 +32,10 @@ class Description:
 
     Attributes
     ----------
-    groups : of the machine's own parameters, seen from a known measuring frame.
-    reasons : why each parameter without effect has none.
-    with_frame : the same when the measuring frame is unknown too, as the survey has it; None without a survey.
-    split : groups of the machine with its one tool that the survey's poses and tools take apart.
+    groups : groups of the machine's own parameters, with a known measuring frame.
+    reasons : reason for each parameter without effect.
+    with_frame : groups when the measuring frame is unknown as well, as in the survey; None without a survey.
+    split : groups of the machine with a single tool that the survey's poses and tools separate.
     """
 
     chain: Chain

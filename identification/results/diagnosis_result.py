@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
     from identification.diagnosis.pipeline import Diagnosed
 
+# columns of the table of findings
 FINDING_COLUMNS = ("effect", "where", "motion", "driver", "probability", "statement")
 
 

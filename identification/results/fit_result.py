@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from identification.estimation.result import Fit, Spread
     from identification.results.store import StoredFit
 
-STATISTICS_COLUMNS = ("rms_um", "mean_um", "max_um", "n")
+STATISTICS_COLUMNS = ("rms_um", "mean_um", "max_um", "n")  # columns of the table of residual statistics
 
 
 class FitResult:
@@ -25,7 +25,7 @@ class FitResult:
     ----------
     fit : the estimates and residuals behind it.
     machine : the machine that was fitted.
-    notes : what needs attention, as sentences.
+    notes : warnings and remarks, as sentences.
     sigma_um : standard uncertainty of one measured coordinate (k = 1), um.
     """
 

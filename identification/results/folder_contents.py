@@ -13,10 +13,10 @@ from identification.results import manifest
 from identification.results.manifest import Manifest
 from identification.results.output_file import RECORD_NAME, recorded
 
-HISTORY_FILE = "monitor.sqlite"
-HISTORY_NAME = re.compile(r"monitor\.sqlite(-journal|-wal|-shm)?")
+HISTORY_FILE = "monitor.sqlite"  # database of `monitor`
+HISTORY_NAME = re.compile(r"monitor\.sqlite(-journal|-wal|-shm)?")  # the database and its temporary files
 CHAIN = "chain"  # an unfinished chain of `fit --bayes`
-CHAIN_PIECE = re.compile(r"\.?piece_[0-9a-f]+_\d+(\.\d+\.part)?\.npz")
+CHAIN_PIECE = re.compile(r"\.?piece_[0-9a-f]+_\d+(\.\d+\.part)?\.npz")  # parts of an unfinished chain
 UNFINISHED_NAME = re.compile(r"\..+\.(\w+\.part(\.\w+)?|old)")  # temporary files of a run that is active or was killed
 # files of errormodel itself and of file managers
 SERVICE_FILES = (RECORD_NAME, LOCK, ".DS_Store", "Thumbs.db", "desktop.ini")
@@ -24,7 +24,7 @@ FILES_WITHOUT_MANIFEST = (  # files of results written before manifests existed
     "machine.yaml", "parameters.csv", "residuals.csv", "covariance.csv", "fit.json", "report.html", "posterior.nc",
     "diagnosis.json", "thermal.json", "thermal_drift.png",
 )  # fmt: skip
-MONITOR_FILES = ("monitor.json", "monitor.html")
+MONITOR_FILES = ("monitor.json", "monitor.html")  # output of `monitor`
 CURE = "Choose another folder, or move that file away"
 
 
@@ -34,7 +34,7 @@ def kept_of(folder: Path, own: Manifest | None) -> list[str]:
     Raises
     ------
     InputError
-        There is something that errormodel did not write, or that was changed since.
+        The folder holds a file that errormodel did not write, or that was changed since.
     """
     entries = sorted(folder.iterdir())
     old = FILES_WITHOUT_MANIFEST if own is None and any(e.name in FILES_WITHOUT_MANIFEST for e in entries) else ()
@@ -76,7 +76,7 @@ def _is_own(folder: Path, entry: Path, own: Manifest) -> bool:
     Raises
     ------
     InputError
-        Some are, or it is the file but was changed.
+        Only some files of a folder agree, or the file was changed.
     """
     name = entry.relative_to(folder).as_posix()
     if entry.is_symlink():
@@ -109,7 +109,7 @@ def _check_before(folder: Path) -> None:
     Raises
     ------
     InputError
-        They are not, or that cannot be known.
+        The files are no such fit, or were edited, or this cannot be determined.
     """
     from errormodel.machine_file import machine_text, read_machine
     from identification.results.store import read_files

@@ -16,7 +16,7 @@ from errormodel.exceptions import InputError
 from errormodel.files import sha256
 from errormodel.inputs import current
 
-NAME = "manifest.json"
+NAME = "manifest.json"  # file in each folder of results
 SCHEMA = "errormodel.manifest/1"
 CURE = "Choose another folder, or move it away"
 
@@ -59,7 +59,7 @@ def read(folder: Path) -> Manifest | None:
     Raises
     ------
     InputError
-        It is damaged, or of a version to come.
+        The manifest is damaged, or of a newer version.
     """
     path = folder / NAME
     try:
@@ -100,7 +100,7 @@ def wrong(folder: Path) -> list[str]:
 def check_whole(folder: Path) -> None:
     """Check that the files of a folder of results belong together, before any is read.
 
-    Folders of versions before the manifest have none.
+    Folders written before manifests existed are accepted without one.
 
     Raises
     ------

@@ -18,8 +18,8 @@ from errormodel.files import locked, plain_mode, replacing, sha256, unwritable, 
 if TYPE_CHECKING:
     import pandas as pd
 
-RECORD_NAME = ".errormodel.sha256"
-RECORD_LINE = re.compile(r"([0-9a-f]{64})  (.+)")
+RECORD_NAME = ".errormodel.sha256"  # list of written files with digests, in the same folder
+RECORD_LINE = re.compile(r"([0-9a-f]{64})  (.+)")  # digest and name, as written by sha256sum
 CURE = "Give another name, or move that file away"
 
 
@@ -30,8 +30,8 @@ class OutputFile:
     ----------
     path : Path
     mark : bytes
-        What a file of this kind holds, and nobody else's: such a file may be replaced though it stands in no record, as
-        earlier versions kept none.
+        Bytes that identify a file of this kind: it may be replaced without being recorded, since earlier versions kept
+        no record.
     """
 
     def __init__(self, path: Path, mark: bytes = b"") -> None:
@@ -54,7 +54,7 @@ class OutputFile:
         Raises
         ------
         InputError
-            There is something else than a plain file, or a file that errormodel did not write, or one changed since.
+            The path is no plain file, or a file that errormodel did not write, or one changed since.
         """
         try:
             if plain_mode(self.path) is None or not self.path.stat().st_size:
@@ -121,7 +121,7 @@ def recorded(folder: Path) -> dict[str, set[str]]:
 def record(path: Path, digest: str) -> None:
     """Add a file to the record of its folder; entries of missing files are dropped.
 
-    The digest of the file that is still there stays, as a run that is killed now leaves it.
+    The digest of the present file stays, since a run that is killed now leaves that file.
     """
     known = {name: digests for name, digests in recorded(path.parent).items() if (path.parent / name).exists()}
     here = {sha256(path)} if path.exists() else set()

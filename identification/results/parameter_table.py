@@ -47,10 +47,10 @@ class Estimate:
     Attributes
     ----------
     number : from 1, in the order of the fit.
-    id : the parameter that stands for the group; `name` has an ellipsis where it has others with it.
-    formula : the whole group; `symbol` is the ISO 230-1 name, if there is one, and `meaning` a location error in words.
-    value, std : in `unit` (um, urad, um/m, urad/m); std is k = 1.
-    kind : of a structural member, joint, effect, measuring frame (or a target's mount), or zero of an instrument.
+    id : base parameter of the group; `name` has an ellipsis if the group has further members.
+    formula : the whole group; `symbol` : the ISO 230-1 name, if there is one; `meaning` : a location error in words.
+    value, std : in `unit` (um, urad, um/m, urad/m); std is the standard uncertainty (k = 1).
+    kind : structural member, joint, effect, measuring frame (or a target's mount), or zero of an instrument.
     """
 
     number: int

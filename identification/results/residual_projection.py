@@ -20,8 +20,8 @@ from identification.plots import style
 FOLDED_PERIODS = 15
 # colour and line style of levels, from low to high
 LEVEL_STYLES = (style.FITTED, "-"), ("#009E73", "--"), ("#D55E00", "-.")
-SIDE_LABELS = ("arrived from below", "arrived from above")
-MINUS_SIGN = " − "
+SIDE_LABELS = ("arrived from below", "arrived from above")  # labels of the directions of approach
+MINUS_SIGN = " − "  # between the names of two channels
 PAIR_SEPARATOR = "\0"  # separator of two channels whose difference is meant; no channel name contains it
 
 
@@ -46,7 +46,7 @@ class Split:
 
     Attributes
     ----------
-    levels : (k,) channel's value of each curve; `labels` in words; `member` (n,) the level each row belongs to.
+    levels : (k,) value of the channel for each curve; `labels` : in words; `member` : (n,) level of each row.
     """
 
     name: str
@@ -66,8 +66,8 @@ class Evidence:
 
     Attributes
     ----------
-    linear : without the finding, everything else fitted; `first` (n,) an observation of each row.
-    element, motion : the motion that shows most; `direction` (n, 3) where it moves the tip, reference's axes.
+    linear : linear model without the finding, everything else fitted; `first` : (n,) first observation of each row.
+    element, motion : motion with the largest effect; `direction` : (n, 3) its direction at the tip, reference's axes.
     before, after : (n,) residual along it without the finding and with it, um.
     """
 
@@ -142,7 +142,7 @@ def motions(linear: LinearModel, effects: Sequence[Effect]) -> list[tuple[str, M
 class _Rows:
     """Rows of the linear model: its whitened observations, up to three of each, as vectors in mm.
 
-    The frame's three translations, which are whitened alike, say what one mm is.
+    The derivatives by the frame's three translations, whitened in the same way, give the scale of one mm.
     """
 
     def __init__(self, linear: LinearModel) -> None:

@@ -31,7 +31,7 @@ class ResultsFolder:
     ----------
     path : Path
     holds : "model" or "tables"
-        One never takes the place of the other.
+        A folder of one kind never replaces one of the other.
     """
 
     def __init__(self, path: Path, holds: str = "model") -> None:
@@ -55,7 +55,7 @@ class ResultsFolder:
         Raises
         ------
         InputError
-            It holds what errormodel did not write, or what was changed since, or cannot be exchanged.
+            The folder holds files that errormodel did not write or that were changed since, or cannot be exchanged.
         """
         try:
             recover(self.path)

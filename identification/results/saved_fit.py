@@ -22,8 +22,8 @@ class SavedFit:
 
     Attributes
     ----------
-    stored : what prediction needs of the fit.
-    folder : where it was read.
+    stored : the part of the fit that prediction needs.
+    folder : folder from which it was read.
     """
 
     stored: StoredFit

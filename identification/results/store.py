@@ -144,7 +144,7 @@ def save(fit: Fit, folder: Path) -> None:
     Raises
     ------
     InputError
-        It holds what errormodel did not write, or cannot be written.
+        The folder holds files that errormodel did not write, or cannot be written.
     """
     with ResultsFolder(folder).replaced() as part:
         write(fit, part)
