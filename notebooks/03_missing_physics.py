@@ -283,7 +283,7 @@ def draw_homing() -> Figure:
         ):
             axes.plot(hours, 1e3 * residual[:, 2], ".", ms=2, color=colour, label=label)
         style.dress(axes, "time / h", "z / µm" if not k else "", f"homing_{name}")
-    axes.legend(fontsize=style.SMALL, frameon=False, markerscale=4)
+    axes.legend(fontsize=style.SMALL_TEXT, frameon=False, markerscale=4)
     return figure
 
 
@@ -387,7 +387,7 @@ if arm.is_dir():
         for values, colour, name in zip(common.T, (style.FITTED, style.NOMINAL), series, strict=True):
             axes.plot(np.degrees(angle[seen]), 1e6 * values, ".", ms=2, color=colour, label=name)
         style.dress(axes, f"{joint} / °", "" if k else "µrad", f"{joint}: correlation {agreement:.2f}")
-    figure.legend(*axes.get_legend_handles_labels(), fontsize=style.SMALL, frameon=False, ncols=2, markerscale=4)
+    figure.legend(*axes.get_legend_handles_labels(), fontsize=style.SMALL_TEXT, frameon=False, ncols=2, markerscale=4)
 figure if arm.is_dir() else None
 
 # %% [markdown]

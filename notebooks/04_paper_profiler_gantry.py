@@ -204,7 +204,7 @@ for k, motion in enumerate(MOTIONS):
 figure.legend(
     *axes.get_legend_handles_labels(),
     loc="lower center",
-    fontsize=style.SMALL,
+    fontsize=style.SMALL_TEXT,
     frameon=False,
     ncols=9,
     columnspacing=0.6,

@@ -248,7 +248,7 @@ for axes, first in zip(panels, ("δz, steps (print)", "δz, from point 1"), stri
     style.dress(axes, "point", "error in Z / µm" if axes is panels[0] else "", first)
     axes.set_xticks([1, 5, 10, 15, 18])
     axes.margins(y=0.06)
-    axes.legend(fontsize=style.SMALL, frameon=False, loc="lower left")
+    axes.legend(fontsize=style.SMALL_TEXT, frameon=False, loc="lower left")
 figure
 
 # %% [markdown]

@@ -64,7 +64,7 @@ def tables_of(name: str, volume: Volume, **more: object) -> tuple[Controller, Ta
 
 @pytest.fixture(autouse=True)
 def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("identification.compensation.run.POSES", 300)
+    monkeypatch.setattr("identification.compensation.run.SAMPLE_POSES", 300)
 
 
 @pytest.fixture(scope="module")

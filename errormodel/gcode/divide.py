@@ -21,7 +21,7 @@ Correct = Callable[[Array, Array], Array]
 
 CHORD_TOLERANCE = 0.0002  # mm or deg: permitted distance between a straight piece and the corrected curve; by judgement
 LARGEST_CORRECTION = 1.0  # mm or deg: larger corrections are refused as implausible; by judgement
-MOST_PIECES = 10_000  # pieces of one block; by judgement
+MOST_BLOCK_PIECES = 10_000  # pieces of one block; by judgement
 MOST_DOUBLINGS = 6  # doublings of the samples before a block is refused
 
 
@@ -90,9 +90,9 @@ def sampled(part: Part, setup: Setup) -> Part:
     spans = np.array([a.measured[1] - a.measured[0] for a in setup.axes])
     needed = moved / np.where(spans > 0, spans, np.inf) * [a.intervals for a in setup.axes]
     chords = int(np.ceil(part.path.pieces() * (part.ends[1] - part.ends[0])))
-    if chords > MOST_PIECES:
-        part.step.block.refuse(f"an arc of {chords} chords, and {MOST_PIECES} is the most", "Divide it")
-    return replace(part, count=int(max(2, min(np.ceil(4 * known(needed).max()), MOST_PIECES), chords)))
+    if chords > MOST_BLOCK_PIECES:
+        part.step.block.refuse(f"an arc of {chords} chords, and {MOST_BLOCK_PIECES} is the most", "Divide it")
+    return replace(part, count=int(max(2, min(np.ceil(4 * known(needed).max()), MOST_BLOCK_PIECES), chords)))
 
 
 def divided(steps: Sequence[Step], setup: Setup, correct: Correct) -> list[list[Run]]:
@@ -125,8 +125,8 @@ def divided(steps: Sequence[Step], setup: Setup, correct: Correct) -> list[list[
         part.step.block.refuse(f"a correction that bends more often than {part.count // 2} times along it", "Divide it")
     out = [[found[k, n] for n in range(len(row))] for k, row in enumerate(parts)]
     for step, runs in zip(steps, out, strict=True):
-        if sum(len(r.share) for r in runs) > MOST_PIECES:
-            step.block.refuse(f"more than {MOST_PIECES} pieces", "Divide it")
+        if sum(len(r.share) for r in runs) > MOST_BLOCK_PIECES:
+            step.block.refuse(f"more than {MOST_BLOCK_PIECES} pieces", "Divide it")
     return out
 
 

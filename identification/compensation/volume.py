@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 LEAST_MOVED_SHARE = 0.003  # of the travel: a joint that moved less counts as not surveyed; by judgement
-MOST_CORNERS = 64  # corners of the volume in a sample: all those of six joints
+MOST_VOLUME_CORNERS = 64  # corners of the volume in a sample: all those of six joints
 MOST_TIMES = 16  # times of a warm-up that get tables of their own; by judgement
 INTERPOLATION_SHARE = 0.005  # of the largest correction: permitted error of linear interpolation; by judgement
 # numbers of intervals to try along a joint, in ascending order
@@ -79,9 +79,11 @@ class Volume:
         return self.low + unit[:, :n] * (self.high - self.low), np.where(unit[:, n:] < 0.5, -1.0, 1.0)
 
     def corners(self) -> tuple[Array, Array]:
-        """Corners of the volume, at most `MOST_CORNERS`, with directions of approach."""
+        """Corners of the volume, at most `MOST_VOLUME_CORNERS`, with directions of approach."""
         moving = np.flatnonzero(self.high > self.low)
-        pick = np.array(list(islice(product((0.0, 1.0), repeat=len(moving)), MOST_CORNERS))).reshape(-1, len(moving))
+        pick = np.array(list(islice(product((0.0, 1.0), repeat=len(moving)), MOST_VOLUME_CORNERS))).reshape(
+            -1, len(moving)
+        )
         q = np.tile(self.low, (len(pick), 1))
         q[:, moving] = self.low[moving] + pick * (self.high - self.low)[moving]
         return q, np.where(np.arange(len(q))[:, None] % 2, np.ones_like(q), -np.ones_like(q))

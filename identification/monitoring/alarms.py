@@ -11,7 +11,7 @@ from errormodel.chain import Chain
 from errormodel.conventions import ROTATIONS
 from errormodel.machine import Joint
 from identification.monitoring.control_limits import Judged
-from identification.monitoring.quantities import NOISE, ZERO_ID, Cycle, Watched
+from identification.monitoring.quantities import NOISE_ID, ZERO_ID, Cycle, Watched
 from identification.results.parameter_table import decimals
 
 VERBS = {"range": "left its range", "drift": "drifts"}  # kinds of alarm of a single quantity
@@ -20,7 +20,7 @@ MOST_NAMED = 3  # quantities named in the alarm of all together, by share of the
 
 def look_at(chain: Chain, what: Watched) -> str:
     """Usual place of the cause of a change, in words."""
-    if what.id == NOISE:
+    if what.id == NOISE_ID:
         return "a loose target or sensor, vibration, or physics that the model lacks: run `errormodel diagnose` on it"
     joints = {j.name: j for j in chain.machine.joints}
     if (zero := ZERO_ID.fullmatch(what.id)) is not None:

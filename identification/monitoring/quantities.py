@@ -20,7 +20,7 @@ from identification.estimation.result import Fit
 from identification.results.parameter_table import printed
 from identification.results.store import StoredFit
 
-NOISE = "noise"  # id of the residual scatter of a cycle's fit, as the natural logarithm of its standard deviation
+NOISE_ID = "noise"  # id of the residual scatter of a cycle's fit, as the natural logarithm of its standard deviation
 SAME_GROUP_SHARE = 1e-4  # relative difference of coefficients up to which two groups are the same; far above rounding
 # parameter id of an instrument's zero
 ZERO_ID = re.compile(r"zero\[(?P<joint>.*), run (?P<run>[^\]]*)\]\.(?P<motion>\w+)")
@@ -32,7 +32,7 @@ class Watched:
 
     Attributes
     ----------
-    id : of the parameter that stands for the group, or `NOISE`; `group`: the whole group as a formula.
+    id : of the parameter that stands for the group, or `NOISE_ID`; `group`: the whole group as a formula.
     symbol : ISO 230-1 name, or "".
     unit : internal (mm, rad, 1, rad/mm ...); of the noise "log", followed by its unit if all of it has one.
     members : coefficients of the group's parameters.
@@ -66,7 +66,7 @@ class Watched:
     @property
     def name(self) -> str:
         """For sentences: the ISO name with the id, or the id."""
-        if self.id == NOISE:
+        if self.id == NOISE_ID:
             return "the scatter about the model"
         return f"{self.symbol} ({self.id})" if self.symbol else self.id
 
@@ -102,7 +102,7 @@ def watched(stored: StoredFit) -> tuple[Watched, ...]:
     if not out:
         found = "every group that it identifies depends on where the instrument stood"
         raise InputError("fit.json", found, "Fit a survey in which the machine shows more than its frame")
-    return (*out, Watched(NOISE, NOISE, "", _unit_of_noise(stored), {}))
+    return (*out, Watched(NOISE_ID, NOISE_ID, "", _unit_of_noise(stored), {}))
 
 
 def _unit_of_noise(stored: StoredFit) -> str:

@@ -21,7 +21,7 @@ from identification.estimation.run import fit_machine
 from identification.monitoring.alarms import alarms
 from identification.monitoring.control_limits import Judged, judge
 from identification.monitoring.history import SCHEMA, Record, opened
-from identification.monitoring.quantities import NOISE, Cycle, Watched, measured, watched
+from identification.monitoring.quantities import NOISE_ID, Cycle, Watched, measured, watched
 from identification.results.store import StoredFit
 
 DATABASE_NAME = "monitor.sqlite"  # file of the history in the folder of the fit
@@ -155,7 +155,7 @@ def _measure(stored: StoredFit, what: tuple[Watched, ...], survey: Survey) -> Cy
             "Give a survey of the machine that was fitted, with commands and measured points in the same units",
         )
     cycle = measured(what, fit)
-    if not np.isfinite(cycle.values[[w.id != NOISE for w in what]]).any():
+    if not np.isfinite(cycle.values[[w.id != NOISE_ID for w in what]]).any():
         raise InputError(
             str(survey.source),
             f"it shows none of the {len(what) - 1} quantities that are watched",

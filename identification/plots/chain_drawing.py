@@ -115,8 +115,8 @@ def _draw_row(page: Axes, columns: list[_Column], y: float, geometry_height: flo
         heading = style.HEADING * min(1, 13 / len(column.name))
         page.text(x, y + 0.46, column.name, size=heading, weight="bold", color=style.INK, ha="center")
         for top, lines, size, colour in (
-            (y - 0.45, column.geometry, style.BODY, style.INK),
-            (y - 0.6 - geometry_height, column.model, style.SMALL, style.MUTED),
+            (y - 0.45, column.geometry, style.BODY_TEXT, style.INK),
+            (y - 0.6 - geometry_height, column.model, style.SMALL_TEXT, style.MUTED),
         ):
             text = "\n".join(lines)
             page.text(x, top, text, size=size, color=colour, ha="center", va="top", linespacing=1.35)
@@ -131,7 +131,7 @@ def _draw_legend(page: Axes, x: float, y: float, scale: float) -> None:
     ]
     for k, (symbol, meaning) in enumerate(entries):
         symbol(page, x, y - 0.78 * k)
-        page.text(x + 0.75, y - 0.78 * k, meaning, size=style.BODY, color=style.INK, va="center", linespacing=1.35)
+        page.text(x + 0.75, y - 0.78 * k, meaning, size=style.BODY_TEXT, color=style.INK, va="center", linespacing=1.35)
     length = next(m * 10**e for e in range(6, -4, -1) for m in (5, 2, 1) if m * 10**e * scale < 0.8)  # mm
     origin = np.array([x, y - 4.05])
     for name, colour, along in zip("xyz", style.AXIS_COLOURS, VIEW.T, strict=True):
@@ -141,9 +141,9 @@ def _draw_legend(page: Axes, x: float, y: float, scale: float) -> None:
         letter = tip + 0.27 * along / np.hypot(*along)
         page.text(letter[0], letter[1], name, size=style.HEADING, weight="bold", color=colour, ha="center", va="center")
     scale_note = f"directions, colours\nand scale: each\narrow {length:g} mm"
-    page.text(x + 1.05, y - 4.05, scale_note, size=style.BODY, color=style.INK, va="center", linespacing=1.35)
+    page.text(x + 1.05, y - 4.05, scale_note, size=style.BODY_TEXT, color=style.INK, va="center", linespacing=1.35)
     note = (
         "Linear axes stand at mid-travel (dotted: from\ntheir zero), rotary axes at 0; z is drawn upwards.\n"
         "EXY is the error along x of joint Y, EAY its tilt\nabout x (B: about y, C: about z), after ISO 230-1."
     )
-    page.text(x - 0.5, y - 4.75, note, size=style.SMALL, color=style.MUTED, va="top", linespacing=1.4)
+    page.text(x - 0.5, y - 4.75, note, size=style.SMALL_TEXT, color=style.MUTED, va="top", linespacing=1.4)

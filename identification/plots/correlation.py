@@ -38,13 +38,13 @@ def draw_correlation(fit: Fit) -> Figure:
     image = axes.imshow(matrix, cmap="RdBu_r", vmin=-1, vmax=1, interpolation="nearest")
     style.dress(axes, "number of the group", "")
     axes.grid(visible=False)
-    size = float(np.clip(72 * 0.85 * side * every / max(n, 1), 5.0, style.SMALL))
+    size = float(np.clip(72 * 0.85 * side * every / max(n, 1), 5.0, style.SMALL_TEXT))
     step = max(every, ceil(size / 72 * 1.9 * n / side))  # a number of two digits and a gap
     names = [f"{style.plain(e.name, 17)}\u2003{e.number}" for e in groups[::every]]
     axes.set_yticks(range(0, n, every), names, size=size)
     axes.set_xticks(range(0, n, step), [str(e.number) for e in groups[::step]], size=size)
     axes.tick_params(length=2)
     bar = figure.colorbar(image, cax=style.panel(figure, side + 1.65, 0.5, 0.16, side))
-    bar.set_label("correlation coefficient", size=style.BODY, color=style.INK)
-    bar.ax.tick_params(labelsize=style.SMALL, colors=style.MUTED)
+    bar.set_label("correlation coefficient", size=style.BODY_TEXT, color=style.INK)
+    bar.ax.tick_params(labelsize=style.SMALL_TEXT, colors=style.MUTED)
     return figure

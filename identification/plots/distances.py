@@ -39,5 +39,5 @@ def draw_distances(fit: Fit) -> Figure:
     axes.set_ylim(0.1, 2 * max(top, 2 * CUTS[3]))
     style.dress(axes, "row, in the order of the survey", "distance / standard deviations")
     text = "dots: rows that take part  ·  crosses: outliers  ·  grey: from where a row is usually out"
-    figure.text(0.75 / style.REPORT_WIDTH_IN, 1 - 0.25 / 3.2, text, size=style.SMALL, color=style.MUTED)
+    figure.text(0.75 / style.REPORT_WIDTH_IN, 1 - 0.25 / 3.2, text, size=style.SMALL_TEXT, color=style.MUTED)
     return figure

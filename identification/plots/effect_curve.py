@@ -63,7 +63,7 @@ def draw_effect_curve(evidence: Evidence, model: EffectModel, fit: Fit) -> Figur
     if evidence.split:
         figure.legend(
             *axes.get_legend_handles_labels(), loc="upper left", bbox_to_anchor=(0.07, 1.0), ncols=3, frameon=False,
-            fontsize=style.SMALL, labelcolor=style.INK, handlelength=2.4, columnspacing=1.6,
+            fontsize=style.SMALL_TEXT, labelcolor=style.INK, handlelength=2.4, columnspacing=1.6,
         )  # fmt: skip
     return figure
 
@@ -77,7 +77,7 @@ def _draw(axes: Axes, evidence: Evidence, family: Sequence[Curve]) -> None:
         mark = "o" if len(curve.x) <= FEW_VALUES else ""
         axes.plot(curve.x, curve.value, color=curve.colour, ls=curve.line, lw=1.6, marker=mark, ms=4, label=curve.label)
     label = axis_of(evidence.linear, evidence.abscissa.name).label  # without folding
-    axes.set_xlabel(label, size=style.BODY, color=style.INK)
+    axes.set_xlabel(label, size=style.BODY_TEXT, color=style.INK)
     axes.margins(x=0.02 if len(family[0].x) <= FEW_VALUES else 0)
 
 

@@ -46,13 +46,14 @@ def draw_error_distribution(fit: Fit) -> Figure:
             axes.set_xscale("log")
             style.decades(axes.xaxis, edges[0], edges[-1])
     right.axhline(95, color=style.MUTED, lw=0.8, ls=":")
-    right.text(edges[-1], 95, "95 % ", size=style.SMALL, color=style.MUTED, va="top", ha="right")
+    right.text(edges[-1], 95, "95 % ", size=style.SMALL_TEXT, color=style.MUTED, va="top", ha="right")
     right.set_ylim(0, 104)
     handles, labels = right.get_legend_handles_labels()
     across = [k for column in range(columns) for k in range(column, len(curves), columns)]  # legends fill by column
     figure.legend(
         [handles[k] for k in across], [labels[k] for k in across], loc="upper left", bbox_to_anchor=(0.065, 1.0),
-        ncols=columns, fontsize=style.SMALL, frameon=False, labelcolor=style.INK, handlelength=2.4, columnspacing=1.6,
+        ncols=columns, fontsize=style.SMALL_TEXT,
+        frameon=False, labelcolor=style.INK, handlelength=2.4, columnspacing=1.6,
     )  # fmt: skip
     return figure
 

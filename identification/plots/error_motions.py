@@ -54,7 +54,7 @@ def draw_error_motions(fit: Fit, joint: Joint) -> Figure:
         axes.set_xlim(along[0], along[-1])
         style.dress_position(axes, joint)
         _shade_unmeasured(fit, joint, axes)
-        size = style.BODY if len(joint.name) < 5 else style.SMALL
+        size = style.BODY_TEXT if len(joint.name) < 5 else style.SMALL_TEXT
         axes.legend(
             loc="lower left", bbox_to_anchor=(-0.02, 0.98), ncols=3, frameon=False, labelcolor=style.INK,
             fontsize=size, handlelength=1.9, columnspacing=1.1,

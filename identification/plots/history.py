@@ -11,7 +11,7 @@ from matplotlib.ticker import MaxNLocator
 
 from identification.monitoring.control_limits import Judged
 from identification.monitoring.history import Record
-from identification.monitoring.quantities import NOISE, Watched
+from identification.monitoring.quantities import NOISE_ID, Watched
 from identification.plots import style
 
 HISTORY_COLUMNS = 3  # panels in a row
@@ -44,14 +44,14 @@ def draw_history(what: Sequence[Watched], records: Sequence[Record], judged: Jud
         )
         _draw(axes, what[k], k, records, judged)
         if n + HISTORY_COLUMNS >= len(shown):
-            axes.set_xlabel("cycle", size=style.BODY, color=style.INK)
+            axes.set_xlabel("cycle", size=style.BODY_TEXT, color=style.INK)
     return figure
 
 
 def _draw(axes: Axes, what: Watched, k: int, records: Sequence[Record], judged: Judged) -> None:
     unit = f" / {what.shown_unit}" if what.shown_unit else ""
     symbol = f" ({what.symbol})" if what.symbol else ""
-    name = "scatter" if what.id == NOISE else what.id + symbol
+    name = "scatter" if what.id == NOISE_ID else what.id + symbol
     style.dress(axes, title=style.plain(f"{name}{unit}", 34))
     low, high, mean = (what.shown(float(v[k])) for v in (judged.low, judged.high, judged.mean))
     last = max(r.number for r in records)

@@ -22,7 +22,7 @@ def draw_predictive_checks(posterior: Posterior) -> Figure:
         colour = style.FITTED if check.p_value > 0.01 else style.AXIS_COLOURS[0]
         axes.axvspan(low, high, color=colour, alpha=0.25, lw=0)
         axes.axvline(float(np.median(check.observed)), color=colour, lw=1.5)
-        axes.set_xlabel(f"p = {check.p_value:.2g}", size=style.SMALL, color=style.INK)
+        axes.set_xlabel(f"p = {check.p_value:.2g}", size=style.SMALL_TEXT, color=style.INK)
         axes.set_yticks([])
         axes.tick_params(labelsize=6.5)
         axes.locator_params(axis="x", nbins=4)

@@ -89,7 +89,9 @@ def _panel(fit: Fit, axes: Axes, x: Array, component: int, limit: float) -> None
     axes.axhline(0, color=style.MUTED, lw=0.7)
     axes.set_ylim(-limit, limit)
     if not len(x):
-        axes.text(0.5, 0.6, "not measured", transform=axes.transAxes, size=style.SMALL, color=style.MUTED, ha="center")
+        axes.text(
+            0.5, 0.6, "not measured", transform=axes.transAxes, size=style.SMALL_TEXT, color=style.MUTED, ha="center"
+        )
         return
     some = np.unique(np.linspace(0, len(x) - 1, MOST_RESIDUAL_DOTS).astype(int))
     size, alpha = (4.5, 0.55) if len(some) < 600 else (2.5, 0.4)
@@ -119,4 +121,4 @@ def _quantiles(x: Array, y: Array) -> tuple[Array, Array, Array, Array]:
 def _legend(figure: Figure) -> None:
     height = figure.get_figheight()
     text = "dark line: median  ·  dashed: 9 of 10 residuals lie between  ·  grey: ± 2 standard deviations of the noise"
-    figure.text(0.65 / style.REPORT_WIDTH_IN, 1 - 0.2 / height, text, size=style.SMALL, color=style.MUTED)
+    figure.text(0.65 / style.REPORT_WIDTH_IN, 1 - 0.2 / height, text, size=style.SMALL_TEXT, color=style.MUTED)

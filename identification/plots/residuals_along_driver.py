@@ -43,7 +43,7 @@ def draw_residuals_along_driver(evidence: Evidence, sigma: float) -> Figure:
             _draw(axes, x[rows], residual[rows], limit, colour, line, label, (len(x), bins))
     figure.legend(
         *figure.axes[0].get_legend_handles_labels(), loc="upper left", bbox_to_anchor=(0.07, 1.0), ncols=3,
-        frameon=False, fontsize=style.SMALL, labelcolor=style.INK, handlelength=2.4, columnspacing=1.6,
+        frameon=False, fontsize=style.SMALL_TEXT, labelcolor=style.INK, handlelength=2.4, columnspacing=1.6,
     )  # fmt: skip
     return figure
 

@@ -33,8 +33,8 @@ def draw_singular_values(fit: Fit) -> Figure:
     axes.axhline(threshold, color=style.INK, lw=1.1, ls="--")
     why = "below the line: hidden by the noise" if by_noise else "below the line: cannot be told apart in these poses"
     there = axes.get_yaxis_transform()
-    axes.text(0.012, threshold, why, transform=there, size=style.SMALL, color=style.INK, va="bottom")
+    axes.text(0.012, threshold, why, transform=there, size=style.SMALL_TEXT, color=style.INK, va="bottom")
     axes.set_xlim(0.2, len(values) + 0.8)
     axes.set_ylim(top=5 * float(values.max()) if len(values) else 1.0)
-    axes.legend(loc="lower left", fontsize=style.BODY, frameon=False, labelcolor=style.INK)
+    axes.legend(loc="lower left", fontsize=style.BODY_TEXT, frameon=False, labelcolor=style.INK)
     return figure

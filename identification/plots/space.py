@@ -148,7 +148,7 @@ class _Drawing:
         )
         halo = {"fc": "white", "ec": "none", "alpha": 0.7, "pad": 0.5}
         for text, anchor, colour, bold in sorted(self.labels, key=lambda label: not label[3]):
-            size = style.HEADING if bold else style.BODY
+            size = style.HEADING if bold else style.BODY_TEXT
             half = np.array([0.33 * len(text) + 0.5, 0.9]) * size / 72
             spots = anchor + around
             covered = (np.abs(ink - spots[:, None]) < half).all(axis=2).sum(axis=1)

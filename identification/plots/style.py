@@ -30,7 +30,7 @@ NOMINAL, FITTED, HELDOUT = "#8A6100", "#0072B2", "#009E73"
 OTHERS = ("#CC79A7", "#56B4E9", "#D55E00", "#000000")  # colours of test files, in turn
 
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")  # digits of exponents
-TITLE, HEADING, BODY, SMALL = 15.0, 11.0, 9.0, 8.0  # points: sizes of text
+TITLE, HEADING, BODY_TEXT, SMALL_TEXT = 15.0, 11.0, 9.0, 8.0  # points: sizes of text
 TICK_STEPS = [1, 2, 2.5, 5, 10]  # permitted steps between ticks, times a power of ten
 # inches: width of a report's figure, at which its text has the size of the report's
 REPORT_WIDTH_IN = 8.0
@@ -59,13 +59,13 @@ def panel(figure: Figure, left: float, bottom: float, width: float, height: floa
 
 def dress(axes: Axes, x: str = "", y: str = "", title: str = "") -> None:
     """Set labels with units, a light grid in place of tick marks, no box, and few ticks, which are slow to draw."""
-    axes.set_xlabel(x, size=BODY, color=INK)
-    axes.set_ylabel(y, size=BODY, color=INK)
+    axes.set_xlabel(x, size=BODY_TEXT, color=INK)
+    axes.set_ylabel(y, size=BODY_TEXT, color=INK)
     if title:
         axes.set_title(
-            title, size=BODY, weight="bold", color=INK, loc="left", y=1.0
+            title, size=BODY_TEXT, weight="bold", color=INK, loc="left", y=1.0
         )  # a fixed height avoids a slow layout
-    axes.tick_params(labelsize=SMALL, labelcolor=INK, left=False, bottom=False)
+    axes.tick_params(labelsize=SMALL_TEXT, labelcolor=INK, left=False, bottom=False)
     for axis in (axes.xaxis, axes.yaxis):
         if isinstance(axis.get_major_locator(), AutoLocator):
             axis.set_major_locator(MaxNLocator(5, steps=TICK_STEPS))
@@ -84,7 +84,7 @@ def dress_position(axes: Axes, joint: Joint, label: bool = True, ticks: int = 7)
     """The x axis of a joint's positions, as `shown`."""
     turning = joint.type == "rotary"
     if label:
-        axes.set_xlabel(f"{plain(joint.name, 16)} / {'°' if turning else 'mm'}", size=BODY, color=INK)
+        axes.set_xlabel(f"{plain(joint.name, 16)} / {'°' if turning else 'mm'}", size=BODY_TEXT, color=INK)
     low, high = axes.get_xlim()
     step = next((s for s in (15, 30, 45, 60, 90, 180, 360) if high // s + -low // s < ticks), 0)
     if turning and high - low >= 90 and step:

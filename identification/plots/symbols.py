@@ -72,4 +72,6 @@ def head(axes: Axes, tip: np.ndarray, direction: np.ndarray, size: float, colour
 
 
 def _letter(axes: Axes, x: float, y: float, axis: Vector) -> None:
-    axes.text(x, y, axis_name(axis), color="white", size=style.BODY, weight="bold", ha="center", va="center", zorder=5)
+    axes.text(
+        x, y, axis_name(axis), color="white", size=style.BODY_TEXT, weight="bold", ha="center", va="center", zorder=5
+    )

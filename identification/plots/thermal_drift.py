@@ -41,6 +41,6 @@ def draw_thermal_drift(result: Thermal) -> Figure:
         if k == 0:
             handles, labels = axes.get_legend_handles_labels()
             figure.legend(
-                handles, labels, loc="upper left", ncols=3, fontsize=style.SMALL, frameon=False, markerscale=5
+                handles, labels, loc="upper left", ncols=3, fontsize=style.SMALL_TEXT, frameon=False, markerscale=5
             )
     return figure

@@ -57,7 +57,7 @@ def draw_volumetric_error(fit: Fit) -> Figure:
         for name, middle, reach in zip("xyz", (low + high) / 2, span / 2, strict=True):
             axes.set(**{f"{name}lim": (middle - reach, middle + reach)})
             axis = getattr(axes, f"{name}axis")
-            axis.set_label_text(f"{name} / mm", size=style.SMALL, color=style.INK)
+            axis.set_label_text(f"{name} / mm", size=style.SMALL_TEXT, color=style.INK)
             axis.labelpad = 6
             ticks = MaxNLocator(2 if reach < 0.2 * span.max() else 4).tick_values(middle - reach, middle + reach)
             axis.set_ticks(ticks[np.abs(ticks - middle) < 0.85 * reach])  # none at the corners, where two axes meet
@@ -67,11 +67,11 @@ def draw_volumetric_error(fit: Fit) -> Figure:
         heading: dict[str, Any] = {"size": style.HEADING, "weight": "bold", "color": style.INK, "ha": "center"}
         figure.text(x / style.REPORT_WIDTH_IN, 1 - 0.58 / height, title, **heading)
     note = f"errors drawn {factor:g} × their size, {len(points)} of {len(fit.survey)} rows"
-    figure.text(0.43, 1 - 0.25 / height, note, size=style.BODY, color=style.MUTED, ha="center")
+    figure.text(0.43, 1 - 0.25 / height, note, size=style.BODY_TEXT, color=style.MUTED, ha="center")
     place = style.panel(figure, 7.32, 0.6, 0.14, height - 1.5)
     bar = figure.colorbar(ScalarMappable(scale, ARROW_COLOURS), cax=place, extend="max")
-    bar.set_label("|e| / µm", size=style.BODY, color=style.INK)
-    bar.ax.tick_params(labelsize=style.SMALL, colors=style.MUTED)
+    bar.set_label("|e| / µm", size=style.BODY_TEXT, color=style.INK)
+    bar.ax.tick_params(labelsize=style.SMALL_TEXT, colors=style.MUTED)
     return figure
 
 

@@ -113,9 +113,9 @@ def draw_where_map(
     axes.vlines(np.arange(m + 1) - 0.5, -0.5, n - 0.5, color=style.FAINT, lw=0.6)
     axes.hlines(np.arange(n + 1) - 0.5, -0.5, m - 0.5, color=style.FAINT, lw=0.6)
     axes.tick_params(length=0, labeltop=True, labelbottom=False)
-    axes.set_yticks(range(n), [_row(model, cell) for cell in found.rows], size=style.SMALL)
+    axes.set_yticks(range(n), [_row(model, cell) for cell in found.rows], size=style.SMALL_TEXT)
     turned: dict[str, Any] = {"rotation": 40, "ha": "left", "rotation_mode": "anchor"} if slanted else {}
-    axes.set_xticks(range(m), names, size=style.SMALL, **turned)
+    axes.set_xticks(range(m), names, size=style.SMALL_TEXT, **turned)
     axes.spines[:].set_visible(False)
     for (i, j), share in np.ndenumerate(found.share):
         if share >= LABELLED_SHARE and wide > 0.24:
@@ -129,11 +129,11 @@ def draw_where_map(
         by_row[i] = sorted({*by_row.get(i, ()), *numbers})
     for i, numbers in by_row.items():
         word = "finding " + ", ".join(map(str, numbers))
-        axes.text(m - 0.4, i, word, size=style.SMALL, weight="bold", color=FINDING_COLOUR, va="center")
+        axes.text(m - 0.4, i, word, size=style.SMALL_TEXT, weight="bold", color=FINDING_COLOUR, va="center")
     bar = figure.colorbar(image, cax=style.panel(figure, left + m * wide + 0.75, height - top - 1.0, 0.13, 1.0))
-    bar.set_label("share of the\nexcess explained", size=style.SMALL, color=style.INK)
+    bar.set_label("share of the\nexcess explained", size=style.SMALL_TEXT, color=style.INK)
     bar.set_ticks([0, 0.5, 1], labels=["0", "50 %", "100 %"])
-    bar.ax.tick_params(labelsize=style.SMALL, colors=style.MUTED, labelcolor=style.INK, length=2)
+    bar.ax.tick_params(labelsize=style.SMALL_TEXT, colors=style.MUTED, labelcolor=style.INK, length=2)
     bar.outline.set_visible(False)
     return figure
 

@@ -21,7 +21,7 @@ CLOUD_SUFFIXES = (*TEXT_SUFFIXES, ".ply", ".pcd")  # suffixes of all point cloud
 # columns from which an unnamed table is taken for heights, not for points with attributes; by judgement
 FEWEST_HEIGHT_COLUMNS = 12
 MOST_COORDINATE_MM = 1e6  # mm: larger coordinates are refused
-_HEAD = 1 << 16  # bytes in which the first line of numbers must begin
+_MOST_PREAMBLE_BYTES = 1 << 16  # bytes in which the first line of numbers must begin
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?(?:nan|inf(?:inity)?)"  # a number, nan or inf
 # Values that profilers write for missing returns: digits of 9 only, or the smallest integer in their unit.
 _SENTINELS = (99.99, 99.999, 99.9999, 999.99, 999.999, 999.9999, 9999.0, 9999.99, 9999.999, 9999.9999, 99999.0)
@@ -79,7 +79,7 @@ def _text(path: Path, name: str, profile: ProfileBlock | None) -> Array:
     import pandas as pd
 
     with path.open("rb") as file:
-        head = file.read(_HEAD)
+        head = file.read(_MOST_PREAMBLE_BYTES)
     if b"\0" in head:
         raise InputError(name, "not a text file", f"Write the cloud as one of {', '.join(CLOUD_SUFFIXES)}")
     lines = head.decode("utf-8-sig", errors="replace").splitlines()

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 MOST_CLOUD_POINTS = 2_000_000  # points of a cloud; larger ones are thinned, for time and memory
 # times the cold noise: with a larger spread the warm points belong to another surface; by judgement
-MISFIT_RATIO = 20.0
+MOST_SPREAD_RATIO = 20.0
 
 
 @dataclass(frozen=True)
@@ -143,7 +143,7 @@ def _displacement(cold: Array, surface: Surface, warm: Array, cold_file: Path, w
         The clouds do not overlap, differ in shape, one is mirrored, or not all six motions are identifiable.
     """
     found = displacement(cold, surface, warm)
-    limit = MISFIT_RATIO * max(surface.sigma, 1e-6)
+    limit = MOST_SPREAD_RATIO * max(surface.sigma, 1e-6)
     if found is None or found.sigma > limit:
         mirrored = displacement(cold, surface, warm * np.array([1.0, 1.0, -1.0]))
         if mirrored is not None and mirrored.sigma < limit:
