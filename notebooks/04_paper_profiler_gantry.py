@@ -147,7 +147,7 @@ for minutes, folder in folders.items():
 )
 seen = sim.disturbed(sim.scan(artefacts[0], np.eye(4), Y, X, rng=rng), rng)
 left = clean(seen, "artefact 1")
-view = plt.figure(figsize=(style.WIDTH, 2.6))
+view = plt.figure(figsize=(style.REPORT_WIDTH_IN, 2.6))
 for k, (cloud, title) in enumerate(((seen, "as scanned"), (left, "cleaned"))):
     axes = style.panel(view, 0.6 + 3.9 * k, 0.5, 3.0, 1.8)
     axes.scatter(cloud[::3, 0], cloud[::3, 2], s=0.3, c=cloud[::3, 1], cmap="viridis", rasterized=True)
@@ -178,7 +178,7 @@ assert np.mean(np.abs(gap) < 1.96 * u) > 0.85  # all nine times share the noise 
 # The paper's Figs. 10 and 11, with bars of two standard uncertainties; lines are the truth.
 
 # %%
-figure = plt.figure(figsize=(style.WIDTH, 4.9))
+figure = plt.figure(figsize=(style.REPORT_WIDTH_IN, 4.9))
 shades = plt.get_cmap("plasma")(np.linspace(0.05, 0.85, len(sim.MINUTES)))
 along = np.linspace(350, 1750, 60)
 for k, motion in enumerate(MOTIONS):
@@ -194,7 +194,7 @@ for k, motion in enumerate(MOTIONS):
 figure.legend(
     *axes.get_legend_handles_labels(),
     loc="lower center",
-    fontsize=style.SMALL,
+    fontsize=style.SMALL_TEXT,
     frameon=False,
     ncols=9,
     columnspacing=0.6,

@@ -24,7 +24,7 @@ from identification.compensation import reduction
 from identification.compensation.advice import mechanical_advice
 from identification.compensation.assessment import assess, emulated
 from identification.compensation.field import Field, movers_of
-from identification.compensation.inverse import CLOSED, inverse
+from identification.compensation.inverse import CLOSED_MM, inverse
 from identification.compensation.reduction import leftover, reduce
 from identification.compensation.rows import held_out, read_rows
 from identification.compensation.run import best_tables
@@ -64,7 +64,7 @@ def tables_of(name: str, volume: Volume, **more: object) -> tuple[Controller, Ta
 
 @pytest.fixture(autouse=True)
 def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("identification.compensation.run.POSES", 300)
+    monkeypatch.setattr("identification.compensation.run.SAMPLE_POSES", 300)
 
 
 @pytest.fixture(scope="module")
@@ -80,11 +80,11 @@ def test_the_inverse_reaches_the_wanted_point(name: str) -> None:
     q, came = volume.poses(256, 1)
     reached, left = inverse(field, q, came)
     gap = field.actual(reached, came) - field.nominal(q)
-    np.testing.assert_allclose(np.linalg.norm(gap, axis=1), left, atol=CLOSED)
+    np.testing.assert_allclose(np.linalg.norm(gap, axis=1), left, atol=CLOSED_MM)
     jacobian = field.jacobian(reached, came)
     reach = np.linalg.matrix_rank(jacobian[0], tol=1e-3)
     if reach == 3:
-        assert left.max() < CLOSED < 0.01 * UM
+        assert left.max() < CLOSED_MM < 0.01 * UM
     else:  # what the axes can do is done: the rest stands square to all of them
         assert np.abs(np.einsum("nim,ni->nm", jacobian, gap)).max() < 0.01 * UM
     still = [k for k in range(len(machine.joints)) if k not in field.movers]
@@ -104,8 +104,8 @@ def test_reduction_finds_the_least_worst_error_of_its_structure(monkeypatch: pyt
     assert isinstance(controller, Controller)
     terms, sample = controller.terms(setup), volume.sample(setup, 400, seed=1)
     usual = leftover(controller, setup, reduce(controller, setup, terms, sample), sample)
-    monkeypatch.setattr(reduction, "SHARE", 10.0)  # everything given up for the worst pose
-    monkeypatch.setattr(reduction, "COST", 10.0)
+    monkeypatch.setattr(reduction, "GIVEN_UP_SHARE", 10.0)  # everything given up for the worst pose
+    monkeypatch.setattr(reduction, "MOST_RMS_INCREASE", 10.0)
     tables = reduce(controller, setup, terms, sample)
     least = leftover(controller, setup, tables, sample)
     assert least < usual < leftover(controller, setup, (), sample)
@@ -123,8 +123,8 @@ def test_reduction_gives_up_little_of_the_mean_for_the_worst_pose(monkeypatch: p
         assert isinstance(controller, Controller)
         terms, sample = controller.terms(setup), volume.sample(setup, 2000, seed=1)
         figures = []
-        for share in (reduction.SHARE, 1e-9):
-            monkeypatch.setattr(reduction, "SHARE", share)
+        for share in (reduction.GIVEN_UP_SHARE, 1e-9):
+            monkeypatch.setattr(reduction, "GIVEN_UP_SHARE", share)
             tables = reduce(controller, setup, terms, sample)
             worst = leftover(controller, setup, tables, sample)
             rms = assess(volume, emulated(controller, tables, setup, volume), None, 0)[0]

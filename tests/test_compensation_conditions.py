@@ -35,7 +35,7 @@ WARM = 30 * UM
 
 @pytest.fixture(autouse=True)
 def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("identification.compensation.run.POSES", 300)
+    monkeypatch.setattr("identification.compensation.run.SAMPLE_POSES", 300)
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ from errormodel.machine import EffectSpec
 from errormodel.machine_file import read_machine
 from identification.compensation import minimax
 from identification.compensation.field import Field, movers_of
-from identification.compensation.inverse import CLOSED, inverse
+from identification.compensation.inverse import CLOSED_MM, inverse
 from identification.compensation.reduction import Sample, _Task, leftover, reduce
 from identification.compensation.volume import Volume
 from tests.chains import Array, errors
@@ -113,4 +113,4 @@ def test_the_inverse_takes_its_derivative_once(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(Field, "jacobian", counted)
     _, left = inverse(volume.field, q, came)
     assert sum(rows) == len(q)
-    assert left.max() < CLOSED
+    assert left.max() < CLOSED_MM

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from errormodel.chain import Chain
 from errormodel.controllers import target
-from errormodel.controllers.axes import LETTERS, axis_letters, wanted_axes
+from errormodel.controllers.axes import AXIS_LETTERS, axis_letters, wanted_axes
 from errormodel.controllers.base import Controller
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Table, Tables, Term
@@ -183,7 +183,7 @@ def test_letters_are_each_given_once_and_follow_name_or_direction(
     letters, unsure = axis_letters(made, np.array([j[2] for j in joints]), {})
     assert len({*letters}) == len(letters)
     for joint, letter in zip(made, letters, strict=True):
-        if joint.name.upper() in LETTERS:
+        if joint.name.upper() in AXIS_LETTERS:
             assert letter == joint.name.upper()
         elif joint.name not in unsure:
             k = int(np.argmax(np.abs(joint.axis)))
@@ -225,7 +225,7 @@ def bridge(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_command_shows_the_numbers_first(bridge: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("identification.compensation.run.POSES", 300)
+    monkeypatch.setattr("identification.compensation.run.SAMPLE_POSES", 300)
     out = done("compensate", bridge, "--controller", "linuxcnc-type1", "--out", tmp_path / "a").out
     assert "axes: X = JOINT_0, Y = JOINT_1, Z = JOINT_2" in out
     checklist = (tmp_path / "a/checklist.txt").read_text().splitlines()

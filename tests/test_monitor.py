@@ -22,9 +22,9 @@ from errormodel.survey import read_survey
 from identification.estimation.run import fit_machine
 from identification.monitoring import run as stage
 from identification.monitoring.alarms import alarm_text, look_at
-from identification.monitoring.control_limits import USEFUL, Judged, judge
+from identification.monitoring.control_limits import USEFUL_CYCLES, Judged, judge
 from identification.monitoring.history import Record, opened
-from identification.monitoring.quantities import NOISE, Cycle, measured, watched
+from identification.monitoring.quantities import NOISE_ID, Cycle, measured, watched
 from identification.results import store
 from tests.commands import MILL, Done, done, fitted_mill, run, tree
 from tests.pages import Page
@@ -135,7 +135,7 @@ def test_first_cycles_only_teach(fitted, tmp_path):
     folder = Path(shutil.copytree(fitted / "bare", tmp_path / "fit"))
     for seed in (1, 2, 3):
         out = monitor(folder, cycle_table(seed, {"ec": 1e-3 * (seed == 3)}), name=f"{seed}.csv").out
-        assert f"learning: {seed - 1} earlier cycles; a range needs 3, and a useful one {USEFUL}" in out
+        assert f"learning: {seed - 1} earlier cycles; a range needs 3, and a useful one {USEFUL_CYCLES}" in out
     data = json.loads((folder / "monitor.json").read_text())
     assert (data["status"], data["alarms"], data["together_p_value"]) == ("learning", [], None)
 
@@ -228,7 +228,7 @@ def test_words_lead_to_the_cause(tmp_path):
     assert "scale or screw of Y" in words["Y.dy.1"]
     assert "twist of Y" in words["Y.eb.1"]
     assert "racking" in words["Y.ec.1"]
-    assert "errormodel diagnose" in words[NOISE]
+    assert "errormodel diagnose" in words[NOISE_ID]
 
 
 # the statistics
@@ -361,7 +361,7 @@ def test_cycles_from_several_runs_at_once_are_all_kept(tmp_path):
 
 
 def test_another_run_is_waited_for_and_said(folder, monkeypatch):
-    monkeypatch.setattr("identification.monitoring.history.PATIENCE", 0.1)
+    monkeypatch.setattr("identification.monitoring.history.LOCK_TIMEOUT_S", 0.1)
     held = sqlite3.connect(folder / "monitor.sqlite", isolation_level=None)
     held.execute("begin immediate")
     result = monitor(folder, cycle_table(62))

@@ -22,7 +22,7 @@ from errormodel.machine_file import read_machine
 from errormodel.simulation import Truth, measured_at
 from errormodel.survey import Survey, read_survey
 from identification.diagnosis.data_checks.temperature_sensors import faults
-from identification.report.thermal import POOR
+from identification.report.thermal import POOR_TRANSFER_RATIO
 from identification.thermal.recordings import recordings
 from identification.thermal.selection import centred, choose
 from identification.thermal.stepwise import stepwise
@@ -101,7 +101,7 @@ def test_the_headline_of_the_report_says_what_another_cycle_leaves(modelled: Pat
         headline,
     )
     assert left is not None
-    assert 0 < float(left[1]) < POOR
+    assert 0 < float(left[1]) < POOR_TRANSFER_RATIO
 
 
 def test_the_model_is_a_machine_that_fits_and_predicts(modelled: Path) -> None:

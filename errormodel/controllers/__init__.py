@@ -1,4 +1,4 @@
-"""Controllers that take compensation tables: one class a file, found by itself."""
+"""Controllers that take compensation tables: a plug-in registry, one class per file of this package."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 @cache
 def registry() -> Mapping[str, type[Target]]:
-    """Every controller by its word. Registering a word twice is a mistake of the project's own and raises."""
+    """All controllers by name; a name that is registered twice raises an error."""
     from errormodel.controllers.base import Target
     from errormodel.discovery import by_word, classes
 
@@ -31,12 +31,12 @@ def instead(kind: type[Target] | None = None) -> str:
 
 
 def target(name: str) -> Target:
-    """The controller of that name.
+    """Controller of a given name.
 
     Raises
     ------
     InputError
-        There is none.
+        There is no such controller.
     """
     from errormodel.exceptions import InputError, nearest
 

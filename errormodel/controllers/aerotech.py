@@ -1,7 +1,7 @@
 """Aerotech A3200 and Automation1: calibration files ``.cal``, one- and two-dimensional.
 
-Corrections in um, added, the same in both directions of travel; several tables add up; straight lines, the nearest
-value beyond the ends. Axis numbers count from 1. The first position is minus the OFFSET.
+Corrections in um are added to the position, alike in both directions of travel. Several tables add up; interpolation
+is linear, and the last value holds beyond the ends. Axis numbers count from 1. The first position is minus the OFFSET.
 
 Source: help.aerotech.com/automation1, Axis Calibration; published generators of such files for the 2-D offsets.
 """
@@ -22,7 +22,7 @@ from errormodel.controllers.tables import Table, Tables, Term, check_points, eve
 from errormodel.controllers.text import Comment, Files, Lines, one_file
 from errormodel.exceptions import InputError
 
-NODES = 300  # of one 2-D table; a third where there are many
+MOST_2D_NODES = 300  # nodes of one 2-D table, a third of it where there are more than three pairs of axes; by judgement
 
 
 def _key(lines: Lines, text: str, name: str) -> float:
@@ -33,7 +33,7 @@ def _key(lines: Lines, text: str, name: str) -> float:
 
 
 def _tables(name: str, text: str) -> list[tuple[Lines, list[str], list[list[float]]]]:
-    """Start lines and figures of each table of a file."""
+    """Header lines and values of each table of a file."""
     lines = Lines.of(name, text, (";", "'"))
     out: list[tuple[Lines, list[str], list[list[float]]]] = []
     starts, rows, open_ = list[str](), list[list[float]](), False
@@ -54,7 +54,7 @@ def _tables(name: str, text: str) -> list[tuple[Lines, list[str], list[list[floa
 
 
 class Aerotech(Controller):
-    """What both have in common. No public source was found for moves that no offset shifts: no programme, but words."""
+    """Common part of both formats; moves in machine coordinates are in no public source, so the check is in words."""
 
     comment: ClassVar[Comment | None] = Comment("; ")
     sign_known: ClassVar[bool] = False
@@ -68,7 +68,7 @@ class Aerotech(Controller):
 
 
 class Aerotech1d(Aerotech):
-    """One table an axis."""
+    """One-dimensional tables, one per axis."""
 
     name: ClassVar[str] = "aerotech-1d"
     title: ClassVar[str] = "Aerotech axis calibration, one-dimensional (.cal)"
@@ -113,7 +113,7 @@ class Aerotech1d(Aerotech):
 
 
 class Aerotech2d(Aerotech):
-    """A table for each pair of axes, with two or three outputs."""
+    """Two-dimensional tables, one per pair of axes, with two or three outputs."""
 
     name: ClassVar[str] = "aerotech-2d"
     title: ClassVar[str] = "Aerotech axis calibration, two-dimensional (.cal)"
@@ -133,7 +133,7 @@ class Aerotech2d(Aerotech):
     def terms(self, setup: Setup) -> list[Term]:
         self.suits(setup)
         pairs = list(combinations(setup.moving, 2))
-        nodes = NODES if len(pairs) <= 3 else NODES // 3
+        nodes = MOST_2D_NODES if len(pairs) <= 3 else MOST_2D_NODES // 3
         return [
             Term(m, pair, grids)
             for pair in pairs
@@ -151,7 +151,7 @@ class Aerotech2d(Aerotech):
             step = [even_step(term, k) for k in range(2)]
             for k in range(2):
                 check_points(term, self.most_points, k)
-            # an output that moves nothing is still written: a cell has two or three figures
+            # an output without corrections is written too, since a cell has two or three values
             outputs = [t.term.output for t in group]
             outputs += [m for m in setup.linear if m not in outputs][: max(0, 2 - len(outputs))]
             number = [self.number(setup, n) for n in (*term.inputs, *outputs)]

@@ -1,8 +1,8 @@
-"""Which letter and which number a joint has on the controller.
+"""Letters and numbers of the machine's joints on a controller.
 
-A letter is the joint's own name where it is one, else that of its direction: X Y Z for the first linear joint along x
-y z, U V W for a second one beside a joint of that name, A B C for rotary ones (ISO 841). Where that does not settle
-it, the joint is *unsure* and the user is asked. Numbers follow the letters X Y Z A B C U V W, never the chain.
+The letter is the joint's own name if that is a letter of axes, else that of its direction: X Y Z for the first linear
+joint along x y z, U V W for a second one parallel to it, A B C for rotary ones (ISO 841). Where this is ambiguous the
+joint is *unsure* and the user is asked. Numbers follow the order X Y Z A B C U V W, not the kinematic chain.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from errormodel.arrays import Array
 from errormodel.exceptions import InputError, nearest
 from errormodel.machine import Joint
 
-LETTERS = ("X", "Y", "Z", "A", "B", "C", "U", "V", "W")
-ALONG = 0.9  # direction cosine from which on a joint runs along x, y or z
-FORM = "Write --axes X=1,Y=2,Z=3 (joint=number), or bridge=Y2 (joint=letter and number), every joint once"
-ITEM = re.compile(r"([A-Za-z]?)([-+]?[\d.]*)")
+AXIS_LETTERS = ("X", "Y", "Z", "A", "B", "C", "U", "V", "W")  # letters of ISO 841, in the order of numbering
+ALONG_COSINE = 0.9  # cosine between joint and x, y or z, from which on the joint runs along it; by judgement
+AXES_FORM = "Write --axes X=1,Y=2,Z=3 (joint=number), or bridge=Y2 (joint=letter and number), every joint once"
+AXES_ITEM = re.compile(r"([A-Za-z]?)([-+]?[\d.]*)")  # a letter and a number, both optional
 
 
 @dataclass(frozen=True)
 class Wanted:
-    """What the user says of one joint: its letter, "" for the usual one, and its number, None for the usual one."""
+    """Letter and number that the user gives a joint: "" and None stand for the usual ones."""
 
     letter: str
     number: int | None
@@ -37,27 +37,27 @@ def wanted_axes(text: str, joints: Sequence[str]) -> dict[str, Wanted]:
     Raises
     ------
     InputError
-        A joint is unknown or there twice, a letter or number is there twice, a number is none or is missing.
+        A joint is unknown or repeated, a letter or number is repeated, a number is invalid or missing.
     """
     out: dict[str, Wanted] = {}
     for part in filter(None, (p.strip() for p in text.split(","))):
         joint, equal, value = (p.strip() for p in part.partition("="))
         if not equal or not value:
-            raise InputError("--axes", f"'{part}'", FORM)
+            raise InputError("--axes", f"'{part}'", AXES_FORM)
         if joint not in joints:
             raise InputError("--axes", f"'{joint}', and the machine has no such joint", nearest(joint, joints))
         if joint in out:
             raise InputError("--axes", f"the joint {joint} twice", "Give every joint once")
-        match = ITEM.fullmatch(value)
-        if match is None or (match[1] and match[1].upper() not in LETTERS):
-            found = f"'{value}' for the joint {joint}, which is no number and no letter of {' '.join(LETTERS)}"
-            raise InputError("--axes", found, FORM)
+        match = AXES_ITEM.fullmatch(value)
+        if match is None or (match[1] and match[1].upper() not in AXIS_LETTERS):
+            found = f"'{value}' for the joint {joint}, which is no number and no letter of {' '.join(AXIS_LETTERS)}"
+            raise InputError("--axes", found, AXES_FORM)
         if match[2] and not match[2].isdigit():
             found = f"'{match[2]}' for the joint {joint}, which is no whole number"
             raise InputError("--axes", found, "Write whole numbers, such as X=1")
         out[joint] = Wanted(match[1].upper(), int(match[2]) if match[2] else None)
     if not out:
-        raise InputError("--axes", "nothing", FORM)
+        raise InputError("--axes", "nothing", AXES_FORM)
     for what in ("letter", "number"):
         taken: dict[object, str] = {}
         for joint, one in out.items():
@@ -78,17 +78,17 @@ def wanted_axes(text: str, joints: Sequence[str]) -> dict[str, Wanted]:
 def axis_letters(
     joints: Sequence[Joint], along: Array, wanted: Mapping[str, Wanted]
 ) -> tuple[list[str], tuple[str, ...]]:
-    """A letter for each joint, and the joints whose letter only the user can know.
+    """Choose a letter for each joint, and list the joints whose letter only the user can know.
 
     Parameters
     ----------
     along : (joints, 3) unit vectors of the joints in the reference's axes.
-    wanted : what the user says.
+    wanted : letters and numbers given by the user, by joint.
     """
     out = [wanted[j.name].letter if j.name in wanted else "" for j in joints]
     for k, joint in enumerate(joints):
         letter = joint.name.upper()
-        if not out[k] and letter in LETTERS and letter not in out:
+        if not out[k] and letter in AXIS_LETTERS and letter not in out:
             out[k] = letter
     nameless = [k for k, letter in enumerate(out) if not letter]
     usual = {k: _usual(joints[k], along[k]) for k in nameless}
@@ -96,12 +96,12 @@ def axis_letters(
     for k in nameless:
         rivals = [i for i in nameless if usual[i][:1] == usual[k][:1]]
         free = [c for c in usual[k] if c not in named]
-        if free and len(rivals) == 1 and abs(along[k]).max() >= ALONG:
+        if free and len(rivals) == 1 and abs(along[k]).max() >= ALONG_COSINE:
             out[k] = free[0]
         else:
             unsure.append(k)
-    for k in unsure:  # what is left over, so that every joint has a letter
-        out[k] = next((c for c in (*usual[k], *reversed(LETTERS)) if c not in out), joints[k].name)
+    for k in unsure:  # these get a free letter as well, so that every joint has one
+        out[k] = next((c for c in (*usual[k], *reversed(AXIS_LETTERS)) if c not in out), joints[k].name)
     return out, tuple(joints[k].name for k in unsure)
 
 
@@ -112,5 +112,5 @@ def _usual(joint: Joint, direction: Array) -> str:
 
 
 def in_order(names: Sequence[str]) -> list[str]:
-    """Axes in the order in which controllers number them: X Y Z A B C U V W, whatever the chain."""
-    return sorted(names, key=lambda n: (LETTERS.index(n) if n in LETTERS else len(LETTERS), n))
+    """Axes in the order in which controllers number them: X Y Z A B C U V W."""
+    return sorted(names, key=lambda n: (AXIS_LETTERS.index(n) if n in AXIS_LETTERS else len(AXIS_LETTERS), n))

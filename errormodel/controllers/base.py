@@ -1,7 +1,7 @@
-"""What a controller is: what its tables can express, how they are written and read, and what it makes of them.
+"""Interface of controllers: what their tables can express, how files are written and read, how corrections are applied.
 
 Positions are in the units of controllers: mm for linear axes, degrees for rotary ones. Tables of axes hold
-*corrections*, what is added to a commanded position, whatever sign the file itself wants; tables of error parameters
+*corrections*, which are added to a commanded position, whatever sign the file itself uses; tables of error parameters
 (ISO 230-1) hold errors, actual minus nominal.
 """
 
@@ -26,13 +26,14 @@ from errormodel.gcode.divide import Correct
 from errormodel.gcode.programme import Corrected
 from errormodel.gcode.reading import Reading
 
-NAME = 60  # characters of a machine's name in a file
+# characters of a machine's name in a comment, which leaves room for the rest of the line
+MOST_MACHINE_NAME = 60
 
 
 class Target(ABC):
-    """What a compensation is made for. A new one is one class in one file of this package; it is found by itself."""
+    """Target of a compensation. A new one is a class in a file of this package; the registry finds it."""
 
-    name: ClassVar[str]  # the word of --controller
+    name: ClassVar[str]  # word for --controller
     title: ClassVar[str]
     source: ClassVar[str]  # where grammar and sign come from
     doubt: ClassVar[str] = ""  # what no public source says; empty: nothing
@@ -40,14 +41,14 @@ class Target(ABC):
 
     @abstractmethod
     def checklist(self, setup: Setup) -> list[str]:
-        """What to do at the machine, in order."""
+        """Steps for the operator at the machine, in order."""
 
     def address(self, setup: Setup, name: str) -> str:
-        """How the controller's files name an axis: by its letter."""
+        """Name of an axis in the controller's files: its letter."""
         return name
 
     def legend(self, setup: Setup) -> str:
-        """Which axis of the controller each joint is taken for, in the controller's order."""
+        """Joint of each axis of the controller, in the controller's order, in words."""
 
         def one(axis: Axis) -> str:
             address = self.address(setup, axis.name)
@@ -57,53 +58,54 @@ class Target(ABC):
         return ", ".join(map(one, setup.ordered))
 
     def suits(self, setup: Setup) -> None:
-        """Raise InputError where the machine is none for this controller."""
+        """Raise InputError if the machine does not suit this controller."""
         if setup.numbers:
             found = f"numbers, and {self.title} names axes by letters"
             raise InputError("--axes", found, "Leave --axes out, or give letters only, such as bridge=Y")
 
 
 class Rewriter(Target):
-    """A target without tables: the commands themselves are corrected."""
+    """A target without tables: the commands of a programme are corrected."""
 
     @abstractmethod
     def positions(self, name: str, text: str, setup: Setup, reading: Reading | None = None) -> Array:
-        """Positions (n, axes) that a program commands, in order.
+        """Positions (n, axes), mm and deg, that a program commands, in order.
 
         Raises
         ------
         InputError
-            The program has what cannot be corrected line by line.
+            The program has commands that cannot be corrected line by line.
         """
 
     @abstractmethod
     def rewrite(
         self, name: str, text: str, setup: Setup, correct: Correct, reading: Reading | None = None
     ) -> Corrected:
-        """The same program with corrected commands, and what a check of it found.
+        """The same program with corrected commands, and the result of its check.
 
         Raises
         ------
         InputError
-            The program has what is not understood, not known or out of reach.
+            A word is not understood, a position is unknown or out of reach.
         """
 
     @abstractmethod
     def quantum(self, setup: Setup) -> float:
-        """Half a step of the figures that are written (mm, deg)."""
+        """Half a unit of the last written digit (mm, deg)."""
 
 
 class Controller(Target):
-    """A target with tables.
+    """A target with correction tables.
 
     Attributes
     ----------
-    comment : how its files mark comments; None: they have none.
-    sign_known : whether a public source settles the sign of its tables.
-    other_sign : what to do where the check shows the other sign; needed where `sign_known` is False.
-    dialect : its language of programmes, for the check; None: no public source settles it, and words take its place.
-    backlash_parameter : of the control, the axis' name in it as ``{axis}``, its number as ``{number}``; empty: none.
-    first_number : of the first axis, where files name axes by numbers; `number_form`: how they are then written.
+    comment : comment syntax of its files; None: they have no comments.
+    sign_known : whether a public source documents the sign of its tables.
+    other_sign : instruction for the case that the check shows the other sign; required if `sign_known` is False.
+    dialect : syntax of its programmes, for the check; None: not documented, the check is then described in words.
+    backlash_parameter : name of the control's parameter, with the axis as ``{axis}`` or ``{number}``; empty: none.
+    first_number : number of the first axis, if files name axes by numbers; `number_form`: how they are then written.
+    most_tables : number of tables that the control holds; None: no bound.
     """
 
     comment: ClassVar[Comment | None] = None
@@ -114,19 +116,19 @@ class Controller(Target):
     backlash_beside: ClassVar[str] = "leave {} as it was during the survey"  # where tables hold the backlash
     first_number: ClassVar[int | None] = None
     number_form: ClassVar[str] = "{}"
-    lettered: ClassVar[bool] = True  # needs the controller's own letters
+    lettered: ClassVar[bool] = True  # whether files need the controller's own letters
     most_tables: ClassVar[int | None] = None
-    bidirectional: ClassVar[bool] = False  # has tables for each direction
-    linear_only: ClassVar[bool] = True  # corrects linear axes only
-    most_points: ClassVar[int] = 10_000  # an axis
+    bidirectional: ClassVar[bool] = False  # whether there are tables for each direction of travel
+    linear_only: ClassVar[bool] = True  # whether linear axes only are corrected
+    most_points: ClassVar[int] = 10_000  # per axis
 
     @abstractmethod
     def terms(self, setup: Setup) -> list[Term]:
-        """The structure: everything that the tables can express on this machine."""
+        """Structure: all tables that the format can express on this machine."""
 
     @abstractmethod
     def write(self, tables: Tables, setup: Setup) -> dict[str, str]:
-        """Files by name.
+        """Write the tables: text of each file, by name.
 
         Raises
         ------
@@ -136,7 +138,7 @@ class Controller(Target):
 
     @abstractmethod
     def read(self, files: Files, setup: Setup) -> Tables:
-        """The tables that files hold.
+        """Read the tables from files of this format.
 
         Raises
         ------
@@ -145,28 +147,29 @@ class Controller(Target):
         """
 
     def backlash_value(self, setup: Setup, axis: str, size: float) -> str:
-        """What the control's parameter gains, with its unit.
+        """Change of the control's backlash parameter, with its unit.
 
         Parameters
         ----------
-        size : mm or deg; positive where the axis stays behind its direction of travel (ordinary backlash).
+        axis : letter of the axis.
+        size : mm or deg; positive if the axis lags behind its direction of travel (ordinary backlash).
         """
         return f"{size:+.4f} {'deg' if setup.axis(axis).rotary else 'mm'}"
 
     def moved(self, output: str) -> str:
-        """The axis that an output of a table moves directly; empty: it takes a lever."""
+        """Axis that an output of a table moves directly; empty: the output acts through a lever."""
         return output
 
     def about(self, tables: Tables, setup: Setup) -> list[str]:
-        """What the checklist says of the tables as they are, such as how many the control must hold."""
+        """Checklist lines about these tables, such as how many the control must hold."""
         return []
 
     def own_check(self, setup: Setup, tables: Tables) -> dict[str, str] | None:
-        """Files of a check of another kind than the indicator's, by name; None: that one."""
+        """Files of a check other than that with an indicator, by name; None: the usual check."""
         return None
 
     def by_itself(self, tables: Tables, setup: Setup, q: Array) -> dict[str, float]:
-        """What tables that must not act by themselves would add to axes at a position (1, axes), if they did, mm."""
+        """Corrections (mm) by axis at a position (1, axes) if tables that only multiply others acted directly."""
         return {}
 
     def address(self, setup: Setup, name: str) -> str:
@@ -175,15 +178,15 @@ class Controller(Target):
         return self.number_form.format(setup.number(name, self.first_number))
 
     def number(self, setup: Setup, name: str) -> int:
-        """The number of an axis in files of this controller."""
+        """Number of an axis in files of this controller."""
         return setup.number(name, self.first_number or 0)
 
     def numbered(self, setup: Setup, number: float) -> str:
-        """The axis of a number that a file has."""
+        """Axis of a number in a file."""
         return setup.numbered(int(number), self.first_number or 0)
 
     def structures(self, setup: Setup) -> list[list[Term]]:
-        """Structures to try, the plainest first: one that leaves next to nothing is taken."""
+        """Structures to try, the plainest first; the search stops at one with a sufficiently small residual."""
         return [self.terms(setup)]
 
     def thermal(self, states: States, setup: Setup) -> Thermal | None:
@@ -191,12 +194,12 @@ class Controller(Target):
         return None
 
     def probing(self, setup: Setup, gap: Gap) -> Probing:
-        """What the controller adds to the readings of a probe at ``setup.probe``.
+        """Correction that the controller adds to the readings of a probe at ``setup.probe``.
 
         Raises
         ------
         InputError
-            It adds nothing.
+            The controller does not correct readings.
         """
         able = [n for n, k in registry().items() if issubclass(k, Controller) and k.probing is not Controller.probing]
         cure = f"Leave it out, or use --controller {' or '.join(able)}"
@@ -207,19 +210,19 @@ class Controller(Target):
         return 1e-6
 
     def most_slope(self, setup: Setup, term: Term) -> float | None:
-        """Steepest change of a table that the format or sense allows (mm per mm or deg), None: no bound."""
+        """Largest permitted slope of a table (mm per mm or deg); None: no bound."""
         if term.output not in setup.movers:
             return None
         return 0.01 * (50.0 if any(setup.axis(i).rotary for i in term.inputs) else 1.0)
 
     def influence(self, setup: Setup, output: str, q: Array) -> Array:
-        """What a unit of an output does to the commands of the movers, (n, movers) in mm or deg."""
+        """Effect of a unit of an output on the commands of the movers, (n, movers) in mm or deg."""
         out = np.zeros((len(q), len(setup.movers)))
         out[:, setup.movers.index(output)] = 1.0
         return out
 
     def emulate(self, tables: Tables, setup: Setup, q: Array, direction: Array | None = None) -> Array:
-        """Corrections (n, movers) at commands (n, axes), as the controller interpolates, and holds at the ends."""
+        """Corrections (n, movers) in mm or deg at commands (n, axes), interpolated as the controller does."""
         sign = np.ones_like(q) if direction is None else direction
         out = np.zeros((len(q), len(setup.movers)))
         for table in tables:
@@ -246,7 +249,7 @@ class Controller(Target):
             raise InputError("--axes", found, f"Say it, in the form --axes {letters}")
 
     def directions(self, setup: Setup, name: str) -> tuple[int, ...]:
-        """Directions for which an axis gets a table of its own."""
+        """Directions of travel for which an axis gets a table of its own."""
         return (1, -1) if self.bidirectional and name in setup.reversing else (0,)
 
     def curves(self, setup: Setup, pairs: Sequence[tuple[str, str]], zero: bool = False) -> list[Term]:
@@ -259,7 +262,7 @@ class Controller(Target):
 
 
 def header(controller: Controller, setup: Setup, *more: str) -> list[str]:
-    """What every file that allows comments says at its top, as comments; `more` lines after it."""
+    """Comment lines at the head of every file that allows comments, followed by the lines `more`."""
     region = ", ".join(f"{a.name} {a.measured[0]:.1f} to {a.measured[1]:.1f}" for a in setup.ordered)
     lines = [
         f"errormodel: {controller.title}",
@@ -269,26 +272,26 @@ def header(controller: Controller, setup: Setup, *more: str) -> list[str]:
     if setup.inverted:
         lines.append("SIGN TURNED ROUND (--invert)")
     if controller.doubt:
-        lines += [f"NOT CERTAIN: {controller.doubt}", f"{CHECK} before these tables are used"]
+        lines += [f"NOT CERTAIN: {controller.doubt}", f"{SIGN_TEST_STEP} before these tables are used"]
     comment = controller.comment or Comment("")
-    return [comment.line(f"machine: {printable(setup.machine)[:NAME]}"), *comment.lines([*lines, *more])]
+    return [comment.line(f"machine: {printable(setup.machine)[:MOST_MACHINE_NAME]}"), *comment.lines([*lines, *more])]
 
 
-CHECK = "follow sign_test/steps.txt"
+SIGN_TEST_STEP = "follow sign_test/steps.txt"
 
 
 def written(controller: Controller, tables: Tables, setup: Setup) -> dict[str, str]:
-    """The files of tables, with the other sign where the user asks for it."""
+    """Files of tables, with the sign reversed if the user asks for it."""
     return controller.write(_turned(tables, setup), setup)
 
 
 def read_back(controller: Controller, files: Files, setup: Setup) -> Tables:
-    """The tables of files that :func:`written` made."""
+    """Tables of files that :func:`written` made."""
     return _turned(controller.read(files, setup), setup)
 
 
 def _turned(tables: Tables, setup: Setup) -> Tables:
-    """Tables with the other sign where that is wanted; constants are no part of a file's sign."""
+    """Tables with the sign reversed if that is set; constants have no sign of a file and stay."""
     if not setup.inverted:
         return tables
     return tuple(Table(t.term, -t.values + 0.0) if t.term.inputs else t for t in tables)

@@ -1,4 +1,4 @@
-"""A plain table of corrections over a grid of all axes, for any controller or script that can read it."""
+"""Plain CSV table of corrections over a grid of all axes, for any controller or script that can read it."""
 
 from __future__ import annotations
 
@@ -10,16 +10,17 @@ from errormodel.controllers import instead
 from errormodel.controllers.base import Controller, Rewriter
 from errormodel.controllers.dialect import Dialect
 from errormodel.controllers.grids import nodes
-from errormodel.controllers.setup import LARGEST, Setup
+from errormodel.controllers.setup import MOST_LATTICE_NODES, Setup
 from errormodel.controllers.tables import Table, Tables, Term, check_increasing, check_points
 from errormodel.controllers.text import Comment, Files, Lines, one_file
 from errormodel.exceptions import InputError
 
-COARSE = 4  # times fewer intervals than the errors need: their curves are then missed by 16 times what they should
+# intervals needed over intervals given: linear interpolation errors grow with its square; by judgement
+MOST_COARSENING = 4
 
 
 class CsvGrid(Controller):
-    """One row a node, first axis slowest; multilinear between nodes, the last value beyond them."""
+    """One row per node, first axis slowest; multilinear between nodes, the last value beyond them; mm and deg."""
 
     name: ClassVar[str] = "csv"
     title: ClassVar[str] = "plain CSV grid over all axes"
@@ -35,9 +36,11 @@ class CsvGrid(Controller):
 
     def terms(self, setup: Setup) -> list[Term]:
         names = setup.moving
-        grids = setup.lattice(names, self.most_points, LARGEST)
-        coarse = any(COARSE * (len(g) - 1) < setup.axis(n).intervals for n, g in zip(names, grids, strict=True))
-        if setup.points is None and (coarse or np.prod([len(g) for g in grids]) > LARGEST):
+        grids = setup.lattice(names, self.most_points, MOST_LATTICE_NODES)
+        coarse = any(
+            MOST_COARSENING * (len(g) - 1) < setup.axis(n).intervals for n, g in zip(names, grids, strict=True)
+        )
+        if setup.points is None and (coarse or np.prod([len(g) for g in grids]) > MOST_LATTICE_NODES):
             raise InputError(
                 f"--controller {self.name}",
                 f"a grid over {len(names)} axes that follows the errors needs more than {LARGEST} nodes",
@@ -81,7 +84,7 @@ class CsvGrid(Controller):
         )
 
     def own_check(self, setup: Setup, tables: Tables) -> dict[str, str]:
-        return {}  # there is no control yet
+        return {}  # no particular control is known
 
     def checklist(self, setup: Setup) -> list[str]:
         return [

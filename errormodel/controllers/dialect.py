@@ -1,6 +1,6 @@
-"""The language of a control's programmes, as far as the check of signs needs it: slow straight moves, axis by axis.
+"""Syntax of a control's programmes, as far as the polarity check needs it: slow straight moves of one axis.
 
-Every position is a machine coordinate, every move is straight, of one axis and at a stated feed: there is no rapid.
+Every position is a machine coordinate, every move is straight, of one axis and at a stated feed; there are no rapids.
 """
 
 from __future__ import annotations
@@ -23,20 +23,20 @@ class Move:
 
 @dataclass(frozen=True)
 class Dialect:
-    """How a control writes a short programme.
+    """Syntax of a short programme on a control.
 
     Attributes
     ----------
-    suffix : of the programme's file.
-    comment : its comments.
-    move : a straight move of one axis to a machine coordinate, from `axis`, `to` and `feed`.
-    end : its last lines.
-    source : where this comes from, and what of it no source was read for.
-    opening : lines before any comment, from the programme's `name` and `number`.
-    head : lines that bring the control into a known state.
-    stop : a line that waits for the operator.
-    needs : what the operator has to see to first, in words.
-    block : what stands before each line, from its number `n`.
+    suffix : suffix of the programme's file.
+    comment : comment syntax.
+    move : format of a straight move of one axis to a machine coordinate, with `axis`, `to` (mm) and `feed` (mm/min).
+    end : last lines.
+    source : documentation it is taken from, and parts without a source.
+    opening : lines before any comment, formats with the programme's `name` and `number`.
+    head : lines that set the modal state.
+    stop : line that waits for the operator.
+    needs : preparations by the operator, in words.
+    block : prefix of each line, a format with its number `n`.
     """
 
     suffix: str
@@ -51,13 +51,13 @@ class Dialect:
     block: str = ""
 
     def prepare(self, numbers: Mapping[str, int]) -> list[str]:
-        """Lines that bring the control into a known state; `numbers` of its axes, by letter."""
+        """Lines that set the modal state; `numbers` of its axes, by letter."""
         return list(self.head)
 
     def programme(
         self, name: str, number: int, said: Sequence[str], moves: Sequence[Move], numbers: Mapping[str, int]
     ) -> str:
-        """The programme's text: what is said, a stop, and the moves, each after its reason."""
+        """Text of the programme: comments `said`, a stop, and the moves, each preceded by its reason."""
 
         def named(lines: Sequence[str]) -> list[str]:
             return [line.format(name=name, number=number) for line in lines]

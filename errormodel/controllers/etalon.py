@@ -1,6 +1,6 @@
-"""The ETALON exchange format, which the ISG kernel reads, and calibration programs for tracking interferometers write.
+"""ETALON exchange format of error parameters, read by the ISG kernel and by programs for tracking interferometers.
 
-Sections by error parameter: ``VALUE = x`` for a constant, or ``Gridpoints = {`` with a position and a value a line.
+Sections by error parameter: ``VALUE = x`` for a constant, or ``Gridpoints = {`` with a position and a value per line.
 
 Source: Beckhoff Infosys TF5280, page 296430091 (Etalon Exchange Format, vendor variant).
 """
@@ -13,23 +13,23 @@ from typing import ClassVar
 import numpy as np
 
 from errormodel.controllers.base import header
-from errormodel.controllers.isg import DOUBT, Kernel, configuration
+from errormodel.controllers.isg import SIGN_DOUBT, Kernel, configuration
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Table, Tables, Term, check_increasing, check_points
 from errormodel.controllers.text import Files, Lines
-from errormodel.controllers.volumetric import MOTIONS
+from errormodel.controllers.volumetric import ISO_MOTIONS
 from errormodel.exceptions import InputError
 
-SECTION = re.compile(r"\[(\w+)\]")
+SECTION_LINE = re.compile(r"\[(\w+)\]")
 
 
 class Etalon(Kernel):
-    """One curve an error parameter."""
+    """One curve per error parameter."""
 
     name: ClassVar[str] = "etalon"
     title: ClassVar[str] = "ETALON exchange format (Beckhoff TF5280 / ISG kernel)"
     source: ClassVar[str] = "infosys.beckhoff.com TF5280: 296430091"
-    doubt: ClassVar[str] = DOUBT
+    doubt: ClassVar[str] = SIGN_DOUBT
     most_points: ClassVar[int] = 2000
 
     def write(self, tables: Tables, setup: Setup) -> dict[str, str]:
@@ -52,7 +52,7 @@ class Etalon(Kernel):
         out: list[Table] = []
         section, rows = "", list[list[float]]()
         for number, line in lines.lines:
-            match = SECTION.fullmatch(line)
+            match = SECTION_LINE.fullmatch(line)
             if match:
                 section = match[1]
             elif line.upper().startswith("VALUE"):
@@ -77,13 +77,13 @@ class Etalon(Kernel):
 
 
 def _table(lines: Lines, number: int, section: str, rows: list[list[float]], setup: Setup) -> Table:
-    """A component error (EXY), or a location error (C0B): a constant of that axis."""
+    """Parse a component error (EXY), or a location error (C0B), which is a constant of its axis."""
     axis = section[-1:]
     if axis not in setup.names:
         found = f"parameter {section or '(none)'} of an axis that this machine has not"
         raise lines.error(number, found, "Leave its section out")
     output = f"E{section[0]}{axis}" if section[1:2] == "0" else section
-    if output[:2] not in MOTIONS:
+    if output[:2] not in ISO_MOTIONS:
         raise lines.error(number, f"'{section}' is no error parameter", "Write EXX ... ECC or X0X ... C0C")
     data = np.array(rows).reshape(-1, 2)
     term = Term(output, (axis,), (tuple(data[:, 0].tolist()),))

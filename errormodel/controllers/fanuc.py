@@ -1,8 +1,8 @@
-"""FANUC: stored pitch errors, and three-dimensional error compensation on a lattice, as parameter files.
+"""FANUC: stored pitch error compensation, and three-dimensional error compensation on a lattice, as parameter files.
 
-Pitch: whole detection units from one point to the next, seen from the minus end; they are rounded so that their sum,
-not each of them, stays near the wanted curve. The value at the reference point is zero. Lattice: a vector of whole
-units at every node of a box, trilinear between the eight corners of a cell. Nothing beyond the last point changes.
+Pitch: integer detection units from one point to the next, seen from the minus end, rounded so that their sum stays
+close to the wanted curve. The value at the reference point is zero. Lattice: a vector of integer units at every node
+of a box, trilinear between the eight corners of a cell. The correction stays constant beyond the last point.
 
 Source: B-63330EN (tape format), A-79351E (three-dimensional error compensation, p. 3), cnc.wiki on parameters
 3620-3627.
@@ -36,10 +36,10 @@ from errormodel.controllers.tables import (
 from errormodel.controllers.text import Comment, Files, one_file
 from errormodel.exceptions import InputError
 
-BLOCK = re.compile(r"^N(\d+)((?:A\d+P[-+.\d]+|P[-+.\d]+)+)\s*;?$", re.MULTILINE)
-WORD = re.compile(r"(?:A(\d+))?P([-+.\d]+)")
-FIRST = 10000  # number of pitch point 0
-LATTICE = 10800  # parameters of the lattice
+PARAMETER_BLOCK = re.compile(r"^N(\d+)((?:A\d+P[-+.\d]+|P[-+.\d]+)+)\s*;?$", re.MULTILINE)
+PARAMETER_WORD = re.compile(r"(?:A(\d+))?P([-+.\d]+)")
+FIRST_PITCH_POINT = 10000  # number of pitch error point 0 in parameter files
+LATTICE_PARAMETER = 10800  # first parameter of the lattice
 
 
 def blocks(name: str, text: str) -> dict[int, dict[int, float]]:
@@ -47,33 +47,33 @@ def blocks(name: str, text: str) -> dict[int, dict[int, float]]:
     if text.count("%") < 2:
         raise InputError(name, "no % at both ends: the tape is not whole", "Copy the file again")
     out: dict[int, dict[int, float]] = {}
-    for number, words in BLOCK.findall(text):
-        out.setdefault(int(number), {}).update({int(a or 0): float(v) for a, v in WORD.findall(words)})
+    for number, words in PARAMETER_BLOCK.findall(text):
+        out.setdefault(int(number), {}).update({int(a or 0): float(v) for a, v in PARAMETER_WORD.findall(words)})
     return out
 
 
-CAPITALS = Comment("(", ")", upper=True)
+CAPITAL_COMMENT = Comment("(", ")", upper=True)
 
 
 @dataclass(frozen=True)
 class FanucDialect(Dialect):
-    """G53 is a rapid on a FANUC whatever G code stands beside it, so that work coordinates have to be the machine's.
+    """Programme syntax with work coordinates equal to machine coordinates, since G53 is always a rapid on a FANUC.
 
-    The operator sets G59 and the external offset to zero; the macro lines end the programme with an alarm, before
-    anything moved, where the position in work coordinates is not that in machine coordinates.
+    The operator sets G59 and the external offset to zero; macro lines stop the programme with an alarm before any
+    motion if the position in work coordinates differs from that in machine coordinates.
     """
 
     def prepare(self, numbers: Mapping[str, int]) -> list[str]:
-        """Modes, and the comparison of both positions of every axis (#5021 to #5028, #5041 to #5048)."""
+        """Modal state, and a comparison of both positions of every axis (#5021 to #5028, #5041 to #5048)."""
         known = [n for n in sorted(numbers.values()) if n <= 8]
-        # G49 with an active length offset may move the axis itself, so it is not reached with one
+        # G49 with an active length offset may move the axis itself, so the programme is refused in that state
         return ["IF[#4008NE49]GOTO900", *self.head, *(f"IF[ABS[#{5040 + n}-#{5020 + n}]GT0.01]GOTO900" for n in known)]
 
 
 class Fanuc(Controller):
-    """What both have in common: detection units, capital letters, and the programme of the check."""
+    """Common part of both formats: detection units, capital letters, and the programme of the check."""
 
-    comment: ClassVar[Comment | None] = CAPITALS
+    comment: ClassVar[Comment | None] = CAPITAL_COMMENT
     sign_known: ClassVar[bool] = False
     other_sign: ClassVar[str] = "write the tables again with --invert"
     backlash_parameter: ClassVar[str] = "parameter 1851 of axis {axis} (and 1852 where 1800#4 is 1)"
@@ -81,7 +81,7 @@ class Fanuc(Controller):
     number_form: ClassVar[str] = "A{}"
     dialect: ClassVar[Dialect | None] = FanucDialect(
         suffix=".nc",
-        comment=CAPITALS,
+        comment=CAPITAL_COMMENT,
         opening=("%", "O{number}"),
         head=("G69", "G21 G90 G94 G40 G80 G59"),
         move="G1 {axis}{to:.3f} F{feed:g}",
@@ -102,7 +102,7 @@ class Fanuc(Controller):
         return f"{round(size / unit):+d} detection units of {1000 * unit:g} um"
 
     def unit(self, setup: Setup) -> float:
-        """The detection unit, mm."""
+        """Detection unit, mm."""
         return setup.resolution or 0.001
 
     def quantum(self, setup: Setup) -> float:
@@ -113,7 +113,7 @@ class Fanuc(Controller):
 
 
 def _real(value: float) -> str:
-    """A position or interval with its decimal point: without it some controls take it for detection units."""
+    """A position or interval with its decimal point: without it some controls count in detection units."""
     text = f"{value:.9g}"
     return text if "." in text or "e" in text else f"{text}.0"
 
@@ -132,7 +132,7 @@ class FanucPitch(Fanuc):
     most_step: ClassVar[int] = 7
 
     def terms(self, setup: Setup) -> list[Term]:
-        # every point there is: the steps from one to the next are what is short
+        # all available points are used, since the steps between them are limited
         curves = [
             Term(m, (m,), (setup.grid(m, self.most_points, anchored=True, every=True),), zero=True)
             for m in setup.linear
@@ -165,15 +165,15 @@ class FanucPitch(Fanuc):
             if start + len(steps) > 1024:
                 raise InputError("tables", f"{start + len(steps)} points, of which the control has 1024", "Give fewer")
             lines += [
-                CAPITALS.line(f"axis A{axis} is {term.output}"),
+                CAPITAL_COMMENT.line(f"axis A{axis} is {term.output}"),
                 f"N3620A{axis}P{start - round(place)}",
                 f"N3621A{axis}P{start}",
                 f"N3622A{axis}P{start + len(steps) - 1}",
                 f"N3623A{axis}P1",
                 f"N3624A{axis}P{_real(step)}",
             ]
-            # the first point's own value only shifts the axis: it is reached from the reference, which is zero
-            lines += [f"N{FIRST + start + k}P{v}" for k, v in enumerate([0, *steps[1:]])]
+            # the value of the first point only shifts the axis: the curve is zero at the reference point
+            lines += [f"N{FIRST_PITCH_POINT + start + k}P{v}" for k, v in enumerate([0, *steps[1:]])]
             start += len(steps)
         return {"pitch.txt": self._tape(lines, setup, shift_lines(tables))}
 
@@ -200,7 +200,7 @@ class FanucPitch(Fanuc):
                 )
             points = range(int(first), int(last) + 1)
             try:
-                steps = [n[FIRST + k][0] for k in points]
+                steps = [n[FIRST_PITCH_POINT + k][0] for k in points]
             except KeyError as error:
                 raise InputError(name, f"no N{error.args[0]}", "Copy the file again") from error
             grid = tuple(float(round((k - reference) * step, 9)) for k in points)
@@ -260,12 +260,12 @@ class Fanuc3d(Fanuc):
             check_points(term, self.most_points, k)
             step = even_step(term, k)
             lines += [
-                CAPITALS.line(f"axis {self.number(setup, name)} is {name}"),
-                f"N{LATTICE + k}P{self.number(setup, name)}",
-                f"N{LATTICE + 3 + k}P{len(term.grids[k])}",
-                f"N{LATTICE + 6 + k}P{_real(term.grids[k][0])}",
-                f"N{LATTICE + 9 + k}P1",
-                f"N{LATTICE + 12 + k}P{_real(step)}",
+                CAPITAL_COMMENT.line(f"axis {self.number(setup, name)} is {name}"),
+                f"N{LATTICE_PARAMETER + k}P{self.number(setup, name)}",
+                f"N{LATTICE_PARAMETER + 3 + k}P{len(term.grids[k])}",
+                f"N{LATTICE_PARAMETER + 6 + k}P{_real(term.grids[k][0])}",
+                f"N{LATTICE_PARAMETER + 9 + k}P1",
+                f"N{LATTICE_PARAMETER + 12 + k}P{_real(step)}",
             ]
         whole = [np.rint(t.values / unit).astype(int).ravel(order="F") for t in tables]
         lines += [f"N{self.POINTS + 3 * k + axis}P{int(whole[axis][k])}" for k in range(term.size) for axis in range(3)]
@@ -275,7 +275,7 @@ class Fanuc3d(Fanuc):
         name, text = one_file(files, ".txt")
         n, unit = blocks(name, text), self.unit(setup)
         try:
-            axis, count, low, _, step = ([n[LATTICE + 3 * j + k][0] for k in range(3)] for j in range(5))
+            axis, count, low, _, step = ([n[LATTICE_PARAMETER + 3 * j + k][0] for k in range(3)] for j in range(5))
             shape = tuple(int(c) for c in count)
             flat: Array = np.array([n[self.POINTS + k][0] for k in range(3 * int(np.prod(shape)))]).reshape(-1, 3)
         except KeyError as error:

@@ -1,8 +1,8 @@
-"""G-code and tables of commands, for controllers without compensation tables: the commands themselves are corrected.
+"""Correction of G-code programmes and tables of commands, for controllers without compensation tables.
 
-A programme is read by the strict grammar of its dialect and refused as a whole, with line and word, where anything is
-not understood or not known; `errormodel.gcode.rewrite` says which words a corrected line gets. What was written is
-executed and compared with what was read before it is handed over. A CSV has a column a joint, in mm and degrees.
+A programme is parsed by the strict grammar of its dialect and refused as a whole, with line and word, where anything is
+not understood or not known; see `errormodel.gcode.rewrite` for the words of corrected lines. The result is executed
+and compared with the original before it is handed over. A CSV has one column per joint, in mm and degrees.
 
 Sources: RS274/NGC (NIST IR 6556) for words and modal groups, the manuals of LinuxCNC and FANUC, Marlin's documentation.
 """
@@ -81,7 +81,7 @@ class GCode(Rewriter):
 
 
 def _arrivals(q: Array) -> Array:
-    """Directions from which rows of a table are reached."""
+    """Directions of approach of the rows of a table."""
     step = np.sign(np.diff(q, axis=0, prepend=q[:1]))
     for k in range(1, len(step)):
         step[k] = np.where(step[k] == 0, step[k - 1], step[k])

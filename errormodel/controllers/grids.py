@@ -1,4 +1,4 @@
-"""Grids of positions, hat functions on them, and multilinear interpolation that holds the last value at the ends."""
+"""Grids of positions, hat functions on them, and multilinear interpolation with constant values beyond the ends."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from errormodel.arrays import Array, Index
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
 
-NICE = (1.0, 2.0, 2.5, 5.0)
+NICE_STEPS = (1.0, 2.0, 2.5, 5.0)  # steps of a grid times a power of ten, so that positions have few digits
 
 
 def nice_step(least: float) -> float:
-    """The smallest of 1, 2, 2.5, 5 times a power of ten that is not below `least`."""
+    """Smallest of 1, 2, 2.5, 5 times a power of ten that is not below `least`."""
     power = 10.0 ** np.floor(np.log10(least))
-    steps = [m * p for p in (power, 10 * power) for m in NICE]
+    steps = [m * p for p in (power, 10 * power) for m in NICE_STEPS]
     return float(round(next(s for s in steps if s >= least * (1 - 1e-9)), 9))
 
 
 def anchored_grid(low: float, high: float, intervals: int) -> tuple[float, ...]:
-    """Whole multiples of a nice step that cover [low, high] in at most `intervals` intervals (2 at least)."""
+    """Integer multiples of a round step that cover [low, high] in at most `intervals` intervals (2 at least)."""
     step = nice_step(max(high - low, 1e-3) / intervals)
     while True:
         first, last = np.floor(low / step + 1e-10), np.ceil(high / step - 1e-10)
@@ -33,9 +33,9 @@ def anchored_grid(low: float, high: float, intervals: int) -> tuple[float, ...]:
 
 
 def even_grid(low: float, high: float, intervals: int) -> tuple[float, ...]:
-    """Equidistant positions that just cover [low, high] in `intervals` intervals, start and step in few figures.
+    """Equidistant positions that just cover [low, high] in `intervals` intervals; start and step have few digits.
 
-    In decimal figures, so that a file holds start, end and step without rounding.
+    Decimal digits are used, so that a file holds start, end and step without rounding.
     """
     span = max(high - low, 1e-3)
     figures = int(max(np.floor(np.log10(span / (100 * intervals))), -4))
@@ -46,7 +46,7 @@ def even_grid(low: float, high: float, intervals: int) -> tuple[float, ...]:
 
 
 def spaced(low: float, step: float, count: int) -> tuple[float, ...]:
-    """Equidistant positions as a file states them."""
+    """Equidistant positions as stated in a file."""
     return tuple(float(round(low + k * step, 9)) for k in range(count))
 
 
@@ -56,7 +56,7 @@ def nodes(grids: Sequence[Sequence[float]]) -> Array:
 
 
 def locate(grid: Sequence[float], q: Array) -> tuple[Index, Array]:
-    """Interval (n,) of each position and the share of its upper end (n,), within [0, 1]: the ends hold."""
+    """Interval (n,) of each position and the weight of its upper end (n,), clipped to [0, 1]."""
     g = np.asarray(grid)
     if len(g) == 1:
         return np.zeros(len(q), dtype=np.intp), np.zeros(len(q))

@@ -1,8 +1,8 @@
-"""Heidenhain: compensation tables ``.COM`` with their assignment ``config.cma``.
+"""Heidenhain: compensation tables ``.COM`` with their assignment file ``config.cma``.
 
-One ``.COM`` for each axis that causes errors: its position from the machine datum, a column for each axis that is
-moved by them, and BACKLASH: values met in minus direction. ``config.cma`` says which table belongs to which axis; the
-line with a star is active. Straight lines between points.
+One ``.COM`` per axis that causes errors: its position from the machine datum, a column for each axis that is corrected,
+and BACKLASH, the values met in minus direction. ``config.cma`` assigns tables to axes; the line with a star is active.
+Interpolation is linear.
 
 Source: technical manuals of the MANUALplus 620 (p. 716-718), TNC 407 (p. 151-156) and iTNC 530 HSCI (p. 666-686).
 """
@@ -20,15 +20,15 @@ from errormodel.controllers.tables import Table, Tables, Term, check_increasing,
 from errormodel.controllers.text import Comment, Files, Lines
 from errormodel.exceptions import InputError
 
-WIDTH = 14
+COLUMN_WIDTH = 14  # characters of a column
 
 
 def _row(cells: list[str]) -> str:
-    return "".join(f"{c:<{WIDTH}}" for c in cells).rstrip()
+    return "".join(f"{c:<{COLUMN_WIDTH}}" for c in cells).rstrip()
 
 
 class Heidenhain(Controller):
-    """Tables of cause axes."""
+    """Tables of the axes that cause errors."""
 
     name: ClassVar[str] = "heidenhain"
     title: ClassVar[str] = "Heidenhain compensation tables (.COM, config.cma)"

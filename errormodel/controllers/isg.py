@@ -1,10 +1,10 @@
 """Volumetric compensation of the ISG kernel, sold by Beckhoff as TF5280: error parameters in ISG_CSV.
 
-White-space tables: a header of argument and parameter names, rows below, ``//`` before comments, ``#`` before a
-further header. Offsets in mm, angles in rad; arguments in mm, and degrees for rotary axes. Errors may be tabled over
-several axes.
+White-space separated tables: a header of argument and parameter names, rows below, ``//`` before comments, ``#`` before
+a further header. Offsets in mm, angles in rad; arguments in mm, and degrees for rotary axes. Errors may be tabulated
+over several axes.
 
-Temperature: a straight line of position for each axis, whose offset and coefficient the PLC writes.
+Temperature: a linear function of position for each axis, whose offset and coefficient the PLC writes.
 
 Source: Beckhoff Infosys TF5280, pages 296423819 (parameters), 296429067 (ISG CSV), 296390283 (configuration), and the
 kernel's documentation at isg-stuttgart.de (temperature compensation: 308654475, and TF5200 15266957451).
@@ -28,17 +28,17 @@ from errormodel.controllers.thermal import Growth, States, Thermal, sign_program
 from errormodel.controllers.volumetric import Volumetric
 from errormodel.exceptions import InputError
 
-DOUBT = (
+SIGN_DOUBT = (
     "the sign of the parameters (taken as errors, actual minus nominal; `negate XYZ` in the list turns them round) and "
     "the point an angle's lever is counted from (taken as the axis' own frame with the tool tip as in machine.yaml)"
 )
 
-LIST = Comment("# ")
-WARM_DOUBT = "the sign (taken as that of a deviation: a positive value moves the axis in minus direction)"
+LIST_COMMENT = Comment("# ")
+ISG_THERMAL_DOUBT = "the sign (taken as that of a deviation: a positive value moves the axis in minus direction)"
 
 
 def temperature_file(found: Sequence[Growth]) -> dict[str, str]:
-    """Axis parameters of the kernel's own temperature compensation, and the laws that the PLC applies."""
+    """Axis parameters of the kernel's own temperature compensation, and the functions that the PLC evaluates."""
     sensor, zero = found[0].sensor, found[0].zero
     said = [
         "temperature compensation: offset_0[T] + coefficient[T] times [position - position_0], axis by axis",
@@ -46,10 +46,10 @@ def temperature_file(found: Sequence[Growth]) -> dict[str, str]:
         f"offset and coefficient are zero at {sensor} = {zero:.3f}, the PLC writes them as that changes:",
         "temp_comp_offset_0 = -1e4 times the mm, temp_comp_coefficient = -1e6 times mm/mm, times the kelvin above",
         *(f"correct {g.line()}" for g in found),
-        f"NOT CERTAIN: {WARM_DOUBT}",
+        f"NOT CERTAIN: {ISG_THERMAL_DOUBT}",
         "follow sign_test/temperature.txt first",
     ]
-    lines = list(map(LIST.line, said))
+    lines = list(map(LIST_COMMENT.line, said))
     for g in found:
         lines += [
             f"kopf.log_achs_name {g.axis}",
@@ -63,7 +63,7 @@ def temperature_file(found: Sequence[Growth]) -> dict[str, str]:
 
 
 class Kernel(Volumetric):
-    """What the kernel's formats have in common."""
+    """Common part of the kernel's formats."""
 
     comment: ClassVar[Comment | None] = Comment("// ")
     sign_known: ClassVar[bool] = False
@@ -91,10 +91,10 @@ class Kernel(Volumetric):
 
 
 def configuration(controller: Kernel, setup: Setup, file: str, form: str, names: tuple[str, ...]) -> str:
-    """The list file that names axes, chain and parameter file."""
+    """List file that names axes, chain and parameter file."""
     return "\n".join(
         [
-            LIST.line("volumetric compensation: logical axis numbers, to be those of this controller"),
+            LIST_COMMENT.line("volumetric compensation: logical axis numbers, to be those of this controller"),
             *(f"{name} {controller.number(setup, name)}" for name in in_order(names)),
             f"chain {''.join(names)}",
             "workpiece_axes 0",
@@ -107,21 +107,21 @@ def configuration(controller: Kernel, setup: Setup, file: str, form: str, names:
 
 
 class Isg(Kernel):
-    """ISG_CSV."""
+    """Error parameters in ISG_CSV."""
 
     name: ClassVar[str] = "isg"
     title: ClassVar[str] = "Beckhoff TF5280 / ISG kernel volumetric compensation (ISG_CSV)"
     source: ClassVar[str] = "infosys.beckhoff.com TF5280: 296423819, 296429067, 296390283"
-    doubt: ClassVar[str] = DOUBT
+    doubt: ClassVar[str] = SIGN_DOUBT
     most_points: ClassVar[int] = 2000
 
     def thermal(self, states: States, setup: Setup) -> Thermal | None:
-        return thermal(states, setup, self.emulate, temperature_file, WARM_DOUBT)
+        return thermal(states, setup, self.emulate, temperature_file, ISG_THERMAL_DOUBT)
 
     def structures(self, setup: Setup) -> list[list[Term]]:
-        """Six motions an axis over its own position; then with the last linear axis' translations over all linear axes.
+        """Six motions per axis over its own position; then also translations of the last linear axis over all of them.
 
-        Those take what is no rigid motion of one axis: sag that depends on two positions.
+        The latter represent errors that are no rigid motion of one axis, such as sag that depends on two positions.
         """
         linear = tuple(a for a in self.measured(setup) if not setup.axis(a).rotary)
         plain = self.terms(setup)
@@ -154,7 +154,10 @@ class Isg(Kernel):
             ]
         text = "\n".join(lines) + "\n"
         count = sum(t.term.size for t in tables)
-        start = f"{LIST.line('start-up list')}\nvol_comp[0].file_name vol_comp_0.lis\nvol_comp[0].max_records {count}\n"
+        start = (
+            f"{LIST_COMMENT.line('start-up list')}\nvol_comp[0].file_name vol_comp_0.lis\n"
+            f"vol_comp[0].max_records {count}\n"
+        )
         return {
             "vol_comp_0.csv": text,
             "vol_comp_0.lis": configuration(self, setup, "vol_comp_0.csv", "ISG_CSV", self.measured(setup)),

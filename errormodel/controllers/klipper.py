@@ -1,9 +1,9 @@
 """Klipper: skew_correction, a bed_mesh profile, and z_thermal_adjust.
 
-Skew: ``x' = x - y f_xy - z (f_xz - f_xy f_yz)``, ``y' = y - z f_yz``. Mesh: what is added to Z, rows from the
-smallest Y, columns from the smallest X; with mesh_x_pps and mesh_y_pps 0 bilinear between its points, the edge holds.
-Nothing corrects X and Y beyond skew, and nothing a screw's pitch; axis_twist_compensation corrects what a probe
-reads, not where the nozzle goes: it is written where the probe's place is known.
+Skew: ``x' = x - y f_xy - z (f_xz - f_xy f_yz)``, ``y' = y - z f_yz``. Mesh: heights added to Z, rows from the smallest
+Y, columns from the smallest X; with mesh_x_pps and mesh_y_pps 0 it is bilinear, and edge values hold. Klipper corrects
+X and Y by skew only, and no pitch errors; axis_twist_compensation corrects the probe's readings, not the nozzle's
+position, and is written where the probe's offset is known.
 
 Source: Klipper docs/Config_Reference.md, klippy/extras/bed_mesh.py, skew_correction.py, z_thermal_adjust.py.
 """
@@ -27,17 +27,17 @@ from errormodel.controllers.text import Comment, Files, one_file, printable
 from errormodel.controllers.thermal import States, Thermal, growths
 from errormodel.exceptions import InputError
 
-PROFILE = "errormodel"
-HASH = Comment("# ")
+MESH_PROFILE = "errormodel"  # name of the mesh profile
+HASH_COMMENT = Comment("# ")
 
 
 class Klipper(Printer):
-    """One included file of printer.cfg."""
+    """One file to include in printer.cfg."""
 
     name: ClassVar[str] = "klipper"
     title: ClassVar[str] = "Klipper (skew_correction, bed_mesh)"
     source: ClassVar[str] = "Klipper Config_Reference.md; bed_mesh.py, skew_correction.py"
-    comment: ClassVar[Comment | None] = HASH
+    comment: ClassVar[Comment | None] = HASH_COMMENT
     most_points: ClassVar[int] = 100
 
     def emulate(self, tables: Tables, setup: Setup, q: Array, direction: Array | None = None) -> Array:
@@ -45,7 +45,7 @@ class Klipper(Printer):
         xy, xz, yz = (-skew[k] for k in ("XY", "XZ", "YZ"))
         y, z = (q[:, setup.place(n)] if n in setup.names else np.zeros(len(q)) for n in "YZ")
         moved = {"X": -y * xy - z * (xz - xy * yz), "Y": -z * yz}
-        if mesh is not None:  # the mesh is asked after the skew, at the place that is really driven to
+        if mesh is not None:  # the mesh is evaluated after the skew, at the position actually commanded
             place = q.copy()
             for name, shift in moved.items():
                 place[:, setup.place(name)] += shift
@@ -57,7 +57,7 @@ class Klipper(Printer):
 
     def write(self, tables: Tables, setup: Setup) -> dict[str, str]:
         skew, mesh = skews_of(tables), heights_of(tables)
-        lines = [*header(self, setup), f"[skew_correction {PROFILE}]"]
+        lines = [*header(self, setup), f"[skew_correction {MESH_PROFILE}]"]
         lines += [f"{k.lower()}_skew: {-v:.9f}" for k, v in skew.items()]
         if mesh is not None:
             term = mesh.term
@@ -67,7 +67,7 @@ class Klipper(Printer):
                 if len(term.grids[k]) < self.least_points:
                     raise InputError(f"mesh along {term.inputs[k]}", f"{len(term.grids[k])} points", "Give 3 or more")
             (x0, *_, x1), (y0, *_, y1) = term.grids
-            lines += [f"[bed_mesh {PROFILE}]", "version: 1", "points:"]
+            lines += [f"[bed_mesh {MESH_PROFILE}]", "version: 1", "points:"]
             lines += ["    " + ", ".join(f"{v:.6f}" for v in row) for row in mesh.values.T]
             lines += [f"x_count: {term.shape[0]}", f"y_count: {term.shape[1]}", "mesh_x_pps: 0", "mesh_y_pps: 0"]
             lines += ["algo: lagrange", "tension: 0.2"]
@@ -75,16 +75,16 @@ class Klipper(Printer):
         return {"errormodel.cfg": "\n".join(lines) + "\n"}
 
     def thermal(self, states: States, setup: Setup) -> Thermal | None:
-        """``z_thermal_adjust``: the height as a straight line of one temperature."""
+        """``z_thermal_adjust``: the height as a linear function of one temperature."""
         found = next((g for g in growths(states, setup, self.emulate) if g.axis == "Z"), None)
         if found is None:
             return None
         middle = found.offset + found.slope * sum(setup.axis("Z").measured) / 2
         law = replace(found, offset=round(min(max(middle, -1.0), 1.0), 6), slope=0.0)
         lines = [
-            HASH.line(f"Z follows {law.sensor} in place of a mesh for each temperature:"),
-            HASH.line(f"use it with the middling folder only, home Z at {law.zero:.1f} degC"),
-            HASH.line("(the firmware adds -temp_coeff times the warming since Z was homed)"),
+            HASH_COMMENT.line(f"Z follows {law.sensor} in place of a mesh for each temperature:"),
+            HASH_COMMENT.line(f"use it with the middling folder only, home Z at {law.zero:.1f} degC"),
+            HASH_COMMENT.line("(the firmware adds -temp_coeff times the warming since Z was homed)"),
             "[z_thermal_adjust]",
             f"temp_coeff: {-law.offset:.6f}",
             "# sensor_type, sensor_pin: those of the sensor on the machine's frame",
@@ -95,7 +95,7 @@ class Klipper(Printer):
         return probing(setup, gap)
 
     def own_check(self, setup: Setup, tables: Tables) -> dict[str, str]:
-        """What ``GET_POSITION`` must show at a few places: toolhead minus gcode is what the tables add."""
+        """Expected output of ``GET_POSITION`` at a few places: toolhead minus gcode is the correction."""
         lines = [
             "CHECK: does the firmware add what the tables say? No indicator is needed. Nothing may stand on the bed.",
             f"machine: {printable(setup.machine)}",
@@ -121,10 +121,10 @@ class Klipper(Printer):
         parser = configparser.ConfigParser(delimiters=(":",), inline_comment_prefixes=("#",))
         try:
             parser.read_string(text)
-            skew = parser[f"skew_correction {PROFILE}"]
+            skew = parser[f"skew_correction {MESH_PROFILE}"]
             out = skew_tables({k: -float(skew[f"{k.lower()}_skew"]) for k in ("XY", "XZ", "YZ")}, setup)
-            if f"bed_mesh {PROFILE}" in parser:
-                out.append(_mesh(dict(parser[f"bed_mesh {PROFILE}"])))
+            if f"bed_mesh {MESH_PROFILE}" in parser:
+                out.append(_mesh(dict(parser[f"bed_mesh {MESH_PROFILE}"])))
         except (configparser.Error, KeyError, ValueError) as error:
             raise InputError(name, f"not a configuration that was written here ({error})", "Write it again") from error
         return tuple(out)
@@ -132,7 +132,7 @@ class Klipper(Printer):
     def checklist(self, setup: Setup) -> list[str]:
         return [
             "printer.cfg: [include errormodel.cfg], [skew_correction], [bed_mesh] (fade_end: 0, split_delta_z: 0.01)",
-            f"start G-code: SKEW_PROFILE LOAD={PROFILE}, BED_MESH_PROFILE LOAD={PROFILE}",
+            f"start G-code: SKEW_PROFILE LOAD={MESH_PROFILE}, BED_MESH_PROFILE LOAD={MESH_PROFILE}",
             "off: SET_SKEW CLEAR=1, BED_MESH_CLEAR",
             "a mesh that was probed replaces this one and does not know the nozzle's own errors: do not load both",
             "[include axis_twist.cfg], and calibrate the probe's z_offset again"

@@ -1,9 +1,9 @@
-"""Klipper's ``axis_twist_compensation``: what is added to a probe's reading where it is not that of the nozzle.
+"""Klipper's ``axis_twist_compensation``: correction of a probe's readings for the twist of the axes.
 
-A probe beside the nozzle feels the angles of the axes through its offset, so that it stands too high over the nozzle
-by an amount that depends on X and Y; bed mesh and levelling then follow the twist. Equidistant values over X and over
-Y, which add up; straight lines that go on beyond the ends; only differences matter. Klipper means places of the bed,
-not of the carriage: versions before its pull request 7343 (August 2026) asked at the carriage's place instead.
+A probe beside the nozzle is displaced by the angular errors of the axes through its offset, so that its height relative
+to the nozzle depends on X and Y; bed mesh and levelling then follow the twist. Equidistant values over X and over Y add
+up; interpolation is linear and continues beyond the ends; only differences matter. Klipper means positions on the bed,
+not of the carriage: versions before its pull request 7343 (August 2026) used the carriage's position.
 
 Source: Klipper klippy/extras/axis_twist_compensation.py (a reading grows by the value: ``avg - (probe - nozzle)``).
 """
@@ -23,21 +23,21 @@ from errormodel.controllers.setup import Setup
 from errormodel.controllers.text import Comment
 from errormodel.exceptions import InputError
 
-SECTION = "axis_twist_compensation"
-KEYS = {"X": "z_compensations", "Y": "zy_compensations"}
-MOST = 33  # values a list
+TWIST_SECTION = "axis_twist_compensation"
+TWIST_KEYS = {"X": "z_compensations", "Y": "zy_compensations"}
+MOST_TWIST_VALUES = 33  # values of a list; by judgement
 
 
 @dataclass(frozen=True)
 class Twist:
-    """Values (mm) over an axis, the first at `low` and the last at `high`."""
+    """Equidistant values (mm) over an axis, the first at `low` and the last at `high`."""
 
     low: float
     high: float
     values: Array
 
     def at(self, x: Array) -> Array:
-        """As the firmware interpolates: the interval is held within the list, the share is not."""
+        """Interpolate as the firmware does: linear, and continued beyond the ends."""
         step = (self.high - self.low) / (len(self.values) - 1)
         k = np.clip(np.floor((x - self.low) / step).astype(int), 0, len(self.values) - 2)
         share = (x - self.low) / step - k
@@ -45,7 +45,7 @@ class Twist:
 
 
 def probing(setup: Setup, gap: Gap) -> Probing:
-    """The two lists that take away most of a probe's error over the bed, written, read back and judged.
+    """Fit the two lists that remove most of a probe's error over the bed, write, read back and assess them.
 
     Raises
     ------
@@ -68,7 +68,7 @@ def _size(values: Array) -> tuple[float, float]:
 
 
 def _reach(setup: Setup, axis: str, offset: float) -> tuple[float, float]:
-    """Places of the bed that both nozzle and probe reach within what was measured."""
+    """Positions on the bed that both nozzle and probe reach within the measured region."""
     low, high = setup.axis(axis).measured
     low, high = np.ceil(max(low, low + offset)), np.floor(min(high, high + offset))
     if high - low < abs(offset) or high <= low:
@@ -79,7 +79,7 @@ def _reach(setup: Setup, axis: str, offset: float) -> tuple[float, float]:
 
 
 def _places(setup: Setup, bed: Mapping[str, Array]) -> Array:
-    """Positions (n, axes) of the nozzle over places of the bed; other axes where they are nearest to zero."""
+    """Positions (n, axes) of the nozzle over the bed; other axes as close to zero as possible."""
     out = np.array([[min(max(0.0, a.measured[0]), a.measured[1]) for a in setup.axes]] * len(bed["X"]))
     for axis, x in bed.items():
         out[:, setup.place(axis)] = x
@@ -87,9 +87,9 @@ def _places(setup: Setup, bed: Mapping[str, Array]) -> Array:
 
 
 def _twists(setup: Setup, gap: Gap) -> dict[str, Twist]:
-    """Least squares of a sum of functions of X and Y on an even grid: its means over rows and columns."""
+    """Least-squares sum of functions of X and Y on an even grid: means over rows and columns."""
     ends = [_reach(setup, axis, offset) for axis, offset in zip("XY", setup.probe or (0.0, 0.0), strict=True)]
-    counts = [min(max(setup.axis(a).intervals + 1, 3), MOST) for a in "XY"]
+    counts = [min(max(setup.axis(a).intervals + 1, 3), MOST_TWIST_VALUES) for a in "XY"]
     grids = [tuple(np.linspace(*e, n).tolist()) for e, n in zip(ends, counts, strict=True)]
     mesh = nodes(grids)
     values = gap(_places(setup, {"X": mesh[:, 0], "Y": mesh[:, 1]})).reshape([len(g) for g in grids])
@@ -110,7 +110,7 @@ def write(twists: Mapping[str, Twist], setup: Setup) -> str:
                 "(Klipper before pull request 7343, August 2026: take x_offset off the two x, y_offset off the two y)",
             ),
         ),
-        f"[{SECTION}]",
+        f"[{TWIST_SECTION}]",
         f"calibrate_start_x: {x.low:g}",
         f"calibrate_end_x: {x.high:g}",
         f"calibrate_y: {(y.low + y.high) / 2:g}",
@@ -120,7 +120,7 @@ def write(twists: Mapping[str, Twist], setup: Setup) -> str:
     ]
     for axis, twist in twists.items():
         lines += [
-            f"{KEYS[axis]}: {', '.join(f'{v:.6f}' for v in twist.values)}",
+            f"{TWIST_KEYS[axis]}: {', '.join(f'{v:.6f}' for v in twist.values)}",
             f"compensation_start_{axis.lower()}: {twist.low:g}",
             f"compensation_end_{axis.lower()}: {twist.high:g}",
         ]
@@ -128,7 +128,7 @@ def write(twists: Mapping[str, Twist], setup: Setup) -> str:
 
 
 def read(text: str) -> dict[str, Twist]:
-    """The lists of a section.
+    """Read the lists of a section.
 
     Raises
     ------
@@ -138,14 +138,14 @@ def read(text: str) -> dict[str, Twist]:
     parser = configparser.ConfigParser(delimiters=(":",), inline_comment_prefixes=("#",))
     try:
         parser.read_string(text)
-        keys = parser[SECTION]
+        keys = parser[TWIST_SECTION]
         return {
             axis: Twist(
                 float(keys[f"compensation_start_{axis.lower()}"]),
                 float(keys[f"compensation_end_{axis.lower()}"]),
                 np.array([float(v) for v in keys[key].split(",")]),
             )
-            for axis, key in KEYS.items()
+            for axis, key in TWIST_KEYS.items()
         }
     except (configparser.Error, KeyError, ValueError) as error:
-        raise InputError(SECTION, f"not a section that was written here ({error})", "Write it again") from error
+        raise InputError(TWIST_SECTION, f"not a section that was written here ({error})", "Write it again") from error

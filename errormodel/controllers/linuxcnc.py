@@ -1,8 +1,8 @@
 """LinuxCNC: screw compensation of each joint by ``COMP_FILE``, types 0 and 1.
 
-Three figures a line, positions in machine units: type 0 gives where the joint really was, going up and going down;
-type 1 gives the trim. At most 256 lines a joint, nothing but figures: the loader stops at the first other line
-without a word. The motor is commanded to position plus trim; straight lines between points, end values hold.
+Three numbers per line, positions in machine units: type 0 gives the actual position of the joint, going up and going
+down; type 1 gives the trim. At most 256 lines per joint and no comments: the loader stops at any other line without a
+message. The motor is commanded to position plus trim; interpolation is linear, and end values hold.
 
 Source: LinuxCNC's documentation of the INI file, and its code (``usrmotintf.cc``, ``control.c``); where the two
 examples of the documentation disagree the code was followed.
@@ -25,7 +25,7 @@ from errormodel.exceptions import InputError
 
 
 class LinuxCnc1(Controller):
-    """Trims."""
+    """Files of type 1: trims."""
 
     name: ClassVar[str] = "linuxcnc-type1"
     title: ClassVar[str] = "LinuxCNC COMP_FILE_TYPE = 1 (trims)"
@@ -109,7 +109,7 @@ class LinuxCnc1(Controller):
 
 
 class LinuxCnc0(LinuxCnc1):
-    """Actual positions."""
+    """Files of type 0: actual positions."""
 
     name: ClassVar[str] = "linuxcnc-type0"
     title: ClassVar[str] = "LinuxCNC COMP_FILE_TYPE = 0 (actual positions)"

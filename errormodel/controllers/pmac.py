@@ -1,8 +1,8 @@
-"""Delta Tau PMAC and Turbo PMAC: ``DEFINE COMP`` tables of one motor's position, moving another.
+"""Delta Tau PMAC and Turbo PMAC: ``DEFINE COMP`` tables of one motor's position, correcting another.
 
-Whole sixteenths of a count. A table has N entries at equal spacings from the motor's zero; at zero itself the
-correction is zero. The position is rolled over, so that minus positions use the end of the table; its last entry is
-the zero again.
+Values are integer sixteenths of a count. A table has N entries at equal spacings from the motor's zero, where the
+correction is zero. Positions wrap around, so negative positions use the end of the table; its last entry is the zero
+again.
 
 Source: PMAC and Turbo PMAC software references, DEFINE COMP (Turbo p. 302-305).
 """
@@ -31,11 +31,11 @@ from errormodel.controllers.tables import (
 from errormodel.controllers.text import Comment, Files, one_file
 from errormodel.exceptions import InputError
 
-TABLE = re.compile(r"#(\d+) DEFINE COMP (\d+),#(\d+)D,#(\d+),(\d+)\s+([-\d\s]+)")
+COMP_TABLE = re.compile(r"#(\d+) DEFINE COMP (\d+),#(\d+)D,#(\d+),(\d+)\s+([-\d\s]+)")
 
 
 class Pmac(Controller):
-    """One-dimensional tables, cross ones included."""
+    """One-dimensional tables, cross tables included."""
 
     name: ClassVar[str] = "pmac"
     title: ClassVar[str] = "Delta Tau PMAC / Turbo PMAC position compensation (DEFINE COMP)"
@@ -44,7 +44,7 @@ class Pmac(Controller):
     comment: ClassVar[Comment | None] = Comment("; ")
     sign_known: ClassVar[bool] = False
     other_sign: ClassVar[str] = "write the tables again with --invert"
-    dialect: ClassVar[Dialect | None] = None  # axis definitions and offsets are each machine's own
+    dialect: ClassVar[Dialect | None] = None  # axis definitions and offsets differ from machine to machine
     backlash_parameter: ClassVar[str] = "I{number}86 (with I{number}85 above 0)"
     first_number: ClassVar[int | None] = 1
     number_form: ClassVar[str] = "#{}"
@@ -75,7 +75,7 @@ class Pmac(Controller):
         return [*curves, *shift_terms(curves)]
 
     def _nodes(self, setup: Setup, name: str, step: float) -> Index:
-        """Whole multiples of the step that cover the travel and zero."""
+        """Integer multiples of the step that cover the travel and zero."""
         low, high = setup.axis(name).travel
         return np.arange(int(np.floor(min(low, 0.0) / step + 1e-9)), int(np.ceil(max(high, 0.0) / step - 1e-9)) + 1)
 
@@ -119,7 +119,7 @@ class Pmac(Controller):
             raise InputError(name, "no I51=1 at its end: the file is not whole", "Copy the file again")
         unit, out = self.unit(setup), []
         plain = "\n".join(line.split(";")[0] for line in text.splitlines())
-        for motor, count, source, target, length, body in TABLE.findall(plain):
+        for motor, count, source, target, length, body in COMP_TABLE.findall(plain):
             entries = [int(v) for v in body.split()]
             if len(entries) != int(count) or entries[-1]:
                 found = f"{len(entries)} entries, {count} announced, the last {entries[-1] if entries else 'missing'}"

@@ -1,4 +1,4 @@
-"""The polarity check on paper and as programmes: where to stand, how to get there, and what each reading means."""
+"""Instructions and programmes of the polarity check: positions, approach, and the meaning of each reading."""
 
 from __future__ import annotations
 
@@ -9,61 +9,61 @@ import numpy as np
 
 from errormodel.controllers.base import Controller
 from errormodel.controllers.dialect import Move
-from errormodel.controllers.polarity import MARGIN, SEEN, Step, polarity_check
+from errormodel.controllers.polarity import LEAST_READING_MM, TRAVEL_MARGIN_MM, Step, polarity_check
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Tables
 from errormodel.controllers.text import printable
 
-FEWEST = 8  # intervals of a table of the check
-BACK = 10.0  # mm, from which an axis comes to its place, and to which it is taken back
-FACING = 0.7  # direction cosine from which on an axis runs along the spindle
-SHORT = 2.0  # mm before its place, where a programme stops: the rest is driven by hand
-FEED, SLOW = 500.0, 100.0  # mm/min, away from the indicator and towards it
-NEAR = 20.0  # mm, from where a programme may be started
-NUMBER = 7001  # of the first programme, where programmes have numbers
+FEWEST_INTERVALS = 8  # intervals of a table of the check, so that a peak fits
+BACK_OFF_MM = 10.0  # mm between the start of an approach and its place; by judgement
+SPINDLE_COSINE = 0.7  # cosine, from which an axis counts as running along the spindle; by judgement
+STOP_SHORT_MM = 2.0  # mm before its place where a programme stops; the rest is jogged by hand
+AWAY_FEED, TOWARDS_FEED = 500.0, 100.0  # mm/min, away from the indicator and towards it; by judgement
+START_DISTANCE_MM = 20.0  # mm, within which a programme may be started; by judgement
+FIRST_PROGRAMME_NUMBER = 7001  # number of the first programme, on controls that number programmes
 
 
 def check_of(controller: Controller, setup: Setup, tables: Tables) -> dict[str, str]:
-    """All files of the check of a controller's tables, by name; none where it needs none."""
+    """Files of the check of a controller's tables, by name; empty if no check is needed."""
     own = controller.own_check(setup, tables)
     if own is not None:
         return own
-    axes = tuple(replace(a, intervals=max(a.intervals, FEWEST)) for a in setup.axes)
+    axes = tuple(replace(a, intervals=max(a.intervals, FEWEST_INTERVALS)) for a in setup.axes)
     fine = replace(setup, axes=axes, points=None)  # tables of two points have no room for a peak
     files, steps = polarity_check(controller, fine, controller.structures(fine)[0])
     return {**files, **check_files(controller, fine, steps, list(files))} if steps else {}
 
 
 def approach(setup: Setup, step: Step) -> float | None:
-    """Where the watched axis comes from, mm, `BACK` before its place; None: no room.
+    """Start position (mm) of the axis to be read, `BACK_OFF_MM` before its place; None: no room.
 
-    From a side where an indicator on the table can stand before it. Every position must keep `MARGIN` from the ends.
+    The side is one on which an indicator can stand; every position keeps `TRAVEL_MARGIN_MM` from the ends of travel.
     """
     for axis in setup.axes:
         low, high = axis.travel
         if (
             not axis.rotary
             and axis.name in setup.watched
-            and not low + MARGIN <= step.place[axis.name] <= high - MARGIN
+            and not low + TRAVEL_MARGIN_MM <= step.place[axis.name] <= high - TRAVEL_MARGIN_MM
         ):
             return None
     low, high = setup.axis(step.axis).travel
     for side in _free_sides(setup, step.axis):
-        start = step.place[step.axis] + side * BACK
-        if low + MARGIN <= start <= high - MARGIN:
+        start = step.place[step.axis] + side * BACK_OFF_MM
+        if low + TRAVEL_MARGIN_MM <= start <= high - TRAVEL_MARGIN_MM:
             return start
     return None
 
 
 def _free_sides(setup: Setup, name: str) -> tuple[float, ...]:
-    """Sides from which an axis can come to an indicator, -1 or +1: along the spindle only that away from the table.
+    """Sides from which an axis can approach an indicator, -1 or +1: along the spindle only that away from the table.
 
-    The spindle nose faces the way of the tool; without a tool plus Z leads away from the workpiece (ISO 841).
+    The spindle nose points in the direction of the tool; without a tool plus Z leads away from the workpiece (ISO 841).
     """
     tool, along = np.asarray(setup.tool, np.float64), np.asarray(setup.axis(name).along)
     length = float(np.linalg.norm(tool))
     facing = float(tool @ along) / length if length > 1.0 else 0.0
-    if abs(facing) > FACING:
+    if abs(facing) > SPINDLE_COSINE:
         return (-1.0,) if facing > 0 else (1.0,)
     return (1.0,) if length <= 1.0 and name in ("Z", "W") else (-1.0, 1.0)
 
@@ -73,9 +73,11 @@ def moves_of(setup: Setup, step: Step, start: float) -> list[Move]:
     end, side = step.place[step.axis], 1.0 if start > step.place[step.axis] else -1.0
     others = [m for m in setup.watched if m != step.axis]
     return [
-        Move(step.axis, start, FEED, "retreat, away from the indicator"),
-        *(Move(m, step.place[m], FEED, "beside the place") for m in others),
-        Move(step.axis, end + side * SHORT, SLOW, f"approach, ends {SHORT:g} mm before the place"),
+        Move(step.axis, start, AWAY_FEED, "retreat, away from the indicator"),
+        *(Move(m, step.place[m], AWAY_FEED, "beside the place") for m in others),
+        Move(
+            step.axis, end + side * STOP_SHORT_MM, TOWARDS_FEED, f"approach, ends {STOP_SHORT_MM:g} mm before the place"
+        ),
     ]
 
 
@@ -96,17 +98,18 @@ def check_files(
         said = [
             f"polarity check {k}: {step.axis}, made for machine {printable(setup.machine)[:60]}",
             f"start only with {step.axis} on the {_side(start > step.place[step.axis])} side of {start:.3f}, "
-            f"all within {NEAR:g} mm of {_place(step.place, setup.watched)}, nothing in the way, feed override down",
+            f"all within {START_DISTANCE_MM:g} mm of {_place(step.place, setup.watched)}, "
+            "nothing in the way, feed override down",
             "see steps.txt for what to read and what it means",
         ]
         files[name + dialect.suffix] = dialect.programme(
-            name, NUMBER + k - 1, said, moves_of(setup, step, start), numbers
+            name, FIRST_PROGRAMME_NUMBER + k - 1, said, moves_of(setup, step, start), numbers
         )
     return {"steps.txt": "\n".join(lines) + "\n", **files}
 
 
 def _opening(controller: Controller, setup: Setup, steps: Sequence[Step], load: Sequence[str]) -> list[str]:
-    """What holds for all readings."""
+    """Instructions common to all readings."""
     watched = list(dict.fromkeys(s.axis for s in steps))
     unseen = [m for m in setup.watched if m not in watched]
     still = [a for a in setup.axes if a.name not in setup.watched]
@@ -148,7 +151,7 @@ def _opening(controller: Controller, setup: Setup, steps: Sequence[Step], load: 
         else "    it has none. Drive by hand, slowly, in machine coordinates, to 2 mm before the place.",
         " b. The last 2 mm by hand, in steps of 0.1 and then 0.001 mm, exactly to the place, never beyond it.",
         " c. Put the indicator, its stand on the table, against the spindle nose, ahead of the motion. Set it to zero.",
-        f" d. By hand {BACK:g} mm back, along the watched axis only.",
+        f" d. By hand {BACK_OFF_MM:g} mm back, along the watched axis only.",
         " e. Load this folder's tables, compensation on. If the control has to be started and referenced again, drive",
         "    by hand, and around the indicator.",
         " f. As a. (but compensation on) and b. again, from the same side. Read.",
@@ -158,12 +161,13 @@ def _opening(controller: Controller, setup: Setup, steps: Sequence[Step], load: 
 
 
 def _reading(controller: Controller, setup: Setup, k: int, step: Step, start: float | None) -> list[str]:
-    """One reading in words, whatever it shows."""
+    """Instructions for one reading, with the meaning of every outcome."""
     want, axis = step.reading, step.axis
     come = (
         f"from the {_side(start > step.place[axis])} side, from {axis} = {start:.3f}"
         if start is not None
-        else f"by hand only: within {MARGIN:g} mm of the end of a travel, or no {BACK:g} mm of room along {axis}"
+        else f"by hand only: within {TRAVEL_MARGIN_MM:g} mm of the end of a travel, "
+        f"or no {BACK_OFF_MM:g} mm of room along {axis}"
     )
     lines = [
         f"{k}. Watch {axis} ({step.table}) at {_place(step.place, setup.watched)}, coming {come}",
@@ -172,7 +176,7 @@ def _reading(controller: Controller, setup: Setup, k: int, step: Step, start: fl
         f"{_cure(controller, setup)}.",
         "   0.000 mm: the compensation is not active, or acts on another axis.",
     ]
-    if step.by_itself is not None and abs(step.by_itself) >= SEEN:
+    if step.by_itself is not None and abs(step.by_itself) >= LEAST_READING_MM:
         lines.append(
             f"   {want + step.by_itself:+.3f} or {want - step.by_itself:+.3f} mm: a table that only multiplies others "
             "acts by itself. Switch everything off and do not load the real tables."
@@ -181,12 +185,14 @@ def _reading(controller: Controller, setup: Setup, k: int, step: Step, start: fl
     return lines
 
 
-OTHER = "the sign is public for this control, so look for a direction of motion that was turned round in its settings"
+OTHER_SIGN_CAUSE = (
+    "the sign is public for this control, so look for a direction of motion that was turned round in its settings"
+)
 
 
 def _cure(controller: Controller, setup: Setup) -> str:
-    """What to do where the control wants the other sign: of tables that were turned round, leave that out again."""
-    cure = controller.other_sign or OTHER
+    """Instruction for the other sign; tables that were already reversed are written again without --invert."""
+    cure = controller.other_sign or OTHER_SIGN_CAUSE
     return cure.replace("with --invert", "without --invert") if setup.inverted else cure
 
 

@@ -1,4 +1,4 @@
-"""What firmwares of printers share: skew of three axes, and a height map over X and Y."""
+"""Common part of printer firmwares: skew of three axes, and a height map over X and Y."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Table, Tables, Term
 from errormodel.exceptions import InputError
 
-SKEWS = (("X", "Y"), ("X", "Z"), ("Y", "Z"))  # which axis moves with which
+SKEW_AXES = (("X", "Y"), ("X", "Z"), ("Y", "Z"))  # (corrected axis, axis of which it is a function)
 
 
 class Printer(Controller):
-    """Skew (mm a mm) and heights (mm)."""
+    """Skew (mm per mm) and heights (mm)."""
 
     sign_known: ClassVar[bool] = True
     dialect: ClassVar[Dialect | None] = None
@@ -32,11 +32,11 @@ class Printer(Controller):
             raise InputError(f"--controller {self.name}", found, f"Use --controller {instead()}")
 
     def own_check(self, setup: Setup, tables: Tables) -> dict[str, str]:
-        return {}  # the sign is public, and no indicator fits a nozzle
+        return {}  # the sign is documented, and no indicator fits a nozzle
 
     def terms(self, setup: Setup) -> list[Term]:
         self.suits(setup)
-        skews = [Term(a, (), (), factor=b) for a, b in SKEWS if a in setup.linear and b in setup.moving]
+        skews = [Term(a, (), (), factor=b) for a, b in SKEW_AXES if a in setup.linear and b in setup.moving]
         if "Z" not in setup.linear or not {"X", "Y"} <= {*setup.moving}:
             return skews
         fine = replace(
@@ -46,13 +46,13 @@ class Printer(Controller):
 
 
 def skews_of(tables: Tables) -> dict[str, float]:
-    """XY, XZ, YZ: what is added to the first axis per mm of the second."""
+    """XY, XZ, YZ: correction of the first axis per mm of the second."""
     found = {t.term.output + t.term.factor: float(t.values) / 1000 for t in tables if not t.term.inputs}
-    return {a + b: found.get(a + b, 0.0) for a, b in SKEWS}
+    return {a + b: found.get(a + b, 0.0) for a, b in SKEW_AXES}
 
 
 def skew_tables(values: dict[str, float], setup: Setup) -> list[Table]:
-    """The other way, of axes that the machine has."""
+    """Skew tables from such values, for axes that the machine has."""
     return [
         Table(Term(k[0], (), (), factor=k[1]), np.array(1000 * v))
         for k, v in values.items()

@@ -1,4 +1,4 @@
-"""A machine as controllers see it: its axes by their letters there, in mm and degrees."""
+"""Description of a machine for controllers: axes with letters, travels, grids; mm and degrees."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from errormodel.controllers.grids import anchored_grid, even_grid
 from errormodel.exceptions import InputError, nearest
 from errormodel.machine import Vector
 
-LARGEST = 100_000  # nodes of a lattice
+MOST_LATTICE_NODES = 100_000  # nodes of a lattice over all axes, a bound on size and time; by judgement
 
 
 @dataclass(frozen=True)
 class Axis:
-    """An axis as the controller knows it.
+    """An axis of the controller.
 
     Attributes
     ----------
-    name : its letter there; `joint` its name in ``machine.yaml``.
-    travel, measured : ends of the travel, and of what the survey covered (mm or deg).
+    name : its letter on the controller; `joint` : its name in ``machine.yaml``.
+    travel, measured : ends of the travel, and of its surveyed part (mm or deg).
     along : direction of the joint at the machine's zero (unit vector in the reference's axes).
-    intervals : how many equal intervals the errors along it need to be followed by straight lines.
+    intervals : number of equal intervals in which linear interpolation represents the errors along it.
     """
 
     name: str
@@ -39,13 +39,13 @@ class Axis:
 
 @dataclass(frozen=True)
 class Reversal:
-    """What an axis loses at a reversal, as ISO 230-2 has it: mean position going plus, less that going minus.
+    """Reversal value of an axis (ISO 230-2): mean position approached in plus direction less that in minus direction.
 
-    Negative is ordinary backlash: the axis stays behind the direction of travel.
+    Negative values are ordinary backlash: the axis lags behind its direction of travel.
 
     Attributes
     ----------
-    low, high : at the two ends of the travel (mm or deg); alike where it does not change along the travel.
+    low, high : values at the two ends of the travel (mm or deg); equal if it is constant along the travel.
     """
 
     low: float
@@ -53,29 +53,29 @@ class Reversal:
 
     @property
     def mean(self) -> float:
-        """What one number for the whole travel should be."""
+        """Single value for the whole travel."""
         return (self.low + self.high) / 2
 
 
 @dataclass(frozen=True)
 class Setup:
-    """The machine as a controller sees it.
+    """The machine as described to a controller.
 
     Attributes
     ----------
-    axes : in the order of the chain, from the workpiece.
-    movers : names of the axes that carry out corrections, one a direction of space.
-    reversing : axes whose errors depend on the side from which they arrive.
+    axes : in the order of the kinematic chain, from the workpiece.
+    movers : names of the axes that carry out corrections, one per direction of space.
+    reversing : axes whose errors depend on the direction of approach.
     resolution : least increment of the controller (mm, deg), None: the format's usual one.
     probe : x and y of a probe from the nozzle (mm), None: there is none, or it is not known.
-    points : points an axis asked for by the user, None: as many as the errors need.
+    points : points per axis requested by the user, None: as many as the errors need.
     levers : motion of the tool tip, (n, 3, 6 axes), in mm per unit (mm, rad) of the six error motions of each axis, at
         positions (n, axes); and the tip's motion (n, 3, axes) per mm or deg of each axis.
-    read : by axis the error motions that were read for themselves, where no positions were; None: positions were.
-    numbers : axes' numbers that the user gave, by name; empty: those that follow from the letters.
-    unsure : joints whose letter only the user can know, and did not say.
-    reversals : what was found of backlash, by axis.
-    inverted : whether the files get the other sign, because the control turned out to want it.
+    read : measured error motions by axis, in a survey of single-joint error motions; None: positions were measured.
+    numbers : numbers of axes given by the user, by name; empty: those that follow from the letters.
+    unsure : joints whose letter is ambiguous and was not given.
+    reversals : fitted reversal values, by axis.
+    inverted : whether the files get the other sign, because the check of the control showed it.
     """
 
     machine: str
@@ -109,7 +109,7 @@ class Setup:
 
     @property
     def ordered(self) -> tuple[Axis, ...]:
-        """Axes in the order X Y Z A B C U V W, as controllers number them, or in that of the user's numbers."""
+        """Axes in the order X Y Z A B C U V W, or in that of the user's numbers."""
         names = sorted(self.numbers, key=lambda n: self.numbers[n]) if self.numbers else in_order(self.names)
         return tuple(map(self.axis, names))
 
@@ -118,7 +118,7 @@ class Setup:
         return self.numbers[name] if self.numbers else in_order(self.names).index(name) + first
 
     def numbered(self, number: int, first: int) -> str:
-        """The axis of that number.
+        """Axis of a number.
 
         Raises
         ------
@@ -132,7 +132,7 @@ class Setup:
 
     @property
     def moving(self) -> tuple[str, ...]:
-        """Axes whose travel the survey covered: of the others nothing is known."""
+        """Axes whose travel the survey covered; nothing is known of the others."""
         return tuple(a.name for a in self.axes if a.measured[1] > a.measured[0])
 
     @property
@@ -146,10 +146,10 @@ class Setup:
         return tuple(a.name for a in self.ordered if a.name in self.linear)
 
     def grid(self, name: str, most: int, anchored: bool = False, every: bool = False) -> tuple[float, ...]:
-        """Equidistant positions over what was measured of an axis: as many as its errors need, at most `most`.
+        """Equidistant positions over the measured range of an axis: as many as its errors need, at most `most`.
 
-        `anchored` ones are whole multiples of their step, so that the reference point 0 is one of them; `every`: as
-        many as there may be.
+        `anchored` positions are integer multiples of their step, so that the reference point 0 is one of them; with
+        `every` there are as many as permitted.
         """
         axis, make = self.axis(name), anchored_grid if anchored else even_grid
         if self.points is None:
@@ -161,12 +161,12 @@ class Setup:
         return make(*axis.measured, self.points - 1)
 
     def lattice(self, names: Sequence[str], most: int, nodes: int) -> tuple[tuple[float, ...], ...]:
-        """Grids of several axes with at most `nodes` nodes together, all thinned alike; bends are kept.
+        """Grids of several axes with at most `nodes` nodes together, coarsened by a common factor; bends are kept.
 
         Raises
         ------
         InputError
-            The points that were asked for make more nodes than `LARGEST`.
+            The requested points make more nodes than `MOST_LATTICE_NODES`.
         """
         grids = tuple(self.grid(name, most) for name in names)
         share = 1.0
@@ -177,7 +177,7 @@ class Setup:
                 for axis in map(self.axis, names)
             )
         count = int(np.prod([len(g) for g in grids]))
-        if self.points is not None and count > LARGEST:
-            found = f"{self.points} points on {len(names)} axes are {count} nodes, more than {LARGEST}"
+        if self.points is not None and count > MOST_LATTICE_NODES:
+            found = f"{self.points} points on {len(names)} axes are {count} nodes, more than {MOST_LATTICE_NODES}"
             raise InputError("--points", found, "Ask for fewer points")
         return grids

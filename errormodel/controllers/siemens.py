@@ -1,12 +1,12 @@
-"""Siemens Sinumerik: leadscrew errors (``$AA_ENC_COMP``) and cross errors with products of tables (``$AN_CEC``).
+"""Siemens Sinumerik: leadscrew errors (``$AA_ENC_COMP``), and cross errors with products of tables (``$AN_CEC``).
 
-Straight lines between equidistant points, end values hold. LEC: one table an axis for both directions, added to the
-actual value, so that a positive one moves the axis back: the file holds errors; the value at the reference point must
-be 0. CEC: a table has a base axis, a compensated axis, a direction, and may be multiplied by another table: that
-other one is here a lever arm (position in m) or the sine or 1 - cosine of a rotary axis. Tables of one compensated
-axis add up.
+Interpolation is linear between equidistant points, and end values hold. LEC: one table per axis for both directions,
+added to the actual value, so a positive value moves the axis back: the file holds errors; the value at the reference
+point must be 0. CEC: a table has a base axis, a compensated axis and a direction, and may be multiplied by another
+table: that one is here a lever arm (position in m) or the sine or 1 - cosine of a rotary axis. Tables of one
+compensated axis add up.
 
-Temperature: a straight line of position whose offset and slope (``$SA_TEMP_COMP_ABS_VALUE``, ``..._SLOPE``) the PLC
+Temperature: a linear function of position whose offset and slope (``$SA_TEMP_COMP_ABS_VALUE``, ``..._SLOPE``) the PLC
 writes as temperatures change.
 
 Source: SINUMERIK 840D sl/828D function manual Extended Functions (K3 Compensations), 6FC5397-1BP40-3BA1.
@@ -40,13 +40,14 @@ from errormodel.controllers.text import Comment, Files, one_file
 from errormodel.controllers.thermal import Growth, States, Thermal, sign_program, thermal
 from errormodel.exceptions import InputError
 
-SEMICOLON = Comment("; ")
-NUMBER = r"[-+]?[\d.]+(?:[eE][-+]?\d+)?"
-LEC = re.compile(rf"\$AA_ENC_COMP(?:_(\w+))?\[0,(?:(\d+),)?(\w+)1\]=({NUMBER})")
-CEC = re.compile(rf"\$AN_CEC(?:_(\w+))?\[(\d+)(?:,(\d+))?\]=\(?({NUMBER}|\w+1)\)?")
-WARM_DOUBT = "the sign (taken as that of $AA_ENC_COMP: a positive value moves the axis in minus direction)"
+SEMICOLON_COMMENT = Comment("; ")
+NUMBER_PATTERN = r"[-+]?[\d.]+(?:[eE][-+]?\d+)?"
+LEC = re.compile(rf"\$AA_ENC_COMP(?:_(\w+))?\[0,(?:(\d+),)?(\w+)1\]=({NUMBER_PATTERN})")
+CEC = re.compile(rf"\$AN_CEC(?:_(\w+))?\[(\d+)(?:,(\d+))?\]=\(?({NUMBER_PATTERN}|\w+1)\)?")
+SIEMENS_THERMAL_DOUBT = "the sign (taken as that of $AA_ENC_COMP: a positive value moves the axis in minus direction)"
 LEVER = re.compile(r"^; table (\d+) only multiplies others: ((?:sin |cos )?\w+)$", re.MULTILINE)
-TURN = 2.5  # deg between points of a sine
+# deg between points of a sine table: linear interpolation then errs by less than 0.03 % of the amplitude
+SINE_STEP_DEG = 2.5
 
 
 def _file(text: str) -> str:
@@ -64,17 +65,17 @@ def _grid(step: float, low: float, high: float, count: int, where: str) -> tuple
 
 
 def temperature_file(found: Sequence[Growth]) -> dict[str, str]:
-    """Machine and setting data of the control's own temperature compensation, and the laws that the PLC applies."""
+    """Machine and setting data of the control's temperature compensation, and the functions that the PLC evaluates."""
     sensor, zero = found[0].sensor, found[0].zero
     said = [
         "temperature compensation: K0[T] + tan beta[T] times [position - P0], for the middling folder's tables only",
         f"K0 and tan beta are zero at {sensor} = {zero:.3f}, the PLC [FB3 PUT] writes them as that changes:",
         "$SA_TEMP_COMP_ABS_VALUE = minus the mm, $SA_TEMP_COMP_SLOPE = minus the mm/mm, times the kelvin above",
         *(f"correct {g.line()}" for g in found),
-        f"NOT CERTAIN: {WARM_DOUBT}",
+        f"NOT CERTAIN: {SIEMENS_THERMAL_DOUBT}",
         "follow sign_test/temperature.txt first",
     ]
-    lines = [*map(SEMICOLON.line, said), "CHANDATA(1)"]
+    lines = [*map(SEMICOLON_COMMENT.line, said), "CHANDATA(1)"]
     for g in found:
         lines += [
             f"$MA_TEMP_COMP_TYPE[{g.axis}1]=3",
@@ -88,13 +89,13 @@ def temperature_file(found: Sequence[Growth]) -> dict[str, str]:
 
 
 class Siemens(Controller):
-    """What both have in common: axis names, comments, the programme of the check."""
+    """Common part of both formats: axis names, comments, the programme of the check."""
 
-    comment: ClassVar[Comment | None] = SEMICOLON
+    comment: ClassVar[Comment | None] = SEMICOLON_COMMENT
     backlash_parameter: ClassVar[str] = "MD32450 $MA_BACKLASH[0,{axis}]"
     dialect: ClassVar[Dialect | None] = Dialect(
         suffix=".MPF",
-        comment=SEMICOLON,
+        comment=SEMICOLON_COMMENT,
         head=("TRAFOOF", "G17 G40 G90 G94 G500 G60 G710 D0"),
         move="SUPA G1 {axis}={to:.3f} F{feed:g}",
         end=("M30",),
@@ -108,7 +109,7 @@ class Siemens(Controller):
 
 
 class SiemensLec(Siemens):
-    """``$AA_ENC_COMP``."""
+    """Leadscrew error compensation, ``$AA_ENC_COMP``."""
 
     sign_known: ClassVar[bool] = True
 
@@ -122,7 +123,7 @@ class SiemensLec(Siemens):
         return [*curves, *shift_terms(curves)]
 
     def thermal(self, states: States, setup: Setup) -> Thermal | None:
-        return thermal(states, setup, self.emulate, temperature_file, WARM_DOUBT)
+        return thermal(states, setup, self.emulate, temperature_file, SIEMENS_THERMAL_DOUBT)
 
     def write(self, tables: Tables, setup: Setup) -> dict[str, str]:
         lines = ["%_N_AX_EEC_INI", *header(self, setup, *shift_lines(tables)), "CHANDATA(1)"]
@@ -165,7 +166,7 @@ class SiemensLec(Siemens):
 
 
 class SiemensCec(Siemens):
-    """``$AN_CEC``."""
+    """Sag and cross error compensation, ``$AN_CEC``."""
 
     sign_known: ClassVar[bool] = False
     other_sign: ClassVar[str] = "write the tables again with --invert"
@@ -179,7 +180,7 @@ class SiemensCec(Siemens):
     )
     bidirectional: ClassVar[bool] = True
     most_points: ClassVar[int] = 200
-    most_tables: ClassVar[int | None] = 55  # of 62 on an 840D sl, the rest being levers
+    most_tables: ClassVar[int | None] = 55  # of 62 on an 840D sl, the rest being lever tables
 
     def terms(self, setup: Setup) -> list[Term]:
         out = self.curves(setup, [(m, i) for m in setup.linear for i in setup.moving])
@@ -191,15 +192,15 @@ class SiemensCec(Siemens):
         return out
 
     def thermal(self, states: States, setup: Setup) -> Thermal | None:
-        return thermal(states, setup, self.emulate, temperature_file, WARM_DOUBT)
+        return thermal(states, setup, self.emulate, temperature_file, SIEMENS_THERMAL_DOUBT)
 
     def _lever(self, setup: Setup, name: str) -> tuple[Array, Array]:
         """Positions and values of a table that multiplies others."""
         axis = setup.axis(name.rpartition(" ")[2])
         low, high = np.floor(axis.measured[0]), np.ceil(axis.measured[1])
         if axis.rotary:
-            high = low + TURN * np.ceil((high - low) / TURN)
-        x = np.linspace(low, high, round((high - low) / TURN) + 1) if axis.rotary else np.array([low, high])
+            high = low + SINE_STEP_DEG * np.ceil((high - low) / SINE_STEP_DEG)
+        x = np.linspace(low, high, round((high - low) / SINE_STEP_DEG) + 1) if axis.rotary else np.array([low, high])
         full = np.zeros((len(x), len(setup.axes)))
         full[:, setup.place(axis.name)] = x
         return x, np.round(factor(setup, name, full), 9)
@@ -230,12 +231,12 @@ class SiemensCec(Siemens):
         return out
 
     def quantum(self, setup: Setup) -> float:
-        # of every table, times the lever (m) it is multiplied by
+        # the rounding of every table, times the lever (m) by which it is multiplied
         return 1e-9 * len(self.terms(setup)) * max(1.0, *(abs(v) / 1000 for a in setup.axes for v in a.travel))
 
     def write(self, tables: Tables, setup: Setup) -> dict[str, str]:
         factors = list(dict.fromkeys(t.term.factor for t in tables if t.term.factor))
-        number = {f: k for k, f in enumerate(factors)}  # of the lever tables, which come first
+        number = {f: k for k, f in enumerate(factors)}  # numbers of the lever tables, which come first
         lines = ["%_N_NC_CEC_INI", *header(self, setup), "CHANDATA(1)"]
         for name, t in number.items():
             x, lever = self._lever(setup, name)

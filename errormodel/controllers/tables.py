@@ -1,4 +1,7 @@
-"""Tables over positions of axes: their form, their values, and what formats demand of them."""
+"""Correction tables over positions of axes: their structure, values, interpolation, and the requirements of formats.
+
+Positions in mm and deg; values in mm, deg, or the unit of an error parameter (mm, rad).
+"""
 
 from __future__ import annotations
 
@@ -20,15 +23,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Term:
-    """One table's form: which axes it runs over, what it moves.
+    """Structure of one table: the axes that it is a function of, and the axis that it corrects.
 
     Attributes
     ----------
     output : the axis that it corrects, or an error parameter such as EXX.
-    inputs, grids : axes that it is a function of, and its positions along each; none: a single number.
-    factor : axis by whose position its value is multiplied; with ``sin`` or ``cos`` before it that of a rotary axis.
-    direction : 0 holds for both directions of the first input, +1 or -1 for one.
-    zero : whether it must be zero where its inputs are (nearest to) zero, the reference point.
+    inputs, grids : axes that it is a function of, and its positions along each; empty: a single number.
+    factor : axis whose position multiplies the value; ``sin`` or ``cos`` before it: that function of a rotary axis.
+    direction : direction of travel of the first input that it applies to, +1 or -1; 0: both.
+    zero : whether it must be zero at the reference point, where its inputs are (closest to) zero.
     """
 
     output: str
@@ -47,7 +50,7 @@ class Term:
         return int(np.prod(self.shape))
 
     def weights(self, setup: Setup, q: Array, direction: Array) -> csr_matrix:
-        """(n, size): what each of its values weighs at positions (n, axes) reached with signs `direction` (n, axes)."""
+        """Weights (n, size) of the values at positions (n, axes) with directions of approach (n, axes)."""
         from scipy.sparse import diags
 
         w = hats(self.grids, q[:, [setup.place(i) for i in self.inputs]])
@@ -59,7 +62,7 @@ class Term:
 
 
 def factor(setup: Setup, name: str, q: Array) -> Array:
-    """What a table's value is multiplied by, (n,): 1, an axis in m, sine or 1 - cosine of a rotary axis."""
+    """Multiplier (n,) of a table's value: 1, an axis in m, or the sine or 1 - cosine of a rotary axis."""
     if not name:
         return np.ones(len(q))
     kind, _, axis = name.rpartition(" ")
@@ -71,13 +74,13 @@ def factor(setup: Setup, name: str, q: Array) -> Array:
 
 @dataclass(frozen=True)
 class Table:
-    """A term with its values, of the term's shape, in mm, deg, or what an error parameter has (mm, rad)."""
+    """A term with its values, of the term's shape, in mm, deg, or the unit of an error parameter (mm, rad)."""
 
     term: Term
     values: Array
 
     def at(self, setup: Setup, q: Array, direction: Array) -> Array:
-        """Its value (n,) at positions (n, axes)."""
+        """Corrections (n,) at positions (n, axes)."""
         return np.asarray(self.term.weights(setup, q, direction) @ self.values.ravel())
 
 
@@ -90,7 +93,7 @@ def even_step(term: Term, axis: int = 0, name: str = "") -> float:
     Raises
     ------
     InputError
-        It does not increase, or its steps differ: the step would not divide the range.
+        The positions do not increase, or their steps differ.
     """
     where, g = f"table {name or term.output}", np.asarray(term.grids[axis])
     check_increasing(term, axis, name)
@@ -121,22 +124,23 @@ def check_points(term: Term, most: int, axis: int = 0) -> None:
         )
 
 
-SHIFT = re.compile(r"^\W*zero shift of (\w+): ([-+.\d]+)", re.MULTILINE | re.IGNORECASE)
+# comment that states a constant
+ZERO_SHIFT_LINE = re.compile(r"^\W*zero shift of (\w+): ([-+.\d]+)", re.MULTILINE | re.IGNORECASE)
 
 
 def shift_terms(terms: Sequence[Term]) -> list[Term]:
-    """A constant for every axis whose tables must be zero at the reference point: where its zero is to be moved to."""
+    """A constant for every axis whose tables must be zero at the reference point: a shift of its zero."""
     return [Term(m, (), ()) for m in dict.fromkeys(t.output for t in terms if t.zero)]
 
 
 def shift_lines(tables: Tables) -> list[str]:
-    """What a file whose tables are zero at the reference point says of constants."""
+    """Comment lines with the constants that tables which are zero at the reference point cannot represent."""
     return [f"zero shift of {t.term.output}: {float(t.values):.6f} mm" for t in tables if not t.term.inputs]
 
 
 def shifts_of(text: str) -> Tables:
-    """The constants that a file's comments name."""
-    return tuple(Table(Term(name, (), ()), np.array(float(value))) for name, value in SHIFT.findall(text))
+    """Constants stated in the comments of a file."""
+    return tuple(Table(Term(name, (), ()), np.array(float(value))) for name, value in ZERO_SHIFT_LINE.findall(text))
 
 
 def merged(tables: Tables) -> dict[tuple[str, tuple[str, ...], str], dict[int, Table]]:

@@ -1,4 +1,4 @@
-"""Text files of tables: comments that no text can break out of, and reading with the place of what is wrong."""
+"""Text files of tables: safe comments, and parsing with the line of an error."""
 
 from __future__ import annotations
 
@@ -10,33 +10,33 @@ from dataclasses import dataclass, field
 from errormodel.exceptions import InputError
 
 Files = Mapping[str, str]  # name in the folder: text
-WIDTH = 100  # characters of a comment: older controls take no more than a hundred odd in a block
-LETTERS = str.maketrans(
+COMMENT_WIDTH = 100  # characters of a comment: older controls take little more than a hundred in a block
+TRANSLITERATION = str.maketrans(
     {
         "ä": "ae", "ö": "oe", "ü": "ue", "Ä": "Ae", "Ö": "Oe", "Ü": "Ue", "ß": "ss", "ø": "o", "Ø": "O", "æ": "ae",
         "Æ": "Ae", "ł": "l", "Ł": "L", "µ": "u", "μ": "u", "°": " deg ", "²": "2", "–": "-", "—": "-", "−": "-",
         "‘": "'", "’": "'", "“": "'", "”": "'",
     }
 )  # fmt: skip
-ENDS = str.maketrans({"%": " pct ", ";": ",", "\\": "/", "{": "[", "}": "]", "*": "x"})
-"""What ends a tape or a comment on some control, or begins something else in it, and what is written in its place."""
+COMMENT_ENDS = str.maketrans({"%": " pct ", ";": ",", "\\": "/", "{": "[", "}": "]", "*": "x"})
+"""Characters that end a tape or a comment on some control, or have another meaning in it, with their replacements."""
 
 
 def printable(text: str) -> str:
-    """Text as printable ASCII on one line: umlauts as two letters, accents left out, all else that is none as `?`."""
-    plain = unicodedata.normalize("NFKD", unicodedata.normalize("NFC", text).translate(LETTERS))
+    """Text as printable ASCII on one line: umlauts as two letters, accents removed, any other character as `?`."""
+    plain = unicodedata.normalize("NFKD", unicodedata.normalize("NFC", text).translate(TRANSLITERATION))
     kept = "".join(c for c in plain if not unicodedata.combining(c))
     return " ".join("".join(c if " " <= c <= "~" else " " if not c.isprintable() else "?" for c in kept).split())
 
 
 @dataclass(frozen=True)
 class Comment:
-    """How a control marks a comment: the only way by which text of other files (names, notes) reaches its files.
+    """Comment syntax of a control; names and notes reach its files as comments only.
 
     Attributes
     ----------
-    start, end : what stands before and after it on its line; `end` is empty where it runs to the end of the line.
-    upper : whether the control knows capital letters only.
+    start, end : delimiters; `end` is empty if the comment runs to the end of the line.
+    upper : whether the control accepts capital letters only.
     """
 
     start: str
@@ -44,20 +44,20 @@ class Comment:
     upper: bool = False
 
     def line(self, text: str) -> str:
-        """The text as one line of comment: printable ASCII, without the characters that could end it."""
-        plain = printable(text).translate(ENDS)
+        """One line of comment: printable ASCII, without the characters that could end it."""
+        plain = printable(text).translate(COMMENT_ENDS)
         if self.end:
             plain = plain.replace("(", "[").replace(")", "]")
         return f"{self.start}{' '.join((plain.upper() if self.upper else plain).split())}{self.end}"
 
-    def lines(self, texts: Sequence[str], width: int = WIDTH) -> list[str]:
-        """A line of comment for each text, more where it is long."""
+    def lines(self, texts: Sequence[str], width: int = COMMENT_WIDTH) -> list[str]:
+        """Comment lines for each text, wrapped at `width` characters."""
         return [self.line(part) for text in texts for part in textwrap.wrap(printable(text), width) or [""]]
 
 
 @dataclass(frozen=True)
 class Lines:
-    """Non-empty lines of a file, each with its place for messages."""
+    """Non-empty lines of a file, each with its number for messages."""
 
     file: str
     lines: tuple[tuple[int, str], ...] = field(default=())
@@ -72,12 +72,12 @@ class Lines:
         return InputError(f"{self.file}, line {number}", found, cure)
 
     def numbers(self, number: int, line: str, count: int | None = None, separator: str | None = None) -> list[float]:
-        """The figures of a line.
+        """Numbers of a line.
 
         Raises
         ------
         InputError
-            One is no number, or there are not `count` of them.
+            A field is no number, or their number is not `count`.
         """
         try:
             values = [float(v) for v in line.split(separator)]

@@ -1,6 +1,6 @@
 """Beckhoff TwinCAT NC PTP: ``MC_TableBasedPositionCompensation``, an array in Structured Text.
 
-Equidistant positions that increase; the compensation is added to the position of the same axis; straight lines.
+Positions are equidistant and increase; the correction is added to the position of the same axis; linear interpolation.
 
 Source: Beckhoff Infosys Tc2_MC2, pages 17316396939, 12929471627 and 12929466635.
 """
@@ -19,9 +19,9 @@ from errormodel.controllers.tables import Table, Tables, Term, check_points, eve
 from errormodel.controllers.text import Comment, Files, one_file
 from errormodel.exceptions import InputError
 
-ARRAY = re.compile(r"(\w)_(both|plus|minus)\s*:\s*ARRAY\[1\.\.(\d+)\][^;]*?:=\s*\[(.*?)\];", re.DOTALL)
-ELEMENT = re.compile(r"Position\s*:=\s*([-+.\deE]+)\s*,\s*Compensation\s*:=\s*([-+.\deE]+)")
-SIDES = {0: "both", 1: "plus", -1: "minus"}
+ARRAY_TEXT = re.compile(r"(\w)_(both|plus|minus)\s*:\s*ARRAY\[1\.\.(\d+)\][^;]*?:=\s*\[(.*?)\];", re.DOTALL)
+ELEMENT_TEXT = re.compile(r"Position\s*:=\s*([-+.\deE]+)\s*,\s*Compensation\s*:=\s*([-+.\deE]+)")
+DIRECTION_WORDS = {0: "both", 1: "plus", -1: "minus"}  # names of tables by direction of travel
 
 
 class TwinCatNc(Controller):
@@ -46,7 +46,7 @@ class TwinCatNc(Controller):
             term = table.term
             check_points(term, self.most_points)
             even_step(term)
-            side, n = SIDES[term.direction], len(table.values)
+            side, n = DIRECTION_WORDS[term.direction], len(table.values)
             lines.append(f"  {term.output}_{side} : ARRAY[1..{n}] OF ST_PositionCompensationTableElement := [")
             cells = [
                 f"    (Position := {x:.9g}, Compensation := {v:.6f})"
@@ -59,11 +59,11 @@ class TwinCatNc(Controller):
 
     def read(self, files: Files, setup: Setup) -> Tables:
         name, text = one_file(files, ".st")
-        directions = {v: k for k, v in SIDES.items()}
+        directions = {v: k for k, v in DIRECTION_WORDS.items()}
         out = []
         plain = "\n".join(line.split("//")[0] for line in text.splitlines())
-        for axis, side, count, body in ARRAY.findall(plain):
-            data = np.array([[float(v) for v in e] for e in ELEMENT.findall(body)]).reshape(-1, 2)
+        for axis, side, count, body in ARRAY_TEXT.findall(plain):
+            data = np.array([[float(v) for v in e] for e in ELEMENT_TEXT.findall(body)]).reshape(-1, 2)
             if len(data) != int(count):
                 found = f"{len(data)} elements in an array of {count}"
                 raise InputError(f"{name}, axis {axis}", found, "Copy the file again")

@@ -1,7 +1,7 @@
-"""What controllers with volumetric compensation share: error parameters of ISO 230-1 for each axis, and what they do.
+"""Common part of controllers with volumetric compensation: error parameters of ISO 230-1 for each axis.
 
 The tip's error is the sum of the six error motions of every axis (functions of its position) times their levers: the
-nominal kinematics from that axis to the tool tip. Only its position is corrected, by the linear axes.
+nominal kinematics from that axis to the tool tip. Only the tip's position is corrected, by the linear axes.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Term
 from errormodel.exceptions import InputError
 
-MOTIONS = ("EX", "EY", "EZ", "EA", "EB", "EC")
-STRAIGHT = 0.999  # an axis runs along x, y or z if its direction cosine is larger
+ISO_MOTIONS = ("EX", "EY", "EZ", "EA", "EB", "EC")  # ISO 230-1: translations along and rotations about X, Y, Z
+STRAIGHT_COSINE = 0.999  # cosine between an axis and x, y or z, from which on it counts as running along it
 
 
 def parameter(letter: str, axis: str) -> str:
-    """EXX, EAY, ... of an axis."""
+    """Error parameter of an axis, such as EXX or EAY."""
     return f"{letter}{axis}"
 
 
@@ -45,9 +45,9 @@ class Volumetric(Controller):
         self.senses(setup)
 
     def senses(self, setup: Setup) -> Array:
-        """Which way X, Y and Z of the controller run along x, y, z of the reference, +-1 (3,)."""
+        """Directions of X, Y and Z of the controller along x, y, z of the reference, +-1 (3,)."""
         along = np.array([setup.axis(name).along[k] for k, name in enumerate("XYZ")])
-        if np.abs(along).min() < STRAIGHT:
+        if np.abs(along).min() < STRAIGHT_COSINE:
             name = "XYZ"[int(np.argmin(np.abs(along)))]
             found = f"{name} runs along {', '.join(f'{v:.3g}' for v in setup.axis(name).along)}"
             raise InputError(f"--controller {self.name}", found, "The kernel wants X, Y, Z along x, y, z")
@@ -59,7 +59,7 @@ class Volumetric(Controller):
         return np.asarray(np.sign(along), np.float64)
 
     def measured(self, setup: Setup) -> tuple[str, ...]:
-        """Axes with errors of their own in the file: of two that run alike the kernel knows one."""
+        """Axes with error parameters in the file; of two parallel ones the kernel has one."""
         return tuple(a for a in setup.moving if a in "XYZABC")
 
     def terms(self, setup: Setup) -> list[Term]:
@@ -73,24 +73,26 @@ class Volumetric(Controller):
         return output[1] if output[1] in "XYZ" else ""
 
     def motions(self, setup: Setup, axis: str) -> Sequence[str]:
-        """Error parameters of an axis; of error motions that were read, these.
+        """Error parameters of an axis; of single-joint error motions, the measured ones.
 
-        Unless all linear axes moved, the levers do not change, and a rotation is part of the displacement that it makes
-        there: as a parameter of its own it would act with other levers elsewhere.
+        Unless all linear axes moved, the levers are constant and a rotation cannot be separated from the displacement
+        that it causes: as a parameter of its own it would act with other levers elsewhere.
         """
         if setup.read is None:
-            return MOTIONS
-        known = [m for m, name in zip(MOTIONS, conventions.MOTIONS, strict=True) if name in setup.read.get(axis, ())]
-        return known if {*setup.linear} <= {*setup.moving} else [m for m in known if m in MOTIONS[:3]]
+            return ISO_MOTIONS
+        known = [
+            m for m, name in zip(ISO_MOTIONS, conventions.MOTIONS, strict=True) if name in setup.read.get(axis, ())
+        ]
+        return known if {*setup.linear} <= {*setup.moving} else [m for m in known if m in ISO_MOTIONS[:3]]
 
     def influence(self, setup: Setup, output: str, q: Array) -> Array:
         if setup.levers is None:
             raise InputError("setup", "no kinematics", "Give the levers of the machine")
         levers, tip = setup.levers(q)
-        column = 6 * setup.place(output[2:]) + MOTIONS.index(output[:2])
+        column = 6 * setup.place(output[2:]) + ISO_MOTIONS.index(output[:2])
         movers = [setup.place(m) for m in setup.movers]
         sense = self.senses(setup)[
-            MOTIONS.index(output[:2]) % 3
+            ISO_MOTIONS.index(output[:2]) % 3
         ]  # shifts and turns alike: the frame is turned by 180 deg
         return np.asarray(
             -sense * np.linalg.solve(tip[:, :, movers], levers[:, :, column : column + 1])[:, :, 0], np.float64

@@ -1,6 +1,6 @@
-"""Programmes of machines: read strictly, executed, corrected, and checked before they are written.
+"""Interpretation and correction of machine programmes (G-code): parsing, execution, rewriting, verification.
 
-`words` splits lines into words and accounts for every character, `codes` says which words of a dialect are understood,
-`reading` holds what the programme does not say (offsets, where axes stand), `interpreter` executes, `divide` cuts
-paths where the correction bends, `rewrite` writes, `check` executes what was written against what was read.
+`words` splits lines into words and accounts for every character, `codes` lists the words of each dialect, `reading`
+holds what the programme does not state (offsets, positions of the axes), `interpreter` executes, `divide` splits paths
+where the correction bends, `rewrite` writes, `check` executes the written programme and compares it with the original.
 """

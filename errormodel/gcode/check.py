@@ -1,7 +1,7 @@
-"""What was written, executed from its text and compared with what was read, before anybody gets it.
+"""Verification of a corrected programme: it is executed from its text and compared with the original.
 
-The written positions less the correction at each point have to run along the path that was asked for, in its order,
-with the same words, feeds, rapids, extrusion and times.
+The written positions less the correction at each point must follow the original path in its order, with the same
+words, feeds, rapids, extrusion and times. Positions in mm and deg.
 """
 
 from __future__ import annotations
@@ -13,24 +13,24 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.controllers.setup import Setup
-from errormodel.gcode.codes import STOPS
-from errormodel.gcode.divide import BEND, LARGEST, Correct, directions, known, parts_of
-from errormodel.gcode.extruder import INCH
-from errormodel.gcode.paths import CHORD, Line
-from errormodel.gcode.rewrite import MOTIONS, PATH_WORDS, TAKE_UP
+from errormodel.gcode.codes import STOP_CODES
+from errormodel.gcode.divide import CHORD_TOLERANCE, LARGEST_CORRECTION, Correct, directions, known, parts_of
+from errormodel.gcode.extruder import INCH_MM
+from errormodel.gcode.paths import ARC_CHORD_MM, Line
+from errormodel.gcode.rewrite import PATH_CODES, PATH_WORDS, TAKE_UP_TOLERANCE
 from errormodel.gcode.steps import Step
 
-SAMPLES = np.array([0.0, 0.23, 0.5, 0.81, 1.0])  # of each written piece
-STEADY = 4  # steps from a written position back to the one that was asked for: corrections change by less than 1 %
-EXTRUDED = 3e-5  # mm, by which the extrusion of a piece may differ: its last figure, rounded
-NEAR = 0.05  # mm of a place where an axis turns back
-STRAINED = 0.01  # relative, by which a corrected length may differ
-TIMED = 1e-6  # relative, by which times of G93 may differ: nine figures
+CHECK_SHARES = np.array([0.0, 0.23, 0.5, 0.81, 1.0])  # shares of each written piece at which it is compared
+CHECK_STEPS = 4  # fixed-point steps from a written position to the original one; corrections change by less than 1 %
+EXTRUSION_TOLERANCE_MM = 3e-5  # mm: permitted difference of the extrusion of a piece, the rounding of its last digit
+REVERSAL_DISTANCE_MM = 0.05  # mm from a reversal of an axis, within which the direction of approach is ambiguous
+LENGTH_TOLERANCE = 0.01  # permitted relative change of the length of a corrected path; by judgement
+TIME_TOLERANCE = 1e-6  # permitted relative difference of the times of G93, which have nine digits
 
 
 @dataclass(frozen=True)
 class Deviation:
-    """Largest differences between what was asked for and what was written, and where."""
+    """Largest differences between the original and the written programme, and where they occur."""
 
     path: float = 0.0  # mm or deg
     line: int = 0
@@ -42,7 +42,7 @@ class Deviation:
     rapids: int = 0
 
     def with_other(self, other: Deviation) -> Deviation:
-        """The larger of each, of the programme with its optional blocks and without."""
+        """Element-wise maximum, of the programme with its optional blocks and without."""
         worst = self if self.path >= other.path else other
         return replace(
             worst,
@@ -55,7 +55,7 @@ class Deviation:
         )
 
     def text(self, name: str) -> str:
-        """A line for a person."""
+        """One line of text for the operator."""
         where = f" (line {self.line})" if self.line else ""
         return (
             f"{name}: {self.rapids} rapids, {self.cuts} cuts in {self.pieces} pieces; executed and compared: "
@@ -67,17 +67,17 @@ class Deviation:
 def checked(
     asked: Sequence[Step], written: Sequence[Step], sizes: Sequence[int], setup: Setup, correct: Correct, figures: int
 ) -> Deviation:
-    """The largest deviations.
+    """Compare the written programme with the original and return the largest deviations.
 
     Parameters
     ----------
-    asked, written : steps of both programmes; `sizes[k]` of the written ones take the place of the k-th one.
-    figures : behind the decimal point, of mm and degrees.
+    asked, written : steps of both programmes; `sizes[k]` of the written ones replace the k-th original one.
+    figures : digits after the decimal point, of mm and degrees.
 
     Raises
     ------
     InputError
-        They do not agree.
+        The programmes do not agree.
     """
     groups, at = [], 0
     for size in sizes:
@@ -102,7 +102,7 @@ def _disagree(step: Step, found: str) -> None:
 
 
 def _words(step: Step, group: Sequence[Step]) -> None:
-    """The same words in the same order, but for those of the path."""
+    """Compare words and their order, except those of the path."""
     if step.kind == "as it is":
         if [g.block.text for g in group] != [step.block.text] or group[0].kind != "as it is":
             _disagree(step, "a line that should stay")
@@ -116,13 +116,13 @@ def _words(step: Step, group: Sequence[Step]) -> None:
             for s in steps
             for w in s.block.words
             if w.letter not in axes | PATH_WORDS | {"E"}
-            and w.code not in MOTIONS | STOPS
+            and w.code not in PATH_CODES | STOP_CODES
             and not (w.letter == "F" and divided and step.modes.feed == "G93")
         ]
 
     if others([step]) != others(group):
         _disagree(step, "its words")
-    stops = [[w.code for w in s.block.words if w.letter == "M" and w.code in STOPS] for s in (step, *group)]
+    stops = [[w.code for w in s.block.words if w.letter == "M" and w.code in STOP_CODES] for s in (step, *group)]
     if stops[0] != stops[-1] or any(stops[1:-1]):
         _disagree(step, "its stop")
     if [c for s in group for c in s.block.comments] != [*step.block.comments]:
@@ -154,14 +154,14 @@ def _rapids(pairs: Sequence[tuple[Step, Step]], setup: Setup, correct: Correct, 
 
 
 def _quantum(step: Step, figures: int) -> float:
-    """Half a step of the last figure, mm or deg."""
-    return float(max(0.5 * 10.0**-figures, 0.5 * 10.0 ** -(figures + 1) * INCH if step.modes.inch else 0.0))
+    """Half a unit of the last digit, mm or deg."""
+    return float(max(0.5 * 10.0**-figures, 0.5 * 10.0 ** -(figures + 1) * INCH_MM if step.modes.inch else 0.0))
 
 
 def _paths(
     pairs: Sequence[tuple[Step, Sequence[Step]]], setup: Setup, correct: Correct, figures: int
 ) -> tuple[float, int]:
-    """Largest distance (mm or deg) of a written cut, less its correction, from the path that was asked for."""
+    """Largest distance (mm or deg) of a written cut, less its correction, from the original path."""
     movers = np.array([n in setup.movers for n in setup.names])
     samples = [_samples(step, group, movers) for step, group in pairs]
     if not samples:
@@ -175,8 +175,11 @@ def _paths(
     for (step, group), part in zip(pairs, samples, strict=True):
         rows = slice(at, at := at + len(part[0]))
         gap = _gap(step, group, [back[rows], other[rows]] if either[rows].any() else [back[rows]])
-        limit = count * (BEND + max(TAKE_UP, 2.5 * _quantum(step, figures)) + _quantum(step, figures)) + 1e-6
-        limit += CHORD if step.path is not None and step.path.pieces() > 1 else 0.0
+        limit = (
+            count * (CHORD_TOLERANCE + max(TAKE_UP_TOLERANCE, 2.5 * _quantum(step, figures)) + _quantum(step, figures))
+            + 1e-6
+        )
+        limit += ARC_CHORD_MM if step.path is not None and step.path.pieces() > 1 else 0.0
         if not gap <= limit:
             _disagree(step, f"a path that runs {1e3 * gap:.2f} um beside")
         if gap > worst:
@@ -185,28 +188,30 @@ def _paths(
 
 
 def _back(sent: Array, came: Array, free: Array, correct: Correct) -> Array:
-    """Positions that written ones were made from: these less the correction there."""
+    """Positions before correction of written ones, by fixed-point iteration."""
     stands = known(sent)
     q = stands.copy()
-    for _ in range(STEADY if len(q) else 0):
+    for _ in range(CHECK_STEPS if len(q) else 0):
         q = stands - np.where(free, correct(q, came) - q, 0.0)
     return q
 
 
 def _samples(step: Step, group: Sequence[Step], movers: Array) -> tuple[Array, Array, Array, Array]:
-    """Positions along the written pieces, directions of arrival there, and which axes are corrected.
+    """Positions along the written pieces, two arrays of directions of approach, and the corrected axes.
 
-    Beside a place where an axis turns back both of its directions are right: the two arrays differ there.
+    Near a reversal of an axis both of its directions are valid: the two arrays differ there.
     """
     paths = [s.path for s in group if s.path is not None]
     starts, steps = np.array([p.start for p in paths]), np.array([p.end - p.start for p in paths])
-    points = (starts[:, None] + SAMPLES[:, None] * steps[:, None]).reshape(-1, len(movers))
+    points = (starts[:, None] + CHECK_SHARES[:, None] * steps[:, None]).reshape(-1, len(movers))
     parts, sizes = parts_of(step), _sizes(paths)
     along = _along(sizes)
-    middle, near = (along[1:] + along[:-1]) / 2, NEAR / max(float(sizes.sum()), NEAR)
+    middle, near = (along[1:] + along[:-1]) / 2, REVERSAL_DISTANCE_MM / max(float(sizes.sum()), REVERSAL_DISTANCE_MM)
     ends = [part.ends[1] for part in parts[:-1]]
     before, behind = (
-        np.repeat(np.array([parts[w].came for w in np.searchsorted(ends, middle + side * near)]), len(SAMPLES), axis=0)
+        np.repeat(
+            np.array([parts[w].came for w in np.searchsorted(ends, middle + side * near)]), len(CHECK_SHARES), axis=0
+        )
         for side in (-1, 1)
     )
     free = np.asarray(movers, bool) & np.isin(np.arange(len(movers)), step.movable)
@@ -233,10 +238,10 @@ def _gap(step: Step, group: Sequence[Step], candidates: Sequence[Array]) -> floa
         raise ValueError("a cut has a path")
     plain = replace(path, start=known(path.start), end=known(path.end))
     stands = np.isfinite(path.end) & np.isfinite(path.start)
-    pieces, n = len(group), len(SAMPLES)
+    pieces, n = len(group), len(CHECK_SHARES)
     sizes = _sizes([s.path for s in group if s.path is not None])
     along = _along(sizes)
-    near = (along[:-1, None] + np.diff(along)[:, None] * SAMPLES).ravel()
+    near = (along[:-1, None] + np.diff(along)[:, None] * CHECK_SHARES).ravel()
     found = []
     for candidate in candidates:
         back = np.where(stands, candidate, plain.start)
@@ -247,7 +252,9 @@ def _gap(step: Step, group: Sequence[Step], candidates: Sequence[Array]) -> floa
     gaps, share, back = (np.array([found[w][part][k] for k, w in enumerate(better)]) for part in range(3))
     progress = (share[:, -1] - share[:, 0]) * path.length
     moves = progress > sizes / 2
-    if (~moves & (sizes > 2 * LARGEST)).any() or (np.diff(share[moves].ravel()) * path.length < -TAKE_UP - CHORD).any():
+    if (~moves & (sizes > 2 * LARGEST_CORRECTION)).any() or (
+        np.diff(share[moves].ravel()) * path.length < -TAKE_UP_TOLERANCE - ARC_CHORD_MM
+    ).any():
         _disagree(step, "a path in another order")
     end = min(float(np.linalg.norm(f[2][-1, -1] - plain.end)) for f in found)
     begin = float(np.linalg.norm(back[moves][0, 0] - plain.start)) if moves.any() else 0.0
@@ -255,7 +262,7 @@ def _gap(step: Step, group: Sequence[Step], candidates: Sequence[Array]) -> floa
 
 
 def _extrusion(step: Step, group: Sequence[Step]) -> float:
-    """Largest difference (mm) of the extrusion, which has to grow with the path."""
+    """Largest difference (mm) of the extrusion, which must grow with the path."""
     if not step.block.has("E"):
         if any(s.block.has("E") for s in group):
             _disagree(step, "an extrusion")
@@ -264,7 +271,7 @@ def _extrusion(step: Step, group: Sequence[Step]) -> float:
         if group[0].block.number_of("E") != step.block.number_of("E"):
             _disagree(step, "its extrusion")
         return 0.0
-    unit = INCH if step.modes.inch else 1.0
+    unit = INCH_MM if step.modes.inch else 1.0
     whole = float(step.block.number_of("E") or 0.0) * unit
     before = step.extruded[0] if step.spread == "absolute" else 0.0
     values = np.array([float(s.block.number_of("E") or 0.0) * unit for s in group])
@@ -273,20 +280,20 @@ def _extrusion(step: Step, group: Sequence[Step]) -> float:
     along = _along(sizes)[1:]
     gap = float(abs(done[-1] - (whole - before)))
     shared = float(np.abs(done - (whole - before) * along).max())
-    still = np.diff(done, prepend=0.0) == 0.0  # pieces of micrometres, at which nothing is extruded
-    loose = min(1.0, STRAINED + float(sizes[still].sum() / max(sizes.sum(), 1e-9)))
-    if gap > EXTRUDED * unit or shared > EXTRUDED * unit + loose * abs(whole - before):
+    still = np.diff(done, prepend=0.0) == 0.0  # pieces of micrometres without extrusion
+    loose = min(1.0, LENGTH_TOLERANCE + float(sizes[still].sum() / max(sizes.sum(), 1e-9)))
+    if gap > EXTRUSION_TOLERANCE_MM * unit or shared > EXTRUSION_TOLERANCE_MM * unit + loose * abs(whole - before):
         _disagree(step, f"an extrusion that differs by {max(gap, shared):.5f} mm")
     return gap
 
 
 def _time(step: Step, group: Sequence[Step]) -> float:
-    """Relative difference of the time of a cut in G93; F of other cuts is a word that stays."""
+    """Relative difference of the time of a cut in G93; for other cuts F is compared as a word."""
     if step.modes.feed != "G93":
         return 0.0
     asked = 1 / float(step.block.number_of("F") or np.nan)
     sent = sum(1 / float(s.block.number_of("F") or np.nan) for s in group)
     gap = abs(sent / asked - 1)
-    if not gap <= TIMED:
+    if not gap <= TIME_TOLERANCE:
         _disagree(step, f"a time that differs by {100 * gap:.4f} %")
     return gap

@@ -1,4 +1,4 @@
-"""Words that are understood, each with its modal group, and why others are not. What is in no table is refused.
+"""Words of each dialect with their modal groups, and reasons for refusing others. Any word in no table is refused.
 
 Sources: NIST IR 6556, tables 4 (modal groups), 5 and 7 (G and M codes); LinuxCNC manual, "G codes" and "M codes"; FANUC
 Series 30i operator's manual B-64484EN (preparatory functions); Marlin documentation, "G-code index"; RepRap wiki,
@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 MOTION = "motion"
-ORIGINS = ("G54", "G55", "G56", "G57", "G58", "G59")
+ORIGINS = ("G54", "G55", "G56", "G57", "G58", "G59")  # work offsets
 _FOR_ALL = {
     "G0": MOTION, "G1": MOTION, "G2": MOTION, "G3": MOTION,
     "G17": "plane", "G18": "plane", "G19": "plane",
@@ -35,10 +35,10 @@ _QUIET = (
 )
 _PRINTING_M = dict.fromkeys(_QUIET.split(), "printer") | {"M17": "motors", "M18": "motors", "M84": "motors"}
 
-STOPS = frozenset(_STOPS)  # carried out after the block's motion: NIST IR 6556, table 8
-ENDS = frozenset({"M2", "M30"})
+STOP_CODES = frozenset(_STOPS)  # carried out after the block's motion: NIST IR 6556, table 8
+END_CODES = frozenset({"M2", "M30"})  # end of the programme
 PLANES = {"G17": ("X", "Y", "I", "J", "K"), "G18": ("Z", "X", "K", "I", "J"), "G19": ("Y", "Z", "J", "K", "I")}
-EXACT = frozenset({"G9", "G61", "G61.1"})  # an exact stop at the end of every block
+EXACT_STOPS = frozenset({"G9", "G61", "G61.1"})  # an exact stop at the end of every block
 
 _ROTATED = "Write the programme without rotation, scaling and mirroring"
 _CYCLE = "Write the cycle as single moves (most CAM systems can)"
@@ -88,14 +88,14 @@ REFUSED: Mapping[str, tuple[str, str]] = {
 
 @dataclass(frozen=True)
 class Dialect:
-    """What one family of controls understands.
+    """Words that a family of controls has.
 
     Attributes
     ----------
-    groups : modal group of every G and M code that is understood; two of a group exclude each other in a block.
-    letters : letters besides N, G, M and the axes.
+    groups : modal group of every known G and M code; two codes of a group exclude each other in a block.
+    letters : permitted letters besides N, G, M and the axes.
     extras : parameters that a code may have; any other use of these letters is refused.
-    moving : commands that move axes by rules of their own: where these stand afterwards has to be said.
+    moving : commands that move axes by rules of their own; the user must state the positions after them.
     """
 
     name: str

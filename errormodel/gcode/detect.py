@@ -1,6 +1,6 @@
-"""The dialect of a programme, by words that only one of them has. Where words of two stand together nothing is guessed.
+"""Detection of a programme's dialect by words that only one dialect has; contradictory words are refused.
 
-A programme without such words is plain RS274/NGC, which all of these dialects read alike, but for whole numbers: some
+A programme without such words is plain RS274/NGC, which all of these dialects read alike, except whole numbers: some
 FANUC-like controls count ``X10`` in least increments, and ``X10.`` in mm.
 """
 
@@ -15,9 +15,9 @@ from errormodel.gcode.words import Block
 
 AUTO = "auto"
 ASK = "Say which it is with --dialect iso, fanuc or printer"
-COMMENT = re.compile(r"\([^)]*\)?|;.*$")
+COMMENT_TEXT = re.compile(r"\([^)]*\)?|;.*$")
 _WORD = r"(?<![A-Z]){}(?![\d.])"
-MARKS = {
+DIALECT_MARKS = {
     "heidenhain": re.compile(
         r"BEGIN +PGM|END +PGM|TOOL +(CALL|DEF)|CYCL +DEF|^\s*\d+\s+[A-Z]"
         r"|^\s*(L|CC|CR|CT|LP|CP)\s+[IXYZCP][-+XYZ]?[-+\d]"
@@ -37,24 +37,24 @@ MARKS = {
     "iso": re.compile(_WORD.format(r"G(8|61\.1|64|59\.[1-3]|90\.1|91\.1)") + r"|^\s*O<|#<"),
     "fanuc": re.compile(r"^\s*O\d+\s*$|" + _WORD.format(r"G0*(9|15|67)")),
 }  # fmt: skip
-TRAILING = re.compile(r"[XYZABCUVWIJKR][-+]?\d+\.(?!\d)")
-WHOLE = re.compile(r"[XYZABCUVWIJKR][-+]?0*[1-9]\d*(?![\d.])")
+TRAILING_POINT = re.compile(r"[XYZABCUVWIJKR][-+]?\d+\.(?!\d)")
+WHOLE_NUMBER = re.compile(r"[XYZABCUVWIJKR][-+]?0*[1-9]\d*(?![\d.])")
 
 
 def dialect_of(asked: str, blocks: Sequence[Block]) -> Dialect:
-    """The dialect that was asked for, or the one that the words show.
+    """Dialect requested by the user, or detected from the words.
 
     Raises
     ------
     InputError
-        The dialect is not read here, is none, or is not certain.
+        The dialect is not supported, unknown, or ambiguous.
     """
     if asked != AUTO and asked not in DIALECTS:
         if asked in UNREAD:
             raise InputError(f"--dialect {asked}", UNREAD[asked], "Write it as RS274/NGC (ISO), or use tables")
         raise InputError(f"--dialect {asked}", "there is no such dialect", nearest(asked, [AUTO, *DIALECTS, *UNREAD]))
-    plain = [(b, COMMENT.sub(" ", b.text).upper()) for b in blocks]
-    found = {name: next((b for b, t in plain if mark.search(t)), None) for name, mark in MARKS.items()}
+    plain = [(b, COMMENT_TEXT.sub(" ", b.text).upper()) for b in blocks]
+    found = {name: next((b for b, t in plain if mark.search(t)), None) for name, mark in DIALECT_MARKS.items()}
     if asked != AUTO:
         return DIALECTS[asked]
     for foreign, title in UNREAD.items():
@@ -68,8 +68,8 @@ def dialect_of(asked: str, blocks: Sequence[Block]) -> Dialect:
             a.refuse(f"words of {_title(one)}, and in line {b.number} of {_title(other)}", ASK)
     name = next((n for n in ("printer", "fanuc") if found[n]), "iso")
     if name == "iso" and not found["iso"]:
-        points = next((b for b, t in plain if TRAILING.search(t)), None)
-        whole = next((b for b, t in plain if WHOLE.search(t)), None)
+        points = next((b for b, t in plain if TRAILING_POINT.search(t)), None)
+        whole = next((b for b, t in plain if WHOLE_NUMBER.search(t)), None)
         if points and whole:
             found_text = f"a number without a decimal point, and one as '10.' in line {points.number}"
             whole.refuse(f"{found_text}: on some controls the former counts in least increments", ASK)

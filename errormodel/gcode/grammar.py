@@ -1,4 +1,4 @@
-"""Which words may stand together in a block, and what they leave as modal state.
+"""Grammar of a block: permitted combinations of words, and the modal state after it.
 
 Sources: NIST IR 6556, section 3.3.2 (repeated items), tables 4 and 5; LinuxCNC manual, "G-code overview".
 """
@@ -41,17 +41,17 @@ class Codes:
 
 
 def check(block: Block, dialect: Dialect, axes: Sequence[str], stated: Collection[str]) -> Codes:
-    """The codes of a block whose words are all understood.
+    """Codes of a block whose words are all understood.
 
     Parameters
     ----------
     axes : letters of the machine's axes.
-    stated : commands of which the user said where they leave the axes: they are understood, too.
+    stated : commands after which the user stated the positions of the axes; they are permitted as well.
 
     Raises
     ------
     InputError
-        A word is not understood, stands twice, or does not belong there.
+        A word is not understood, repeated, or misplaced.
     """
     if block.extended:
         return _extended(block, dialect, stated)
@@ -96,7 +96,7 @@ def _extended(block: Block, dialect: Dialect, stated: Collection[str]) -> Codes:
 
 
 def _one_command(block: Block) -> None:
-    """Marlin and Klipper read one command a line, its letter first."""
+    """Refuse a second command in a line, since Marlin and Klipper read one per line."""
     first, *others = block.words
     if first.letter not in "GMT" or not first.text:
         block.refuse(
@@ -176,7 +176,7 @@ def no_path_words(block: Block) -> None:
 
 
 def modes_behind(modes: Modes, codes: Codes) -> Modes:
-    """Modal state behind the codes of a block."""
+    """Modal state after the codes of a block."""
     if not codes.groups:
         return modes
     return replace(modes, **{FIELDS[g]: code for g, code in codes.groups.items() if g in FIELDS})

@@ -1,4 +1,4 @@
-"""A programme executed block by block: where each goes in positions of the axes, and what is not known is refused.
+"""Interpreter of programmes: executes block by block, gives positions of the axes, and refuses unknown positions.
 
 Sources: NIST IR 6556, section 3.8 and table 8 (order of execution in a block); LinuxCNC manual, "G codes"; Marlin
 documentation, G0 to G3, G28, G90 to G92, M82, M83.
@@ -14,8 +14,8 @@ import numpy as np
 from errormodel.arrays import Array
 from errormodel.controllers.setup import Setup
 from errormodel.gcode import grammar
-from errormodel.gcode.codes import ENDS, PLANES, Dialect
-from errormodel.gcode.extruder import INCH, Extruder
+from errormodel.gcode.codes import END_CODES, PLANES, Dialect
+from errormodel.gcode.extruder import INCH_MM, Extruder
 from errormodel.gcode.grammar import Codes
 from errormodel.gcode.origins import Origins
 from errormodel.gcode.paths import Line, arc_of, centre_by_radius
@@ -25,7 +25,7 @@ from errormodel.gcode.words import Block
 
 
 class Interpreter:
-    """Executes blocks of one dialect on one machine."""
+    """Execution of blocks of one dialect on one machine."""
 
     def __init__(self, dialect: Dialect, setup: Setup, reading: Reading, blocks: Sequence[Block]) -> None:
         self.dialect, self.setup, self.reading = dialect, setup, reading
@@ -39,12 +39,12 @@ class Interpreter:
         self.q = self._place(START) if START in reading.after else np.full(self.count, np.nan)
         self.came = np.zeros(self.count)
         self.commanded: frozenset[int] = frozenset()
-        self.lost: dict[int, str] = {}  # why an axis' position is unknown
+        self.lost: dict[int, str] = {}  # reasons why positions of axes are unknown, by column
         self.extruder = Extruder()
         self.extrudes = any(b.has("E") for b in blocks)
 
     def run(self, blocks: Sequence[Block], optional: bool = True) -> Iterator[Step]:
-        """Steps of the blocks, one each; without `optional` blocks those are passed over."""
+        """Steps of the blocks, one each; without `optional` blocks those are skipped."""
         ended: Block | None = None
         codes = [Codes() if b.empty else grammar.check(b, self.dialect, self.names, self.reading.after) for b in blocks]
         for block, code in zip(blocks, codes, strict=True):
@@ -54,7 +54,7 @@ class Interpreter:
             if ended:
                 block.refuse(f"it is behind the programme's end (line {ended.number})", "Take it out")
             yield self._step(block, code)
-            if ENDS & {*block.codes("M")} and not self.dialect.printer:
+            if END_CODES & {*block.codes("M")} and not self.dialect.printer:
                 ended = block
 
     def _still(self, block: Block, placed: tuple[int, ...] = ()) -> Step:
@@ -93,7 +93,7 @@ class Interpreter:
         return self._move(block, named)
 
     def _event(self, block: Block, name: str) -> Step:
-        """A command that moves axes by rules of its own."""
+        """Execute a command that moves axes by rules of its own."""
         which = tuple(range(self.count))
         if name in ("G28", "G30"):
             which = tuple(self.columns[n] for n in self.names if block.has(n)) or which
@@ -110,7 +110,7 @@ class Interpreter:
         return self._still(block, which if stated != STAY else ())
 
     def _by_way(self, block: Block) -> None:
-        """G28 runs through the point of its words: it must be where the axes stand, or a known one."""
+        """Check the intermediate point of G28, which must be the present or a known position."""
         shift = self._shift(block) if self.modes.absolute else self._zero()
         for n, k in self.columns.items():
             value = block.number_of(n)
@@ -122,13 +122,13 @@ class Interpreter:
                 self._inside(block, k, value * self._unit(k) + shift[k])
 
     def _unit(self, column: int) -> float:
-        return INCH if self.modes.inch and self.linear[column] else 1.0
+        return INCH_MM if self.modes.inch and self.linear[column] else 1.0
 
     def _shift(self, block: Block) -> Array:
         return self.origins.shift(block, self.modes.origin, self.modes.tool)
 
     def _tool_length(self, block: Block, named: tuple[int, ...]) -> None:
-        """G43 and G49: without a Z of their own some controls move Z at once, others with the next Z."""
+        """Check G43 and G49: without a Z of their own some controls move Z at once, others with the next Z."""
         height = self.columns.get("Z")
         name = self.origins.tool(block) if "G43" in block.codes("G") else ""
         if name == self.modes.tool:
@@ -221,10 +221,10 @@ class Interpreter:
             block.refuse("F0", "Write a feed")
 
     def _arrive(self, path: Line) -> None:
-        """Directions of arrival: of an arc, those of its last quarter."""
+        """Update directions of approach; those of an arc are taken from its last quarter."""
         ends = path.at(path.corners()[-2:])
         step = ends[1] - ends[0]
-        self.came = np.where(np.abs(step) > 1e-9, np.sign(step), self.came)  # what is not known is not larger
+        self.came = np.where(np.abs(step) > 1e-9, np.sign(step), self.came)  # NaN is not larger
 
     def _unknown(self, block: Block, q: Array, named: tuple[int, ...]) -> None:
         missing = [k for k in sorted({*self.needed, *named}) if not np.isfinite(q[k])]

@@ -1,4 +1,4 @@
-"""What has to be added to positions of a programme to get those of the axes: work offset and tool length.
+"""Offsets from programme positions to those of the axes: work offset and tool length.
 
 Sources: NIST IR 6556, section 3.5.12 (coordinate systems) and 3.5.9 (tool length); FANUC B-64484EN, G43 and G54.
 """
@@ -19,7 +19,7 @@ from errormodel.gcode.words import Block
 
 @dataclass(frozen=True)
 class Origins:
-    """Offsets that were stated; `alone`: the programme names one work offset at most."""
+    """Offsets stated by the user; `alone`: the programme names one work offset at most."""
 
     setup: Setup
     reading: Reading
@@ -27,12 +27,12 @@ class Origins:
 
     @classmethod
     def of(cls, setup: Setup, reading: Reading, dialect: Dialect, blocks: Sequence[Block]) -> Origins:
-        """Of the blocks of a programme."""
+        """Offsets for the blocks of a programme."""
         named = {w.code for b in blocks for w in b.words if dialect.groups.get(w.code) == "work offset"}
         return cls(setup, reading, len(named) < 2)
 
     def shift(self, block: Block, origin: str, tool: str) -> Array:
-        """(axes,) mm and deg.
+        """Offset (axes,) of a block from programme positions to those of the axes, mm and deg.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Paths of one block in positions of the axes: straight lines, arcs and helices.
+"""Paths of one block in positions of the axes (mm, deg): straight lines, arcs and helices.
 
 Source: NIST IR 6556, sections 3.5.1 to 3.5.3 (motion at rapid and feed rate, arcs by centre and by radius).
 """
@@ -12,10 +12,11 @@ import numpy as np
 from errormodel.arrays import Array
 from errormodel.gcode.words import Block
 
-TOLERANCE = 0.005  # mm, by which the radii at an arc's ends may differ: a unit of the third decimal at each end
-TURNED = 0.001  # mm, that an axis moves back at an end of an arc before it counts as turned
-CHORD = 0.0005  # mm, between an arc and its chords
-TURN = 2 * np.pi
+# mm: permitted difference of the radii at an arc's ends, a unit of the third decimal at each end
+ARC_RADIUS_TOLERANCE_MM = 0.005
+ARC_REVERSAL_MM = 0.001  # mm: a smaller motion back at an end of an arc counts as no reversal; by judgement
+ARC_CHORD_MM = 0.0005  # mm: permitted distance between an arc and its chords; by judgement
+FULL_TURN = 2 * np.pi  # rad
 
 
 @dataclass(frozen=True)
@@ -34,15 +35,15 @@ class Line:
         return np.asarray(self.start + share[:, None] * (self.end - self.start))
 
     def corners(self) -> Array:
-        """Shares between which every axis keeps its direction, but for `TURNED`."""
+        """Shares between which no axis reverses by more than `ARC_REVERSAL_MM`."""
         return np.array([0.0, 1.0])
 
     def pieces(self) -> int:
-        """Least number of straight pieces."""
+        """Smallest number of straight pieces."""
         return 1
 
     def nearest(self, q: Array, near: Array) -> Array:
-        """Shares of the points of the path that are nearest to positions (k, axes)."""
+        """Shares of the path nearest to positions (k, axes)."""
         step = self.end - self.start
         size = float(step @ step)
         return np.clip((q - self.start) @ step / size, 0, 1) if size else np.ones(len(q))
@@ -86,24 +87,25 @@ class Arc(Line):
     def corners(self) -> Array:
         first = float(np.arctan2(self._first[1], self._first[0]))
         low, high = sorted((first, first + self.angle))
-        quarters = np.arange(np.ceil(low / (TURN / 4)), np.floor(high / (TURN / 4)) + 1) * (TURN / 4)
+        quarters = np.arange(np.ceil(low / (FULL_TURN / 4)), np.floor(high / (FULL_TURN / 4)) + 1) * (FULL_TURN / 4)
         inner = np.sort((quarters - first) / self.angle)
         beside = np.minimum(inner, 1 - inner) * abs(self.angle)
-        turned = self.radius * (1 - np.cos(np.minimum(beside, TURN / 4))) > TURNED
+        turned = self.radius * (1 - np.cos(np.minimum(beside, FULL_TURN / 4))) > ARC_REVERSAL_MM
         return np.concatenate([[0.0], inner[turned], [1.0]])
 
     def pieces(self) -> int:
-        step = 2 * np.arccos(max(1 - CHORD / max(self.radius, CHORD), 0.0))
+        step = 2 * np.arccos(max(1 - ARC_CHORD_MM / max(self.radius, ARC_CHORD_MM), 0.0))
         return max(int(np.ceil(abs(self.angle) / step)), 1)
 
     def nearest(self, q: Array, near: Array) -> Array:
-        """Shares, of the turns that are possible those nearest to shares `near` (k,)."""
+        """Shares of the path nearest to positions; of the possible turns, those nearest to shares `near` (k,)."""
         first = np.arctan2(self._first[1], self._first[0])
         beside = q[:, [self.i, self.j]] - self.centre
         share = (np.arctan2(beside[:, 1], beside[:, 0]) - first) / self.angle
-        turn = TURN / abs(self.angle)
+        turn = FULL_TURN / abs(self.angle)
         share = share + np.rint((near - share) / turn) * turn
-        rise = self.end - self.start  # of a helix: the share by the angle and by the other axes, by their lengths
+        # of a helix: mean of the shares by angle and by the other axes, weighted by length
+        rise = self.end - self.start
         rise[[self.i, self.j]] = 0.0
         around = (self.radius * self.angle) ** 2
         return np.asarray(np.clip((around * share + (q - self.start) @ rise) / (around + rise @ rise), 0, 1))
@@ -126,19 +128,19 @@ def arc_of(block: Block, start: Array, end: Array, clockwise: bool, columns: tup
     a, b = start[[i, j]], end[[i, j]]
     first, last = a - centre, b - centre
     radii = float(np.hypot(*first)), float(np.hypot(*last))
-    if min(radii) < TOLERANCE:
+    if min(radii) < ARC_RADIUS_TOLERANCE_MM:
         block.refuse(f"an arc of radius {min(radii):.4f} mm", "Write its centre from the start (I, J, K)")
-    if abs(radii[0] - radii[1]) > TOLERANCE:
+    if abs(radii[0] - radii[1]) > ARC_RADIUS_TOLERANCE_MM:
         found = (
             f"an arc whose end is not on its circle (radius {radii[0]:.4f} mm at the start, {radii[1]:.4f} at the end)"
         )
-        block.refuse(found, f"Write end and centre to within {TOLERANCE} mm")
+        block.refuse(found, f"Write end and centre to within {ARC_RADIUS_TOLERANCE_MM} mm")
     angle = float(np.arctan2(first[0] * last[1] - first[1] * last[0], first @ last))
     closed = float(np.hypot(*(b - a))) < 1e-9
     if clockwise:
-        angle = angle - TURN if angle > 0 or closed else angle
+        angle = angle - FULL_TURN if angle > 0 or closed else angle
     else:
-        angle = angle + TURN if angle < 0 or closed else angle
+        angle = angle + FULL_TURN if angle < 0 or closed else angle
     if abs(angle) < 1e-9:
         block.refuse("an arc without an angle", "Write the end where the arc ends, or leave it out for a full circle")
     return Arc(start, end, i, j, centre, angle)
@@ -155,7 +157,7 @@ def centre_by_radius(block: Block, a: Array, b: Array, radius: float, clockwise:
     chord, half = b - a, float(np.hypot(*(b - a))) / 2
     if half < 1e-6:
         block.refuse("an arc by radius whose end is its start", "Write a full circle by its centre (I, J, K)")
-    if half - abs(radius) > TOLERANCE / 2:
+    if half - abs(radius) > ARC_RADIUS_TOLERANCE_MM / 2:
         found = f"an arc whose ends are {2 * half:.4f} mm apart, more than twice its radius of {abs(radius):.4f} mm"
         block.refuse(found, "Write a larger radius")
     height = float(np.sqrt(max(radius**2 - half**2, 0.0)))

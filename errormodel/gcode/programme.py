@@ -1,4 +1,4 @@
-"""A whole programme: read, corrected with the optional blocks and without, checked, and written or refused.
+"""Correction of a whole programme: parsed, corrected with and without the optional blocks, verified, written.
 
 The switch of the optional blocks is taken to stay as it is while a programme runs. A programme whose positions were
 corrected says so in a comment before its first command, and is not corrected again.
@@ -31,7 +31,7 @@ COMMENTS = {False: Comment("(", ")", upper=True), True: Comment("; ")}  # of mil
 
 @dataclass(frozen=True)
 class Source:
-    """A programme whose every word is known, and how it is read."""
+    """A programme whose words are all known, with its dialect and offsets."""
 
     name: str
     dialect: Dialect
@@ -40,7 +40,7 @@ class Source:
 
     @classmethod
     def of(cls, name: str, text: str, reading: Reading) -> Source:
-        """Of a programme's text.
+        """Parse a programme's text.
 
         Raises
         ------
@@ -55,7 +55,7 @@ class Source:
         return cls(name, dialect, _blocks(raw, dialect), reading)
 
     def steps(self, setup: Setup, optional: bool = True) -> list[Step]:
-        """What each block does.
+        """Steps of the blocks.
 
         Raises
         ------
@@ -65,7 +65,7 @@ class Source:
         return list(Interpreter(self.dialect, setup, self.reading, self.blocks).run(self.blocks, optional))
 
     def start(self, setup: Setup) -> Array:
-        """Where the axes stand at first (axes,), not a number where that is not known."""
+        """Initial positions of the axes (axes,), NaN where unknown."""
         return Interpreter(self.dialect, setup, self.reading, ()).q
 
     @property
@@ -76,18 +76,18 @@ class Source:
 
 @dataclass(frozen=True)
 class Corrected:
-    """A corrected programme and what its check found, for a person."""
+    """A corrected programme, and notes on the result of its check."""
 
     text: str
     notes: tuple[str, ...] = ()
 
 
 def corrected(name: str, text: str, setup: Setup, correct: Correct, reading: Reading, figures: int) -> Corrected:
-    """The programme with corrected positions, executed and compared with the one that was given.
+    """Correct the positions of a programme, execute the result and compare it with the original.
 
     Parameters
     ----------
-    figures : behind the decimal point, of mm and degrees; inches get one more.
+    figures : digits after the decimal point, of mm and degrees; inches get one more.
 
     Raises
     ------
@@ -129,7 +129,7 @@ def _once(
 
 
 def _split_again(source: Source, lines: Sequence[Sequence[str]]) -> list[Block]:
-    """What was written, read from its text; a block keeps the number of the line that it came from."""
+    """Parse the written lines again; a block keeps the number of its original line."""
     out = []
     for block, part in zip(source.blocks, lines, strict=True):
         for line in part:
@@ -140,7 +140,7 @@ def _split_again(source: Source, lines: Sequence[Sequence[str]]) -> list[Block]:
 
 
 def _blocks(raw: Sequence[Block], dialect: Dialect) -> list[Block]:
-    """Blocks with their words; ``%`` and the programme's number stand where they belong, or nothing is read."""
+    """Blocks with their words; ``%`` and the programme's number must stand in their places."""
     full = [k for k, b in enumerate(raw) if b.text.strip()]
     out, begun = [], False
     for k, block in enumerate(raw):
@@ -165,7 +165,7 @@ def _blocks(raw: Sequence[Block], dialect: Dialect) -> list[Block]:
 
 
 def _notes(source: Source, steps: Sequence[Step], setup: Setup) -> tuple[str, ...]:
-    """What was taken for granted, and what stays uncorrected."""
+    """Notes on assumptions and on what stays uncorrected."""
     steps = [s for s in steps if s.path is not None]
     if not steps:
         return (f"{source.name}: it moves no axis",)

@@ -1,4 +1,4 @@
-"""What a programme does not say of itself, and its user has to: the dialect, work offsets, where axes stand.
+"""Information that a programme does not state: dialect, work offsets, positions of the axes after commands.
 
 Positions are those of the axes (machine coordinates) in mm and degrees, whatever units the programme has.
 """
@@ -16,21 +16,21 @@ Place = Mapping[str, float]  # position by axis letter
 START, STAY, UNKNOWN = "START", "stay", "unknown"
 AXIS = re.compile(r"([A-Z])=?([-+]?(?:\d+\.?\d*|\.\d+))")
 OFFSET_NAME = re.compile(r"G5[4-9](\.[123])?|H\d+")
-COMMENT = re.compile(r"\(\s*ERRORMODEL OFFSET([^()]*)\)", re.IGNORECASE)
+OFFSET_COMMENT = re.compile(r"\(\s*ERRORMODEL OFFSET([^()]*)\)", re.IGNORECASE)
 EXAMPLE = "X100,Y-20.5,Z310"
 
 
 @dataclass(frozen=True)
 class Reading:
-    """How a programme is read.
+    """Settings for reading a programme.
 
     Attributes
     ----------
     dialect : `auto`, or a name of `codes.DIALECTS`.
-    offsets : what to add to positions to get those of the axes, by ``G54`` to ``G59.3`` and ``H1`` (tool length); by
-        an empty name the work offset that is active where the programme names none, or only one.
-    after : where the axes stand after a command (``M6``, ``G28``), and at ``START``; `STAY`, `UNKNOWN` or positions.
-        Axes that positions do not name are unknown.
+    offsets : offsets from programme positions to those of the axes (mm, deg), by ``G54`` to ``G59.3`` and ``H1`` (tool
+        length); the empty name stands for the active work offset if the programme names none, or only one.
+    after : positions of the axes after a command (``M6``, ``G28``), and at ``START``; `STAY`, `UNKNOWN` or positions.
+        Axes that are not named are unknown.
     """
 
     dialect: str = AUTO
@@ -39,7 +39,7 @@ class Reading:
 
     @classmethod
     def of(cls, dialect: str = AUTO, offsets: Sequence[str] = (), after: Sequence[str] = ()) -> Reading:
-        """From options of the command line, ``G54=X100,Y-20`` or ``X100,Y-20``; ``M6=stay``, ``start=X0,Y0,Z0``.
+        """Parse options of the command line, ``G54=X100,Y-20`` or ``X100,Y-20``; ``M6=stay``, ``start=X0,Y0,Z0``.
 
         Raises
         ------
@@ -70,14 +70,14 @@ class Reading:
         return cls(dialect, places, stands)
 
     def with_comment(self, file: str, text: str) -> Reading:
-        """The offset that a comment of the programme states, ``(ERRORMODEL OFFSET X100 Y-20 Z310)``.
+        """Add the offset stated in a comment of the programme, ``(ERRORMODEL OFFSET X100 Y-20 Z310)``.
 
         Raises
         ------
         InputError
             It cannot be read, or an option or another comment states an offset, too.
         """
-        stated = COMMENT.findall(text)
+        stated = OFFSET_COMMENT.findall(text)
         if not stated:
             return self
         if len(stated) > 1 or self.offsets.get("") is not None:

@@ -1,4 +1,4 @@
-"""A programme with corrected positions.
+"""Writing of a programme with corrected positions.
 
 What is written, and what is not:
 
@@ -23,20 +23,21 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.controllers.setup import Setup
-from errormodel.gcode.codes import STOPS
+from errormodel.gcode.codes import STOP_CODES
 from errormodel.gcode.divide import Correct, Run, directions, divided, known, reasonable
-from errormodel.gcode.extruder import INCH
+from errormodel.gcode.extruder import INCH_MM
 from errormodel.gcode.steps import Step, stops_exactly
 
-TAKE_UP = 0.0005  # mm or deg, that the axes may stand beside where a cut's correction begins
-PATH_WORDS = frozenset("IJKR")
-MOTIONS = frozenset({"G0", "G1", "G2", "G3"})
-DISTORTED = 0.1  # of the length in X, Y, Z: change that a correction may make where other axes move, too
+# mm or deg: permitted distance of the axes from the start of a cut's correction; by judgement
+TAKE_UP_TOLERANCE = 0.0005
+PATH_WORDS = frozenset("IJKR")  # words of arcs
+PATH_CODES = frozenset({"G0", "G1", "G2", "G3"})  # rapid, straight cut, arcs
+MOST_STRETCH = 0.1  # permitted relative change of the length in X, Y, Z where other axes move as well; by judgement
 
 
 @dataclass(frozen=True)
 class Piece:
-    """A line to write: the axes' commands, the shares of the block's length at both its ends, and that of its time."""
+    """A line to write: commands of the axes, and shares of the block's length at both ends and of its time."""
 
     target: Array
     share: float
@@ -46,7 +47,7 @@ class Piece:
 
 
 class Writer:
-    """Writes steps of one programme in order; it knows where the written programme has brought the axes."""
+    """Writer of the steps of one programme in order; it tracks the positions that the written programme reaches."""
 
     def __init__(self, setup: Setup, figures: int, printer: bool) -> None:
         self.names = setup.names
@@ -56,7 +57,7 @@ class Writer:
         self.motion = ""
 
     def lines(self, step: Step, runs: Sequence[Run], rapid: Array | None) -> list[str]:
-        """Lines that take the place of a block; `rapid` (axes,) is the corrected end of a rapid."""
+        """Lines that replace a block; `rapid` (axes,) is the corrected end of a rapid."""
         lines = self._lines(step, runs, rapid)
         self.at[~np.isfinite(step.q)] = np.nan
         return lines
@@ -73,7 +74,7 @@ class Writer:
         for piece in pieces:
             time += piece.time
             axes = self._axes(step, piece)
-            if axes or piece.last:  # what is less than a figure comes with the next piece
+            if axes or piece.last:  # less than the last digit is added to the next piece
                 whole = replace(piece, begin=begin, time=time)
                 out.append(self._line(step, whole, axes, not out, len(pieces) > 1))
                 begin, time = piece.share, 0.0
@@ -81,17 +82,17 @@ class Writer:
         return out
 
     def start(self, q: Array) -> None:
-        """Where the axes stand at the programme's beginning."""
+        """Set the positions of the axes at the start of the programme."""
         self.at = q.copy()
 
     def _follow(self, step: Step) -> None:
-        """A line that stays moves the axes as it says."""
+        """Track the motion of a line that stays unchanged."""
         for k in (*step.named, *step.placed):
             if step.path is None or step.modes.absolute:
                 self.at[k] = step.q[k]
             else:
                 self.at[k] += step.q[k] - step.path.start[k]
-        own = [g for g in step.block.codes("G") if g in MOTIONS or g == "G80"]
+        own = [g for g in step.block.codes("G") if g in PATH_CODES or g == "G80"]
         self.motion = own[0] if own else self.motion
 
     def _pieces(self, step: Step, runs: Sequence[Run]) -> Iterator[Piece]:
@@ -105,7 +106,7 @@ class Writer:
         for run in runs:
             gap = np.zeros(len(at))
             gap[movable] = (run.corrected[0] - at)[movable]
-            if np.abs(gap).max() > max(TAKE_UP, 1.01 * self._quantum(step)):
+            if np.abs(gap).max() > max(TAKE_UP_TOLERANCE, 1.01 * self._quantum(step)):
                 targets.append((run.corrected[0], float(run.share[0]), float(np.linalg.norm(gap))))
             inner = zip(run.corrected[1:], run.share[1:], np.diff(run.share), strict=True)
             targets += [(q, float(s), float(d * length)) for q, s, d in inner]
@@ -118,13 +119,13 @@ class Writer:
         self._feeds(step, runs)
 
     def _quantum(self, step: Step) -> float:
-        return 0.5 * 10.0 ** -self._figures(step) * (INCH if step.modes.inch else 1.0)
+        return 0.5 * 10.0 ** -self._figures(step) * (INCH_MM if step.modes.inch else 1.0)
 
     def _figures(self, step: Step) -> int:
         return self.figures + 1 if step.modes.inch else self.figures
 
     def _feeds(self, step: Step, runs: Sequence[Run]) -> None:
-        """F counts along X, Y, Z where any of them moves: a correction must not change what it means.
+        """Check that F keeps its meaning: it counts along X, Y, Z where any of them moves.
 
         Source: NIST IR 6556, section 2.1.2.5; LinuxCNC manual, "Feed rate" (U, V, W and A, B, C only without them).
         """
@@ -137,7 +138,7 @@ class Writer:
             asked = np.linalg.norm(np.diff(step.path.at(run.share), axis=0)[:, first], axis=1)
             moved = np.diff(run.corrected, axis=0)[:, first]
             sent = np.linalg.norm(moved, axis=1)
-            if (np.abs(sent - asked) > DISTORTED * asked + 1e-9).any():
+            if (np.abs(sent - asked) > MOST_STRETCH * asked + 1e-9).any():
                 found = "a feed of other axes than X, Y, Z that a correction of these would change"
                 step.block.refuse(found, "Write this cut in inverse time (G93)")
 
@@ -160,15 +161,15 @@ class Writer:
         for word in block.words:
             if word.letter in self.names or word.letter in PATH_WORDS or word.letter == "E":
                 continue
-            if word.letter == "G" and word.code in MOTIONS:
+            if word.letter == "G" and word.code in PATH_CODES:
                 words += [str(word) if word.code == code else code] if first else []
             elif word.letter == "F" and step.modes.feed == "G93" and divided:
                 words.append(f"F{_plain(word.value / piece.time if piece.time else word.value)}")
-            elif word.letter == "M" and word.code in STOPS:
+            elif word.letter == "M" and word.code in STOP_CODES:
                 words += [str(word)] if piece.last else []
             elif first:
                 words.append(str(word))
-        said = any(w.letter == "G" and w.code in MOTIONS for w in block.words)
+        said = any(w.letter == "G" and w.code in PATH_CODES for w in block.words)
         if (self.printer and not (first and said)) or (first and not said and self.motion != code):
             words.insert(0 if self.printer else len(words), code)
         words += axes
@@ -179,13 +180,13 @@ class Writer:
         return (head + " ".join([*words, *([tail] if tail else [])])).rstrip(" ")
 
     def _axes(self, step: Step, piece: Piece) -> list[str]:
-        """Words of the axes that move, and at the end of those that the block names."""
+        """Words of the axes that move, and at the end those of the axes that the block names."""
         out, figures = [], self._figures(step)
         further = () if step.kind == "rapid" else step.movable
         for k, name in enumerate(self.names):
             if k not in step.named and not (k in further and name in self.setup.movers):
                 continue
-            unit = INCH if step.modes.inch and self.linear[k] else 1.0
+            unit = INCH_MM if step.modes.inch and self.linear[k] else 1.0
             base = step.shift[k] if step.modes.absolute else self.at[k]
             text = f"{(piece.target[k] - base) / unit:.{figures}f}"
             text = text[1:] if text.startswith("-") and not float(text) else text
@@ -200,7 +201,7 @@ class Writer:
         if not divided or (piece.last and step.spread == "absolute"):
             return f"E{text}"
         figures = max(5, len(text.partition(".")[2]))
-        unit = INCH if step.modes.inch else 1.0
+        unit = INCH_MM if step.modes.inch else 1.0
         value, before = float(text), step.extruded[0] / unit
         if step.spread == "absolute":
             return f"E{before + piece.share * (value - before):.{figures}f}"
@@ -208,7 +209,7 @@ class Writer:
 
 
 def _plain(value: float) -> str:
-    """A number in plain figures, nine of them significant."""
+    """A number in plain digits, nine of them significant."""
     text = np.format_float_positional(value, precision=9, fractional=False, trim="0")
     return str(text)
 
@@ -216,12 +217,12 @@ def _plain(value: float) -> str:
 def rewritten(
     steps: Sequence[Step], start: Array, setup: Setup, correct: Correct, figures: int, printer: bool
 ) -> list[list[str]]:
-    """Lines that take the place of each step.
+    """Lines that replace each step.
 
     Parameters
     ----------
-    start : (axes,) where they stand at first, not a number where that is not known.
-    figures : behind the decimal point, of mm and degrees.
+    start : (axes,) initial positions, NaN where unknown.
+    figures : digits after the decimal point, of mm and degrees.
 
     Raises
     ------
@@ -237,7 +238,7 @@ def rewritten(
 
 
 def _rapid_ends(steps: Sequence[Step], setup: Setup, correct: Correct) -> dict[int, Array]:
-    """Corrected ends of rapids; of axes whose position does not matter the unknown stays unknown."""
+    """Corrected ends of rapids; unknown positions that have no effect stay unknown."""
     if not steps:
         return {}
     ends = np.array([s.q for s in steps])

@@ -1,4 +1,4 @@
-"""What the blocks of a programme do, as the interpreter finds it."""
+"""Steps of a programme: effect of each block, as the interpreter finds it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from errormodel.arrays import Array
-from errormodel.gcode.codes import EXACT
+from errormodel.gcode.codes import EXACT_STOPS
 from errormodel.gcode.extruder import Spread
 from errormodel.gcode.paths import Line
 from errormodel.gcode.words import Block
@@ -18,7 +18,7 @@ Kind = Literal["rapid", "feed", "as it is"]
 
 @dataclass(frozen=True)
 class Modes:
-    """Modal state behind a block. The motion of a programme is unknown until it is said."""
+    """Modal state after a block; the motion of a programme is unknown until it is stated."""
 
     motion: str = ""
     plane: str = "G17"
@@ -41,19 +41,19 @@ class Modes:
 
 @dataclass(frozen=True)
 class Step:
-    """What a block does.
+    """Effect of a block.
 
     Attributes
     ----------
     kind : `rapid`, `feed`, or `as it is`: no motion, or one that is not corrected.
-    path : of a motion whose start and end are known.
+    path : path of a motion whose start and end are known; mm and deg.
     named : columns of the axes that have words.
-    movable : columns that were commanded up to here and are known: only these may get words.
-    placed : columns that a command of its own rules left where `q` says.
-    shift : what positions of the programme lack to be those of the axes (axes,).
-    came : directions of arrival before the block, 0 where an axis has not moved yet.
-    q : where the axes stand behind it, not a number where that is unknown.
-    extruded : position of the extruder before the block and behind it; not a number where unknown.
+    movable : columns of axes commanded so far whose positions are known; only these may get words.
+    placed : columns of axes positioned at `q` by a command with rules of its own.
+    shift : (axes,) offset from programme positions to those of the axes, mm and deg.
+    came : (axes,) directions of approach before the block, 0 where an axis has not moved yet.
+    q : (axes,) positions after the block, NaN where unknown.
+    extruded : positions of the extruder before and after the block, mm; NaN where unknown.
     """
 
     block: Block
@@ -72,4 +72,4 @@ class Step:
 
 def stops_exactly(step: Step) -> bool:
     """Whether the control stops at the end of every block."""
-    return bool(EXACT & {*step.block.codes("G"), step.modes.path})
+    return bool(EXACT_STOPS & {*step.block.codes("G"), step.modes.path})

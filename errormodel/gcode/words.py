@@ -1,4 +1,4 @@
-"""Lines of a programme as words. Every character is part of a word, a comment or white space, or the line is refused.
+"""Lexer: lines of a programme as words. Every character must belong to a word, a comment or white space.
 
 Sources: NIST IR 6556, section 3.3 (format of a line); LinuxCNC manual, "G-code overview"; Marlin documentation, "G-code
 index" (one command a line, its parameters after it); Klipper documentation, "G-Codes" (extended commands).
@@ -21,10 +21,10 @@ EXTENDED = re.compile(r"[A-Za-z_][A-Za-z_0-9]*_[A-Za-z_0-9]*|[A-Za-z]{3,}[A-Za-z
 TEXT = {"M115", "M117", "M118", "M23", "M32", "M862.3", "M486"}  # of printers: their argument is text
 PLAIN = "Write plain numbers, such as X10.5; a CAM system or the control itself can work them out"
 SIGNS = {
-    "#": ("a variable (#)", PLAIN),
-    "[": ("an expression ([)", PLAIN),
-    "]": ("an expression (])", PLAIN),
-    "=": ("an assignment (=)", PLAIN),
+    "#": ("a variable (#)", PLAIN_NUMBER_CURE),
+    "[": ("an expression ([)", PLAIN_NUMBER_CURE),
+    "]": ("an expression (])", PLAIN_NUMBER_CURE),
+    "=": ("an assignment (=)", PLAIN_NUMBER_CURE),
     "*": ("a checksum or product (*)", "Write the programme without"),
     ")": ("a bracket that nothing opens", "Close comments where they begin"),
     "/": ("a '/' within the block", "Write '/' at the block's beginning"),
@@ -34,7 +34,7 @@ SIGNS = {
 
 @dataclass(frozen=True)
 class Word:
-    """A letter with its number; `text` is the number as it stands, empty for a letter alone (printers)."""
+    """A letter with its number; `text` is the number as written, empty for a letter alone (printers)."""
 
     letter: str
     text: str
@@ -45,7 +45,7 @@ class Word:
 
     @cached_property
     def code(self) -> str:
-        """Of G and M words: ``G1`` for G01."""
+        """Normal form of G and M words: ``G1`` for G01."""
         return f"{self.letter}{self.value:g}" if self.text else self.letter
 
     def __str__(self) -> str:
@@ -105,7 +105,7 @@ class Block:
 
 
 def lines_of(file: str, text: str) -> list[Block]:
-    """Lines without their ends, none of them split yet.
+    """Lines without their ends, not yet split into words.
 
     Raises
     ------
@@ -143,7 +143,7 @@ def _plain_outside_comments(block: Block, printer: bool) -> None:
 
 
 def split(block: Block, printer: bool) -> Block:
-    """The block with its words.
+    """Split a block into its words.
 
     Raises
     ------
@@ -156,16 +156,16 @@ def split(block: Block, printer: bool) -> Block:
     if optional:
         if printer:
             block.refuse("a '/', which printers do not know", "Take the line out, or give --dialect")
-        at = GAP.match(text, at + 1).end()  # type: ignore[union-attr]
+        at = BLANKS.match(text, at + 1).end()  # type: ignore[union-attr]
         if text[at : at + 1].isdigit():
             block.refuse("a numbered block delete", "Write '/' alone: one switch for all optional blocks")
-    label = LABEL.match(text, at)
+    label = BLOCK_NUMBER.match(text, at)
     if label:
         at = label.end()
     words: list[Word] = []
     comments: list[str] = []
     extended = ""
-    while (at := GAP.match(text, at).end()) < len(text):  # type: ignore[union-attr]
+    while (at := BLANKS.match(text, at).end()) < len(text):  # type: ignore[union-attr]
         sign = text[at]
         if sign == ";" or (sign == "(" and not printer):
             end = len(text) if sign == ";" else text.find(")", at) + 1
@@ -182,7 +182,7 @@ def split(block: Block, printer: bool) -> Block:
         if comments and not comments[-1].startswith(";") and word.letter == "N":
             block.refuse("N behind a comment", "Write N first")
         words.append(word)
-        if printer and len(words) == 1 and word.code in TEXT:
+        if printer and len(words) == 1 and word.code in TEXT_CODES:
             extended, words, at = word.code, [], _argument_end(text, at)
     return Block(
         block.file, block.number, text, tuple(words), tuple(comments), optional,
@@ -203,14 +203,14 @@ def _word(block: Block, at: int, printer: bool) -> tuple[Word, int]:
         block.refuse(what, "Write a decimal point, and corners as arcs and lines of their own")
     if not "A" <= letter <= "Z":
         block.refuse(*SIGNS.get(text[at], (f"the character '{text[at]}'", "Take it out, or give --dialect")))
-    start = GAP.match(text, at + 1).end()  # type: ignore[union-attr]
-    number = NUMBER.match(text, start)
+    start = BLANKS.match(text, at + 1).end()  # type: ignore[union-attr]
+    number = NUMBER_WORD.match(text, start)
     if not number:
         following = text[start : start + 1]
         if printer and (not following or start > at + 1 or following == ";"):
             return Word(letter, ""), start
         if following in ("#", "[", "=", "-", "+") and following:
-            found, cure = SIGNS.get(following, ("a sign without a number", PLAIN))
+            found, cure = SIGNS.get(following, ("a sign without a number", PLAIN_NUMBER_CURE))
             block.refuse(f"{letter} with {found}", cure)
         block.refuse(f"{letter} without a number (unknown text)", "Write a number behind every letter")
     end = number.end()

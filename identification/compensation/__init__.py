@@ -1,1 +1,1 @@
-"""From a fit to tables that a controller takes, with what they leave over."""
+"""Correction tables for a machine controller, computed from a fitted error model, and their residual errors."""

@@ -1,4 +1,7 @@
-"""What a person should adjust rather than compensate: squareness, parallelism and level, the largest first."""
+"""Mechanical adjustments (squareness, twist of guideways) to make before compensating, largest effect first.
+
+Angles in rad, actual minus nominal; effects in um at the tool tip over the surveyed travel.
+"""
 
 from __future__ import annotations
 
@@ -10,20 +13,20 @@ from errormodel.arrays import Array
 from errormodel.location_errors import squareness
 from identification.compensation.volume import Volume, best_frame
 
-WORTH_UM = 5.0  # over the volume; less is nobody's afternoon
-WORTH_SHARE = 0.2  # of the error before any compensation
-POINTS = 33
+LEAST_EFFECT_UM = 5.0  # um over the volume: smaller effects are not listed; by judgement
+LEAST_EFFECT_SHARE = 0.2  # of the RMS error before compensation: smaller effects are not listed; by judgement
+LINE_POINTS = 33  # poses along a joint for fitting a straight line; by judgement
 
 
 @dataclass(frozen=True)
 class Advice:
-    """One thing to adjust.
+    """One adjustment.
 
     Attributes
     ----------
-    what : the geometry in words.
+    what : the geometric error in words.
     angle : rad, actual minus nominal.
-    effect_um : what it makes over the measured travel.
+    effect_um : displacement that the angle causes over the measured travel, um.
     """
 
     what: str
@@ -35,23 +38,29 @@ class Advice:
 
 
 def mechanical_advice(volume: Volume, before_um: float) -> list[Advice]:
-    """Squareness of linear axes, tilt of rotary ones against them, twist and bow along the guides; largest first."""
-    # the slope of a straightness that was read for itself is that of the straightedge
+    """Squareness errors of linear axes and twist along them that exceed the thresholds, largest effect first.
+
+    Parameters
+    ----------
+    volume : the surveyed volume with the fitted errors.
+    before_um : RMS error without compensation, um; it sets the threshold.
+    """
+    # where error motions were measured joint by joint, the slope of a straightness is that of the straightedge
     found = [*(_squareness(volume) if volume.turns else ()), *_twist(volume)]
-    least = max(WORTH_UM, WORTH_SHARE * before_um)
+    least = max(LEAST_EFFECT_UM, LEAST_EFFECT_SHARE * before_um)
     return sorted((a for a in found if a.effect_um >= least), key=lambda a: -a.effect_um)
 
 
 def _line(volume: Volume, k: int) -> tuple[Array, Array]:
-    """Commands along a joint, the others in the middle, and which way it came."""
+    """Commands (n, joints) along joint k with the others at mid-travel, and directions of approach, all positive."""
     middle = (volume.low + volume.high) / 2
-    q = np.tile(middle, (POINTS, 1))
-    q[:, k] = np.linspace(volume.low[k], volume.high[k], POINTS)
+    q = np.tile(middle, (LINE_POINTS, 1))
+    q[:, k] = np.linspace(volume.low[k], volume.high[k], LINE_POINTS)
     return q, np.ones_like(q)
 
 
 def _squareness(volume: Volume) -> list[Advice]:
-    """Between each two linear joints that are square in the design: straight lines through their actual paths."""
+    """Squareness of each pair of linear joints that are nominally square, from straight lines fitted to their paths."""
     field, lines = volume.field, {}
     for k, joint in enumerate(field.joints):
         if joint.type == "prismatic" and volume.high[k] > volume.low[k]:
@@ -81,7 +90,7 @@ def _slope(points: Array) -> Array:
 
 
 def _twist(volume: Volume) -> list[Advice]:
-    """Roll along a linear joint: a bed that is twisted, which levelling takes out. As the tip feels it."""
+    """Roll of the tip from end to end of each linear joint: a twisted bed, which levelling removes."""
     field = volume.field
     out = []
     q0, came0 = volume.poses(128, 17)

@@ -1,4 +1,8 @@
-"""What a compensation leaves: in the volume and on poses that no fit saw, by exact kinematics."""
+"""Residual error of a compensation over the volume and on held-out poses, by exact kinematics.
+
+Commands in mm and rad, errors in mm (figures in um). Where the survey's frame is free, errors are taken after the
+best-fit rigid motion of the frame.
+"""
 
 from __future__ import annotations
 
@@ -12,29 +16,29 @@ from errormodel.controllers.base import Controller
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Tables
 from identification.compensation.field import Field
-from identification.compensation.rows import FEWEST, Rows
+from identification.compensation.rows import FEWEST_HELD_OUT, Rows
 from identification.compensation.volume import Volume, best_frame
 
-SAME_TOOL = 0.5  # mm
-OTHER_TOOLS = "other tools"
-FRESH = 1024  # poses of the volume, other ones than the reduction saw
+SAME_TOOL_MM = 0.5  # mm between tool tips: closer tips count as the same tool; by judgement
+OTHER_TOOLS = "other tools"  # ending of the description of rows with other tools
+FRESH_POSES = 1024  # poses for the assessment, other than those of the reduction; a power of two, for Sobol points
 
 Correct = Callable[[Array, Array, Array | None], Array]
-"""Commands (n, joints) in mm and rad for wanted positions, directions of arrival and tools."""
+"""Commands (n, joints), mm and rad, from nominal commands, directions of approach (+-1) and tool tips (n, 3)."""
 
 
 @dataclass(frozen=True)
 class Error:
-    """Volumetric error over poses, um, after the best frame where frames are free."""
+    """Volumetric error over n poses, um, after the best-fit frame where frames are free."""
 
     rms_um: float
     worst_um: float
-    where: tuple[float, ...]  # command of the worst pose, mm and deg
+    where: tuple[float, ...]  # command at the pose of the largest error, mm and deg
     n: int
 
     @classmethod
     def of(cls, errors: Array, q: Array) -> Error:
-        """Of errors (n, 3) in mm at commands (n, joints) in mm and deg."""
+        """Summarise errors (n, 3) in mm at commands (n, joints) in mm and deg."""
         length = 1e3 * np.linalg.norm(errors, axis=1)
         k = int(np.argmax(length))
         return cls(float(np.sqrt(np.mean(length**2))), float(length[k]), tuple(q[k].tolist()), len(q))
@@ -42,7 +46,7 @@ class Error:
 
 @dataclass(frozen=True)
 class Figures:
-    """One set of poses: before, after commands that the exact inverse gives, after the controller's own tables."""
+    """Errors on one set of poses: uncompensated, with exact inverse commands, and with the controller's tables."""
 
     poses: str
     before: Error
@@ -50,13 +54,13 @@ class Figures:
     after: Error
 
     def removed(self) -> float:
-        """Share of the root mean square error that the ideal compensation removes and this one does, too."""
+        """Reduction of the RMS error as a share of the reduction by the ideal compensation."""
         gain = self.before.rms_um - self.ideal.rms_um
         return (self.before.rms_um - self.after.rms_um) / gain if gain > 0 else 1.0
 
 
 def emulated(controller: Controller, tables: Tables, setup: Setup, volume: Volume) -> Correct:
-    """Commands as the controller makes them from its tables."""
+    """Commands as the controller computes them from its tables."""
     field, movers = volume.field, list(volume.field.movers)
     unit = np.where(field.rotary, np.pi / 180, 1.0)[movers]
 
@@ -69,17 +73,17 @@ def emulated(controller: Controller, tables: Tables, setup: Setup, volume: Volum
 
 
 def ideal(volume: Volume) -> Correct:
-    """Commands by the exact inverse."""
+    """Commands by the exact inverse kinematics."""
     return volume.ideal
 
 
 def nothing(q: Array, direction: Array, tool: Array | None) -> Array:
-    """Commands as they are."""
+    """Uncompensated commands."""
     return q
 
 
 def assess(volume: Volume, correct: Correct, held: Rows | None, seed: int) -> list[Figures]:
-    """Figures for fresh poses of the volume, and for held-out rows if there are any."""
+    """Errors on new poses of the volume, and on held-out rows if there are any."""
     return [
         _figures(volume, correct, rows)
         for rows in (fresh_rows(volume, seed), *_by_joint(held), *_by_tool(volume, held))
@@ -87,14 +91,14 @@ def assess(volume: Volume, correct: Correct, held: Rows | None, seed: int) -> li
 
 
 def left(volume: Volume, correct: Correct, seed: int) -> Error:
-    """What commands leave at fresh poses of the volume."""
+    """Residual error of corrected commands on new poses of the volume."""
     rows = fresh_rows(volume, seed)
     return Error.of(remaining(volume, correct, rows), volume.field.outward(rows.q))
 
 
 def fresh_rows(volume: Volume, seed: int) -> Rows:
-    """Poses of the volume that no reduction saw, and its corners."""
-    q, came = volume.poses(FRESH, seed + 11)
+    """Poses of the volume that the reduction did not use, and the corners of the volume."""
+    q, came = volume.poses(FRESH_POSES, seed + 11)
     corners = volume.corners()
     q, came = np.vstack([q, corners[0]]), np.vstack([came, corners[1]])
     n = len(q)
@@ -110,7 +114,7 @@ def fresh_rows(volume: Volume, seed: int) -> Rows:
 
 
 def _by_joint(held: Rows | None) -> list[Rows]:
-    """Held-out readings of error motions, joint by joint: those of one hold no errors of another."""
+    """Held-out error motions, joint by joint, since readings of one joint do not contain the errors of another."""
     about = None if held is None else held.about
     if held is None or about is None:
         return []
@@ -118,14 +122,15 @@ def _by_joint(held: Rows | None) -> list[Rows]:
 
 
 def _by_tool(volume: Volume, held: Rows | None) -> list[Rows]:
-    """Held-out rows with the tool that the tables are for, and with others: no table turns with a tool.
+    """Held-out rows split into those with the tool of the tables and those with other tools.
 
-    They are judged apart, each after its best frame: a tool's own constant offset is set when it is measured.
+    Tables do not depend on the tool's orientation, so other tools are assessed apart, each after its own best-fit
+    frame: the constant offset of a tool is removed when the tool is measured.
     """
     if held is None or held.about is not None:
         return []
-    own = np.linalg.norm(held.tool - np.asarray(volume.field.chain.machine.tool), axis=1) < SAME_TOOL
-    if own.all() or min(own.sum(), (~own).sum()) < FEWEST:
+    own = np.linalg.norm(held.tool - np.asarray(volume.field.chain.machine.tool), axis=1) < SAME_TOOL_MM
+    if own.all() or min(own.sum(), (~own).sum()) < FEWEST_HELD_OUT:
         return [held]
     return [held.part(own, "this tool"), held.part(~own, OTHER_TOOLS)]
 
@@ -140,7 +145,7 @@ def _figures(volume: Volume, correct: Correct, rows: Rows) -> Figures:
 
 
 def remaining(volume: Volume, correct: Correct, rows: Rows) -> Array:
-    """Errors (n, 3) in mm that are left at commands, after the best frame of each measuring frame, or the given one."""
+    """Residual errors (n, 3), mm, after the best-fit motion of each measuring frame, or with the given frame."""
     field = volume.field
     nominal = field.nominal(rows.q, rows.tool)
     actual = field.actual(correct(rows.q, rows.direction, rows.tool), rows.direction, rows.tool)
@@ -148,7 +153,7 @@ def remaining(volume: Volume, correct: Correct, rows: Rows) -> Array:
     if not volume.free or volume.pose is not None:
         return errors
     labels, counts = np.unique(rows.frames.astype(str), return_counts=True)
-    fewest = 2 * FEWEST if volume.turns else 2
+    fewest = 2 * FEWEST_HELD_OUT if volume.turns else 2
     small = np.isin(rows.frames.astype(str), labels[counts < fewest])
     out = errors.copy()
     for label in [*labels[counts >= fewest], None]:
@@ -160,5 +165,5 @@ def remaining(volume: Volume, correct: Correct, rows: Rows) -> Array:
 
 
 def in_state(volume: Volume, field: Field) -> Volume:
-    """The same volume of the machine in another state."""
+    """The same volume with the machine in another state."""
     return replace(volume, field=field)

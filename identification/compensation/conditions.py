@@ -1,4 +1,8 @@
-"""What has to hold at the machine for the tables to leave what they promise, and what is left where it does not."""
+"""Conditions under which the tables reach their predicted residual error, and the residual where they do not hold.
+
+Conditions are zero shifts, backlash parameters, temperature and time, and the size of corrections. Figures are RMS
+errors in um over the volume, predicted by the model.
+"""
 
 from __future__ import annotations
 
@@ -20,21 +24,21 @@ from identification.observation.frames import Pose
 if TYPE_CHECKING:
     import pandas as pd
 
-LARGE = 1.0  # mm: a larger correction is rather a mistake than an error of a machine
-UNITS = {"time": "s", "feed": "mm/min", "load": "kg"}
-WORTH = 0.05  # of what is left: a smaller difference is not said
+PLAUSIBLE_MM = 1.0  # mm: a larger correction is taken for a mistake in the survey; by judgement
+CHANNEL_UNITS = {"time": "s", "feed": "mm/min", "load": "kg"}  # display units of channels
+REPORTED_SHARE = 0.05  # of the residual RMS: smaller differences are not reported; by judgement
 
 
 @dataclass(frozen=True)
 class Conditions:
-    """Figures of one set of tables, um rms over the volume by the model.
+    """Residual RMS errors of one set of tables over the volume, um, predicted by the model.
 
     Attributes
     ----------
-    left_um : as promised, zero shifts made and backlash parameters left as they were during the survey.
+    left_um : with the zero shifts made and the backlash parameters as they were during the survey.
     unshifted_um : without the zero shifts; None: there are none.
     parameters_um : with the backlash parameters set; None: there is nothing to set.
-    largest_mm : the largest correction.
+    largest_mm : largest correction of a linear joint, mm.
     """
 
     left_um: float
@@ -47,7 +51,7 @@ class Conditions:
 
 
 def conditions_of(controller: Controller, setup: Setup, volume: Volume, tables: Tables, seed: int) -> Conditions:
-    """The figures of a set."""
+    """Residual errors of a set of tables with and without each condition."""
     correct = emulated(controller, tables, setup, volume)
     promised = left(volume, correct, seed).rms_um
     kept = tuple(t for t in tables if t.term.inputs or t.term.factor)
@@ -58,29 +62,29 @@ def conditions_of(controller: Controller, setup: Setup, volume: Volume, tables: 
 
 
 def largest(volume: Volume, correct: Correct, seed: int) -> float:
-    """The largest correction of a linear joint over the volume, mm."""
+    """Largest correction of a linear joint over the volume, mm."""
     rows = fresh_rows(volume, seed)
     moved = np.abs(correct(rows.q, rows.direction, None) - rows.q)[:, np.logical_not(volume.field.rotary)]
     return float(moved.max(initial=0.0))
 
 
 def check_size(size: float, allowed: bool) -> None:
-    """Raise InputError where a correction is larger than any machine's error should be, unless the user allows it."""
-    if size > LARGE and not allowed:
+    """Raise InputError where a correction (mm) is implausibly large, unless the user allows it."""
+    if size > PLAUSIBLE_MM and not allowed:
         raise InputError(
             "compensate",
             f"corrections of up to {size:.3g} mm, which controls neither limit nor watch",
-            f"Look for a wrong unit or sign in the survey; --allow-large writes corrections beyond {LARGE:g} mm",
+            f"Look for a wrong unit or sign in the survey; --allow-large writes corrections beyond {PLAUSIBLE_MM:g} mm",
         )
 
 
 def shift_lines(label: str, tables: Tables, figures: Conditions) -> list[str]:
-    """The constants that tables which are zero at the reference point cannot hold, first in the checklist."""
+    """Checklist lines for constant offsets, which tables that are zero at the reference point cannot represent."""
     shifts = [t for t in tables if not t.term.inputs and not t.term.factor]
     words = ", ".join(f"{t.term.output} by {1e3 * float(t.values):+.1f} um" for t in shifts)
     if not shifts or figures.unshifted_um is None:
         return []
-    worth = figures.unshifted_um > (1 + WORTH) * figures.left_um
+    worth = figures.unshifted_um > (1 + REPORTED_SHARE) * figures.left_um
     effect = (
         f"without it {figures.unshifted_um:.1f} um rms are left in place of {figures.left_um:.1f}"
         if worth
@@ -93,7 +97,7 @@ def shift_lines(label: str, tables: Tables, figures: Conditions) -> list[str]:
 
 
 def backlash_lines(controller: Controller, setup: Setup, tables: Tables, figures: Conditions) -> list[str]:
-    """Backlash with the control's parameter, and what is left without it."""
+    """Checklist lines for backlash: the control's parameter, and the residual error without it."""
     lines = reversal_lines(controller, setup, tables)
     if lines and figures.parameters_um is not None:
         lines.append(
@@ -106,7 +110,7 @@ def backlash_lines(controller: Controller, setup: Setup, tables: Tables, figures
 def state_lines(
     volume: Volume, table: pd.DataFrame, loose: Sequence[str], correct: Correct, seed: int
 ) -> tuple[str, ...]:
-    """For which value of each channel that no table follows the tables are made, and what is left at its ends."""
+    """State of each channel outside the tables (time, temperature, feed, load), and residuals at its extremes."""
     field, out = volume.field, list[str]()
     for name in loose:
         here = field.state.get(name, 0.0)
@@ -131,7 +135,7 @@ def state_lines(
 
 
 def _lies(volume: Volume, correct: Correct, seed: int) -> Pose:
-    """Where the workpiece lies when it is set up with these tables in this state."""
+    """Pose of the workpiece's frame when it is set up with these tables in this state."""
     if volume.pose is not None or not volume.free:
         return volume.frame
     rows = fresh_rows(volume, seed)
@@ -148,4 +152,4 @@ def quantity(name: str, value: float) -> str:
         return f"{name} = {value:.0f} s{clock} of the recording"
     if name.startswith("T_"):
         return f"{name} = {value:.1f} degC"
-    return f"{name} = {value:g}{' ' + UNITS[name] if name in UNITS else ''}"
+    return f"{name} = {value:g}{' ' + CHANNEL_UNITS[name] if name in CHANNEL_UNITS else ''}"

@@ -1,4 +1,7 @@
-"""The errors of a fitted machine as a compensation sees them: at commands, without instrument, frame and target."""
+"""Geometric errors of a fitted machine as a function of the commands, without instrument, frame and target.
+
+Commands in mm and rad (controllers: mm and deg), points in mm in the axes of the machine's reference frame.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +23,7 @@ from identification.results.stored_fit import StoredFit
 if TYPE_CHECKING:
     import pandas as pd
 
-ALIGNED = 0.3  # a joint adds a direction if this share of its own is new
+LEAST_NEW_DIRECTION = 0.3  # share of a unit axis outside the span of the chosen ones: enough to add a direction
 
 
 @dataclass(frozen=True)
@@ -29,7 +32,7 @@ class Field:
 
     Attributes
     ----------
-    chain, values : the machine, and its parameters without those of frame, tool and instrument.
+    chain, values : the kinematic chain, and its parameters without those of frame, tool and instrument.
     movers : columns of the joints that carry out corrections.
     state : value of every channel that is neither joint, tool nor direction (temperatures, feed, time).
     """
@@ -74,7 +77,7 @@ class Field:
 
     @cached_property
     def reversing(self) -> frozenset[str]:
-        """Joints whose direction of arrival changes the errors."""
+        """Joints whose errors depend on the direction of approach."""
         names = [c[4:] for c in self.chain.channels if c.startswith("dir_")]
         return frozenset(
             [*names, *(c[2] for c in map(DERIVED_CHANNEL.fullmatch, self.chain.channels) if c and c[1] == "play")]
@@ -96,7 +99,7 @@ class Field:
             elif call and call[1] == "play":
                 k = place[call[2]]
                 columns.append(q[:, k] - direction[:, k] * float(call[3]) / 2)
-            else:  # a lag is what it lags behind, once that is steady
+            else:  # in the steady state a lagged channel equals the channel itself
                 columns.append(np.full(n, self.state.get(call[2] if call else name, 0.0)))
         return as_rows(*columns)
 
@@ -115,7 +118,10 @@ class Field:
         return slope.reshape(len(self.joints), 3, -1).transpose(2, 1, 0)[:, :, list(self.movers)]
 
     def levers(self, q: Array) -> tuple[Array, Array]:
-        """Tip's motion per unit of the six error motions of each joint (n, 3, 6 joints), and per mm or deg of each."""
+        """Motion of the tip per mm or rad of the six error motions of each joint, and per mm or deg of each joint.
+
+        Shapes (n, 3, 6 joints) and (n, 3, joints), in mm.
+        """
         rows = self.rows(q, np.ones_like(q))
         names = self.chain.element_names
         columns = [6 * names.index(j.name) + m for j in self.joints for m in range(6)]
@@ -128,17 +134,17 @@ class Field:
         return np.array([j.type == "rotary" for j in self.joints])
 
     def inward(self, q: Array) -> Array:
-        """Positions of controllers (mm, deg) in mm and rad."""
+        """Convert commands from controller units (mm, deg) to mm and rad."""
         return np.where(self.rotary, np.radians(q), q)
 
     def outward(self, q: Array) -> Array:
-        """Positions in mm and rad as controllers have them."""
+        """Convert commands from mm and rad to controller units (mm, deg)."""
         return np.where(self.rotary, np.degrees(q), q)
 
 
 @lru_cache(maxsize=16)
 def _slope(chain: Chain, what: Literal["actual", "nominal"]) -> Kernel:
-    """The position's derivative by every joint."""
+    """Derivative of the tip's position with respect to every joint."""
     import casadi as ca
 
     point = chain.expression(what)[:3]
@@ -154,14 +160,17 @@ def directions_at_zero(machine: Machine, chain: Chain) -> Array:
 
 
 def movers_of(chain: Chain) -> tuple[int, ...]:
-    """Joints that carry out corrections: linear ones, the longest of those that run alike; all where they are none."""
+    """Joints that carry out corrections: one linear joint per direction, the longest first.
+
+    All joints where the linear ones do not span three directions and others exist.
+    """
     machine = chain.machine
     joints, axes = machine.joints, directions_at_zero(machine, chain)
     linear = [k for k, j in enumerate(joints) if j.type == "prismatic"]
     chosen: list[int] = []
     for k in sorted(linear, key=lambda k: joints[k].travel[0] - joints[k].travel[1]):
         basis = np.linalg.qr(axes[chosen].T)[0] if chosen else np.zeros((3, 0))
-        if np.linalg.norm(axes[k] - basis @ (basis.T @ axes[k])) > ALIGNED:
+        if np.linalg.norm(axes[k] - basis @ (basis.T @ axes[k])) > LEAST_NEW_DIRECTION:
             chosen.append(k)
     if len(chosen) == 3 or len(linear) == len(joints):
         return tuple(sorted(chosen))

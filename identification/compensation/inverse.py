@@ -1,7 +1,7 @@
-"""The command that reaches a wanted point: Gauss-Newton on the exact kinematics, all rows at once.
+"""Inverse kinematics of the machine with errors: commands that reach wanted points, by Gauss-Newton on all rows.
 
-A correction is small beside the machine, so that the derivative at the first command serves all steps; where a step
-does not bring the point much nearer, it is taken again.
+A correction is small beside the machine, so one Jacobian serves several steps; it is computed again for rows whose
+distance did not shrink enough.
 """
 
 from __future__ import annotations
@@ -11,19 +11,19 @@ import numpy as np
 from errormodel.arrays import Array
 from identification.compensation.field import Field
 
-CLOSED = 1e-6  # mm
-STEPS = 30
-NEARER = 0.1  # of the gap: what a step with an old derivative may leave
+CLOSED_MM = 1e-6  # mm: distance from the wanted point that counts as reached, far below any instrument
+MOST_NEWTON_STEPS = 30  # a few suffice unless a point cannot be reached; by judgement
+STALE_JACOBIAN_SHARE = 0.1  # of the distance before the step: more than this left renews the Jacobian; by judgement
 
 
 def steps_towards(field: Field, jacobian: Array, gap: Array) -> Array:
-    """Smallest motion of the movers (n, m) that closes gaps (n, 3) as far as they can, each mover by its own reach."""
+    """Minimum-norm motion of the movers (n, m) that closes gaps (n, 3), mm; movers scaled by effect at the tip."""
     out: Array = np.einsum("nmi,ni->nm", closing(jacobian), gap)
     return out
 
 
 def closing(jacobian: Array) -> Array:
-    """(n, m, 3): the motion of `steps_towards` per mm of a gap."""
+    """Scaled pseudo-inverse (n, m, 3) of Jacobians (n, 3, m): motion of the movers per mm of gap."""
     size = np.sqrt(np.mean(np.square(jacobian).sum(axis=1), axis=0))
     scale = 1 / np.where(size > 1e-9, size, 1.0)
     return np.asarray(np.linalg.pinv(jacobian * scale, rcond=1e-6) * scale[:, None], np.float64)
@@ -32,22 +32,25 @@ def closing(jacobian: Array) -> Array:
 def inverse(
     field: Field, q: Array, direction: Array, target: Array | None = None, tool: Array | None = None
 ) -> tuple[Array, Array]:
-    """Commands whose actual point is the wanted one.
+    """Commands whose actual point equals the wanted one.
 
     Parameters
     ----------
     q : (n, joints), mm and rad
-        What a perfect machine would be commanded.
+        Commands of the error-free machine.
     direction : (n, joints) of +-1
+        Directions of approach.
     target : (n, 3), mm
         Wanted points; None: the nominal ones at `q`.
+    tool : (n, 3), mm
+        Tool tips in the last frame; None: that of the machine.
 
     Returns
     -------
     commands : (n, joints)
-        `q` with other positions of the movers.
+        `q` with changed positions of the movers.
     left : (n,), mm
-        Distance from the wanted point; above `CLOSED` only where the movers cannot reach it.
+        Distance from the wanted point; above `CLOSED_MM` only where the movers cannot reach it.
     """
     wanted = field.nominal(q, tool) if target is None else target
     out, movers = q.copy(), list(field.movers)
@@ -55,20 +58,20 @@ def inverse(
     left = np.zeros(len(q))
     close, before = np.zeros((len(q), len(movers), 3)), np.zeros(len(q))
     reach = np.where(field.rotary[movers], field.chain.size, 1.0)
-    for step in range(STEPS):
+    for step in range(MOST_NEWTON_STEPS):
         part = None if tool is None else tool[active]
         gap = wanted[active] - field.actual(out[active], direction[active], part)
         left[active] = np.linalg.norm(gap, axis=1)
-        if step == STEPS - 1 or not len(active):
+        if step == MOST_NEWTON_STEPS - 1 or not len(active):
             break
-        stale = active[left[active] > NEARER * before[active]]
+        stale = active[left[active] > STALE_JACOBIAN_SHARE * before[active]]
         if len(stale):
             tools = None if tool is None else tool[stale]
             close[stale] = closing(field.jacobian(out[stale], direction[stale], tools))
         before[active] = left[active]
         move = np.einsum("nmi,ni->nm", close[active], gap)
-        limit = np.abs(move).max(axis=1, keepdims=True) / 5.0  # mm or rad: never a leap
+        limit = np.abs(move).max(axis=1, keepdims=True) / 5.0  # at most 5 mm or rad a step, for convergence
         out[active[:, None], movers] += move / np.maximum(limit, 1.0)
-        settled = (np.abs(move) * reach).max(axis=1) < CLOSED / 100
-        active = active[~(settled | (left[active] < CLOSED / 10))]
+        settled = (np.abs(move) * reach).max(axis=1) < CLOSED_MM / 100
+        active = active[~(settled | (left[active] < CLOSED_MM / 10))]
     return out, left

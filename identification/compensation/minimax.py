@@ -1,13 +1,13 @@
-"""The least worst error near a least-squares solution, within slopes: small second-order cone programmes (CVXPY).
+"""Minimax table values near a least-squares solution, with bounded slopes, by second-order cone programming (CVXPY).
 
-With ``z = R (x - start)``, R the root of the gram matrix, the sum of squares is that of the least squares plus
-``|z|^2``, so that what may be given up of it is a ball. In that ball the best ``z`` is a combination of the rows that
-hold it back: poses that come to be the worst, and slopes at their bounds. Only those are asked for, round by round (an
-exchange method), so that a programme has as many unknowns as rows that matter, however many poses and values there are.
+With ``z = R (x - start)``, R the transposed Cholesky factor of the Gram matrix, the sum of squares exceeds its
+minimum by ``|z|^2``, so the permitted loss in mean square is a ball in z. The optimal z is a combination of the active
+rows: poses with the largest error and slopes at their bounds. An exchange method adds violated rows round by round, so
+the size of a programme depends on the number of active rows, not on the number of poses and values.
 
-The programme of a round knows a few poses only, and the least worst error over them is a lower bound of that over all:
-the rounds end when the best solution seen is next to it. A slight price on ``|z|^2`` chooses among solutions that are
-next to equal the one nearest to least squares; without it each round would go to the edge of the ball, for nothing.
+A programme over some poses gives a lower bound of the minimax error over all poses; the rounds stop once the best
+solution found is close to it. A small penalty on ``|z|^2`` selects, among nearly equal solutions, the one nearest to
+least squares; without it every round would go to the boundary of the ball.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ from identification.runtime.convex_solver import optimise
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
 
-ROUNDS = 25
-POSES = 40  # that a round adds
-EXACT = 0.01  # of the worst error: what is nearer to the lower bound is not worth another round,
-KEPT = 0.0005  # nor this of a slope's bound
-PRICE = 0.02  # of the worst error, for all that may be given up of the mean square
+MOST_EXCHANGES = 25  # rounds of the exchange method; by judgement
+POSES_PER_EXCHANGE = 40  # poses that a round adds; by judgement
+BOUND_GAP_SHARE = 0.01  # of the lower bound: a solution this close to it is accepted; by judgement
+SLOPE_EXCESS_SHARE = 0.0005  # of a slope's bound: smaller violations are accepted; by judgement
+DISTANCE_PRICE = 0.02  # penalty at the boundary of the ball, as a share of the largest error; by judgement
 
 
 @dataclass(frozen=True)
 class Slopes:
-    """Differences of neighbouring values (rows, size) and the bounds of each (rows,)."""
+    """Slopes between neighbouring values, as linear functions (rows, size) of them, and their bounds (rows,)."""
 
     rows: csr_matrix
     bounds: Array
@@ -41,13 +41,13 @@ class Slopes:
 
 @dataclass(frozen=True)
 class Ball:
-    """The neighbourhood of a least-squares solution, in which ``x = start + R^-1 z``.
+    """Neighbourhood of a least-squares solution, in which ``x = start + R^-1 z``.
 
     Attributes
     ----------
-    root : (size, size) lower triangular; its product with its transpose is the gram matrix.
-    held : (size, k) orthonormal, directions of `z` that would move what must be zero.
-    span : (size, m) orthonormal, directions that `z` may take beyond the slopes' demands; None: all.
+    root : (size, size) lower triangular Cholesky factor of the Gram matrix.
+    held : (size, k) orthonormal directions of `z` that equality constraints exclude.
+    span : (size, m) orthonormal directions that `z` may take beyond those that the slopes need; None: all.
     """
 
     start: Array
@@ -57,7 +57,7 @@ class Ball:
 
     @classmethod
     def of(cls, start: Array, gram: Array, equal: csr_matrix, moves: csr_matrix | None = None) -> Ball:
-        """`moves` (size, m): changes of `x` that are allowed; None: any."""
+        """Build the ball; `moves` (size, m) spans the permitted changes of `x`; None: any change."""
         from scipy.linalg import cholesky
 
         free = cls(start, cholesky(gram, lower=True), np.zeros((len(start), 0)))
@@ -69,7 +69,7 @@ class Ball:
         return cls(start, free.root, held, both[:, held.shape[1] :])
 
     def seen(self, rows: csr_matrix) -> Array:
-        """What rows (k, size) of `x` are as rows (k, size) of `z`."""
+        """Linear functions (k, size) of `x`, expressed as functions (k, size) of `z`."""
         from scipy.linalg import solve_triangular
 
         out: Array = solve_triangular(self.root, rows.T.toarray(), lower=True).T
@@ -82,21 +82,27 @@ class Ball:
 
 
 def least_worst(design: csr_matrix, errors: Array, ball: Ball, slopes: Slopes, room: Callable[[Array], float]) -> Array:
-    """Values whose worst error is least.
+    """Values whose largest error over the poses is smallest.
 
     Parameters
     ----------
-    design, errors : (3 n, size) and (3 n,), direction by direction; what is left is ``errors + design @ x``.
-    room : how far beyond the least sum of squares within the slopes, that of its argument `x`, it may grow.
+    design, errors : (3 n, size) and (3 n,), all x rows, then y, then z; the residual is ``errors + design @ x``.
+    ball : neighbourhood of the least-squares solution.
+    slopes : linear functions of the values, and their bounds.
+    room : permitted increase of the sum of squares over that of its argument, the least-squares `x` within the slopes.
+
+    Returns
+    -------
+    (size,) values; the least-squares solution within the slopes if the solver finds nothing better.
     """
     nearest = _within_slopes(ball, slopes)
     start, n = ball.at(nearest), len(errors) // 3
     square = float(nearest @ nearest + room(start)) * (1 + 1e-9)
     length = _lengths(design, errors, start)
-    task = _Near(ball, nearest, np.sqrt(square), PRICE * float(length.max()) / max(square, 1e-300))
+    task = _Near(ball, nearest, np.sqrt(square), DISTANCE_PRICE * float(length.max()) / max(square, 1e-300))
     best, least, bound = start, task.worth(length, nearest), 0.0
-    asked, steep = np.argsort(-length)[:POSES], _beyond(slopes, start, np.zeros(0, dtype=np.intp))
-    for _ in range(ROUNDS):
+    asked, steep = np.argsort(-length)[:POSES_PER_EXCHANGE], _beyond(slopes, start, np.zeros(0, dtype=np.intp))
+    for _ in range(MOST_EXCHANGES):
         poses = np.concatenate([asked + k * n for k in range(3)])
         now = errors[poses] + design[poses] @ start, slopes.rows[steep] @ start
         found = task.programme(design[poses], slopes.rows[steep], now, slopes.bounds[steep])
@@ -108,26 +114,26 @@ def least_worst(design: csr_matrix, errors: Array, ball: Ball, slopes: Slopes, r
         worth = task.worth(length, z)
         if not len(over) and worth < least:
             best, least = x, worth
-        if not len(over) and least <= (1 + EXACT) * bound:
+        if not len(over) and least <= (1 + BOUND_GAP_SHARE) * bound:
             break
         far = np.setdiff1d(np.flatnonzero(length > length[asked].max()), asked)
-        asked = np.concatenate([asked, far[np.argsort(-length[far])[:POSES]]])
+        asked = np.concatenate([asked, far[np.argsort(-length[far])[:POSES_PER_EXCHANGE]]])
         steep = np.concatenate([steep, over])
     return best
 
 
 def _lengths(design: csr_matrix, errors: Array, x: Array) -> Array:
-    """Errors (n,) that values leave at the poses."""
+    """Lengths (n,) of the residual errors at the poses."""
     return np.asarray(np.linalg.norm((errors + design @ x).reshape(3, -1), axis=0), np.float64)
 
 
 def _within_slopes(ball: Ball, slopes: Slopes) -> Array:
-    """The smallest z (size,) that keeps the slopes."""
+    """Smallest z (size,) that satisfies the bounds of the slopes."""
     import cvxpy
 
-    cp: Any = cvxpy  # it names its functions without types
+    cp: Any = cvxpy  # CVXPY has no type annotations
     z, steep = np.zeros(len(ball.start)), np.zeros(0, dtype=np.intp)
-    for _ in range(ROUNDS):
+    for _ in range(MOST_EXCHANGES):
         over = _beyond(slopes, ball.at(z), steep)
         if not len(over):
             break
@@ -145,18 +151,18 @@ def _within_slopes(ball: Ball, slopes: Slopes) -> Array:
 
 
 def _beyond(slopes: Slopes, x: Array, known: Index) -> Index:
-    """Slopes that are too steep, those that are asked for already left out."""
-    return np.setdiff1d(np.flatnonzero(np.abs(slopes.rows @ x) > (1 + KEPT) * slopes.bounds), known)
+    """Indices of slopes beyond their bounds that are not yet constraints."""
+    return np.setdiff1d(np.flatnonzero(np.abs(slopes.rows @ x) > (1 + SLOPE_EXCESS_SHARE) * slopes.bounds), known)
 
 
 @dataclass(frozen=True)
 class _Near:
-    """What all rounds share: they look about `nearest`, the z (size,) of the least squares within the slopes.
+    """Data shared by all rounds, about `nearest`, the z (size,) of least squares within the slopes.
 
     Attributes
     ----------
     radius : of the ball.
-    price : of |z|^2, in units of the worst error.
+    price : penalty per unit of |z|^2, in the units of the errors.
     """
 
     ball: Ball
@@ -165,13 +171,13 @@ class _Near:
     price: float
 
     def worth(self, length: Array, z: Array) -> float:
-        """What is made least: the worst error and the price."""
+        """Objective: the largest error plus the penalty."""
         return float(length.max() + self.price * z @ z)
 
     def programme(
         self, design: csr_matrix, steep: csr_matrix, now: tuple[Array, Array], bounds: Array
     ) -> tuple[Array, float] | None:
-        """The best z and its worth over some poses within some slopes, `now` being what they are at `nearest`."""
+        """Optimal z and objective for some poses and slopes; `now` holds their values at `nearest`; None: unsolved."""
         import cvxpy
         from scipy.sparse import vstack
 
@@ -179,14 +185,14 @@ class _Near:
         span, count = self.ball.span, len(now[0])
         rows = self.ball.seen(vstack([design, steep]).tocsr())
         seen = rows if span is None else rows @ span
-        # what no row sees is left as it is, but for what brings it nearer to the least squares
+        # directions that no row depends on stay unchanged, except that z may approach the least-squares solution
         home = self.nearest if span is None else span.T @ self.nearest
         basis, factor = np.linalg.qr(np.column_stack([seen.T, home]) if home.any() else seen.T)
         factor, here = factor[:, : len(rows)], basis.T @ home
         rest = max(float(self.nearest @ self.nearest - here @ here), 0.0)
         u, worst = cp.Variable(basis.shape[1]), cp.Variable()
         moved, rules = factor.T @ u, []
-        if basis.shape[1] == len(rows):  # unknowns of their own for what is bounded keep the programme sparse
+        if basis.shape[1] == len(rows):  # separate unknowns for the bounded quantities keep the programme sparse
             moved = cp.Variable(len(rows))
             rules = [moved == factor.T @ u]
         residual = cp.reshape(now[0] + moved[:count], (3, count // 3), order="C")

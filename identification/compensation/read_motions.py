@@ -19,12 +19,12 @@ if TYPE_CHECKING:
 
 
 def known_at_tip(folder: Path, read: Mapping[str, Sequence[str]]) -> list[str]:
-    """The joints whose errors at the tool are known from readings of these error motions.
+    """Joints whose errors at the tool follow from the measured error motions.
 
     Raises
     ------
     InputError
-        None is.
+        There is no such joint, since only angles were measured.
     """
     known = [joint for joint, motions in read.items() if any(m in TRANSLATIONS for m in motions)]
     if not known:
@@ -35,16 +35,16 @@ def known_at_tip(folder: Path, read: Mapping[str, Sequence[str]]) -> list[str]:
 
 
 def motion_rows(field: Field, table: pd.DataFrame, read: Mapping[str, Sequence[str]]) -> Rows | None:
-    """Readings of error motions that a fit without them predicted; what is `left` at the tool's tip.
+    """Held-out residuals of error motions, transferred to the tool's tip.
 
-    Each run of a joint comes from a zero of its own, which is its frame. None if there are too few of each joint.
+    Each run of a joint has a zero of its own, which serves as its frame. None if there are too few rows of each joint.
     """
     q, came, tools = commands(table, field.chain.machine)
     left, known = np.zeros((len(table), 3)), np.zeros(len(table), dtype=bool)
     for k, joint in enumerate(field.joints):
         names = [f"heldout_{m}_{'um' if m in TRANSLATIONS else 'urad'}" for m in read.get(joint.name, ())]
         keep = ((table["joint"] == joint.name) & table[names].notna().any(axis=1)).to_numpy(dtype=bool)
-        if not names or keep.sum() < FEWEST:
+        if not names or keep.sum() < FEWEST_HELD_OUT:
             continue
         known |= keep
         motions = np.zeros((int(keep.sum()), 6))
@@ -59,7 +59,7 @@ def motion_rows(field: Field, table: pd.DataFrame, read: Mapping[str, Sequence[s
 
 
 def notes_on_motions(setup: Setup, read: Mapping[str, Sequence[str]]) -> Iterator[str]:
-    """What readings of error motions do not say."""
+    """Notes on errors that readings of error motions do not determine."""
     for axis in setup.axes:
         motions = read.get(axis.joint, ())
         turns = [m for m in motions if m not in TRANSLATIONS]

@@ -1,11 +1,10 @@
-"""The error model reduced to what a controller's tables can express: the least worst error that costs no mean square.
+"""Reduction of the error model to a controller's tables: minimax error at nearly the least-squares residual.
 
 The tables are linear in their values: at a pose the tip's error is ``e + J c(v) - G g``, with ``c`` the correction of
-the axes, ``J`` the motion of the tip per unit of each and ``G g`` a small motion of the workpiece's frame, which
-costs nothing. Least squares say how much of the root mean square error the structure can take away at all; of all
-tables that take away nearly as much and keep the format's slopes, those with the least worst error are found (a
-second-order cone programme in CVXPY). Worst error alone would be a poor guide: where a structure can take away
-little, the last per cent of the worst pose is bought with a quarter of what it does everywhere else.
+the axes, ``J`` the motion of the tip per unit of each and ``G g`` a small rigid motion of the workpiece's frame, which
+is free. Least squares give the smallest root mean square error of the structure; among tables close to it that keep
+the format's slopes, a second-order cone programme (CVXPY) finds those with the smallest maximum error. The maximum
+alone is not minimised: where a structure can remove little, it would cost much mean square for one pose.
 """
 
 from __future__ import annotations
@@ -27,29 +26,32 @@ from identification.compensation.minimax import Ball, Slopes, least_worst
 if TYPE_CHECKING:
     from scipy.sparse import csc_matrix, csr_matrix
 
-MOST_CONES = 5000  # values up to which the cone programmes are solved; more are left to least squares
-SHARE = 0.02  # of the root mean square error that can be removed, given up for the worst pose,
-COST = 0.05  # but never more than this of what must be left
-RIDGE = 1e-8  # of the mean square, for values that no pose determines
-SMOOTH = 0.1  # of the mean square, for kinks: what few poses determine goes on straight
-PIECES = 8  # straight ones in which a curve may leave its least squares for the worst pose, of two intervals at least:
-FEW = 3  # (or so many) else the last value alone runs away with the pose in the corner
-PLANES = 2  # of a lattice along each axis, where poses have two sides: nearly all of them are then nearly the worst
-IDLE = 1e-3  # of the largest: a table that moves less is left out
+MOST_CONE_VALUES = 5000  # table values: larger problems get the least-squares solution only, for time
+GIVEN_UP_SHARE = 0.02  # of the removable RMS error, permitted as loss for a smaller maximum; by judgement
+MOST_RMS_INCREASE = 0.05  # of the least-squares residual RMS: upper bound of that loss; by judgement
+RIDGE_WEIGHT = 1e-8  # penalty on scaled values, so that values without poses are determined
+KINK_WEIGHT = 0.1  # penalty on second differences: values with few poses continue their neighbours straight
+# A curve leaves least squares in at most so many straight pieces, of two intervals at least, though in no fewer than
+# LEAST_CURVE_PIECES: otherwise the last value alone would follow the pose in the corner. By judgement.
+CURVE_PIECES = 8
+LEAST_CURVE_PIECES = 3
+# pieces of a lattice along an axis with two directions of approach: nearly all poses are then active
+LATTICE_PIECES = 2
+IDLE_TABLE_SHARE = 1e-3  # of the largest table's RMS effect: smaller tables are left out; by judgement
 
 
 @dataclass(frozen=True)
 class Sample:
-    """Poses that stand for the volume, in the controller's units.
+    """Sample of poses of the volume, in the controller's units (mm, deg).
 
     Attributes
     ----------
-    q, direction : (n, axes)
+    q, direction : (n, axes) commands, and directions of approach (+-1).
     errors : (n, 3) actual minus nominal, mm.
     motion : (n, 3, movers) mm of the nominal tip per unit of each mover (the actual tip's would let millimetres of a
         shift of the frame turn the axes' own errors into corrections).
-    frame : (n, 3, 6) mm of the tip per unit of the frame's motions; (n, 3, 0) where the frame is fixed.
-    sides : 2 where the second half are the poses of the first, reached from the other side.
+    frame : (n, 3, 6) mm of the tip per mm or rad of the frame's motions; (n, 3, 0) where the frame is fixed.
+    sides : 2 where the second half repeats the first with the opposite directions of approach.
     """
 
     q: Array
@@ -61,9 +63,9 @@ class Sample:
 
 
 def frame_motion(points: Array, free: bool, turns: bool = True) -> Array:
-    """(n, 3, 6): what small motions of the frame do at points (n, 3); (n, 3, 0) where it is not free.
+    """Jacobian (n, 3, 6) of points (n, 3) by small motions of the frame: shifts, then rotations about the centroid.
 
-    Without `turns` (n, 3, 3): it may be shifted only.
+    (n, 3, 0) where the frame is not `free`; (n, 3, 3), shifts only, without `turns`.
     """
     n = len(points)
     if not free:
@@ -80,13 +82,21 @@ def frame_motion(points: Array, free: bool, turns: bool = True) -> Array:
 def reduce(
     controller: Controller, setup: Setup, terms: Sequence[Term], sample: Sample, most_tables: int | None = None
 ) -> Tables:
-    """The best tables of these terms for a sample of the volume; those that move next to nothing are left out."""
+    """Fit the tables of given terms to a sample of the volume; tables without effect are left out.
+
+    Parameters
+    ----------
+    controller, setup : the format, and the machine as its axes.
+    terms : structure: output, inputs and grids of each table.
+    sample : poses with their errors.
+    most_tables : number of tables that the format takes at most; the ones with the largest effect are kept.
+    """
     columns = {t: _column(controller, setup, t, sample) for t in terms}
     while True:
         task = _Task.of(controller, setup, {t: columns[t] for t in terms}, sample)
         values = task.split(task.least)
         moved = [_moves(columns[t], v, sample.frame) for t, v in zip(terms, values, strict=True)]
-        keep = [k for k, m in enumerate(moved) if m > IDLE * max(moved)]
+        keep = [k for k, m in enumerate(moved) if m > IDLE_TABLE_SHARE * max(moved)]
         if most_tables is not None and len(keep) > most_tables:
             keep = sorted(sorted(keep, key=lambda k: -moved[k])[:most_tables])
         if len(keep) == len(terms) or not keep:
@@ -95,7 +105,7 @@ def reduce(
 
 
 def leftover(controller: Controller, setup: Setup, tables: Tables, sample: Sample) -> float:
-    """Worst error (mm) that tables leave over a sample, to first order and after the best frame."""
+    """Largest residual error (mm) over a sample, to first order and after the best-fit frame."""
     left = sample.errors.copy()
     for table in tables:
         left += (_column(controller, setup, table.term, sample) @ table.values.ravel()).reshape(3, -1).T
@@ -103,7 +113,7 @@ def leftover(controller: Controller, setup: Setup, tables: Tables, sample: Sampl
 
 
 def _framed(errors: Array, frame: Array) -> Array:
-    """Errors (n, 3) after the frame's motion that leaves the least mean square."""
+    """Errors (n, 3) after the least-squares motion of the frame."""
     flat = frame.reshape(errors.size, -1)
     if not flat.shape[1]:
         return errors
@@ -111,7 +121,7 @@ def _framed(errors: Array, frame: Array) -> Array:
 
 
 def _moves(column: csr_matrix, values: Array, frame: Array) -> float:
-    """Root mean square of what a table does at the tip and the frame does not undo, mm."""
+    """RMS effect of a table at the tip beyond any motion of the frame, mm."""
     return float(np.sqrt(np.mean(np.square(_framed((column @ values.ravel()).reshape(3, -1).T, frame)))))
 
 
@@ -126,15 +136,15 @@ def _column(controller: Controller, setup: Setup, term: Term, sample: Sample) ->
 
 @dataclass(frozen=True)
 class _Task:
-    """One reduction, in scaled values: ``errors + design @ x`` is what is left, direction by direction.
+    """One reduction in scaled values: the residual is ``errors + design @ x``, all x rows, then y, then z.
 
     Attributes
     ----------
-    terms : what `x` holds the values of, one after the other; the frame's motions stand behind them.
-    design, errors : (3 n, size) and (3 n,), in units of `unit`.
-    before : root of the sum of squares without tables, after the best frame.
+    terms : tables whose values `x` holds one after the other, followed by the frame's motions.
+    design, errors : (3 n, size) and (3 n,), in multiples of `unit` (mm).
+    before : root of the sum of squares without tables, after the best-fit frame.
     scale : (size,) values of unit effect.
-    equal : rows that must be zero; `kinks` : second differences.
+    equal : linear functions that must be zero; `kinks` : second differences.
     """
 
     terms: tuple[Term, ...]
@@ -156,7 +166,7 @@ class _Task:
         frame = csr_matrix(-sample.frame.transpose(1, 0, 2).reshape(sample.errors.size, -1))
         design = hstack([*columns.values(), frame], format="csr")
         size = np.sqrt(np.asarray(design.multiply(design).sum(axis=0)).ravel())
-        # a value that hardly any pose sees keeps the scale of the others: what is next to it decides it
+        # a value that hardly any pose depends on keeps the scale of the others: its neighbours determine it
         scale = 1 / np.maximum(size, 0.03 * np.median(size[size > 0]) if (size > 0).any() else 1.0)
         unit = float(np.sqrt(np.mean(np.square(sample.errors)))) or 1.0
         equal, slopes = _limits(controller, setup, terms, scale)
@@ -174,21 +184,21 @@ class _Task:
         )
 
     def split(self, x: Array) -> list[Array]:
-        """Values of each term, of its shape."""
+        """Values of each term in mm or deg, in the shape of its grid."""
         parts = np.split(self.unit * self.scale * x, np.cumsum([t.size for t in self.terms]))
         return [p.reshape(t.shape) for p, t in zip(parts, self.terms, strict=False)]
 
     @cached_property
     def gram(self) -> csc_matrix:
-        """Squares of the design, with slight penalties."""
+        """Gram matrix of the design, with the penalties."""
         from scipy.sparse import csc_matrix, identity
 
-        slight = RIDGE * identity(self.design.shape[1]) + SMOOTH * self.kinks.T @ self.kinks
+        slight = RIDGE_WEIGHT * identity(self.design.shape[1]) + KINK_WEIGHT * self.kinks.T @ self.kinks
         return csc_matrix(self.design.T @ self.design + slight)
 
     @cached_property
     def least(self) -> Array:
-        """Least squares, with what must be zero."""
+        """Least-squares solution with the equality constraints."""
         from scipy.linalg import solve
         from scipy.sparse import csc_matrix, hstack, identity, vstack
         from scipy.sparse.linalg import splu
@@ -197,24 +207,24 @@ class _Task:
         goal = np.concatenate([-self.design.T @ self.errors, np.zeros(rows)])
         below = hstack([self.equal, csc_matrix(-1e-12 * identity(rows))])
         full = csc_matrix(vstack([hstack([self.gram, self.equal.T]), below]))
-        dense = size <= MOST_CONES  # nearly full, which LAPACK is made for
+        dense = size <= MOST_CONE_VALUES  # the matrix is nearly full, so a dense solver is faster
         x: Array = solve(full.toarray(), goal, assume_a="sym") if dense else splu(full).solve(goal)
         return x[:size]
 
     def best(self) -> Array:
-        """The least worst error, for a little of what least squares remove."""
-        if len(self.least) > MOST_CONES:
+        """Minimax solution within the permitted loss of mean square."""
+        if len(self.least) > MOST_CONE_VALUES:
             return self.least
         from scipy.sparse import csr_matrix, vstack
 
-        # the frame stays that of least squares, after which errors are judged
+        # the frame stays that of least squares, since errors are assessed after it
         motions = self.design[:, sum(t.size for t in self.terms) :]
         held = csr_matrix(vstack([self.equal, motions.T @ self.design]))
         ball = Ball.of(self.least, self.gram.toarray(), held, self.moves())
         return least_worst(self.design, self.errors, ball, self.slopes, self._room)
 
     def moves(self) -> csr_matrix | None:
-        """(size, m): how values may leave their least squares, on coarser grids than their own; None: anyhow."""
+        """Basis (size, m) of departures from least squares, on coarser grids; None: any departure."""
         from scipy.sparse import block_diag, diags, identity
 
         coarse = [self._coarse(t) for t in self.terms]
@@ -230,20 +240,24 @@ class _Task:
         out = []
         for grid in term.grids:
             most = len(grid) - 1
-            pieces = min(PIECES, max(most // 2, FEW), most) if len(term.grids) == 1 else min(PLANES, most)
+            pieces = (
+                min(CURVE_PIECES, max(most // 2, LEAST_CURVE_PIECES), most)
+                if len(term.grids) == 1
+                else min(LATTICE_PIECES, most)
+            )
             at = np.unique(np.rint(np.linspace(0, most, pieces + 1)).astype(int))
             out.append(tuple(grid[k] for k in at))
         return tuple(out)
 
     def _room(self, x: Array) -> float:
-        """How much the sum of squares may grow over that of `x`, the least within the slopes."""
+        """Permitted increase of the sum of squares over that of `x`, the least-squares solution within the slopes."""
         least = float(np.linalg.norm(self.errors + self.design @ x))
-        given = min(SHARE * max(self.before - least, 0.0), COST * least)
+        given = min(GIVEN_UP_SHARE * max(self.before - least, 0.0), MOST_RMS_INCREASE * least)
         return (least + given) ** 2 - least**2
 
 
 def _limits(controller: Controller, setup: Setup, terms: Sequence[Term], scale: Array) -> tuple[csr_matrix, Slopes]:
-    """Rows that must be zero (tables at the reference point), and differences of neighbours with their bounds."""
+    """Equality constraints (tables that are zero at the reference point), and slopes with their bounds."""
     from scipy.sparse import coo_matrix, csr_matrix, diags, vstack
 
     start, total = 0, len(scale)
@@ -278,7 +292,7 @@ def _limits(controller: Controller, setup: Setup, terms: Sequence[Term], scale: 
 
 
 def _kinks(terms: Sequence[Term], scale: Array) -> csr_matrix:
-    """Second differences along every grid, in units of the values' own effect."""
+    """Second differences along every grid, in units of the median effect of the values."""
     from scipy.sparse import coo_matrix, csr_matrix, vstack
 
     total, start = len(scale), 0

@@ -1,4 +1,4 @@
-"""What a compensation is: tables and files for each state of a machine, what they leave, what to do at the machine."""
+"""Result of a compensation: tables and files for each state of a machine, residual errors, checklist."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ from identification.compensation.conditions import (
 )
 
 SCHEMA = "errormodel.compensation/1"
-AGAIN = (
+# last step of the checklist
+REDATUM_STEP = (
     "once the tables act, touch off work offsets, datum and tool setter again: positions that were taken without them "
     "are shifted by the corrections there"
 )
@@ -27,20 +28,20 @@ AGAIN = (
 
 @dataclass(frozen=True)
 class Stated:
-    """Files for one state of the machine (its temperatures), and what they leave."""
+    """Files for one state of the machine (its temperatures), and their residual errors."""
 
-    label: str  # folder below the output's, "" where there is one state
+    label: str  # subfolder of the output, "" if there is one state only
     state: Mapping[str, float]
     files: dict[str, str]
     tables: Tables
     figures: list[Figures]
-    conditions: Conditions | None = None  # None for corrected commands, which hold everything
-    notes: tuple[str, ...] = ()  # on rewritten programmes
+    conditions: Conditions | None = None  # None for corrected commands, which need no zero shift or backlash value
+    notes: tuple[str, ...] = ()  # remarks on rewritten programmes
 
 
 @dataclass(frozen=True)
 class Own:
-    """A controller's own temperature compensation in place of a set for each state, and what it leaves at each."""
+    """A controller's own temperature compensation in place of a set for each state, and its residual errors."""
 
     files: Mapping[str, str]
     figures: list[Figures]
@@ -49,32 +50,42 @@ class Own:
 
 @dataclass(frozen=True)
 class Compensation:
-    """All that `compensate` writes and prints."""
+    """Everything that `compensate` writes and prints.
+
+    Attributes
+    ----------
+    sets : tables and files, one entry per state of the machine, from cold to warm.
+    tests : files of the check of signs and axes, by name.
+    thermal : the controller's own temperature compensation; None: it has none.
+    probing : correction of a probe's readings; None: not asked for.
+    advice : mechanical adjustments to make first.
+    states : state of the machine that the tables are for, and residual errors in other states.
+    """
 
     controller: Target
     setup: Setup
     sets: list[Stated]
-    tests: dict[str, str]  # files of the check of signs and axes
-    thermal: Own | None  # the controller's own temperature compensation, if it has one
-    probing: Probing | None  # what the controller adds to a probe's readings
+    tests: dict[str, str]
+    thermal: Own | None
+    probing: Probing | None
     advice: list[Advice]
     notes: tuple[str, ...]
-    states: tuple[str, ...] = ()  # for which state of the machine the tables are, and what other states leave
+    states: tuple[str, ...] = ()
 
     @property
     def usual(self) -> Stated:
-        """The set for the middling state."""
+        """The set for the middle state."""
         return self.sets[len(self.sets) // 2]
 
     @property
     def checklist(self) -> list[str]:
-        """What to do at the machine, in order; first what the tables cannot hold, and what is left without it."""
+        """Steps at the machine, in order; errors that the tables cannot represent come first."""
         usual, controller = self.usual, self.controller
         before = [line for s in self.sets if s.conditions for line in shift_lines(s.label, s.tables, s.conditions)]
         if isinstance(controller, Controller) and usual.conditions:
             before += backlash_lines(controller, self.setup, usual.tables, usual.conditions)
             before += controller.about(usual.tables, self.setup)
-        after = [AGAIN] if isinstance(controller, Controller) else []
+        after = [REDATUM_STEP] if isinstance(controller, Controller) else []
         return [*before, *self.states, *controller.checklist(self.setup), *after]
 
     def as_json(self) -> dict[str, Any]:

@@ -1,4 +1,7 @@
-"""Backlash that the fit found, as a control's own parameter takes it, and what a control leaves that has none."""
+"""Fitted backlash and lost motion as backlash parameters of a controller, and as lines of the checklist.
+
+Reversal values in mm or deg of the axis.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,7 @@ from errormodel.effects import make
 from identification.compensation.assessment import Correct
 from identification.compensation.field import Field
 
-LEAST = 5e-4  # mm or deg: less is not written
+LEAST_BACKLASH = 5e-4  # mm or deg: smaller values are not written, below the resolution of usual parameters
 
 
 def reversals(field: Field, letters: Mapping[str, str]) -> dict[str, Reversal]:
@@ -36,23 +39,23 @@ def reversals(field: Field, letters: Mapping[str, str]) -> dict[str, Reversal]:
         unit = 180 / np.pi if joint.type == "rotary" else 1.0
         before = out.get(letters[joint.name], Reversal(0.0, 0.0))
         out[letters[joint.name]] = Reversal(before.low + unit * ends[0], before.high + unit * ends[1])
-    return {name: r for name, r in out.items() if max(abs(r.low), abs(r.high)) >= LEAST}
+    return {name: r for name, r in out.items() if max(abs(r.low), abs(r.high)) >= LEAST_BACKLASH}
 
 
 def held_by_tables(tables: Tables) -> frozenset[str]:
-    """Axes whose tables differ with the direction of travel: these hold the backlash themselves."""
+    """Axes whose tables differ with the direction of travel and so contain the backlash."""
     return frozenset(t.term.inputs[0] for t in tables if t.term.direction)
 
 
 def left_to_parameters(controller: Controller, setup: Setup, tables: Tables) -> dict[str, Reversal]:
-    """Backlash that the tables do not hold and that a parameter of the control can."""
+    """Backlash that the tables do not contain and a parameter of the control can take."""
     if not controller.backlash_parameter:
         return {}
     return {name: r for name, r in setup.reversals.items() if name not in held_by_tables(tables)}
 
 
 def with_backlash(correct: Correct, setup: Setup, found: Mapping[str, Reversal], field: Field) -> Correct:
-    """Commands of a control whose backlash parameters are set to the mean over the travel."""
+    """Corrected commands with the backlash parameters set to the mean over the travel."""
     size = np.array([found[n].mean if n in found else 0.0 for n in setup.names])
     unit = np.where(field.rotary, np.pi / 180, 1.0)
 
@@ -63,7 +66,7 @@ def with_backlash(correct: Correct, setup: Setup, found: Mapping[str, Reversal],
 
 
 def reversal_lines(controller: Controller, setup: Setup, tables: Tables) -> list[str]:
-    """What the checklist says of backlash, axis by axis."""
+    """Checklist lines about backlash, axis by axis."""
     lines = []
     held = held_by_tables(tables)
     for name, r in sorted(setup.reversals.items()):

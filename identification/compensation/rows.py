@@ -1,4 +1,7 @@
-"""The survey behind a fit: which commands were measured, and what the fit left of the rows that it did not see."""
+"""Survey behind a fit: measured commands, and residuals of rows that the fit did not use.
+
+Commands in mm and rad, residuals in mm in the axes of the reference frame.
+"""
 
 from __future__ import annotations
 
@@ -25,11 +28,11 @@ from identification.results.stored_fit import CURE, StoredFit
 if TYPE_CHECKING:
     import pandas as pd
 
-FEWEST = 12  # held-out poses that are worth a figure
+FEWEST_HELD_OUT = 12  # held-out poses: an RMS of fewer is too uncertain to report; by judgement
 
 
 def read_rows(folder: Path, machine: Machine) -> pd.DataFrame:
-    """``residuals.csv`` of a fit in mm and rad, rows whose commands are all known.
+    """Rows of a fit's ``residuals.csv`` whose commands are all known, positions in mm and rad.
 
     Raises
     ------
@@ -108,14 +111,14 @@ class Rows:
         return len(self.q)
 
     def part(self, keep: Mask, of: str) -> Rows:
-        """Some of the rows, and what tells them from the others."""
+        """Subset of the rows, with the words `of` that describe it."""
         q, came, tool, left, frames = (a[keep] for a in (self.q, self.direction, self.tool, self.left, self.frames))
         about = None if self.about is None else self.about[keep]
         return Rows(q, came, tool, left, frames, f"{len(q)} {self.what.partition(' ')[2]}, {of}", about)
 
 
 def commands(table: pd.DataFrame, machine: Machine) -> tuple[Array, Array, Array]:
-    """Positions, directions of arrival (n, joints) and tools (n, 3) of a table."""
+    """Positions, directions of approach (n, joints) and tool tips (n, 3) of a table."""
     q = table[[j.name for j in machine.joints]].to_numpy(dtype=np.float64)
     came = np.column_stack([direction(table, j.name) for j in machine.joints]) if len(table) else np.ones_like(q)
     tools = np.tile(np.asarray(machine.tool, dtype=np.float64), (len(table), 1))
@@ -126,7 +129,7 @@ def commands(table: pd.DataFrame, machine: Machine) -> tuple[Array, Array, Array
 
 
 def held_out(fit: StoredFit, table: pd.DataFrame) -> Rows | None:
-    """Positions that no fit saw: test files, or the blocks that were left out; None if there are too few."""
+    """Positions that the fit did not use: test files, or blocks of cross-validation; None if there are too few."""
     for role, column, what in (
         ("test", "residual", "test files"),
         ("fit", "heldout", "rows left out of the fit in blocks"),
@@ -136,7 +139,7 @@ def held_out(fit: StoredFit, table: pd.DataFrame) -> Rows | None:
             continue
         keep = (table["role"] == role) & table[names].notna().all(axis=1)
         part = table[keep]
-        if len(part) < FEWEST:
+        if len(part) < FEWEST_HELD_OUT:
             continue
         q, came, tools = commands(table, fit.chain.machine)
         mask = keep.to_numpy(dtype=bool)

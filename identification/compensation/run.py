@@ -1,4 +1,4 @@
-"""From the folder of a fit to files for a controller, read back, emulated and judged."""
+"""Compensation of a fitted machine: tables, files, their reading back, emulation of the controller, residual errors."""
 
 from __future__ import annotations
 
@@ -41,12 +41,12 @@ from identification.observation.frames import rotation_notes
 from identification.results import manifest, store
 from identification.runtime.progress import Progress, silent
 
-POSES = 3000  # that stand for the volume, or a multiple of them:
-FINE = 1600  # values of a lattice over all axes, from which on it takes the exact corrections at its nodes
-WORK, MOST = 30, 8  # this over the number of tables, and at most that
-CLEAN = 0.03  # of the error: what a plain structure may leave without a richer one being tried
-ENOUGH = 0.9  # of what the plainer structure leaves: a richer one must be better than that
-STEADY = ("time", "w_", "feed", "load", "T_")  # channels that no table can follow
+SAMPLE_POSES = 3000  # poses of the reduction, times the ratio of TABLES_PER_SAMPLE to the number of tables
+EXACT_LATTICE_VALUES = 1600  # values of a lattice over all axes: larger ones take the exact corrections at the nodes
+TABLES_PER_SAMPLE, MOST_SAMPLES = 30, 8  # that ratio is at most MOST_SAMPLES: few tables are cheap; by judgement
+SUFFICIENT_SHARE = 0.03  # of the largest error: a structure that leaves less is accepted at once; by judgement
+RICHER_SHARE = 0.9  # of the plainer structure's largest error: a richer one must leave less; by judgement
+UNTABULATED_PREFIXES = ("time", "w_", "feed", "load", "T_")  # channels that no table has as an input
 
 
 def compensate(
@@ -65,10 +65,12 @@ def compensate(
     invert: bool = False,
     allow_large: bool = False,
 ) -> Compensation:
-    """Tables of a controller for the machine that was fitted into `folder`.
+    """Compute the tables of a controller for the machine that was fitted into `folder`.
 
     Parameters
     ----------
+    folder : output folder of a fit.
+    name : word of the controller, such as ``siemens-lec``.
     points : points an axis; None: as many as the errors need.
     resolution : least increment of the controller, mm; None: the usual one of the format.
     program : for a target without tables, the programme to rewrite; `reading` : how it is read.
@@ -126,7 +128,7 @@ def compensate(
     if isinstance(controller, Controller) and sets[0].tables:
         tests = check_of(controller, setup, sets[0].tables)
     usual = sets[len(sets) // 2]
-    loose = sorted({c for c in channels if c not in states[0] and c.startswith(STEADY)})
+    loose = sorted({c for c in channels if c not in states[0] and c.startswith(UNTABULATED_PREFIXES)})
     if isinstance(controller, Controller):
         said = state_lines(
             replace(volume, field=field.at(usual.state)),
@@ -195,7 +197,7 @@ def _check_invert(controller: Target, invert: bool) -> None:
 
 
 def _own_thermal(controller: Controller, setup: Setup, volume: Volume, sets: list[Stated], seed: int) -> Own | None:
-    """The controller's own temperature compensation, judged at every state."""
+    """The controller's own temperature compensation, assessed in every state."""
     found = controller.thermal([(s.state, s.tables) for s in sets], setup)
     if found is None:
         return None
@@ -242,7 +244,7 @@ def _rewritten(
         out[:, movers] = np.round(moved / step) * step * np.where(field.rotary[movers], np.pi / 180, 1.0)
         return out
 
-    # the control's line ends: those of the plain programme
+    # the line ends of the original programme are kept, since the control may require them
     new = re.sub(r"\r?\n", "\r\n", done.text) if "\r\n" in text else done.text
     return Stated(label, state, {name: new}, (), assess(volume, rounded, held, seed), None, done.notes)
 
@@ -273,20 +275,25 @@ def _source(controller: Target, path: Path | None, reading: Reading | None) -> t
 
 
 def best_tables(controller: Controller, setup: Setup, volume: Volume) -> Tables:
-    """The tables that leave the least; of a fine lattice over all axes, the exact corrections at its nodes."""
+    """Tables of the structure with the smallest largest error; for a fine lattice, the exact corrections at its nodes.
+
+    Structures are tried from the plainest on; a richer one replaces it only if it is clearly better.
+    """
     best: Tables = ()
     for terms in controller.structures(setup):
-        if sum(t.size for t in terms) > FINE:
+        if sum(t.size for t in terms) > EXACT_LATTICE_VALUES:
             values = volume.nodes(terms, setup)
             if values is not None:
                 return tuple(Table(t, v) for t, v in zip(terms, values, strict=True))
-        # few tables are cheap, and need many poses: what they cannot express is noise to them
-        sample = volume.sample(setup, int(np.clip(WORK / max(len(terms), 1), 1, MOST)) * POSES)
+        # few tables are cheap and need many poses, since errors that they cannot represent act as noise
+        sample = volume.sample(
+            setup, int(np.clip(TABLES_PER_SAMPLE / max(len(terms), 1), 1, MOST_SAMPLES)) * SAMPLE_POSES
+        )
         tables = reduce(controller, setup, terms, sample, controller.most_tables)
         left, before = leftover(controller, setup, tables, sample), leftover(controller, setup, (), sample)
-        if not best or left < ENOUGH * leftover(controller, setup, best, sample):
+        if not best or left < RICHER_SHARE * leftover(controller, setup, best, sample):
             best = tables
-        if left < CLEAN * before:
+        if left < SUFFICIENT_SHARE * before:
             break
     return best
 

@@ -1,4 +1,4 @@
-"""What `compensate` prints."""
+"""Lines that `compensate` prints and writes to the checklist."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from identification.compensation.assessment import OTHER_TOOLS, Error, Figures
 from identification.compensation.result import Compensation, Stated
 from identification.results.terminal import one_line
 
-WIDTH = 110
-IDLE = 1e-3  # of the error: a change by less is none
-OWN = ("checklist.txt", "compensation.json")  # written for any controller
-NEAR = 0.02  # of the travel: a survey that ends nearer to the end than this covers it
+TEXT_WIDTH = 110  # characters of a line
+UNCHANGED_SHARE = 1e-3  # of the RMS error: smaller changes count as none; by judgement
+COMMON_FILES = ("checklist.txt", "compensation.json")  # written for any controller
+TRAVEL_END_SHARE = 0.02  # of the travel: a survey that ends closer to the end covers it; by judgement
 
 
 def compensation_lines(result: Compensation, folder: Path) -> Iterator[str]:
-    """All lines, for a person who stands before the machine."""
+    """All lines of the report for the operator, in order."""
     controller, setup = result.controller, result.setup
     yield f"{one_line(setup.machine)}: tables for {controller.title}"
     yield f"axes: {controller.legend(setup)}" + ("" if setup.numbers else " (others: --axes)")
@@ -56,13 +56,13 @@ def compensation_lines(result: Compensation, folder: Path) -> Iterator[str]:
     yield from (f"  {line}" for line in region_lines(setup))
     if controller.doubt:
         yield ""
-        yield from wrap(f"not certain from public sources: {controller.doubt}", WIDTH, subsequent_indent="  ")
+        yield from wrap(f"not certain from public sources: {controller.doubt}", TEXT_WIDTH, subsequent_indent="  ")
     if result.tests:
         yield f"check signs and axes first: {folder / 'sign_test' / 'steps.txt'}"
     yield ""
     yield "activation"
     for step in result.checklist:
-        yield from wrap(step, WIDTH, initial_indent="  [ ] ", subsequent_indent="      ")
+        yield from wrap(step, TEXT_WIDTH, initial_indent="  [ ] ", subsequent_indent="      ")
     real = sum(len(s.files) for s in result.sets)
     more = [f for s in (result.thermal, result.probing) if s for f in s.files]
     check = len(result.tests) + sum(f.startswith("sign_test/") for f in more)
@@ -93,7 +93,7 @@ def figure_lines(figures: Figures, setup: Setup) -> Iterator[str]:
     for what, error in rows:
         yield f"  {what:52} {error.rms_um:8.2f} {error.worst_um:8.2f}"
     better = figures.after.rms_um < figures.before.rms_um
-    idle = abs(figures.after.rms_um - figures.before.rms_um) < IDLE * figures.before.rms_um
+    idle = abs(figures.after.rms_um - figures.before.rms_um) < UNCHANGED_SHARE * figures.before.rms_um
     share = f"{100 * figures.removed():.1f} % of what can be removed" if better else "WORSE THAN WITHOUT THEM"
     share = "tables of this format take nothing away here" if idle else share
     yield f"  worst then at {worst_place(figures.after, setup)}; {share}"
@@ -119,4 +119,4 @@ def region_lines(setup: Setup) -> Iterator[str]:
 
 def _covers(axis: Axis) -> bool:
     (a, b), (low, high) = axis.measured, axis.travel
-    return a - low <= NEAR * (high - low) and high - b <= NEAR * (high - low)
+    return a - low <= TRAVEL_END_SHARE * (high - low) and high - b <= TRAVEL_END_SHARE * (high - low)

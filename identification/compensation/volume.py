@@ -1,4 +1,7 @@
-"""The volume that is compensated: what the survey covered, poses that stand for it, and the machine as axes."""
+"""Volume to be compensated: surveyed travels, sample poses over them, and the machine as axes of a controller.
+
+Commands in mm and rad, points in mm in the axes of the reference frame.
+"""
 
 from __future__ import annotations
 
@@ -25,25 +28,26 @@ from identification.observation.frames import IDENTITY, Pose
 if TYPE_CHECKING:
     import pandas as pd
 
-MOVED = 0.003  # of the travel: a joint that moved less was not surveyed
-CORNERS = 64
-MOST_TIMES = 16  # of a warm-up that have tables of their own
-TOLERANCE = 0.005  # of the largest correction: what straight lines between points may leave
-INTERVALS = (1, 2, 3, 4, 6, 8, 10, 12, 16, 20, 24, 32, 40, 48, 64, 96, 128, 192, 256, 384, 512, 1024)
+LEAST_MOVED_SHARE = 0.003  # of the travel: a joint that moved less counts as not surveyed; by judgement
+MOST_VOLUME_CORNERS = 64  # corners of the volume in a sample: all those of six joints
+MOST_TIMES = 16  # times of a warm-up that get tables of their own; by judgement
+INTERPOLATION_SHARE = 0.005  # of the largest correction: permitted error of linear interpolation; by judgement
+# numbers of intervals to try along a joint, in ascending order
+INTERVAL_COUNTS = (1, 2, 3, 4, 6, 8, 10, 12, 16, 20, 24, 32, 40, 48, 64, 96, 128, 192, 256, 384, 512, 1024)
 
 
 @dataclass(frozen=True)
 class Volume:
-    """The measured region of a machine: the travel that the survey covered of each joint.
+    """Measured region of a machine: the travel of each joint that the survey covered.
 
     Attributes
     ----------
     low, high : (joints,) mm and rad; the commands of joints that did not move are `low` = `high`.
     free : whether the workpiece's frame is free (the survey's was), so that a small motion of it costs nothing.
-    pose : where the workpiece already lies; then it is no longer free. What grows by a warmer spindle is no motion of
-        the workpiece, so that all states of a machine share one.
-    turns : whether a free frame may turn as well. Error motions that were read for themselves come from an unknown
-        zero, but in the directions of the machine's own axes.
+    pose : given pose of the workpiece's frame, which is then no longer free. Thermal growth is no motion of the
+        workpiece, so all states of a machine share one pose.
+    turns : whether a free frame may rotate as well. Single-joint error motions have an unknown zero, but the
+        directions of the machine's own axes.
     """
 
     field: Field
@@ -73,11 +77,11 @@ class Volume:
         return cls(field, np.where(still, middle, low), np.where(still, middle, high), free, turns=turns)
 
     def clamp(self, q: Array) -> Array:
-        """The nearest command inside: what lies outside is corrected as the edge is."""
+        """Nearest command inside the volume: commands outside are corrected as its boundary is."""
         return np.clip(q, self.low, self.high)
 
     def poses(self, count: int, seed: int) -> tuple[Array, Array]:
-        """Even poses over the volume (Sobol) and directions of arrival, both (count, joints)."""
+        """Sobol points over the volume and directions of approach (+-1), both (count, joints)."""
         from scipy.stats import qmc
 
         n = len(self.low)
@@ -85,16 +89,18 @@ class Volume:
         return self.low + unit[:, :n] * (self.high - self.low), np.where(unit[:, n:] < 0.5, -1.0, 1.0)
 
     def corners(self) -> tuple[Array, Array]:
-        """Corners of the volume, some of them where there are many."""
+        """Corners of the volume, at most `MOST_VOLUME_CORNERS`, with directions of approach."""
         moving = np.flatnonzero(self.high > self.low)
-        pick = np.array(list(islice(product((0.0, 1.0), repeat=len(moving)), CORNERS))).reshape(-1, len(moving))
+        pick = np.array(list(islice(product((0.0, 1.0), repeat=len(moving)), MOST_VOLUME_CORNERS))).reshape(
+            -1, len(moving)
+        )
         q = np.tile(self.low, (len(pick), 1))
         q[:, moving] = self.low[moving] + pick * (self.high - self.low)[moving]
         return q, np.where(np.arange(len(q))[:, None] % 2, np.ones_like(q), -np.ones_like(q))
 
     @cached_property
     def frame(self) -> Pose:
-        """The small motion of the workpiece's frame that leaves the least mean square error, or where it lies."""
+        """Motion of the workpiece's frame with the least mean square error, or the given pose."""
         if self.pose is not None:
             return self.pose
         q, came = self.poses(512, 7)
@@ -106,7 +112,7 @@ class Volume:
         return self.frame.apply(self.field.nominal(q, tool))
 
     def ideal(self, q: Array, direction: Array, tool: Array | None = None) -> Array:
-        """Commands that reach the wanted points, as the edge does for what lies outside."""
+        """Commands that reach the wanted points; outside the volume the correction of its boundary is used."""
         inside = self.clamp(q)
         reached, _ = inverse(self.field, inside, direction, self.target(inside, tool), tool)
         return q + (reached - inside)
@@ -124,10 +130,10 @@ class Volume:
         return [moved[:, setup.place(t.output)].reshape(t.shape) for t in terms]
 
     def sample(self, setup: Setup, count: int, seed: int = 1) -> Sample:
-        """Poses for the reduction: even ones, and corners; where the direction matters, each from both sides.
+        """Poses for the reduction: Sobol points and corners, each from both directions if the direction matters.
 
-        Tables without directions then see the mean of both. Were the sides drawn by chance, such a table would fit the
-        chance, and every pose would be nearly the worst one.
+        Tables without a direction then fit the mean of both. With random directions such a table would fit the random
+        draw, and nearly every pose would have nearly the largest error.
         """
         field = self.field
         parts = [self.poses(count, seed), self.corners()]
@@ -143,10 +149,10 @@ class Volume:
 
     @cached_property
     def intervals(self) -> list[int]:
-        """Straight pieces that follow the corrections along each joint."""
+        """Number of linear intervals that represent the corrections along each joint."""
         starts, came = self.poses(6, 3)
         out = []
-        steps = INTERVALS[-1]
+        steps = INTERVAL_COUNTS[-1]
         share = np.linspace(0.0, 1.0, steps + 1)
         largest = max(float(np.abs(self._correction(*self.poses(256, 5))).max()), 1e-9)
         for k in range(len(self.low)):
@@ -156,17 +162,17 @@ class Volume:
             q = np.repeat(starts, steps + 1, axis=0)
             q[:, k] = np.tile(self.low[k] + share * (self.high[k] - self.low[k]), len(starts))
             c = self._correction(q, np.repeat(came, steps + 1, axis=0)).reshape(len(starts), steps + 1, -1)
-            out.append(next((n for n in INTERVALS if _interpolated(c, n) < TOLERANCE * largest), steps))
+            out.append(next((n for n in INTERVAL_COUNTS if _interpolated(c, n) < INTERPOLATION_SHARE * largest), steps))
         return out
 
     def _correction(self, q: Array, came: Array) -> Array:
-        """Corrections to first order, as mm of each mover's reach."""
+        """First-order corrections, scaled to mm at the tip for each mover."""
         jacobian = self.field.jacobian(q, came)
         step = steps_towards(self.field, jacobian, self.target(q) - self.field.actual(q, came))
         return np.asarray(step * np.linalg.norm(jacobian, axis=1), np.float64)
 
     def gap(self, setup: Setup) -> Gap:
-        """How much too high a probe's tip stands over the nozzle's at places of the bed."""
+        """Function that gives the height error (mm) of a probe relative to the nozzle at positions on the bed."""
         field, machine = self.field, self.field.chain.machine
         offset = dict(zip("XY", setup.probe or (0.0, 0.0), strict=True))
         up = np.asarray(setup.axis("Z").along)
@@ -189,9 +195,13 @@ class Volume:
     def setup(
         self, points: int | None, resolution: float | None, axes: str | None = None
     ) -> tuple[Setup, tuple[str, ...]]:
-        """The machine as controllers see it, and notes on axes that have other names there.
+        """The machine in terms of the controller's axes, and notes on axes that have other names there.
 
-        `axes` is what the user says of letters and numbers (``X=1,Y=2``, see :mod:`errormodel.controllers.axes`).
+        Parameters
+        ----------
+        points : points per axis; None: as many as the errors need.
+        resolution : least increment of the controller, mm; None: the usual one.
+        axes : letters and numbers given by the user (``X=1,Y=2``, see :mod:`errormodel.controllers.axes`).
         """
         field, machine = self.field, self.field.chain.machine
         along = directions_at_zero(machine, field.chain)
@@ -224,7 +234,7 @@ class Volume:
 
 
 def _interpolated(values: Array, intervals: int) -> float:
-    """Largest distance of curves (lines, steps + 1, k) from straight pieces."""
+    """Largest error of linear interpolation of curves (lines, steps + 1, k)."""
     size = values.shape[1]
     x = np.arange(size) / (size - 1)
     nodes = np.linspace(0, 1, intervals + 1)
@@ -236,7 +246,7 @@ def _interpolated(values: Array, intervals: int) -> float:
 
 
 def best_frame(errors: Array, points: Array, turns: bool = True) -> Pose:
-    """Small rigid motion (or mere shift) nearest to errors (n, 3) at points (n, 3), by least squares."""
+    """Small rigid motion, or shift without `turns`, that fits errors (n, 3) at points (n, 3), mm, by least squares."""
     from scipy.spatial.transform import Rotation
 
     if not turns:
@@ -248,9 +258,10 @@ def best_frame(errors: Array, points: Array, turns: bool = True) -> Pose:
 
 
 def levels(table: pd.DataFrame, channels: list[str]) -> list[dict[str, float]]:
-    """States of the machine to make tables for: of rows that were cool, middling and warm; one where nothing varied.
+    """States of the machine that get tables of their own, each a mapping of channels to values.
 
-    Of a warm-up that was measured at a few times, one for each of them.
+    Cold, middle and warm rows where temperatures varied; each time of a warm-up measured at a few times; otherwise one
+    empty state.
     """
     warmth = [c for c in channels if c.startswith("T_") and c in table]
     known = [c for c in warmth if np.ptp(table[c].dropna().to_numpy(dtype=np.float64)) > 1.0]

@@ -1,4 +1,4 @@
-"""A compensation on disk: the controller's files, the sign test, the checklist and ``compensation.json``."""
+"""Writing a compensation to disk: the controller's files, the sign test, the checklist and ``compensation.json``."""
 
 from __future__ import annotations
 
@@ -20,6 +20,6 @@ def write_compensation(result: Compensation, folder: Path) -> None:
             write_text_atomic(text, folder / name)
     for name, text in result.tests.items():
         write_text_atomic(text, folder / "sign_test" / name)
-    *lines, _, _ = compensation_lines(result, Path())  # the last say where it was written, which changes when moved
-    write_text_atomic("\n".join(lines) + "\n", folder / OWN[0])
-    write_text_atomic(dumps(result.as_json()), folder / OWN[1])
+    *lines, _, _ = compensation_lines(result, Path())  # the last two name the folder, which may be moved
+    write_text_atomic("\n".join(lines) + "\n", folder / COMMON_FILES[0])
+    write_text_atomic(dumps(result.as_json()), folder / COMMON_FILES[1])

@@ -1,1 +1,1 @@
-"""The normal range of every parameter of a machine, learned from its own repeated cycles, and the alarm beyond it."""
+"""Monitoring of a machine: fits of repeated surveys (cycles) compared with their history by control charts."""

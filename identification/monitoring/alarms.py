@@ -1,4 +1,4 @@
-"""What an alarm says: which quantity, by how much, and where an engineer looks first."""
+"""Alarm texts: the quantity, the size of its change, and the likely place of the cause on the machine."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from errormodel.chain import Chain
 from errormodel.conventions import ROTATIONS
 from errormodel.machine import Joint
 from identification.monitoring.control_limits import Judged
-from identification.monitoring.quantities import NOISE, ZERO, Cycle, Watched
+from identification.monitoring.quantities import NOISE_ID, ZERO_ID, Cycle, Watched
 from identification.results.parameter_table import decimals
 
-VERBS = {"range": "left its range", "drift": "drifts"}  # of a quantity by itself
-MOST_NAMED = 3  # of the quantities that make up a distance of all together
+VERBS = {"range": "left its range", "drift": "drifts"}  # kinds of alarm of a single quantity
+MOST_NAMED = 3  # quantities named in the alarm of all together, by share of the distance; by judgement
 
 
 def look_at(chain: Chain, what: Watched) -> str:
-    """Where the cause of a change usually sits."""
-    if what.id == NOISE:
+    """Usual place of the cause of a change, in words."""
+    if what.id == NOISE_ID:
         return "a loose target or sensor, vibration, or physics that the model lacks: run `errormodel diagnose` on it"
     joints = {j.name: j for j in chain.machine.joints}
-    if (zero := ZERO.fullmatch(what.id)) is not None:
+    if (zero := ZERO_ID.fullmatch(what.id)) is not None:
         own = _of_joint(joints[zero["joint"]], zero["motion"])
         return f"{own}; or the mounting and zero of that sensor"
     known = chain.parameters[chain.index[what.id]]
@@ -57,7 +57,7 @@ def _of_joint(joint: Joint, motion: str) -> str:
 
 
 def alarm_text(found: Sequence[Mapping[str, object]], capital: bool = False) -> str:
-    """What an alarm is about, in a few words: the quantities by name, or all of them together."""
+    """Short text of an alarm: the quantities by name, or all of them together."""
     names = [f"{a['name']} {VERBS[str(a['kind'])]}" for a in found if a["kind"] in VERBS]
     more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
     text = ", ".join(names[:MOST_NAMED]) + more if names else "no quantity by itself, but all of them together"
@@ -65,7 +65,7 @@ def alarm_text(found: Sequence[Mapping[str, object]], capital: bool = False) -> 
 
 
 def value_text(what: Watched, value: float, std: float) -> str:
-    """A value with as many digits as its uncertainty deserves."""
+    """A value with the number of digits that its standard uncertainty supports."""
     if not np.isfinite(value):
         return "-"
     shown = what.shown(value)
@@ -75,7 +75,7 @@ def value_text(what: Watched, value: float, std: float) -> str:
 
 
 def alarms(chain: Chain, what: tuple[Watched, ...], cycle: Cycle, judged: Judged) -> list[dict[str, object]]:
-    """One entry an alarm: kind, ids, statement; the most certain first."""
+    """One entry per alarm: kind, ids, name and statement; ordered by p-value, drifts after ranges."""
     out: list[tuple[float, dict[str, object]]] = []
     std = cycle.std
     for k, w in enumerate(what):

@@ -1,16 +1,16 @@
-"""Whether a new cycle lies within what earlier ones taught: one quantity, all together, and slowly adding up.
+"""Control charts of monitored quantities: prediction intervals, a joint distance, and a drift chart.
 
-The first and the last are exact for any scatter between cycles that is normal and independent, however few they are;
-the second is approximate, with room left for it. The rate of false alarms is shared out: half to single quantities
-(Bonferroni over them), a quarter to drift, a twentieth to all together.
+The first and the last are exact for independent, normally distributed scatter between cycles, whatever their number;
+the second is approximate, with a margin. The false alarm rate is divided: half to single quantities (Bonferroni),
+a quarter to drift, a twentieth to the joint distance.
 
-- One quantity: the prediction interval of the next value, Student's t with the degrees of freedom of the cycles; a
-  cycle known less well than the earlier ones has its interval widened by the difference.
-- All together: the distance in the metric of the fits' own covariance, so that what is correlated counts once, over
-  that of the cycles among themselves. Fewer cycles than quantities leave Hotelling's T^2 no inverse; the ratio is then
-  F with as few degrees of freedom as the cycles span (A. P. Dempster, 1958, with the conservative estimate).
-- Drift: an exponentially weighted mean of what each cycle was against those before it, as standard normal values
-  (D. M. Hawkins' self-starting scheme, 1987), which needs no known mean or scatter.
+- Single quantity: prediction interval of the next value, Student's t with the degrees of freedom of the cycles; it is
+  widened where the new cycle is more uncertain than the earlier ones.
+- Joint distance: Mahalanobis distance in the covariance of the fits, relative to that of the cycles among themselves.
+  With fewer cycles than quantities Hotelling's T^2 has no inverse; the ratio then follows F with the degrees of
+  freedom that the cycles span (A. P. Dempster, 1958, with the conservative estimate).
+- Drift: exponentially weighted moving average of each cycle's deviation from those before it, transformed to standard
+  normal values (self-starting scheme of D. M. Hawkins, 1987), which needs no known mean or scatter.
 """
 
 from __future__ import annotations
@@ -22,31 +22,31 @@ import numpy as np
 from errormodel.arrays import Array, Mask
 from identification.monitoring.quantities import Cycle
 
-FEWEST = 3  # earlier cycles: fewer span no range
-USEFUL = 10  # earlier cycles: fewer find only changes that are far beyond the scatter
-RATE = 0.01  # false alarms a cycle, in all
-SHARES = {"range": 0.5, "drift": 0.25, "together": 0.05}  # room is left: the F of all together is approximate
-MEMORY = 0.2  # weight of the newest cycle in the weighted mean
-FURTHEST = 4.0  # normal deviations that one cycle can add to a drift: an outlier is none
-TINY = 1e-30  # of any unit: values without scatter or uncertainty divide by it
-RANK = 1e-9  # of the largest eigenvalue of a correlation matrix: a smaller one is a linear dependence
-FINEST = 0.1  # of its stated uncertainty: less scatter than this is luck, or values without noise
+MIN_CYCLES = 3  # earlier cycles that a range needs: two degrees of freedom
+USEFUL_CYCLES = 10  # earlier cycles: with fewer the t quantiles are wide; by judgement
+FALSE_ALARM_RATE = 0.01  # false alarms per cycle, all charts together; convention
+RATE_SHARES = {"range": 0.5, "drift": 0.25, "together": 0.05}  # their sum is below 1, since the joint F is approximate
+EWMA_WEIGHT = 0.2  # weight of the newest cycle in the moving average; usual for such charts (0.05 to 0.25)
+MOST_DRIFT_STEP = 4.0  # standard deviations: a cycle's contribution to the drift is clipped here, against outliers
+LEAST_SPREAD = 1e-30  # any unit: avoids division by zero for values without scatter and uncertainty
+RANK_TOLERANCE = 1e-9  # of the largest eigenvalue of a correlation matrix: smaller ones are linear dependences
+LEAST_SCATTER_RATIO = 0.1  # scatter over standard uncertainty: smaller scatter is chance, or values without noise
 
 
 @dataclass(frozen=True)
 class Judged:
-    """A cycle (k quantities) beside the normal range.
+    """Control chart values of one cycle with k quantities.
 
     Attributes
     ----------
     count : (k,) earlier cycles that show the quantity.
     mean, low, high : (k,) the range; NaN while it is being learned.
-    reach : (k,) how far the value lies from the mean, as a share of the way to the limit.
-    p : (k,) two-sided, of one value by itself, times the number of quantities looked at (Bonferroni).
-    drift, drift_limit : (k,) weighted mean in its standard deviations, and where the alarm begins.
-    together : the same kind of probability for all at once, NaN where it cannot be said.
-    share : (k,) of the distance of all together, 0 to 1, together 1.
-    rate : false alarms a cycle, in all.
+    reach : (k,) distance of the value from the mean, as a share of the distance to the limit.
+    p : (k,) two-sided p-value of the value, times the number of quantities tested (Bonferroni).
+    drift, drift_limit : (k,) moving average in its standard deviations, and its limit.
+    together : p-value of the joint distance, NaN where it is not defined.
+    share : (k,) contributions to the joint distance, 0 to 1, with sum 1.
+    rate : false alarms per cycle, all charts together.
     """
 
     count: Array
@@ -67,20 +67,20 @@ class Judged:
 
     @property
     def p_limit(self) -> float:
-        return SHARES["range"] * self.rate
+        return RATE_SHARES["range"] * self.rate
 
     @property
     def together_limit(self) -> float:
-        return SHARES["together"] * self.rate
+        return RATE_SHARES["together"] * self.rate
 
     @property
     def beyond(self) -> Mask:
-        """(k,) quantities out of their range."""
+        """(k,) quantities outside their prediction interval."""
         return np.asarray(self.p < self.p_limit)
 
     @property
     def drifting(self) -> Mask:
-        """(k,) quantities that have moved slowly."""
+        """(k,) quantities whose moving average is beyond its limit."""
         return np.asarray(np.abs(self.drift) > self.drift_limit)
 
     @property
@@ -97,44 +97,51 @@ class Judged:
         return bool(self.flagged.any() or self.together_beyond)
 
 
-def judge(normal: list[Cycle], new: Cycle, rate: float = RATE) -> Judged:
-    """Look at a new cycle beside the `normal` ones, which are in the order in which they were measured."""
+def judge(normal: list[Cycle], new: Cycle, rate: float = FALSE_ALARM_RATE) -> Judged:
+    """Compute the charts of a new cycle.
+
+    Parameters
+    ----------
+    normal : earlier cycles of the normal range, in the order of measurement.
+    new : the cycle to be tested.
+    rate : false alarms per cycle, all charts together.
+    """
     from scipy.special import ndtri, stdtr, stdtrit
 
     past = _Past(len(new.values))
     for cycle in normal:
         past.learn(cycle)
     count, std = past.count.copy(), new.std
-    looked = (count >= FEWEST) & np.isfinite(new.values)
+    looked = (count >= MIN_CYCLES) & np.isfinite(new.values)
     many, freedom = max(int(looked.sum()), 1), np.maximum(count - 1, 1)
     mean, spread = (np.where(looked, v, np.nan) for v in (past.mean, past.spread(std)))
     t = np.abs(new.values - mean) / spread
-    half: Array = -spread * stdtrit(freedom, SHARES["range"] * rate / (2 * many))
+    half: Array = -spread * stdtrit(freedom, RATE_SHARES["range"] * rate / (2 * many))
     p = np.minimum(many * 2 * stdtr(freedom, -t), 1.0)
     past.learn(new)
     drift = np.where(looked, past.drift, np.nan)
-    limit = float(-ndtri(SHARES["drift"] * rate / (2 * many)))
+    limit = float(-ndtri(RATE_SHARES["drift"] * rate / (2 * many)))
     together, share = _together(normal, new, looked & (count == len(normal)))
     low, high, reach = mean - half, mean + half, np.abs(new.values - mean) / half
     return Judged(count, mean, low, high, reach, p, drift, limit, together, share, rate)
 
 
 class _Past:
-    """What the cycles so far taught of each of k quantities: running sums, and the weighted mean of their surprises."""
+    """Running mean, sum of squares and moving average of k quantities over the earlier cycles."""
 
     def __init__(self, k: int) -> None:
         self.count, self.mean, self.square, self.known = (np.zeros(k) for _ in range(4))
         self.state, self.variance = np.zeros(k), np.zeros(k)
 
     def spread(self, std: Array) -> Array:
-        """(k,) standard deviation of the next value about the mean, if it is known to `std`."""
-        variance = np.maximum(self.square / np.maximum(self.count - 1, 1), FINEST**2 * self.known)
+        """(k,) standard deviation of the next value about the mean, if its standard uncertainty is `std`."""
+        variance = np.maximum(self.square / np.maximum(self.count - 1, 1), LEAST_SCATTER_RATIO**2 * self.known)
         more = np.maximum(np.square(std) - self.known, 0.0)
-        return np.asarray(np.sqrt(variance * (1 + 1 / np.maximum(self.count, 1)) + more) + TINY)
+        return np.asarray(np.sqrt(variance * (1 + 1 / np.maximum(self.count, 1)) + more) + LEAST_SPREAD)
 
     @property
     def drift(self) -> Array:
-        """(k,) the weighted mean of the cycles' deviations from those before them, in its own standard deviations."""
+        """(k,) moving average of each cycle's deviation from those before it, in its own standard deviations."""
         return self.state / np.sqrt(np.where(self.variance > 0, self.variance, np.nan))
 
     def learn(self, cycle: Cycle) -> None:
@@ -143,11 +150,11 @@ class _Past:
         values, std, seen = cycle.values, cycle.std, np.isfinite(cycle.values)
         known = seen & (self.count >= 2)
         t = (values - self.mean)[known] / self.spread(std)[known]
-        # the same chance as a standard normal value
+        # the standard normal value of the same probability
         normal = -np.sign(t) * ndtri(stdtr(self.count[known] - 1, -np.abs(t)))
-        surprise = MEMORY * np.clip(normal, -FURTHEST, FURTHEST)
-        self.state[known] = (1 - MEMORY) * self.state[known] + surprise
-        self.variance[known] = (1 - MEMORY) ** 2 * self.variance[known] + MEMORY**2
+        surprise = EWMA_WEIGHT * np.clip(normal, -MOST_DRIFT_STEP, MOST_DRIFT_STEP)
+        self.state[known] = (1 - EWMA_WEIGHT) * self.state[known] + surprise
+        self.variance[known] = (1 - EWMA_WEIGHT) ** 2 * self.variance[known] + EWMA_WEIGHT**2
         self.count[seen] += 1
         step = (values - self.mean)[seen]
         self.mean[seen] += step / self.count[seen]
@@ -156,24 +163,26 @@ class _Past:
 
 
 def _together(normal: list[Cycle], new: Cycle, which: Mask) -> tuple[float, Array]:
-    """Probability of a distance as large as the new cycle's, and each quantity's share of it (k,)."""
+    """P-value of the joint distance of the new cycle, and the contribution of each quantity to it (k,)."""
     from scipy.special import fdtrc
 
     share = np.zeros(len(which))
     n = len(normal)
-    if n < FEWEST or not which.any():
+    if n < MIN_CYCLES or not which.any():
         return float("nan"), share
     pick = np.ix_(which, which)
     shape = np.mean([c.covariance[pick] for c in normal], axis=0)
     scale = np.sqrt(np.diag(shape))
-    # what the fits hold for linearly dependent is one direction, not a division by zero
-    metric = np.linalg.pinv(shape / np.outer(scale, scale), rcond=RANK, hermitian=True) / np.outer(scale, scale)
+    # the pseudo-inverse leaves out linearly dependent directions
+    metric = np.linalg.pinv(shape / np.outer(scale, scale), rcond=RANK_TOLERANCE, hermitian=True) / np.outer(
+        scale, scale
+    )
     worse = max(float(np.trace(metric @ new.covariance[pick])) / float(np.trace(metric @ shape)), 1.0)
     values = np.array([c.values[which] for c in normal])
     centred = values - values.mean(axis=0)
     away = new.values[which] - values.mean(axis=0)
     among = centred @ metric @ centred.T  # (n, n)
-    total = max(float(np.trace(among)), FINEST**2 * (n - 1) * float(np.trace(metric @ shape)))
+    total = max(float(np.trace(among)), LEAST_SCATTER_RATIO**2 * (n - 1) * float(np.trace(metric @ shape)))
     freedom = float(np.clip(total**2 / max(float(np.sum(among**2)), 1e-300), 1.0, which.sum()))
     ratio = float(away @ metric @ away) / (1 + 1 / n) / worse / (total / (n - 1))
     share[which] = _shares(shape / np.outer(scale, scale), away / scale)
@@ -181,13 +190,13 @@ def _together(normal: list[Cycle], new: Cycle, which: Mask) -> tuple[float, Arra
 
 
 def _shares(correlation: Array, away: Array) -> Array:
-    """What each of k quantities contributes to a distance, none below 0 and together 1.
+    """Contributions of k quantities to a quadratic form, none below 0, with sum 1.
 
-    Squares of the deviations once turned, as little as can be, into independent ones (P. H. Garthwaite & I. Koch,
-    "Evaluating the contributions of individual variables to a quadratic form", 2016).
+    Squares of the deviations after the decorrelating transformation that changes them least (P. H. Garthwaite & I.
+    Koch, "Evaluating the contributions of individual variables to a quadratic form", 2016).
     """
     sizes, directions = np.linalg.eigh(correlation)
-    seen = sizes > RANK * sizes.max()
+    seen = sizes > RANK_TOLERANCE * sizes.max()
     root = directions[:, seen] / np.sqrt(sizes[seen]) @ directions[:, seen].T
     parts = np.square(root @ away)
     return np.asarray(parts / parts.sum() if parts.any() else parts)

@@ -1,7 +1,6 @@
-"""The history of a monitored machine: an SQLite file, which several runs may share and a crash leaves whole.
+"""History of a monitored machine in an SQLite file, shared by several processes and safe against a crash.
 
-SQLite stands in Python's standard library, takes a lock across processes and commits a cycle whole or not at all: a few
-rows a day need no more, where an analytical store such as DuckDB lets one process in at a time.
+SQLite is part of Python's standard library, locks across processes and commits a cycle whole or not at all.
 """
 
 from __future__ import annotations
@@ -20,9 +19,10 @@ from errormodel.exceptions import ErrorModelError, InputError
 from identification.monitoring.quantities import Cycle
 
 SCHEMA = "errormodel.monitor/1"
-PATIENCE = 60.0  # seconds to wait for another run
+LOCK_TIMEOUT_S = 60.0  # s to wait for another run; by judgement
 CURE = "Move it away to begin a new history, or put a copy of it back"
-TABLES = """
+# SQL: key-value pairs about the model, and one row per cycle
+HISTORY_TABLES = """
 create table if not exists about (key text primary key, value text not null) strict;
 create table if not exists cycles (
   number integer primary key, digest text not null unique, source text not null, added text not null,
@@ -33,9 +33,16 @@ create table if not exists cycles (
 
 @dataclass(frozen=True)
 class Record:
-    """One cycle of the history: its number from 1, where it came from, what was said of it.
+    """One cycle of the history.
 
-    `normal`: it belongs to the normal range, because it raised no alarm or was accepted. `flagged`: ids of what did.
+    Attributes
+    ----------
+    number : from 1, in the order of storage.
+    digest : SHA-256 of its rows; `source` : file of the survey.
+    status : "learning", "normal" or "alarm".
+    accepted : whether the user took it into the normal range in spite of an alarm.
+    flagged : ids of the quantities in alarm.
+    cycle : its values and covariance.
     """
 
     number: int
@@ -52,12 +59,12 @@ class Record:
 
 
 class History:
-    """The cycles of one model, in order, while nobody else writes."""
+    """Cycles of one model in order, while the file is locked."""
 
     def __init__(self, connection: sqlite3.Connection, path: Path) -> None:
         self.connection, self.path = connection, path
         self.records = [
-            self._record(row) for row in connection.execute(f"select {COLUMNS} from cycles order by number")
+            self._record(row) for row in connection.execute(f"select {CYCLE_COLUMNS} from cycles order by number")
         ]
 
     def _record(self, row: tuple[Any, ...]) -> Record:
@@ -76,7 +83,7 @@ class History:
         row = (record.number, record.digest, record.source, record.status, int(record.accepted))
         numbers = (record.cycle.values.tobytes(), record.cycle.covariance.tobytes())
         self.connection.execute(
-            f"insert into cycles ({COLUMNS}, added) values (?, ?, ?, ?, ?, ?, ?, ?, datetime())",
+            f"insert into cycles ({CYCLE_COLUMNS}, added) values (?, ?, ?, ?, ?, ?, ?, ?, datetime())",
             (*row, json.dumps(record.flagged), *numbers),
         )
         self.records.append(record)
@@ -90,12 +97,13 @@ class History:
         return new
 
 
-COLUMNS = "number, digest, source, status, accepted, flagged, estimates, covariance"
+# columns in the order of `Record`
+CYCLE_COLUMNS = "number, digest, source, status, accepted, flagged, estimates, covariance"
 
 
 @contextmanager
 def opened(path: Path, model: str) -> Iterator[History]:
-    """The history at `path`, made if there is none, locked; what the block did is kept if it ends without an error.
+    """Open and lock the history at `path`, created if missing; commit if the block ends without an error.
 
     Raises
     ------
@@ -105,7 +113,7 @@ def opened(path: Path, model: str) -> Iterator[History]:
         Another run has held it for a minute.
     """
     try:
-        with closing(sqlite3.connect(path, timeout=PATIENCE, isolation_level=None)) as connection:
+        with closing(sqlite3.connect(path, timeout=LOCK_TIMEOUT_S, isolation_level=None)) as connection:
             connection.execute("begin immediate")
             try:
                 _check(connection, path, model)
@@ -117,7 +125,7 @@ def opened(path: Path, model: str) -> Iterator[History]:
     except sqlite3.OperationalError as error:
         if "locked" in str(error):
             raise ErrorModelError(
-                f"{path}: another run has held the history for {PATIENCE:.0f} s. Try again"
+                f"{path}: another run has held the history for {LOCK_TIMEOUT_S:.0f} s. Try again"
             ) from error
         raise InputError(str(path), f"it cannot be opened ({error})", "Give a folder that can be written to") from error
     except sqlite3.DatabaseError as error:
@@ -128,7 +136,7 @@ def _check(connection: sqlite3.Connection, path: Path, model: str) -> None:
     sound = connection.execute("pragma integrity_check(1)").fetchone()[0]
     if sound != "ok":
         raise InputError(str(path), f"it is damaged ({sound})", CURE)
-    for statement in TABLES.split(";"):
+    for statement in HISTORY_TABLES.split(";"):
         connection.execute(statement)
     about = dict(connection.execute("select key, value from about"))
     for key, value in {"schema": SCHEMA, "model": model}.items():

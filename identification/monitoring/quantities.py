@@ -1,7 +1,7 @@
-"""What is watched of a machine: the groups that a fit has identified, and how a new cycle shows each of them.
+"""Monitored quantities: the identified parameter groups of a fit, and their values in the fit of a new cycle.
 
-A cycle has poses of its own, so its groups need not be those of the fit. Each watched group is a linear function of the
-parameters; the cycle shows it where that function lies in the row space of the cycle's own groups, and only there.
+A cycle has poses of its own, so its groups may differ from those of the fit. Each monitored group is a linear function
+of the parameters; a cycle determines it if that function lies in the row space of the cycle's groups. Units mm, rad.
 """
 
 from __future__ import annotations
@@ -20,18 +20,19 @@ from identification.estimation.result import Fit
 from identification.results.parameter_table import printed
 from identification.results.stored_fit import StoredFit
 
-NOISE = "noise"  # the watched scatter of what a cycle's fit leaves, as the logarithm of its standard deviation
-SAME = 1e-4  # of a coefficient: two groups are the same one up to this
-ZERO = re.compile(r"zero\[(?P<joint>.*), run (?P<run>[^\]]*)\]\.(?P<motion>\w+)")
+NOISE_ID = "noise"  # id of the residual scatter of a cycle's fit, as the natural logarithm of its standard deviation
+SAME_GROUP_SHARE = 1e-4  # relative difference of coefficients up to which two groups are the same; far above rounding
+# parameter id of an instrument's zero
+ZERO_ID = re.compile(r"zero\[(?P<joint>.*), run (?P<run>[^\]]*)\]\.(?P<motion>\w+)")
 
 
 @dataclass(frozen=True)
 class Watched:
-    """One quantity that is watched from cycle to cycle.
+    """One monitored quantity.
 
     Attributes
     ----------
-    id : of the parameter that stands for the group, or `NOISE`; `group`: the whole group as a formula.
+    id : of the parameter that stands for the group, or `NOISE_ID`; `group`: the whole group as a formula.
     symbol : ISO 230-1 name, or "".
     unit : internal (mm, rad, 1, rad/mm ...); of the noise "log", followed by its unit if all of it has one.
     members : coefficients of the group's parameters.
@@ -65,14 +66,14 @@ class Watched:
     @property
     def name(self) -> str:
         """For sentences: the ISO name with the id, or the id."""
-        if self.id == NOISE:
+        if self.id == NOISE_ID:
             return "the scatter about the model"
         return f"{self.symbol} ({self.id})" if self.symbol else self.id
 
 
 @dataclass(frozen=True)
 class Cycle:
-    """The watched quantities as one cycle shows them: values (k,) and covariance (k, k), NaN where it does not."""
+    """Monitored quantities of one cycle: values (k,) and covariance (k, k), NaN where they are not identifiable."""
 
     values: Array
     covariance: Array
@@ -83,14 +84,14 @@ class Cycle:
 
 
 def watched(stored: StoredFit) -> tuple[Watched, ...]:
-    """The groups of a fit that are the machine's and its own sensors', and the scatter.
+    """Groups of a fit that belong to the machine and its own sensors, and the residual scatter.
 
-    What is, or shares, a measuring frame is left out: an instrument stands elsewhere in every cycle.
+    Groups that contain a measuring frame are left out, since an instrument is set up anew in every cycle.
 
     Raises
     ------
     InputError
-        Nothing is left.
+        No group remains.
     """
     entries = stored.data["parameters"]
     out = [
@@ -101,11 +102,11 @@ def watched(stored: StoredFit) -> tuple[Watched, ...]:
     if not out:
         found = "every group that it identifies depends on where the instrument stood"
         raise InputError("fit.json", found, "Fit a survey in which the machine shows more than its frame")
-    return (*out, Watched(NOISE, NOISE, "", _unit_of_noise(stored), {}))
+    return (*out, Watched(NOISE_ID, NOISE_ID, "", _unit_of_noise(stored), {}))
 
 
 def _unit_of_noise(stored: StoredFit) -> str:
-    """``log mm`` or ``log rad`` where all levels are estimated in that unit; ``log`` of a ratio to what is declared."""
+    """``log mm`` or ``log rad`` where all noise levels are estimated in that unit, else ``log`` of a ratio."""
     levels = stored.data["noise"]
     units = {"rad" if kind in ("orientation", "angle") else "mm" for kind in levels}
     estimated = not any(level["declared"] for level in levels.values())
@@ -113,14 +114,14 @@ def _unit_of_noise(stored: StoredFit) -> str:
 
 
 def _of_zero(identity: str) -> str:
-    """ISO name of what an instrument's zero is the constant of; "" of anything else."""
-    zero = ZERO.fullmatch(identity)
+    """ISO name of the error motion whose constant is an instrument's zero; "" of anything else."""
+    zero = ZERO_ID.fullmatch(identity)
     motion = next((m for m in MOTIONS if zero and m == zero["motion"]), None)
     return iso_symbol(zero["joint"], motion) if zero and motion else ""
 
 
 def measured(what: tuple[Watched, ...], fit: Fit) -> Cycle:
-    """The watched quantities in the fit of one cycle."""
+    """Values and covariance of the monitored quantities in the fit of one cycle."""
     s = fit.solution
     own = _by_run(s.groups.ids)
     place = {own[name]: k for k, name in enumerate(s.groups.ids)}
@@ -136,12 +137,12 @@ def measured(what: tuple[Watched, ...], fit: Fit) -> Cycle:
         shares = wanted[s.groups.base]
         left = np.abs(wanted - shares @ s.groups.coefficients)
         size = np.maximum(np.abs(wanted), np.abs(shares) @ np.abs(s.groups.coefficients))
-        if (left <= SAME * size).all():
+        if (left <= SAME_GROUP_SHARE * size).all():
             transform[k] = shares
     values = np.append(transform @ s.values[s.groups.base], np.nan)
     covariance = np.full((len(what), len(what)), np.nan)
     covariance[:-1, :-1] = transform @ (s.covariance * fit.inflation**2) @ transform.T
-    if s.dof > 0:  # of all kinds together, each in units of its own level: with one level, its logarithm
+    if s.dof > 0:  # all kinds of rows together, each in units of its noise level; with one level, its logarithm
         levels = [math.log(value) for kind, value in s.sigma.items() if kind not in s.declared]
         excess = 0.5 * math.log(max(s.chi2 / s.dof, 1e-30)) if s.declared else 0.0
         values[-1] = excess + (sum(levels) / len(levels) if levels else 0.0)
@@ -151,11 +152,11 @@ def measured(what: tuple[Watched, ...], fit: Fit) -> Cycle:
 
 
 def _by_run(names: Iterable[str]) -> dict[str, str]:
-    """Names in which an instrument's zero goes by the order of the runs, whose labels differ from cycle to cycle."""
+    """Names with runs numbered in order, since labels of runs differ from cycle to cycle."""
     runs: dict[str, dict[str, int]] = {}
     out = {}
     for name in names:
-        found = ZERO.fullmatch(name)
+        found = ZERO_ID.fullmatch(name)
         if found is None:
             out[name] = name
         else:

@@ -1,4 +1,4 @@
-"""One cycle against the history of its machine: fitted, judged, stored."""
+"""Monitoring of one cycle: fit its survey, compare it with the machine's history, and store it there."""
 
 from __future__ import annotations
 
@@ -24,18 +24,27 @@ from identification.monitoring.history import SCHEMA, Record, opened
 from identification.monitoring.quantities import NOISE, Cycle, Watched, measured, watched
 from identification.results.stored_fit import StoredFit
 
-NAME = "monitor.sqlite"
-UNLIKE = 30.0  # times the nominal error of the fit, and
-FAR_UM = 1000.0  # um: such a cycle is of another machine
-PAUSE = 1000.0  # usual steps of time, and
-DAY = 86400.0  # s: so long a step is a clock that was set
+DATABASE_NAME = "monitor.sqlite"  # file of the history in the folder of the fit
+# An RMS nominal error beyond both is taken for another machine; by judgement.
+OTHER_MACHINE_RATIO = 30.0  # times the RMS nominal error of the fit
+OTHER_MACHINE_UM = 1000.0  # um
+# A step of time beyond both is a clock that was set, not a pause; by judgement.
+CLOCK_JUMP_STEPS = 1000.0  # times the median step
+CLOCK_JUMP_S = 86400.0  # s, one day
 
 
 @dataclass(frozen=True)
 class Monitored:
-    """A cycle, what was said of it, and the history with it.
+    """A monitored cycle with its charts, alarms and history.
 
-    `before`: it had been there already. `alarms`: kind, ids and statement of each.
+    Attributes
+    ----------
+    stored : the fit that the history belongs to.
+    what : monitored quantities (k).
+    record : the cycle as stored; `judged` : its control charts.
+    alarms : kind, ids and statement of each alarm.
+    records : all cycles of the history, this one included.
+    before : whether the history contained the cycle already.
     """
 
     stored: StoredFit
@@ -48,16 +57,16 @@ class Monitored:
 
     @property
     def unseen(self) -> list[Watched]:
-        """What is watched, but not shown by this cycle."""
+        """Monitored quantities that this cycle does not determine."""
         return [w for w, v in zip(self.what, self.record.cycle.values, strict=True) if not np.isfinite(v)]
 
     @property
     def learned(self) -> int:
-        """Earlier cycles of the normal range."""
+        """Number of earlier cycles in the normal range."""
         return sum(r.normal and r.number < self.record.number for r in self.records)
 
     def as_json(self) -> dict[str, Any]:
-        """``monitor.json``: values in mm, rad and their ratios, of the noise its logarithm."""
+        """Content of ``monitor.json``: values in mm, rad and their ratios; the noise as its natural logarithm."""
         cycle, j = self.record.cycle, self.judged
         names = ("value", "std", "cycles", "mean", "low", "high", "p_value", "drift", "share")
         columns = (cycle.values, cycle.std, j.count, j.mean, j.low, j.high, j.p, j.drift, j.share)
@@ -91,19 +100,26 @@ class Monitored:
 
 @contextmanager
 def monitored(folder: Path, stored: StoredFit, survey: Survey, rate: float, accept: bool) -> Iterator[Monitored]:
-    """The cycle of a survey, judged by the history in `folder` and stored there when the block ends without an error.
+    """Fit a survey as a cycle, compare it with the history in `folder`, and store it if the block raises no error.
 
-    A cycle in alarm is kept, but does not belong to the normal range unless it is accepted, now or later.
+    A cycle in alarm is stored, but belongs to the normal range only if it is accepted, now or later.
+
+    Parameters
+    ----------
+    folder : output folder of the fit `stored`; the history lies in it.
+    survey : rows of the new cycle.
+    rate : false alarms per cycle, all charts together.
+    accept : whether a cycle in alarm is taken into the normal range.
 
     Raises
     ------
     InputError
-        The recording is wrong, too small, or of another machine; the history is.
+        The recording or the history is wrong, too small, or of another machine.
     """
     what = watched(stored)
     cycle = _measure(stored, what, survey)
     digest, model = _digest(survey), _fingerprint(folder, what)
-    with opened(folder / NAME, model) as history:
+    with opened(folder / DATABASE_NAME, model) as history:
         known = history.find(digest)
         earlier = [r.cycle for r in history.records if r.normal and (known is None or r.number < known.number)]
         if known is not None:
@@ -132,14 +148,14 @@ def _measure(stored: StoredFit, what: tuple[Watched, ...], survey: Survey) -> Cy
         )
     fit = fit_machine(machine, survey, robust=bool(stored.data.get("robust")))
     usual, here = stored.data["nominal"]["rms_um"], fit.nominal.rms_um
-    if usual is not None and here > max(FAR_UM, UNLIKE * usual):
+    if usual is not None and here > max(OTHER_MACHINE_UM, OTHER_MACHINE_RATIO * usual):
         raise InputError(
             str(survey.source),
             f"its points lie {here / 1000:.3g} mm from where this machine goes, those of the fit {usual:.3g} um",
             "Give a survey of the machine that was fitted, with commands and measured points in the same units",
         )
     cycle = measured(what, fit)
-    if not np.isfinite(cycle.values[[w.id != NOISE for w in what]]).any():
+    if not np.isfinite(cycle.values[[w.id != NOISE_ID for w in what]]).any():
         raise InputError(
             str(survey.source),
             f"it shows none of the {len(what) - 1} quantities that are watched",
@@ -149,9 +165,9 @@ def _measure(stored: StoredFit, what: tuple[Watched, ...], survey: Survey) -> Cy
 
 
 def check_clock(survey: Survey) -> None:
-    """InputError at a time stamp that jumps: back into hours already told, or a day or more either way.
+    """Raise InputError at a time stamp that jumps back into a recorded span, or by a day or more either way.
 
-    Rows that are in no order of time at all, or in whole pieces of another order, are no jump.
+    Rows in no order of time, or in contiguous pieces of another order, are accepted.
     """
     if "time" not in survey.table:
         return
@@ -159,7 +175,7 @@ def check_clock(survey: Survey) -> None:
     for _, part in survey.table.groupby(keys, sort=False):
         time: Array = part["time"].to_numpy(dtype=float)
         steps = np.diff(time)
-        far = max(DAY, PAUSE * float(np.median(np.abs(steps)))) if len(steps) else DAY
+        far = max(CLOCK_JUMP_S, CLOCK_JUMP_STEPS * float(np.median(np.abs(steps)))) if len(steps) else CLOCK_JUMP_S
         falls = np.flatnonzero(steps < 0)
         wrong = np.abs(steps) > far
         spans = sorted((float(p.min()), float(p.max())) for p in np.split(time, falls + 1))
@@ -175,12 +191,12 @@ def check_clock(survey: Survey) -> None:
 
 
 def _digest(survey: Survey) -> str:
-    """Of what was commanded and measured, whatever the file is called."""
+    """SHA-256 of the commanded and measured values, independent of the file's name."""
     table = survey.table.drop(columns=["file", "row"])
     return hashlib.sha256(table.to_csv(index=False, lineterminator="\n").encode()).hexdigest()
 
 
 def _fingerprint(folder: Path, what: tuple[Watched, ...]) -> str:
-    """Of the model and what is watched of it: ranges of another model mean something else."""
+    """SHA-256 of the machine model and the monitored groups: ranges of another model are not comparable."""
     text = (folder / "machine.yaml").read_bytes() + "\n".join(w.group for w in what).encode()
     return hashlib.sha256(text).hexdigest()

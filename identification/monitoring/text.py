@@ -1,4 +1,4 @@
-"""What `monitor` prints."""
+"""Lines that `monitor` prints."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from identification.monitoring.alarms import alarm_text, value_text
-from identification.monitoring.control_limits import FEWEST, USEFUL
+from identification.monitoring.control_limits import MIN_CYCLES, USEFUL_CYCLES
 from identification.monitoring.run import Monitored
 from identification.results.terminal import table_lines
 
-SHOWN = 6  # quantities nearest to their limits
+MOST_QUANTITIES = 6  # quantities listed, those nearest to their limits; by judgement
 
 
 def monitor_lines(result: Monitored) -> Iterator[str]:
@@ -20,7 +20,7 @@ def monitor_lines(result: Monitored) -> Iterator[str]:
     again = ", which the history has already" if result.before else ""
     yield f"{result.stored.chain.machine.name}: cycle {record.number}{again}"
     if judged.learning:
-        yield f"learning: {result.learned} earlier cycles; a range needs {FEWEST}, and a useful one {USEFUL}"
+        yield f"learning: {result.learned} earlier cycles; a range needs {MIN_CYCLES}, and a useful one {USEFUL_CYCLES}"
     elif record.status == "alarm":
         taken = "accepted into the normal range" if record.accepted else "not taken into the normal range (--accept)"
         yield f"ALARM, {taken}: {alarm_text(result.alarms)}"
@@ -28,7 +28,7 @@ def monitor_lines(result: Monitored) -> Iterator[str]:
         yield f"normal, beside {result.learned} cycles; false alarms in {100 * judged.rate:g} % of cycles at most"
     for number, alarm in enumerate(result.alarms, start=1):
         yield f"\n{number}. {alarm['statement']}"
-    near = [k for k in np.argsort(-judged.reach) if np.isfinite(judged.reach[k])][:SHOWN]
+    near = [k for k in np.argsort(-judged.reach) if np.isfinite(judged.reach[k])][:MOST_QUANTITIES]
     rows = [["nearest to their limits", "now", "from", "to", ""]]
     for k in near:
         w, std = result.what[k], record.cycle.std[k]

@@ -1,1 +1,1 @@
-"""Drawings of machines, models and residuals: one file a drawing, all on matplotlib's object interface."""
+"""Figures of machines, models and residuals: one file per figure, on matplotlib's object interface."""

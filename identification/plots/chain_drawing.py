@@ -1,4 +1,4 @@
-"""A labelled drawing of a machine's chain: a row of symbols from workpiece to tool, and the machine in space."""
+"""Drawing of a machine's kinematic chain: a row of symbols from workpiece to tool, and the machine in space."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from errormodel.machine import Joint, Machine, Shape, Vector
 from identification.plots import style, symbols
 from identification.plots.space import VIEW, draw_machine
 
-CELL, LINE = 1.3, 0.175  # width of an element in the row, height of a line of text: inches
-SPACE = 6.6  # height of the drawing in space, inches
-LEGEND = 3.7  # width of the legend, inches
+CELL_WIDTH_IN, LINE_HEIGHT_IN = 1.3, 0.175  # inches: width of an element in the row, height of a line of text
+SPACE_HEIGHT_IN = 6.6  # inches: height of the drawing in space
+LEGEND_WIDTH_IN = 3.7  # inches: width of the legend
 
 Symbol = Callable[[Axes, float, float], None]
 
@@ -46,8 +46,8 @@ def draw_chain(machine: Machine, path: Path) -> None:
     columns = _columns(chain)
     geometry_lines = max(len(column.geometry) for column in columns)
     model_lines = max(len(column.model) for column in columns)
-    row = 1.05 + LINE * (geometry_lines + model_lines) + 0.45
-    width, height = max(12.5, CELL * len(columns) + 0.8), SPACE + row + 1.25
+    row = 1.05 + LINE_HEIGHT_IN * (geometry_lines + model_lines) + 0.45
+    width, height = max(12.5, CELL_WIDTH_IN * len(columns) + 0.8), SPACE_HEIGHT_IN + row + 1.25
     figure = Figure(figsize=(width, height), facecolor="white")
     page = figure.add_axes((0, 0, 1, 1), xlim=(0, width), ylim=(0, height))
     page.axis("off")
@@ -55,10 +55,10 @@ def draw_chain(machine: Machine, path: Path) -> None:
     counts = {"joint": len(machine.joints), "shape": len(machine.shapes), "error parameter": len(chain.machine_ids)}
     summary = ", ".join(f"{n} {what}{'s' * (n != 1)}" for what, n in counts.items())
     page.text(0.5, height - 0.92, summary, size=style.HEADING, color=style.MUTED)
-    page.add_patch(Rectangle((0, SPACE), width, row, fc=style.PAPER, ec="none", zorder=0))
-    _draw_row(page, columns, SPACE + row - 0.85, LINE * geometry_lines)
-    scale = draw_machine(page, chain, (0.3, 0.1, width - LEGEND - 0.3, SPACE - 0.2))
-    _draw_legend(page, width - LEGEND + 0.7, SPACE - 0.75, scale)
+    page.add_patch(Rectangle((0, SPACE_HEIGHT_IN), width, row, fc=style.PAPER, ec="none", zorder=0))
+    _draw_row(page, columns, SPACE_HEIGHT_IN + row - 0.85, LINE_HEIGHT_IN * geometry_lines)
+    scale = draw_machine(page, chain, (0.3, 0.1, width - LEGEND_WIDTH_IN - 0.3, SPACE_HEIGHT_IN - 0.2))
+    _draw_legend(page, width - LEGEND_WIDTH_IN + 0.7, SPACE_HEIGHT_IN - 0.75, scale)
     style.save(figure, path)
 
 
@@ -110,15 +110,15 @@ def _number(value: float) -> str:
 
 
 def _draw_row(page: Axes, columns: list[_Column], y: float, geometry_height: float) -> None:
-    places = page.get_xlim()[1] / 2 + CELL * (np.arange(len(columns)) - (len(columns) - 1) / 2)
+    places = page.get_xlim()[1] / 2 + CELL_WIDTH_IN * (np.arange(len(columns)) - (len(columns) - 1) / 2)
     page.plot(places[[0, -1]], [y, y], color=style.FAINT, lw=3, zorder=1)
     for x, column in zip(places, columns, strict=True):
         column.symbol(page, x, y)
         heading = style.HEADING * min(1, 13 / len(column.name))
         page.text(x, y + 0.46, column.name, size=heading, weight="bold", color=style.INK, ha="center")
         for top, lines, size, colour in (
-            (y - 0.45, column.geometry, style.BODY, style.INK),
-            (y - 0.6 - geometry_height, column.model, style.SMALL, style.MUTED),
+            (y - 0.45, column.geometry, style.BODY_TEXT, style.INK),
+            (y - 0.6 - geometry_height, column.model, style.SMALL_TEXT, style.MUTED),
         ):
             text = "\n".join(lines)
             page.text(x, top, text, size=size, color=colour, ha="center", va="top", linespacing=1.35)
@@ -133,7 +133,7 @@ def _draw_legend(page: Axes, x: float, y: float, scale: float) -> None:
     ]
     for k, (symbol, meaning) in enumerate(entries):
         symbol(page, x, y - 0.78 * k)
-        page.text(x + 0.75, y - 0.78 * k, meaning, size=style.BODY, color=style.INK, va="center", linespacing=1.35)
+        page.text(x + 0.75, y - 0.78 * k, meaning, size=style.BODY_TEXT, color=style.INK, va="center", linespacing=1.35)
     length = next(m * 10**e for e in range(6, -4, -1) for m in (5, 2, 1) if m * 10**e * scale < 0.8)  # mm
     origin = np.array([x, y - 4.05])
     for name, colour, along in zip("xyz", style.AXIS_COLOURS, VIEW.T, strict=True):
@@ -143,9 +143,9 @@ def _draw_legend(page: Axes, x: float, y: float, scale: float) -> None:
         letter = tip + 0.27 * along / np.hypot(*along)
         page.text(letter[0], letter[1], name, size=style.HEADING, weight="bold", color=colour, ha="center", va="center")
     scale_note = f"directions, colours\nand scale: each\narrow {length:g} mm"
-    page.text(x + 1.05, y - 4.05, scale_note, size=style.BODY, color=style.INK, va="center", linespacing=1.35)
+    page.text(x + 1.05, y - 4.05, scale_note, size=style.BODY_TEXT, color=style.INK, va="center", linespacing=1.35)
     note = (
         "Linear axes stand at mid-travel (dotted: from\ntheir zero), rotary axes at 0; z is drawn upwards.\n"
         "EXY is the error along x of joint Y, EAY its tilt\nabout x (B: about y, C: about z), after ISO 230-1."
     )
-    page.text(x - 0.5, y - 4.75, note, size=style.SMALL, color=style.MUTED, va="top", linespacing=1.4)
+    page.text(x - 0.5, y - 4.75, note, size=style.SMALL_TEXT, color=style.MUTED, va="top", linespacing=1.4)

@@ -1,4 +1,4 @@
-"""How far the uncertainties of the identified groups hang together."""
+"""Heat map of the correlations between identified parameter groups."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from identification.plots import style
 from identification.results.analysis import Analysis
 from identification.results.parameter_table import Estimate
 
-MOST = 90  # groups; beyond, those of frames and instruments are left out
+MOST_CORRELATED_GROUPS = 90  # groups, beyond which those of frames and instruments are left out, for legibility
 
 
 def correlation(analysis: Analysis) -> tuple[list[Estimate], Array]:
@@ -33,18 +33,18 @@ def draw_correlation(analysis: Analysis) -> Figure:
     side = float(np.clip(0.135 * n, 3.0, 5.3))
     every = max(1, ceil(0.09 * n / side))  # a name needs 0.09 inches
     height = side + 0.7
-    figure = Figure(figsize=(style.WIDTH, height), facecolor="white")
+    figure = Figure(figsize=(style.REPORT_WIDTH_IN, height), facecolor="white")
     axes = style.panel(figure, 1.4, 0.5, side, side)
     image = axes.imshow(matrix, cmap="RdBu_r", vmin=-1, vmax=1, interpolation="nearest")
     style.dress(axes, "number of the group", "")
     axes.grid(visible=False)
-    size = float(np.clip(72 * 0.85 * side * every / max(n, 1), 5.0, style.SMALL))
+    size = float(np.clip(72 * 0.85 * side * every / max(n, 1), 5.0, style.SMALL_TEXT))
     step = max(every, ceil(size / 72 * 1.9 * n / side))  # a number of two digits and a gap
     names = [f"{style.plain(e.name, 17)}\u2003{e.number}" for e in groups[::every]]
     axes.set_yticks(range(0, n, every), names, size=size)
     axes.set_xticks(range(0, n, step), [str(e.number) for e in groups[::step]], size=size)
     axes.tick_params(length=2)
     bar = figure.colorbar(image, cax=style.panel(figure, side + 1.65, 0.5, 0.16, side))
-    bar.set_label("correlation coefficient", size=style.BODY, color=style.INK)
-    bar.ax.tick_params(labelsize=style.SMALL, colors=style.MUTED)
+    bar.set_label("correlation coefficient", size=style.BODY_TEXT, color=style.INK)
+    bar.ax.tick_params(labelsize=style.SMALL_TEXT, colors=style.MUTED)
     return figure

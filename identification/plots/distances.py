@@ -1,4 +1,4 @@
-"""How far each row lies from a robust fit, and which rows take no part."""
+"""Distance of each row from a robust fit, and the rows that are outliers."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from identification.estimation.bisquare import BISQUARE_CUT_SIGMA
 from identification.estimation.result import Fit
 from identification.plots import style
 
-MOST = 4000  # rows drawn that take part; outliers are drawn all
+MOST_INLIERS = 4000  # inlying rows drawn; outliers are all drawn
 
 
 def draw_distances(fit: Fit) -> Figure:
@@ -26,9 +26,9 @@ def draw_distances(fit: Fit) -> Figure:
     out = np.zeros(len(distance), dtype=bool)
     out[[o.index for o in fit.outliers]] = True
     inside = np.flatnonzero(np.isfinite(distance) & ~out)
-    some = inside[np.unique(np.linspace(0, len(inside) - 1, min(MOST, len(inside))).astype(int))]
-    figure = Figure((style.WIDTH, 3.2))
-    axes = style.panel(figure, 0.75, 0.6, style.WIDTH - 1.0, 2.2)
+    some = inside[np.unique(np.linspace(0, len(inside) - 1, min(MOST_INLIERS, len(inside))).astype(int))]
+    figure = Figure((style.REPORT_WIDTH_IN, 3.2))
+    axes = style.panel(figure, 0.75, 0.6, style.REPORT_WIDTH_IN - 1.0, 2.2)
     axes.set_yscale("log")
     style.powers(axes.yaxis)
     axes.axhspan(BISQUARE_CUT_SIGMA[1], BISQUARE_CUT_SIGMA[3], color=style.FAINT, alpha=0.7, lw=0, zorder=0)
@@ -39,5 +39,5 @@ def draw_distances(fit: Fit) -> Figure:
     axes.set_ylim(0.1, 2 * max(top, 2 * BISQUARE_CUT_SIGMA[3]))
     style.dress(axes, "row, in the order of the survey", "distance / standard deviations")
     text = "dots: rows that take part  ·  crosses: outliers  ·  grey: from where a row is usually out"
-    figure.text(0.75 / style.WIDTH, 1 - 0.25 / 3.2, text, size=style.SMALL, color=style.MUTED)
+    figure.text(0.75 / style.REPORT_WIDTH_IN, 1 - 0.25 / 3.2, text, size=style.SMALL_TEXT, color=style.MUTED)
     return figure

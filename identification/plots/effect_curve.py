@@ -1,4 +1,4 @@
-"""The motions that a finding adds, along its driver over the recorded range, with their uncertainty."""
+"""Error motions of a finding along its driving channel over the recorded range, with their uncertainty."""
 
 from __future__ import annotations
 
@@ -18,14 +18,15 @@ from identification.diagnosis.search.model import EffectModel
 from identification.estimation.result import Fit
 from identification.plots import style
 from identification.results.parameter_table import printed
-from identification.results.residual_projection import PAIR, Evidence, axis_of, is_warm
+from identification.results.residual_projection import PAIR_SEPARATOR, Evidence, axis_of, is_warm
 
-POINTS = 361
-PERIODS = 3  # of a wave that has many
-FEW = 8  # values of a channel: they are drawn as marks
-SMALL = 0.05  # of what the largest motion does at the tip: a motion below it is not drawn
-MOST_PANELS = 6
-TALL = 1.75  # of a panel, inches
+EFFECT_POINTS = 361  # points of a curve
+DRAWN_PERIODS = 3  # periods drawn of a periodic effect with many
+FEW_VALUES = 8  # distinct values of a channel, up to which they are drawn as markers
+# share of the largest motion's displacement at the tip: smaller motions are not drawn; by judgement
+SMALL_MOTION_SHARE = 0.05
+MOST_PANELS = 6  # motions drawn of a finding
+EFFECT_PANEL_IN = 1.75  # inches: height of a panel
 
 
 @dataclass(frozen=True)
@@ -41,28 +42,28 @@ class Curve:
 
 
 def draw_effect_curve(evidence: Evidence, model: EffectModel, fit: Fit) -> Figure:
-    """The finding's motions (um, urad), each in a panel, with bands of twice their standard uncertainty.
+    """Motions of a finding (um, urad), each in a panel, with bands of twice their standard uncertainty.
 
-    `fit` is that of the extended machine. What the finding depends on beside the abscissa is a family of curves, or
-    two branches by the side of arrival; all else stands at its median. Along time a motion counts from the first row,
-    a wave or a free curve from its mean.
+    `fit` is that of the extended machine. Further channels of the finding appear as a family of curves, or as two
+    branches by direction of approach; all other channels are at their median. Along time a motion is relative to the
+    first row, a wave or a free curve to its mean.
     """
     panels = curves(evidence, model, fit)
     lines = -(-len(panels) // 2)
     top = 0.3 if evidence.split else 0.08
-    height = lines * (TALL + 0.62) + top
-    figure = Figure(figsize=(style.WIDTH, height), facecolor="white")
+    height = lines * (EFFECT_PANEL_IN + 0.62) + top
+    figure = Figure(figsize=(style.REPORT_WIDTH_IN, height), facecolor="white")
     for k, ((element, motion), family) in enumerate(panels.items()):
         wide = 3.08 if len(panels) > 1 else 7.1
-        bottom = height - top - TALL - (k // 2) * (TALL + 0.62)
-        axes = style.panel(figure, 0.7 + 4.0 * (k % 2), bottom, wide, TALL)
+        bottom = height - top - EFFECT_PANEL_IN - (k // 2) * (EFFECT_PANEL_IN + 0.62)
+        axes = style.panel(figure, 0.7 + 4.0 * (k % 2), bottom, wide, EFFECT_PANEL_IN)
         style.dress(axes, "", f"{motion} of {style.plain(element, 12)} / {printed(unit_of(motion))[1]}")
         _draw(axes, evidence, family)
     axes = figure.axes[0]
     if evidence.split:
         figure.legend(
             *axes.get_legend_handles_labels(), loc="upper left", bbox_to_anchor=(0.07, 1.0), ncols=3, frameon=False,
-            fontsize=style.SMALL, labelcolor=style.INK, handlelength=2.4, columnspacing=1.6,
+            fontsize=style.SMALL_TEXT, labelcolor=style.INK, handlelength=2.4, columnspacing=1.6,
         )  # fmt: skip
     return figure
 
@@ -73,18 +74,18 @@ def _draw(axes: Axes, evidence: Evidence, family: Sequence[Curve]) -> None:
         axes.fill_between(
             curve.x, curve.value - curve.band, curve.value + curve.band, color=curve.colour, alpha=0.18, lw=0
         )
-        mark = "o" if len(curve.x) <= FEW else ""
+        mark = "o" if len(curve.x) <= FEW_VALUES else ""
         axes.plot(curve.x, curve.value, color=curve.colour, ls=curve.line, lw=1.6, marker=mark, ms=4, label=curve.label)
-    label = axis_of(evidence.linear, evidence.abscissa.name).label  # not folded
-    axes.set_xlabel(label, size=style.BODY, color=style.INK)
-    axes.margins(x=0.02 if len(family[0].x) <= FEW else 0)
+    label = axis_of(evidence.linear, evidence.abscissa.name).label  # without folding
+    axes.set_xlabel(label, size=style.BODY_TEXT, color=style.INK)
+    axes.margins(x=0.02 if len(family[0].x) <= FEW_VALUES else 0)
 
 
 def curves(evidence: Evidence, model: EffectModel, fit: Fit) -> dict[tuple[str, Motion], list[Curve]]:
-    """The family of curves of each motion of a finding that matters, the one that shows most first."""
+    """Curves of each motion of a finding that is large enough, the largest first."""
     effects = list(_effects(evidence, model, fit))
     place = {fit.solution.unknowns[j]: k for k, j in enumerate(fit.solution.groups.base)}
-    known = [i for _, ids in effects for i in ids if i in place]  # others act as a group does that is in the fit
+    known = [i for _, ids in effects for i in ids if i in place]  # dependent parameters act through a fitted group
     some = [place[i] for i in known]
     values = fit.solution.values[fit.solution.groups.base[some]]
     covariance = fit.solution.covariance[np.ix_(some, some)] * fit.inflation**2
@@ -109,14 +110,14 @@ def curves(evidence: Evidence, model: EffectModel, fit: Fit) -> dict[tuple[str, 
             arm = float(np.linalg.norm(evidence.linear.levers[key[0]][MOTIONS.index(key[1])]))
             size[key] = max(size.get(key, 0.0), float(np.abs(value).max()) * arm)
     keys = sorted(out, key=lambda key: -size[key])
-    keys = [k for k in keys if size[k] > SMALL * size[keys[0]]] or keys[:1]
+    keys = [k for k in keys if size[k] > SMALL_MOTION_SHARE * size[keys[0]]] or keys[:1]
     return {k: out[k] for k in keys[:MOST_PANELS]}
 
 
 def _zero(evidence: Evidence, rates: Array) -> Array:
-    """What a motion is counted from, (parameters, 1): the first row in time, the mean of a wave or a free curve.
+    """Derivatives (parameters, 1) at the reference of a motion: the first row in time, or the mean of a wave or curve.
 
-    The mean of a curve is the geometry's as well, and not known apart. Else from nothing.
+    The mean of a curve is collinear with the geometry. Other motions have no reference.
     """
     if evidence.abscissa.name == "time":
         return rates[:, :1]
@@ -124,10 +125,10 @@ def _zero(evidence: Evidence, rates: Array) -> Array:
 
 
 def _effects(evidence: Evidence, model: EffectModel, fit: Fit) -> Iterator[tuple[Effect, list[str]]]:
-    """The finding's effects as they are in the fit, with the ids of their parameters.
+    """Effects of the finding as fitted, with the ids of their parameters.
 
-    The growth's steps are the machine's last effects. Effects of the same kind at one place have the same labels: the
-    chain holds their parameters in the order of the machine.
+    The selected effects are the last ones of the machine. Effects of the same kind at one place have the same labels:
+    the chain holds their parameters in the order of the machine.
     """
     chain = fit.chain
     left = list(chain.parameters)
@@ -146,7 +147,7 @@ def _effects(evidence: Evidence, model: EffectModel, fit: Fit) -> Iterator[tuple
 
 
 def _grids(evidence: Evidence) -> Iterator[tuple[Array, Channels, int]]:
-    """For each curve the abscissa as shown, the channels along it, and its level."""
+    """Abscissa in display units, channels along it, and level of each curve."""
     name, split = evidence.abscissa.name, evidence.split
     for level in range(len(split.levels) if split else 1):
         given: dict[str, Array] = {}
@@ -154,7 +155,7 @@ def _grids(evidence: Evidence) -> Iterator[tuple[Array, Channels, int]]:
             given[split.name] = np.full(1, split.levels[level])
         if name == "time":
             order = np.argsort(evidence.channel("time"), kind="stable")
-            rows = evidence.first[order[np.unique(np.linspace(0, len(order) - 1, POINTS).astype(int))]]
+            rows = evidence.first[order[np.unique(np.linspace(0, len(order) - 1, EFFECT_POINTS).astype(int))]]
             x = evidence.linear.channel("time")[rows]
             yield evidence.abscissa.factor * x, Channels(evidence, given, rows), level
         else:
@@ -163,30 +164,30 @@ def _grids(evidence: Evidence) -> Iterator[tuple[Array, Channels, int]]:
 
 
 def _range(evidence: Evidence) -> Array:
-    """The recorded range of the abscissa, or its few values; of a wave with many periods, three in its middle."""
+    """Recorded range of the abscissa, or its few values; of a wave with many periods, three in its middle."""
     values = evidence.channel(evidence.abscissa.name)
-    if len(levels := np.unique(values)) <= FEW:
+    if len(levels := np.unique(values)) <= FEW_VALUES:
         return levels
     low, high = float(values.min()), float(values.max())
     if evidence.abscissa.period:
-        low = (low + high - PERIODS * evidence.abscissa.period) / 2
-        high = low + PERIODS * evidence.abscissa.period
-    return np.linspace(low, high, POINTS)
+        low = (low + high - DRAWN_PERIODS * evidence.abscissa.period) / 2
+        high = low + DRAWN_PERIODS * evidence.abscissa.period
+    return np.linspace(low, high, EFFECT_POINTS)
 
 
 class Channels:
-    """Channels along a curve: as given, as recorded (time and warmth, where `rows` are), else at their median.
+    """Channels along a curve: prescribed ones, recorded ones (time and temperatures, where `rows` are), else medians.
 
-    Away from a recording, temperatures have stood still for long: what lags behind has caught up. Joints have
-    arrived from the side that is given, or from both in equal parts.
+    Without recorded rows temperatures are stationary, so lagged channels equal the channels themselves. Joints approach
+    from the given direction, or from both in equal parts.
     """
 
     def __init__(self, evidence: Evidence, given: Mapping[str, Array], rows: Index | None = None) -> None:
         self._evidence, self._rows = evidence, rows
         self._given = dict(given)
         for name in given:
-            if PAIR in name:
-                one, other = name.split(PAIR)
+            if PAIR_SEPARATOR in name:
+                one, other = name.split(PAIR_SEPARATOR)
                 level = self._median(other)
                 self._given |= {root(one): given[name] + level, root(other): level}
             else:
@@ -204,12 +205,12 @@ class Channels:
         return self._median(name) if found is None else found
 
     def _side(self) -> Array:
-        """Side of arrival: that of the branch, of all joints alike."""
+        """Direction of approach: that of the branch, the same for all joints."""
         split = self._evidence.split
         return self._given[split.name] if split is not None and split.name.startswith("dir_") else np.zeros(1)
 
     def _behind(self, position: Array, half: float) -> Array:
-        """What follows a joint with a play, there and back over the range of the curve."""
+        """Position behind a play of the joint, there and back over the range of the curve."""
         side = float(self._side()[0])
         there = np.maximum(position - half, position.min() + half if len(position) > 1 else -np.inf)
         back = np.minimum(position + half, position.max() - half if len(position) > 1 else np.inf)

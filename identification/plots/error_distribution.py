@@ -1,4 +1,4 @@
-"""How large the errors are before and after the fit, and on data that was not fitted: histogram and distribution."""
+"""Histogram and cumulative distribution of the errors before and after the fit, and on data that was not fitted."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from errormodel.arrays import Array
 from identification.estimation.result import Fit
 from identification.plots import style
 
-MOST_BINS = 32
+MOST_BINS = 32  # bins of the histogram
 Curve = tuple[str, str, Array, str, float]  # label, colour, sizes, line style, line width
 
 
@@ -27,7 +27,7 @@ def draw_error_distribution(fit: Fit) -> Figure:
     columns = 3 if len(curves) < 7 else 4
     lines = -(-len(curves) // columns)
     height = 3.1 + 0.22 * lines
-    figure = Figure(figsize=(style.WIDTH, height), facecolor="white")
+    figure = Figure(figsize=(style.REPORT_WIDTH_IN, height), facecolor="white")
     left, right = (style.panel(figure, x, 0.52, 3.2, 2.3) for x in (0.6, 4.6))
     scale = ", logarithmic" if logarithmic else ""
     style.dress(left, f"|e| / µm{scale}", "share of the rows / %", "Histogram")
@@ -46,19 +46,20 @@ def draw_error_distribution(fit: Fit) -> Figure:
             axes.set_xscale("log")
             style.decades(axes.xaxis, edges[0], edges[-1])
     right.axhline(95, color=style.MUTED, lw=0.8, ls=":")
-    right.text(edges[-1], 95, "95 % ", size=style.SMALL, color=style.MUTED, va="top", ha="right")
+    right.text(edges[-1], 95, "95 % ", size=style.SMALL_TEXT, color=style.MUTED, va="top", ha="right")
     right.set_ylim(0, 104)
     handles, labels = right.get_legend_handles_labels()
-    across = [k for column in range(columns) for k in range(column, len(curves), columns)]  # a legend fills columns
+    across = [k for column in range(columns) for k in range(column, len(curves), columns)]  # legends fill by column
     figure.legend(
         [handles[k] for k in across], [labels[k] for k in across], loc="upper left", bbox_to_anchor=(0.065, 1.0),
-        ncols=columns, fontsize=style.SMALL, frameon=False, labelcolor=style.INK, handlelength=2.4, columnspacing=1.6,
+        ncols=columns, fontsize=style.SMALL_TEXT,
+        frameon=False, labelcolor=style.INK, handlelength=2.4, columnspacing=1.6,
     )  # fmt: skip
     return figure
 
 
 def _curves(fit: Fit) -> list[Curve]:
-    """Sorted sizes in um of every set of rows that has any."""
+    """Sorted sizes in um of every non-empty set of rows."""
     sets: list[tuple[str, str, Array, str, float]] = [
         ("nominal", style.NOMINAL, fit.nominal_residuals, "-", 1.8),
         ("fitted", style.FITTED, fit.residuals, "-", 1.8),

@@ -1,4 +1,4 @@
-"""The error motions of a joint over its travel, as fitted, with their uncertainty."""
+"""Fitted error motions of a joint over its travel, with their uncertainty."""
 
 from __future__ import annotations
 
@@ -13,28 +13,28 @@ from identification.estimation.result import Fit
 from identification.observation.models import MotionView
 from identification.plots import style
 
-POINTS = 241
-MOST_DOTS = 400  # of a motion's own measurements
-LINES = ("-", "--", "-.")
+MOTION_POINTS = 241  # points of a curve
+MOST_DOTS = 400  # dots of direct measurements of a motion
+LINE_STYLES = ("-", "--", "-.")  # styles of the motions about x, y, z
 
 
 def moving_joints(fit: Fit) -> list[Joint]:
-    """The joints of which at least one error motion was identified."""
+    """Joints with at least one identified error motion."""
     found = {fit.chain.parameters[fit.chain.index[i]].element for i in _base(fit)}
     return [j for j in fit.chain.machine.joints if j.name in found]
 
 
 def draw_error_motions(fit: Fit, joint: Joint) -> Figure:
-    """The identified error motions of one joint, with a band of twice their standard uncertainty.
+    """Identified error motions of one joint, with a band of twice their standard uncertainty.
 
-    Translations in um on the left, rotations in urad on the right, over the joint's travel; a kind of which none was
-    identified has no panel. Dots are measurements of the motion itself, their instrument's zero taken off; a shaded end
-    of the travel holds no measured row.
+    Translations in um on the left, rotations in urad on the right, over the joint's travel; a kind without identified
+    motions has no panel. Dots are direct measurements of the motion less the instrument's zero; shaded ends of the
+    travel hold no measured rows.
     """
-    q = np.linspace(*joint.travel, POINTS)
+    q = np.linspace(*joint.travel, MOTION_POINTS)
     value, deviation = _curves(fit, joint, q)
     along = style.shown(joint, q)
-    figure = Figure(figsize=(style.WIDTH, 2.75), facecolor="white")
+    figure = Figure(figsize=(style.REPORT_WIDTH_IN, 2.75), facecolor="white")
     kinds = [("translation", "µm", 1e3, 0), ("rotation", "µrad", 1e6, 3)]
     kinds = [kind for kind in kinds if deviation[kind[3] : kind[3] + 3].any()] or kinds[:1]
     for side, (kind, unit, factor, first) in enumerate(kinds):
@@ -50,12 +50,12 @@ def draw_error_motions(fit: Fit, joint: Joint) -> Figure:
                 middle, width = factor * value[row], 2 * factor * deviation[row]
                 axes.fill_between(along, middle - width, middle + width, color=style.AXIS_COLOURS[k], alpha=0.2, lw=0)
                 label = style.plain(iso_symbol(joint.name, MOTIONS[row]), 12)
-                axes.plot(along, middle, color=style.AXIS_COLOURS[k], ls=LINES[k], lw=1.6, label=label)
+                axes.plot(along, middle, color=style.AXIS_COLOURS[k], ls=LINE_STYLES[k], lw=1.6, label=label)
         axes.axhline(0, color=style.MUTED, lw=0.7)
         axes.set_xlim(along[0], along[-1])
         style.dress_position(axes, joint)
         _shade_unmeasured(fit, joint, axes)
-        size = style.BODY if len(joint.name) < 5 else style.SMALL
+        size = style.BODY_TEXT if len(joint.name) < 5 else style.SMALL_TEXT
         axes.legend(
             loc="lower left", bbox_to_anchor=(-0.02, 0.98), ncols=3, frameon=False, labelcolor=style.INK,
             fontsize=size, handlelength=1.9, columnspacing=1.1,
@@ -64,14 +64,14 @@ def draw_error_motions(fit: Fit, joint: Joint) -> Figure:
 
 
 def _base(fit: Fit) -> list[str]:
-    """Identified parameters of rigid error motions; effects depend on more than the joint's position."""
+    """Identified parameters of geometric error motions; effects depend on more than the joint's position."""
     names = {fit.solution.unknowns[j] for j in fit.solution.groups.base}
     own = (p for p in fit.chain.parameters if p.id in fit.chain.machine_ids and p.id in names)
     return [p.id for p in own if p.id not in fit.chain.of_effects]
 
 
 def _curves(fit: Fit, joint: Joint, q: Array) -> tuple[Array, Array]:
-    """The six motions at positions `q` and their standard uncertainty, (6, n) in mm and rad."""
+    """Six error motions at positions `q` and their standard uncertainties, (6, n) in mm and rad."""
     chain, solution = fit.chain, fit.solution
     ids = tuple(i for i in _base(fit) if chain.parameters[chain.index[i]].element == joint.name)
     names = [solution.unknowns[j] for j in solution.groups.base]
@@ -85,7 +85,7 @@ def _curves(fit: Fit, joint: Joint, q: Array) -> tuple[Array, Array]:
 
 
 def _measured(fit: Fit, joint: Joint, row: int) -> tuple[Array, Array]:
-    """Where this motion itself was measured, and what was found there beyond the instrument's zero."""
+    """Positions where this motion itself was measured, and its values beyond the instrument's zero."""
     named = fit.solution.named()
     channel = fit.chain.channels.index(joint.name)
     found = [np.zeros((2, 0))]

@@ -1,4 +1,4 @@
-"""Every watched quantity from cycle to cycle, with its normal range."""
+"""Monitored quantities over the cycles, with their normal ranges."""
 
 from __future__ import annotations
 
@@ -11,41 +11,47 @@ from matplotlib.ticker import MaxNLocator
 
 from identification.monitoring.control_limits import Judged
 from identification.monitoring.history import Record
-from identification.monitoring.quantities import NOISE, Watched
+from identification.monitoring.quantities import NOISE_ID, Watched
 from identification.plots import style
 
-ACROSS = 3
-HIGH, WIDE = 1.75, 2.62  # inches a panel
-ALARM = style.AXIS_COLOURS[0]
-MOST_TICKS = 5
+HISTORY_COLUMNS = 3  # panels in a row
+PANEL_HEIGHT_IN, PANEL_WIDTH_IN = 1.75, 2.62  # inches: height and width of a panel
+ALARM_COLOUR = style.AXIS_COLOURS[0]
+MOST_TICKS = 5  # ticks along the cycles
 
 
 def draw_history(what: Sequence[Watched], records: Sequence[Record], judged: Judged) -> Figure:
-    """A panel a quantity, those nearest to (or beyond) their limits first; bars are twice the standard uncertainty.
+    """One panel per quantity, those nearest to (or beyond) their limits first; bars are twice the standard uncertainty.
 
-    A hollow point is not part of the normal range; one in another colour left it. The band is the range that the last
-    of `records` was judged by.
+    A hollow point is not part of the normal range; one in another colour is outside it. The band is the prediction
+    interval for the last of `records`.
     """
     values = np.array([r.cycle.values for r in records])
     shown = [k for k in range(len(what)) if np.isfinite(values[:, k]).any()]
     alarm = judged.flagged
     shown.sort(key=lambda k: (not alarm[k], -judged.reach[k] if np.isfinite(judged.reach[k]) else 1.0))
-    down = -(-len(shown) // ACROSS)
-    height = down * HIGH + 0.45
-    figure = Figure(figsize=(style.WIDTH, height), facecolor="white")
+    down = -(-len(shown) // HISTORY_COLUMNS)
+    height = down * PANEL_HEIGHT_IN + 0.45
+    figure = Figure(figsize=(style.REPORT_WIDTH_IN, height), facecolor="white")
     for n, k in enumerate(shown):
-        row, column = divmod(n, ACROSS)
-        axes = style.panel(figure, 0.58 + column * WIDE, height - (row + 1) * HIGH + 0.18, WIDE - 0.68, HIGH - 0.55)
+        row, column = divmod(n, HISTORY_COLUMNS)
+        axes = style.panel(
+            figure,
+            0.58 + column * PANEL_WIDTH_IN,
+            height - (row + 1) * PANEL_HEIGHT_IN + 0.18,
+            PANEL_WIDTH_IN - 0.68,
+            PANEL_HEIGHT_IN - 0.55,
+        )
         _draw(axes, what[k], k, records, judged)
-        if n + ACROSS >= len(shown):
-            axes.set_xlabel("cycle", size=style.BODY, color=style.INK)
+        if n + HISTORY_COLUMNS >= len(shown):
+            axes.set_xlabel("cycle", size=style.BODY_TEXT, color=style.INK)
     return figure
 
 
 def _draw(axes: Axes, what: Watched, k: int, records: Sequence[Record], judged: Judged) -> None:
     unit = f" / {what.shown_unit}" if what.shown_unit else ""
     symbol = f" ({what.symbol})" if what.symbol else ""
-    name = "scatter" if what.id == NOISE else what.id + symbol
+    name = "scatter" if what.id == NOISE_ID else what.id + symbol
     style.dress(axes, title=style.plain(f"{name}{unit}", 34))
     low, high, mean = (what.shown(float(v[k])) for v in (judged.low, judged.high, judged.mean))
     last = max(r.number for r in records)
@@ -59,11 +65,11 @@ def _draw(axes: Axes, what: Watched, k: int, records: Sequence[Record], judged: 
         axes.axhline(mean, color=style.FITTED, lw=0.8, alpha=0.7)
     flagged = np.array([what.id in r.flagged for r in points])
     normal = np.array([r.normal for r in points])
-    for colour, marker, some in ((style.FITTED, "o", ~flagged), (ALARM, "D", flagged)):
+    for colour, marker, some in ((style.FITTED, "o", ~flagged), (ALARM_COLOUR, "D", flagged)):
         axes.vlines(numbers[some], bottom[some], top[some], color=colour, lw=1.0, alpha=0.6)
         for face, which in ((colour, some & normal), ("white", some & ~normal)):
             axes.plot(numbers[which], here[which], marker, ms=3.8, mec=colour, mew=1.0, mfc=face)
-    # a range that few cycles span is far wider than the values: it would leave them a line
+    # a range from few cycles is far wider than the values, which would appear as a line
     around = np.array([bottom.min(), top.max()])
     room = np.ptp(around) or 1.0
     if np.isfinite(low):

@@ -1,4 +1,4 @@
-"""What is known of some unknowns together: their draws by pairs, each by itself, and the closed form beside."""
+"""Corner plot of the posterior: pairwise and marginal draws, compared with the Gaussian approximation."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from identification.bayes.posterior import Posterior
 from identification.plots import style
 from identification.results.parameter_table import printed
 
-MOST = 6  # unknowns in a figure
-LEVELS = (0.95, 0.68)  # of the draws within a contour
+MOST_CORNER_UNKNOWNS = 6  # unknowns in a figure
+CONTOUR_LEVELS = (0.95, 0.68)  # probability within a contour
 
 
 class Drawn(NamedTuple):
-    """Draws (chains, draws) of one unknown, in a unit that people read; mean and deviation of the closed form."""
+    """Draws (chains, draws) of one unknown in display units; mean and deviation of the Gaussian approximation."""
 
     name: str
     unit: str
@@ -27,8 +27,8 @@ class Drawn(NamedTuple):
     closed: tuple[float, float] | None
 
 
-def drawn(posterior: Posterior, most: int = MOST) -> list[Drawn]:
-    """What is not linear, then the groups that hang together with it (or with each other) most."""
+def drawn(posterior: Posterior, most: int = MOST_CORNER_UNKNOWNS) -> list[Drawn]:
+    """Nonlinear unknowns, then the groups most strongly correlated with them (or with each other)."""
     out = []
     for k, unknown in enumerate(posterior.unknowns[:most]):
         factor, unit = unknown.printed
@@ -49,11 +49,11 @@ def drawn(posterior: Posterior, most: int = MOST) -> list[Drawn]:
 
 
 def draw_posterior_corner(posterior: Posterior) -> Figure:
-    """Pairs of :func:`drawn`: contours hold 68 and 95 % of the draws; on the diagonal, dashed, the closed form."""
+    """Pairs of :func:`drawn`: contours at 68 and 95 %; on the diagonal, dashed, the Gaussian approximation."""
     shown = drawn(posterior)
     n = len(shown)
     side = 6.6 / max(n, 3)
-    figure = Figure(figsize=(style.WIDTH, n * side + 0.8), facecolor="white")
+    figure = Figure(figsize=(style.REPORT_WIDTH_IN, n * side + 0.8), facecolor="white")
     for row, below in enumerate(shown):
         for column, across in enumerate(shown[: row + 1]):
             axes = style.panel(figure, 1.15 + column * side, 0.65 + (n - 1 - row) * side, side - 0.12, side - 0.12)
@@ -98,7 +98,7 @@ def _pair(axes: Axes, x: Array, y: Array) -> None:
     counts = np.asarray(gaussian_filter(counts, 1.2))
     ordered = np.sort(counts.ravel())[::-1]
     share = np.cumsum(ordered) / ordered.sum()
-    levels = sorted({float(ordered[np.searchsorted(share, level)]) for level in LEVELS})
+    levels = sorted({float(ordered[np.searchsorted(share, level)]) for level in CONTOUR_LEVELS})
     middle = [(e[1:] + e[:-1]) / 2 for e in (left, low)]
     axes.contourf(*middle, counts.T, [*levels, counts.max() + 1], colors=[style.FITTED], alpha=0.25)
     axes.contour(*middle, counts.T, levels, colors=[style.FITTED], linewidths=0.9)

@@ -1,4 +1,4 @@
-"""What the fit leaves over, against where the joints stood and when the row was measured."""
+"""Residuals of a fit against positions of the joints, and against time or row."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ GAP = 0.12  # time that three take; between two lanes, inches
 
 
 def draw_residuals_by_position(fit: Fit) -> Figure:
-    """Residuals x, y, z (um, measuring frame) against the position of each joint: one column a joint."""
+    """Residuals x, y, z (um, measuring frame) against the position of each joint: one column per joint."""
     joints = [j for j in fit.chain.machine.joints if np.ptp(_finite(fit, j.name)) > 0]
     lines = max(-(-len(joints) // 6), 1)
     wide = max(-(-len(joints) // lines), 1)
-    height = lines * (3 * LANE + 0.75) + 0.1
-    figure = Figure(figsize=(style.WIDTH, height), facecolor="white")
+    height = lines * (3 * RESIDUAL_PANEL_IN + 0.75) + 0.1
+    figure = Figure(figsize=(style.REPORT_WIDTH_IN, height), facecolor="white")
     limit = _limit(fit)
     column = 7.3 / max(wide, 3)
     for k, joint in enumerate(joints):
@@ -110,7 +110,7 @@ def _lane(fit: Fit, axes: Axes, x: Array, component: int, limit: float, at: floa
         style_of: dict[str, Any] = {"size": style.SMALL, "color": style.MUTED, "ha": "center"}
         axes.text(0.5, at + 0.2 * limit, "not measured", transform=there, **style_of)
         return
-    some = np.unique(np.linspace(0, len(x) - 1, MOST).astype(int))
+    some = np.unique(np.linspace(0, len(x) - 1, MOST_RESIDUAL_DOTS).astype(int))
     size, alpha = (4.5, 0.55) if len(some) < 600 else (2.5, 0.4)
     inside = at + np.clip(y[some], -limit, limit)
     axes.plot(x[some], inside, ".", ms=size, mew=0, color=colour, alpha=alpha, rasterized=True, clip_on=False)
@@ -121,7 +121,7 @@ def _lane(fit: Fit, axes: Axes, x: Array, component: int, limit: float, at: floa
 
 
 def _quantiles(x: Array, y: Array) -> tuple[Array, Array, Array, Array]:
-    """Of bins with equally many rows (equal x stay together): mean x, and the 5, 50 and 95 % points of y."""
+    """Per bin of equal counts (equal x stay together): mean x, and the 5, 50 and 95 % quantiles of y."""
     bins = int(np.clip(len(x) // 25, 3, 24))
     edges = np.unique(np.quantile(x, np.linspace(0, 1, bins + 1)))
     bin_of = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, max(len(edges) - 2, 0))
@@ -138,4 +138,4 @@ def _quantiles(x: Array, y: Array) -> tuple[Array, Array, Array, Array]:
 def _legend(figure: Figure) -> None:
     height = figure.get_figheight()
     text = "dark line: median  ·  dashed: 9 of 10 residuals lie between  ·  grey: ± 2 standard deviations of the noise"
-    figure.text(0.65 / style.WIDTH, 1 - 0.2 / height, text, size=style.SMALL, color=style.MUTED)
+    figure.text(0.65 / style.REPORT_WIDTH_IN, 1 - 0.2 / height, text, size=style.SMALL_TEXT, color=style.MUTED)

@@ -1,4 +1,4 @@
-"""How many combinations of parameters the survey tells apart: the singular values of its scaled design matrix."""
+"""Singular values of the scaled design matrix: the number of identifiable combinations of parameters."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from identification.estimation.result import Fit
 from identification.observation.identifiability import DEPENDENCE_TOLERANCE
 from identification.plots import style
 
-FLOOR = 1e-17  # what is computed as zero is drawn here
+SINGULAR_VALUE_FLOOR = 1e-17  # value at which computed zeros are drawn
 
 
 def draw_singular_values(fit: Fit) -> Figure:
-    """Singular values in falling order and the threshold that decides the rank."""
+    """Singular values in descending order, and the threshold that decides the rank."""
     groups = fit.solution.groups
-    values = np.maximum(groups.singular_values, FLOOR)
+    values = np.maximum(groups.singular_values, SINGULAR_VALUE_FLOOR)
     place = np.arange(1, len(values) + 1)
     kept = place <= groups.rank
-    figure = Figure(figsize=(style.WIDTH, 2.7), facecolor="white")
+    figure = Figure(figsize=(style.REPORT_WIDTH_IN, 2.7), facecolor="white")
     axes = style.panel(figure, 0.7, 0.5, 7.1, 2.05)
     style.dress(axes, "number of the singular value", "singular value, logarithmic")
     axes.set_yscale("log")
@@ -35,8 +35,8 @@ def draw_singular_values(fit: Fit) -> Figure:
     axes.axhline(threshold, color=style.INK, lw=1.1, ls="--")
     why = "below the line: hidden by the noise" if by_noise else "below the line: cannot be told apart in these poses"
     there = axes.get_yaxis_transform()
-    axes.text(0.012, threshold, why, transform=there, size=style.SMALL, color=style.INK, va="bottom")
+    axes.text(0.012, threshold, why, transform=there, size=style.SMALL_TEXT, color=style.INK, va="bottom")
     axes.set_xlim(0.2, len(values) + 0.8)
     axes.set_ylim(top=5 * float(values.max()) if len(values) else 1.0)
-    axes.legend(loc="lower left", fontsize=style.BODY, frameon=False, labelcolor=style.INK)
+    axes.legend(loc="lower left", fontsize=style.BODY_TEXT, frameon=False, labelcolor=style.INK)
     return figure

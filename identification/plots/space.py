@@ -1,4 +1,4 @@
-"""A nominal machine in parallel projection: members as bars, linear axes as rails, rotary axes as rings."""
+"""Nominal machine in parallel projection: members as bars, linear axes as rails, rotary axes as rings."""
 
 from __future__ import annotations
 
@@ -18,11 +18,15 @@ Array = NDArray[np.float64]
 
 # Seen from the right, the front and above, 30 degrees down. Turned by 35 degrees rather than an isometric view's 45, as
 # otherwise members with equal offsets in x and y fall on one another.
-_TURN, _DOWN = math.radians(35), math.radians(30)
+_VIEW_TURN, _VIEW_TILT = math.radians(35), math.radians(30)
 VIEW = np.array(
     [
-        [math.cos(_TURN), math.sin(_TURN), 0.0],
-        [-math.sin(_TURN) * math.sin(_DOWN), math.cos(_TURN) * math.sin(_DOWN), math.cos(_DOWN)],
+        [math.cos(_VIEW_TURN), math.sin(_VIEW_TURN), 0.0],
+        [
+            -math.sin(_VIEW_TURN) * math.sin(_VIEW_TILT),
+            math.cos(_VIEW_TURN) * math.sin(_VIEW_TILT),
+            math.cos(_VIEW_TILT),
+        ],
     ]
 )
 
@@ -44,7 +48,7 @@ def draw_machine(page: Axes, chain: Chain, box: tuple[float, float, float, float
 
 
 class _Drawing:
-    """What is drawn so far; all plotted points are kept, as labels stay clear of them."""
+    """The drawing so far; all plotted points are kept, since labels must avoid them."""
 
     def __init__(self, page: Axes, chain: Chain, box: tuple[float, float, float, float]) -> None:
         self.page = page
@@ -123,7 +127,7 @@ class _Drawing:
             self.labels.append((name, on_page.mean(axis=0), style.MUTED, False))
 
     def ends(self) -> None:
-        """The reference on the workpiece, as a hatched plate, and the tool."""
+        """Reference on the workpiece, as a hatched plate, and the tool."""
         table = 0.22 / self.scale * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0], [-1, -1, 0]])
         self.page.add_patch(Polygon(self.flat(table), fc="white", ec=style.FAINT, hatch="////", zorder=1))
         self.line(table, style.INK, 1.2, zorder=1)
@@ -134,7 +138,7 @@ class _Drawing:
         self.labels.append(("tool point", on_page, style.ACCENT, True))
 
     def write_labels(self) -> None:
-        """Each label where it covers least, joints first; a thin line leads to what it names."""
+        """Labels at the places of least overlap, joints first; a thin line connects each to its element."""
         taken: list[tuple[Array, Array]] = []
         ink = np.concatenate(self.ink)
         circle = np.radians(np.arange(0, 360, 15))
@@ -144,7 +148,7 @@ class _Drawing:
         )
         halo = {"fc": "white", "ec": "none", "alpha": 0.7, "pad": 0.5}
         for text, anchor, colour, bold in sorted(self.labels, key=lambda label: not label[3]):
-            size = style.HEADING if bold else style.BODY
+            size = style.HEADING if bold else style.BODY_TEXT
             half = np.array([0.33 * len(text) + 0.5, 0.9]) * size / 72
             spots = anchor + around
             near = [np.abs(ink[:, k] - spots[:, k, None]) < half[k] for k in (0, 1)]

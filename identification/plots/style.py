@@ -1,4 +1,4 @@
-"""What all drawings share: a palette that colour-blind readers tell apart, sizes of text, and how a figure is saved."""
+"""Common style of all figures: palette safe for colour-blind readers (Okabe and Ito), text sizes, rendering."""
 
 from __future__ import annotations
 
@@ -18,24 +18,26 @@ from numpy.typing import NDArray
 from errormodel.files import write_bytes_atomic
 from errormodel.machine import Joint
 
-# Okabe and Ito's palette: red, green and blue in spirit, and distinct in every common colour blindness
+# palette of Okabe and Ito for the axes x, y, z: red, green and blue, distinct in every common colour blindness
 AXIS_COLOURS = ("#D55E00", "#009E73", "#0072B2")  # x, y, z
 ACCENT = "#CC79A7"
 INK = "#1F2933"
 MUTED = "#57626F"
 FAINT = "#D5DBE1"
 PAPER = "#F5F7F9"
-NOMINAL, FITTED, HELDOUT = "#8A6100", "#0072B2", "#009E73"  # a darkened orange: the palette's own is faint on white
-OTHERS = ("#CC79A7", "#56B4E9", "#D55E00", "#000000")  # test files, in turn
+# a darkened orange, since the palette's own is faint on white
+NOMINAL, FITTED, HELDOUT = "#8A6100", "#0072B2", "#009E73"
+OTHERS = ("#CC79A7", "#56B4E9", "#D55E00", "#000000")  # colours of test files, in turn
 
-RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-TITLE, HEADING, BODY, SMALL = 15.0, 11.0, 9.0, 8.0  # points
-STEPS = [1, 2, 2.5, 5, 10]  # between ticks
-WIDTH = 8.0  # inches of a report's figure: its text is then as large as the report's, on A4 as on a screen
+SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")  # digits of exponents
+TITLE, HEADING, BODY_TEXT, SMALL_TEXT = 15.0, 11.0, 9.0, 8.0  # points: sizes of text
+TICK_STEPS = [1, 2, 2.5, 5, 10]  # permitted steps between ticks, times a power of ten
+# inches: width of a report's figure, at which its text has the size of the report's
+REPORT_WIDTH_IN = 8.0
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Write `figure` in the format of the path's suffix; same figure, same bytes; the text of an SVG stays text."""
+    """Write `figure` in the format of the path's suffix; output is reproducible, and text of an SVG stays text."""
     write_bytes_atomic(render(figure, path.suffix.lower().removeprefix(".")), path)
 
 
@@ -52,21 +54,23 @@ def render(figure: Figure, kind: str, dpi: int = 150) -> bytes:
 
 
 def panel(figure: Figure, left: float, bottom: float, width: float, height: float, **options: Any) -> Axes:
-    """Axes of `figure` at a place in inches."""
+    """Axes of `figure` at a position in inches."""
     across, up = figure.get_size_inches()
     return figure.add_axes((left / across, bottom / up, width / across, height / up), **options)
 
 
 def dress(axes: Axes, x: str = "", y: str = "", title: str = "") -> None:
-    """Labels with units, a light grid in place of tick marks, no box; few ticks, which are what takes time to draw."""
-    axes.set_xlabel(x, size=BODY, color=INK)
-    axes.set_ylabel(y, size=BODY, color=INK)
+    """Set labels with units, a light grid in place of tick marks, no box, and few ticks, which are slow to draw."""
+    axes.set_xlabel(x, size=BODY_TEXT, color=INK)
+    axes.set_ylabel(y, size=BODY_TEXT, color=INK)
     if title:
-        axes.set_title(title, size=BODY, weight="bold", color=INK, loc="left", y=1.0)  # nothing above to make way for
-    axes.tick_params(labelsize=SMALL, labelcolor=INK, left=False, bottom=False)
+        axes.set_title(
+            title, size=BODY_TEXT, weight="bold", color=INK, loc="left", y=1.0
+        )  # a fixed height avoids a slow layout
+    axes.tick_params(labelsize=SMALL_TEXT, labelcolor=INK, left=False, bottom=False)
     for axis in (axes.xaxis, axes.yaxis):
         if isinstance(axis.get_major_locator(), AutoLocator):
-            axis.set_major_locator(MaxNLocator(5, steps=STEPS))
+            axis.set_major_locator(MaxNLocator(5, steps=TICK_STEPS))
     axes.grid(color=FAINT, lw=0.6)
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)
@@ -74,7 +78,7 @@ def dress(axes: Axes, x: str = "", y: str = "", title: str = "") -> None:
 
 
 def shown(joint: Joint, position: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Positions of a joint as they are printed: mm or degrees."""
+    """Positions of a joint in display units: mm or degrees."""
     return np.degrees(position) if joint.type == "rotary" else position
 
 
@@ -82,23 +86,23 @@ def dress_position(axes: Axes, joint: Joint, label: bool = True, ticks: int = 7)
     """The x axis of a joint's positions, as `shown`."""
     turning = joint.type == "rotary"
     if label:
-        axes.set_xlabel(f"{plain(joint.name, 16)} / {'°' if turning else 'mm'}", size=BODY, color=INK)
+        axes.set_xlabel(f"{plain(joint.name, 16)} / {'°' if turning else 'mm'}", size=BODY_TEXT, color=INK)
     low, high = axes.get_xlim()
     step = next((s for s in (15, 30, 45, 60, 90, 180, 360) if high // s + -low // s < ticks), 0)
     if turning and high - low >= 90 and step:
         axes.xaxis.set_major_locator(MultipleLocator(step))
     else:
-        axes.xaxis.set_major_locator(MaxNLocator(ticks, steps=STEPS))
+        axes.xaxis.set_major_locator(MaxNLocator(ticks, steps=TICK_STEPS))
 
 
 def powers(axis: Axis) -> None:
-    """Ticks of a logarithmic axis as plain text: matplotlib's own are formulas, and slow to set."""
-    axis.set_major_formatter(FuncFormatter(lambda x, _: "10" + f"{np.log10(x):.0f}".translate(RAISED)))
+    """Set ticks of a logarithmic axis as plain text: matplotlib's own are formulas, and slow to draw."""
+    axis.set_major_formatter(FuncFormatter(lambda x, _: "10" + f"{np.log10(x):.0f}".translate(SUPERSCRIPTS)))
     axis.set_minor_locator(NullLocator())
 
 
 def decades(axis: Axis, low: float, high: float) -> None:
-    """Ticks of a logarithmic axis from `low` to `high`: few, and plain numbers."""
+    """Set few ticks with plain numbers on a logarithmic axis from `low` to `high`."""
     steps = (1, 2, 5) if high < 300 * low else (1,)
     powers_of_ten = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)))
     ticks = [step * power for power in powers_of_ten for step in steps]
@@ -108,7 +112,7 @@ def decades(axis: Axis, low: float, high: float) -> None:
 
 
 def plain(text: str, most: int = 40) -> str:
-    """A user's word as a figure can take it: printable, no mathematics, its middle left out beyond `most`."""
+    """User's text as a figure takes it: printable, no mathematics, its middle omitted beyond `most` characters."""
     word = "".join(c if c.isprintable() else " " for c in text)
     word = word if len(word) <= most else word[: most - 7] + "…" + word[-6:]
     return word.replace("$", r"\$")

@@ -1,4 +1,4 @@
-"""The symbols of a kinematic chain, drawn at (x, y) on axes whose unit is the inch."""
+"""Symbols of a kinematic chain, drawn at (x, y) on axes whose unit is the inch."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from identification.plots import style
 
 
 def axis_colour(axis: Vector) -> str:
-    """The colour of the coordinate axis that `axis` is nearest to."""
+    """Colour of the coordinate axis closest to `axis`."""
     return style.AXIS_COLOURS[int(np.argmax(np.abs(axis)))]
 
 
@@ -58,7 +58,7 @@ def rotary(axes: Axes, x: float, y: float, axis: Vector) -> None:
 
 
 def tool(axes: Axes, x: float, y: float) -> None:
-    """A tapered tool, its functional point marked."""
+    """A tapered tool with its functional point marked."""
     outline = [(x - 0.15, y + 0.24), (x + 0.15, y + 0.24), (x + 0.1, y + 0.02), (x, y - 0.18), (x - 0.1, y + 0.02)]
     axes.add_patch(Polygon(outline, fc=style.INK, ec="none", zorder=3))
     axes.plot(x, y - 0.18, "o", color=style.ACCENT, ms=7, mec="white", mew=1, zorder=5)
@@ -72,4 +72,6 @@ def head(axes: Axes, tip: np.ndarray, direction: np.ndarray, size: float, colour
 
 
 def _letter(axes: Axes, x: float, y: float, axis: Vector) -> None:
-    axes.text(x, y, axis_name(axis), color="white", size=style.BODY, weight="bold", ha="center", va="center", zorder=5)
+    axes.text(
+        x, y, axis_name(axis), color="white", size=style.BODY_TEXT, weight="bold", ha="center", va="center", zorder=5
+    )

@@ -1,1 +1,1 @@
-"""Point clouds of artefacts, cold and warm, into the thermal error motions of the joint that carried the sensor."""
+"""Thermal error motions of a joint from point clouds of artefacts, scanned cold and warm by a sensor on it."""

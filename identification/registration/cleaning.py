@@ -1,7 +1,8 @@
-"""What a profiler sees beside the surface: points at edges, outliers, stray light, other things in view.
+"""Removal of points that do not belong to an artefact's surface: edges, outliers, stray light, other objects.
 
-The rule of the paper (section 3.3): 20 points (250 um) beside every edge go, then points whose neighbours are farther
-away than the mean by so many standard deviations. Beyond it, what is not connected with the artefact's surface goes.
+Edges and outliers follow the paper (section 3.3): 20 points (250 um) beside every edge are removed, then points whose
+mean distance to their neighbours exceeds the average by a number of standard deviations. In addition, points not
+connected with the artefact's surface are removed. Points in mm in the sensor's frame.
 """
 
 from __future__ import annotations
@@ -14,18 +15,20 @@ import numpy as np
 from errormodel.arrays import Array, Index, Mask
 from errormodel.exceptions import InputError
 
-NEIGHBOURS = 8
-FAR = 3.0  # standard deviations of the mean distance to the neighbours
-EDGE, EDGE_POINTS = 0.25, 20  # mm beside an edge along a profile, and points at most
-GAP = 10.0  # spacings without a point that make an edge
-JUMP = 0.1  # mm of height from a point to the next that make an edge, beside a slope of STEEP
-STEEP = 2.0
-FEWEST = 300  # points that are left
+OUTLIER_NEIGHBOURS = 8  # neighbours of the outlier test
+OUTLIER_SIGMA = 3.0  # standard deviations of the mean distance to the neighbours: larger ones are outliers
+# mm beside an edge along a profile, and largest number of points; the paper's section 3.3
+EDGE_MM, EDGE_POINTS = 0.25, 20
+EDGE_SPACINGS = 10.0  # spacings without a point that count as an edge; by judgement
+# mm of height between neighbouring points that count as an edge, in addition to EDGE_SLOPE times their distance
+EDGE_STEP_MM = 0.1
+EDGE_SLOPE = 2.0  # height per distance; by judgement
+FEWEST_CLOUD_POINTS = 300  # points that must remain for a registration; by judgement
 
 
 @dataclass(frozen=True)
 class Lines:
-    """Points in the order in which a line sensor saw them.
+    """Points in the order of a line sensor's profiles.
 
     Attributes
     ----------
@@ -46,7 +49,7 @@ class Lines:
 
 
 def lines_of(points: Array) -> Lines:
-    """Profiles of a cloud (n, 3): points of one y; strips of one width where the points came in no such order."""
+    """Profiles of a cloud (n, 3): points of equal y, or strips of equal width if the points are unordered."""
     y = points[:, 1]
     levels = np.unique(np.round(y, 6))
     if len(levels) * 10 <= len(y):
@@ -63,11 +66,11 @@ def lines_of(points: Array) -> Lines:
 
 
 def breaks(points: Array, lines: Lines) -> Mask:
-    """(n,) in the order of the lines: whether an edge (a gap, a step, the end of the profile) lies before a point."""
+    """Mask (n,) in the order of the lines: an edge (gap, step, end of the profile) lies before the point."""
     ordered = points[lines.order]
     dx, dz = np.diff(ordered[:, 0]), np.abs(np.diff(ordered[:, 2]))
     strip = lines.spacing if lines.pitch < lines.spacing / 4 and _unordered(points, lines) else 0.0
-    edge = (dx > GAP * max(lines.pitch, 1e-9)) | (dz > JUMP + STEEP * (np.abs(dx) + strip))
+    edge = (dx > EDGE_SPACINGS * max(lines.pitch, 1e-9)) | (dz > EDGE_STEP_MM + EDGE_SLOPE * (np.abs(dx) + strip))
     before: Mask = lines.first | np.r_[True, edge]
     return before
 
@@ -78,45 +81,47 @@ def _unordered(points: Array, lines: Lines) -> bool:
 
 
 def clean(points: Array, name: str) -> Array:
-    """The points (n, 3) of the artefact's surface.
+    """Points (n, 3) of the artefact's surface.
 
     Raises
     ------
     InputError
-        Too few are left to be called a surface.
+        Fewer than `FEWEST_CLOUD_POINTS` remain.
     """
     kept = points
-    if len(points) >= FEWEST:
+    if len(points) >= FEWEST_CLOUD_POINTS:
         kept = kept[~_lonely(kept)]
         kept = kept[~_beside_edges(kept)]
         kept = kept[_largest_sheet(kept)]
-    if len(kept) < FEWEST:
+    if len(kept) < FEWEST_CLOUD_POINTS:
         found = f"{len(points)} points" + (
             f", of which {len(kept)} belong to a surface" if len(kept) < len(points) else ""
         )
-        raise InputError(name, found, f"Scan the artefact with {FEWEST} points at least, thousands for micrometres")
+        raise InputError(
+            name, found, f"Scan the artefact with {FEWEST_CLOUD_POINTS} points at least, thousands for micrometres"
+        )
     return kept
 
 
 def _lonely(points: Array) -> Mask:
-    """Statistical outliers: far from their neighbours, beside the others."""
+    """Statistical outliers by the mean distance to their neighbours."""
     import small_gicp
 
     threads = os.cpu_count() or 1
     tree = small_gicp.KdTree(points, num_threads=threads)
-    _, squared = tree.batch_knn_search(points, NEIGHBOURS + 1, num_threads=threads)
+    _, squared = tree.batch_knn_search(points, OUTLIER_NEIGHBOURS + 1, num_threads=threads)
     distance = np.sqrt(np.asarray(squared)[:, 1:]).mean(axis=1)
-    lonely: Mask = distance > distance.mean() + FAR * distance.std()
+    lonely: Mask = distance > distance.mean() + OUTLIER_SIGMA * distance.std()
     return lonely
 
 
 def _beside_edges(points: Array) -> Mask:
-    """Points less than EDGE from an edge along their profile; never more than a tenth of it at either end."""
+    """Points closer than EDGE_MM to an edge along their profile; at most a tenth of the profile at either end."""
     lines = lines_of(points)
     edge = np.flatnonzero(breaks(points, lines))
     sizes = np.diff(np.r_[edge, len(points)])
     place = np.arange(len(points)) - np.repeat(edge, sizes)
-    most = int(np.clip(np.ceil(EDGE / max(lines.pitch, 1e-9)), 1, EDGE_POINTS))
+    most = int(np.clip(np.ceil(EDGE_MM / max(lines.pitch, 1e-9)), 1, EDGE_POINTS))
     margin = np.minimum(most, np.repeat(sizes, sizes) // 10)
     beside = np.empty(len(points), dtype=np.bool_)
     beside[lines.order] = (place < margin) | (place >= np.repeat(sizes, sizes) - margin)
@@ -124,7 +129,7 @@ def _beside_edges(points: Array) -> Mask:
 
 
 def _largest_sheet(points: Array) -> Mask:
-    """Points of the largest surface without steps, by cells of a grid and the median height in each."""
+    """Points of the largest surface without steps, by grid cells and their median heights."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -139,8 +144,8 @@ def _largest_sheet(points: Array) -> Mask:
     grid = height.reshape(shape)
     place = np.arange(height.size).reshape(shape)
     pairs = [(place[1:], place[:-1], grid[1:] - grid[:-1]), (place[:, 1:], place[:, :-1], grid[:, 1:] - grid[:, :-1])]
-    limit = JUMP + STEEP * size
-    joined = [(a[near], b[near]) for a, b, d in pairs for near in [np.abs(d) < limit]]  # False where a cell is empty
+    limit = EDGE_STEP_MM + EDGE_SLOPE * size
+    joined = [(a[near], b[near]) for a, b, d in pairs for near in [np.abs(d) < limit]]  # False for empty cells
     rows, columns = (np.concatenate([pair[k] for pair in joined]) for k in (0, 1))
     links = coo_array((np.ones(len(rows)), (rows, columns)), shape=(height.size, height.size))
     _, label = connected_components(links, directed=False)
@@ -150,6 +155,6 @@ def _largest_sheet(points: Array) -> Mask:
 
 
 def cell_size(points: Array, lines: Lines) -> float:
-    """Side in mm of cells that hold some points each, also where profiles are far apart."""
+    """Side (mm) of grid cells that hold several points each, even where profiles are far apart."""
     area = float(np.prod(np.ptp(points[:, :2], axis=0)))
     return max(1.5 * lines.spacing, 3.0 * float(np.sqrt(area / len(points))))

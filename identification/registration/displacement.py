@@ -1,10 +1,11 @@
-"""The displacement of the sensor between two scans of one artefact: coarse by distributions, then fine on the surface.
+"""Displacement of the sensor between two scans of one artefact: coarse by distributions, then fine on the surface.
 
 Coarse: VGICP of small_gicp, which matches the distributions of points in voxels. Fine: least squares of the heights of
 all warm points over the cold surface (Chen and Medioni 1992, point to plane, with the plane replaced by the surface).
-The fine steps of point-cloud libraries match single points, whose spacing and noise they then carry: small_gicp 1.0.1's
-PLANE_ICP weighs the components of a gap by those of the normal instead of projecting it, and stays micrometres to
-hundreds of micrometres off; the surface is within a tenth of what the noise allows (tests/benchmarks/registration.py).
+The fine steps of point-cloud libraries match single points and so inherit their spacing and noise: PLANE_ICP of
+small_gicp 1.0.1 weights the components of a gap by those of the normal instead of projecting it, with errors of
+micrometres to hundreds of micrometres; the surface fit is within a tenth of the limit set by the noise
+(tests/benchmarks/registration.py). Points in mm, rotations in rad, in the sensor's frame.
 """
 
 from __future__ import annotations
@@ -14,29 +15,30 @@ from dataclasses import dataclass
 import numpy as np
 
 from errormodel.arrays import Array
-from identification.registration.surface import CHUNK, Surface, inliers
+from identification.registration.surface import CHUNK_POINTS, Surface, inliers
 
-COARSE = ((4.0, 1.0), (2.0, 0.5))  # voxels and thinning in mm, one after the other
-REACH = 5.0  # mm between points that may belong together
-FEW = 30_000  # points for the first steps
-STEPS = 30
-ALIKE = 3.0  # times the noise of the cold points: a spread with which no other start need be tried
-LEAST_OVERLAP = 0.3  # of the warm points
-SEEN = 4.0  # times what noise would show, from which a direction is called seen
-PROBES = 50  # points at which the uncertainty of the slopes is looked at
+COARSE_STAGES_MM = ((4.0, 1.0), (2.0, 0.5))  # voxel size and thinning of the coarse stages, mm; by judgement
+CORRESPONDENCE_MM = 5.0  # mm: largest distance of corresponding points in the coarse stages
+COARSE_POINTS = 30_000  # points of the coarse stages; more cost time only
+MOST_FINE_STEPS = 30  # Gauss-Newton steps; a few suffice unless the clouds do not overlap
+SETTLED_RATIO = 3.0  # times the cold noise: with a smaller spread of heights no other start is tried; by judgement
+LEAST_OVERLAP = 0.3  # of the warm points that must lie over the cold surface; by judgement
+OBSERVABLE_RATIO = 4.0  # times the expectation from noise, from which a direction counts as observable; by judgement
+SLOPE_POINTS = 50  # points at which the uncertainty of the slopes is evaluated; for time
+# names of the six components
 SHIFTS_AND_TURNS = ("shift along x", "shift along y", "shift along z", "turn about x", "turn about y", "turn about z")
-BLOCK = 32  # cells a side in which residuals are averaged, to see whether they are alike beside each other
+BLOCK_CELLS = 32  # cells per side of a block whose mean residual tests for correlated noise; by judgement
 
 
 @dataclass(frozen=True)
 class Displacement:
-    """``p_cold = T p_warm``, both in the sensor's frame.
+    """Rigid motion ``p_cold = T p_warm``, both in the sensor's frame.
 
     Attributes
     ----------
     matrix : (4, 4)
     covariance : (6, 6)
-        Of a small shift (mm) and turn (rad) after it, about the origin of the cold sensor's frame.
+        Of a small shift (mm) and rotation (rad) after it, about the origin of the cold sensor's frame.
     rmse : float
         Root mean square distance of the warm points from the cold surface, along its normal, mm.
     sigma : float
@@ -44,7 +46,7 @@ class Displacement:
     overlap : float
         Share of the warm points that lie over the cold surface.
     unseen : tuple of str
-        Shifts and turns that this surface does not show.
+        Shifts and rotations that are not identifiable on this surface.
     """
 
     matrix: Array
@@ -56,18 +58,18 @@ class Displacement:
 
 
 def displacement(cold: Array, surface: Surface, warm: Array) -> Displacement | None:
-    """The displacement from cold to warm points (n, 3), both cleaned; None if they do not come to lie on each other."""
-    some = warm[:: max(1, len(warm) // FEW)]
+    """Displacement from cold to warm points (n, 3), both cleaned; None if they do not coincide."""
+    some = warm[:: max(1, len(warm) // COARSE_POINTS)]
     found = []
     for start in (_coarse(cold, warm), np.eye(4)):
         end = _settled(surface, some, start)
         found += [] if end is None else [end]
-        if end is not None and end[1] < ALIKE * surface.sigma:
+        if end is not None and end[1] < SETTLED_RATIO * surface.sigma:
             break
     if not found:
         return None
     matrix, _ = min(found, key=lambda end: end[1])
-    end = _settled(surface, warm, matrix, steps=2)  # which is already near by the width of the noise
+    end = _settled(surface, warm, matrix, steps=2)  # the start is within the noise already
     return None if end is None else _judged(surface, warm, end[0])
 
 
@@ -75,20 +77,22 @@ def _coarse(cold: Array, warm: Array) -> Array:
     import small_gicp
 
     matrix = np.eye(4)
-    for voxel, thinned in COARSE:
+    for voxel, thinned in COARSE_STAGES_MM:
         source, _ = small_gicp.preprocess_points(warm, downsampling_resolution=thinned, num_neighbors=12)
         target, _ = small_gicp.preprocess_points(cold, downsampling_resolution=thinned, num_neighbors=12)
         if min(source.size(), target.size()) < 20:
             continue
         voxels = small_gicp.GaussianVoxelMap(voxel)
         voxels.insert(target)
-        result = small_gicp.align(voxels, source, matrix, max_iterations=100, max_correspondence_distance=REACH)
+        result = small_gicp.align(
+            voxels, source, matrix, max_iterations=100, max_correspondence_distance=CORRESPONDENCE_MM
+        )
         matrix = np.asarray(result.T_target_source)
     return matrix
 
 
-def _settled(surface: Surface, points: Array, start: Array, steps: int = STEPS) -> tuple[Array, float] | None:
-    """Gauss-Newton to the end: the displacement, and the robust spread of the heights; None where nothing overlaps."""
+def _settled(surface: Surface, points: Array, start: Array, steps: int = MOST_FINE_STEPS) -> tuple[Array, float] | None:
+    """Gauss-Newton iteration: the displacement and the robust spread of the heights; None without overlap."""
     from scipy.spatial.transform import Rotation
 
     matrix, spread = start, np.inf
@@ -113,12 +117,12 @@ def _normal_equations(surface: Surface, points: Array, matrix: Array) -> tuple[A
         return None
     design, residual, moved = rows
     middle = moved.mean(axis=0)
-    design[:, 3:] -= np.cross(middle, design[:, :3])  # turns about the middle, for the numbers' sake
+    design[:, 3:] -= np.cross(middle, design[:, :3])  # rotations about the centroid, for conditioning
     return design.T @ design, design.T @ residual, middle, residual
 
 
 def _rows(surface: Surface, points: Array, matrix: Array) -> tuple[Array, Array, Array] | None:
-    """Of the points over the surface: derivatives (n, 6) of the height over it, that height, and where they lie."""
+    """Derivatives (n, 6) of the heights of points over the surface, the heights, and the points' positions."""
     moved = points @ matrix[:3, :3].T + matrix[:3, 3]
     moved = moved[surface.covers(moved[:, :2])]
     if len(moved) < LEAST_OVERLAP * len(points):
@@ -132,7 +136,7 @@ def _rows(surface: Surface, points: Array, matrix: Array) -> tuple[Array, Array,
 
 
 def _judged(surface: Surface, points: Array, matrix: Array) -> Displacement | None:
-    """What the displacement is worth: the noise of both scans, and how alike residuals beside each other are."""
+    """Uncertainty of a displacement, from the noise of both scans and the correlation of neighbouring residuals."""
     rows = _rows(surface, points, matrix)
     if rows is None:
         return None
@@ -140,9 +144,9 @@ def _judged(surface: Surface, points: Array, matrix: Array) -> Displacement | No
     sigma = float(np.sqrt(residual @ residual / max(len(residual) - 6, 1)))
     scale = np.linalg.norm(design, axis=0)
     inverse = np.linalg.pinv((design / scale).T @ (design / scale), hermitian=True) / np.outer(scale, scale)
-    # the cold surface's own error acts on all warm points around it alike
-    parts = range(0, len(moved), CHUNK)
-    through = np.sum([_part(surface, moved[i : i + CHUNK], design[i : i + CHUNK]) for i in parts], axis=0)
+    # the error of the cold surface is common to neighbouring warm points
+    parts = range(0, len(moved), CHUNK_POINTS)
+    through = np.sum([_part(surface, moved[i : i + CHUNK_POINTS], design[i : i + CHUNK_POINTS]) for i in parts], axis=0)
     cold = surface.sigma**2 * through.T @ surface.solve(through)
     covariance = inverse @ (sigma**2 * design.T @ design + cold) @ inverse
     covariance *= max(1.0, _alike(surface, moved, residual, sigma))
@@ -156,26 +160,26 @@ def _part(surface: Surface, moved: Array, design: Array) -> Array:
 
 
 def _alike(surface: Surface, moved: Array, residual: Array, sigma: float) -> float:
-    """Variance of the means of residuals over blocks, over what independent ones would have."""
+    """Variance of block means of residuals, relative to that of independent residuals."""
     low, high = moved[:, :2].min(axis=0), moved[:, :2].max(axis=0)
-    place = np.minimum(((moved[:, :2] - low) / (high - low + 1e-9) * BLOCK).astype(np.intp), BLOCK - 1)
-    flat = place[:, 0] * BLOCK + place[:, 1]
+    place = np.minimum(((moved[:, :2] - low) / (high - low + 1e-9) * BLOCK_CELLS).astype(np.intp), BLOCK_CELLS - 1)
+    flat = place[:, 0] * BLOCK_CELLS + place[:, 1]
     count = np.bincount(flat)
     total = np.bincount(flat, weights=residual)
     full = count > 1
-    expected = 1 + surface.coefficients.size / np.count_nonzero(full)  # with the error of the cold surface
+    expected = 1 + surface.coefficients.size / np.count_nonzero(full)  # including the error of the cold surface
     return float(np.mean(total[full] ** 2 / count[full]) / sigma**2 / expected)
 
 
 def _unseen(surface: Surface, design: Array, moved: Array) -> tuple[str, ...]:
-    """Shifts and turns that are seen in slopes which the noise of the cold scan could have made alone."""
+    """Shifts and rotations whose observability rests on slopes that noise of the cold scan alone could produce."""
     middle = moved.mean(axis=0)
     size = float(np.ptp(moved[:, :2], axis=0).max()) / 2
-    arms = np.r_[np.ones(3), np.full(3, size)]  # turns by what they move at the rim
+    arms = np.r_[np.ones(3), np.full(3, size)]  # rotations scaled to displacements at the rim
     about = design.copy()
     about[:, 3:] -= np.cross(middle, design[:, :3])
     information = (about / arms).T @ (about / arms) / len(about)
-    some = moved[:: max(1, len(moved) // PROBES)]
+    some = moved[:: max(1, len(moved) // SLOPE_POINTS)]
     by_noise = np.zeros((6, 6))
     for k in (0, 1):
         slope = np.zeros(3)
@@ -185,6 +189,6 @@ def _unseen(surface: Surface, design: Array, moved: Array) -> tuple[str, ...]:
     sizes, vectors = np.linalg.eigh(information)
     unseen = np.zeros(6, dtype=np.bool_)
     for size_, vector in zip(sizes, vectors.T, strict=True):
-        if size_ < SEEN * max(float(vector @ by_noise @ vector), 1e-12):
+        if size_ < OBSERVABLE_RATIO * max(float(vector @ by_noise @ vector), 1e-12):
             unseen |= np.abs(vector) > 0.5
     return tuple(name for name, gone in zip(SHIFTS_AND_TURNS, unseen, strict=True) if gone)

@@ -1,4 +1,4 @@
-"""Folders of clouds: one file an artefact, the same artefacts in every folder, and when each was scanned."""
+"""Folders of point clouds: one file per artefact, the same artefacts in every folder, and the time of each scan."""
 
 from __future__ import annotations
 
@@ -8,34 +8,36 @@ from pathlib import Path
 
 from errormodel.exceptions import InputError
 from errormodel.inputs import noted, noted_folder
-from identification.registration.readers import SUFFIXES
+from identification.registration.readers import CLOUD_SUFFIXES
 
-_SECONDS = {"s": 1.0, "sec": 1.0, "min": 60.0, "m": 60.0, "h": 3600.0, "hr": 3600.0}
+_SECONDS = {"s": 1.0, "sec": 1.0, "min": 60.0, "m": 60.0, "h": 3600.0, "hr": 3600.0}  # s per unit of time
 
 
 def clouds_in(folder: Path, count: int, reference: Sequence[Path] = ()) -> list[Path]:
-    """The clouds of a folder, in the order of the numbers in their names (``artefact_2`` before ``artefact_10``).
+    """Clouds of a folder, in the order of the numbers in their names (``artefact_2`` before ``artefact_10``).
 
     Parameters
     ----------
     folder : Path
     count : int
-        How many artefacts there are.
+        Number of artefacts.
     reference : sequence of Path
-        The clouds of the cold folder: a file that is missing is named after them.
+        Clouds of the cold folder, from which the name of a missing file follows.
 
     Raises
     ------
     InputError
-        There is no such folder, or not one cloud an artefact in it.
+        The folder does not exist, or does not hold one cloud per artefact.
     """
     if not folder.is_dir():
         found = "a file" if folder.exists() else "no such folder"
         raise InputError(str(folder), found, "Give a folder with one cloud an artefact, such as artefact_01.csv")
-    files = [p for p in folder.iterdir() if p.is_file() and p.suffix.lower() in SUFFIXES and p.name[0] not in "._"]
+    files = [
+        p for p in folder.iterdir() if p.is_file() and p.suffix.lower() in CLOUD_SUFFIXES and p.name[0] not in "._"
+    ]
     for path in files:
         noted(path)
-    noted_folder(folder, SUFFIXES)
+    noted_folder(folder, CLOUD_SUFFIXES)
     files.sort(key=lambda p: ([int(t) if t.isdigit() else t for t in re.split(r"(\d+)", p.stem)], p.name))
     stems = [p.stem for p in files]
     twice = next((s for i, s in enumerate(stems) if s in stems[:i]), None)
@@ -49,17 +51,17 @@ def clouds_in(folder: Path, count: int, reference: Sequence[Path] = ()) -> list[
             raise InputError(
                 str(folder), found, f"Give it one cloud an artefact ({count}), named as in the cold folder"
             )
-        kinds = ", ".join(SUFFIXES)
+        kinds = ", ".join(CLOUD_SUFFIXES)
         found = f"{len(files)} clouds ({kinds}) where profiler.yaml has {count} positions"
         raise InputError(str(folder), found, "Give one cloud an artefact, and one position in the same order")
-    if reference and 0 < len(lacking) < count:  # other names altogether are another way of counting the same artefacts
+    if reference and 0 < len(lacking) < count:  # entirely different names may number the same artefacts differently
         other = next(p.name for p in files if p.stem not in {r.stem for r in reference})
         raise InputError(str(folder / other), f"no cold cloud of that name; {lacking[0]} is missing", "Name them alike")
     return files if lacking or not reference else [next(p for p in files if p.stem == r.stem) for r in reference]
 
 
 def labels(folders: Sequence[Path]) -> list[str]:
-    """One label a folder for the column ``run``: its name, with as much of its path as tells the folders apart."""
+    """One label per folder for the column ``run``: its name, with as much of its path as makes it unique."""
     parts = [f.absolute().parts for f in folders]
     for depth in range(1, max(map(len, parts)) + 1):
         names = ["/".join(p[-depth:]) for p in parts]

@@ -1,4 +1,4 @@
-"""The file form of ``profiler.yaml``: where the artefacts stand, and how the sensor sits on the machine."""
+"""Schema of ``profiler.yaml``: positions of the artefacts, and mount of the sensor on the machine; mm and degrees."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class MountBlock(FileModel):
 
 
 class CalibrationBlock(FileModel):
-    """A plane and a circular pocket that the tool machined and the sensor then scanned."""
+    """Plane and circular pocket that the tool machined and the sensor then scanned."""
 
     plane: str = Field(min_length=1, description="the cloud of the machined plane, relative to this file")
     circle: str = Field(min_length=1, description="the cloud of the pocket or of its edge, relative to this file")
@@ -42,7 +42,7 @@ class CalibrationBlock(FileModel):
 
 
 class ProfileBlock(FileModel):
-    """How a file of heights alone (rows = profiles, columns = positions along the laser line) becomes points."""
+    """Conversion of a file of heights (rows = profiles, columns = positions along the laser line) to points."""
 
     pitch: Positive = Field(description="distance of neighbouring columns along the laser line in mm, such as 0.0125")
     step: Positive = Field(description="distance of neighbouring profiles in mm, such as 0.1")
@@ -73,7 +73,7 @@ def read_profiler(path: Path) -> tuple[Profiler, Document]:
     Raises
     ------
     InputError
-        A key or a value is wrong, or the mount is given neither or twice.
+        A key or a value is wrong, or the mount is given not at all or twice.
     """
     document = yamlfile.load(path)
     form = yamlfile.validate(document, Profiler)

@@ -1,9 +1,9 @@
-"""Eq. (3) of the paper in exact form: from the displacement of the sensor to the error motions of the joint.
+"""Error motions of a joint from the displacement of the sensor, by Eq. (3) of the paper in exact form.
 
 A point of the table is seen at ``p`` in the sensor's frame where ``E L M p`` is: mount ``M`` (sensor to tool frame),
 lever ``L`` (tool to joint's frame), error motions ``E = Trans(d) Rx(ea) Ry(eb) Rz(ec)`` of the joint, actual minus
 nominal. The artefact did not move: ``L M p_cold = E L M p_warm``. With the displacement ``p_cold = X p_warm``
-therefore ``E = L M X M^-1 L^-1``.
+therefore ``E = L M X M^-1 L^-1``. Units mm and rad.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ import numpy as np
 
 from errormodel.arrays import Array
 
-_STEPS = np.array([1e-2] * 3 + [1e-5] * 3)  # mm, rad; of central differences
+_STEPS = np.array([1e-2] * 3 + [1e-5] * 3)  # mm, rad; steps of central differences
 
 
 def pose(six: Array) -> Array:
-    """The matrix (4, 4) of ``Trans(x, y, z) Rx(a) Ry(b) Rz(c)`` from x, y, z in mm and a, b, c in rad (Eq. 5)."""
+    """Matrix (4, 4) of ``Trans(x, y, z) Rx(a) Ry(b) Rz(c)`` from x, y, z in mm and a, b, c in rad (Eq. 5)."""
     from scipy.spatial.transform import Rotation
 
     matrix = np.eye(4)
@@ -35,14 +35,14 @@ def six_of(matrix: Array) -> Array:
 
 
 def error_motions(displaced: Array, mount: Array, lever: Array) -> Array:
-    """The six error motions (mm, rad) of the joint.
+    """Six error motions (mm, rad) of the joint.
 
     Parameters
     ----------
     displaced : (4, 4)
         ``X``, from warm to cold coordinates in the sensor's frame.
     mount : (6,)
-        Of the sensor's frame in the tool frame, mm and rad, as :func:`pose` takes them.
+        Pose of the sensor's frame in the tool frame, mm and rad, in the order of :func:`pose`.
     lever : (3,)
         From the joint's frame to the tool frame, mm.
     """
@@ -54,7 +54,7 @@ def error_motions(displaced: Array, mount: Array, lever: Array) -> Array:
 def with_uncertainty(
     displaced: Array, covariance: Array, mount: Array, mount_covariance: Array, lever: Array
 ) -> tuple[Array, Array]:
-    """The six error motions and their covariance (6, 6), by the sensitivities of Eq. (3) to registration and mount."""
+    """Six error motions and their covariance (6, 6), propagated from registration and mount through Eq. (3)."""
     by_registration = _sensitivity(lambda d: error_motions(pose(d) @ displaced, mount, lever))
     by_mount = _sensitivity(lambda d: error_motions(displaced, mount + d, lever))
     total = by_registration @ covariance @ by_registration.T + by_mount @ mount_covariance @ by_mount.T

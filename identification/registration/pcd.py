@@ -1,4 +1,4 @@
-"""Points of a PCD file, by pypcd4; what the header promises is held against the file's size before memory is taken."""
+"""Reader of PCD point clouds, by pypcd4; the header is checked against the file size before memory is allocated."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from errormodel.arrays import Array
 from errormodel.exceptions import InputError
 from identification.registration.refusals import too_short, unreadable
 
-LZF_RATIO = 132  # bytes that one byte of LZF stands for at most: two or three bytes repeat up to 264
-HEADER_LINES = 10  # as many as pypcd4 reads
+LZF_RATIO = 132  # bytes from one byte of LZF at most: two or three bytes repeat up to 264
+HEADER_LINES = 10  # lines of a header, as many as pypcd4 reads
 
 
 def read_pcd(path: Path, name: str) -> dict[str, Array]:
@@ -31,7 +31,7 @@ def read_pcd(path: Path, name: str) -> dict[str, Array]:
     Raises
     ------
     InputError
-        The file is no PCD, or ends before all points that its header promises.
+        The file is not a PCD, or holds fewer points than its header announces.
     """
     from pypcd4.pypcd4 import PointCloud
 
@@ -42,7 +42,7 @@ def read_pcd(path: Path, name: str) -> dict[str, Array]:
         data = {field: cloud.numpy((field,))[:, 0] for field in cloud.fields if field in "xyz"}
     except InputError:
         raise
-    except (ValueError, KeyError, IndexError, RuntimeError, TypeError, struct.error) as error:  # it has none of its own
+    except (ValueError, KeyError, IndexError, RuntimeError, TypeError, struct.error) as error:  # no class of its own
         raise unreadable(name, "PCD", error) from error
     for values in data.values():
         if len(values) != promised:
@@ -51,7 +51,7 @@ def read_pcd(path: Path, name: str) -> dict[str, Array]:
 
 
 def _promised(file: BinaryIO, name: str, size: int) -> int:
-    """The number of points by the header; InputError where the file cannot hold them."""
+    """Number of points by the header; InputError where the file cannot hold them."""
     from pypcd4.pypcd4 import Encoding, MetaData
 
     lines: list[str] = []
@@ -66,7 +66,7 @@ def _promised(file: BinaryIO, name: str, size: int) -> int:
     values = head.points * sum(head.count)
     bytes_ = head.points * sum(s * c for s, c in zip(head.size, head.count, strict=True))
     if head.data == Encoding.ASCII:
-        enough = 2 * values - 1 <= left  # a digit and a space each, at least
+        enough = 2 * values - 1 <= left  # at least a digit and a space each
     elif head.data == Encoding.BINARY:
         enough = bytes_ <= left
     elif head.points:

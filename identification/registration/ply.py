@@ -1,7 +1,7 @@
-"""Points of a PLY file: the columns of its element `vertex`, as text or binary of either byte order.
+"""Reader of PLY point clouds: the columns of element `vertex`, as text or binary of either byte order.
 
-The format is Greg Turk's (Stanford, 1994). Other elements, such as faces, are passed over. What the header promises is
-held against the size of the file before memory is taken.
+The format is Greg Turk's (Stanford, 1994). Other elements, such as faces, are skipped. The header is checked against
+the size of the file before memory is allocated.
 """
 
 from __future__ import annotations
@@ -19,18 +19,19 @@ from errormodel.arrays import Array
 from errormodel.exceptions import InputError
 from identification.registration.refusals import CURE, too_short, unreadable
 
-TYPES = {
+PLY_TYPES = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2",
     "uint16": "u2", "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4", "float": "f4", "float32": "f4",
     "double": "f8", "float64": "f8",
 }  # fmt: skip
-ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
-HEADER = 1 << 20  # bytes in which the header must end
+# prefix of NumPy types by format of the file
+BYTE_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+MOST_HEADER_BYTES = 1 << 20  # bytes in which the header must end; by judgement
 
 
 @dataclass
 class _Element:
-    """An element of the header: how many rows, and the type of each property; `lists` names those of varying length."""
+    """Element of the header: number of rows, and type of each property; `lists` names those of varying length."""
 
     name: str
     count: int
@@ -38,7 +39,7 @@ class _Element:
     lists: list[str] = field(default_factory=list)
 
     def row(self, order: str) -> np.dtype[np.void]:
-        """A row as it is stored in binary."""
+        """Data type of a row as stored in binary."""
         return np.dtype([(name, f"{order}{kind}") for name, kind in self.properties.items()])
 
 
@@ -59,7 +60,7 @@ def read_ply(path: Path, name: str) -> dict[str, Array]:
     Raises
     ------
     InputError
-        The file is no PLY, ends too soon, or its vertices cannot be told from what stands before them.
+        The file is not a PLY, is truncated, or an element of varying length precedes the vertices.
     """
     with path.open("rb") as file:
         order, elements = _header(file, name)
@@ -75,7 +76,7 @@ def read_ply(path: Path, name: str) -> dict[str, Array]:
 
 
 def _header(file: BinaryIO, name: str) -> tuple[str, list[_Element]]:
-    """The byte order ("" of text) and the elements; the file is left where the data begin."""
+    """Byte order ("" of text) and elements; the file is left where the data begin."""
     elements: list[_Element] = []
     order: str | None = None
     for number, words in enumerate(_lines(file, name), start=1):
@@ -84,14 +85,14 @@ def _header(file: BinaryIO, name: str) -> tuple[str, list[_Element]]:
                 continue
             case _ if number == 1:
                 raise unreadable(name, "PLY", "it does not begin with 'ply'")
-            case ["format", kind, "1.0"] if kind in ORDERS:
-                order = ORDERS[kind]
+            case ["format", kind, "1.0"] if kind in BYTE_ORDERS:
+                order = BYTE_ORDERS[kind]
             case ["element", element, count] if count.isascii() and count.isdigit():
                 elements.append(_Element(element, int(count)))
-            case ["property", "list", count, kind, column] if elements and {count, kind} <= TYPES.keys():
+            case ["property", "list", count, kind, column] if elements and {count, kind} <= PLY_TYPES.keys():
                 elements[-1].lists.append(column)
-            case ["property", kind, column] if elements and kind in TYPES and column not in elements[-1].properties:
-                elements[-1].properties[column] = TYPES[kind]
+            case ["property", kind, column] if elements and kind in PLY_TYPES and column not in elements[-1].properties:
+                elements[-1].properties[column] = PLY_TYPES[kind]
             case ["comment" | "obj_info", *_] | []:
                 continue
             case _:
@@ -102,8 +103,8 @@ def _header(file: BinaryIO, name: str) -> tuple[str, list[_Element]]:
 
 
 def _lines(file: BinaryIO, name: str) -> Iterator[list[str]]:
-    """The header's lines in words, as far as ``end_header``."""
-    while file.tell() < HEADER and (line := file.readline(HEADER)).endswith(b"\n"):
+    """Lines of the header as words, up to ``end_header``."""
+    while file.tell() < MOST_HEADER_BYTES and (line := file.readline(MOST_HEADER_BYTES)).endswith(b"\n"):
         words = line.decode("ascii", errors="replace").split()
         if words == ["end_header"]:
             return
@@ -128,7 +129,7 @@ def _binary(
 
 def _text(file: BinaryIO, name: str, vertex: _Element, before: list[_Element], size: int) -> dict[str, Array]:
     width = len(vertex.properties)
-    if 2 * (vertex.count * width + sum(e.count for e in before)) - 1 > size:  # a digit and a space each, at least
+    if 2 * (vertex.count * width + sum(e.count for e in before)) - 1 > size:  # at least a digit and a space each
         raise too_short(name, vertex.count)
     for _ in range(sum(e.count for e in before)):
         file.readline()

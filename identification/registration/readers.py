@@ -1,4 +1,4 @@
-"""Point clouds from files: csv, xyz, ply, pcd, and matrices of heights as line profilers write them."""
+"""Reader of point clouds in csv, xyz, ply and pcd, and of height matrices written by line profilers; mm."""
 
 from __future__ import annotations
 
@@ -16,13 +16,14 @@ from identification.registration.pcd import read_pcd
 from identification.registration.ply import read_ply
 from identification.registration.refusals import unreadable
 
-TEXT = (".csv", ".xyz", ".txt", ".asc")
-SUFFIXES = (*TEXT, ".ply", ".pcd")
-WIDE = 12  # columns from which a table without names holds heights, not points with attributes
-LARGEST = 1e6  # mm
-_HEAD = 1 << 16  # bytes in which the first line of numbers must begin
-_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?(?:nan|inf(?:inity)?)"
-# What profilers write where nothing came back: digits of 9 only, or the least integer in their unit.
+TEXT_SUFFIXES = (".csv", ".xyz", ".txt", ".asc")  # suffixes of text files
+CLOUD_SUFFIXES = (*TEXT_SUFFIXES, ".ply", ".pcd")  # suffixes of all point clouds
+# columns from which an unnamed table is taken for heights, not for points with attributes; by judgement
+FEWEST_HEIGHT_COLUMNS = 12
+MOST_COORDINATE_MM = 1e6  # mm: larger coordinates are refused
+_MOST_PREAMBLE_BYTES = 1 << 16  # bytes in which the first line of numbers must begin
+_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?(?:nan|inf(?:inity)?)"  # a number, nan or inf
+# Values that profilers write for missing returns: digits of 9 only, or the smallest integer in their unit.
 _SENTINELS = (99.99, 99.999, 99.9999, 999.99, 999.999, 999.9999, 9999.0, 9999.99, 9999.999, 9999.9999, 99999.0)
 _LEAST_INTEGERS = (2147483648.0, 2147483647.0, 21474.83648, 21474.83647, 2147483.648, 2147483.647, 32768.0)
 
@@ -61,7 +62,7 @@ def read_cloud(path: Path, name: str, profile: ProfileBlock | None) -> Array:
         raise InputError(name, found, "Scan the artefact again")
     points = points[valid]
     far = np.abs(points).max()
-    if far > LARGEST:
+    if far > MOST_COORDINATE_MM:
         raise InputError(name, f"a coordinate of {far:.3g} mm", "Write coordinates in mm; invalid points as NaN")
     return np.ascontiguousarray(points)
 
@@ -74,13 +75,13 @@ def _columns(name: str, data: dict[str, Array]) -> Array:
 
 
 def _text(path: Path, name: str, profile: ProfileBlock | None) -> Array:
-    """A table of points with or without names, or a matrix of heights."""
+    """Read a table of points with or without names, or a matrix of heights."""
     import pandas as pd
 
     with path.open("rb") as file:
-        head = file.read(_HEAD)
+        head = file.read(_MOST_PREAMBLE_BYTES)
     if b"\0" in head:
-        raise InputError(name, "not a text file", f"Write the cloud as one of {', '.join(SUFFIXES)}")
+        raise InputError(name, "not a text file", f"Write the cloud as one of {', '.join(CLOUD_SUFFIXES)}")
     lines = head.decode("utf-8-sig", errors="replace").splitlines()
     skip = next((i for i, line in enumerate(lines) if _numbers(line)), None)
     if skip is None:
@@ -105,7 +106,7 @@ def _text(path: Path, name: str, profile: ProfileBlock | None) -> Array:
     except (ValueError, pd.errors.ParserError) as error:
         raise _bad_cell(path, name, skip, delimiter, decimal, width, error) from error
     values = table.to_numpy()
-    if width >= WIDE:
+    if width >= FEWEST_HEIGHT_COLUMNS:
         return _matrix(values, name, profile)
     return _columns(name, _named(values, name, lines[:skip], delimiter))
 
@@ -116,7 +117,7 @@ def _split(line: str, delimiter: str) -> list[str]:
 
 
 def _numbers(line: str) -> bool:
-    """Whether a line holds numbers (or gaps) and nothing else, two of them at least."""
+    """Whether a line holds at least two numbers (or gaps) and nothing else."""
     cells = [c.strip() for c in re.split(r"[;\t]|,(?=\s)|(?<![;\t]),|\s+", line.strip())]
     filled = [c for c in cells if c]
     return len(filled) > 1 and all(re.fullmatch(_NUMBER, c, re.IGNORECASE) for c in filled)
@@ -141,7 +142,7 @@ def _bad_cell(
 
 
 def _named(values: Array, name: str, above: Sequence[str], delimiter: str) -> dict[str, Array]:
-    """Columns by the names in the last line above the numbers; without such a line the first three are x, y, z."""
+    """Columns by the names in the last line above the numbers; otherwise the first three are x, y, z."""
     header = next((line for line in reversed(above) if line.strip("# \t\r\n")), "").strip("# \t\r\n")
     cells = header.split() if delimiter == r"\s+" else [c.strip() for c in re.split(delimiter, header)]
     bare = [re.sub(r"[\s_]*[\[(]?(mm)?[\])]?$", "", c.strip('" ').lower()) for c in cells]
@@ -153,11 +154,11 @@ def _named(values: Array, name: str, above: Sequence[str], delimiter: str) -> di
 
 
 def _matrix(values: Array, name: str, profile: ProfileBlock | None) -> Array:
-    """Heights by profile and column as points; x is 0 in the middle column, y in the first profile."""
+    """Points from heights by profile and column; x is 0 in the middle column, y in the first profile."""
     if profile is None:
         found = f"{values.shape[1]} columns: a matrix of heights, rows = profiles"
         raise InputError(name, found, "Write profile: {pitch: 0.0125, step: 0.1} (mm) in profiler.yaml")
     rows, columns = values.shape
     x = (np.arange(columns) - columns // 2) * profile.pitch  # the paper's Eq. (7): (i - 1600) pitch of 3200
-    y = np.arange(rows) * profile.step  # from the first, which does not move when a scan has a profile more
+    y = np.arange(rows) * profile.step  # from the first, so that an additional profile does not shift the others
     return np.stack([*np.broadcast_arrays(x[None, :], y[:, None]), values], axis=2).reshape(-1, 3)

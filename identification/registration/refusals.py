@@ -1,4 +1,4 @@
-"""How a file of a point cloud that cannot be read is refused."""
+"""Error messages for point cloud files that cannot be read."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ CURE = "Write the cloud again, or as csv with x, y, z"
 
 
 def unreadable(name: str, kind: str, reason: str | Exception) -> InputError:
-    """The refusal of a file that breaks its own format; `reason` in the words of whoever read it."""
+    """Error for a file that violates its own format; `reason` is the message of its reader."""
     text = " ".join(str(reason).split())[:100] or type(reason).__name__
     return InputError(name, f"not readable as {kind}: {text}", CURE)
 
 
 def too_short(name: str, promised: int, there: int | None = None) -> InputError:
-    """The refusal of a file whose header promises more points than it holds."""
+    """Error for a file whose header announces more points than it holds."""
     held = "the file is too short for them" if there is None else f"the file holds {there}"
     return InputError(name, f"its header promises {promised} points, {held}", CURE)

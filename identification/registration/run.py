@@ -1,4 +1,4 @@
-"""Clouds of artefacts, cold and warm, into a survey of the joint's thermal error motions."""
+"""Registration: point clouds of artefacts, cold and warm, converted to a survey of thermal error motions."""
 
 from __future__ import annotations
 
@@ -26,21 +26,22 @@ from identification.runtime.progress import Progress, silent
 if TYPE_CHECKING:
     import pandas as pd
 
-MOST = 2_000_000  # points of a cloud
-MISFIT = 20.0  # times the cold noise, from which warm points do not belong to the cold surface
+MOST_CLOUD_POINTS = 2_000_000  # points of a cloud; larger ones are thinned, for time and memory
+# times the cold noise: with a larger spread the warm points belong to another surface; by judgement
+MOST_SPREAD_RATIO = 20.0
 
 
 @dataclass(frozen=True)
 class Registered:
-    """What the clouds say.
+    """Result of a registration.
 
     Attributes
     ----------
     table : DataFrame
-        A row an artefact and WARM folder, as a survey has it: mm, rad, s.
+        One row per artefact and WARM folder, in the columns of a survey: mm, rad, s.
     mount : Mount
     displacements : list of Displacement
-        In the rows' order.
+        In the order of the rows.
     notes : tuple of str
     """
 
@@ -51,21 +52,21 @@ class Registered:
 
 
 def register(cold: Path, warm: Sequence[Path], profiler: Path, progress: Progress = silent) -> Registered:
-    """The thermal error motions at every artefact, in every WARM folder.
+    """Thermal error motions at every artefact, for every WARM folder.
 
     Parameters
     ----------
     cold, warm : Path, sequence of Path
-        Folders with one cloud an artefact.
+        Folders with one cloud per artefact.
     profiler : Path
         ``profiler.yaml``.
     progress : Tell
-        How to show progress.
+        Progress callback.
 
     Raises
     ------
     InputError
-        A file is missing or wrong, or clouds do not show what they should.
+        A file is missing or wrong, or clouds cannot be registered.
     """
     import pandas as pd
 
@@ -99,7 +100,7 @@ def register(cold: Path, warm: Sequence[Path], profiler: Path, progress: Progres
 
 
 def _times(form: Profiler, document: Document, warm: Sequence[Path]) -> tuple[list[float | None], tuple[str, ...]]:
-    """Seconds of each folder: as declared, or as its name says; None if one of them does not say."""
+    """Time (s) of each folder, as declared or from its name; None if one has no time."""
     if form.times is not None:
         if len(form.times) != len(warm):
             found = f"{len(form.times)} times for {len(warm)} WARM folders"
@@ -129,20 +130,20 @@ def _mount(form: Profiler, document: Document, profiler: Path) -> Mount:
 
 def _cloud(path: Path, form: Profiler, mount: Mount) -> Array:
     points = read_cloud(path, str(path), form.profile)
-    points = points[:: -(-len(points) // MOST)]  # of more, every second, third, ...: they are accurate enough
+    points = points[:: -(-len(points) // MOST_CLOUD_POINTS)]  # every k-th point of a larger cloud is accurate enough
     return clean(mount.in_sensor_frame(points), str(path))
 
 
 def _displacement(cold: Array, surface: Surface, warm: Array, cold_file: Path, warm_file: Path) -> Displacement:
-    """The displacement of a pair of clouds.
+    """Displacement of a pair of clouds.
 
     Raises
     ------
     InputError
-        They do not overlap, are not of one surface, one is mirrored, or the surface does not show all six motions.
+        The clouds do not overlap, differ in shape, one is mirrored, or not all six motions are identifiable.
     """
     found = displacement(cold, surface, warm)
-    limit = MISFIT * max(surface.sigma, 1e-6)
+    limit = MOST_SPREAD_RATIO * max(surface.sigma, 1e-6)
     if found is None or found.sigma > limit:
         mirrored = displacement(cold, surface, warm * np.array([1.0, 1.0, -1.0]))
         if mirrored is not None and mirrored.sigma < limit:

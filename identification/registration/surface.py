@@ -1,8 +1,8 @@
-"""The cold surface as a smooth function z(x, y) of the sensor's frame, with its slopes and its uncertainty.
+"""Cold surface as a smooth function z(x, y) in the sensor's frame, with its slopes and its uncertainty; mm.
 
-A tensor product of cubic B-splines, fitted by least squares to all points, robustly; the knots are as fine as the
-points themselves ask for by generalised cross-validation. The mean over many points is what makes the registration
-more accurate than the noise of one.
+A tensor product of cubic B-splines is fitted to all points by robust least squares; generalised cross-validation
+chooses the spacing of the knots. Averaging over many points makes the registration more accurate than the noise of a
+single point.
 """
 
 from __future__ import annotations
@@ -15,18 +15,19 @@ import numpy as np
 from errormodel.arrays import Array, Mask
 from identification.registration.cleaning import cell_size, lines_of
 
-CLIP = 5.0  # robust standard deviations beyond which a point is left out
-COARSEST, FINER = 4, (8, 16, 32, 64, 128)  # intervals along the longer side
-GAIN = 0.995  # of the cross-validated error: what makes finer knots worth it
-ROUNDS = 8
-SOME = 60_000  # points that choose the knots
-CHUNK = 200_000  # points at a time
-_STIFFNESS = 1e-7  # of the second differences, so that coefficients without points are smooth too
+SURFACE_CLIP_SIGMA = 5.0  # robust standard deviations beyond which a point is left out; by judgement
+# intervals along the longer side: the first trial, and the following ones
+COARSEST_INTERVALS, FINER_INTERVALS = 4, (8, 16, 32, 64, 128)
+REFINEMENT_RATIO = 0.995  # ratio of cross-validation errors that finer knots must reach; by judgement
+SURFACE_ROUNDS = 8  # iterations of the outlier rejection; by judgement
+KNOT_POINTS = 60_000  # points that choose the knots; more cost time only
+CHUNK_POINTS = 200_000  # points per evaluation, to limit memory
+_STIFFNESS = 1e-7  # penalty on second differences, so that coefficients without points are smooth as well
 
 
 @dataclass(frozen=True)
 class Surface:
-    """A surface that was fitted to points.
+    """A surface fitted to points.
 
     Attributes
     ----------
@@ -35,9 +36,9 @@ class Surface:
     sigma : float
         Standard deviation of a point's height, mm.
     factor : SuperLU
-        Of the normal equations' matrix (m, m), for the uncertainty of the surface.
+        Factorisation of the normal equations' matrix (m, m), for the uncertainty of the surface.
     cell, seen : float, (cx, cy) bool
-        Side of the cells of a grid, mm, and which of them have points all round.
+        Side of the cells of a grid, mm, and mask of the cells surrounded by points.
     inliers : (n,) bool
     """
 
@@ -57,11 +58,11 @@ class Surface:
         return np.concatenate([spline(part, nu=nu) for part in _chunks(xy)])
 
     def basis(self, xy: Array) -> Any:
-        """Sparse (n, m): the B-splines at points (n, 2)."""
+        """B-splines at points (n, 2), sparse (n, m)."""
         return _basis(xy, self.knots)
 
     def covers(self, xy: Array) -> Mask:
-        """Whether the surface was measured all round a point (n, 2)."""
+        """Whether the surface was measured all around each point (n, 2)."""
         low, high = np.array([[t[0], t[-1]] for t in self.knots]).T
         inside: Mask = ((xy >= low) & (xy <= high)).all(axis=1)
         place = np.floor((xy[inside] - low) / self.cell).astype(np.intp)
@@ -70,16 +71,16 @@ class Surface:
 
     @property
     def score(self) -> float:
-        """The error that generalised cross-validation expects at other points, mm."""
+        """Prediction error by generalised cross-validation, mm."""
         used = int(np.count_nonzero(self.inliers))
         return self.sigma * float(np.sqrt(used / max(used - self.coefficients.size, 1)))
 
     def solve(self, right: Array) -> Array:
-        """The normal equations' solution for right-hand sides (m, k)."""
+        """Solution of the normal equations for right-hand sides (m, k)."""
         return np.asarray(self.factor.solve(np.ascontiguousarray(right)))
 
     def slope_variance(self, xy: Array, k: int) -> Array:
-        """Variance (n,) of the slope along x (k = 0) or y (1) that the noise of the points makes."""
+        """Variance (n,) of the slope along x (k = 0) or y (1) due to the noise of the points."""
         step = np.zeros(2)
         step[k] = 1e-2 * float(np.diff(self.knots[k]).max())
         low, high = ([[t[0], t[-1]][end] for t in self.knots] for end in (0, 1))
@@ -90,20 +91,22 @@ class Surface:
 
 
 def fit_surface(points: Array) -> Surface:
-    """The smooth surface of cleaned points (n, 3), mm: knots from some of the points, coefficients from all."""
+    """Smooth surface of cleaned points (n, 3), mm: knots from a subset of the points, coefficients from all."""
     lines = lines_of(points)
     cell = cell_size(points, lines)
     seen = _cells(points, cell)
-    some = points[:: max(1, len(points) // SOME)]
-    apart = 1.25 * lines.spacing  # so that profiles determine the coefficients
+    some = points[:: max(1, len(points) // KNOT_POINTS)]
+    apart = 1.25 * lines.spacing  # a wider spacing than that of the profiles, so that these determine the coefficients
     longest = float(np.ptp(points[:, :2], axis=0).max())
-    surface = _robust(some, _knots(points, longest / COARSEST, apart), np.ones(len(some), dtype=np.bool_), cell, seen)
-    for intervals in FINER:
+    surface = _robust(
+        some, _knots(points, longest / COARSEST_INTERVALS, apart), np.ones(len(some), dtype=np.bool_), cell, seen
+    )
+    for intervals in FINER_INTERVALS:
         knots = _knots(points, longest / intervals, apart)
         if _count(knots) > len(some) / 8:
             break
         finer = _robust(some, knots, surface.inliers, cell, seen)
-        if finer.score > GAIN * surface.score:
+        if finer.score > REFINEMENT_RATIO * surface.score:
             break
         surface = finer
     if len(some) == len(points):
@@ -112,9 +115,9 @@ def fit_surface(points: Array) -> Surface:
 
 
 def _robust(points: Array, knots: tuple[Array, Array], start: Mask, cell: float, seen: Mask) -> Surface:
-    """Fit, leave out what lies far off, and again until that stays as it is."""
+    """Fit and reject outliers until the selection is stable."""
     good = start
-    for _ in range(ROUNDS):
+    for _ in range(SURFACE_ROUNDS):
         used = good
         coefficients, factor = _solved(points[used], knots)
         surface = Surface(knots, coefficients, 0.0, factor, cell, seen, used)
@@ -127,10 +130,10 @@ def _robust(points: Array, knots: tuple[Array, Array], start: Mask, cell: float,
 
 
 def inliers(residual: Array) -> Mask:
-    """Residuals within so many robust standard deviations of their median."""
+    """Mask of residuals within `SURFACE_CLIP_SIGMA` robust standard deviations of their median."""
     middle = np.median(residual)
     spread = 1.4826 * float(np.median(np.abs(residual - middle)))
-    near: Mask = np.abs(residual - middle) <= max(CLIP * spread, 1e-9)
+    near: Mask = np.abs(residual - middle) <= max(SURFACE_CLIP_SIGMA * spread, 1e-9)
     return near
 
 
@@ -151,7 +154,7 @@ def _solved(points: Array, knots: tuple[Array, Array]) -> tuple[Array, Any]:
 
 
 def _roughness(knots: tuple[Array, Array]) -> Any:
-    """Sparse (m, m): the sum of squared second differences of the coefficients along x and along y."""
+    """Sum of squared second differences of the coefficients along x and along y, sparse (m, m)."""
     from scipy.sparse import diags_array, eye_array, kron
 
     parts = []
@@ -164,7 +167,7 @@ def _roughness(knots: tuple[Array, Array]) -> Any:
 
 
 def _knots(points: Array, spacing: float, apart: float) -> tuple[Array, Array]:
-    """Knots so far apart, mm; along y at least `apart`."""
+    """Knots with a given spacing, mm; along y at least `apart`."""
     low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
     both = []
     for a, b, least in zip(low, high, (0.0, apart), strict=True):
@@ -186,16 +189,16 @@ def _basis(xy: Array, knots: tuple[Array, Array]) -> Any:
 
 
 def _chunks(rows: Array) -> list[Array]:
-    return np.array_split(rows, max(1, -(-len(rows) // CHUNK)))
+    return np.array_split(rows, max(1, -(-len(rows) // CHUNK_POINTS)))
 
 
 def _cells(points: Array, cell: float) -> Mask:
-    """A grid of cells (mm) over the points: which have points in all cells beside them."""
+    """Grid of cells (mm) over the points: mask of those whose neighbours all hold points."""
     from scipy.ndimage import binary_closing, binary_erosion
 
     place = np.floor((points[:, :2] - points[:, :2].min(axis=0)) / cell).astype(np.intp)
     full = np.zeros(place.max(axis=0) + 1, dtype=np.bool_)
     full[place[:, 0], place[:, 1]] = True
-    closed = binary_closing(np.pad(full, 1))[1:-1, 1:-1]  # a single cell that outliers emptied is no hole
+    closed = binary_closing(np.pad(full, 1))[1:-1, 1:-1]  # a single cell emptied by outliers is no hole
     inside: Mask = binary_erosion(closed, structure=np.ones((3, 3), dtype=np.bool_), border_value=1)
     return inside

@@ -1,4 +1,4 @@
-"""What the command line prints of a registration."""
+"""Lines that `register` prints."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from identification.results.parameter_table import printed
 
 
 def register_lines(result: Registered) -> Iterator[str]:
-    """The mount, and for each run how well the clouds fit and how large the error motions are."""
+    """Lines about the mount, and for each run the fit of the clouds and the size of the error motions."""
     table, mount = result.table, result.mount
     std = np.sqrt(np.diag(mount.covariance))
     yield "mount of the sensor in the tool frame"

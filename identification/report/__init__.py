@@ -1,4 +1,4 @@
-"""The report of a fit: one HTML file that holds everything it shows."""
+"""Report of a fit: one self-contained HTML file."""
 
 from identification.report.write import report, write_report
 

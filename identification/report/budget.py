@@ -1,4 +1,4 @@
-"""The uncertainty budget as a report shows it."""
+"""Uncertainty budget (GUM) as a section of the report."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from identification.results.analysis import Analysis
 from identification.results.parameter_table import printed
 from identification.uncertainty.budget import Budget, Input
 
-MOST = 80  # groups
+MOST_BUDGET_GROUPS = 80  # groups listed; a longer table is not read
 
 
 class BudgetPart(NamedTuple):
-    """Lines of the prediction's budget, its sum, and a row a group."""
+    """Inputs of the prediction's budget, their combination, and a row per group."""
 
     measurand: str
     unit: str
@@ -33,7 +33,7 @@ def budget_part(analysis: Analysis) -> BudgetPart | None:
         return None
     known = [e for e in analysis.estimates if e.kind not in ("frame", "zero")]
     rows = []
-    for e in known[:MOST]:
+    for e in known[:MOST_BUDGET_GROUPS]:
         own = budgets.groups[e.number - 1]
         factor, unit = printed(own.unit)
         split = [_root(own, t) for t in "AB"]
@@ -65,5 +65,5 @@ def _line(i: Input, budget: Budget) -> list[str]:
 
 
 def degrees(dof: float) -> str:
-    """Degrees of freedom as they are printed, rounded down."""
+    """Degrees of freedom as displayed, rounded down."""
     return str(int(dof + 1e-9)) if isfinite(dof) and dof < 1e6 else "∞"

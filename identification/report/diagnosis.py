@@ -1,4 +1,4 @@
-"""What a report says of a diagnosis: the verdict in words, each finding with its figures and tables."""
+"""Diagnosis as a section of the report: verdict in words, findings with figures and tables."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from identification.diagnosis.results.diagnosed import Diagnosed, numbered
 from identification.diagnosis.results.findings import Alternative, Finding, Untestable
 from identification.diagnosis.results.headline import headline
 from identification.diagnosis.search.scoring import Step
-from identification.plots.effect_curve import PERIODS, draw_effect_curve
-from identification.plots.residuals_along_driver import MOST, draw_residuals_along_driver
+from identification.plots.effect_curve import DRAWN_PERIODS, draw_effect_curve
+from identification.plots.residuals_along_driver import MOST_DRIVER_DOTS, draw_residuals_along_driver
 from identification.plots.where_map import draw_where_map
 from identification.report.pictures import Picture, picture
 from identification.report.tables import number
@@ -24,9 +24,10 @@ from identification.report.wording import short, three
 from identification.results.parameter_table import decimals, printed
 from identification.results.residual_projection import Evidence, evidence_of
 
-MOST_PARAMETERS = 8  # of a finding's table
-OVER = "over 1000 times"
-SURE, LIKELY = 0.95, 0.7  # probability of a name
+MOST_PARAMETERS = 8  # parameters in the table of a finding
+LARGEST_ODDS = "over 1000 times"  # text of larger ratios of probabilities
+# probability of a name, from which the report calls it certain, or likely; by judgement
+SURE_PROBABILITY, LIKELY_PROBABILITY = 0.95, 0.7
 
 
 def _signs(text: str) -> str:
@@ -36,7 +37,7 @@ def _signs(text: str) -> str:
 
 @dataclass(frozen=True)
 class FindingPart:
-    """A finding as the page shows it: cells of its tables, in words and with units."""
+    """A finding as displayed: cells of its tables, in words and with units."""
 
     number: int
     finding: Finding
@@ -53,7 +54,7 @@ class FindingPart:
 
     @property
     def statement(self) -> str:
-        """The finding's sentence with the signs that a page has and a terminal may lack."""
+        """Sentence of the finding with typographic signs that a terminal may lack."""
         return _signs(self.finding.statement)
 
     @property
@@ -66,7 +67,7 @@ class FindingPart:
 
 @dataclass(frozen=True)
 class DiagnosisPart:
-    """All that the page says of a diagnosis."""
+    """Content of the section."""
 
     headline: str
     heldout: str
@@ -77,7 +78,7 @@ class DiagnosisPart:
 
 
 def diagnosis_part(diagnosed: Diagnosed) -> DiagnosisPart:
-    """The words, tables and figures of a diagnosis; one that found nothing has no figures."""
+    """Words, tables and figures of a diagnosis; without findings there are no figures."""
     diagnosis = diagnosed.diagnosis
     parts = diagnosed.parts or (diagnosed,)
     groups = numbered(diagnosed)
@@ -85,7 +86,7 @@ def diagnosis_part(diagnosed: Diagnosed) -> DiagnosisPart:
     for n, f in enumerate(diagnosis.findings, start=1):
         part = next(p for p in parts if any(f is own for own in p.diagnosis.findings))
         findings.append(_part(part, n, f, groups.get(n)))
-    doubtful = [str(n) for n in groups if diagnosis.findings[n - 1].probability < LIKELY]
+    doubtful = [str(n) for n in groups if diagnosis.findings[n - 1].probability < LIKELY_PROBABILITY]
     named = (f"the name of finding {' and '.join(doubtful)} is not sure, see its other explanations",)
     left = (f"left over: {diagnosis.unexplained}",) if diagnosis.unexplained else ()
     return DiagnosisPart(
@@ -113,7 +114,7 @@ def _heldout(diagnosed: Diagnosed) -> str:
         "the declared noise" if "position" in diagnosed.final.solution.declared else "noise, as the residuals show it,"
     )
     text = f"{short(_value(after))} µm rms, of which {what} makes {short(noise)} µm"
-    if diagnosis.findings and before != after:  # a mended table is what the first fit has seen already
+    if diagnosis.findings and before != after:  # a corrected table was used by the first fit already
         text = f"{short(_value(before))} µm rms without the findings, {text.replace(' µm rms', ' µm rms with them', 1)}"
     return f"Rows that were left out of the fit are predicted to {text}."
 
@@ -153,7 +154,7 @@ def _part(diagnosed: Diagnosed, count: int, finding: Finding, group: Sequence[St
 
 
 def _other(other: Alternative) -> str:
-    """Another explanation by name and place; of a mere form, what would move with what."""
+    """Another explanation by name and place; of an empirical term, the motion and the channel it varies with."""
     text = f"{other.effect} at {other.where}"
     return f"{text}: {', '.join(other.motion)} by {', '.join(map(_channel, other.driver))}" if other.motion else text
 
@@ -171,18 +172,24 @@ def sure(finding: Finding) -> str:
     if finding.nameless:
         return "none: no effect of the library fits; it is modelled by its form alone"
     p = finding.probability
-    word = "sure" if p >= SURE else "likely" if p >= LIKELY else "one of several that fit about as well, see below"
+    word = (
+        "sure"
+        if p >= SURE_PROBABILITY
+        else "likely"
+        if p >= LIKELY_PROBABILITY
+        else "one of several that fit about as well, see below"
+    )
     return f"{finding.effect}: {word} (probability {_probability(finding)})"
 
 
 def odds(other: Alternative) -> list[str]:
-    """Another explanation: its probability, what this data alone says of it, and whether it tells it apart."""
+    """Alternative explanation: probability, evidence of these data alone, and whether it is distinguishable."""
     power = other.log10_bayes_factor
     times = 10 ** min(abs(power), 3.0)
     if abs(power) < log10(1.5):
         text = "fits about as well"
     elif abs(power) >= 3:
-        text = f"by far less likely ({OVER})" if power < 0 else f"by far likelier ({OVER})"
+        text = f"by far less likely ({LARGEST_ODDS})" if power < 0 else f"by far likelier ({LARGEST_ODDS})"
     else:
         text = f"{times:.2g} times {'less likely' if power < 0 else 'likelier'}"
     own = other.probability
@@ -232,7 +239,7 @@ def _pictures(diagnosed: Diagnosed, count: int, evidence: Evidence) -> list[Pict
         periods += f" A positive parameter means: {sense}."
     if evidence.abscissa.period:
         span = np.ptp(evidence.channel(evidence.abscissa.name)) / evidence.abscissa.period
-        periods += f" {_count(PERIODS).capitalize()} of the {span:.0f} periods in the recorded range are drawn."
+        periods += f" {_count(DRAWN_PERIODS).capitalize()} of the {span:.0f} periods in the recorded range are drawn."
     rest = (
         " Temperatures are as recorded, and the motion counts from the first row."
         if evidence.abscissa.name == "time"
@@ -243,8 +250,8 @@ def _pictures(diagnosed: Diagnosed, count: int, evidence: Evidence) -> list[Pict
             partial(draw_residuals_along_driver, evidence, final.sigma_mm),
             f"Residuals in the direction in which {evidence.symbol} moves the tip, against {driver}{split}: on the "
             "left of a fit of everything but this finding (the geometry has taken what it can of it), on the right "
-            f"with it. Dots are rows, at most {MOST}; marks are means of bins with their standard error; grey is ± 2 "
-            "standard deviations of the noise.",
+            f"with it. Dots are rows, at most {MOST_DRIVER_DOTS}; marks are means of bins with their "
+            "standard error; grey is ± 2 standard deviations of the noise.",
             f"Residuals against {driver} without and with {name}",
         ),
         picture(

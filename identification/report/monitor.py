@@ -1,4 +1,4 @@
-"""The page of a monitored machine: what this cycle is, every quantity over the cycles, and the table of ranges."""
+"""Report of a monitored machine: status of the cycle, every quantity over the cycles, and the table of ranges."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from errormodel import __version__
 from identification.monitoring.alarms import alarm_text, value_text
-from identification.monitoring.control_limits import FEWEST, USEFUL
+from identification.monitoring.control_limits import MIN_CYCLES, USEFUL_CYCLES
 from identification.monitoring.run import Monitored
 from identification.plots.history import draw_history
 from identification.report.page import page
@@ -16,7 +16,7 @@ from identification.report.pictures import Picture, picture
 
 
 def monitor_page(result: Monitored) -> str:
-    """``monitor.html``: HTML that holds all it shows."""
+    """``monitor.html``: a self-contained HTML page."""
     return page(
         "monitor.html",
         machine=result.stored.chain.machine.name,
@@ -32,7 +32,8 @@ def _headline(result: Monitored) -> str:
     number, judged = result.record.number, result.judged
     if judged.learning:
         return (
-            f"Cycle {number}: learning. {result.learned} earlier cycles; a range needs {FEWEST}, a useful one {USEFUL}."
+            f"Cycle {number}: learning. {result.learned} earlier cycles; "
+            f"a range needs {MIN_CYCLES}, a useful one {USEFUL_CYCLES}."
         )
     if result.record.status == "alarm":
         taken = ", accepted as normal all the same" if result.record.accepted else ""
@@ -51,7 +52,7 @@ def _history(result: Monitored) -> Picture:
 
 
 def _rows(result: Monitored) -> list[tuple[list[str], bool]]:
-    """Cells of the table, and whether the quantity is in alarm; those nearest to their limits first."""
+    """Cells of the table and alarm state of each quantity; those nearest to their limits first."""
     judged, cycle = result.judged, result.record.cycle
     flagged = judged.flagged
     order = np.lexsort((-np.nan_to_num(judged.reach, nan=-1.0), ~flagged))

@@ -1,4 +1,4 @@
-"""Which rows a report says to distrust, and what more rows would bring."""
+"""Sections of the report on outlying rows and on the uncertainties that further poses would give."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from identification.report.tables import number
 from identification.report.wording import file_name, three
 from identification.results.analysis import Analysis
 
-MOST = 40  # outliers listed
-MOST_GROUPS = 15
+MOST_OUTLIERS = 40  # outliers listed
+MOST_GAIN_GROUPS = 15  # parameter groups listed
 
 
 class OutliersPart(NamedTuple):
-    """A sentence, the figure of all rows' distances, and a table row an outlier."""
+    """A sentence, the figure of all rows' distances, and a table row per outlier."""
 
     statement: str
     pictures: list[Picture]
@@ -28,7 +28,7 @@ class OutliersPart(NamedTuple):
 
 
 def outliers_part(fit: Fit) -> OutliersPart | None:
-    """The section of a robust fit."""
+    """Section of a robust fit."""
     if fit.sorting is None:
         return None
     farthest = sorted(fit.outliers, key=lambda o: -o.distance_sigma)
@@ -53,13 +53,13 @@ def outliers_part(fit: Fit) -> OutliersPart | None:
             file_name(o.file), str(o.row), o.run, o.what, three(o.distance_sigma),
             three(o.residual_um) if np.isfinite(o.residual_um) else "–",
         ]
-        for o in farthest[:MOST]
+        for o in farthest[:MOST_OUTLIERS]
     ]  # fmt: skip
-    return OutliersPart(text, [drawn], rows, max(len(farthest) - MOST, 0))
+    return OutliersPart(text, [drawn], rows, max(len(farthest) - MOST_OUTLIERS, 0))
 
 
 class GainPart(NamedTuple):
-    """Uncertainties of the groups that gain most, and the poses that bring it."""
+    """Uncertainties of the groups that improve most, and the poses that achieve it."""
 
     groups: list[list[str]]
     more: int
@@ -77,10 +77,14 @@ def gain_part(analysis: Analysis) -> GainPart | None:
     own = [e for e in analysis.estimates if e.kind not in ("frame", "zero")]
     own.sort(key=lambda e: gain.best[e.number - 1] / std[e.number - 1])  # type: ignore[index]
     rows = []
-    for e in own[:MOST_GROUPS]:
+    for e in own[:MOST_GAIN_GROUPS]:
         ratios = (values[e.number - 1] / std[e.number - 1] for values in (gain.like_these, gain.best))
         rows.append([e.name, three(e.std), *(three(e.std * r) for r in ratios), e.unit])
     poses = [[number(v, 3) for v in row] for row in gain.poses.to_numpy()]
     return GainPart(
-        rows, max(len(own) - MOST_GROUPS, 0), list(gain.poses.columns), poses, len(set(map(tuple, poses))) < len(poses)
+        rows,
+        max(len(own) - MOST_GAIN_GROUPS, 0),
+        list(gain.poses.columns),
+        poses,
+        len(set(map(tuple, poses))) < len(poses),
     )

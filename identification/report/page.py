@@ -13,20 +13,20 @@ if TYPE_CHECKING:
 
 
 def page(template: str, **parts: object) -> str:
-    """HTML that holds all it shows."""
+    """Self-contained HTML of a template."""
     album = Album()
     return album.filled(environment().get_template(template).render(album=album, **parts))
 
 
 class Album:
-    """The figures of a page: a word stands for each until it is drawn."""
+    """Figures of a page; a placeholder stands for each until it is drawn."""
 
     def __init__(self) -> None:
-        self._word = secrets.token_hex(8)  # what no user's text has
+        self._word = secrets.token_hex(8)  # random, so that no user's text contains it
         self._placed: list[Picture] = []
 
     def place(self, picture: Picture) -> str:
-        """The word that stands for a figure."""
+        """Placeholder of a figure."""
         self._placed.append(picture)
         return self._stand_in(len(self._placed) - 1)
 
@@ -42,12 +42,12 @@ class Album:
 
 @cache
 def environment() -> jinja2.Environment:
-    """The templates, compiled when first used."""
+    """Template environment; templates are compiled on first use."""
     import jinja2
 
     return jinja2.Environment(
         loader=jinja2.PackageLoader("identification.report"),
-        autoescape=True,  # names of machines, elements, runs and files are anybody's
+        autoescape=True,  # names of machines, elements, runs and files are arbitrary text
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,

@@ -1,4 +1,4 @@
-"""The figures of a report, embedded, each with a caption and a text for those who cannot see it."""
+"""Embedded figures of a report, each with a caption and an alternative text."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ from identification.plots.singular_values import draw_singular_values
 from identification.plots.volumetric_error import draw_volumetric_error
 from identification.results.analysis import Analysis
 
-MOST_ARROWS = 120  # beyond it a PNG is the smaller picture
-DPI = {"png": 190, "svg": 144}  # in an SVG only dots are pixels
+MOST_SVG_ARROWS = 120  # arrows, beyond which a PNG is smaller than an SVG
+PICTURE_DPI = {"png": 190, "svg": 144}  # dots per inch; in an SVG this concerns dots only, which are pixels
 
 
 class Picture(NamedTuple):
-    """What draws the data URI, the caption below it and the alternative text."""
+    """Function that draws the data URI, the caption and the alternative text."""
 
     source: Callable[[], str]
     caption: str
@@ -65,7 +65,7 @@ def _errors(fit: Fit) -> list[Picture]:
             "Where in the working volume the errors are and where they point, before and after the fit, both enlarged "
             "alike, in the axes of the machine's reference.",
             "Arrows in space along the error of each measured point, nominal on the left, fitted on the right",
-            "png" if len(fit.residuals) > MOST_ARROWS else "svg",
+            "png" if len(fit.residuals) > MOST_SVG_ARROWS else "svg",
         ),
     ]
 
@@ -123,8 +123,8 @@ def _rank(analysis: Analysis) -> list[Picture]:
 
 
 def picture(draw: Callable[[], Figure], caption: str, alt: str, kind: Literal["svg", "png"] = "svg") -> Picture:
-    """A figure as it is to be embedded; drawn when its source is asked for."""
-    return Picture(lambda: _embedded(style.render(draw(), kind, DPI[kind]), kind), caption, alt)
+    """A figure for embedding; it is drawn when its source is requested."""
+    return Picture(lambda: _embedded(style.render(draw(), kind, PICTURE_DPI[kind]), kind), caption, alt)
 
 
 def _embedded(data: bytes, kind: str) -> str:

@@ -1,4 +1,4 @@
-"""The posterior as a report shows it."""
+"""Posterior distribution as a section of the report."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from identification.report.pictures import Picture, picture
 from identification.report.tables import number
 from identification.results.parameter_table import printed
 
-MOST_ROWS = 40  # outliers
-DOUBTFUL = 0.01  # p-value of a check
+MOST_POSTERIOR_OUTLIERS = 40  # outliers listed
+DOUBTFUL_P_VALUE = 0.01  # p-value of a posterior predictive check, below which the report warns; convention
 
 
 class PosteriorPart(NamedTuple):
-    """Sentences, tables and figures."""
+    """Sentences, tables and figures of the section."""
 
     statement: str
     notes: tuple[str, ...]
@@ -39,7 +39,7 @@ def posterior_part(p: Posterior | None) -> PosteriorPart | None:
     """The section's content; None for a fit without a posterior."""
     if p is None:
         return None
-    failed = [c.name for c in p.checks if c.p_value < DOUBTFUL]
+    failed = [c.name for c in p.checks if c.p_value < DOUBTFUL_P_VALUE]
     return PosteriorPart(
         p.statement + f" The linear model misses the exact kinematics by {p.departure:.2g} nats at most.",
         p.notes,
@@ -77,7 +77,7 @@ def _groups(p: Posterior) -> list[list[str]]:
 
 
 def _cells(values: np.ndarray[tuple[int, ...], np.dtype[np.float64]], mean: float | None = None) -> list[str]:
-    """Mean and standard deviation, and the interval that holds 95 %."""
+    """Mean and standard deviation, and the central 95 % interval."""
     std = float(values.std())
     places = min(max(0, 1 - floor(log10(std))), 8) if std > 0 else 3
     low, high = np.quantile(values, (0.025, 0.975))
@@ -88,8 +88,14 @@ def _cells(values: np.ndarray[tuple[int, ...], np.dtype[np.float64]], mean: floa
 def _outliers(p: Posterior) -> str:
     if not p.outliers:
         return ""
-    rows = ", ".join(f"{row} ({100 * probability:.0f} %)" for _, row, probability in p.outliers[:MOST_ROWS])
-    more = f" and {len(p.outliers) - MOST_ROWS} more in fit.json" if len(p.outliers) > MOST_ROWS else ""
+    rows = ", ".join(
+        f"{row} ({100 * probability:.0f} %)" for _, row, probability in p.outliers[:MOST_POSTERIOR_OUTLIERS]
+    )
+    more = (
+        f" and {len(p.outliers) - MOST_POSTERIOR_OUTLIERS} more in fit.json"
+        if len(p.outliers) > MOST_POSTERIOR_OUTLIERS
+        else ""
+    )
     return f"{len(p.outliers)} rows are more likely outliers than not: rows {rows}{more}."
 
 

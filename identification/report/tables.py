@@ -1,4 +1,4 @@
-"""The tables of a report, as text in cells."""
+"""Tables of a report, as text in cells."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from identification.estimation.result import Fit, Spread
 from identification.estimation.run import moved
 from identification.report.wording import file_name, three
 from identification.results.description import no_effect_reasons
-from identification.results.parameter_table import ARCSEC, Estimate, Kind, decimals
+from identification.results.parameter_table import ARCSEC_PER_URAD, Estimate, Kind, decimals
 
-HEADINGS: dict[Kind, str] = {
+GROUP_HEADINGS: dict[Kind, str] = {
     "member": "Structural members (constants)",
     "joint": "Joints (error motions)",
     "effect": "Effects",
     "frame": "Measuring frame and target",
     "zero": "Zeros of the instruments",
 }
-MOST_FRAMES = 30  # rows about frames or zeros, of which a long survey may have hundreds
+MOST_FRAME_ROWS = 30  # rows about measuring frames or zeros; a long survey has hundreds
 
 
 class Result(NamedTuple):
-    """A row of the table of residuals, um."""
+    """Row of the table of residuals, um."""
 
     name: str
     note: str
@@ -38,7 +38,7 @@ class Result(NamedTuple):
 
 
 class GroupRow(NamedTuple):
-    """A row of the table of groups."""
+    """Row of the table of parameter groups."""
 
     number: int
     formula: str
@@ -52,7 +52,7 @@ class GroupRow(NamedTuple):
 
 
 def number(value: float, places: int) -> str:
-    """With a true minus sign; a dash for what is not known."""
+    """Number with a true minus sign; a dash for an unknown value."""
     if not np.isfinite(value):
         return "–"
     text = f"{value:.{places}f}"
@@ -60,7 +60,7 @@ def number(value: float, places: int) -> str:
 
 
 def results(fit: Fit) -> list[Result]:
-    """Nominal, fitted, held out, and each test file before and after; none if no position was measured."""
+    """Rows for nominal, fitted, held-out and each test file before and after; none if no position was measured."""
     if not fit.fitted.n:
         return []
     frame = "" if fit.survey.frame == "fixed" else "best frame, "
@@ -79,7 +79,7 @@ def results(fit: Fit) -> list[Result]:
 
 
 def motions(fit: Fit) -> list[list[str]]:
-    """Cells of each motion that was read for itself: its name and unit, nominal, fitted, held out, readings."""
+    """Cells of each measured error motion: name and unit, nominal, fitted, held out, readings."""
     if fit.motions is None:
         return []
     return [
@@ -93,7 +93,7 @@ def motions(fit: Fit) -> list[list[str]]:
 
 
 def counts(fit: Fit) -> dict[str, int]:
-    """How many parameters there are, and what becomes of them."""
+    """Numbers of parameters by status: identified, dependent, without effect."""
     ids, groups = fit.chain.machine_ids, fit.solution.groups
     named = {groups.ids[j] for j in groups.base}
     return {
@@ -105,11 +105,11 @@ def counts(fit: Fit) -> dict[str, int]:
 
 
 def group_sections(groups: Sequence[Estimate]) -> list[tuple[str, list[GroupRow]]]:
-    """The groups by kind, in the order of the fit; of very many frames the first."""
+    """Groups by kind, in the order of the fit; at most `MOST_FRAME_ROWS` measuring frames."""
     out = []
-    for kind, heading in HEADINGS.items():
+    for kind, heading in GROUP_HEADINGS.items():
         own = [e for e in groups if e.kind == kind]
-        most = MOST_FRAMES if kind in ("frame", "zero") else len(own)
+        most = MOST_FRAME_ROWS if kind in ("frame", "zero") else len(own)
         more = f": {most} of {len(own)}, all in parameters.csv" if len(own) > most else ""
         if own:
             out.append((heading + more, [_group_row(e) for e in own[:most]]))
@@ -120,8 +120,8 @@ def _group_row(e: Estimate) -> GroupRow:
     places = decimals(e.std)
     arcsec = ""
     if e.unit.startswith("µrad"):
-        places_arcsec = decimals(ARCSEC * e.std)
-        size = f"{number(ARCSEC * e.value, places_arcsec)} ± {number(ARCSEC * e.std, places_arcsec)}"
+        places_arcsec = decimals(ARCSEC_PER_URAD * e.std)
+        size = f"{number(ARCSEC_PER_URAD * e.value, places_arcsec)} ± {number(ARCSEC_PER_URAD * e.std, places_arcsec)}"
         arcsec = f"{size} arcsec{e.unit.removeprefix('µrad')}"
     value = f"{number(e.value, places)} ± {number(e.std, places)}"
     significance = number(e.significance, 1) if e.significance < 1e4 else "over 10000"
@@ -129,7 +129,7 @@ def _group_row(e: Estimate) -> GroupRow:
 
 
 def dependent(fit: Fit) -> list[tuple[str, str]]:
-    """Parameters that other groups already hold: their ids, and what they act as; alike ones share a row."""
+    """Dependent parameters: ids, and the combination of groups they act as; equal ones share a row."""
     groups = fit.solution.groups
     base = set(groups.base.tolist())
     alike: dict[tuple[tuple[str, float], ...], list[str]] = {}
@@ -153,7 +153,7 @@ def _share(name: str, factor: float) -> str:
 
 
 def no_effect(fit: Fit) -> list[tuple[str, str]]:
-    """Parameters that change nothing that was measured: their ids and why; alike ones share a row."""
+    """Parameters without effect on the measurements: ids and reasons; equal ones share a row."""
     groups = fit.solution.groups
     known = replace(groups, no_effect=tuple(i for i in groups.no_effect if i in fit.chain.index))
     reasons = dict.fromkeys(groups.no_effect, "nothing that was measured depends on it")
@@ -165,12 +165,12 @@ def no_effect(fit: Fit) -> list[tuple[str, str]]:
 
 
 def frames(fit: Fit) -> list[list[str]]:
-    """Label, x y z (mm) and rotations about x, y, z (deg) of each measuring frame, the first of very many."""
+    """Label, x y z (mm) and rotations about x, y, z (deg) of each measuring frame, at most `MOST_FRAME_ROWS`."""
     from scipy.spatial.transform import Rotation
 
     named = fit.solution.named()
     out = []
-    for label, pose in list(fit.problem.frames.items())[:MOST_FRAMES]:
+    for label, pose in list(fit.problem.frames.items())[:MOST_FRAME_ROWS]:
         whole = moved(fit.chain, pose, named, label)
         turns = Rotation.from_matrix(whole.rotation).as_euler("XYZ", degrees=True)
         cells = [*(number(v, 4) for v in whole.translation), *(number(v, 6) for v in turns)]
@@ -180,7 +180,7 @@ def frames(fit: Fit) -> list[list[str]]:
 
 
 def noise(fit: Fit) -> list[list[str]]:
-    """Each kind of observation: how many, standard deviation, and where that comes from."""
+    """Kinds of observation: number, standard deviation, and its origin."""
     out = []
     for kind, sums in fit.solution.sums.items():
         declared = kind in fit.solution.declared
@@ -192,7 +192,7 @@ def noise(fit: Fit) -> list[list[str]]:
 
 
 def inputs(fit: Fit) -> list[tuple[str, str]]:
-    """Names of what was read."""
+    """Names of the input files."""
     machine = fit.chain.machine
     rows = [("Machine", file_name(machine.source) if machine.source else machine.name)]
     rows.append(("Survey", file_name(fit.survey.source)))

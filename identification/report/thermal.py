@@ -1,4 +1,4 @@
-"""The thermal model as a report shows it."""
+"""Thermal model as a section of the report."""
 
 from __future__ import annotations
 
@@ -12,11 +12,12 @@ from identification.report.tables import number
 from identification.results.parameter_table import printed
 from identification.thermal.run import MotionResult, Thermal
 
-POOR = 3.0  # times the noise: what another cycle shows beyond it; a model that leaves more does not carry over
+# times the noise: a larger error on another cycle means that the model does not transfer; by judgement
+POOR_TRANSFER_RATIO = 3.0
 
 
 class ThermalPart(NamedTuple):
-    """Sentences, tables and figures."""
+    """Sentences, tables and figures of the section."""
 
     headline: str
     good: bool
@@ -27,7 +28,7 @@ class ThermalPart(NamedTuple):
 
 
 def thermal_part(result: Thermal) -> ThermalPart:
-    """The section's content."""
+    """Content of the section."""
     r = result.recordings
     usual, lagged = result.left_beyond
     several = "; ".join(" = ".join(g) for g in r.groups if len(g) > 1)
@@ -37,8 +38,9 @@ def thermal_part(result: Thermal) -> ThermalPart:
     files = ", ".join(dict.fromkeys(r.survey.test[k].table["file"].iloc[0] for k in range(len(r.survey.test))))
     return ThermalPart(
         f"Drift of {len(result.motions)} error motions with temperature: in another thermal cycle the model leaves "
-        f"{lagged:.2g} times the noise, beyond the noise{'' if lagged < POOR else ': it does not carry over'}.",
-        lagged < POOR,
+        f"{lagged:.2g} times the noise, beyond the noise"
+        f"{'' if lagged < POOR_TRANSFER_RATIO else ': it does not carry over'}.",
+        lagged < POOR_TRANSFER_RATIO,
         f"Each error motion follows a few temperatures behind lags. In a thermal cycle that was not fitted ({files}) "
         f"that leaves {lagged:.2f} times the noise, in the root mean square beyond it; stepwise regressions on "
         f"temperatures at each position leave {usual:.2f} times.",

@@ -1,4 +1,4 @@
-"""What a report says in words, from the numbers of a fit."""
+"""Sentences of a report, from the numbers of a fit."""
 
 from __future__ import annotations
 
@@ -12,47 +12,49 @@ from identification.estimation.result import Fit
 from identification.plots.correlation import correlation
 from identification.results.analysis import Analysis
 
-SHOWN = 3  # error motions of a headline
-WORSE = 1.5  # rms on other rows over rms on fitted ones, from which the difference is worth a warning
-RARE = 0.001  # probability of so small a sum of squares, by which the declared uncertainty is too large
-CLOSE = 0.9  # correlation coefficient from which a sum or a difference is known clearly better
-ROUND_OFF_UM = 1e-3  # smaller errors are not worth a word
+HEADLINE_MOTIONS = 3  # error motions in a headline
+WORSE_RMS_RATIO = 1.5  # RMS on held-out rows over RMS on fitted ones, from which the report warns; by judgement
+# p-value of the lower chi-squared tail, below which the declared uncertainty is called too large; convention
+RARE_P_VALUE = 0.001
+# correlation coefficient, from which a sum or difference is much better determined than its terms; by judgement
+CLOSE_CORRELATION = 0.9
+ROUND_OFF_UM = 1e-3  # um: smaller errors are rounding and are not mentioned
 
 
 class Judgement(NamedTuple):
-    """One sentence; `good` is False where the reader should do something."""
+    """One sentence; `good` is False where the reader should act."""
 
     good: bool
     text: str
 
 
 def short(value: float) -> str:
-    """An error in um as one says it: ``421``, ``27``, ``4.2``, ``0.35``."""
+    """An error in um, rounded for a sentence: ``421``, ``27``, ``4.2``, ``0.35``."""
     if not np.isfinite(value):
         return "–"
     return f"{value:.0f}" if value >= 9.95 else f"{value:.1f}" if value >= 0.95 else f"{value:.2f}"
 
 
 def three(value: float) -> str:
-    """A positive number in three digits, without an exponent where it is of usual size."""
+    """A positive number in three digits, without an exponent at usual sizes."""
     return f"{value:.{max(2 - floor(log10(value)), 0)}f}" if 1e-3 < value < float("inf") else f"{value:.3g}"
 
 
 def file_name(path: Path | str) -> str:
-    """As the user wrote it, but without the folders of an absolute path, which are of one computer only."""
+    """Path as the user wrote it, without the folders of an absolute path."""
     return Path(path).name if Path(path).is_absolute() else str(path)
 
 
 def headline(fit: Fit) -> str:
-    """The verdict in one line."""
+    """Result of the fit in one line."""
     if not fit.fitted.n and fit.motions is not None:
         sizes = sorted(fit.motions.errors(fit.survey), key=lambda e: -e.nominal)
         shown = [
             f"{e.symbol} {short(e.nominal)} → {short(e.fitted)} {e.unit.replace('u', 'µ', 1)} rms, held-out "
             f"{short(e.heldout)}"
-            for e in sizes[:SHOWN]
+            for e in sizes[:HEADLINE_MOTIONS]
         ]
-        more = f"; and {len(sizes) - SHOWN} more" if len(sizes) > SHOWN else ""
+        more = f"; and {len(sizes) - HEADLINE_MOTIONS} more" if len(sizes) > HEADLINE_MOTIONS else ""
         return f"Error motions fitted: {'; '.join(shown)}{more}."
     return (
         f"Geometry fitted: mean error {short(fit.nominal.mean_um)} → {short(fit.fitted.mean_um)} µm; "
@@ -61,7 +63,7 @@ def headline(fit: Fit) -> str:
 
 
 def judgements(fit: Fit) -> list[Judgement]:
-    """Whether to believe it: improvement, held-out rows, declared noise, test files."""
+    """Sentences on the quality of the fit: improvement, held-out rows, declared noise, test files."""
     out: list[Judgement] = []
     if fit.fitted.n:
         if fit.fitted.mean_um > max(0.8 * fit.nominal.mean_um, ROUND_OFF_UM):
@@ -71,14 +73,14 @@ def judgements(fit: Fit) -> list[Judgement]:
             )
             out.append(Judgement(False, text))
         ratio = fit.heldout.rms_um / max(fit.fitted.rms_um, ROUND_OFF_UM)
-        if ratio > WORSE:
+        if ratio > WORSE_RMS_RATIO:
             text = (
                 f"Rows that were left out are predicted {ratio:.1f} times worse (rms) than those fitted: too few poses "
                 "for so many parameters, or the machine changed during the survey."
             )
         else:
             text = "Rows that were left out of the fit are predicted about as well as those that were fitted."
-        out.append(Judgement(ratio <= WORSE, text))
+        out.append(Judgement(ratio <= WORSE_RMS_RATIO, text))
     if fit.solution.declared:
         from scipy.special import chdtr
 
@@ -88,7 +90,7 @@ def judgements(fit: Fit) -> list[Judgement]:
                 "misses something, or the instrument was worse than declared. All standard uncertainties are "
                 "multiplied by this factor."
             )
-        elif chdtr(fit.solution.dof, fit.solution.chi2) < RARE:
+        elif chdtr(fit.solution.dof, fit.solution.chi2) < RARE_P_VALUE:
             text = (
                 f"The residuals are only {np.sqrt(fit.solution.chi2 / fit.solution.dof):.2g} times as large as the "
                 "declared uncertainty lets expect: the instrument was better than declared. Standard uncertainties "
@@ -106,7 +108,7 @@ def judgements(fit: Fit) -> list[Judgement]:
         )
         out.append(Judgement(False, text))
     for test in fit.tests:
-        if test.fitted.n and test.fitted.rms_um > WORSE * fit.fitted.rms_um:
+        if test.fitted.n and test.fitted.rms_um > WORSE_RMS_RATIO * fit.fitted.rms_um:
             text = (
                 f"The test file {file_name(test.path)} is predicted clearly worse: mean "
                 f"{short(test.fitted.mean_um)} µm (before: {short(test.nominal.mean_um)} µm)."
@@ -116,7 +118,7 @@ def judgements(fit: Fit) -> list[Judgement]:
 
 
 def noise(fit: Fit) -> str:
-    """Where the noise level comes from."""
+    """Origin of the noise level."""
     dof = f"{fit.solution.dof} degrees of freedom"
     if "position" in fit.solution.declared:
         return (
@@ -140,7 +142,7 @@ def strongest_correlation(analysis: Analysis) -> str:
     value = f"{matrix[i, j]:+.3f}".replace("-", "−")
     known = "difference" if matrix[i, j] > 0 else "sum"
     more = f": their {known}, each in its standard uncertainties, is known better than either"
-    more = more if abs(matrix[i, j]) > CLOSE else ""
+    more = more if abs(matrix[i, j]) > CLOSE_CORRELATION else ""
     return (
         f"Of all pairs of groups, the estimates of {groups[i].name} and {groups[j].name} are correlated most, with a "
         f"correlation coefficient of {value}{more}."

@@ -1,4 +1,4 @@
-"""`report`: figures, tables and words of a fit, put into the template."""
+"""Report of a fit: figures, tables and sentences rendered by the HTML template."""
 
 from __future__ import annotations
 

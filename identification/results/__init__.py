@@ -1,1 +1,1 @@
-"""Results as they are stored, tabulated and handed to users."""
+"""Results of commands and of the Python API: tables, files, and folders with manifests."""

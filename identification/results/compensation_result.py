@@ -1,4 +1,4 @@
-"""Compensation tables as a notebook uses them."""
+"""Result of a compensation for the Python API."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ if TYPE_CHECKING:
 
 
 class CompensationResult:
-    """What `identification.compensate` returns.
+    """Result of `identification.compensate`.
 
     Attributes
     ----------
     compensation : the tables and their assessment.
-    checklist : what to do at the machine, in order.
-    notes : what needs attention, as sentences.
+    checklist : steps at the machine, in order.
+    notes : warnings and remarks, as sentences.
     """
 
     def __init__(self, compensation: Compensation) -> None:
@@ -36,7 +36,7 @@ class CompensationResult:
 
     @cached_property
     def figures(self) -> pd.DataFrame:
-        """Rms and largest error (um) before, after an ideal compensation and after these tables, for each set."""
+        """RMS and largest error (um) before, after an ideal compensation and after these tables, for each set."""
         import pandas as pd
 
         rows = [

@@ -1,4 +1,4 @@
-"""What a machine's model holds and what a set of poses could tell of it, before anything is measured."""
+"""Identifiability of a machine's model before measurement: rank and parameter groups, for random or given poses."""
 
 from __future__ import annotations
 
@@ -23,19 +23,20 @@ if TYPE_CHECKING:
 
     from errormodel.survey import Survey
 
-POSES = 2000  # random poses: enough that chance does not hide a direction, few enough to answer at once
+# random poses: enough that no direction stays unobserved by chance, few enough to answer at once
+RANDOM_POSES = 2000
 
 
 @dataclass(frozen=True)
 class Description:
-    """The identifiable groups of a machine.
+    """Identifiable parameter groups of a machine.
 
     Attributes
     ----------
-    groups : of the machine's own parameters, seen from a known measuring frame.
-    reasons : why each parameter without effect has none.
-    with_frame : the same when the measuring frame is unknown too, as the survey has it; None without a survey.
-    split : groups of the machine with its one tool that the survey's poses and tools take apart.
+    groups : groups of the machine's own parameters, with a known measuring frame.
+    reasons : reason for each parameter without effect.
+    with_frame : groups when the measuring frame is unknown as well, as in the survey; None without a survey.
+    split : groups of the machine with a single tool that the survey's poses and tools separate.
     """
 
     chain: Chain
@@ -81,7 +82,7 @@ class Description:
 
 
 def describe(machine: Machine, survey: Survey | None = None) -> Description:
-    """Parameters, rank and groups; without a survey for random poses over the travels and one tool."""
+    """Parameters, rank and groups; without a survey for random poses over the travels with one tool."""
     chain = Chain(machine)
     ids = chain.machine_ids
     alone = identifiable(chain, [_random_view(chain)], ids)
@@ -105,24 +106,25 @@ def _random_view(chain: Chain) -> View:
     rows = chain.columns(_random_table(chain))
     return PositionView(
         kind="position", chain=chain, ids=chain.machine_ids, columns=chain.machine_ids, rows=rows,
-        whitener=np.ones(POSES), index=np.arange(POSES), fixed=fixed_tool(chain, rows), measured=np.zeros((POSES, 3)),
+        whitener=np.ones(RANDOM_POSES), index=np.arange(RANDOM_POSES),
+        fixed=fixed_tool(chain, rows), measured=np.zeros((RANDOM_POSES, 3)),
     )  # fmt: skip
 
 
 def _random_table(chain: Chain) -> pd.DataFrame:
-    """Random poses with one tool; the other columns that effects depend on vary as they would in a day's work."""
-    table = random_points(chain.machine, POSES)
+    """Random poses with one tool; other columns that effects depend on vary over usual ranges."""
+    table = random_points(chain.machine, RANDOM_POSES)
     rng = np.random.default_rng(1)
     ranges = {"T_": (18.0, 24.0), "w_": (0.0, 1.0), "feed": (500.0, 5000.0), "load": (0.0, 500.0)}
     for word in dict.fromkeys(map(root, chain.channels)):
         for prefix, (low, high) in ranges.items():
             if word.startswith(prefix):
-                table[word] = rng.uniform(low, high, POSES)
-    return table.assign(time=60.0 * np.arange(POSES))  # s
+                table[word] = rng.uniform(low, high, RANDOM_POSES)
+    return table.assign(time=60.0 * np.arange(RANDOM_POSES))  # s
 
 
 def _as_if_measured(chain: Chain, survey: Survey) -> Survey:
-    """A survey's rows to fit; commands alone count as poses at which all three coordinates will be measured."""
+    """Calibration rows of a survey; rows with commands only count as poses with all three coordinates measured."""
     rows = survey.fit if len(survey.fit) else survey
     if "joint" in rows.table or np.isfinite(rows.measured).any():
         return rows
@@ -131,7 +133,7 @@ def _as_if_measured(chain: Chain, survey: Survey) -> Survey:
 
 
 def no_effect_reasons(chain: Chain, groups: Groups, survey: Survey | None) -> dict[str, str]:
-    """Why each parameter without effect has none, in words."""
+    """Reason for each parameter without effect, in words."""
     out = {}
     for identity in groups.no_effect:
         parameter = chain.parameters[chain.index[identity]]

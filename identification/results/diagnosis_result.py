@@ -1,4 +1,4 @@
-"""A diagnosis as a notebook uses it."""
+"""Result of a diagnosis for the Python API."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ FINDING = ("effect", "where", "motion", "driver", "probability", "statement", "m
 
 
 class DiagnosisResult(FitResult):
-    """What `identification.diagnose` returns: the fit of the extended machine, and what was found.
+    """Result of `identification.diagnose`: the fit of the extended machine, and the findings.
 
     Attributes
     ----------
@@ -50,11 +50,13 @@ class DiagnosisResult(FitResult):
         import pandas as pd
 
         rows = [f.as_json() for f in self.diagnosed.diagnosis.findings]
-        return pd.DataFrame([{name: row[name] for name in FINDING} for row in rows], columns=list(FINDING))
+        return pd.DataFrame(
+            [{name: row[name] for name in FINDING_COLUMNS} for row in rows], columns=list(FINDING_COLUMNS)
+        )
 
     @cached_property
     def untestable(self) -> pd.DataFrame:
-        """Effects that this survey cannot show, why, and what would."""
+        """Effects that this survey cannot test, the reason, and the measurement needed."""
         import pandas as pd
 
         rows = [vars(u) for u in self.diagnosed.diagnosis.untestable]
@@ -94,7 +96,7 @@ class DiagnosisPlots(FitPlots):
         self._diagnosed = diagnosed
 
     def where(self) -> Figure:
-        """Map of how well each effect at each place explains the residuals of the plain fit."""
+        """Map of the share of the plain fit's residuals that each effect explains, by place."""
         from errormodel.exceptions import InputError
         from identification.plots.where_map import draw_where_map
 

@@ -1,4 +1,4 @@
-"""A fit as a notebook uses it: tables with units, figures, prediction, storage."""
+"""Result of a fit for the Python API: tables with units, figures, prediction, storage."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ if TYPE_CHECKING:
     from identification.results.stored_fit import StoredFit
     from identification.sources import AnySurvey
 
-STATISTICS = ("rms_um", "mean_um", "max_um", "n")
+STATISTICS_COLUMNS = ("rms_um", "mean_um", "max_um", "n")  # columns of the table of residual statistics
 
 
 class FitResult:
-    """What `identification.fit` returns. All tables are made when they are asked for.
+    """Result of `identification.fit`; tables are computed on request.
 
     Attributes
     ----------
     fit : the estimates and residuals behind it.
     analysis : what is derived from them: parameters, uncertainty budgets (GUM), further poses, posterior.
     machine : the machine that was fitted.
-    notes : what needs attention, as sentences.
+    notes : warnings and remarks, as sentences.
     sigma_um : standard uncertainty of one measured coordinate (k = 1), um.
     """
 
@@ -54,7 +54,7 @@ class FitResult:
 
     @property
     def degrees_of_freedom(self) -> int:
-        """Of the residuals."""
+        """Degrees of freedom of the residuals."""
         return self.fit.solution.dof
 
     @cached_property
@@ -98,7 +98,7 @@ class FitResult:
 
     @cached_property
     def residuals(self) -> pd.DataFrame:
-        """One row a measurement: nominal, fitted and held-out residual, um, measured minus predicted."""
+        """One row per measurement: nominal, fitted and held-out residual, um, measured minus predicted."""
         from identification.results import store
 
         table = store.residual_table(self.fit)
@@ -107,7 +107,7 @@ class FitResult:
 
     @cached_property
     def statistics(self) -> pd.DataFrame:
-        """Root mean square, mean and largest 3-D residual (um) and rows: nominal, fitted, held out, each test file."""
+        """RMS, mean and largest 3-D residual (um) and rows: nominal, fitted, held out, each test file."""
         spreads = {"nominal": self.fit.nominal, "fitted": self.fit.fitted, "held out": self.fit.heldout}
         spreads |= {f"test {t.path}": t.fitted for t in self.fit.tests}
         return spread_table(spreads)
@@ -274,7 +274,7 @@ def spread_table(spreads: dict[str, Spread]) -> pd.DataFrame:
     """Statistics of residuals, one row each."""
     import pandas as pd
 
-    rows: list[dict[str, Any]] = [{name: getattr(s, name) for name in STATISTICS} for s in spreads.values()]
-    table = pd.DataFrame(rows, index=list(spreads), columns=list(STATISTICS))
-    table.attrs["units"] = dict.fromkeys(STATISTICS[:3], "um")
+    rows: list[dict[str, Any]] = [{name: getattr(s, name) for name in STATISTICS_COLUMNS} for s in spreads.values()]
+    table = pd.DataFrame(rows, index=list(spreads), columns=list(STATISTICS_COLUMNS))
+    table.attrs["units"] = dict.fromkeys(STATISTICS_COLUMNS[:3], "um")
     return table

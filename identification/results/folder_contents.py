@@ -1,4 +1,4 @@
-"""What stands in a folder of results: its own files, what other commands keep there, and what is somebody's work."""
+"""Classification of the files in a folder of results: its own, those of other commands, and foreign ones."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from errormodel.files import LOCK, sha256
 from errormodel.inputs import current, running
 from identification.results import manifest
 from identification.results.manifest import Manifest
-from identification.results.output_file import RECORD, recorded
+from identification.results.output_file import RECORD_NAME, recorded
 
-HISTORY_FILE = "monitor.sqlite"
-HISTORY = re.compile(r"monitor\.sqlite(-journal|-wal|-shm)?")
+HISTORY_FILE = "monitor.sqlite"  # database of `monitor`
+HISTORY_NAME = re.compile(r"monitor\.sqlite(-journal|-wal|-shm)?")  # the database and its temporary files
 CHAIN = "chain"  # an unfinished chain of `fit --bayes`
 PIECE = re.compile(r"\.?piece_[0-9a-f]+_\d+(\.\d+\.part)?\.npz")
 UNFINISHED = re.compile(r"\..+\.(\w+\.part(\.\w+)?|old)")  # of a run that is at work, or was killed
@@ -23,20 +23,20 @@ BEFORE = (  # there were manifests
     "machine.yaml", "parameters.csv", "residuals.csv", "covariance.csv", "fit.json", "report.html", "posterior.nc",
     "diagnosis.json", "thermal.json", "thermal_drift.png",
 )  # fmt: skip
-MONITORED = ("monitor.json", "monitor.html")
+MONITOR_FILES = ("monitor.json", "monitor.html")  # output of `monitor`
 CURE = "Choose another folder, or move that file away"
 
 
 def kept_of(folder: Path, own: Manifest | None) -> list[str]:
-    """The files and folders of a folder of results that stay when the results are replaced.
+    """Files and folders of a folder of results that stay when the results are replaced.
 
     Raises
     ------
     InputError
-        There is something that errormodel did not write, or that was changed since.
+        The folder holds a file that errormodel did not write, or that was changed since.
     """
     entries = sorted(folder.iterdir())
-    old = BEFORE if own is None and any(e.name in BEFORE for e in entries) else ()
+    old = FILES_WITHOUT_MANIFEST if own is None and any(e.name in FILES_WITHOUT_MANIFEST for e in entries) else ()
     if old:
         _check_before(folder)
     written = recorded(folder)
@@ -49,8 +49,8 @@ def kept_of(folder: Path, own: Manifest | None) -> list[str]:
         if own is not None and _is_own(folder, entry, own):
             continue
         if plain:
-            servant = name in SERVANTS or HISTORY.fullmatch(name) or (old and name in MONITORED)
-            if not (servant or UNFINISHED.fullmatch(name) or (name in written and sha256(entry) in written[name])):
+            servant = name in SERVICE_FILES or HISTORY_NAME.fullmatch(name) or (old and name in MONITOR_FILES)
+            if not (servant or UNFINISHED_NAME.fullmatch(name) or (name in written and sha256(entry) in written[name])):
                 raise _not_ours(entry)
         elif not _is_anothers(entry):
             raise _not_ours(entry)
@@ -76,12 +76,12 @@ def outdated(folder: Path, kept: list[str], new: Mapping[str, str]) -> Iterator[
 
 
 def _is_own(folder: Path, entry: Path, own: Manifest) -> bool:
-    """Whether a file is as the manifest has it, or all files of a folder are.
+    """Whether a file agrees with the manifest, or all files of a folder do.
 
     Raises
     ------
     InputError
-        Some are, or it is the file but was changed.
+        Only some files of a folder agree, or the file was changed.
     """
     name = entry.relative_to(folder).as_posix()
     if entry.is_symlink():
@@ -99,22 +99,22 @@ def _is_own(folder: Path, entry: Path, own: Manifest) -> bool:
 
 
 def _is_anothers(entry: Path) -> bool:
-    """Whether a folder is a result of its own, an unfinished chain, or of a run at work."""
+    """Whether a folder is another result, an unfinished chain, or belongs to a running command."""
     if entry.is_symlink() or not entry.is_dir():
         return False
-    if entry.name == CHAIN and all(PIECE.fullmatch(p.name) for p in entry.iterdir()):
+    if entry.name == CHAIN and all(CHAIN_PIECE.fullmatch(p.name) for p in entry.iterdir()):
         return True
     tables = (entry / "compensation.json").is_file()  # of a version without manifests
-    return tables or bool(UNFINISHED.fullmatch(entry.name)) or manifest.read(entry) is not None
+    return tables or bool(UNFINISHED_NAME.fullmatch(entry.name)) or manifest.read(entry) is not None
 
 
 def _check_before(folder: Path) -> None:
-    """Whether the files of a folder without a manifest are a fit of a version that wrote none, and nobody edited it.
+    """Check that a folder without a manifest holds an unedited fit of a version that wrote none.
 
     Raises
     ------
     InputError
-        They are not, or that cannot be known.
+        The files are no such fit, or were edited, or this cannot be determined.
     """
     from errormodel.machine_file import machine_text, read_machine
     from identification.results.stored_fit import read_files
@@ -125,7 +125,7 @@ def _check_before(folder: Path) -> None:
             read_files(folder)
             plain = path.read_text(encoding="utf-8") == machine_text(read_machine(path))
     except (ErrorModelError, OSError, ValueError) as error:
-        name = next(n for n in BEFORE if (folder / n).exists())
+        name = next(n for n in FILES_WITHOUT_MANIFEST if (folder / n).exists())
         raise _not_ours(folder / name) from error
     if not plain:
         raise InputError(str(path), "it was edited since errormodel wrote it", CURE)

@@ -1,6 +1,6 @@
-"""``manifest.json``: what a folder of results holds, digests of its files and of what they were made from.
+"""Manifest of a folder of results, ``manifest.json``: digests of its files and of the inputs they were made from.
 
-It has no dates and no paths from outside, so that the same input gives the same bytes everywhere.
+It contains no dates and no absolute paths, so that the same input gives the same bytes everywhere.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from errormodel.exceptions import InputError
 from errormodel.files import sha256
 from errormodel.inputs import current
 
-NAME = "manifest.json"
+NAME = "manifest.json"  # file in each folder of results
 SCHEMA = "errormodel.manifest/1"
 CURE = "Choose another folder, or move it away"
 
 
 @dataclass(frozen=True)
 class Manifest:
-    """A manifest as it was read.
+    """A manifest as read.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ def made_by(command: str, options: Mapping[str, Any]) -> str:
 
 
 def written(folder: Path, holds: str) -> dict[str, Any]:
-    """The manifest of all files that stand in `folder` now, as data, by the command under way."""
+    """Manifest of all files in `folder`, as data, for the running command."""
     run = current()
     inputs = [{"name": p.name, "sha256": digest} for p, digest in run.inputs.items()] if run else []
     return {
@@ -63,12 +63,12 @@ def written(folder: Path, holds: str) -> dict[str, Any]:
 
 
 def read(folder: Path) -> Manifest | None:
-    """The manifest of a folder, None where there is none.
+    """Manifest of a folder; None where there is none.
 
     Raises
     ------
     InputError
-        It is damaged, or of a version to come.
+        The manifest is damaged, or of a newer version.
     """
     path = folder / NAME
     try:
@@ -92,7 +92,7 @@ def read(folder: Path) -> Manifest | None:
 
 
 def lists(path: Path) -> bool:
-    """Whether the manifest beside a file names it: a command wrote it. A foreign manifest names nothing."""
+    """Whether the manifest beside a file lists it, so that a command wrote it; a foreign manifest lists nothing."""
     try:
         beside = read(path.parent)
     except InputError:
@@ -101,16 +101,16 @@ def lists(path: Path) -> bool:
 
 
 def wrong(folder: Path) -> list[str]:
-    """Files of `folder` that are not those of its manifest; what is missing is not among them."""
+    """Files of `folder` that differ from its manifest; missing files are not among them."""
     manifest = read(folder)
     files = {} if manifest is None else manifest.files
     return [n for n, digest in files.items() if (folder / n).is_file() and sha256(folder / n) != digest]
 
 
 def check_whole(folder: Path) -> None:
-    """Before anything is read from a folder of results: whether its files belong together.
+    """Check that the files of a folder of results belong together, before any is read.
 
-    Folders of versions before the manifest have none.
+    Folders written before manifests existed are accepted without one.
 
     Raises
     ------
@@ -123,7 +123,7 @@ def check_whole(folder: Path) -> None:
 
 
 def foreign(folder: Path, name: str, manifest: Manifest) -> InputError:
-    """What to say of a file that is not the one which the manifest names."""
+    """Error for a file that is not the one listed in the manifest."""
     by = f"`errormodel {manifest.command}`" if manifest.command else "errormodel"
     found = f"it is not the file that {by} wrote to this folder: it was changed since, or is of another result"
     cure = "Put that file back, or run the command again with another folder"

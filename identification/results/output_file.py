@@ -1,7 +1,7 @@
-"""A single file that a command writes: never over what it reads, nor over what errormodel did not write.
+"""Output file of a command, which never replaces an input nor a file that errormodel did not write.
 
-Which files errormodel wrote stands beside them in ``.errormodel.sha256``, a line "digest  name" each, as ``sha256sum``
-writes it. A file is known by its content: one that was changed since is somebody's work, and is refused.
+``.errormodel.sha256`` in the same folder lists the files that errormodel wrote, a line "digest  name" each, as written
+by ``sha256sum``. Files are identified by content: one that was changed since is refused.
 """
 
 from __future__ import annotations
@@ -18,20 +18,20 @@ from errormodel.files import locked, plain_mode, replacing, sha256, unwritable, 
 if TYPE_CHECKING:
     import pandas as pd
 
-RECORD = ".errormodel.sha256"
-LINE = re.compile(r"([0-9a-f]{64})  (.+)")
+RECORD_NAME = ".errormodel.sha256"  # list of written files with digests, in the same folder
+RECORD_LINE = re.compile(r"([0-9a-f]{64})  (.+)")  # digest and name, as written by sha256sum
 CURE = "Give another name, or move that file away"
 
 
 class OutputFile:
-    """One file to write.
+    """One file to be written.
 
     Parameters
     ----------
     path : Path
     mark : bytes
-        What a file of this kind holds, and nobody else's: such a file may be replaced though it stands in no record, as
-        earlier versions kept none.
+        Bytes that identify a file of this kind: it may be replaced without being recorded, since earlier versions kept
+        no record.
     """
 
     def __init__(self, path: Path, mark: bytes = b"") -> None:
@@ -45,16 +45,16 @@ class OutputFile:
         return same(self.path, path)
 
     def joins(self, folder: Path, suffixes: Collection[str]) -> bool:
-        """Whether this file would be one more of those that are read together."""
+        """Whether this file would be read together with the files of `folder`."""
         return self.path.suffix.lower() in suffixes and same(self.path.parent, folder)
 
     def check(self) -> None:
-        """Before any work: whether it may be written.
+        """Check before any work whether the file may be written.
 
         Raises
         ------
         InputError
-            There is something else than a plain file, or a file that errormodel did not write, or one changed since.
+            The path is no plain file, or a file that errormodel did not write, or one changed since.
         """
         try:
             if plain_mode(self.path) is None or not self.path.stat().st_size:
@@ -69,7 +69,7 @@ class OutputFile:
 
     @contextmanager
     def replaced(self) -> Iterator[Path]:
-        """A path to write to; what is there takes the place of the file when the block ends without an error.
+        """Path to write to; it replaces the file when the block ends without an error.
 
         Raises
         ------
@@ -84,7 +84,7 @@ class OutputFile:
         with locked(self.path.parent), replacing(self.path) as part:
             yield part
             self.check()
-            with suppress(InputError):  # in a folder of somebody else's: the file is then not replaced again
+            with suppress(InputError):  # in a foreign folder: the file is then not replaced again
                 record(self.path, sha256(part))
 
     def write_text(self, text: str) -> None:
@@ -105,10 +105,10 @@ class OutputFile:
 
 
 def same(one: Path, other: Path) -> bool:
-    """Whether two paths lead to one file or folder, through links too and however they are spelled."""
+    """Whether two paths lead to the same file or folder, links included."""
     try:
         return one.samefile(other)
-    except (OSError, ValueError):  # one is not there, or cannot be
+    except (OSError, ValueError):  # one is missing or inaccessible
         return False
 
 
@@ -116,21 +116,21 @@ def recorded(folder: Path) -> dict[str, set[str]]:
     """Digests of the files in `folder` that errormodel wrote, by their names."""
     known: dict[str, set[str]] = {}
     try:
-        text = (folder / RECORD).read_text(encoding="utf-8")
+        text = (folder / RECORD_NAME).read_text(encoding="utf-8")
     except (OSError, ValueError):
         return known
-    for found in filter(None, map(LINE.fullmatch, text.splitlines())):
+    for found in filter(None, map(RECORD_LINE.fullmatch, text.splitlines())):
         known.setdefault(found[2], set()).add(found[1])
     return known
 
 
 def record(path: Path, digest: str) -> None:
-    """Add what is about to be written to the record of its folder; of files that are gone nothing stays.
+    """Add a file to the record of its folder; entries of missing files are dropped.
 
-    The digest of the file that is still there stays, as a run that is killed now leaves it.
+    The digest of the present file stays, since a run that is killed now leaves that file.
     """
     known = {name: digests for name, digests in recorded(path.parent).items() if (path.parent / name).exists()}
     here = {sha256(path)} if path.exists() else set()
     known[path.name] = (known.get(path.name, set()) & here) | {digest}
     lines = [f"{d}  {name}\n" for name in sorted(known) for d in sorted(known[name])]
-    write_text_atomic("".join(lines), path.parent / RECORD)
+    write_text_atomic("".join(lines), path.parent / RECORD_NAME)

@@ -1,4 +1,4 @@
-"""The fitted groups as they are printed: numbered, named, in um and urad."""
+"""Parameter table of a fit: groups with numbers, names, values and standard uncertainties in um and urad."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any, Literal
 from errormodel.machine import Joint
 from identification.estimation.result import Fit
 
-PRINTED: dict[str, tuple[float, str]] = {
+DISPLAY_UNITS: dict[str, tuple[float, str]] = {
     "mm": (1e3, "µm"),
     "rad": (1e6, "µrad"),
     "1": (1e6, "µm/m"),
@@ -20,20 +20,20 @@ PRINTED: dict[str, tuple[float, str]] = {
     "s": (1e3, "ms"),
     "rad s/mm": (1e6, "µrad s/mm"),
 }
-ARCSEC = 0.20626480624709636  # of a microradian
+ARCSEC_PER_URAD = 0.20626480624709636  # arcseconds per microradian
 
 
 def printed(unit: str) -> tuple[float, str]:
-    """Factor and name of the unit in which people read values of an internal one, those of effects such as mm/K too."""
+    """Factor and name of the display unit of an internal unit, including units of effects such as mm/K."""
     head, slash, rest = unit.partition("/")
-    if unit in PRINTED or not slash:
-        return PRINTED.get(unit, (1.0, unit))
-    factor, name = PRINTED[head] if head in ("mm", "rad") else (1e6, "1e-6") if head == "1" else (1.0, head)
+    if unit in DISPLAY_UNITS or not slash:
+        return DISPLAY_UNITS.get(unit, (1.0, unit))
+    factor, name = DISPLAY_UNITS[head] if head in ("mm", "rad") else (1e6, "1e-6") if head == "1" else (1.0, head)
     return factor, f"{name}/{rest}"
 
 
 def decimals(std: float) -> int:
-    """Decimals that show two digits of a standard uncertainty, four at most."""
+    """Decimals that show two digits of a standard uncertainty, at most four."""
     return min(max(0, 1 - floor(log10(std))), 4) if 0 < std < float("inf") else 3
 
 
@@ -47,10 +47,10 @@ class Estimate:
     Attributes
     ----------
     number : from 1, in the order of the fit.
-    id : the parameter that stands for the group; `name` has an ellipsis where it has others with it.
-    formula : the whole group; `symbol` is the ISO 230-1 name, if there is one, and `meaning` a location error in words.
-    value, std : in `unit` (um, urad, um/m, urad/m); std is k = 1.
-    kind : of a structural member, joint, effect, measuring frame (or a target's mount), or zero of an instrument.
+    id : base parameter of the group; `name` has an ellipsis if the group has further members.
+    formula : the whole group; `symbol` : the ISO 230-1 name, if there is one; `meaning` : a location error in words.
+    value, std : in `unit` (um, urad, um/m, urad/m); std is the standard uncertainty (k = 1).
+    kind : structural member, joint, effect, measuring frame (or a target's mount), or zero of an instrument.
     """
 
     number: int
@@ -66,7 +66,7 @@ class Estimate:
 
     @property
     def significance(self) -> float:
-        """The value in units of its standard uncertainty."""
+        """Absolute value over standard uncertainty."""
         return abs(self.value) / self.std if self.std else float("inf")
 
 

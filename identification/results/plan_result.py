@@ -1,4 +1,4 @@
-"""A plan of a measurement as a notebook uses it."""
+"""Result of measurement planning for the Python API."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 class PlanResult:
-    """What `identification.plan` returns.
+    """Result of `identification.plan`.
 
     Attributes
     ----------
@@ -26,12 +26,12 @@ class PlanResult:
 
     @property
     def rank(self) -> int:
-        """Groups of parameters that the poses identify."""
+        """Number of parameter groups that the poses identify."""
         return self.plan.groups.rank
 
     @cached_property
     def uncertainty(self) -> pd.DataFrame:
-        """Predicted standard uncertainty (um) in the volume, worst and median, beside random poses."""
+        """Predicted standard uncertainty (um) in the volume, maximum and median, compared with random poses."""
         import pandas as pd
 
         rows = {"planned": self.plan.uncertainty, "random": self.plan.random, "twice as many": self.plan.twice}
@@ -41,7 +41,7 @@ class PlanResult:
 
     @cached_property
     def effects(self) -> pd.DataFrame:
-        """One row an effect: whether the poses can show it, from which size, and what it looks like."""
+        """One row per effect: whether the poses can detect it, from which size, and effects of similar action."""
         import pandas as pd
 
         rows: list[dict[str, Any]] = self.plan.as_json()["effects"]

@@ -1,4 +1,4 @@
-"""What the figures of a finding share: residuals without it and with it, and the channel along which they are drawn."""
+"""Residuals without and with a finding, projected on its main motion, and the channel that they are plotted against."""
 
 from __future__ import annotations
 
@@ -16,35 +16,37 @@ from identification.diagnosis.search.model import EffectModel
 from identification.diagnosis.search.scoring import Step
 from identification.plots import style
 
-MANY = 15  # periods in the recorded range, beyond which a wave is folded onto one
-LOOKS = ((style.FITTED, "-"), ("#009E73", "--"), ("#D55E00", "-."))  # of levels, from low to high
-SIDES = ("arrived from below", "arrived from above")
-MINUS = " − "
-PAIR = "\0"  # between two channels whose difference is meant: no name holds it
+# periods in the recorded range, beyond which a periodic effect is plotted modulo its period; by judgement
+FOLDED_PERIODS = 15
+# colour and line style of levels, from low to high
+LEVEL_STYLES = (style.FITTED, "-"), ("#009E73", "--"), ("#D55E00", "-.")
+SIDE_LABELS = ("arrived from below", "arrived from above")  # labels of the directions of approach
+MINUS_SIGN = " − "  # between the names of two channels
+PAIR_SEPARATOR = "\0"  # separator of two channels whose difference is meant; no channel name contains it
 
 
 @dataclass(frozen=True)
 class Abscissa:
-    """A channel as an axis shows it: what it is called, with its unit, and the factor that leads to that unit."""
+    """A channel as an axis of a figure: name with unit, and factor to that unit."""
 
     name: str
     label: str
     factor: float = 1.0
-    period: float | None = None  # folded onto one period
+    period: float | None = None  # period by which it is folded; None: not folded
 
     def shown(self, values: Array) -> Array:
-        """Channel values as they are printed."""
+        """Channel values in display units."""
         folded = np.mod(values, self.period) if self.period else values
         return self.factor * folded
 
 
 @dataclass(frozen=True)
 class Split:
-    """What rows and curves are told apart by: sides of arrival, or levels of a second channel.
+    """Grouping of rows and curves: by side of approach, or by levels of a second channel.
 
     Attributes
     ----------
-    levels : (k,) channel's value of each curve; `labels` in words; `member` (n,) the level each row belongs to.
+    levels : (k,) value of the channel for each curve; `labels` : in words; `member` : (n,) level of each row.
     """
 
     name: str
@@ -55,17 +57,17 @@ class Split:
     @property
     def looks(self) -> Sequence[tuple[str, str]]:
         """Colour and line style of each level."""
-        return LOOKS if len(self.levels) == 3 else LOOKS[::2]
+        return LEVEL_STYLES if len(self.levels) == 3 else LEVEL_STYLES[::2]
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """A finding on the bench.
+    """Residuals of a finding, from the linear model.
 
     Attributes
     ----------
-    linear : without the finding, everything else fitted; `first` (n,) an observation of each row.
-    element, motion : the motion that shows most; `direction` (n, 3) where it moves the tip, reference's axes.
+    linear : linear model without the finding, everything else fitted; `first` : (n,) first observation of each row.
+    element, motion : motion with the largest effect; `direction` : (n, 3) its direction at the tip, reference's axes.
     before, after : (n,) residual along it without the finding and with it, um.
     """
 
@@ -84,25 +86,25 @@ class Evidence:
         return self.group[0].effect
 
     def channel(self, name: str) -> Array:
-        """A channel at each row, (n,); a difference of two where the name says so."""
+        """A channel at each row, (n,); the difference of two where the name says so."""
         return _channel(self.linear, name)[self.first]
 
     @property
     def waves(self) -> float:
-        """How many periods the abscissa shows of a periodic effect; 0 for others."""
+        """Number of periods of a periodic effect in the abscissa; 0 for others."""
         period = getattr(self.effect, "period", None)
         span = float(np.ptp(self.abscissa.shown(self.channel(self.abscissa.name)))) / self.abscissa.factor
         return span / float(period) if period and self.abscissa.name == self.effect.drivers[0] else 0.0
 
     @property
     def from_mean(self) -> bool:
-        """Whether its motions count from their mean along the abscissa: waves, and free curves."""
+        """Whether its motions are relative to their mean along the abscissa: periodic effects and free curves."""
         return bool(self.waves) or any(s.effect.random for s in self.group)
 
     @property
     def looks(self) -> Sequence[tuple[str, str]]:
-        """Colour and line style of each level, or of the one curve there is."""
-        return self.split.looks if self.split else LOOKS[:1]
+        """Colour and line style of each level, or of the only curve."""
+        return self.split.looks if self.split else LEVEL_STYLES[:1]
 
     @property
     def symbol(self) -> str:
@@ -113,10 +115,10 @@ class Evidence:
 
 
 def evidence_of(model: EffectModel, group: Sequence[Step]) -> Evidence:
-    """The evidence for one of a growth's findings."""
+    """Projected residuals for one of the findings."""
     linear = model.without(group)
     rows = _Rows(linear)
-    seen = len(linear.index)  # behind the observations there may be ties
+    seen = len(linear.index)  # rows after the observations may be those of random effects
     before, after = linear.residual[:seen], model.linear.residual[:seen]
     whole, explained = rows.vectors(np.array([before, before - after]))
     shown: dict[tuple[str, Motion], tuple[float, Array]] = {}
@@ -138,9 +140,9 @@ def motions(linear: LinearModel, effects: Sequence[Effect]) -> list[tuple[str, M
 
 
 class _Rows:
-    """The bench's rows: its whitened observations, up to three of each, as vectors in mm.
+    """Rows of the linear model: its whitened observations, up to three of each, as vectors in mm.
 
-    The frame's three translations, which are whitened alike, say what one mm is.
+    The derivatives by the frame's three translations, whitened in the same way, give the scale of one mm.
     """
 
     def __init__(self, linear: LinearModel) -> None:
@@ -163,7 +165,7 @@ class _Rows:
 
 
 def channels_of(linear: LinearModel, effects: Sequence[Effect]) -> list[str]:
-    """Channels that effects ask for and that vary; what follows a joint with a play depends on the side of arrival."""
+    """Varying channels that effects depend on; a joint with play depends on the side of approach."""
     asked = dict.fromkeys(name for e in effects for name in e.channels(linear.chain.machine))
     for name in list(asked):
         if call := DERIVED_CHANNEL.fullmatch(name):
@@ -172,12 +174,12 @@ def channels_of(linear: LinearModel, effects: Sequence[Effect]) -> list[str]:
 
 
 def is_warm(name: str) -> bool:
-    """Whether a channel is time, or a temperature, as read or behind a lag."""
+    """Whether a channel is time or a temperature, as recorded or lagged."""
     return name == "time" or root(name).startswith("T_")
 
 
 def _axes(linear: LinearModel, group: Sequence[Step], first: Index, part: Array) -> tuple[Abscissa, Split | None]:
-    """The pair of channels, or the one, along which bins show most of what the finding explains."""
+    """Channel, or pair of channels, along which bins show most of what the finding explains."""
     effect = group[0].effect
     own = channels_of(linear, [effect])
     sides = [n for n in own if n.startswith("dir_")]
@@ -186,7 +188,9 @@ def _axes(linear: LinearModel, group: Sequence[Step], first: Index, part: Array)
     whole = channels_of(linear, [s.effect for s in group])
     every = [n for n in whole if is_warm(n)]
     if warm:
-        pair = PAIR.join(warm[:2]) if set(every) == set(warm) and len(warm) == 2 and "time" not in warm else ""
+        pair = (
+            PAIR_SEPARATOR.join(warm[:2]) if set(every) == set(warm) and len(warm) == 2 and "time" not in warm else ""
+        )
         one = pair or (warm[0] if len({root(n) for n in every}) == 1 and len(every) == 1 else "time")
         one = one if linear.scene.duration else warm[0]
         names = [*(n for n in names if n not in warm), one]
@@ -210,7 +214,7 @@ def _axes(linear: LinearModel, group: Sequence[Step], first: Index, part: Array)
 
 
 def _explained(part: Array, x: Array, split: Split | None) -> float:
-    """The part of a sum of squares that means in bins of x, for each level by itself, follow."""
+    """Part of a sum of squares that bin means along x explain, for each level by itself."""
     cell = bin_of(x, int(np.clip(len(x) // 30, 3, 12)))
     if split is not None:
         cell = cell * len(split.levels) + split.member
@@ -219,7 +223,7 @@ def _explained(part: Array, x: Array, split: Split | None) -> float:
 
 
 def bin_of(x: Array, bins: int) -> Index:
-    """For each value the number of its bin: of equally many values, or of one value where there are few different."""
+    """Bin number of each value: bins of equal counts, or one per value where there are few distinct ones."""
     starts = np.unique(x)
     if len(starts) > bins:
         starts = np.unique(np.quantile(x, np.linspace(0, 1, bins + 1)[:-1]))
@@ -228,12 +232,12 @@ def bin_of(x: Array, bins: int) -> Index:
 
 def _sides(linear: LinearModel, name: str, first: Index) -> Split:
     member = (_channel(linear, name)[first] < 0).astype(np.intp)
-    labels = tuple(f"{style.plain(name[4:], 16)} {side}" for side in SIDES)
+    labels = tuple(f"{style.plain(name[4:], 16)} {side}" for side in SIDE_LABELS)
     return Split(name, np.array([1.0, -1.0]), labels, member)
 
 
 def _levels(linear: LinearModel, names: Sequence[str], but: str, first: Index) -> Iterator[Split]:
-    """Thirds of the other channels; of one with two or three values, the values."""
+    """Thirds of the other channels; distinct values where there are two or three."""
     for name in names:
         if name == but:
             continue
@@ -251,7 +255,7 @@ def _levels(linear: LinearModel, names: Sequence[str], but: str, first: Index) -
 
 
 def _second_wave(linear: LinearModel, effect: Effect, first: Index) -> Split | None:
-    """Of a wave in two channels, thirds of the second one's period."""
+    """For a periodic effect of two channels, thirds of the second one's period."""
     by, period = getattr(effect, "by", None), getattr(effect, "by_period", None)
     if by is None:
         return None
@@ -266,9 +270,9 @@ def _second_wave(linear: LinearModel, effect: Effect, first: Index) -> Split | N
 
 
 def folded(linear: LinearModel, name: str, period: float) -> Abscissa:
-    """A periodic effect's channel: modulo the period, where the range holds many."""
+    """Channel of a periodic effect, modulo the period where the range holds many."""
     axis = axis_of(linear, name)
-    if np.ptp(linear.channel(name)) < MANY * period:
+    if np.ptp(linear.channel(name)) < FOLDED_PERIODS * period:
         return axis
     what, _, unit = axis.label.partition(" / ")
     length = f"{axis.factor * period:.4g} {unit}".replace(" °", "°")
@@ -280,7 +284,7 @@ def _digits(value: float) -> str:
 
 
 def axis_of(linear: LinearModel, name: str) -> Abscissa:
-    """The axis of any channel."""
+    """Axis of any channel."""
     joint = next((j for j in linear.chain.machine.joints if j.name == name), None)
     word = style.plain(name, 16)
     if joint is not None:
@@ -289,10 +293,10 @@ def axis_of(linear: LinearModel, name: str) -> Abscissa:
     if name == "time":
         hours = linear.scene.duration > 3 * 3600
         return Abscissa(name, f"time / {'h' if hours else 'min'}", 1 / (3600 if hours else 60))
-    if PAIR in name:
-        one, other = (style.plain(root(n), 16) for n in name.split(PAIR))
-        behind = _behind(name.split(PAIR, maxsplit=1)[0])
-        return Abscissa(name, f"{one}{MINUS}{other}{behind} / K")
+    if PAIR_SEPARATOR in name:
+        one, other = (style.plain(root(n), 16) for n in name.split(PAIR_SEPARATOR))
+        behind = _behind(name.split(PAIR_SEPARATOR, maxsplit=1)[0])
+        return Abscissa(name, f"{one}{MINUS_SIGN}{other}{behind} / K")
     if is_warm(name):
         return Abscissa(name, f"{style.plain(root(name), 16)}{_behind(name)} / °C")
     if name in POINT_CHANNELS:
@@ -307,7 +311,7 @@ def _behind(name: str) -> str:
 
 
 def _channel(linear: LinearModel, name: str) -> Array:
-    if PAIR in name:
-        one, other = name.split(PAIR)
+    if PAIR_SEPARATOR in name:
+        one, other = name.split(PAIR_SEPARATOR)
         return linear.channel(one) - linear.channel(other)
     return linear.channel(name)

@@ -1,7 +1,7 @@
-"""A folder of results: made beside its place, sealed by its manifest, and exchanged as a whole.
+"""Atomic writing and reading of folders of results: built beside their place, listed in a manifest, then exchanged.
 
-Killed at any point, the old results are there, or the new ones. What other commands keep in the folder stays: tables in
-a folder of their own, the history of a monitored machine, an unfinished chain. Anything else is somebody's work.
+After a crash at any point either the old or the new results are there. Files of other commands in the folder stay:
+tables in a folder of their own, the history of a monitored machine, an unfinished chain. Foreign files are refused.
 """
 
 from __future__ import annotations
@@ -21,46 +21,46 @@ from identification.results import manifest
 from identification.results.folder_contents import kept_of, outdated
 from identification.results.output_file import same
 
-ELSEWHERE = "Choose another folder, or move that one away"
+OTHER_FOLDER_CURE = "Choose another folder, or move that one away"
 
 
 class ResultsFolder:
-    """A folder to write.
+    """A folder to be written.
 
     Parameters
     ----------
     path : Path
     holds : "model" or "tables"
-        One never takes the place of the other.
+        A folder of one kind never replaces one of the other.
     """
 
     def __init__(self, path: Path, holds: str = "model") -> None:
         self.path, self.holds = path, holds
-        self.notes: tuple[str, ...] = ()  # on what stayed in the folder and is of earlier results
+        self.notes: tuple[str, ...] = ()  # notes on files that stayed and belong to earlier results
 
     def __str__(self) -> str:
         return str(self.path)
 
     def covers(self, path: Path) -> bool:
-        """Whether `path` is this folder or stands in it."""
+        """Whether `path` is this folder or lies in it."""
         return any(same(self.path, place) for place in (path, path.absolute().parent, *_parents(path)))
 
     def joins(self, folder: Path, suffixes: Collection[str]) -> bool:
-        """A folder is no file of another one."""
+        """Always False: a folder is not read as a file of another one."""
         return False
 
     def check(self) -> list[str]:
-        """Before any work: whether the folder may be written; returns what stays in it.
+        """Check before any work whether the folder may be written; return what stays in it.
 
         Raises
         ------
         InputError
-            It holds what errormodel did not write, or what was changed since, or cannot be exchanged.
+            The folder holds files that errormodel did not write or that were changed since, or cannot be exchanged.
         """
         try:
             recover(self.path)
             if not self.path.exists():
-                plain_mode(self.path)  # a link that leads nowhere
+                plain_mode(self.path)  # a dangling link
                 return []
             if self.path.resolve() in (Path.cwd(), *Path.cwd().parents) or self.path.is_mount():
                 where = "a mount point" if self.path.is_mount() else "the folder that the command runs in, or one above"
@@ -69,18 +69,18 @@ class ResultsFolder:
             old = manifest.read(self.path)
             if old is not None and old.holds != self.holds:
                 found = f"it holds what `errormodel {old.command}` wrote, which is no earlier result of this command"
-                raise InputError(str(self.path), found, ELSEWHERE)
+                raise InputError(str(self.path), found, OTHER_FOLDER_CURE)
             return kept_of(self.path, old)
         except OSError as error:
             raise unwritable(self.path, error) from error
 
     def workspace(self, name: str) -> Path:
-        """A folder in this one for what a command keeps of unfinished work (see `folder_contents`)."""
+        """Subfolder in which a command keeps unfinished work (see `folder_contents`)."""
         return self.path / name
 
     @contextmanager
     def replaced(self) -> Iterator[Path]:
-        """An empty folder to write to; it takes the place of this one when the block ends without an error.
+        """Empty folder to write to; it replaces this one when the block ends without an error.
 
         Raises
         ------
@@ -88,7 +88,7 @@ class ResultsFolder:
             See `check`; or the place cannot be written to.
         """
         self.check()
-        target = self.path.resolve()  # a link to a folder stays one
+        target = self.path.resolve()  # a link to a folder is kept
         part, handle = None, None
         try:
             target.parent.mkdir(parents=True, exist_ok=True)
@@ -123,12 +123,12 @@ class ResultsFolder:
 def _parents(path: Path) -> Sequence[Path]:
     try:
         return path.resolve().parents
-    except (OSError, ValueError, RuntimeError):  # no name of a file
+    except (OSError, ValueError, RuntimeError):  # not a valid file name
         return ()
 
 
 def recover(path: Path) -> None:
-    """Put an old folder back that a run was about to exchange when it was killed (see `_exchange`)."""
+    """Restore an old folder that a killed run was about to exchange (see `_exchange`)."""
     target = path.resolve()
     if not target.exists() and _aside(target).is_dir():
         with locked(target.parent):
@@ -138,7 +138,7 @@ def recover(path: Path) -> None:
 
 @contextmanager
 def whole(folder: Path) -> Iterator[None]:
-    """Read a folder of results in the block: its files belong together, and are not exchanged meanwhile.
+    """Context in which a folder of results is read: its files belong together, and are not exchanged meanwhile.
 
     Raises
     ------
@@ -151,7 +151,7 @@ def whole(folder: Path) -> Iterator[None]:
         try:
             yield
         except InputError as error:
-            # its reader says best what is wrong with a file, its digest which of two that contradict each other
+            # the reader explains best what is wrong with a file, its digest which of two contradicting files is wrong
             if not any(error.where.startswith(str(folder / name)) for name in manifest.wrong(folder)):
                 manifest.check_whole(folder)
             raise
@@ -165,7 +165,7 @@ def _json(data: object) -> str:
 
 
 def _exchange(part: Path, target: Path) -> None:
-    """Put `part` in the place of `target`; what was there is then `part`, or gone."""
+    """Put `part` in the place of `target`; the old content is then `part`, or removed."""
     if not target.exists():
         part.rename(target)
     elif not _swapped(part, target):
@@ -184,7 +184,7 @@ def _aside(target: Path) -> Path:
 
 
 def _swapped(part: Path, target: Path) -> bool:
-    """Exchange two folders in one step, where the system can."""
+    """Exchange two folders atomically where the system supports it."""
     if sys.platform != "linux":
         return False
     import ctypes
@@ -198,7 +198,7 @@ def _swapped(part: Path, target: Path) -> bool:
 
 
 def _carry(old: Path, new: Path) -> None:
-    """The same file in the new folder, not a copy where it can be helped: a history may be open."""
+    """Put the same file in the new folder, as a link if possible, since a history may be open."""
     if old.is_dir():
         new.mkdir()
         for entry in old.iterdir():
@@ -224,7 +224,7 @@ def _like(target: Path, part: Path) -> None:
 
 
 def _clear(target: Path) -> None:
-    """Remove what runs that were killed have left beside a folder."""
+    """Remove leftovers of killed runs beside a folder."""
     if target.exists():
         shutil.rmtree(_aside(target), ignore_errors=True)
     for old in target.parent.iterdir():
@@ -236,7 +236,7 @@ def _clear(target: Path) -> None:
 
 
 def _held(part: Path) -> int | None:
-    """Lock a folder for as long as this process lives; None if another one does, or where that cannot be known."""
+    """Lock a folder for the life of this process; None if another one holds it, or where this is not known."""
     if sys.platform == "win32":
         return None
     handle = os.open(part, os.O_RDONLY)

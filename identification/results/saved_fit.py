@@ -1,4 +1,4 @@
-"""A result that was read back from its folder."""
+"""Fit or diagnosis read back from its folder, for the Python API."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class SavedFit:
-    """What `identification.load` returns.
+    """Result of `identification.load`.
 
     Attributes
     ----------
-    stored : what prediction needs of the fit.
-    folder : where it was read.
+    stored : the part of the fit that prediction needs.
+    folder : folder from which it was read.
     """
 
     stored: StoredFit
@@ -50,12 +50,12 @@ class SavedFit:
 
     @property
     def data(self) -> dict[str, Any]:
-        """``fit.json`` as it stands in the folder."""
+        """Content of ``fit.json`` in the folder."""
         return self.stored.data
 
     @cached_property
     def parameters(self) -> pd.DataFrame:
-        """One row a base parameter: ``group`` (formula), ISO ``symbol``, ``value``, ``std`` (k = 1), ``unit``."""
+        """One row per base parameter: ``group`` (formula), ISO ``symbol``, ``value``, ``std`` (k = 1), ``unit``."""
         import pandas as pd
 
         columns = ["group", "symbol", "value", "std", "unit", "members"]

@@ -95,7 +95,7 @@ def as_json(analysis: Analysis) -> dict[str, Any]:
 
 
 def correlations(fit: Fit, least: float = 0.9, most: int = 100) -> list[dict[str, Any]]:
-    """Pairs of groups that hang together, the strongest first; all correlations follow from ``covariance.csv``."""
+    """Most strongly correlated pairs of groups; all correlations follow from ``covariance.csv``."""
     s = fit.solution
     std = np.sqrt(np.diag(s.covariance))
     matrix = np.triu(s.covariance / np.outer(std, std), 1)
@@ -106,12 +106,12 @@ def correlations(fit: Fit, least: float = 0.9, most: int = 100) -> list[dict[str
 
 
 def save(fit: Fit, folder: Path) -> None:
-    """Make `folder` the results of a fit: the files of `write` and their manifest, as a whole or not at all.
+    """Write the results of a fit with their manifest to `folder`, all or nothing.
 
     Raises
     ------
     InputError
-        It holds what errormodel did not write, or cannot be written.
+        The folder holds files that errormodel did not write, or cannot be written.
     """
     with ResultsFolder(folder).replaced() as part:
         write(Analysis(fit), part)
@@ -133,7 +133,7 @@ def write(analysis: Analysis, folder: Path) -> None:
 
 
 def _pose_json(pose: Pose) -> dict[str, list[float]]:
-    """Translation in mm and rotation vector in rad, reference into measuring frame; axes it is not determined about."""
+    """Translation (mm) and rotation vector (rad) from reference to measuring frame, and undetermined axes."""
     from scipy.spatial.transform import Rotation
 
     return {
@@ -143,10 +143,10 @@ def _pose_json(pose: Pose) -> dict[str, list[float]]:
 
 
 def residual_table(fit: Fit) -> pd.DataFrame:
-    """Every measured row: nominal and fitted residual (and held out), um, in the measuring frame."""
+    """Nominal, fitted and held-out residual of every measured row, um, in the measuring frame."""
     import pandas as pd
 
-    whole = fit.sorting or fit  # outliers have residuals too
+    whole = fit.sorting or fit  # the fit that includes outliers, which have residuals too
     parts: list[tuple[Survey, Array, Array, Array | None]] = [
         (fit.survey, whole.nominal_residuals, whole.residuals, fit.heldout_residuals)
     ]
@@ -173,7 +173,7 @@ def residual_table(fit: Fit) -> pd.DataFrame:
 
 
 def _motion_columns(motions: Motions) -> Any:
-    """The same of error motions that were read, um and urad: ``nominal_dx_um``, ``heldout_eb_urad``."""
+    """Columns of measured error motions, um and urad: ``nominal_dx_um``, ``heldout_eb_urad``."""
     import pandas as pd
 
     columns = {}
@@ -186,7 +186,7 @@ def _motion_columns(motions: Motions) -> Any:
 
 
 def load(folder: Path) -> StoredFit:
-    """Read a fit's folder back.
+    """Read a fit from its folder.
 
     Raises
     ------
