@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from errormodel import conventions, effects
 from errormodel.arrays import Array, as_rows
 from errormodel.chain_terms import Term, column_of, constant_terms, joint_terms
-from errormodel.channels import POINT, columns
+from errormodel.channels import POINT_CHANNELS, columns
 from errormodel.conventions import FRAME, MOTIONS, TOOL, Motion
 from errormodel.exceptions import InputError, nearest
 from errormodel.kernel import Kernel

@@ -9,9 +9,9 @@ from collections.abc import Iterator, Sequence
 from errormodel.machine import Joint, Shape
 from errormodel.yamlfile import Document
 
-LONGEST = 1e5  # mm: gantries for ships' hulls and wings end there
-FULL = 2 * math.pi + 1e-3
-FIFTEEN = math.radians(15)  # travels end at multiples of it
+LONGEST_TRAVEL_MM = 1e5  # mm: gantries for ships' hulls and wings end there
+FULL_TURN_RAD = 2 * math.pi + 1e-3
+TRAVEL_STEP_RAD = math.radians(15)  # travels end at multiples of it
 
 
 def check_degrees(document: Document, elements: Sequence[Joint | Shape]) -> None:

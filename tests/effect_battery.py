@@ -11,7 +11,7 @@ import pandas as pd
 
 from errormodel.arrays import Array
 from errormodel.chain import Chain
-from errormodel.channels import POINT, columns, direction
+from errormodel.channels import POINT_CHANNELS, columns, direction
 from errormodel.conventions import MOTIONS, ROTATIONS
 from errormodel.effects import make, registry
 from errormodel.effects.base import Effect, EffectTerm
@@ -110,7 +110,9 @@ class Channels(dict[str, Array]):
 
     def __init__(self, name: str, source: pd.DataFrame) -> None:
         chain = Chain(next(m for m in MACHINES if m.name == name))
-        super().__init__(zip(POINT, chain.kernel("nominal", outputs=(0, 1, 2))(chain.columns(source)), strict=True))
+        super().__init__(
+            zip(POINT_CHANNELS, chain.kernel("nominal", outputs=(0, 1, 2))(chain.columns(source)), strict=True)
+        )
         self._source = source
 
     def __missing__(self, name: str) -> Array:

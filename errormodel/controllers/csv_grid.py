@@ -43,7 +43,7 @@ class CsvGrid(Controller):
         if setup.points is None and (coarse or np.prod([len(g) for g in grids]) > MOST_LATTICE_NODES):
             raise InputError(
                 f"--controller {self.name}",
-                f"a grid over {len(names)} axes that follows the errors needs more than {LARGEST} nodes",
+                f"a grid over {len(names)} axes that follows the errors needs more than {MOST_LATTICE_NODES} nodes",
                 f"Use --controller {instead(Rewriter)}, which needs no grid, or survey a smaller part of the travels",
             )
         return [Term(m, names, grids) for m in setup.movers]

@@ -14,9 +14,9 @@ from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import Positive, joint_as, periods, resolved, waves
 from errormodel.machine import Joint, Machine
 
-SHORTEST = 4.0  # period, mm
+SHORTEST_PITCH_MM = 4.0  # period, mm
 LEAD = 10.0  # mm: the usual one
-PERIODS = 50  # may fit into any travel: those of a small machine are shorter
+MOST_PITCHES_PER_TRAVEL = 50  # may fit into any travel: those of a small machine are shorter
 
 
 class PitchCyclic(JointEffect):
@@ -39,7 +39,7 @@ class PitchCyclic(JointEffect):
     @classmethod
     def unresolved(cls, scene: Scene, joint: Joint) -> str:
         """Between targets that are far apart a lead passes unseen, and what is seen of it looks slower."""
-        least = resolved(scene, joint, SHORTEST)
+        least = resolved(scene, joint, SHORTEST_PITCH_MM)
         if joint.type != "prismatic" or least <= LEAD:
             return ""
         return (

@@ -20,8 +20,13 @@ from errormodel.machine import Machine
 
 Form = Literal["affine", "linear", "square", "cubic"]
 SEARCHED = ShapeParameter(said=False)
-SHARP = 0.02  # of an amplitude: an edge takes a little way, so that a model has a slope everywhere
-ORDER = {"affine": (0, 1), "linear": (1,), "square": (1, 2), "cubic": (1, 2, 3)}  # affine: with a constant, beside `by`
+EDGE_SHARPNESS = 0.02  # of an amplitude: an edge takes a little way, so that a model has a slope everywhere
+FORM_DEGREES = {
+    "affine": (0, 1),
+    "linear": (1,),
+    "square": (1, 2),
+    "cubic": (1, 2, 3),
+}  # affine: with a constant, beside `by`
 
 
 class Unnamed(Effect):

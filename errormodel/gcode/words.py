@@ -13,13 +13,13 @@ from typing import NoReturn
 
 from errormodel.exceptions import InputError
 
-NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)")
+NUMBER_WORD = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)")
 COMMENTS = {False: re.compile(r"\([^()]*\)|;.*"), True: re.compile(r";.*")}  # of mills, of printers
-GAP = re.compile(r"[ \t]*")
-LABEL = re.compile(r"[Nn][ \t]*(\d+)(?![\d.])")
+BLANKS = re.compile(r"[ \t]*")
+BLOCK_NUMBER = re.compile(r"[Nn][ \t]*(\d+)(?![\d.])")
 EXTENDED = re.compile(r"[A-Za-z_][A-Za-z_0-9]*_[A-Za-z_0-9]*|[A-Za-z]{3,}[A-Za-z0-9]*")  # of Klipper
-TEXT = {"M115", "M117", "M118", "M23", "M32", "M862.3", "M486"}  # of printers: their argument is text
-PLAIN = "Write plain numbers, such as X10.5; a CAM system or the control itself can work them out"
+TEXT_CODES = {"M115", "M117", "M118", "M23", "M32", "M862.3", "M486"}  # of printers: their argument is text
+PLAIN_NUMBER_CURE = "Write plain numbers, such as X10.5; a CAM system or the control itself can work them out"
 SIGNS = {
     "#": ("a variable (#)", PLAIN_NUMBER_CURE),
     "[": ("an expression ([)", PLAIN_NUMBER_CURE),
@@ -151,7 +151,7 @@ def split(block: Block, printer: bool) -> Block:
         A character belongs to no word.
     """
     _plain_outside_comments(block, printer)
-    text, at = block.text, GAP.match(block.text).end()  # type: ignore[union-attr]
+    text, at = block.text, BLANKS.match(block.text).end()  # type: ignore[union-attr]
     optional = text[at : at + 1] == "/"
     if optional:
         if printer:

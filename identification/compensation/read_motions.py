@@ -12,7 +12,7 @@ from errormodel.controllers.setup import Setup
 from errormodel.conventions import MOTIONS, TRANSLATIONS
 from errormodel.exceptions import InputError
 from identification.compensation.field import Field
-from identification.compensation.rows import FEWEST, Rows, commands
+from identification.compensation.rows import FEWEST_HELD_OUT, Rows, commands
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -69,7 +69,7 @@ class Volume:
         q = table[[j.name for j in field.joints]].to_numpy(dtype=np.float64)
         travel = np.array([j.travel for j in field.joints])
         low, high = np.maximum(q.min(axis=0), travel[:, 0]), np.minimum(q.max(axis=0), travel[:, 1])
-        still = high - low <= MOVED * (travel[:, 1] - travel[:, 0])
+        still = high - low <= LEAST_MOVED_SHARE * (travel[:, 1] - travel[:, 0])
         if still.all():
             found = "no joint moved in the survey of this fit: there is nowhere to correct"
             raise InputError("residuals.csv", found, "Measure along the travels, as `errormodel plan` says")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from errormodel.files import write_bytes_atomic, write_text_atomic
 from identification.compensation.result import Compensation
-from identification.compensation.text import OWN, compensation_lines
+from identification.compensation.text import COMMON_FILES, compensation_lines
 from identification.results.json_text import dumps
 
 

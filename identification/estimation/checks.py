@@ -20,14 +20,14 @@ from identification.observation.assembly import Problem
 from identification.observation.identifiability import Groups
 from identification.observation.models import PositionView, anywhere
 
-REDUNDANT = 2  # equations a group, of a robust fit
-FAR = 0.02  # of the machine's size: no error motions, but a blunder
-UNEXPLAINED = 0.5  # of so much, of most rows: a fit that leaves more is none
-COVERED = 0.5  # of a travel: less is told where something stays unknown
-CAREFUL = 3.0  # times: so much is often declared too large, to be on the safe side
-FEW = 10  # degrees of freedom: fewer leave residuals that small by chance
+LEAST_EQUATIONS_PER_GROUP = 2  # equations a group, of a robust fit
+FOREIGN_MACHINE_SHARE = 0.02  # of the machine's size: no error motions, but a blunder
+UNEXPLAINED_SHARE = 0.5  # of so much, of most rows: a fit that leaves more is none
+COVERED_TRAVEL_SHARE = 0.5  # of a travel: less is told where something stays unknown
+CAUTIOUS_DECLARATION_FACTOR = 3.0  # times: so much is often declared too large, to be on the safe side
+FEW_DOF = 10  # degrees of freedom: fewer leave residuals that small by chance
 CONSTANT = 0.5  # of what a fit leaves: an offset alone that leaves less explains more
-UNIT = 100.0  # times: so far off is a declaration in another unit
+WRONG_UNIT_FACTOR = 100.0  # times: so far off is a declaration in another unit
 
 
 def check_runs(chain: Chain, survey: Survey) -> None:
@@ -89,7 +89,9 @@ def looked_over(fit: Fit) -> Fit:
         No group is identifiable, or the misfit is too large for this machine.
     """
     before, after = (float(np.median(np.linalg.norm(r, axis=1))) for r in (fit.nominal_residuals, fit.residuals))
-    other = before > FAR * fit.chain.size and after > UNEXPLAINED * before  # nan where rows measured one component
+    other = (
+        before > FOREIGN_MACHINE_SHARE * fit.chain.size and after > UNEXPLAINED_SHARE * before
+    )  # nan where rows measured one component
     if other or (not fit.solution.groups.rank and another(fit.chain, fit.nominal)):
         raise InputError(str(fit.survey.source), "no parameter can be identified", far_off(fit.nominal))
     if not fit.problem.unknowns:
@@ -143,7 +145,7 @@ def _declared(fit: Fit) -> Iterator[str]:
 def _beside(fit: Fit) -> Iterator[str]:
     """A note where one offset of all points explains more than the fit: the target, or the frame, is elsewhere."""
     seen = np.isfinite(fit.nominal_residuals).all(axis=1)
-    if fit.survey.frame != "fixed" or seen.sum() < FEW:
+    if fit.survey.frame != "fixed" or seen.sum() < FEW_DOF:
         return
     nominal, left = fit.nominal_residuals[seen], fit.residuals[seen]
     shift = nominal.mean(axis=0)

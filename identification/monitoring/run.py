@@ -21,7 +21,7 @@ from identification.estimation.run import fit_machine
 from identification.monitoring.alarms import alarms
 from identification.monitoring.control_limits import Judged, judge
 from identification.monitoring.history import SCHEMA, Record, opened
-from identification.monitoring.quantities import NOISE, Cycle, Watched, measured, watched
+from identification.monitoring.quantities import NOISE_ID, Cycle, Watched, measured, watched
 from identification.results.stored_fit import StoredFit
 
 DATABASE_NAME = "monitor.sqlite"  # file of the history in the folder of the fit

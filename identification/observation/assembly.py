@@ -18,7 +18,7 @@ from errormodel.conventions import MOTIONS, TRANSLATIONS
 from errormodel.exceptions import InputError
 from errormodel.machine import Joint
 from errormodel.survey_columns import SIGMA_COLUMNS
-from identification.observation.frames import IDENTITY, SMALL, Pose, align, mean_rotation
+from identification.observation.frames import IDENTITY, MACHINE_ERROR_SHARE, Pose, align, mean_rotation
 from identification.observation.models import Kind, MotionView, OrientationView, PositionView, View, fixed_tool
 
 if TYPE_CHECKING:

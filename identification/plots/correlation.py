@@ -18,7 +18,7 @@ MOST_CORRELATED_GROUPS = 90  # groups, beyond which those of frames and instrume
 def correlation(analysis: Analysis) -> tuple[list[Estimate], Array]:
     """The groups shown and their correlation coefficients, (n, n)."""
     groups = analysis.estimates
-    if len(groups) > MOST:
+    if len(groups) > MOST_CORRELATED_GROUPS:
         groups = [e for e in groups if e.kind not in ("frame", "zero")]
     place = [e.number - 1 for e in groups]
     covariance = analysis.fit.solution.covariance[np.ix_(place, place)]

@@ -13,8 +13,10 @@ from errormodel.arrays import Array
 from identification.estimation.result import Fit
 from identification.plots import style
 
-MOST = 1500  # dots of a lane
-LANE = 1.25  # height of a lane, inches: x, y and z lie above each other in one panel, which is drawn in a third of the
+MOST_RESIDUAL_DOTS = 1500  # dots of a lane
+RESIDUAL_PANEL_IN = (
+    1.25  # height of a lane, inches: x, y and z lie above each other in one panel, which is drawn in a third of the
+)
 GAP = 0.12  # time that three take; between two lanes, inches
 
 
@@ -30,8 +32,8 @@ def draw_residuals_by_position(fit: Fit) -> Figure:
     for k, joint in enumerate(joints):
         line, place = divmod(k, wide)
         position = fit.survey.table[joint.name].to_numpy(dtype=float)
-        bottom = height - 0.3 - line * (3 * LANE + 0.75) - 3 * LANE
-        axes = style.panel(figure, 0.65 + place * column, bottom, column - 0.2, 3 * LANE - GAP)
+        bottom = height - 0.3 - line * (3 * RESIDUAL_PANEL_IN + 0.75) - 3 * RESIDUAL_PANEL_IN
+        axes = style.panel(figure, 0.65 + place * column, bottom, column - 0.2, 3 * RESIDUAL_PANEL_IN - GAP)
         _lanes(fit, axes, style.shown(joint, position), limit, labels=place == 0)
         style.dress_position(axes, joint, ticks=max(3, int(1.9 * column)))
     _legend(figure)
@@ -41,12 +43,12 @@ def draw_residuals_by_position(fit: Fit) -> Figure:
 def draw_residuals_by_order(fit: Fit) -> Figure:
     """Residuals x, y, z (um, measuring frame) against time, or against the row where no time was recorded."""
     when, label = _when(fit)
-    height = 3 * LANE + 0.85
-    figure = Figure(figsize=(style.WIDTH, height), facecolor="white")
-    axes = style.panel(figure, 0.65, height - 0.3 - 3 * LANE, 7.2, 3 * LANE - GAP)
+    height = 3 * RESIDUAL_PANEL_IN + 0.85
+    figure = Figure(figsize=(style.REPORT_WIDTH_IN, height), facecolor="white")
+    axes = style.panel(figure, 0.65, height - 0.3 - 3 * RESIDUAL_PANEL_IN, 7.2, 3 * RESIDUAL_PANEL_IN - GAP)
     axes.margins(x=0.01)
     _lanes(fit, axes, when, _limit(fit), labels=True)
-    axes.set_xlabel(label, size=style.BODY, color=style.INK)
+    axes.set_xlabel(label, size=style.BODY_TEXT, color=style.INK)
     _legend(figure)
     return figure
 
@@ -78,17 +80,17 @@ def _limit(fit: Fit) -> float:
 def _lanes(fit: Fit, axes: Axes, x: Array, limit: float, labels: bool) -> None:
     """Residuals x, y, z above each other, each lane from -`limit` to `limit` with a scale of its own."""
     style.dress(axes)
-    pitch = 2 * limit * LANE / (LANE - GAP)
+    pitch = 2 * limit * RESIDUAL_PANEL_IN / (RESIDUAL_PANEL_IN - GAP)
     middles = [0.0, -pitch, -2 * pitch]
     for component, middle in enumerate(middles):
         _lane(fit, axes, x, component, limit, middle)
         if labels:
             axes.annotate(
                 f"{'xyz'[component]} / µm", (0, middle), (-0.55 * 72, 0), axes.get_yaxis_transform(), "offset points",
-                rotation=90, size=style.BODY, color=style.INK, va="center", annotation_clip=False,
+                rotation=90, size=style.BODY_TEXT, color=style.INK, va="center", annotation_clip=False,
             )  # fmt: skip
     axes.set_ylim(middles[-1] - limit, limit)
-    ticks = MaxNLocator(5, steps=style.STEPS).tick_values(-limit, limit)
+    ticks = MaxNLocator(5, steps=style.TICK_STEPS).tick_values(-limit, limit)
     ticks = [t for t in ticks if abs(t) <= limit]
     axes.yaxis.set_major_locator(FixedLocator([m + t for m in middles for t in ticks]))
     axes.yaxis.set_major_formatter(FixedFormatter([f"{t:.10g}".replace("-", "−") for t in ticks] * len(middles)))
@@ -107,7 +109,7 @@ def _lane(fit: Fit, axes: Axes, x: Array, component: int, limit: float, at: floa
     axes.axhline(at - limit, color=style.MUTED, lw=0.8, clip_on=False)
     if not len(x):
         there = axes.get_yaxis_transform()
-        style_of: dict[str, Any] = {"size": style.SMALL, "color": style.MUTED, "ha": "center"}
+        style_of: dict[str, Any] = {"size": style.SMALL_TEXT, "color": style.MUTED, "ha": "center"}
         axes.text(0.5, at + 0.2 * limit, "not measured", transform=there, **style_of)
         return
     some = np.unique(np.linspace(0, len(x) - 1, MOST_RESIDUAL_DOTS).astype(int))

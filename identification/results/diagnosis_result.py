@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from identification.diagnosis.search.scoring import Step
     from identification.results.residual_projection import Evidence
 
-FINDING = ("effect", "where", "motion", "driver", "probability", "statement", "moved")
+FINDING_COLUMNS = ("effect", "where", "motion", "driver", "probability", "statement", "moved")
 
 
 class DiagnosisResult(FitResult):

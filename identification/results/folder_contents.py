@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from errormodel.exceptions import ErrorModelError, InputError
-from errormodel.files import LOCK, sha256
+from errormodel.files import LOCK_FILE, sha256
 from errormodel.inputs import current, running
 from identification.results import manifest
 from identification.results.manifest import Manifest
@@ -16,10 +16,16 @@ from identification.results.output_file import RECORD_NAME, recorded
 HISTORY_FILE = "monitor.sqlite"  # database of `monitor`
 HISTORY_NAME = re.compile(r"monitor\.sqlite(-journal|-wal|-shm)?")  # the database and its temporary files
 CHAIN = "chain"  # an unfinished chain of `fit --bayes`
-PIECE = re.compile(r"\.?piece_[0-9a-f]+_\d+(\.\d+\.part)?\.npz")
-UNFINISHED = re.compile(r"\..+\.(\w+\.part(\.\w+)?|old)")  # of a run that is at work, or was killed
-SERVANTS = (RECORD, LOCK_FILE, ".DS_Store", "Thumbs.db", "desktop.ini")  # errormodel's, and what file managers leave
-BEFORE = (  # there were manifests
+CHAIN_PIECE = re.compile(r"\.?piece_[0-9a-f]+_\d+(\.\d+\.part)?\.npz")
+UNFINISHED_NAME = re.compile(r"\..+\.(\w+\.part(\.\w+)?|old)")  # of a run that is at work, or was killed
+SERVICE_FILES = (
+    RECORD_NAME,
+    LOCK_FILE,
+    ".DS_Store",
+    "Thumbs.db",
+    "desktop.ini",
+)  # errormodel's, and what file managers leave
+FILES_WITHOUT_MANIFEST = (  # there were manifests
     "machine.yaml", "parameters.csv", "residuals.csv", "covariance.csv", "fit.json", "report.html", "posterior.nc",
     "diagnosis.json", "thermal.json", "thermal_drift.png",
 )  # fmt: skip

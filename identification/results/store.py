@@ -30,7 +30,7 @@ from identification.uncertainty.measured_range import covered
 if TYPE_CHECKING:
     import pandas as pd
 
-PARAMETERS = (  # columns
+PARAMETER_COLUMNS = (  # columns
     "id", "group", "symbol", "value", "std", "std_after_10_more", "std_after_10_best", "unit", "meaning",
 )  # fmt: skip
 
@@ -123,7 +123,7 @@ def write(analysis: Analysis, folder: Path) -> None:
 
     fit = analysis.fit
     write_machine(fit.chain.machine, folder / "machine.yaml")
-    table = pd.DataFrame(analysis.parameters, columns=list(PARAMETERS))
+    table = pd.DataFrame(analysis.parameters, columns=list(PARAMETER_COLUMNS))
     write_csv(table, folder / "parameters.csv")
     write_csv(residual_table(fit), folder / "residuals.csv")
     names = [fit.solution.unknowns[j] for j in fit.solution.groups.base]

@@ -22,7 +22,7 @@ from errormodel.survey_columns import MEASURED
 from identification.diagnosis.data_checks.blunder import FEWEST, Blunder, Points, groups, listed, misses, sheet
 from identification.diagnosis.data_checks.checks import find_blunders
 from identification.diagnosis.data_checks.duplicates_and_clock import copied_rows
-from identification.estimation.checks import FAR, another, far_off, looked_over
+from identification.estimation.checks import FOREIGN_MACHINE_SHARE, another, far_off, looked_over
 from identification.estimation.result import Fit
 from identification.observation.frames import MACHINE_ERROR_SHARE
 
