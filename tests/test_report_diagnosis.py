@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from errormodel.effects import registry
 from errormodel.effects.hysteresis import Hysteresis
 from errormodel.files import write_csv
+from errormodel.instruments.plain import Plain
 from errormodel.machine import EffectSpec, Machine
 from errormodel.machine_file import read_machine
 from errormodel.simulation import Truth, measured_at, outward, random_points
@@ -51,7 +52,7 @@ def grown(word: str) -> tuple[EffectModel, Fit, dict[str, float]]:
     truth = battery.base_errors(machine.name) | dict(zip(ids, sizes, strict=True))
     measured = measured_at(machine, frame, Truth(truth), battery.NOISE, seed=6)[["mx", "my", "mz"]]
     table = pd.concat([frame, measured], axis=1)
-    survey = Survey(table, "shared", ("frame",), battery.Plain(), Path("battery.csv"))
+    survey = Survey(table, "shared", ("frame",), Plain(), Path("battery.csv"))
     linear = set_up(fit_machine(replace(machine, effects=()), survey))
     step = Step(effect, 100.0, 100.0, 0.5)
     return EffectModel(linear, linear.with_effect(effect), (step,)), fit_machine(machine, survey), truth
