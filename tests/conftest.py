@@ -52,3 +52,9 @@ def ur10(real_data: Path) -> Path:
 def printers(real_data: Path) -> Path:
     """Folder of two printers: a fixed switch found again and again while they heat."""
     return _present(real_data / "printer-frame", "ERRORMODEL_DATA")
+
+
+@pytest.fixture
+def few_poses(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Compensation is judged at fewer poses than usual: quicker, and its figures are known less well."""
+    monkeypatch.setattr("identification.compensation.run.POSES", 300)

@@ -197,3 +197,34 @@ def test_clouds_of_symmetric_points_keep_their_rotation() -> None:
             pose = align(points, turn.apply(points) + rng.normal(0, 1e-2, points.shape))
             assert not len(pose.undetermined)
             assert (Rotation.from_matrix(pose.rotation) * turn.inv()).magnitude() < 1e-3
+
+
+def on_a_line(spread: float, n: int, seed: int, turn: float = 0.0, **more: float) -> int:
+    """Rotations that stay undetermined of n points on a line, measured with noise of 1: `spread` and all lengths in it.
+
+    The line is measured turned by `turn` (rad).
+    """
+    rng = np.random.default_rng(seed)
+    along = np.linspace(-1, 1, n)
+    points = np.outer(along / np.std(along) * spread, [0.6, 0.8, 0.0])
+    seen = Rotation.from_rotvec([0.0, 0.0, turn]).apply(points) + rng.normal(size=(n, 3))
+    return len(align(points, seen, **more).undetermined)  # type: ignore[arg-type]
+
+
+def test_points_that_spread_ten_times_their_misfit_determine_a_direction() -> None:
+    """Of a line one rotation is left; errors that no machine makes are mistakes, and count no further."""
+    assert [on_a_line(7.0, 500, seed) for seed in range(5)] == [3] * 5
+    assert [on_a_line(13.0, 500, seed) for seed in range(5)] == [1] * 5
+    assert [on_a_line(7.0, 500, seed, largest=0.5) for seed in range(5)] == [1] * 5
+
+
+def test_points_that_spread_less_determine_a_direction_where_they_are_clearly_turned() -> None:
+    """A turn that doubles the sum of squares may be an error of the machine, one that makes it tenfold is none."""
+    assert [on_a_line(7.0, 500, seed, turn=0.25) for seed in range(5)] == [3] * 5
+    assert [on_a_line(7.0, 500, seed, turn=1.0) for seed in range(5)] == [1] * 5
+
+
+@pytest.mark.parametrize(("n", "spread"), [(2, 3.0), (3, 3.0), (4, 7.0)])
+def test_few_points_seldom_look_turned_or_sure_by_chance(n: int, spread: float) -> None:
+    """One in a thousand looks turned, and fewer still have so small a misfit: of 300 hardly one."""
+    assert sum(on_a_line(spread, n, seed) < 3 for seed in range(300)) <= 4

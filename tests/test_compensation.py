@@ -37,6 +37,7 @@ from tests.commands import MILL, done, fitted_mill, run, tree, write
 from tests.surveys import measured, positions, survey
 
 UM = 1e-3
+pytestmark = pytest.mark.usefixtures("few_poses")
 
 
 def field_of(machine: Machine, p: Array, **state: float) -> Field:
@@ -60,11 +61,6 @@ def tables_of(name: str, volume: Volume, **more: object) -> tuple[Controller, Ta
     assert isinstance(controller, Controller)
     setup = replace(volume.setup(None, None)[0], **more)  # type: ignore[arg-type]
     return controller, best_tables(controller, setup, volume), setup
-
-
-@pytest.fixture(autouse=True)
-def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("identification.compensation.run.SAMPLE_POSES", 300)
 
 
 @pytest.fixture(scope="module")
@@ -214,7 +210,7 @@ def test_a_test_file_in_a_frame_of_its_own_is_judged_in_the_machines_axes(tmp_pa
     table = read_rows(tmp_path, fit.chain.machine)
     held = held_out(fit, table)
     assert held is not None
-    assert held.what == "60 test files" or held.what.startswith("60 ")
+    assert held.what == "60 rows of test files"
     volume = Volume.of(Field.of(fit, table), table, True)
     controller, tables, setup = tables_of("isg", volume)
     figures = assess(volume, emulated(controller, tables, setup, volume), held, 0)[1]

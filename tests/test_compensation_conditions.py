@@ -29,13 +29,9 @@ from tests.commands import MILL, done, run, tree
 from tests.surveys import measured, positions, survey
 
 UM = 1e-3
+pytestmark = pytest.mark.usefixtures("few_poses")
 LAG, SMALL, GROWTH = -12 * UM, -4 * UM, -10 * UM  # X stays 12 um behind; Y 4 um at one end, 14 at the other
 WARM = 30 * UM
-
-
-@pytest.fixture(autouse=True)
-def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("identification.compensation.run.SAMPLE_POSES", 300)
 
 
 @pytest.fixture(scope="module")

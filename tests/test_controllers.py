@@ -211,35 +211,6 @@ def test_duet_refuses_more_points_than_the_board_holds() -> None:
         tabled("duet").write((Table(Term("Z", ("X", "Y"), (grid, grid)), np.zeros((22, 22))),), plain_setup())
 
 
-@pytest.mark.parametrize(
-    ("name", "pattern", "sign"),
-    [
-        ("linuxcnc-type0", r"^400\.0+ (\S+)", 1),  # where it really was: beyond 400
-        ("linuxcnc-type1", r"^400\.0+ (\S+)", -1),  # the trim takes it back
-        ("siemens-lec", r"COMP\[0,1,X1\]=(\S+)", 1),  # a positive value moves the axis in minus direction
-        ("siemens-cec", r"CEC\[0,1\]=(\S+)", 1),
-        ("heidenhain", r"^1 +400\.0+ +(\S+)", 1),
-        ("twincat-nc", r"Position := 400, Compensation := ([-\d.]+)", -1),
-        ("aerotech-1d", r"^(-10\.0+)$", -1),
-        ("isg", r"^400 (\S+)", 1),
-        ("etalon", r"^400 (\S+)", 1),
-    ],
-)
-def test_an_axis_that_goes_too_far_has_the_sign_its_format_wants(name: str, pattern: str, sign: int) -> None:
-    """At 400 the axis stands 10 um too far: the correction is -10 um."""
-    setup, volumetric = plain_setup(), name in ("isg", "etalon")
-    term = Term("EXX" if volumetric else "X", ("X",), ((0.0, 400.0),))
-    tables = (Table(term, np.array([0.0, 0.010 if volumetric else -0.010])),)
-    controller = tabled(name)
-    text = "\n".join(controller.write(tables, setup).values())
-    match = re.search(pattern, text, re.MULTILINE)
-    assert match is not None, text
-    value = float(match[1]) - (400.0 if name == "linuxcnc-type0" else 0.0)
-    assert value == pytest.approx(sign * (10.0 if name.startswith("aerotech") else 0.010), abs=1e-6)
-    moved = controller.emulate(tables, setup, np.array([[400.0, 10.0, -60.0]]))
-    np.testing.assert_allclose(moved, [[-0.010, 0, 0]], atol=1e-9)
-
-
 def test_fanuc_increments_add_up_within_one_unit() -> None:
     """Rounding each increment by itself would drift; the sum is rounded instead."""
     grid = tuple(float(x) for x in range(0, 1000, 10))

@@ -67,8 +67,13 @@ def test_what_a_folder_says_of_it(tmp_path: Path) -> None:
     fit = fit_machine(MACHINE, survey(table(60)))
     save(fit, tmp_path)
     data = json.loads((tmp_path / "fit.json").read_text())
-    first = data["parameters"][0]
-    assert 0 < first["std_after_10_best"] < first["std_after_10_more"] < first["std"] or first["std_after_10_more"] > 0
+    now, more, best = (
+        np.array([p[name] for p in data["parameters"]]) for name in ("std", "std_after_10_more", "std_after_10_best")
+    )
+    np.testing.assert_allclose(more, now * np.sqrt(60 / 70), rtol=1e-9)  # nothing is known beforehand: as 1/sqrt(rows)
+    assert (best > 0).all()
+    assert (best < now).all()
+    assert np.mean(best / now) < np.mean(more / now) - 0.05
     assert len(data["next_poses"]) == 10
     assert (data["robust"], data["outliers"]) == (False, [])
     assert "leverage" in pd.read_csv(tmp_path / "residuals.csv")

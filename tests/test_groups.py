@@ -245,3 +245,25 @@ def test_nothing_stands_above_the_noise() -> None:
 def test_a_group_reads_as_a_formula() -> None:
     found = plain_groups(np.array([[1.0, 0, 1, -2.5, 0], [0, 1, -1, 0, 1 / 3]]))
     assert [found.name(k) for k in range(2)] == ["p0 + p2 - 2.5 p3", "p1 - p2 + 0.333333 p4"]
+
+
+def test_a_column_shorter_than_the_noise_has_no_effect() -> None:
+    rng = np.random.default_rng(0)
+    design = rng.normal(size=(30, 2)) * [1.0, 1e-6]
+    scale = np.full(2, np.sqrt(30.0))
+    assert find_groups(design, ("a", "b"), scale, [0, 1]).no_effect == ()
+    assert find_groups(design, ("a", "b"), scale, [0, 1], Floors(lever=1e-5)).no_effect == ("b",)
+    assert find_groups(design, ("a", "b"), scale, [0, 1], Floors(lever=1e-7)).no_effect == ()
+
+
+def test_a_share_that_the_noise_hides_is_none() -> None:
+    """c acts as a and a thousandth of b."""
+    rng = np.random.default_rng(1)
+    q = np.linalg.qr(rng.normal(size=(30, 2)))[0]
+    design = np.column_stack([q, q @ [1.0, 1e-3]])
+    ids, scale = ("a", "b", "c"), np.ones(3)
+    seen = find_groups(design, ids, scale, [0, 1, 2])
+    assert seen.members(1) == pytest.approx({"b": 1.0, "c": 1e-3})
+    hidden = find_groups(design, ids, scale, [0, 1, 2], Floors(direction=1e-2))
+    assert hidden.members(0) == pytest.approx({"a": 1.0, "c": 1.0})
+    assert hidden.members(1) == {"b": 1.0}

@@ -87,9 +87,9 @@ def test_gross_outliers_move_nothing_and_are_named(where: str, way: Array | None
     fit = run.fit_machine(MACHINE, survey(spoilt(noisy(), rows, size, way)), robust=True)
     rest = run.fit_machine(MACHINE, survey(noisy()).rows(~np.isin(np.arange(N), rows)), robust=True)
     assert named(fit) == set(rows.tolist())
-    assert all(o.what == "position" for o in fit.outliers) or way is not None
+    assert {o.what for o in fit.outliers} == {"position"}  # no direction is so near an axis that the rest is sound
     assert fit.solution.converged
-    assert fit.fitted.n == N - 10 or way is not None
+    assert fit.fitted.n == N - 10
     assert prediction_error(fit, P) == pytest.approx(prediction_error(rest, P), abs=0.3)
     assert fit.solution.sigma["position"] == pytest.approx(rest.solution.sigma["position"], rel=0.03)
 

@@ -108,7 +108,7 @@ def test_without_errors_everything_is_first_order():
     assert element(machine, "T1").motions == MOTIONS
     assert set(element(machine, "X").models) == {"dx", "ea", "eb", "ec"}
     assert set(element(machine, "C").models) == set(MOTIONS)
-    assert machine.name == "machine.yaml" or machine.name == ""  # a file in no folder has no better name
+    assert machine.name == ""  # a file in no folder has no better name
 
 
 def test_an_errors_block_holds_what_it_lists():
@@ -325,12 +325,18 @@ def test_a_folder_stands_for_its_machine(tmp_path: Path):
     assert schema.read_machine(tmp_path).name == tmp_path.name
 
 
-@pytest.mark.parametrize("name", ["five_axis_table_quil", "five_axis_table_quill.yaml", "x" * 5000, "a\0b", ""])
+@pytest.mark.parametrize("name", ["five_axis_table_quil", "five_axis_table_quill.yaml", "x" * 5000, "a\0b"])
 def test_an_unknown_machine_names_the_library(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError) as caught:
         schema.read_machine(name)
-    assert "five_axis_table_quill" in str(caught.value) or name == ""
+    assert "five_axis_table_quill" in str(caught.value)
+
+
+def test_no_name_is_the_folder_one_stands_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=r"a folder without machine\.yaml"):
+        schema.read_machine("")
 
 
 def test_an_empty_folder_is_no_machine(tmp_path: Path):

@@ -131,7 +131,7 @@ def commands(table: pd.DataFrame, machine: Machine) -> tuple[Array, Array, Array
 def held_out(fit: StoredFit, table: pd.DataFrame) -> Rows | None:
     """Positions that the fit did not use: test files, or blocks of cross-validation; None if there are too few."""
     for role, column, what in (
-        ("test", "residual", "test files"),
+        ("test", "residual", "rows of test files"),
         ("fit", "heldout", "rows left out of the fit in blocks"),
     ):
         names = [f"{column}_{axis}_um" for axis in "xyz"]
