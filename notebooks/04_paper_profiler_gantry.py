@@ -13,7 +13,7 @@
 # machine warms up. How far a warm cloud has moved against the cold one is how far the sensor has moved; through mount
 # and lever that gives the six thermal error motions of Y at each artefact. The clouds are not published. Here the
 # experiment is simulated with the paper's constants and noise, in finite rotations, by a simulator that shares no code
-# with the tool (`tests/crossbeam.py`); what is printed is checked.
+# with the tool (`tests/helpers/crossbeam.py`); what is printed is checked.
 #
 # As a script, this notebook shows nothing but its numbers.
 
@@ -35,7 +35,7 @@ from identification.registration.mount import identify_mount
 
 ROOT = library()["gantry_crossbeam_ram"].parents[1]
 sys.path.insert(0, str(ROOT))  # the simulator is among the tests
-from tests import crossbeam as sim
+from tests.helpers import crossbeam as sim
 
 scratch = tempfile.TemporaryDirectory()
 work = Path(scratch.name)

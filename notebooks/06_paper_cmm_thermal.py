@@ -32,8 +32,8 @@ from identification.uncertainty.budget import Input, combine  # for the paper's 
 
 ROOT = library()["bridge_cmm"].parents[1]
 sys.path.insert(0, str(ROOT))  # the simulator is among the tests
-from tests import thermal_cmm as cmm
-from tests.ring_gauge import SURVEY, ring_errors
+from tests.helpers import thermal_cmm as cmm
+from tests.helpers.ring_gauge import SURVEY, ring_errors
 
 machine = read_machine("bridge_cmm")
 

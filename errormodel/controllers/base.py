@@ -8,20 +8,21 @@ Positions are in the units of controllers: mm for linear axes, degrees for rotar
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from functools import cache
 from typing import ClassVar
 
 import numpy as np
 
 from errormodel.arrays import Array
-from errormodel.controllers import instead, registry
 from errormodel.controllers.dialect import Dialect
 from errormodel.controllers.probing import Gap, Probing
 from errormodel.controllers.setup import Axis, Setup
 from errormodel.controllers.tables import Table, Tables, Term
 from errormodel.controllers.text import Comment, Files, printable
 from errormodel.controllers.thermal import States, Thermal
-from errormodel.exceptions import InputError
+from errormodel.discovery import by_word, classes
+from errormodel.exceptions import InputError, nearest
 from errormodel.gcode.divide import Correct
 from errormodel.gcode.programme import Corrected
 from errormodel.gcode.reading import Reading
@@ -295,3 +296,33 @@ def _turned(tables: Tables, setup: Setup) -> Tables:
     if not setup.inverted:
         return tables
     return tuple(Table(t.term, -t.values + 0.0) if t.term.inputs else t for t in tables)
+
+
+@cache
+def registry() -> Mapping[str, type[Target]]:
+    """All controllers by name; a name that is registered twice raises an error."""
+    found = by_word((kind.name, kind) for kind in classes("errormodel.controllers", Target))  # type: ignore[type-abstract]
+    return dict(sorted(found.items()))
+
+
+def instead(kind: type[Target] | None = None) -> str:
+    """What to use where a controller cannot hold the errors of a machine: words of those that hold any, with "or".
+
+    Parameters
+    ----------
+    kind : `Controller` or `Rewriter`, to have those only.
+    """
+    return " or ".join(n for n, k in registry().items() if k.general and (kind is None or issubclass(k, kind)))
+
+
+def target(name: str) -> Target:
+    """Controller of a given name.
+
+    Raises
+    ------
+    InputError
+        There is no such controller.
+    """
+    if name not in registry():
+        raise InputError(f"--controller {name}", "there is no such controller", nearest(name, registry()))
+    return registry()[name]()

@@ -11,7 +11,7 @@ import time
 from pathlib import Path
 
 from identification.diagnosis.pipeline import diagnose
-from tests.test_ablation import CURVES, arm, recorded
+from tests.helpers.arm import CURVES, arm, recorded
 
 
 def main(folder: Path, every: int, what: list[str]) -> None:

@@ -21,8 +21,8 @@ from identification.bayes.run import drawn, model_of
 from identification.bayes.sampling import NotConvergedError
 from identification.estimation import run
 from identification.estimation.run import fit_machine
-from tests.chains import Array, errors
-from tests.surveys import measured, positions, survey
+from tests.helpers.chains import Array, errors
+from tests.helpers.surveys import measured, positions, survey
 
 FIRST = Basis("first-order")
 NOISE, PERIOD = 2e-3, 10.0

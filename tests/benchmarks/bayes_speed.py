@@ -22,8 +22,8 @@ from identification.bayes.run import model_of
 from identification.bayes.sampling import Reference, inside, walkers_for
 from identification.estimation.run import fit_machine
 from identification.observation.normal_equations import design_rows, view_vector
-from tests.chains import Array, errors
-from tests.surveys import measured, positions, survey
+from tests.helpers.chains import Array, errors
+from tests.helpers.surveys import measured, positions, survey
 
 
 def seconds(log_prob: Callable[[Array], Array], reference: Reference, start: Array, steps: int) -> float:

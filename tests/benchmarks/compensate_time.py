@@ -28,8 +28,8 @@ from errormodel.machine_file import read_machine
 from errormodel.simulation import random_points
 from identification.estimation.run import fit_machine
 from identification.results.store import save
-from tests.chains import errors
-from tests.surveys import measured, positions, survey
+from tests.helpers.chains import errors
+from tests.helpers.surveys import measured, positions, survey
 
 Values = tuple[float, ...]
 Effect = tuple[str, Mapping[str, object], Values]

@@ -35,8 +35,8 @@ from identification.compensation.rows import Rows
 from identification.compensation.run import best_tables
 from identification.compensation.volume import Volume
 from identification.estimation.run import fit_machine
-from tests.chains import errors
-from tests.surveys import measured, positions, stored, survey
+from tests.helpers.chains import errors
+from tests.helpers.surveys import measured, positions, stored, survey
 
 TRACKER = LaserTracker(type="laser-tracker", station=[0.0, 0.0, 0.0], range=[0.5e-3, 0.0], angle=1.2e-6)
 UNSEEN = 512
@@ -84,7 +84,7 @@ class Case:
             fine, given_up = self.setup, 1e-6
             terms = controller.structures(fine)[-1]
         sample = self.volume.sample(fine, 24_000 if len(terms) < 10 else 4000, seed=5)
-        with mock.patch.multiple(reduction, SHARE=given_up, COST=given_up):
+        with mock.patch.multiple(reduction, GIVEN_UP_SHARE=given_up, MOST_RMS_INCREASE=given_up):
             tables = reduction.reduce(controller, fine, terms, sample, controller.most_tables)
         return emulated(controller, controller.read(controller.write(tables, fine), fine), fine, self.volume)
 

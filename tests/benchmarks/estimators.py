@@ -29,8 +29,8 @@ from identification.estimation.robust import first_judgement
 from identification.observation.assembly import Problem, build
 from identification.observation.identifiability import Groups
 from identification.observation.normal_equations import design_rows, view_vector
-from tests.chains import Array, errors
-from tests.surveys import FAR, TURNED, measured, positions, survey
+from tests.helpers.chains import Array, errors
+from tests.helpers.surveys import FAR, TURNED, measured, positions, survey
 
 MACHINE = read_machine("horizontal_three_axis")
 CHAIN = Chain(MACHINE)

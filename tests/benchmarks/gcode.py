@@ -17,7 +17,7 @@ from pathlib import Path
 
 from errormodel.exceptions import InputError
 from tests.benchmarks.rs274 import agree
-from tests.gcode_trial import trial
+from tests.helpers.gcode_trial import trial
 
 CHUNK = 50
 

@@ -23,8 +23,8 @@ from identification.monitoring.control_limits import judge
 from identification.monitoring.quantities import Cycle, Watched, measured, watched
 from identification.results.analysis import Analysis
 from identification.results.store import as_json
-from tests.surveys import measured as simulated
-from tests.surveys import survey
+from tests.helpers.surveys import measured as simulated
+from tests.helpers.surveys import survey
 
 COUNTS = (3, 5, 10, 20, 40)  # earlier cycles
 SHIFTS = (5.0, 10.0)  # of one quantity, in standard deviations of its cycles

@@ -18,7 +18,7 @@ from identification.registration.cleaning import clean
 from identification.registration.displacement import _coarse, displacement
 from identification.registration.motions import with_uncertainty
 from identification.registration.surface import fit_surface
-from tests import crossbeam as sim
+from tests.helpers import crossbeam as sim
 
 RELIEF = 6.0  # mm; slopes of up to about 45 degrees
 MICRO = np.array([1e3] * 3 + [1e6] * 3)

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.gcode_machine import Event, execute
-from tests.gcode_programmes import OFFSETS
-from tests.gcode_trial import READING, SETUP, TARGET, smooth, written
+from tests.helpers.gcode_machine import Event, execute
+from tests.helpers.gcode_programmes import OFFSETS
+from tests.helpers.gcode_trial import READING, SETUP, TARGET, smooth, written
 
 CALL = re.compile(r"\s([A-Z_0-9]+)\(([^)]*)\)")
 INCH = 25.4  # without an INI file its machine is one of inches

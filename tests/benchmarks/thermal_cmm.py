@@ -17,7 +17,7 @@ import pandas as pd
 
 from errormodel.machine_file import read_machine
 from identification.thermal import run, selection
-from tests.ring_gauge import ring_errors, thermal_model
+from tests.helpers.ring_gauge import ring_errors, thermal_model
 
 FIRST = 101  # no seed that anything was tried on
 

@@ -8,7 +8,7 @@ import pytest
 from errormodel.controllers import instead, registry, target
 from errormodel.controllers.base import Controller, Rewriter
 from errormodel.exceptions import InputError
-from tests.setups import filled, plain_setup
+from tests.helpers.setups import filled, plain_setup
 
 NAMES = list(registry())
 TABLED = [n for n in NAMES if issubclass(registry()[n], Controller)]

@@ -15,7 +15,7 @@ from errormodel.effects.families import FAMILIES, Traits
 from errormodel.effects.shared import Lag
 from errormodel.machine import Joint, Machine, Shape
 from identification.diagnosis.results.statements import shape
-from tests.effect_battery import MACHINES, arrays, example, numeric, scene
+from tests.helpers.effect_battery import MACHINES, arrays, example, numeric, scene
 
 WORDS = list(registry())
 

@@ -14,7 +14,7 @@ from errormodel.instruments import instruments
 from errormodel.instruments.base import Instrument
 from errormodel.machine_file import read_machine
 from errormodel.survey import read_survey
-from tests.instrument_settings import settings_of
+from tests.helpers.instrument_settings import settings_of
 
 KINDS = instruments()
 POINTS = np.random.default_rng(2).uniform(-800, 2500, (40, 3))

@@ -19,7 +19,7 @@ from errormodel.machine import Basis, Joint, Machine, Shape
 from errormodel.machine_file import read_machine, write_machine
 from errormodel.simulation import random_points
 from identification.estimation.run import fit_machine
-from tests.surveys import measured, positions, survey
+from tests.helpers.surveys import measured, positions, survey
 
 Array = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
 Kind = Literal["prismatic", "rotary"]

@@ -1,0 +1,161 @@
+"""What a user's own package brings by an entry point works like the project's own: one file each, and no other.
+
+The files are those that the documentation shows as examples.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+HEADINGS = {
+    "effects": "An effect",
+    "joint_models": "A joint error model",
+    "controllers": "A controller",
+    "instruments": "An instrument",
+    "formats": "A format",
+}
+
+
+def example(heading: str) -> str:
+    """The file that the documentation shows under a heading, whole."""
+    page = (ROOT / "docs/extending.md").read_text(encoding="utf-8")
+    (section,) = re.findall(rf"^## {heading}\n(.*?)(?=^## |\Z)", page, re.MULTILINE | re.DOTALL)
+    (code,) = re.findall(r"^```python\n(.*?)^```", section, re.MULTILINE | re.DOTALL)
+    return str(code)
+
+
+@pytest.fixture(scope="module")
+def elsewhere(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with an installed package of the user's."""
+    folder = tmp_path_factory.mktemp("site")
+    info = folder / "shop_floor-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: shop-floor\nVersion: 1.0\n")
+    lines = []
+    for group, heading in HEADINGS.items():
+        (folder / f"shop_{group}.py").write_text(example(heading))
+        lines.append(f"[errormodel.{group}]\nmine = shop_{group}\n")
+    (info / "entry_points.txt").write_text("\n".join(lines))
+    return folder
+
+
+def run(elsewhere: Path, *words: object) -> str:
+    program = "from identification.command_line.main import entry; entry()"
+    paths = os.pathsep.join([str(elsewhere), str(ROOT)])
+    done = subprocess.run(
+        [sys.executable, "-c", program, *map(str, words)],
+        cwd=elsewhere, capture_output=True, text=True, check=False, env={**os.environ, "PYTHONPATH": paths},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def reference(elsewhere: Path, page: str) -> str:
+    """A page of reference as the documentation writes it, with that package installed."""
+    program = f"import sys; sys.path.insert(0, 'docs'); import generate; print(*generate.{page}(), sep='\\n')"
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(elsewhere), str(ROOT)])}
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True, env=environment
+    )
+    return done.stdout
+
+
+def test_a_package_of_the_users_brings_an_effect(elsewhere: Path) -> None:
+    """Simulated, found by the diagnosis under its name, fitted, predicted, in the report and in the documentation."""
+    (elsewhere / "slip.yaml").write_text(
+        (ROOT / "machines/vertical_three_axis.yaml").read_text()
+        + "\neffects: [{effect: coupling-slip, joint: X, at: 76}]\n"
+    )
+    travel = "vertical_three_axis"
+    (elsewhere / "truth.yaml").write_text("parameters: {X.dx.coupling-slip: 0.02}\n")
+    words = ["--parameters", "truth.yaml", "--noise", 0.001, "--out", "s.csv"]
+    run(elsewhere, "simulate", "slip.yaml", 200, *words)
+    said = run(elsewhere, "diagnose", travel, "s.csv", "--out", "found")
+    (finding,) = json.loads((elsewhere / "found/diagnosis.json").read_text())["findings"]
+    assert (finding["effect"], finding["where"]) == ("coupling-slip", "X"), said
+    assert "coupling" in (elsewhere / "found/report.html").read_text()
+    run(elsewhere, "fit", "slip.yaml", "s.csv", "--out", "fitted")
+    values = {p["id"]: p for p in json.loads((elsewhere / "fitted/fit.json").read_text())["parameters"]}
+    slip = values["X.dx.coupling-slip"]
+    assert abs(slip["value"] - 0.02) < 4 * slip["std"]
+    run(elsewhere, "predict", "found", "s.csv", "--out", "p.csv")
+    assert "### coupling-slip" in reference(elsewhere, "effects")
+
+
+def test_a_package_of_the_users_brings_an_instrument_and_a_format(elsewhere: Path) -> None:
+    run(elsewhere, "simulate", "vertical_three_axis", 60, "--noise", 0.001, "--out", "plain.csv")
+    (elsewhere / "data.bar").write_text((elsewhere / "plain.csv").read_text().replace(",", "|"))
+    instrument = "{type: flat-probe, across: 0.001, along: 0.0005}"
+    (elsewhere / "survey.yaml").write_text(f"errormodel: 1\nfiles: [{{path: data.bar}}]\ninstrument: {instrument}\n")
+    run(elsewhere, "fit", "vertical_three_axis", "survey.yaml", "--out", "probed")
+    assert json.loads((elsewhere / "probed/fit.json").read_text())["sigma_from"] == "declared"
+    assert "## flat-probe" in reference(elsewhere, "instruments")
+    assert ".bar" in reference(elsewhere, "formats")
+
+
+def test_a_package_of_the_users_brings_a_joint_error_model(elsewhere: Path) -> None:
+    """Described, drawn, simulated, fitted to the truth, reported, predicted, stored and in the documentation."""
+    text = (ROOT / "machines/vertical_three_axis.yaml").read_text()
+    block = "errors:\n  shapes: none\n  joints: {X: {exx: {thread: 2}}, Y: {thread: 1}, Z: first-order}\n"
+    text, count = re.subn(r"^errors:\n(?:^[ #].*\n)*", block, text, flags=re.MULTILINE)
+    assert count == 1
+    (elsewhere / "threads.yaml").write_text(text)
+    assert "X.dx.sin2" in run(elsewhere, "describe", "threads.yaml")
+    truth = {"X.dx.sin2": 0.012, "Y.dz.cos1": -0.008}
+    (elsewhere / "threads_truth.yaml").write_text(f"parameters: {json.dumps(truth)}\n")
+    words = ["--parameters", "threads_truth.yaml", "--noise", 0.001, "--out", "threads.csv"]
+    run(elsewhere, "simulate", "threads.yaml", 200, *words)
+    run(elsewhere, "fit", "threads.yaml", "threads.csv", "--out", "threads")
+    found = {p["id"]: p for p in json.loads((elsewhere / "threads/fit.json").read_text())["parameters"]}
+    for name, value in truth.items():
+        assert abs(found[name]["value"] - value) < 4 * found[name]["std"], name
+    assert "thread: 2" in (elsewhere / "threads/machine.yaml").read_text()
+    assert "thread" in (elsewhere / "threads/report.html").read_text()
+    run(elsewhere, "predict", "threads", "threads.csv", "--out", "threads_predicted.csv")
+    run(elsewhere, "diagnose", "threads.yaml", "threads.csv", "--out", "threads_diagnosed")
+    assert json.loads((elsewhere / "threads_diagnosed/diagnosis.json").read_text())["findings"] == []
+    page = reference(elsewhere, "joint_models")
+    assert "## thread" in page
+    assert "ISO 3408-3" in page
+
+
+def test_a_model_from_elsewhere_is_named_where_a_key_is_wrong(elsewhere: Path) -> None:
+    text = (ROOT / "machines/vertical_three_axis.yaml").read_text()
+    text = re.sub(r"^errors:\n(?:^[ #].*\n)*", "errors: {joints: {X: {tread: 2}}}\n", text, flags=re.MULTILINE)
+    (elsewhere / "wrong.yaml").write_text(text)
+    with pytest.raises(AssertionError, match="Did you mean 'thread'"):
+        run(elsewhere, "describe", "wrong.yaml")
+
+
+def test_a_package_of_the_users_brings_a_controller(elsewhere: Path) -> None:
+    run(elsewhere, "simulate", "vertical_three_axis", 150, "--noise", 0.001, "--seed", 3, "--out", "drives.csv")
+    run(elsewhere, "fit", "vertical_three_axis", "drives.csv", "--out", "drives")
+    assert "shop-table" in run(elsewhere, "compensate", "--controller", "list")
+    said = run(elsewhere, "compensate", "drives", "--controller", "shop-table", "--out", "tables")
+    assert "table of the shop's own drives" in said
+    assert (elsewhere / "tables/shop.tab").read_text().startswith("; machine:")
+    assert "load shop.tab" in (elsewhere / "tables/checklist.txt").read_text()
+    assert "## shop-table" in reference(elsewhere, "controllers")
+
+
+def test_the_contract_tests_run_over_what_a_package_brings(elsewhere: Path) -> None:
+    """A user's own file is held to what the project's own files are held to."""
+    words = ("coupling-slip", "thread", "shop-table", "flat-probe", ".bar")
+    files = [*(ROOT / "tests/contract").glob("test_*.py"), *(ROOT / "tests").rglob("test_effects.py")]
+    files += (ROOT / "tests").rglob("test_controllers.py")
+    chosen = " or ".join(words)
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-n", "0", "-p", "no:cacheprovider", "-k", chosen, *map(str, files)],
+        cwd=ROOT, capture_output=True, text=True, check=False,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(elsewhere), str(ROOT)])},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout[-3000:]

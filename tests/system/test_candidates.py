@@ -1,0 +1,138 @@
+"""What the diagnosis tries: the same columns and scores on any number of cores."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from errormodel.conventions import MOTIONS
+from errormodel.effects import make
+from errormodel.effects.cross_axis_compliance import CrossAxisCompliance
+from errormodel.machine import EffectSpec, Joint
+from errormodel.machine_file import read_machine
+from errormodel.survey import read_survey
+from identification.diagnosis.linear.linear_model import set_up
+from identification.diagnosis.results.untestable import unseen
+from identification.diagnosis.search import correlated_noise as coloured
+from identification.diagnosis.search.candidates import MANY, Candidates
+from identification.estimation.run import fit_machine
+from tests.helpers.diagnosed import empty_survey, showing
+
+GANTRY = Path(__file__).parents[2] / "machines/examples/gantry"
+
+
+def test_cores_make_no_difference(monkeypatch: pytest.MonkeyPatch) -> None:
+    machine = read_machine(GANTRY)
+    linear = set_up(fit_machine(machine, read_survey(GANTRY / "survey.csv", machine)))
+    found = []
+    for count in (1, 2, 3):
+        monkeypatch.setattr(os, "cpu_count", lambda count=count: count)
+        found.append(Candidates.of(linear))
+    one, *others = found
+    assert len(one.effects) > MANY
+    scores = one.scores(linear)
+    for other in others:
+        assert other.effects == one.effects
+        for block, same in zip(one.blocks, other.blocks, strict=True):
+            np.testing.assert_array_equal(block.numbers, same.numbers)
+            np.testing.assert_array_equal(block.columns, same.columns)
+            np.testing.assert_array_equal(block.sizes, same.sizes)
+        for name in ("evidence", "delta_chi2", "absorbed", "expected_delta_chi2"):
+            np.testing.assert_array_equal(getattr(other.scores(linear), name), getattr(scores, name))
+
+
+def test_candidates_are_columns_of_their_effects_at_their_usual_sizes() -> None:
+    """As they are kept, phases of waves among them in single precision, beside each effect's own in double."""
+    machine = read_machine(GANTRY)
+    linear = set_up(fit_machine(machine, read_survey(GANTRY / "survey.csv", machine)))
+    candidates = Candidates.of(linear)
+    for block in candidates.blocks[::5]:
+        for n, kept, usual in list(zip(block.numbers, block.columns, block.sizes, strict=True))[::40]:
+            columns, sizes = linear.columns(candidates.effects[n])
+            np.testing.assert_array_equal(usual, sizes)
+            exact = columns * sizes[:, None]
+            np.testing.assert_allclose(kept, exact, rtol=0, atol=2e-5 * max(np.abs(exact).max(), 1e-300))
+
+
+@pytest.mark.parametrize("name", ["trunnion_five_axis", "fork_head_five_axis", "five_axis_table_quill"])
+@pytest.mark.parametrize("turned", [False, True])
+def test_no_compliance_is_another_joints_geometry(name: str, turned: bool) -> None:
+    """A translation that no turn between two joints changes is an error motion of either; one that is turned is not."""
+    machine = read_machine(name)
+    if turned:  # the members between the joints
+        elements = [e if isinstance(e, Joint) else replace(e, rotation=(0.5, 0.3, -0.2)) for e in machine.elements]
+        machine = replace(machine, elements=tuple(elements))
+    linear = set_up(fit_machine(machine, empty_survey(machine, 300, 3, channels=False, grid=False)))
+    said = {(e.joint, e.other, e.motion) for e in CrossAxisCompliance.proposals(linear.scene)}
+    names = [j.name for j in machine.joints]
+    for joint, other in ((a, b) for a in names for b in names if a != b):
+        own = np.array(linear.levers[other][:3])
+        for k in range(3):
+            lever = np.asarray(linear.levers[joint][k])
+            same = np.linalg.lstsq(own.T, lever, rcond=None)[0] @ own
+            assert ((joint, other, MOTIONS[k]) in said) == (not np.allclose(same, lever, atol=1e-6))
+
+
+def test_correlated_noise_that_is_not_there_costs_a_drift_little() -> None:
+    """White noise is as likely beforehand as all noises that are not, which would make much of a drift as well."""
+    machine = read_machine("vertical_three_axis")
+    worth = []
+    for seed in range(3):
+        survey = empty_survey(machine, 365, seed, channels=True, grid=False)
+        last = float(survey.table["time"].max())
+        spec = EffectSpec("tracker-drift", {"start": 0.0, "duration": last, "tau": 3000.0})
+        linear = set_up(fit_machine(machine, showing(survey, machine, [(spec, [0.008] * 3)], 0.005, seed)))
+        [(white, any_noise)] = coloured.evidence(linear, [[make(spec)]])
+        assert white > 50
+        worth.append(any_noise)
+    assert min(worth) > 13.5  # 11.8 where each side has the noise that suits it best
+
+
+def test_what_was_found_was_large_enough_to_be_seen() -> None:
+    """A scale of the instrument is hidden by the axes' own at its usual size; a finding says that this one was not."""
+    machine = read_machine("vertical_three_axis")
+    linear = set_up(fit_machine(machine, empty_survey(machine, 300, 3, channels=True, grid=False)))
+    scores = Candidates.of(linear).scores(linear)
+    scale = make(EffectSpec("scale-ppm", {}))
+    said = {u.effect: u.reason for u in unseen(linear.scene, scores, [])}
+    assert "at its usual size stays within the noise" in said[scale.effect]
+    assert scale.effect not in {u.effect for u in unseen(linear.scene, scores, [scale])}
+
+
+def test_products_that_are_known_score_as_well_as_those_made_anew() -> None:
+    """Beside any few accepted effects, curves and mere forms among them, whatever was looked at before."""
+    machine = read_machine(GANTRY)
+    linear = set_up(fit_machine(machine, read_survey(GANTRY / "survey.csv", machine)))
+    candidates = Candidates.of(linear)
+    rng = np.random.default_rng(3)
+    curves = [k for k, e in enumerate(candidates.effects) if e.random]
+    for _ in range(3):
+        beside = linear
+        for k in (*rng.choice(len(candidates.effects), 3), rng.choice(curves)):
+            beside = beside.with_effect(candidates.effects[k])
+        kept = candidates.scores(beside)
+        for k in (*rng.choice(len(candidates.effects), 20), *rng.choice(curves, 3)):
+            own = Candidates.of(linear, [candidates.effects[k]]).scores(beside)
+            if len(own.evidence) and np.isfinite(own.evidence[0]):
+                assert kept.evidence[k] == pytest.approx(own.evidence[0], abs=0.05)
+                assert kept.delta_chi2[k] == pytest.approx(own.delta_chi2[0], abs=0.05)
+
+
+def test_what_an_effect_would_leave_is_what_it_leaves() -> None:
+    machine = read_machine(GANTRY)
+    linear = set_up(fit_machine(machine, read_survey(GANTRY / "survey.csv", machine)))
+    for effect in Candidates.of(linear).effects[::97]:
+        assert linear.square_with(effect) == pytest.approx(linear.with_effect(effect).square, rel=1e-7)
+
+
+def test_a_column_that_depends_on_others_takes_nothing_of_later_ones() -> None:
+    machine = read_machine(GANTRY)
+    linear = set_up(fit_machine(machine, read_survey(GANTRY / "survey.csv", machine)))
+    a, b, c = np.random.default_rng(0).normal(size=(3, linear.size))
+    both = linear.with_columns(np.array([a, 2 * a, b, a - b, c]))
+    assert both.square == pytest.approx(linear.with_columns(np.array([a, b, c])).square, rel=1e-12)
+    assert both.basis.shape[1] == linear.basis.shape[1] + 3

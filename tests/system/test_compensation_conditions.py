@@ -1,0 +1,235 @@
+"""What a checklist says beside the steps: backlash, zero shift, the machine's state, and what is left without."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from errormodel.chain import Chain
+from errormodel.controllers import target
+from errormodel.controllers.base import Controller
+from errormodel.machine import EffectSpec
+from errormodel.machine_file import read_machine
+from identification.compensation.assessment import emulated, left
+from identification.compensation.conditions import conditions_of
+from identification.compensation.field import Field, movers_of
+from identification.compensation.reversal import reversal_lines, reversals
+from identification.compensation.run import best_tables
+from identification.compensation.volume import Volume
+from identification.estimation.run import fit_machine
+from identification.results.store import save
+from tests.helpers.chains import errors
+from tests.helpers.commands import MILL, done, run, tree
+from tests.helpers.surveys import measured, positions, survey
+
+UM = 1e-3
+pytestmark = pytest.mark.usefixtures("few_poses")
+LAG, SMALL, GROWTH = -12 * UM, -4 * UM, -10 * UM  # X stays 12 um behind; Y 4 um at one end, 14 at the other
+WARM = 30 * UM
+
+
+@pytest.fixture(scope="module")
+def worn(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A fit of a mill with backlash in X, lost motion in Y, and a tool that grows while it warms up for 9000 s."""
+    folder = tmp_path_factory.mktemp("worn")
+    effects = (
+        EffectSpec("backlash", {"joint": "X"}),
+        EffectSpec("lost-motion", {"joint": "Y"}),
+        EffectSpec("warm-up", {"tau": 2000.0}),
+    )
+    machine = replace(read_machine(MILL), effects=effects, name="Mill\nG0 Z-500")
+    chain, plain = Chain(machine), Chain(read_machine(MILL))
+    p = dict(zip(plain.ids, errors(plain, 3).tolist(), strict=True))
+    p |= {chain.effect_ids[0][0]: LAG, chain.effect_ids[2][0]: -WARM}
+    p |= dict(zip(chain.effect_ids[1], (GROWTH, SMALL), strict=True))
+    rng = np.random.default_rng(0)
+    points = pd.DataFrame({j.name: rng.uniform(*j.travel, 200) for j in machine.joints})
+    points = points.assign(tool_x=0.0, tool_y=0.0, tool_z=-100.0, time=np.linspace(0, 9000, 200))
+    table = positions(measured(machine, chain.vector(p), seed=4, noise=1 * UM, points=points))
+    save(fit_machine(machine, survey(table)), folder / "fit")
+    return folder / "fit"
+
+
+def checklist(folder: Path) -> list[str]:
+    """The steps of a checklist, each on one line."""
+    text = (folder / "checklist.txt").read_text().split("activation\n")[1].split("\n\n")[0]
+    return [" ".join(step.split()) for step in text.split("  [ ] ")[1:]]
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("siemens-lec", (r"MD32450 \$MA_BACKLASH\[0,X1\]: add \+0\.0(\d+) mm", 1e-4)),
+        ("fanuc-pitch", (r"parameter 1851 of axis A1 .*: add \+(\d+) detection units of 1 um", 1.0)),
+        ("heidenhain", (r"MP_backLash of X .*: add \+0\.0(\d+) mm", 1e-4)),
+        ("isg", (r"getriebe\[0\]\.lose of logical axis 1 .*: add \+(\d+) \(in 0\.1 um\)", 0.1)),
+        ("pmac", (r"I186 \(with I185 above 0\): add \+(\d+) sixteenths", 1 / 16)),
+        ("aerotech-1d", (r"backlash distance of axis 1 .*: add \+0\.0(\d+) mm", 1e-4)),
+    ],
+)
+def test_backlash_stands_in_the_checklist_with_the_controls_parameter(
+    name: str, words: tuple[str, float], worn: Path, tmp_path: Path
+) -> None:
+    done("compensate", worn, "--controller", name, "--out", tmp_path)
+    steps = checklist(tmp_path)
+    (line,) = [s for s in steps if "backlash of X" in s]
+    match = re.search(words[0], line)
+    assert match is not None, line
+    unit = {1e-4: 0.1, 1.0: 1.0, 0.1: 0.1, 1 / 16: 1 / 16}[words[1]]
+    assert unit * int(match[1]) == pytest.approx(12.0, abs=1.0)  # um
+    assert "positive where the axis stays behind its direction of travel" in line
+    (lost,) = [s for s in steps if "backlash of Y" in s]
+    ends = re.search(r"\(([-+\d.]+) at -205, ([-+\d.]+) at 205\)", lost)
+    assert ends is not None
+    assert [float(v) for v in ends.groups()] == pytest.approx([4.0, 14.0], abs=2.0)
+    figures = json.loads((tmp_path / "compensation.json").read_text())["sets"][0]["conditions"]
+    assert figures["parameters_um"] < 0.9 * figures["left_um"]
+    (gain,) = [s for s in steps if s.startswith("backlash:")]
+    assert f"{figures['left_um']:.1f} um rms are left without" in gain
+    assert f"{figures['parameters_um']:.1f} with them" in gain
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("siemens-cec", "as it was during the survey"),
+        ("linuxcnc-type1", "ignored beside a COMP_FILE"),
+        ("twincat-nc", "as it was during the survey"),
+    ],
+)
+def test_tables_for_each_direction_say_that_they_hold_the_backlash(
+    name: str, words: str, worn: Path, tmp_path: Path
+) -> None:
+    done("compensate", worn, "--controller", name, "--out", tmp_path)
+    steps = [s for s in checklist(tmp_path) if "backlash of" in s]
+    assert len(steps) == 2
+    assert all("These tables hold it" in s and words in s for s in steps)
+    assert json.loads((tmp_path / "compensation.json").read_text())["sets"][0]["conditions"]["parameters_um"] is None
+
+
+@pytest.mark.parametrize("name", ["klipper", "duet"])
+def test_where_nothing_holds_backlash_it_is_said_to_stay(name: str, worn: Path, tmp_path: Path) -> None:
+    done("compensate", worn, "--controller", name, "--out", tmp_path)
+    steps = [s for s in checklist(tmp_path) if "backlash of" in s]
+    assert len(steps) == 2
+    assert all("It stays" in s for s in steps)
+
+
+def test_a_parameter_takes_away_what_the_simulated_play_makes() -> None:
+    """Tables of pitch and a parameter for the play: the sign of the parameter is that of ordinary backlash."""
+    machine = replace(read_machine(MILL), effects=(EffectSpec("backlash", {"joint": "X"}),))
+    chain = Chain(machine)
+    for size in (-20 * UM, 20 * UM):
+        p = chain.vector({chain.effect_ids[0][0]: size, "X.dx.1": 30 * UM})
+        field = Field(chain, p, movers_of(chain))
+        travel = np.array([j.travel for j in machine.joints])
+        volume = Volume(field, travel[:, 0], travel[:, 1], True)
+        controller = target("siemens-lec")
+        assert isinstance(controller, Controller)
+        setup = replace(
+            volume.setup(None, None)[0], reversals=reversals(field, {j.name: j.name for j in machine.joints})
+        )
+        tables = best_tables(controller, setup, volume)
+        found = conditions_of(controller, setup, volume, tables, 0)
+        assert found.parameters_um is not None
+        assert found.parameters_um < 1.0 < 8.0 < found.left_um
+        assert found.left_um == pytest.approx(left(volume, emulated(controller, tables, setup, volume), 0).rms_um)
+        (line,) = reversal_lines(controller, setup, tables)
+        assert f"add {-size:+.4f} mm" in line  # plus for an axis that stays behind
+
+
+def test_time_has_its_unit_its_meaning_and_what_other_times_leave(worn: Path, tmp_path: Path) -> None:
+    result = done("compensate", worn, "--controller", "siemens-lec", "--out", tmp_path)
+    (line,) = [s for s in checklist(tmp_path) if "errors change with time" in s]
+    assert re.search(r"for time = 45\d\d s \(1 h 15 min\) of the recording", line)
+    rms = re.search(r"Left there ([\d.]+) um rms, ([\d.]+) at time = 0 s .* and ([\d.]+) at time = 9000 s", line)
+    assert rms is not None
+    here, cold, warm = map(float, rms.groups())
+    grown = 1e3 * WARM * (1 - np.exp(-4500 / 2000))  # what the tool has grown until then
+    assert cold == pytest.approx(np.hypot(here, grown), rel=0.15)
+    assert here - 0.5 < warm < cold
+    assert "warmed up as long" in line
+    assert "4477" not in result.out + result.err
+
+
+def test_the_zero_shift_comes_first_with_what_is_left_without_it(tmp_path: Path) -> None:
+    done("simulate", "five_axis_table_quill", 90, "--noise", 0.002, "--out", tmp_path / "s.csv")
+    machine = read_machine("five_axis_table_quill")
+    chain = Chain(machine)
+    table = positions(measured(machine, errors(chain, 2), 120, 1, noise=2 * UM))
+    save(fit_machine(machine, survey(table)), tmp_path / "fit")
+    done("compensate", tmp_path / "fit", "--controller", "pmac", "--out", tmp_path / "o")
+    figures = json.loads((tmp_path / "o/compensation.json").read_text())["sets"][0]["conditions"]
+    assert figures["unshifted_um"] > 1.2 * figures["left_um"]
+    first = checklist(tmp_path / "o")[0]
+    assert first.startswith("FIRST: shift the zero")
+    assert f"without it {figures['unshifted_um']:.1f} um rms are left in place of {figures['left_um']:.1f}" in first
+
+
+def test_every_file_that_is_written_is_counted(worn: Path, tmp_path: Path) -> None:
+    for name, more in (("siemens-lec", ()), ("klipper", ()), ("csv", ("--points", 3))):
+        out = done("compensate", worn, "--controller", name, *more, "--out", tmp_path / name).out.splitlines()[-1]
+        there = [*tree(tmp_path / name)]
+        match = re.match(
+            r"(\d+) files? for the control(?:, (\d+) files? in sign_test)?, checklist.txt and compensation.json", out
+        )
+        assert match is not None, out
+        check = sum(f.startswith("sign_test/") for f in there)
+        assert int(match[2] or 0) == check
+        assert int(match[1]) == len(there) - check - 3  # those two, and manifest.json
+
+
+def test_the_number_of_siemens_tables_is_said(worn: Path, tmp_path: Path) -> None:
+    done("compensate", worn, "--controller", "siemens-cec", "--out", tmp_path)
+    text = (tmp_path / "NC_CEC.INI").read_text()
+    count = len(re.findall(r"INPUT_AXIS", text))
+    assert any(s.startswith(f"{count} tables of $AN_CEC are needed") for s in checklist(tmp_path))
+
+
+def test_a_name_of_several_lines_is_one_line_of_the_checklist(worn: Path, tmp_path: Path) -> None:
+    done("compensate", worn, "--controller", "siemens-lec", "--out", tmp_path)
+    first = (tmp_path / "checklist.txt").read_text().splitlines()[0]
+    assert first.startswith("Mill G0 Z-500: tables for Siemens")
+    assert "G0 Z-500" not in (tmp_path / "AX_EEC.INI").read_text().replace("; machine: Mill G0 Z-500", "")
+
+
+def test_corrections_larger_than_a_machines_errors_are_refused_unless_asked_for(tmp_path: Path) -> None:
+    machine = read_machine(MILL)
+    chain = Chain(machine)
+    p = chain.vector({"X.dx.1": 8.0})  # a scale that is 1 percent off: somebody's unit, not a screw
+    table = positions(measured(machine, p, 80, 1, noise=2 * UM))
+    save(fit_machine(machine, survey(table)), tmp_path / "fit")
+    for name in ("linuxcnc-type1", "csv"):
+        result = run("compensate", tmp_path / "fit", "--controller", name, "--out", tmp_path / "o")
+        assert (result.code, result.err.count("\n")) == (2, 1)
+        assert re.search(r"corrections of up to [\d.]+ mm", result.err)
+        assert "--allow-large" in result.err
+        assert not (tmp_path / "o").exists()
+        done("compensate", tmp_path / "fit", "--controller", name, "--allow-large", "--out", tmp_path / name)
+
+
+def test_the_other_sign_is_refused_where_the_sign_is_public(worn: Path, tmp_path: Path) -> None:
+    for name in ("linuxcnc-type1", "siemens-lec", "klipper", "csv", "gcode"):
+        result = run("compensate", worn, "--controller", name, "--invert", "--out", tmp_path / "o")
+        assert (result.code, "--invert" in result.err) == (2, True)
+        assert not (tmp_path / "o").exists()
+    done("compensate", worn, "--controller", "aerotech-1d", "--out", tmp_path / "a")
+    out = done("compensate", worn, "--controller", "aerotech-1d", "--invert", "--out", tmp_path / "b").out
+    assert "sign: turned round (--invert)" in out
+    values = [
+        np.array(
+            [float(v) for v in re.findall(r"^-?\d+\.\d{5}$", (tmp_path / k / "axes.cal").read_text(), re.MULTILINE)]
+        )
+        for k in "ab"
+    ]
+    assert len(values[0]) > 5
+    np.testing.assert_array_equal(values[1], -values[0])
+    data = [json.loads((tmp_path / k / "compensation.json").read_text()) for k in "ab"]
+    assert data[0]["sets"][0]["figures"] == data[1]["sets"][0]["figures"]
+    assert (data[0]["inverted"], data[1]["inverted"]) == (False, True)

@@ -1,0 +1,34 @@
+"""Surveys with nothing in them but geometry and white noise: the diagnosis stays quiet, whatever channels there are."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from errormodel.exceptions import InputError
+from errormodel.machine_file import read_machine
+from identification.diagnosis.pipeline import diagnose
+from tests.helpers.diagnosed import empty_survey
+
+
+def test_rows_without_any_reading_are_refused() -> None:
+    machine = read_machine("vertical_three_axis")
+    survey = empty_survey(machine, 20, 1, channels=False, grid=False)
+    table = survey.table.assign(joint="X", dx=np.nan, mx=np.nan, my=np.nan, mz=np.nan)
+    with pytest.raises(InputError, match="no row to fit has a measured position or error motion"):
+        diagnose(machine, replace(survey, table=table))
+    with pytest.raises(InputError, match="no row to fit has a measured position or error motion"):
+        diagnose(machine, replace(survey, table=table.assign(dx=0.0)))  # what never changes
+
+
+@pytest.mark.parametrize("name", ["vertical_three_axis", "bridge_cmm", "horizontal_three_axis", "h_gantry_dual_drive"])
+@pytest.mark.parametrize(("channels", "grid"), [(True, False), (False, False), (True, True)])
+def test_nothing_is_found_where_nothing_is(name: str, channels: bool, grid: bool) -> None:
+    machine = read_machine(name)
+    for seed, rows in ((1, 150), (2, 400)):
+        diagnosis = diagnose(machine, empty_survey(machine, rows, seed, channels=channels, grid=grid)).diagnosis
+        assert diagnosis.verdict == "adequate", [f.statement for f in diagnosis.findings]
+        assert not diagnosis.findings
+        assert diagnosis.noise_um == pytest.approx(5.0, rel=0.12)

@@ -1,0 +1,61 @@
+"""The documentation keeps its word: its Python runs, its pages of reference have all that the program has."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from errormodel.controllers import registry as controllers
+from errormodel.effects import registry as effects
+from errormodel.instruments import instruments
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+MOST_LINES = 150  # of the README: a manual is a page of docs/
+
+
+def snippets() -> list[tuple[str, str]]:
+    found = []
+    for page in PAGES:
+        blocks = re.findall(r"^```python\n(.*?)^```", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+        found += [(f"{page.name}-{k}", block) for k, block in enumerate(blocks)]
+    return found
+
+
+@pytest.mark.parametrize("snippet", [pytest.param(text, id=name) for name, text in snippets()])
+def test_python_of_the_pages_runs(snippet: str, tmp_path: Path) -> None:
+    code = f"import sys; sys.path.insert(0, {str(ROOT)!r})\n{snippet}"
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def test_the_readme_is_short() -> None:
+    assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= MOST_LINES
+
+
+def test_pages_of_reference_have_all(tmp_path: Path) -> None:
+    code = "import sys; sys.path.insert(0, 'docs'); import generate, pathlib; generate.write(pathlib.Path(sys.argv[1]))"
+    subprocess.run([sys.executable, "-c", code, str(tmp_path)], cwd=ROOT, check=True)
+    for page, words in (("effects", effects()), ("controllers", controllers()), ("instruments", instruments())):
+        text = (tmp_path / f"{page}.md").read_text(encoding="utf-8")
+        assert [word for word in words if not re.search(rf"^### ?{word}$|^## {word}$", text, re.MULTILINE)] == []
+    keys = (tmp_path / "survey_keys.md").read_text(encoding="utf-8")
+    assert all(f"`{key}`" in keys for key in ("files", "frame", "instrument", "columns", "units"))
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
+def test_links_between_pages_lead_somewhere(page: Path) -> None:
+    targets = re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8"))
+    missing = [t for t in targets if not (page.parent / t).exists() and "reference/" not in t]
+    assert missing == []
+
+
+def test_what_code_cites_exists() -> None:
+    """Docstrings that point to a page of the documentation point to one that is there."""
+    for file in [*(ROOT / "errormodel").rglob("*.py"), *(ROOT / "identification").rglob("*.py")]:
+        for cited in re.findall(r"``(docs/[\w/]+\.md)``", file.read_text(encoding="utf-8")):
+            assert (ROOT / cited).exists(), f"{file.name}: {cited}"

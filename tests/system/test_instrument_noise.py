@@ -1,0 +1,100 @@
+"""Trackers that nobody declared, and tails: what the residuals say of the noise before anything is named."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from errormodel.instruments.laser_tracker import LaserTracker
+from errormodel.machine import EffectSpec
+from errormodel.machine_file import read_machine
+from errormodel.survey import Survey
+from identification.diagnosis.data_checks.outliers import gross_rows
+from identification.diagnosis.pipeline import diagnose
+from identification.diagnosis.search.instrument_noise import seen_in
+from identification.estimation.run import fit_machine
+from tests.helpers.diagnosed import empty_survey, showing
+
+MILL = "vertical_three_axis"
+ELSEWHERE = LaserTracker(
+    type="laser-tracker", station=[1800.0, -900.0, 700.0], range=[1.5e-3, 3.0e-6], angle=1.2e-6, target=1e-3
+)
+AT_HOME = LaserTracker(type="laser-tracker", range=[1.0e-3, 0.5e-6], angle=5e-6)
+
+
+def cloud(seed: int, rows: int = 300) -> np.ndarray:
+    return np.random.default_rng(seed).uniform([500, 200, -300], [2500, 1400, 500], (rows, 3))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_station_and_the_noise_of_a_tracker_show_in_its_residuals(seed: int) -> None:
+    points = cloud(seed)
+    seen = seen_in(points, ELSEWHERE.draw_noise(points, np.random.default_rng(seed + 9)))
+    assert seen is not None
+    assert np.linalg.norm(np.subtract(seen.station, ELSEWHERE.station)) < 400  # it is 1200 from the points' middle
+    size = np.linalg.norm(seen.covariance(points), axis=(1, 2)) / np.linalg.norm(
+        ELSEWHERE.covariance(points), axis=(1, 2)
+    )
+    assert 0.65 < np.quantile(size, 0.1) < np.quantile(size, 0.9) < 1.4  # twelve draws: 0.73 to 1.24
+
+
+def test_a_tracker_in_its_own_coordinates_stands_in_their_origin() -> None:
+    points = cloud(7)
+    seen = seen_in(points, AT_HOME.draw_noise(points, np.random.default_rng(8)))
+    assert seen is not None
+    assert np.abs(seen.station).max() < 1e-6
+
+
+@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("free", [3.0, 1e6])
+def test_noise_that_is_alike_in_all_directions_shows_no_tracker(seed: int, free: float) -> None:
+    rng = np.random.default_rng(seed)
+    assert seen_in(cloud(seed), 0.005 * rng.standard_t(free, (300, 3))) is None
+
+
+def test_no_noise_or_no_extent_shows_none() -> None:
+    assert seen_in(cloud(0), np.zeros((300, 3))) is None
+    assert seen_in(np.ones((80, 3)), np.random.default_rng(0).normal(0, 1, (80, 3))) is None
+
+
+@pytest.fixture(scope="module")
+def tracked() -> Survey:
+    """Backlash of 20 um on a mill, seen by a tracker that the survey does not name."""
+    machine = read_machine(MILL)
+    survey = empty_survey(machine, 300, 5, channels=True, grid=False)
+    station = np.add(survey.measured.mean(axis=0), (900.0, 700.0, 300.0)).tolist()
+    backlash = EffectSpec("backlash", {"joint": "X"}), [0.02]
+    return showing(survey, machine, [backlash], ELSEWHERE.model_copy(update={"station": station}), 5)
+
+
+def test_rows_are_weighed_by_a_tracker_that_was_not_named(tracked: Survey) -> None:
+    found = diagnose(read_machine(MILL), tracked).diagnosis
+    assert [f.effect for f in found.findings] == ["backlash"]
+    assert [n for n in found.notes if "line of sight" in n and "laser-tracker, station" in n]
+    (amount, *_) = found.findings[0].parameters
+    assert abs(abs(amount.value) - 0.02) < 4 * amount.std
+
+
+def test_a_declared_instrument_is_taken_at_its_word(tracked: Survey) -> None:
+    found = diagnose(read_machine(MILL), replace(tracked, instrument=ELSEWHERE)).diagnosis
+    assert not [n for n in found.notes if "line of sight" in n]
+
+
+@pytest.mark.parametrize("free", [2.5, 4.0, 1e6])
+def test_tails_are_no_gross_rows(tracked: Survey, free: float) -> None:
+    """Twenty draws; one in fifty surveys is let through, and three of twenty would be a chance of one in 150."""
+    fit = fit_machine(read_machine(MILL), tracked)
+    named = 0
+    for seed in range(20):
+        noise = 0.004 * np.random.default_rng(seed).standard_t(free, fit.residuals.shape)
+        named += bool(gross_rows(replace(fit, residuals=noise)).any())
+    assert named <= 2
+
+
+def test_a_gross_row_in_gaussian_noise_is_one(tracked: Survey) -> None:
+    fit = fit_machine(read_machine(MILL), tracked)
+    noise = 0.004 * np.random.default_rng(1).normal(size=fit.residuals.shape)
+    noise[[17, 90]] += [0.03, -0.03, 0.02]
+    assert [*np.flatnonzero(gross_rows(replace(fit, residuals=noise)))] == [17, 90]

@@ -1,0 +1,259 @@
+"""Whole explanations weighed beside each other, and surfaces over two joints that turn."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from errormodel.effects import make
+from errormodel.effects.unnamed import Unnamed, switch
+from errormodel.machine import EffectSpec
+from errormodel.machine_file import read_machine
+from identification.diagnosis.linear.linear_model import set_up
+from identification.diagnosis.pipeline import diagnose
+from identification.diagnosis.results.findings import probability_of
+from identification.diagnosis.search.candidates import Candidates
+from identification.diagnosis.search.forward_selection import conditional_scores, forward_select, reselect
+from identification.diagnosis.search.model import replayed
+from identification.diagnosis.search.model_comparison import compare_alternatives, empirical_evidence, log_evidence
+from identification.diagnosis.search.refinement import refined, with_sections
+from identification.diagnosis.search.scoring import Step
+from identification.estimation.run import fit_machine
+from tests.helpers.diagnosed import empty_survey, showing
+
+
+def test_a_story_gains_by_what_is_there_and_loses_by_what_is_not() -> None:
+    """Warmth moves the carriage; a play that it does not have is one place more that was looked at."""
+    machine = read_machine("bridge_cmm")
+    survey = empty_survey(machine, 400, 11, channels=True, grid=False)
+    truth = EffectSpec("structure-drift", {"element": "carriage", "motion": "dx", "sensor": "T_0"})
+    linear = set_up(fit_machine(machine, showing(survey, machine, [(truth, [0.005])], 0.003)))
+
+    def told(*specs: EffectSpec) -> float:
+        return log_evidence(replayed(linear, [Step(make(s), 0.0, 0.0, 0.0, trials=1000) for s in specs]))
+
+    play = EffectSpec("backlash", {"joint": "X"})
+    assert told() == 0
+    assert told(truth) > 50
+    assert told(play) < 0
+    assert told(truth, play) < told(truth)
+
+
+@pytest.mark.parametrize(("bend", "parent"), [(0.01, 0), (0.1, None)])
+def test_a_beam_that_twists_also_bends_a_little(bend: float, parent: int | None) -> None:
+    """And is one finding; what bends it more than it twists it is another."""
+    machine = read_machine("bridge_cmm")
+    survey = empty_survey(machine, 400, 11, channels=True, grid=False)
+    twist = EffectSpec("beam-torsion", {"joint": "X", "load_joint": "Z"})
+    sag = EffectSpec("beam-sag", {"joint": "X", "motion": "dy"})
+    linear = set_up(fit_machine(machine, showing(survey, machine, [(twist, [1e-4]), (sag, [bend])], 0.002)))
+    model = replayed(linear, [Step(make(twist), 100.0, 100.0, 0.9)])
+    assert refined(model, Step(make(sag), 20.0, 40.0, 0.9)) == parent
+
+
+def test_a_refinement_that_is_what_the_finding_should_be_called() -> None:
+    """A head that drifts, first taken for air that bends the beam: of the two only the one remains."""
+    machine = read_machine("vertical_three_axis")
+    survey = empty_survey(machine, 400, 5, channels=True, grid=False)
+    spec = EffectSpec("structure-drift", {"element": "head", "motion": "dz", "sensor": "T_0"})
+    linear = set_up(fit_machine(machine, showing(survey, machine, [(spec, [0.02])], 0.003)))
+    candidates = Candidates.of(linear)
+    ranked = candidates.scores(linear).by_key()
+    air = next(e for _, n in ranked if (e := candidates.effects[n]).effect == "refraction")
+    taken = [Step(air, 50.0, 100.0, 0.5), Step(make(spec), 50.0, 100.0, 0.5, parent=0)]
+    looked = reselect(replayed(linear, taken), candidates)
+    assert [s.effect.effect for s in looked.steps] == ["structure-drift"]
+    assert reselect(looked, candidates).steps[0].effect.key == looked.steps[0].effect.key
+
+
+def test_findings_are_weighed_beside_each_other() -> None:
+    """What one was worth before the other was known, and its rivals then, are forgotten."""
+    machine = read_machine("bridge_cmm")
+    survey = empty_survey(machine, 400, 11, channels=True, grid=False)
+    specs = (
+        EffectSpec("structure-drift", {"element": "carriage", "motion": "dx", "sensor": "T_0"}),
+        EffectSpec("backlash", {"joint": "X"}),
+    )
+    effects = list(zip(specs, ([0.006], [0.004]), strict=True))
+    linear = set_up(fit_machine(machine, showing(survey, machine, effects, 0.003)))
+    candidates = Candidates.of(linear)
+    drift, play = map(make, specs)
+    stale = Step(play, 1e4, 100.0, 0.1, evidence_of_form=300.0, alternatives=(Step(drift, 1e5, 1.0, 0.1),))
+    weighed = conditional_scores(replayed(linear, [Step(drift, 1e4, 100.0, 0.1), stale]), candidates)
+    for step, other in zip(weighed.steps, (play, drift), strict=True):
+        beside = linear.with_effect(other)
+        [alone] = Candidates.of(beside, [step.effect]).scores(beside).evidence
+        assert alone - 5 < step.evidence < alone + 25  # less for its shapes, more for a bend
+        assert step.evidence_of_form < 25
+        assert 0 < max(r.evidence for r in step.alternatives) < 1e3
+        assert step.effect.key not in {r.effect.key for r in step.alternatives}
+    [lone] = conditional_scores(replayed(linear, [stale]), candidates).steps
+    assert 0 < lone.evidence < 1e3
+    form = Unnamed(element="carriage", motion="dx", driver="T_0", center=21.0, half_range=2.0)
+    named_after_its_form = [Step(form, 1.0, 1.0, 0.1), Step(play, 1.0, 1.0, 0.1, parent=0)]
+    [main, _] = conditional_scores(replayed(linear, named_after_its_form), candidates).steps
+    [alone] = Candidates.of(linear, [form]).scores(linear).evidence
+    assert main.evidence > alone + 30  # with the play, which is part of it
+    assert probability_of(main) > 0.9
+
+
+def test_what_looked_like_a_findings_own_form_is_a_second_cause() -> None:
+    """A screw that grows and a head that drifts: the drift had been taken for what the growth is in other sensors."""
+    machine = read_machine("vertical_three_axis")
+    survey = empty_survey(machine, 400, 5, channels=True, grid=False)
+    specs = (
+        EffectSpec("scale-expansion", {"joint": "X", "sensor": "T_0"}),
+        EffectSpec("structure-drift", {"element": "head", "motion": "dz", "sensor": "T_1"}),
+    )
+    effects = list(zip(specs, ([2e-5], [0.01]), strict=True))
+    linear = set_up(fit_machine(machine, showing(survey, machine, effects, 0.003)))
+    candidates = Candidates.of(linear)
+    form = Unnamed(element="X", motion="dx", driver="T_1", center=21.0, half_range=2.0)
+    taken = [Step(make(specs[0]), 100.0, 100.0, 0.5), Step(form, 50.0, 50.0, 0.5, parent=0)]
+    told = compare_alternatives(replayed(linear, taken), candidates)
+    assert {(main.effect.effect, main.effect.where) for main, *_ in told.findings} >= {
+        ("scale-expansion", "X"),
+        ("structure-drift", "head"),
+    }
+
+
+def test_two_names_before_a_form_that_does_for_both() -> None:
+    """Play and lag of one joint: what both do goes with the product of direction and feed, and a little beside it."""
+    machine = read_machine("vertical_three_axis")
+    survey = empty_survey(machine, 400, 5, channels=True, grid=False)
+    table = survey.table.copy()
+    table["feed"] = np.random.default_rng(4).choice([500.0, 1500.0, 4000.0], len(table))
+    play, lag = EffectSpec("backlash", {"joint": "Z"}), EffectSpec("servo-lag", {"joint": "Z"})
+    shown = showing(replace(survey, table=table), machine, [(play, [0.01]), (lag, [1e-4])], 0.003)
+    linear = set_up(fit_machine(machine, shown))
+    candidates = Candidates.of(linear)
+    model = forward_select(linear, candidates)
+    assert model.steps[0].effect.empirical  # it explains more than either of the two
+    assert empirical_evidence(model) > 100
+    told = compare_alternatives(model, candidates)
+    assert {main.effect.effect for main, *_ in told.findings} == {"backlash", "servo-lag"}
+    assert empirical_evidence(told) == 0
+
+
+@pytest.mark.parametrize(("shift", "sensor", "parent"), [(0.001, "T_1", 0), (0.01, "T_1", None), (0.01, "T_0", 0)])
+def test_what_has_a_name_and_explains_much_is_no_form_of_another_finding(
+    shift: float, sensor: str, parent: int | None
+) -> None:
+    """A head that drifts does much the same as a column that tilts: it may be the tilt's own form.
+
+    But not much of it, if it goes with something else.
+    """
+    machine = read_machine("vertical_three_axis")
+    survey = empty_survey(machine, 400, 5, channels=True, grid=False)
+    near = survey.table["T_0"] + np.random.default_rng(1).normal(0, 0.2, len(survey.table))
+    survey = replace(survey, table=survey.table.assign(T_1=near))
+    tilt = EffectSpec("structure-drift", {"element": "column", "motion": "eb", "sensor": "T_0"})
+    drift = EffectSpec("structure-drift", {"element": "head", "motion": "dx", "sensor": sensor})
+    linear = set_up(fit_machine(machine, showing(survey, machine, [(tilt, [2e-5]), (drift, [shift])], 0.002)))
+    model = replayed(linear, [Step(make(tilt), 100.0, 100.0, 0.9)])
+    assert refined(model, Step(make(drift), 20.0, 40.0, 0.9)) == parent
+
+
+def test_sections_of_a_surface_are_no_findings_of_their_own() -> None:
+    """What goes with one of the two joints that a finding without a name follows; another motion is another matter."""
+    machine = read_machine("vertical_three_axis")
+    survey = empty_survey(machine, 400, 5, channels=True, grid=False)
+    linear = set_up(fit_machine(machine, survey))
+    (one, _), (_, half) = ((j.name, 0.5 * j.travel[1]) for j in machine.joints[:2])
+    surface = Unnamed(element="Y", motion="dz", driver=one, half_range=500.0, by="Y", by_half_range=500.0)
+    dent = make(EffectSpec("local-defect", {"joint": "Y", "motion": "dz", "at": half, "width": 30.0}))
+    tilt = make(EffectSpec("local-defect", {"joint": "Y", "motion": "dx", "at": half, "width": 30.0}))
+    found = with_sections(replayed(linear, [Step(e, 50.0, 100.0, 0.5) for e in (dent, surface, tilt)]))
+    assert [[s.effect for s in group] for group in found.findings] == [[surface, dent], [tilt]]
+    lone = replayed(linear, [Step(e, 50.0, 100.0, 0.5) for e in (dent, tilt)])
+    assert with_sections(lone) is lone
+    level = make(EffectSpec("higher-order-geometry", {"joint": "Y", "motion": "dz", "degrees": [0]}))
+    line = Unnamed(element="Y", motion="dz", driver=one, half_range=500.0)
+    found = with_sections(replayed(linear, [Step(e, 50.0, 100.0, 0.5) for e in (level, line, surface)]))
+    assert [[s.effect for s in group] for group in found.findings] == [[surface, level, line]]
+    lone = replayed(linear, [Step(e, 50.0, 100.0, 0.5) for e in (level, line)])
+    assert with_sections(lone) is lone  # a curve of one joint is no surface
+
+
+def test_a_surface_over_two_joints_that_turn_is_found() -> None:
+    """A chequer board over two joints of an arm: no curve of one joint, and no product of straight lines."""
+    machine = read_machine("six_axis_arm")
+    survey = empty_survey(machine, 500, 5, channels=False, grid=False)
+    one, two, *_ = machine.joints
+    moved = survey.table.copy()
+    waves = [np.sin(2.5 * np.pi * (moved[j.name] - j.travel[0]) / (j.travel[1] - j.travel[0])) for j in (one, two)]
+    moved["mz"] += 0.03 * np.sign(waves[0]) * np.sign(waves[1])
+    found = diagnose(machine, replace(survey, table=moved)).diagnosis.findings
+    assert {f.effect for f in found} == {"unnamed"}  # a little of it may show as a tilt at the other of the two
+    assert all(set(f.driver) == {one.name, two.name} for f in found)
+    assert found[0].heldout_rms_um.after < 0.8 * found[0].heldout_rms_um.before
+
+
+def test_pulses_become_a_curve_over_their_period() -> None:
+    """Oil lifts a carriage every quarter of an hour and it sinks again: no sine, and no second finding."""
+    machine = read_machine("vertical_three_axis")
+    survey = empty_survey(machine, 450, 7, channels=True, grid=False)
+    moved = survey.table.copy()
+    moved["mz"] += 0.03 * np.exp(-np.mod(moved["time"], 900.0) / 300.0)
+    told = diagnose(machine, replace(survey, table=moved))
+    [found] = told.diagnosis.findings
+    assert (found.effect, found.driver) == ("unnamed", ["time"])
+    assert found.period is not None
+    assert abs(found.period - 900) < 5
+    assert "with a period of 15 min" in found.statement
+    assert [(s.parent, s.effect.random) for s in told.model.steps] == [(None, False), (0, True)]
+
+
+@pytest.mark.parametrize("steps", [(True, True), (True, False), (False, True), (False, False)])
+def test_what_switches_over_two_joints_gets_its_edges(steps: tuple[bool, bool]) -> None:
+    """A table whose plates lie higher and lower in turn, at once or gently, along one joint or the other."""
+    machine = read_machine("vertical_three_axis")
+    survey = empty_survey(machine, 450, 7, channels=True, grid=False)
+    moved = survey.table.copy()
+    joints = machine.joints[:2]
+    waves = {
+        j.name: np.sin(3 * np.pi * (moved[j.name] - j.travel[0]) / (j.travel[1] - j.travel[0]) + 0.4) for j in joints
+    }
+    made = [np.sign(w) if step else w for w, step in zip(waves.values(), steps, strict=True)]
+    moved["mz"] += 0.015 * made[0] * made[1]
+    told = diagnose(machine, replace(survey, table=moved))
+    [found] = told.diagnosis.findings
+    assert found.effect == "unnamed"
+    assert set(found.driver) == set(waves)
+    assert found.heldout_rms_um.after < 9.4  # 9 of them noise; waves leave 12
+    main = told.model.findings[0][0].effect
+    assert isinstance(main, Unnamed)
+    edges = dict(zip(main.drivers, (main.edge, main.by_edge), strict=True))
+    assert [edges[j.name] is not None for j in joints] == list(steps)
+    for joint in joints:
+        if (edge := edges[joint.name]) is None:
+            continue
+        low, high = joint.travel
+        assert abs(np.sin(3 * np.pi * (edge - low) / (high - low) + 0.4)) < 0.15  # there it crosses zero
+        assert f"switching where {joint.name} passes {edge:.4g} mm" in found.statement
+
+
+def test_a_switch_is_a_wave_of_two_values() -> None:
+    """Up at the edge, down half a period later; the symbols agree."""
+    x = np.array([10.0, 29.0, 31.0, 34.0, 36.0, 50.1])
+    np.testing.assert_allclose(switch(x, 10.0, 30.0), [0, -1, 1, 1, -1, 0.9], atol=0.1)
+    symbol = ca.SX.sym("x")
+    assert float(ca.Function("f", [symbol], [switch(symbol, 10.0, 30.0)])(31.0)) == pytest.approx(switch(31.0, 10, 30))
+
+
+def test_a_frame_that_drifts_is_no_refinement_of_a_scale_that_grows() -> None:
+    """Six motions together are like almost anything: what counts is which of them there are."""
+    machine = read_machine("vertical_three_axis")
+    survey = empty_survey(machine, 450, 7, channels=True, grid=False)
+    names = [c for c in survey.table.columns if str(c).startswith("T_")]
+    joint = machine.joints[-1].name
+    specs = (
+        EffectSpec("scale-expansion", {"joint": joint, "sensor": names[0]}),
+        EffectSpec("tracker-drift", {"start": 0.0, "duration": float(survey.table["time"].max()), "tau": 3000.0}),
+    )
+    effects = list(zip(specs, ([1.5e-5], [0.03] * 3), strict=True))
+    told = diagnose(machine, showing(survey, machine, effects, 0.003)).diagnosis.findings
+    assert {f.effect for f in told} == {"scale-expansion", "tracker-drift"}

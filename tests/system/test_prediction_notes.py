@@ -1,0 +1,106 @@
+"""What `predict` and `simulate` say of points that a fit knows little of, and what counts as the machine's error."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from errormodel.machine_file import read_machine
+from tests.helpers.commands import MILL, XYZ, done, fitted_mill, write
+
+E = ["ex", "ey", "ez"]
+
+
+@pytest.fixture(scope="module")
+def mill(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return fitted_mill(tmp_path_factory.mktemp("mill"))
+
+
+def _mill_with(folder: Path, effects: str) -> Path:
+    text = (Path(__file__).resolve().parents[2] / "machines" / f"{MILL}.yaml").read_text(encoding="utf-8")
+    return write(folder / "machine.yaml", f"{text}\neffects: {effects}\n")
+
+
+def test_points_beyond_what_was_measured_are_named(mill: Path, tmp_path: Path) -> None:
+    """A survey of part of a travel says nothing of the rest, though the rest is within the travel."""
+    whole = pd.read_csv(mill / "s.csv")
+    part = whole.assign(X=whole["X"] / 10).drop(columns=XYZ)
+    part.to_csv(tmp_path / "part.csv", index=False)
+    done("simulate", MILL, tmp_path / "part.csv", "--noise", 0.002, "--out", tmp_path / "s.csv")
+    done("fit", MILL, tmp_path / "s.csv", "--out", tmp_path / "fit")
+    points = part.iloc[:3].assign(X=[0.0, 25.0, 300.0])
+    points.to_csv(tmp_path / "p.csv", index=False)
+    note = done("predict", tmp_path / "fit", tmp_path / "p.csv", "--out", tmp_path / "out.csv").err
+    assert note.count("beyond what was measured") == 1
+    assert "1 point lies beyond what was measured of X" in note
+    assert "300 mm (" in note
+    assert "p.csv, row 3)" in note
+    quiet = done("predict", mill / "fit", tmp_path / "p.csv", "--out", tmp_path / "out.csv").err
+    assert "beyond" not in quiet
+
+
+def test_a_temperature_that_never_was_is_named(tmp_path: Path) -> None:
+    """So it is with what drives an effect."""
+    machine = _mill_with(tmp_path, "[{effect: spindle-growth, sensor: T_spindle}]")
+    done("simulate", MILL, 60, "--out", tmp_path / "poses.csv")
+    poses = pd.read_csv(tmp_path / "poses.csv").drop(columns=XYZ)
+    poses.assign(T_spindle=np.linspace(20, 30, 60)).to_csv(tmp_path / "c.csv", index=False)
+    done("simulate", machine, tmp_path / "c.csv", "--noise", 0.002, "--out", tmp_path / "s.csv")
+    done("fit", machine, tmp_path / "s.csv", "--out", tmp_path / "fit")
+    for warm, named in ((25.0, False), (80.0, True)):
+        poses.iloc[:5].assign(T_spindle=warm).to_csv(tmp_path / "p.csv", index=False)
+        err = done("predict", tmp_path / "fit", tmp_path / "p.csv", "--out", tmp_path / "out.csv").err
+        assert ("5 points lie beyond what was measured of T_spindle, 20 to 30 degC" in err) == named
+
+
+def test_a_station_that_moved_is_no_error_of_the_machine(tmp_path: Path) -> None:
+    """It is in what would be measured; the machine stands where it stood."""
+    machine = _mill_with(tmp_path, "[{effect: station-shift, at: 3000}]")
+    done("simulate", MILL, 80, "--out", tmp_path / "poses.csv")
+    poses = pd.read_csv(tmp_path / "poses.csv").drop(columns=XYZ).assign(time=60.0 * np.arange(80))
+    poses.to_csv(tmp_path / "c.csv", index=False)
+    truth = write(tmp_path / "t.yaml", "parameters: {frame.dx.station-shift: 0.05, X.dx.1: 0.01}\n")
+    done("simulate", machine, tmp_path / "c.csv", "--parameters", truth, "--out", tmp_path / "s.csv")
+    done("fit", machine, tmp_path / "s.csv", "--out", tmp_path / "fit")
+    same = pd.concat([poses.iloc[:1]] * 2).assign(time=[0.0, 4000.0])
+    same.to_csv(tmp_path / "p.csv", index=False)
+    done("predict", tmp_path / "fit", tmp_path / "p.csv", "--out", tmp_path / "out.csv")
+    before, after = (row for _, row in pd.read_csv(tmp_path / "out.csv").iterrows())
+    assert np.linalg.norm((after[XYZ] - before[XYZ]).astype(float)) == pytest.approx(0.05, abs=1e-4)
+    np.testing.assert_allclose(after[E].astype(float), before[E].astype(float), atol=1e-9)
+
+
+def test_the_side_of_arrival_is_asked_for(tmp_path: Path) -> None:
+    """With play in the model a pose has two answers: which one was given is said, unless the table says it."""
+    machine = _mill_with(tmp_path, "[{effect: backlash, joint: X}]")
+    done("simulate", machine, 80, "--noise", 0.001, "--out", tmp_path / "s.csv")
+    done("fit", machine, tmp_path / "s.csv", "--out", tmp_path / "fit")
+    points = pd.read_csv(tmp_path / "s.csv").drop(columns=XYZ).iloc[:4]
+    for table, asked in ((points, True), (points.assign(dir_X=-1), False)):
+        table.to_csv(tmp_path / "p.csv", index=False)
+        err = done("predict", tmp_path / "fit", tmp_path / "p.csv", "--out", tmp_path / "out.csv").err
+        assert ("dir_X" in err) == asked
+
+
+@pytest.mark.parametrize(
+    "blunder",
+    ["column: X, factor: -1", "column: X, factor: 1, offset: 12.5", "column: X, swap: Y", "column: my, factor: -1"],
+)
+def test_a_table_with_a_mistake_comes_back_as_it_was(tmp_path: Path, blunder: str) -> None:
+    """What a command writes is read again with the same mistake: it fits, and commands are those that were asked."""
+    machine = _mill_with(tmp_path, f"[{{effect: axis-blunder, {blunder}}}]")
+    done("simulate", MILL, 60, "--out", tmp_path / "poses.csv")
+    poses = pd.read_csv(tmp_path / "poses.csv").drop(columns=XYZ)
+    poses.to_csv(tmp_path / "c.csv", index=False)
+    truth = write(tmp_path / "t.yaml", "parameters: {X.dx.1: 0.01}\n")
+    done("simulate", machine, tmp_path / "c.csv", "--parameters", truth, "--noise", 0.001, "--out", tmp_path / "s.csv")
+    joints = [j.name for j in read_machine(machine).joints]
+    np.testing.assert_allclose(pd.read_csv(tmp_path / "s.csv")[joints], poses[joints], rtol=1e-12)
+    done("fit", machine, tmp_path / "s.csv", "--out", tmp_path / "fit")
+    done("predict", tmp_path / "fit", tmp_path / "c.csv", "--out", tmp_path / "p.csv")
+    predicted = pd.read_csv(tmp_path / "p.csv")
+    np.testing.assert_allclose(predicted[joints], poses[joints], rtol=1e-12)
+    assert np.abs(predicted[E].to_numpy()).max() < 0.05

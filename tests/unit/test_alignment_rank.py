@@ -1,0 +1,106 @@
+"""The rotation of the measuring frame is determined as far as the nominal points spread beside the misfit."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from identification.observation.frames import align
+
+SCALES = st.sampled_from([1e-3, 0.1, 10.0, 1e3, 1e4])
+
+
+@settings(max_examples=150)
+@given(
+    st.integers(0, 10**6),
+    st.integers(1, 60),
+    SCALES,
+    st.sampled_from([(0, 0, 0), (1, 0, 0), (1, 0.7, 0), (1, 0.8, 0.6)]),
+    st.floats(-5, 1),
+)
+def test_no_rotation_is_taken_from_the_misfit(
+    seed: int, n: int, scale: float, shape: tuple[float, float, float], misfit: float
+) -> None:
+    """Points and lines and volumes of any size, turned or not, with errors of 1e-5 to 10 times their size.
+
+    Either the rotation is right within what the misfit over the spread allows, or it is said to be undetermined.
+    """
+    rng = np.random.default_rng(seed)
+    turn = Rotation.random(rng=rng)
+    away = rng.uniform(-3, 3, 3) * scale
+    points = Rotation.random(rng=rng).apply(rng.uniform(-1, 1, (n, 3)) * shape) * scale + away
+    noise = 10**misfit * scale
+    truth = Rotation.identity() if seed % 2 else turn
+    measured = truth.apply(points) + rng.normal(0, noise, (n, 3)) + away
+    pose = align(points, measured)
+    found = Rotation.from_matrix(pose.rotation)
+    if len(pose.undetermined) == 3:
+        assert found.magnitude() == 0
+        return
+    spread = np.sqrt(np.maximum(np.linalg.eigvalsh(np.cov(points.T, bias=True)), 0))[::-1]
+    if len(pose.undetermined) == 1:  # the line goes where it went, without any turn about itself
+        line = pose.undetermined[0]
+        gap = np.arccos(np.clip(found.apply(line) @ truth.apply(line), -1, 1))
+        assert gap < max(0.5, 10 * noise / spread[0])
+        assert found.magnitude() < np.pi + 1e-9
+        assert abs(found.as_rotvec() @ line) < 1e-6 * max(found.magnitude(), 1e-9) + 1e-9
+    else:
+        assert (found * truth.inv()).magnitude() < max(0.5, 10 * noise / spread[1])
+        assert spread[1] > 0.3 * noise / np.sqrt(n)  # else any rotation would do
+
+
+@pytest.mark.parametrize("n", [2, 3, 4, 6, 12, 48, 500])
+def test_a_point_seen_often_never_turns(n: int) -> None:
+    """Nominal points that differ by rounding only, measured with errors ten times as large: 200 times each."""
+    for seed in range(200):
+        rng = np.random.default_rng(seed)
+        points = np.array([120.0, -40.0, 600.0]) + rng.uniform(-5e-4, 5e-4, (n, 3))
+        pose = align(points, points + rng.normal(0, 1e-2, (n, 3)))
+        assert len(pose.undetermined) == 3
+
+
+def test_clouds_of_symmetric_points_keep_their_rotation() -> None:
+    """Corners of a cube and of an octahedron: all principal directions alike, and the rotation sure all the same."""
+    cube = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T * 100.0
+    cross = np.vstack([np.eye(3), -np.eye(3)]) * 100.0
+    rng = np.random.default_rng(3)
+    for points in (cube, cross):
+        for _ in range(50):
+            turn = Rotation.random(rng=rng)
+            pose = align(points, turn.apply(points) + rng.normal(0, 1e-2, points.shape))
+            assert not len(pose.undetermined)
+            assert (Rotation.from_matrix(pose.rotation) * turn.inv()).magnitude() < 1e-3
+
+
+def on_a_line(spread: float, n: int, seed: int, turn: float = 0.0, **more: float) -> int:
+    """Rotations that stay undetermined of n points on a line, measured with noise of 1: `spread` and all lengths in it.
+
+    The line is measured turned by `turn` (rad).
+    """
+    rng = np.random.default_rng(seed)
+    along = np.linspace(-1, 1, n)
+    points = np.outer(along / np.std(along) * spread, [0.6, 0.8, 0.0])
+    seen = Rotation.from_rotvec([0.0, 0.0, turn]).apply(points) + rng.normal(size=(n, 3))
+    return len(align(points, seen, **more).undetermined)  # type: ignore[arg-type]
+
+
+def test_points_that_spread_ten_times_their_misfit_determine_a_direction() -> None:
+    """Of a line one rotation is left; errors that no machine makes are mistakes, and count no further."""
+    assert [on_a_line(7.0, 500, seed) for seed in range(5)] == [3] * 5
+    assert [on_a_line(13.0, 500, seed) for seed in range(5)] == [1] * 5
+    assert [on_a_line(7.0, 500, seed, largest=0.5) for seed in range(5)] == [1] * 5
+
+
+def test_points_that_spread_less_determine_a_direction_where_they_are_clearly_turned() -> None:
+    """A turn that doubles the sum of squares may be an error of the machine, one that makes it tenfold is none."""
+    assert [on_a_line(7.0, 500, seed, turn=0.25) for seed in range(5)] == [3] * 5
+    assert [on_a_line(7.0, 500, seed, turn=1.0) for seed in range(5)] == [1] * 5
+
+
+@pytest.mark.parametrize(("n", "spread"), [(2, 3.0), (3, 3.0), (4, 7.0)])
+def test_few_points_seldom_look_turned_or_sure_by_chance(n: int, spread: float) -> None:
+    """One in a thousand looks turned, and fewer still have so small a misfit: of 300 hardly one."""
+    assert sum(on_a_line(spread, n, seed) < 3 for seed in range(300)) <= 4

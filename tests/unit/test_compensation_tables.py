@@ -1,0 +1,218 @@
+"""From errors of a machine to tables: inverse, reduction to a format's structure, region, advice."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from errormodel.chain import Chain
+from errormodel.controllers import target
+from errormodel.controllers.base import Controller
+from errormodel.machine import EffectSpec
+from errormodel.machine_file import library, read_machine
+from identification.compensation import reduction
+from identification.compensation.advice import mechanical_advice
+from identification.compensation.assessment import assess, emulated
+from identification.compensation.field import Field, movers_of
+from identification.compensation.inverse import CLOSED_MM, inverse
+from identification.compensation.reduction import leftover, reduce
+from identification.compensation.rows import held_out, read_rows
+from identification.compensation.volume import Volume, levels
+from identification.estimation.run import fit_machine
+from identification.results.store import load, save
+from tests.benchmarks.compensation import Case, judged
+from tests.helpers.chains import errors
+from tests.helpers.commands import MILL
+from tests.helpers.compensation import UM, tables_of, volume_of
+from tests.helpers.surveys import measured, positions, survey
+
+pytestmark = pytest.mark.usefixtures("few_poses")
+
+
+def mill(seed: int = 3, share: tuple[float, float] = (0.0, 1.0)) -> Volume:
+    machine = read_machine(MILL)
+    return volume_of(machine, errors(Chain(machine), seed), share)
+
+
+@pytest.mark.parametrize("name", list(library()))
+def test_the_inverse_reaches_the_wanted_point(name: str) -> None:
+    machine = read_machine(name)
+    volume = volume_of(machine, errors(Chain(machine), 5, um=200.0, urad=200.0))
+    field = volume.field
+    q, came = volume.poses(256, 1)
+    reached, left = inverse(field, q, came)
+    gap = field.actual(reached, came) - field.nominal(q)
+    np.testing.assert_allclose(np.linalg.norm(gap, axis=1), left, atol=CLOSED_MM)
+    jacobian = field.jacobian(reached, came)
+    reach = np.linalg.matrix_rank(jacobian[0], tol=1e-3)
+    if reach == 3:
+        assert left.max() < CLOSED_MM < 0.01 * UM
+    else:  # what the axes can do is done: the rest stands square to all of them
+        assert np.abs(np.einsum("nim,ni->nm", jacobian, gap)).max() < 0.01 * UM
+    still = [k for k in range(len(machine.joints)) if k not in field.movers]
+    assert np.array_equal(reached[:, still], q[:, still])
+
+
+def test_axes_that_run_alike_are_corrected_by_the_longer_one() -> None:
+    machine = read_machine("five_axis_table_quill")
+    names = [machine.joints[k].name for k in movers_of(Chain(machine))]
+    assert sorted(names) == ["X", "Y", "Z"]  # not W, which runs along Z
+
+
+def test_reduction_finds_the_least_worst_error_of_its_structure(monkeypatch: pytest.MonkeyPatch) -> None:
+    volume = replace(mill(), free=False)
+    setup = volume.setup(None, None)[0]
+    controller = target("heidenhain")
+    assert isinstance(controller, Controller)
+    terms, sample = controller.terms(setup), volume.sample(setup, 400, seed=1)
+    usual = leftover(controller, setup, reduce(controller, setup, terms, sample), sample)
+    monkeypatch.setattr(reduction, "GIVEN_UP_SHARE", 10.0)  # everything given up for the worst pose
+    monkeypatch.setattr(reduction, "MOST_RMS_INCREASE", 10.0)
+    tables = reduce(controller, setup, terms, sample)
+    least = leftover(controller, setup, tables, sample)
+    assert least < usual < leftover(controller, setup, (), sample)
+    rng = np.random.default_rng(0)
+    for size in (1 * UM, 0.1 * UM, 0.01 * UM) * 20:
+        pushed = tuple(replace(t, values=t.values + rng.normal(0, size, t.values.shape)) for t in tables)
+        assert leftover(controller, setup, pushed, sample) > 0.9995 * least
+
+
+def test_reduction_gives_up_little_of_the_mean_for_the_worst_pose(monkeypatch: pytest.MonkeyPatch) -> None:
+    volume = mill()
+    setup = volume.setup(None, None)[0]
+    for name in ("heidenhain", "fanuc-pitch", "klipper"):
+        controller = target(name)
+        assert isinstance(controller, Controller)
+        terms, sample = controller.terms(setup), volume.sample(setup, 2000, seed=1)
+        figures = []
+        for share in (reduction.GIVEN_UP_SHARE, 1e-9):
+            monkeypatch.setattr(reduction, "GIVEN_UP_SHARE", share)
+            tables = reduce(controller, setup, terms, sample)
+            worst = leftover(controller, setup, tables, sample)
+            rms = assess(volume, emulated(controller, tables, setup, volume), None, 0)[0]
+            figures.append((rms.before.rms_um - rms.after.rms_um, worst))
+        monkeypatch.undo()
+        (removed, worst), (most, usual) = figures  # the second are least squares
+        assert removed > 0.96 * most, name
+        assert worst < usual, name
+
+
+def test_slopes_stay_within_the_format() -> None:
+    volume = mill()
+    steep = replace(volume, field=replace(volume.field, values=12 * volume.field.values))
+    controller, tables, setup = tables_of("fanuc-pitch", steep)
+    shares = []
+    for table in (t for t in tables if t.term.inputs):
+        slope = np.abs(np.diff(table.values)).max() / np.diff(table.term.grids[0])[0]
+        shares.append(slope / (controller.most_slope(setup, table.term) or 0))
+    assert 0.99 < max(shares) < 1.001  # at the bound, not beyond
+    controller.write(tables, setup)
+
+
+@pytest.mark.parametrize("name", ["csv", "linuxcnc-type1", "isg"])
+def test_nothing_is_extrapolated_beyond_what_was_measured(name: str) -> None:
+    volume = mill(share=(0.25, 0.75))
+    controller, tables, setup = tables_of(name, volume)
+    correct = emulated(controller, tables, setup, volume)
+    travel = np.array([j.travel for j in volume.field.joints])
+    edge = np.array([volume.high])
+    far = travel[None, :, 1]
+    came = np.ones_like(edge)
+    inside, outside = (np.abs(correct(q, came, None) - q).max() for q in (edge, far))
+    assert inside > 0
+    assert outside <= 1.25 * inside + UM  # levers of angles may still grow, tables may not
+
+
+def test_the_model_outside_is_that_of_the_edge() -> None:
+    volume = mill(share=(0.25, 0.75))
+    q, came = np.array([volume.high + 50.0]), np.ones((1, 3))
+    edge = volume.clamp(q)
+    np.testing.assert_allclose(volume.ideal(q, came) - q, volume.ideal(edge, came) - edge, atol=1e-12)
+
+
+def test_error_is_removed_as_well_as_each_structure_allows() -> None:
+    """The short form of ``python -m tests.benchmarks.compensation``."""
+    case = Case.of(MILL, 100)
+    for name, full in (("isg", True), ("csv", True), ("heidenhain", False)):
+        line = judged(case, name)
+        assert line.after.rms_um <= 1.05 * line.best.rms_um, line
+        assert line.of_ideal >= (0.97 if full else 0.2), line
+
+
+def test_direction_matters_where_the_format_knows_it() -> None:
+    machine = replace(read_machine(MILL), effects=(EffectSpec("backlash", {"joint": "X"}),))
+    p = Chain(machine).vector({"X.dx.backlash": 20 * UM, "X.dx.1": 30 * UM})
+    volume = volume_of(machine, p)
+    left = {}
+    for name in ("linuxcnc-type1", "siemens-lec"):
+        controller, tables, setup = tables_of(name, volume)
+        assert setup.reversing == {"X"}
+        left[name] = assess(volume, emulated(controller, tables, setup, volume), None, 0)[0].after.rms_um
+    assert left["linuxcnc-type1"] < 1.0 < 5.0 < left["siemens-lec"]
+
+
+def test_errors_of_instrument_frame_and_target_are_nobodys_to_compensate(tmp_path: Path) -> None:
+    machine = replace(read_machine(MILL), effects=(EffectSpec("target-offset", {"tool": [40.0, 25.0, -180.0]}),))
+    chain, plain = Chain(machine), Chain(replace(machine, effects=()))
+    p = chain.vector(dict(zip(plain.ids, errors(plain, 1).tolist(), strict=True)))
+    table = positions(measured(machine, p, 80, 1, noise=2 * UM))
+    save(fit_machine(machine, survey(table)), tmp_path)
+    fit = load(tmp_path)
+    outside = {*chain.frame_ids, *chain.tool_ids, *chain.effect_ids[0]}
+    fit = replace(fit, values={**fit.values, **dict.fromkeys(outside, 0.1)})
+    field = Field.of(fit, read_rows(tmp_path, fit.chain.machine))
+    assert all(field.values[field.chain.index[i]] == 0 for i in outside)
+    assert np.count_nonzero(field.values) > 5
+
+
+def test_a_test_file_in_a_frame_of_its_own_is_judged_in_the_machines_axes(tmp_path: Path) -> None:
+    machine = read_machine(MILL)
+    p = errors(Chain(machine), 2)
+    fit_rows = positions(measured(machine, p, 120, 1, noise=1 * UM))
+    turned = ((300.0, -900.0, 50.0), (0.3, -1.2, 2.0))
+    test_rows = positions(measured(machine, p, 60, 2, noise=1 * UM, frame=turned, file="b.csv", role="test"))
+    save(fit_machine(machine, survey(fit_rows, test_rows, frame="per-file")), tmp_path)
+    fit = load(tmp_path)
+    table = read_rows(tmp_path, fit.chain.machine)
+    held = held_out(fit, table)
+    assert held is not None
+    assert held.what == "60 rows of test files"
+    volume = Volume.of(Field.of(fit, table), table, True)
+    controller, tables, setup = tables_of("isg", volume)
+    figures = assess(volume, emulated(controller, tables, setup, volume), held, 0)[1]
+    truth = volume_of(machine, p)
+    before = assess(truth, truth.ideal, None, 0)[0].before.rms_um
+    assert figures.before.rms_um == pytest.approx(before, rel=0.25)
+    assert figures.after.rms_um < 2.5  # the noise, 1 um a coordinate
+
+
+def test_squareness_is_advised_to_be_adjusted_largest_first() -> None:
+    machine = read_machine(MILL)
+    chain = Chain(machine)
+    p = chain.vector({"saddle.ec": 80e-6, "column.ea": -30e-6})  # Y turned against X, Z against Y
+    first, second = mechanical_advice(volume_of(machine, p), 20.0)[:2]
+    assert "Y against X" in first.what
+    assert abs(first.angle) == pytest.approx(80e-6, rel=0.05)
+    assert first.effect_um == pytest.approx(80e-6 * 410 * 1e3, rel=0.05)
+    assert "Z against Y" in second.what
+    assert mechanical_advice(volume_of(machine, 0.01 * p), 0.2) == []
+
+
+def test_a_twisted_bed_is_advised_to_be_levelled() -> None:
+    machine = read_machine(MILL)
+    chain = Chain(machine)
+    found = mechanical_advice(volume_of(machine, chain.vector({"X.ea.1": 60e-6})), 10.0)
+    advice = next(a for a in found if "twist along X" in a.what)
+    assert advice.angle == pytest.approx(120e-6, rel=0.02)  # from one end to the other
+
+
+def test_levels_are_states_that_were_there() -> None:
+    table = pd.DataFrame({"T_a": [20.0, 21, 25, 30], "T_b": [30.0, 29, 25, 20.5], "T_c": [20.0, 20.1, 20.2, 20.1]})
+    states = levels(table, ["T_a", "T_b", "T_c", "T_none"])
+    assert all({*s} == {"T_a", "T_b"} for s in states)
+    assert all(((table["T_a"] == s["T_a"]) & (table["T_b"] == s["T_b"])).any() for s in states)
+    assert levels(table, ["T_c"]) == [{}]

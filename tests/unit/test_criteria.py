@@ -1,0 +1,180 @@
+"""Each criterion of the search by itself: what it measures, and a case that it and no other decides."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.linalg import subspace_angles
+
+from errormodel.effects import make
+from errormodel.machine import EffectSpec
+from identification.diagnosis.linear.linear_model import LinearModel
+from identification.diagnosis.search import scoring
+from identification.diagnosis.search.criteria import (
+    base_channels,
+    canonical_correlation,
+    cross_validation_residuals,
+    heldout_rms,
+    one_sensor,
+)
+from identification.diagnosis.search.scoring import ANOTHER_CAUSE, CLEARLY, DETECT, FORM, Step, accepted, choose
+from tests.helpers.chains import Array
+
+ROWS = 48
+
+
+def bench_of(design: Array, data: Array, rows: Array | None = None) -> LinearModel:
+    """The linear model of a geometry (N, r) fitted to data (N,)."""
+    q = np.linalg.qr(design)[0]
+    index = np.arange(len(data)) if rows is None else rows
+    return LinearModel(None, data - q @ (q.T @ data), q, {}, {}, index, None)  # type: ignore[arg-type]
+
+
+def test_rows_left_out_are_predicted_by_refits_without_them() -> None:
+    rng = np.random.default_rng(1)
+    rows = np.tile(np.arange(ROWS), 3)  # three components
+    design, data = rng.normal(size=(3 * ROWS, 4)), rng.normal(size=3 * ROWS)
+    linear = bench_of(design, data, rows)
+    found = cross_validation_residuals(linear, 6)
+    for block in range(6):
+        own = rows // 8 == block
+        values = np.linalg.lstsq(design[~own], data[~own], rcond=None)[0]
+        np.testing.assert_allclose(found[own], data[own] - design[own] @ values, atol=1e-6)
+    twelve = cross_validation_residuals(linear)
+    assert heldout_rms(linear) == pytest.approx(np.sqrt(np.mean(twelve**2)))
+
+
+def test_a_geometry_that_only_fits_noise_fits_better_and_predicts_worse() -> None:
+    """The residual would take the richer geometry; the rows left out do not."""
+    rng = np.random.default_rng(2)
+    design, data = rng.normal(size=(ROWS, 24)), rng.normal(size=ROWS)
+    few, many = bench_of(design[:, :2], data), bench_of(design, data)
+    assert many.square < few.square
+    assert heldout_rms(many) > 1.02 * heldout_rms(few)
+
+
+def test_canonical_correlation_is_the_largest_canonical_correlation_without_the_geometry() -> None:
+    rng = np.random.default_rng(3)
+    design = rng.normal(size=(ROWS, 3))
+    linear = bench_of(design, rng.normal(size=ROWS))
+    one, other = rng.normal(size=(2, ROWS)), rng.normal(size=(3, ROWS))
+    angle = subspace_angles(linear.project(one).T, linear.project(other).T).min()
+    assert canonical_correlation(linear, one, other) == pytest.approx(np.cos(angle), abs=1e-9)
+    assert canonical_correlation(linear, one, one[:1] * -3e-5) == pytest.approx(1)
+    # alike only in what the geometry takes up: then not alike, and what it takes up whole is like nothing
+    big = 50 * design.T
+    assert canonical_correlation(linear, one[:1] + big[:1], one[1:] + big[:1]) == pytest.approx(
+        canonical_correlation(linear, one[:1], one[1:]), abs=1e-9
+    )
+    assert canonical_correlation(linear, big, one) == 0
+
+
+def drift(sensor: str, **more: object) -> object:
+    return make(EffectSpec("structure-drift", {"element": "head", "motion": "dz", "sensor": sensor, **more}))
+
+
+def test_warmth_is_one_cause_by_whatever_sensor_or_clock() -> None:
+    warm_up = make(EffectSpec("warm-up", {"element": "head", "motion": "dz", "tau": 900.0}))
+    play = make(EffectSpec("backlash", {"joint": "X"}))
+    assert (
+        base_channels(drift("T_bed"))
+        == base_channels(drift("T_air", tau=600.0))
+        == base_channels(warm_up)
+        == {"temperature"}
+    )  # type: ignore[arg-type]
+    assert "temperature" not in base_channels(play)
+    assert base_channels(play)
+
+
+def test_one_sensor_is_the_same_sensor_at_whatever_lag() -> None:
+    warm_up = make(EffectSpec("warm-up", {"element": "head", "motion": "dz", "tau": 900.0}))
+    play = make(EffectSpec("backlash", {"joint": "X"}))
+    lost = make(EffectSpec("lost-motion", {"joint": "X"}))
+    bed, late = drift("T_bed"), drift("T_bed", tau=600.0)
+    assert one_sensor(bed, late)  # type: ignore[arg-type]
+    assert not one_sensor(bed, drift("T_air"))  # type: ignore[arg-type]
+    assert not one_sensor(warm_up, warm_up)  # a clock is no sensor
+    assert not one_sensor(play, lost)  # nor is an axis that drives both
+
+
+def step(
+    evidence: float, drop: float, *, form: bool = False, drivers: tuple[str, ...] = ("X",), **more: object
+) -> Step:
+    effect = SimpleNamespace(empirical=form, flexible=False, drivers=drivers, random=False, key=(form, *drivers))
+    return Step(effect, evidence, drop, 0.0, **more)  # type: ignore[arg-type]
+
+
+def chosen(name: Step, form: Step) -> bool:
+    """Whether the name is chosen beside a form; of one name there is no order to be found."""
+    return choose(None, [form, name]) is name  # type: ignore[arg-type]
+
+
+def test_a_form_must_have_clearly_more_evidence_than_a_name() -> None:
+    form = step(50.0, 100.0, form=True)
+    assert chosen(step(50.0 - CLEARLY, 1.0), form)
+    assert not chosen(step(49.9 - CLEARLY, 1.0), form)
+
+
+BEHIND = 30.0  # nats of evidence: the form is clearly ahead, what follows decides
+DECIDES = {  # the criterion: a name that it admits, one that differs in that alone and that it refuses, and the form
+    "what it explains": (
+        step(BEHIND, 100 * FORM + 0.1),
+        step(BEHIND, 100 * FORM - 0.1),
+        step(50.0, 100.0, form=True),
+    ),
+    "what it explains without bending": (
+        step(BEHIND, 95.0, delta_chi2_of_form=9.9),
+        step(BEHIND, 95.0, delta_chi2_of_form=10.1),
+        step(50.0, 100.0, form=True, count=2),
+    ),
+    "the cause of a straight form": (
+        step(BEHIND, 90.0, drivers=("load",)),
+        step(BEHIND, 90.0, drivers=("X",)),
+        step(50.0, 100.0, form=True, drivers=("load",)),
+    ),
+    "nearly all of a straight form of another cause": (
+        step(BEHIND, 100 * ANOTHER_CAUSE + 0.1),
+        step(BEHIND, 100 * ANOTHER_CAUSE - 0.1),
+        step(50.0, 100.0, form=True, drivers=("load",)),
+    ),
+    "parameters that are not idle": (
+        step(BEHIND, 104.0, count=3),
+        step(BEHIND, 103.9, count=3),
+        step(50.0, 100.0, form=True, count=1),
+    ),
+}
+
+
+@pytest.mark.parametrize("criterion", DECIDES)
+def test_a_name_that_explains_as_much_as_a_form_is_chosen(criterion: str) -> None:
+    admitted, refused, form = DECIDES[criterion]
+    assert chosen(admitted, form)
+    assert not chosen(refused, form)
+
+
+def test_what_bends_may_be_explained_by_what_bends() -> None:
+    """Of a form with more than two parameters neither the bend of the name nor the cause is asked for."""
+    form = step(50.0, 100.0, form=True, count=3, drivers=("load",))
+    assert chosen(step(BEHIND, 90.0, delta_chi2_of_form=50.0), form)
+    assert not chosen(step(BEHIND, 84.0, delta_chi2_of_form=50.0), form)
+
+
+def test_evidence_must_outweigh_the_places_that_were_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(scoring, "explained_by_noise", lambda linear, step: 0.0)
+    for trials in (0, 1, 1000):
+        least = float(np.log(max(trials, 1))) + DETECT
+        assert accepted(None, step(least + 1e-6, 1.0, trials=trials))  # type: ignore[arg-type]
+        assert not accepted(None, step(least - 1e-6, 1.0, trials=trials))  # type: ignore[arg-type]
+    assert np.exp(DETECT) == pytest.approx(100, rel=0.01)  # a hundred to one for a single place
+
+
+def test_evidence_must_outweigh_what_correlated_noise_would_make_of_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(scoring, "explained_by_noise", lambda linear, step: 3.0)
+    assert accepted(None, step(DETECT + 3.1, 1.0))  # type: ignore[arg-type]
+    assert not accepted(None, step(DETECT + 2.9, 1.0))  # type: ignore[arg-type]
+    assert accepted(None, step(DETECT + 2.9, 1.0), noise_checked=False)  # type: ignore[arg-type]
+    # what a bend brings detects nothing: it does not count against correlated noise
+    assert not accepted(None, step(DETECT + 3.1, 1.0, evidence_of_form=0.2))  # type: ignore[arg-type]
+    assert accepted(None, step(DETECT + 3.3, 1.0, evidence_of_form=0.2))  # type: ignore[arg-type]

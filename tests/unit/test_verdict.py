@@ -1,0 +1,94 @@
+"""Whether a model is adequate: by repeats, by declared uncertainty, and where most is left over."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from errormodel.chain import Chain
+from errormodel.machine import Machine
+from errormodel.machine_file import read_machine
+from errormodel.simulation import random_points
+from errormodel.survey import Survey
+from identification.diagnosis.results.pure_error import repeats_of
+from identification.diagnosis.results.verdict import judge
+from identification.estimation.run import fit_machine
+from tests.helpers.findings import NOISE, known, made, survey_of, walked
+
+
+def waves(bumps: float) -> tuple[Machine, Survey]:
+    """A recording that a machine's own model explains, or not: a narrow dent that nothing is made for."""
+    machine = read_machine("vertical_three_axis")
+    effects = [made("pitch-cyclic", joint=j, period=p) for j, p in (("X", 9.1), ("Y", 7.3), ("Z", 8.7))]
+    extended = known(machine, *effects)
+    ids = [i for own in Chain(extended).effect_ids for i in own]
+    return machine, survey_of(extended, walked(), dict.fromkeys(ids, bumps))
+
+
+def test_repeats_show_what_a_model_lacks() -> None:
+    clean, rough = (repeats_of(fit_machine(*waves(bumps))) for bumps in (0.0, 0.006))
+    assert clean is not None
+    assert rough is not None
+    assert (clean.poses, clean.count) == (30, 30)
+    assert clean.sigma_um == pytest.approx(1e3 * NOISE, rel=0.25)
+    assert clean.ratio == pytest.approx(1, abs=0.4)
+    assert not clean.misfit
+    assert rough.sigma_um == pytest.approx(1e3 * NOISE, rel=0.25)
+    assert rough.misfit
+    assert rough.ratio > 2
+
+
+def test_readings_in_a_row_are_one_visit() -> None:
+    machine = read_machine("vertical_three_axis")
+    table = random_points(machine, 60, 8).iloc[np.repeat(np.arange(60), 3)].reset_index(drop=True)
+    assert repeats_of(fit_machine(machine, survey_of(machine, table, {}))) is None
+
+
+@pytest.mark.parametrize(("found", "word"), [(False, "unexplained"), (True, "partly-explained")])
+def test_verdict_by_repeats(found: bool, word: str) -> None:
+    verdict = judge(fit_machine(*waves(0.006)), found)
+    assert verdict.word == word
+    assert verdict.unexplained is not None
+    assert "um rms where repeated poses let expect" in verdict.unexplained
+    assert "30 poses were visited again (30 rows)" in verdict.notes[0]
+    quiet = judge(fit_machine(*waves(0.0)), found)
+    assert (quiet.word, quiet.unexplained) == ("explained" if found else "adequate", None)
+
+
+def test_verdict_by_declared_uncertainty() -> None:
+    machine = read_machine("vertical_three_axis")
+    points = random_points(machine, 150, 4)
+    for declared, word in ((NOISE, "adequate"), (NOISE / 1.5, "unexplained")):
+        sigma = {f"sigma_{a}": declared for a in "xyz"}
+        verdict = judge(fit_machine(machine, survey_of(machine, points.assign(**sigma), {})), False)
+        assert verdict.word == word
+        assert (verdict.unexplained is None) == (word == "adequate")
+    assert verdict.unexplained is not None
+    assert "the declared uncertainty lets expect" in verdict.unexplained
+    assert verdict.unexplained.endswith("spread evenly over positions and time")
+
+
+def test_repeats_overrule_a_declared_uncertainty() -> None:
+    machine = read_machine("vertical_three_axis")
+    sigma = {f"sigma_{a}": NOISE / 1.5 for a in "xyz"}
+    verdict = judge(fit_machine(machine, survey_of(machine, walked().assign(**sigma), {})), False)
+    assert verdict.word == "adequate"
+    assert "the declared uncertainty is too small by a factor of 1." in verdict.notes[1]
+
+
+def test_where_most_is_left_over() -> None:
+    machine = read_machine("vertical_three_axis")
+    table = walked().assign(**{f"sigma_{a}": NOISE for a in "xyz"})
+    survey = survey_of(machine, table, {})
+    x = table["X"].to_numpy()
+    wild = x > np.quantile(x, 7 / 8)
+    survey.table.loc[wild, "mz"] += np.random.default_rng(1).normal(0, 0.02, wild.sum())
+    survey.table.loc[:, [f"sigma_{a}" for a in "xyz"]] = NOISE
+    found = judge(
+        fit_machine(machine, replace(survey, table=survey.table[~survey.table.index.isin(range(120, 150))])), False
+    )
+    assert found.word == "unexplained"
+    assert found.unexplained is not None
+    assert "it is largest where X is from" in found.unexplained
