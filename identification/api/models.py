@@ -117,7 +117,7 @@ def fit(
     """Fit a machine's parameters, measuring frames and noise levels to a survey.
 
     Weighted least squares on the exact (finite) kinematics. The rank is decided on scaled columns, and what cannot be
-    told apart is reported as groups. Noise levels that nobody declared are estimated (variance components).
+    distinguished is reported as groups. Noise levels that nobody declared are estimated (variance components).
 
     Parameters
     ----------

@@ -62,7 +62,7 @@ def check_enough(survey: Survey, problem: Problem, solution: Solution) -> None:
     need = -(-(whole.rank + 1) * rows // max(equations, 1))
     found = (
         f"{rows} row{'s' if rows > 1 else ''} with {equations} measured values where {whole.rank} groups of parameters "
-        "can be told apart"
+        "are identifiable"
     )
     if lost:
         more = f" and {len(lost) - 3} more" if len(lost) > 3 else ""

@@ -26,14 +26,14 @@ def draw_singular_values(fit: Fit) -> Figure:
     axes.plot(place[kept], values[kept], "o", ms=5, color=style.FITTED, label=f"identified: {groups.rank}")
     if not kept.all():
         axes.plot(place[~kept], values[~kept], "o", ms=5, mfc="white", mec=style.NOMINAL, mew=1.3,
-                  label=f"not told apart: {int((~kept).sum())}")  # fmt: skip
+                  label=f"not identifiable: {int((~kept).sum())}")  # fmt: skip
     dropped = values[~kept]
     by_noise = len(dropped) and dropped[0] > DEPENDENCE_TOLERANCE
     threshold = (
         float(np.sqrt(dropped[0] * values[groups.rank - 1])) if by_noise and groups.rank else DEPENDENCE_TOLERANCE
     )
     axes.axhline(threshold, color=style.INK, lw=1.1, ls="--")
-    why = "below the line: hidden by the noise" if by_noise else "below the line: cannot be told apart in these poses"
+    why = "below the line: hidden by the noise" if by_noise else "below the line: not identifiable in these poses"
     there = axes.get_yaxis_transform()
     axes.text(0.012, threshold, why, transform=there, size=style.SMALL_TEXT, color=style.INK, va="bottom")
     axes.set_xlim(0.2, len(values) + 0.8)

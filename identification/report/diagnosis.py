@@ -195,7 +195,7 @@ def odds(other: Alternative) -> list[str]:
     own = other.probability
     share = "same effect" if own is None else "below 0.01" if own < 0.005 else f"{own:.2f}"
     why = f"; not chosen: {other.reason}" if other.reason else ""
-    return [share, text + why, "told apart" if other.separable else "not told apart by this data"]
+    return [share, text + why, "distinguishable" if other.separable else "not distinguishable by this data"]
 
 
 def _amounts(finding: Finding) -> list[list[str]]:

@@ -174,7 +174,7 @@ def comparison(other: Alternative) -> Iterator[str]:
     if other.reason:
         yield f"fits this data better, but {other.reason}"
     else:
-        yield "told apart" if other.separable else "not told apart by this data alone"
+        yield "distinguishable" if other.separable else "not distinguishable by this data alone"
 
 
 def _held_out(summary: Mapping[str, float | None]) -> str:

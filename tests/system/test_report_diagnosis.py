@@ -253,10 +253,10 @@ def test_nothing_found_is_said_plainly(tmp_path: Path) -> None:
 )
 def test_odds_in_words(power: float, words: str) -> None:
     separable = abs(power) > 2
-    share, text, told = odds(Alternative("backlash", "X", power, separable, probability=0.25))
+    share, text, said = odds(Alternative("backlash", "X", power, separable, probability=0.25))
     assert share == "0.25"
     assert text.startswith(words)
-    assert told == ("told apart" if separable else "not told apart by this data")
+    assert said == ("distinguishable" if separable else "not distinguishable by this data")
 
 
 def test_a_long_recording_stays_small() -> None:
