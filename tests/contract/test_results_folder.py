@@ -344,7 +344,7 @@ def test_where_one_stands_is_not_exchanged(place: Path, where: str, monkeypatch:
 
 def test_a_failed_report_leaves_the_old_results(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     before = tree(place)
-    monkeypatch.setattr("identification.report.write.report", lambda *_: 1 / 0)
+    monkeypatch.setattr("identification.report.report", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         run(*REFIT)
     assert tree(place) == before
