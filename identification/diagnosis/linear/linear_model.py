@@ -22,6 +22,7 @@ from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.machine import Vector
 from errormodel.survey import Survey
 from identification.diagnosis.data_checks.temperature_sensors import dead_sensors
+from identification.diagnosis.linear.orthonormal_basis import orthonormal_basis
 from identification.diagnosis.linear.random_effects import EXACT, RandomEffects
 from identification.estimation.result import Fit
 from identification.observation.models import PositionView
@@ -30,7 +31,6 @@ from identification.observation.normal_equations import design_rows, view_vector
 MOST_ROWS = 2500  # of a survey: more are thinned out
 MOST_RUNS = 12  # labels; more are no runs of one survey
 MOST_STATIONS = 3
-DEPENDENT = 1e-9  # of a column's length: what the columns before it leave of it, by rounding only
 UNSEEN = 1e-9  # of a column's length squared: less than this of it the basis has not spanned by rounding only
 LEAST_RUN = 8  # rows of a run that may differ
 
@@ -122,14 +122,7 @@ class LinearModel:
         keep = norms > 1e-6 * np.linalg.norm(columns, axis=1)
         if not keep.any():
             return self
-        scaled = (left[keep] / norms[keep, None]).T
-        q, r = np.linalg.qr(scaled)
-        if (np.abs(np.diag(r)) < DEPENDENT).any():
-            # a column that depends on those before it leaves its direction to chance, in which later ones lie as well
-            from scipy.linalg import qr
-
-            q, r, _ = qr(scaled, mode="economic", pivoting=True)
-            q = q[:, np.abs(np.diag(r)) >= DEPENDENT]
+        q = orthonormal_basis((left[keep] / norms[keep, None]).T)
         return replace(self, basis=np.hstack([self.basis, q]), residual=self.residual - q @ (q.T @ self.residual))
 
     def with_effect(self, effect: Effect) -> LinearModel:
@@ -239,7 +232,7 @@ def set_up(fit: Fit, most: int = MOST_ROWS) -> LinearModel:
     design = np.vstack([design[live], ties])
     norms = np.linalg.norm(design, axis=0)
     seen = norms > 1e-12 * norms.max(initial=0.0)  # a mount's orientation moves no position
-    q, _ = np.linalg.qr(design[:, seen] / norms[seen])
+    q = orthonormal_basis(design[:, seen] / norms[seen])
     residual = np.append(np.concatenate(residuals)[live], -ties @ solution.values[base])
     names = chain.element_names
     # a member called "frame" goes before the measuring frame, as in the chain

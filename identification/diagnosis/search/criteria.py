@@ -8,6 +8,7 @@ from errormodel.arrays import Array
 from errormodel.channels import root
 from errormodel.effects.base import Effect
 from identification.diagnosis.linear.linear_model import LinearModel
+from identification.diagnosis.linear.orthonormal_basis import orthonormal_basis
 
 
 def moves(linear: LinearModel, effect: Effect) -> frozenset[tuple[str, str]]:
@@ -24,7 +25,7 @@ def canonical_correlation(linear: LinearModel, one: Array, other: Array) -> floa
         keep = norms > 1e-2 * np.linalg.norm(columns, axis=1)
         if not keep.any():
             return 0.0
-        bases.append(np.linalg.qr((left[keep] / norms[keep, None]).T)[0])
+        bases.append(orthonormal_basis((left[keep] / norms[keep, None]).T))
     return float(np.linalg.svd(bases[0].T @ bases[1], compute_uv=False)[0])
 
 
