@@ -37,7 +37,7 @@ from identification import diagnose, fit, load, plan
 ROOT = library()["h_gantry_dual_drive"].parents[1]
 sys.path.insert(0, str(ROOT))  # the simulator is among the tests
 from tests.proof.cases import make, write
-from tests.proof.run import run_case
+from tests.proof.run_case import run_case
 from tests.proof.score import Scored, failures, table
 from tests.proof.seal import opened
 from tests.proof.specs import all_specs

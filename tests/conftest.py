@@ -57,4 +57,4 @@ def printers(real_data: Path) -> Path:
 @pytest.fixture
 def few_poses(monkeypatch: pytest.MonkeyPatch) -> None:
     """Compensation is judged at fewer poses than usual: quicker, and its figures are known less well."""
-    monkeypatch.setattr("identification.compensation.run.SAMPLE_POSES", 300)
+    monkeypatch.setattr("identification.compensation.compensate.SAMPLE_POSES", 300)

@@ -87,7 +87,7 @@ def plan(
     InputError
         Too few rows for the machine's identifiable groups, or no pose is allowed.
     """
-    from identification.planning import run as stage
+    from identification.planning import plan as stage
     from identification.planning.setup import Setup, noise_of, read_setup
     from identification.results.plan_result import PlanResult
 
@@ -163,7 +163,7 @@ def fit(
     """
     from identification.bayes.settings import priors_of
     from identification.diagnosis.data_checks.gate import passed
-    from identification.estimation.run import fit_machine
+    from identification.estimation.fit import fit_machine
     from identification.results.fit_result import FitResult
 
     model = machine_of(machine)
@@ -173,7 +173,7 @@ def fit(
     with progress("Fitting"):
         result = passed(model, data, lambda: fit_machine(model, data, robust, bounds, document), robust)
     if bayes:
-        from identification.bayes.run import bayesian
+        from identification.bayes.inference import bayesian
 
         result = bayesian(
             result, lambda m: fit_machine(m, data, robust), given, document, robust=robust, seed=seed,
@@ -235,7 +235,7 @@ def thermal(machine: AnyMachine, survey: AnySurvey, *, progress: Progress = sile
         The survey holds no such recordings, or no second cycle.
     """
     from identification.results.thermal_result import ThermalResult
-    from identification.thermal.run import thermal as stage
+    from identification.thermal.drift_model import thermal as stage
 
     model = machine_of(machine)
     return ThermalResult(stage(model, survey_of(survey, model, progress), progress))
@@ -265,7 +265,7 @@ def register(
     InputError
         A file is missing or wrong, or clouds do not show what they should.
     """
-    from identification.registration.run import register as stage
+    from identification.registration.register import register as stage
     from identification.results.registration_result import RegistrationResult
 
     return RegistrationResult(stage(Path(cold), [Path(folder) for folder in warm], Path(profiler), progress))

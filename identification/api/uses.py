@@ -95,7 +95,7 @@ def monitor(
     from errormodel.exceptions import InputError
     from errormodel.files import locked
     from identification.monitoring.history import SCHEMA
-    from identification.monitoring.run import monitored
+    from identification.monitoring.monitor import monitored
     from identification.report.monitor import monitor_page
     from identification.results.monitor_result import MonitorResult
     from identification.results.output_file import OutputFile
@@ -186,7 +186,7 @@ def compensate(
     """
     from errormodel.gcode.detect import AUTO
     from errormodel.gcode.reading import Reading
-    from identification.compensation.run import compensate as stage
+    from identification.compensation.compensate import compensate as stage
     from identification.results.compensation_result import CompensationResult
 
     reading = Reading.of(dialect or AUTO, offsets, at) if dialect or offsets or at else None

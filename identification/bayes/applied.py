@@ -13,8 +13,8 @@ from identification.bayes.marginal_posterior import Collapsed
 from identification.bayes.posterior import Posterior
 from identification.bayes.shape_parameters import ShapeInterpolation
 from identification.bayes.statistics import posed
+from identification.estimation.fit import look_at
 from identification.estimation.result import Fit, Spread, residuals_of
-from identification.estimation.run import look_at
 from identification.observation.normal_equations import accumulate
 
 DRAWS_COMPARED = 8  # draws at which the linear model is compared with the exact kinematics: limits the time

@@ -14,8 +14,8 @@ from errormodel.arrays import Array, Index, Mask
 from errormodel.chain import Chain
 from errormodel.machine import EffectSpec, Machine
 from identification.bayes.shape_parameters import ShapeInterpolation
+from identification.estimation.fit import placed
 from identification.estimation.result import Fit
-from identification.estimation.run import placed
 from identification.observation.assembly import Problem, build
 from identification.observation.models import Kind, PositionView, View
 from identification.observation.normal_equations import accumulate, design_rows, view_vector

@@ -53,8 +53,8 @@ from identification.diagnosis.search.model import EffectModel
 from identification.diagnosis.search.model_comparison import compare_alternatives
 from identification.diagnosis.search.scoring import Step
 from identification.diagnosis.together import together
+from identification.estimation.fit import fit_machine
 from identification.estimation.result import Fit
-from identification.estimation.run import fit_machine
 from identification.observation.normal_equations import design_rows
 from identification.runtime.progress import Progress, silent
 

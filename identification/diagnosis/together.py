@@ -16,7 +16,7 @@ from identification.diagnosis.linear.motions_as_points import Carried
 from identification.diagnosis.results.diagnosed import Diagnosed
 from identification.diagnosis.results.findings import Alternative, Diagnosis, Finding, Untestable
 from identification.diagnosis.results.model_discrepancy import with_form
-from identification.estimation.run import fit_machine
+from identification.estimation.fit import fit_machine
 
 EVEN = 0.5  # probability of a name beside one that no reading could tell from it
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from identification.monitoring.alarms import alarm_text, value_text
 from identification.monitoring.control_limits import MIN_CYCLES, USEFUL_CYCLES
-from identification.monitoring.run import Monitored
+from identification.monitoring.monitor import Monitored
 from identification.results.terminal import table_lines
 
 MOST_QUANTITIES = 6  # quantities listed, those nearest to their limits; by judgement

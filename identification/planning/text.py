@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+from identification.planning.plan import Change, Plan, Uncertainty
 from identification.planning.power import Verdict
-from identification.planning.run import Change, Plan, Uncertainty
 from identification.results.parameter_table import printed
 
 VERDICT_ORDER = ("invisible", "confusable", "detectable")  # from worst to best

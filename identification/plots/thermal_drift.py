@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from errormodel.conventions import unit_of
 from identification.plots import style
 from identification.results.parameter_table import printed
-from identification.thermal.run import Thermal
+from identification.thermal.drift_model import Thermal
 from identification.thermal.selection import centred
 
 DRIFT_COLUMNS = 3  # panels in a row

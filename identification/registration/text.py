@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from errormodel.conventions import MOTIONS, iso_symbol, unit_of
-from identification.registration.run import Registered
+from identification.registration.register import Registered
 from identification.results.parameter_table import printed
 
 

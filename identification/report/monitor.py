@@ -9,7 +9,7 @@ import numpy as np
 from errormodel import __version__
 from identification.monitoring.alarms import alarm_text, value_text
 from identification.monitoring.control_limits import MIN_CYCLES, USEFUL_CYCLES
-from identification.monitoring.run import Monitored
+from identification.monitoring.monitor import Monitored
 from identification.plots.history import draw_history
 from identification.report.page import page
 from identification.report.pictures import Picture, picture

@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from identification.estimation.fit import moved
 from identification.estimation.result import Fit, Spread
-from identification.estimation.run import moved
 from identification.report.wording import file_name, three
 from identification.results.description import no_effect_reasons
 from identification.results.parameter_table import ARCSEC_PER_URAD, Estimate, Kind, decimals

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-    from identification.monitoring.run import Monitored
+    from identification.monitoring.monitor import Monitored
 
 
 class MonitorResult:

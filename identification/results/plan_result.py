@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     import pandas as pd
 
-    from identification.planning.run import Plan
+    from identification.planning.plan import Plan
 
 
 class PlanResult:

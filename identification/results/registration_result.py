@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from identification.registration.run import Registered
+    from identification.registration.register import Registered
 
 
 class RegistrationResult:

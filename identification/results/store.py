@@ -16,9 +16,9 @@ from errormodel.files import write_csv, write_text_atomic
 from errormodel.machine_file import write_machine
 from errormodel.simulation import outward
 from errormodel.survey import Survey
+from identification.estimation.fit import moved
 from identification.estimation.motions import Motions
 from identification.estimation.result import Fit
-from identification.estimation.run import moved
 from identification.observation.frames import Pose
 from identification.results.analysis import Analysis
 from identification.results.json_text import dumps

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-    from identification.thermal.run import Thermal
+    from identification.thermal.drift_model import Thermal
 
 MOTION = ("joint", "motion", "symbol", "drift", "stepwise", "lagged", "noise", "rows")
 

@@ -17,10 +17,10 @@ import numpy as np
 
 from errormodel.chain import Chain
 from errormodel.machine import Basis, EffectSpec, Joint, Machine, Shape
-from identification.bayes.run import drawn, model_of
+from identification.bayes.inference import drawn, model_of
 from identification.bayes.sampling import NotConvergedError
-from identification.estimation import run
-from identification.estimation.run import fit_machine
+from identification.estimation import fit as estimation
+from identification.estimation.fit import fit_machine
 from tests.helpers.chains import Array, errors
 from tests.helpers.surveys import measured, positions, survey
 
@@ -67,7 +67,7 @@ def trial(case: str, seed: int, rows: int = 60) -> Trial:
         bad = rng.choice(rows, rows // 10, replace=False)
         table.loc[bad, ["mx", "my", "mz"]] += rng.normal(size=(len(bad), 3)) * 10 ** rng.uniform(-1.5, 3)
     data = survey(table, frame="fixed")
-    with patch.object(run, "Chain", lambda _: chain):
+    with patch.object(estimation, "Chain", lambda _: chain):
         fit = fit_machine(true, data, robust=case == "outliers")
     linear, whole, _ = model_of(fit, {}, None, case == "outliers")
     out, _ = drawn(fit, linear, whole, seed)

@@ -18,9 +18,9 @@ from threadpoolctl import threadpool_limits
 from errormodel.chain import Chain
 from errormodel.machine_file import read_machine
 from identification.bayes.full_posterior import Whole
-from identification.bayes.run import model_of
+from identification.bayes.inference import model_of
 from identification.bayes.sampling import Reference, inside, walkers_for
-from identification.estimation.run import fit_machine
+from identification.estimation.fit import fit_machine
 from identification.observation.normal_equations import design_rows, view_vector
 from tests.helpers.chains import Array, errors
 from tests.helpers.surveys import measured, positions, survey

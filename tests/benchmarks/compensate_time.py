@@ -26,7 +26,7 @@ from errormodel.controllers import registry
 from errormodel.machine import EffectSpec, Machine
 from errormodel.machine_file import read_machine
 from errormodel.simulation import random_points
-from identification.estimation.run import fit_machine
+from identification.estimation.fit import fit_machine
 from identification.results.store import save
 from tests.helpers.chains import errors
 from tests.helpers.surveys import measured, positions, survey

@@ -30,11 +30,11 @@ from errormodel.instruments.laser_tracker import LaserTracker
 from errormodel.machine_file import library, read_machine
 from identification.compensation import reduction
 from identification.compensation.assessment import Correct, Error, emulated, nothing, remaining
+from identification.compensation.compensate import best_tables
 from identification.compensation.field import Field
 from identification.compensation.rows import Rows
-from identification.compensation.run import best_tables
 from identification.compensation.volume import Volume
-from identification.estimation.run import fit_machine
+from identification.estimation.fit import fit_machine
 from tests.helpers.chains import errors
 from tests.helpers.surveys import measured, positions, stored, survey
 

@@ -22,7 +22,7 @@ from errormodel.chain import Chain
 from errormodel.instruments.laser_tracker import LaserTracker
 from errormodel.machine_file import read_machine
 from errormodel.survey import Survey
-from identification.estimation import run
+from identification.estimation import fit as estimation
 from identification.estimation.least_squares import identifiable
 from identification.estimation.noise import Noise
 from identification.estimation.robust import first_judgement
@@ -143,7 +143,7 @@ Estimated = tuple[list[int], Array, Array]  # the groups' base, their errors and
 
 
 def fitted(data: Survey, robust: bool = False) -> Estimated:
-    fit = run.fit_machine(MACHINE, data, robust)
+    fit = estimation.fit_machine(MACHINE, data, robust)
     groups = fit.solution.groups
     own = np.sqrt(np.diag(fit.solution.covariance)) * fit.inflation
     return groups.base.tolist(), group_errors(fit.problem, groups, fit.solution.values[groups.base]), np.asarray(own)
@@ -159,7 +159,9 @@ def convex(data: Survey, share: float) -> Estimated:
 
     problem = build(CHAIN, data.fit)
     judged = first_judgement(CHAIN, problem.views, problem.unknowns)
-    problem, _ = run.anchored(problem, len(data.fit), judged=judged)  # only where the frame's parameters count from
+    problem, _ = estimation.anchored(
+        problem, len(data.fit), judged=judged
+    )  # only where the frame's parameters count from
     (view,) = problem.views
     groups = identifiable(CHAIN, problem.views, problem.unknowns)
     model = design_rows(view, problem.place(), len(view))[:, groups.base]
@@ -233,8 +235,11 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=500)
     parser.add_argument("--only", default="", help="conditions whose name starts so")
     given = parser.parse_args()
-    run.Chain = lambda machine: CHAIN  # type: ignore[misc, assignment]  # traced once for all surveys
-    run.held_out = lambda problem, solution, rows, fixed: (np.full((rows, 3), np.nan), 0)  # nothing here looks at it
+    estimation.Chain = lambda machine: CHAIN  # type: ignore[misc, assignment]  # traced once for all surveys
+    estimation.held_out = lambda problem, solution, rows, fixed: (
+        np.full((rows, 3), np.nan),
+        0,
+    )  # nothing here looks at it
     heads = "".join(f"{h:>10}" for h in ("bias", "spread", "worst", "own", "shift", "cover %"))
     heads += "      "
     print(f"{'condition':42}{'estimator':15}{heads}{'fits':>7}")

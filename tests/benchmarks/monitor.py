@@ -17,8 +17,8 @@ import pandas as pd
 from errormodel.arrays import Array
 from errormodel.machine import Machine
 from errormodel.machine_file import read_machine
+from identification.estimation.fit import fit_machine
 from identification.estimation.result import Fit
-from identification.estimation.run import fit_machine
 from identification.monitoring.control_limits import judge
 from identification.monitoring.quantities import Cycle, Watched, measured, watched
 from identification.results.analysis import Analysis

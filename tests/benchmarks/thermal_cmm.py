@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from errormodel.machine_file import read_machine
-from identification.thermal import run, selection
+from identification.thermal import drift_model, selection
 from tests.helpers.ring_gauge import ring_errors, thermal_model
 
 FIRST = 101  # no seed that anything was tried on
@@ -45,9 +45,9 @@ def parts(seeds: int) -> None:
     machine = read_machine("bridge_cmm")
     without: dict[str, list[Any]] = {
         "all of it": [],
-        "no lags": [patch.object(run, "_lags", lambda taken: [])],
+        "no lags": [patch.object(drift_model, "_lags", lambda taken: [])],
         "no prior": [patch.object(selection, "WIDTHS", (1e4,))],
-        "neither": [patch.object(run, "_lags", lambda taken: []), patch.object(selection, "WIDTHS", (1e4,))],
+        "neither": [patch.object(drift_model, "_lags", lambda taken: []), patch.object(selection, "WIDTHS", (1e4,))],
     }
     for name, patches in without.items():
         motions = []

@@ -225,7 +225,7 @@ def bridge(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_command_shows_the_numbers_first(bridge: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("identification.compensation.run.SAMPLE_POSES", 300)
+    monkeypatch.setattr("identification.compensation.compensate.SAMPLE_POSES", 300)
     out = done("compensate", bridge, "--controller", "linuxcnc-type1", "--out", tmp_path / "a").out
     assert "axes: X = JOINT_0, Y = JOINT_1, Z = JOINT_2" in out
     checklist = (tmp_path / "a/checklist.txt").read_text().splitlines()

@@ -19,8 +19,8 @@ from errormodel.machine import EffectSpec, Machine
 from errormodel.machine_file import read_machine, write_machine
 from errormodel.simulation import Truth, measured_at
 from errormodel.survey import Survey
+from identification.estimation.fit import fit_machine
 from identification.estimation.result import Fit
-from identification.estimation.run import fit_machine
 from tests.helpers.effect_battery import (
     GANTRY,
     MACHINES,

@@ -161,8 +161,8 @@ def test_what_the_command_line_may_import_is_no_longer_than_needed() -> None:
 
 
 def test_an_import_from_below_is_found() -> None:
-    tree = ast.parse("def f():\n    from identification.estimation.run import fit_machine\n")
-    assert beyond(tree, OF_COMMAND_LINE) == ["identification.estimation.run fit_machine"]
+    tree = ast.parse("def f():\n    from identification.estimation.fit import fit_machine\n")
+    assert beyond(tree, OF_COMMAND_LINE) == ["identification.estimation.fit fit_machine"]
 
 
 @pytest.mark.parametrize("file", sorted((ROOT / "notebooks").glob("*.py")), ids=lambda f: f.stem)

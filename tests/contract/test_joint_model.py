@@ -18,7 +18,7 @@ from errormodel.joint_models.base import JointModel
 from errormodel.machine import Basis, Joint, Machine, Shape
 from errormodel.machine_file import read_machine, write_machine
 from errormodel.simulation import random_points
-from identification.estimation.run import fit_machine
+from identification.estimation.fit import fit_machine
 from tests.helpers.surveys import measured, positions, survey
 
 Array = np.ndarray[tuple[int, ...], np.dtype[np.float64]]

@@ -196,7 +196,7 @@ def test_however_the_path_is_spelled(place: Path, spelled: str) -> None:
 
 
 def test_refused_before_any_work(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("identification.estimation.run.fit_machine", lambda *_, **__: 1 / 0)
+    monkeypatch.setattr("identification.estimation.fit.fit_machine", lambda *_, **__: 1 / 0)
     assert run("fit", "m.yaml", "survey.yaml", "--out", "project").code == 2
     write(Path("survey.yaml"), SURVEY.replace("s.csv", "project/s.csv"))
     Path("project/machine.yaml").unlink()

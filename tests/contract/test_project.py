@@ -62,7 +62,13 @@ def test_command_line_starts_without_heavy_imports():
         (["describe", "vertical_three_axis"], {"scipy", "matplotlib", "GTC"}),
         (
             ["fit", "machines/examples/gantry", "machines/examples/gantry/survey.csv"],
-            {"identification.diagnosis.pipeline", "identification.thermal.run", "multiprocessing", "cvxpy", "emcee"},
+            {
+                "identification.diagnosis.pipeline",
+                "identification.thermal.drift_model",
+                "multiprocessing",
+                "cvxpy",
+                "emcee",
+            },
         ),
     ],
     ids=["describe", "fit"],

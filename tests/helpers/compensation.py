@@ -12,8 +12,8 @@ from errormodel.controllers.base import Controller
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Tables
 from errormodel.machine import Machine
+from identification.compensation.compensate import best_tables
 from identification.compensation.field import Field, movers_of
-from identification.compensation.run import best_tables
 from identification.compensation.volume import Volume
 from tests.helpers.chains import Array
 

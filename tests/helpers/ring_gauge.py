@@ -14,7 +14,7 @@ from errormodel.conventions import MOTIONS
 from errormodel.machine import Machine
 from errormodel.survey import read_survey
 from identification.results.analysis import Analysis
-from identification.thermal.run import Thermal, thermal
+from identification.thermal.drift_model import Thermal, thermal
 from identification.thermal.stepwise import stepwise
 from identification.uncertainty.prediction import predict
 from tests.helpers import thermal_cmm as cmm

@@ -10,7 +10,7 @@ import click
 from threadpoolctl import threadpool_limits
 
 from tests.proof.cases import make, write
-from tests.proof.run import run_case
+from tests.proof.run_case import run_case
 from tests.proof.score import Scored, by, failures, table
 from tests.proof.seal import digest, opened, simulator, whole_seal, write_atomic
 from tests.proof.specs import Spec, all_specs

@@ -27,7 +27,7 @@ from tests.proof.kinematics import geometry, position
 from tests.proof.noise import Noise
 from tests.proof.plans import PLANS, walk
 from tests.proof.rivals import FORMS
-from tests.proof.run import run_case
+from tests.proof.run_case import run_case
 from tests.proof.score import Scored, at, calibration, says, wilson
 from tests.proof.seal import BrokenSealError, opened, sealed
 from tests.proof.specs import Spec, all_specs

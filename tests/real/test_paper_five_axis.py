@@ -21,9 +21,9 @@ from errormodel.machine import Machine
 from errormodel.machine_file import read_machine
 from errormodel.simulation import Truth, measured_at, random_points
 from errormodel.survey import Survey
+from identification.estimation.fit import anchored
 from identification.estimation.least_squares import Solution, identifiable, solve
 from identification.estimation.result import Spread
-from identification.estimation.run import anchored
 from identification.observation.assembly import build
 
 TOOL = {"short": -312.035, "long": -435.185}  # mm along z

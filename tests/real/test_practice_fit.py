@@ -18,7 +18,7 @@ import pytest
 
 from errormodel.machine_file import read_machine
 from errormodel.survey import read_survey
-from identification.estimation.run import fit_machine
+from identification.estimation.fit import fit_machine
 from identification.results import store
 from identification.uncertainty.prediction import predict
 

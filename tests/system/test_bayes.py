@@ -21,15 +21,15 @@ from errormodel.machine import EffectSpec, Machine
 from errormodel.machine_file import write_machine
 from identification.bayes import sampling
 from identification.bayes.full_posterior import Whole
+from identification.bayes.inference import bayesian, drawn, model_of
 from identification.bayes.netcdf import write_netcdf
 from identification.bayes.pointwise import prior_draws
 from identification.bayes.posterior import Posterior
-from identification.bayes.run import bayesian, drawn, model_of
 from identification.bayes.sampling import NotConvergedError, Reference, sample
 from identification.bayes.settings import PriorForm
 from identification.bayes.shape_parameters import bracket
+from identification.estimation.fit import fit_machine
 from identification.estimation.result import Fit, residuals_of
-from identification.estimation.run import fit_machine
 from tests.benchmarks.bayes_coverage import WAVE, machine, trial
 from tests.helpers.chains import Array, errors
 from tests.helpers.commands import done, run, write

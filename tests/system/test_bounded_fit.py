@@ -18,12 +18,12 @@ from errormodel.machine import EffectSpec, Machine
 from errormodel.machine_file import read_machine, write_machine
 from errormodel.survey import Survey
 from identification.bayes.applied import with_posterior
-from identification.bayes.run import drawn, model_of
+from identification.bayes.inference import drawn, model_of
 from identification.bayes.settings import PriorForm
-from identification.estimation import run as stage
+from identification.estimation import fit as stage
 from identification.estimation.bounded import bounded, limits
+from identification.estimation.fit import fit_machine
 from identification.estimation.result import Fit
-from identification.estimation.run import fit_machine
 from identification.observation.normal_equations import total
 from tests.benchmarks.bayes_coverage import machine as two_axes
 from tests.helpers.chains import Array, errors

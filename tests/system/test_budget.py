@@ -19,8 +19,8 @@ from errormodel.machine import Machine
 from errormodel.machine_file import read_machine
 from errormodel.survey import Survey, read_survey
 from errormodel.survey_file import BudgetEntry
+from identification.estimation.fit import fit_machine
 from identification.estimation.result import Fit
-from identification.estimation.run import fit_machine
 from identification.results.analysis import Analysis
 from identification.uncertainty.budget import Budget, Input, combine
 from identification.uncertainty.prediction import predict

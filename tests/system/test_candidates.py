@@ -19,7 +19,7 @@ from identification.diagnosis.linear.linear_model import set_up
 from identification.diagnosis.results.untestable import unseen
 from identification.diagnosis.search import correlated_noise as coloured
 from identification.diagnosis.search.candidates import MANY, Candidates
-from identification.estimation.run import fit_machine
+from identification.estimation.fit import fit_machine
 from tests.helpers.diagnosed import empty_survey, showing
 
 GANTRY = Path(__file__).parents[2] / "machines/examples/gantry"

@@ -20,7 +20,7 @@ from errormodel.machine import EffectSpec, Joint
 from errormodel.machine_file import read_machine
 from identification.compensation.assessment import assess, emulated
 from identification.compensation.field import Field
-from identification.estimation.run import fit_machine
+from identification.estimation.fit import fit_machine
 from identification.results.store import save
 from tests.helpers.chains import Array, errors
 from tests.helpers.commands import MILL, done, fitted_mill, run, tree, write

@@ -17,12 +17,12 @@ from errormodel.controllers.base import Controller
 from errormodel.machine import EffectSpec
 from errormodel.machine_file import read_machine
 from identification.compensation.assessment import emulated, left
+from identification.compensation.compensate import best_tables
 from identification.compensation.conditions import conditions_of
 from identification.compensation.field import Field, movers_of
 from identification.compensation.reversal import reversal_lines, reversals
-from identification.compensation.run import best_tables
 from identification.compensation.volume import Volume
-from identification.estimation.run import fit_machine
+from identification.estimation.fit import fit_machine
 from identification.results.store import save
 from tests.helpers.chains import errors
 from tests.helpers.commands import MILL, done, run, tree

@@ -12,8 +12,8 @@ from errormodel.chain import Chain
 from errormodel.machine import Machine
 from errormodel.machine_file import library, read_machine
 from errormodel.survey import Survey
+from identification.estimation.fit import fit_machine
 from identification.estimation.result import Fit
-from identification.estimation.run import fit_machine
 from identification.results.store import load, save
 from identification.uncertainty.prediction import predict
 from tests.helpers.chains import Array, errors
@@ -130,8 +130,8 @@ def test_inches_and_metres_give_the_same_parameters(tmp_path: Path) -> None:
 
 def test_rows_in_any_order_and_blocks_of_any_size(monkeypatch: pytest.MonkeyPatch) -> None:
     from errormodel import kernel
+    from identification.estimation.fit import anchored
     from identification.estimation.least_squares import solve
-    from identification.estimation.run import anchored
     from identification.observation.assembly import build
 
     machine = read_machine(THREE_AXIS)

@@ -12,7 +12,7 @@ from errormodel.exceptions import InputError
 from errormodel.machine_file import read_machine
 from errormodel.simulation import random_points
 from identification.estimation.checks import looked_over
-from identification.estimation.run import fit_machine
+from identification.estimation.fit import fit_machine
 from tests.helpers.chains import errors
 from tests.helpers.motions import motion_rows
 from tests.helpers.surveys import measured, positions, prediction_error, survey

@@ -16,7 +16,7 @@ from errormodel.chain import Chain
 from errormodel.instruments.laser_tracker import LaserTracker
 from errormodel.machine_file import read_machine
 from errormodel.survey import Survey
-from identification.estimation import run
+from identification.estimation import fit as estimation
 from identification.estimation.result import Fit
 from identification.uncertainty.prediction import predict
 from tests.helpers.chains import Array, errors
@@ -36,7 +36,7 @@ Noisy = Callable[[pd.DataFrame, np.random.Generator], Survey]
 
 @pytest.fixture(autouse=True)
 def one_chain(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(run, "Chain", lambda machine: CHAIN)
+    monkeypatch.setattr(estimation, "Chain", lambda machine: CHAIN)
 
 
 def undeclared(table: pd.DataFrame, rng: np.random.Generator) -> Survey:
@@ -82,7 +82,7 @@ class Campaign:
 def campaign(noisy: Noisy, seeds: int = SEEDS) -> Campaign:
     out = []
     for seed in range(seeds):
-        fit = run.fit_machine(MACHINE, noisy(POINTS.copy(), np.random.default_rng(seed)))
+        fit = estimation.fit_machine(MACHINE, noisy(POINTS.copy(), np.random.default_rng(seed)))
         s = fit.solution
         gap = s.values[s.groups.base] - group_truth(fit)
         covariance = s.covariance * fit.inflation**2
@@ -139,17 +139,17 @@ def test_wrong_declarations_are_taken_at_the_residuals_word() -> None:
     table = POINTS.copy()
     rng = np.random.default_rng(0)
     table[XYZ] += rng.normal(0, 9e-3, (len(table), 3))
-    fit = run.fit_machine(MACHINE, survey(table.assign(sigma_x=3e-3, sigma_y=3e-3, sigma_z=3e-3)))
+    fit = estimation.fit_machine(MACHINE, survey(table.assign(sigma_x=3e-3, sigma_y=3e-3, sigma_z=3e-3)))
     assert fit.inflation == pytest.approx(3, rel=0.15)
     assert fit.sigma_mm == pytest.approx(9e-3, rel=0.15)
-    honest = run.fit_machine(MACHINE, survey(table.assign(sigma_x=9e-3, sigma_y=9e-3, sigma_z=9e-3)))
+    honest = estimation.fit_machine(MACHINE, survey(table.assign(sigma_x=9e-3, sigma_y=9e-3, sigma_z=9e-3)))
     assert honest.inflation == 1.0
 
 
 def test_uniform_sigmas_change_nothing_but_the_covariance() -> None:
     table = undeclared(POINTS.copy(), np.random.default_rng(1)).table
-    plain = run.fit_machine(MACHINE, survey(table))
-    stated = run.fit_machine(MACHINE, survey(table.assign(sigma_x=5e-3, sigma_y=5e-3, sigma_z=5e-3)))
+    plain = estimation.fit_machine(MACHINE, survey(table))
+    stated = estimation.fit_machine(MACHINE, survey(table.assign(sigma_x=5e-3, sigma_y=5e-3, sigma_z=5e-3)))
     std = np.sqrt(np.diag(plain.solution.covariance))
     assert (np.abs(plain.solution.values - stated.solution.values)[plain.solution.groups.base] < 1e-6 * std).all()
     ratio = np.sqrt(np.diag(stated.solution.covariance)) / std
@@ -163,20 +163,20 @@ def test_orientation_noise_is_estimated_beside_that_of_positions() -> None:
     small = Rotation.from_rotvec(rng.normal(0, 8e-6, (120, 3)))
     turned = (small * Rotation.from_rotvec(np.array(table[["mrx", "mry", "mrz"]]))).as_rotvec()
     table[["mrx", "mry", "mrz"]] = turned
-    fit = run.fit_machine(MACHINE, survey(table))
+    fit = estimation.fit_machine(MACHINE, survey(table))
     assert fit.solution.sigma["position"] == pytest.approx(4e-3, rel=0.12)
     assert fit.solution.sigma["orientation"] == pytest.approx(8e-6, rel=0.12)
-    stated = run.fit_machine(MACHINE, survey(table.assign(sigma_x=4e-3, sigma_y=4e-3, sigma_z=4e-3)))
+    stated = estimation.fit_machine(MACHINE, survey(table.assign(sigma_x=4e-3, sigma_y=4e-3, sigma_z=4e-3)))
     assert stated.solution.sigma["orientation"] == pytest.approx(8e-6, rel=0.12)
 
 
 def test_weak_directions_stay_as_long_as_they_mean_something() -> None:
     """Ordinary noise drops no group; noise beyond any machine drops those it hides, and nothing breaks."""
-    exact = run.fit_machine(MACHINE, survey(POINTS)).solution.groups.rank
-    quiet = run.fit_machine(MACHINE, undeclared(POINTS.copy(), np.random.default_rng(3))).solution.groups.rank
+    exact = estimation.fit_machine(MACHINE, survey(POINTS)).solution.groups.rank
+    quiet = estimation.fit_machine(MACHINE, undeclared(POINTS.copy(), np.random.default_rng(3))).solution.groups.rank
     table = POINTS.copy()
     table[XYZ] += np.random.default_rng(3).normal(0, 50.0, (len(table), 3))
-    loud = run.fit_machine(MACHINE, survey(table))
+    loud = estimation.fit_machine(MACHINE, survey(table))
     assert quiet == exact
     assert loud.solution.groups.rank <= quiet
     assert np.isfinite(loud.solution.values).all()

@@ -12,7 +12,7 @@ import pytest
 from errormodel.chain import Chain
 from errormodel.exceptions import InputError
 from errormodel.machine_file import read_machine
-from identification.estimation.run import fit_machine
+from identification.estimation.fit import fit_machine
 from identification.report.outliers_and_poses import gain_part
 from identification.report.page import page
 from identification.results.analysis import Analysis

@@ -14,7 +14,7 @@ from errormodel.survey import Survey
 from identification.diagnosis.data_checks.outliers import gross_rows
 from identification.diagnosis.pipeline import diagnose
 from identification.diagnosis.search.instrument_noise import seen_in
-from identification.estimation.run import fit_machine
+from identification.estimation.fit import fit_machine
 from tests.helpers.diagnosed import empty_survey, showing
 
 MILL = "vertical_three_axis"

@@ -15,10 +15,10 @@ from errormodel.channels import direction
 from errormodel.exceptions import InputError
 from errormodel.machine_file import read_machine
 from errormodel.survey import Survey, read_survey
+from identification.compensation.compensate import compensate
 from identification.compensation.result import Compensation
-from identification.compensation.run import compensate
 from identification.diagnosis.pipeline import diagnose
-from identification.estimation.run import fit_machine
+from identification.estimation.fit import fit_machine
 from identification.results.store import load, save
 from identification.uncertainty.prediction import predict
 from tests.helpers.commands import run

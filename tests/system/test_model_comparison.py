@@ -21,7 +21,7 @@ from identification.diagnosis.search.model import replayed
 from identification.diagnosis.search.model_comparison import compare_alternatives, empirical_evidence, log_evidence
 from identification.diagnosis.search.refinement import refined, with_sections
 from identification.diagnosis.search.scoring import Step
-from identification.estimation.run import fit_machine
+from identification.estimation.fit import fit_machine
 from tests.helpers.diagnosed import empty_survey, showing
 
 

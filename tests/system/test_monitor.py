@@ -16,8 +16,8 @@ import pytest
 from errormodel.files import write_csv
 from errormodel.machine_file import read_machine
 from errormodel.survey import read_survey
-from identification.estimation.run import fit_machine
-from identification.monitoring import run as stage
+from identification.estimation.fit import fit_machine
+from identification.monitoring import monitor as stage
 from identification.monitoring.alarms import look_at
 from identification.monitoring.control_limits import USEFUL_CYCLES
 from identification.monitoring.history import Record, opened

@@ -6,8 +6,8 @@ import numpy as np
 
 from errormodel.chain import Chain
 from errormodel.machine_file import read_machine
+from identification.estimation.fit import fit_machine
 from identification.estimation.noise import Noise
-from identification.estimation.run import fit_machine
 from identification.uncertainty.prediction import predict
 from tests.helpers.correlated_noise import drawn
 from tests.helpers.surveys import measured, stored, survey

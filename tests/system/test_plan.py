@@ -19,13 +19,13 @@ from errormodel.simulation import random_points
 from identification.diagnosis.linear.linear_model import set_up
 from identification.diagnosis.search.candidates import Candidates
 from identification.diagnosis.search.scoring import DETECT
-from identification.estimation.run import fit_machine
+from identification.estimation.fit import fit_machine
 from identification.planning.candidates import prepare
 from identification.planning.design import Design, Fair, Space, exchange, rounded
 from identification.planning.discrimination import LEAST_D_EFFICIENCY, Pair, told_apart
+from identification.planning.plan import Plan, as_file, optimal, plan
 from identification.planning.poses import as_survey, candidates, crosses
 from identification.planning.power import INDISTINGUISHABLE_CORRELATION, verdicts
-from identification.planning.run import Plan, as_file, optimal, plan
 from identification.planning.run_order import directions
 from identification.planning.setup import Setup, read_setup
 from identification.planning.weights import optimal_weights

@@ -14,7 +14,7 @@ from errormodel.machine_file import read_machine
 from errormodel.simulation import random_points
 from identification.diagnosis.linear.random_effects import RandomEffects
 from identification.diagnosis.pipeline import diagnose
-from identification.estimation.run import fit_machine
+from identification.estimation.fit import fit_machine
 from identification.uncertainty.prediction import predict
 from tests.helpers.surveys import measured, positions, stored, survey
 

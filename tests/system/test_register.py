@@ -14,9 +14,9 @@ from errormodel.machine_file import read_machine
 from errormodel.survey import read_survey
 from identification.compensation.volume import levels
 from identification.diagnosis.linear.motions_as_points import as_points
-from identification.estimation.run import fit_machine
+from identification.estimation.fit import fit_machine
 from identification.registration.motions import error_motions, pose
-from identification.registration.run import register
+from identification.registration.register import register
 from tests.helpers import crossbeam as sim
 from tests.helpers.commands import done, run
 from tests.helpers.point_clouds import ply

@@ -8,7 +8,7 @@ import numpy as np
 
 from errormodel.machine_file import read_machine
 from identification.diagnosis.results.verdict import judge
-from identification.estimation.run import fit_machine
+from identification.estimation.fit import fit_machine
 from tests.helpers.findings import NOISE, survey_of, walked
 
 

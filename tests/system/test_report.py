@@ -25,8 +25,8 @@ from errormodel.machine import EffectSpec, Machine
 from errormodel.machine_file import read_machine
 from errormodel.simulation import Truth, measured_at, outward, random_points
 from errormodel.survey import read_survey
+from identification.estimation.fit import fit_machine
 from identification.estimation.result import Fit, Spread
-from identification.estimation.run import fit_machine
 from identification.plots.correlation import correlation, draw_correlation
 from identification.plots.error_distribution import draw_error_distribution
 from identification.plots.error_motions import draw_error_motions, moving_joints

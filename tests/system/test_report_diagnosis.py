@@ -27,8 +27,8 @@ from identification.diagnosis.results.findings import Alternative, Finding, Held
 from identification.diagnosis.search.candidates import Candidates
 from identification.diagnosis.search.model import EffectModel
 from identification.diagnosis.search.scoring import Step
+from identification.estimation.fit import fit_machine
 from identification.estimation.result import Fit
-from identification.estimation.run import fit_machine
 from identification.plots.effect_curve import Channels, curves, draw_effect_curve
 from identification.plots.residuals_along_driver import binned, draw_residuals_along_driver
 from identification.plots.style import render

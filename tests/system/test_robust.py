@@ -16,7 +16,7 @@ from errormodel.chain import Chain
 from errormodel.exceptions import InputError
 from errormodel.instruments.laser_tracker import LaserTracker
 from errormodel.machine_file import read_machine
-from identification.estimation import run
+from identification.estimation import fit as estimation
 from identification.estimation.bisquare import BISQUARE_CUT_SIGMA, normal, pull
 from identification.estimation.result import Fit
 from identification.estimation.robust import first_judgement
@@ -38,7 +38,7 @@ TRACKER = LaserTracker(type="laser-tracker", station=[2500, -1500, 600], range=[
 
 @pytest.fixture(autouse=True)
 def one_chain(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(run, "Chain", lambda machine: CHAIN if machine is MACHINE else Chain(machine))
+    monkeypatch.setattr(estimation, "Chain", lambda machine: CHAIN if machine is MACHINE else Chain(machine))
 
 
 def noisy(seed: int = 0) -> pd.DataFrame:
@@ -84,8 +84,8 @@ WHERE = {
 def test_gross_outliers_move_nothing_and_are_named(where: str, way: Array | None, size: float) -> None:
     """The answer is that of the other ninety rows, whatever the ten say, and nobody else is accused."""
     rows = WHERE[where]
-    fit = run.fit_machine(MACHINE, survey(spoilt(noisy(), rows, size, way)), robust=True)
-    rest = run.fit_machine(MACHINE, survey(noisy()).rows(~np.isin(np.arange(N), rows)), robust=True)
+    fit = estimation.fit_machine(MACHINE, survey(spoilt(noisy(), rows, size, way)), robust=True)
+    rest = estimation.fit_machine(MACHINE, survey(noisy()).rows(~np.isin(np.arange(N), rows)), robust=True)
     assert named(fit) == set(rows.tolist())
     assert {o.what for o in fit.outliers} == {"position"}  # no direction is so near an axis that the rest is sound
     assert fit.solution.converged
@@ -98,12 +98,12 @@ def test_a_tenth_of_gross_outliers_costs_less_than_a_fifth_of_the_uncertainty() 
     """Over seeds: errors at most 1.2 times those that clean data and least squares would have."""
     seeds, scaled, own, clean = 15, [], [], []
     for seed in range(seeds):
-        plain = run.fit_machine(MACHINE, survey(noisy(seed)))
+        plain = estimation.fit_machine(MACHINE, survey(noisy(seed)))
         rng = np.random.default_rng(100 + seed)
         table = noisy(seed)
         rows = rng.permutation(N)[:10]
         table.loc[rows, XYZ] += rng.normal(size=(10, 3)) * 10 ** rng.uniform(-1, 6, (10, 1))
-        fit = run.fit_machine(MACHINE, survey(table), robust=True)
+        fit = estimation.fit_machine(MACHINE, survey(table), robust=True)
         assert named(fit) <= set(rows.tolist()) | {k for k in range(N) if fit.sorting and fit.sorting.distance[k] > 4}
         scaled.append(group_errors(fit) / deviations(plain))
         clean.append(group_errors(plain) / deviations(plain))
@@ -118,7 +118,7 @@ def test_a_tenth_of_gross_outliers_costs_less_than_a_fifth_of_the_uncertainty() 
 def test_on_clean_data_it_is_nearly_least_squares() -> None:
     shifts, ratios = [], []
     for seed in range(6):
-        plain, robust = (run.fit_machine(MACHINE, survey(noisy(seed)), robust=r) for r in (False, True))
+        plain, robust = (estimation.fit_machine(MACHINE, survey(noisy(seed)), robust=r) for r in (False, True))
         assert len(robust.outliers) <= 1
         shifts.append((robust.solution.values - plain.solution.values)[plain.solution.groups.base] / deviations(plain))
         ratios.append(deviations(robust) / deviations(plain))
@@ -130,7 +130,7 @@ def test_on_clean_data_it_is_nearly_least_squares() -> None:
 def test_one_wrong_component_leaves_the_others(size: float) -> None:
     """A third of all heights is wrong: x and y of these rows stay, which leaving out a third of the rows would lose."""
     rows = np.random.default_rng(1).permutation(N)[: N // 3]
-    fit = run.fit_machine(MACHINE, survey(spoilt(noisy(), rows, size, np.array([0.0, 0.0, 1.0]))), robust=True)
+    fit = estimation.fit_machine(MACHINE, survey(spoilt(noisy(), rows, size, np.array([0.0, 0.0, 1.0]))), robust=True)
     assert named(fit) == set(rows.tolist())
     single = [o.index for o in fit.outliers if o.what == "mz"]  # of some the rest is not that near either
     assert len(single) >= 0.85 * len(rows)
@@ -144,7 +144,7 @@ def test_with_a_tracker_that_declares_its_uncertainty() -> None:
     table[XYZ] += TRACKER.draw_noise(table[XYZ].to_numpy(), np.random.default_rng(2))
     bad = spoilt(table, np.arange(20, 30), 2.0)
     bad.loc[[50, 51], "my"] -= 300.0
-    fit = run.fit_machine(MACHINE, survey(bad, instrument=TRACKER), robust=True)
+    fit = estimation.fit_machine(MACHINE, survey(bad, instrument=TRACKER), robust=True)
     assert {o.index: o.what for o in fit.outliers} == dict.fromkeys(range(20, 30), "position") | {50: "my", 51: "my"}
     assert fit.solution.sigma["position"] == 1.0
     assert fit.solution.chi2 / fit.solution.dof == pytest.approx(1, abs=0.25)
@@ -157,7 +157,7 @@ def test_runs_with_frames_of_their_own_and_missing_components() -> None:
     second[XYZ] = Rotation.from_rotvec([0.1, 0.5, -2.0]).apply(second[XYZ]) + np.array([3e3, 0, 10])
     first.loc[:9, "mx"], second.loc[:9, ["my", "mz"]] = np.nan, np.nan
     bad = np.arange(30, 50)  # all of them in the second run
-    fit = run.fit_machine(MACHINE, survey(first, spoilt(second, bad, 500.0), frame="per-run"), robust=True)
+    fit = estimation.fit_machine(MACHINE, survey(first, spoilt(second, bad, 500.0), frame="per-run"), robust=True)
     assert named(fit) == {N + k for k in bad.tolist()}
     assert {o.run for o in fit.outliers} == {"2"}
     assert prediction_error(fit, P, run="1") < 4
@@ -174,7 +174,7 @@ def test_orientations_and_error_motions_have_outliers_of_their_own() -> None:
     motion = pd.DataFrame({MACHINE.joints[0].name: q, "joint": MACHINE.joints[0].name, "dy": rng.normal(0, 1e-3, 40)})
     motion = motion.assign(run="1", file="b.csv", role="fit", row=np.arange(1, 41), tool_x=0.0, tool_y=0.0, tool_z=0.0)
     motion.loc[7, "dy"] += 5.0
-    fit = run.fit_machine(MACHINE, survey(table.assign(joint=""), motion), robust=True)
+    fit = estimation.fit_machine(MACHINE, survey(table.assign(joint=""), motion), robust=True)
     found = {(o.file, o.row, o.what) for o in fit.outliers}
     assert found == {
         ("a.csv", 4, "orientation"),
@@ -187,14 +187,14 @@ def test_orientations_and_error_motions_have_outliers_of_their_own() -> None:
 
 def test_a_test_file_with_outliers_still_finds_its_frame() -> None:
     other = spoilt(noisy(5).assign(file="b.csv", role="test"), np.arange(10), 1e3, np.array([1.0, 0, 0]))
-    fit = run.fit_machine(MACHINE, survey(noisy(), other, frame="per-file"), robust=True)
+    fit = estimation.fit_machine(MACHINE, survey(noisy(), other, frame="per-file"), robust=True)
     assert np.abs(fit.tests[0].residuals[10:]).max() < 6 * SIGMA
     assert np.abs(fit.tests[0].residuals[:10]).max() > 900
 
 
 def test_data_without_noise() -> None:
     """Round-off is no noise to judge by: the outliers are named, and nobody else."""
-    fit = run.fit_machine(MACHINE, survey(spoilt(positions(POINTS), np.arange(10), 1.0)), robust=True)
+    fit = estimation.fit_machine(MACHINE, survey(spoilt(positions(POINTS), np.arange(10), 1.0)), robust=True)
     assert named(fit) == set(range(10))
     assert fit.fitted.rms_um < 1e-3
 
@@ -203,13 +203,13 @@ def test_data_without_noise() -> None:
 def test_more_than_half_is_an_error(share: float) -> None:
     rows = np.random.default_rng(0).permutation(N)[: int(share * N)]
     with pytest.raises(InputError, match="more than half") as error:
-        run.fit_machine(MACHINE, survey(spoilt(noisy(), rows, 100.0)), robust=True)
+        estimation.fit_machine(MACHINE, survey(spoilt(noisy(), rows, 100.0)), robust=True)
     assert "diagnose" in str(error.value)
 
 
 def test_forty_per_cent_are_survived() -> None:
     rows = np.random.default_rng(0).permutation(N)[:40]
-    fit = run.fit_machine(MACHINE, survey(spoilt(noisy(), rows, 100.0)), robust=True)
+    fit = estimation.fit_machine(MACHINE, survey(spoilt(noisy(), rows, 100.0)), robust=True)
     assert named(fit) == set(rows.tolist())
     assert prediction_error(fit, P) < 6
 
@@ -217,7 +217,7 @@ def test_forty_per_cent_are_survived() -> None:
 def test_a_large_survey_starts_from_a_sample() -> None:
     table = positions(measured(MACHINE, P, 5000, 1, noise=SIGMA))
     bad = np.arange(2000, 2500)
-    fit = run.fit_machine(MACHINE, survey(spoilt(table, bad, 1e5, np.array([0.0, 1.0, 0.0]))), robust=True)
+    fit = estimation.fit_machine(MACHINE, survey(spoilt(table, bad, 1e5, np.array([0.0, 1.0, 0.0]))), robust=True)
     assert set(bad.tolist()) <= named(fit)
     assert len(named(fit)) < 505
     assert prediction_error(fit, P) < 1
@@ -297,7 +297,7 @@ def test_command(tmp_path: Path) -> None:
 
 
 def test_a_figure_of_distances_needs_a_robust_fit() -> None:
-    fit = run.fit_machine(MACHINE, survey(noisy()), robust=True)
+    fit = estimation.fit_machine(MACHINE, survey(noisy()), robust=True)
     assert draw_distances(fit).axes[0].get_yscale() == "log"
     with pytest.raises(ValueError, match="not robust"):
         draw_distances(replace(fit, sorting=None))

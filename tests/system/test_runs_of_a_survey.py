@@ -13,8 +13,8 @@ from errormodel.chain import Chain
 from errormodel.exceptions import InputError
 from errormodel.machine import Machine
 from errormodel.machine_file import read_machine, write_machine
+from identification.estimation.fit import fit_machine
 from identification.estimation.result import Fit
-from identification.estimation.run import fit_machine
 from tests.helpers.chains import Array, errors
 from tests.helpers.commands import XYZ, done
 from tests.helpers.surveys import measured, positions, prediction_of, survey

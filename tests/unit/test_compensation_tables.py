@@ -22,7 +22,7 @@ from identification.compensation.inverse import CLOSED_MM, inverse
 from identification.compensation.reduction import leftover, reduce
 from identification.compensation.rows import held_out, read_rows
 from identification.compensation.volume import Volume, levels
-from identification.estimation.run import fit_machine
+from identification.estimation.fit import fit_machine
 from identification.results.store import load, save
 from tests.benchmarks.compensation import Case, judged
 from tests.helpers.chains import errors

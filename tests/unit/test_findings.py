@@ -26,7 +26,7 @@ from identification.diagnosis.results.effect_size import Whole, whole_of
 from identification.diagnosis.results.findings import BETTER, alternatives_of, look_alikes, probability_of
 from identification.diagnosis.results.statements import causes, next_measurement, period_of, statement_of
 from identification.diagnosis.search.scoring import Step
-from identification.estimation.run import fit_machine
+from identification.estimation.fit import fit_machine
 from identification.results.text import comparison
 from tests.helpers import effect_battery as battery
 from tests.helpers.findings import NOISE, known, made, survey_of

@@ -15,8 +15,8 @@ import pandas as pd
 import pytest
 
 from errormodel.machine import Basis, EffectSpec, Joint, Machine
+from identification.estimation.fit import fit_machine
 from identification.estimation.result import Fit
-from identification.estimation.run import fit_machine
 from tests.helpers.chains import Array
 from tests.helpers.surveys import survey
 

@@ -14,7 +14,7 @@ from errormodel.simulation import random_points
 from errormodel.survey import Survey
 from identification.diagnosis.results.pure_error import repeats_of
 from identification.diagnosis.results.verdict import judge
-from identification.estimation.run import fit_machine
+from identification.estimation.fit import fit_machine
 from tests.helpers.findings import NOISE, known, made, survey_of, walked
 
 

@@ -77,7 +77,7 @@ def _without(table: pd.DataFrame, rows: Index) -> pd.DataFrame:
 
 def _noisy(chain: Chain, rest: Survey) -> bool:
     """Whether a fit of the other rows leaves so much above the last digit of the readings that no repeat agrees."""
-    from identification.estimation.run import fit_machine
+    from identification.estimation.fit import fit_machine
 
     try:
         left = 1e-3 * fit_machine(chain.machine, rest).fitted.rms_um

@@ -21,8 +21,8 @@ from errormodel.exceptions import InputError
 from errormodel.machine import EffectSpec, Machine, joint_of
 from errormodel.simulation import Truth, measured_at
 from errormodel.survey import Survey
+from identification.estimation.fit import fit_machine
 from identification.estimation.result import Fit
-from identification.estimation.run import fit_machine
 from identification.runtime.progress import Progress, silent
 from identification.thermal.recordings import Drift, Recordings, recordings
 from identification.thermal.selection import centred, choose

@@ -22,8 +22,8 @@ from errormodel.simulation import Truth, measured_at, outward
 from errormodel.survey_columns import MEASURED
 from identification.diagnosis.linear.linear_model import set_up
 from identification.diagnosis.search.criteria import canonical_correlation
+from identification.estimation.fit import fit_machine
 from identification.estimation.result import Fit
-from identification.estimation.run import fit_machine
 from identification.observation.identifiability import Groups
 from identification.planning.candidates import Stage, prepare
 from identification.planning.design import Design, Space, exchange, rounded

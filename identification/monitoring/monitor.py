@@ -17,7 +17,7 @@ from errormodel.exceptions import InputError
 from errormodel.survey import Survey
 from identification.diagnosis.data_checks.checks import find_blunders
 from identification.diagnosis.data_checks.duplicates_and_clock import RESETS
-from identification.estimation.run import fit_machine
+from identification.estimation.fit import fit_machine
 from identification.monitoring.alarms import alarms
 from identification.monitoring.control_limits import Judged, judge
 from identification.monitoring.history import SCHEMA, Record, opened
