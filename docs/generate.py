@@ -86,7 +86,7 @@ def effects() -> Iterator[str]:
             yield from (f"- Example: `- {{{example}}}`", f"- Keys: {keys}", f"- Source: {kind.source}")
             if kind.alike:
                 yield f"- Can look like: {', '.join(kind.alike)}"
-            yield f"- Told apart by this measurement: {kind.separate}"
+            yield f"- Distinguished by this measurement: {kind.separate}"
 
 
 def controllers() -> Iterator[str]:

@@ -94,9 +94,9 @@ def axis_letters(
     usual = {k: _usual(joints[k], along[k]) for k in nameless}
     named, unsure = list(out), list[int]()
     for k in nameless:
-        rivals = [i for i in nameless if usual[i][:1] == usual[k][:1]]
+        others = [i for i in nameless if usual[i][:1] == usual[k][:1]]
         free = [c for c in usual[k] if c not in named]
-        if free and len(rivals) == 1 and abs(along[k]).max() >= ALONG_COSINE:
+        if free and len(others) == 1 and abs(along[k]).max() >= ALONG_COSINE:
             out[k] = free[0]
         else:
             unsure.append(k)

@@ -40,5 +40,5 @@ FAMILIES: Mapping[str, Traits] = {
     "gantry": Traits(),
     "instrument": Traits(0.03, of_machine=False),
     "blunder": Traits(of_machine=False, physical=False),
-    "none of these": Traits(0.10),
+    "empirical": Traits(0.10),
 }

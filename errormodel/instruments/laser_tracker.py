@@ -21,7 +21,7 @@ class LaserTracker(Instrument):
     )
     angle: Positive = Field(description="the standard uncertainty of both angles in rad (k = 1), such as 1.2e-6")
     target: NotNegative = Field(
-        0.0, description="the standard uncertainty of the target in its seat, alike in all directions, mm (k = 1)"
+        0.0, description="the standard uncertainty of the target in its seat, equal in all directions, mm (k = 1)"
     )
 
     def sources(self, points: Array) -> list[Source]:

@@ -22,7 +22,7 @@ class JointTerm:
 
     Attributes
     ----------
-    label : tells the parameters of one error motion apart, such as ``sin2``.
+    label : distinguishes the parameters of one error motion, such as ``sin2``.
     motion : what the joint does per unit of the parameter, mm and rad.
     unit : of the parameter; empty: that of the error motion, mm or rad.
     """

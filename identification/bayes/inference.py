@@ -45,7 +45,7 @@ EXACT_CHAINS, EXACT_DRAWS = 4, 1000  # of exact draws
 MOST_KEPT_DRAWS = 8000  # kept of a chain
 QUADRATURE_POINTS = 400  # points of a quadrature
 MOST_DENSITIES = 2_000_000  # kept of the log-likelihood: draws times rows
-MOST_LOG_LIKELIHOOD_ERROR = 0.5  # nats by which the linear model may miss the exact kinematics
+MOST_LOG_LIKELIHOOD_ERROR = 0.5  # of the log likelihood, by which the linear model may miss the exact kinematics
 
 
 def bayesian(

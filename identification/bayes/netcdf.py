@@ -46,7 +46,7 @@ def write_netcdf(fit: Fit, posterior: Posterior, path: Path) -> None:
             _group(file, "log_likelihood", some, logs, attributes)
         if p.chains is not None:
             log_prob = p.chains.log_prob[:, :: -(-p.chains.log_prob.shape[1] // draws)]
-            stats = {"lp": (("chain", "draw"), log_prob, "nats")}
+            stats = {"lp": (("chain", "draw"), log_prob, "1")}
             _group(file, "sample_stats", {"chain": range(chains), "draw": range(draws)}, stats, attributes)
         if p.checks:
             count = {"chain": range(1), "draw": range(len(p.checks[0].replicated))}

@@ -77,7 +77,7 @@ class Posterior:
     outliers : file, row and probability of those that are more likely outliers than not.
     log_likelihood : (chains, some of the draws, rows) of each kind of observation; each is one of `every` draws.
     prior_values (n, p), prior_coordinates (n, q) : draws from the prior.
-    departure : largest error, in nats, of the linear and interpolated model against the exact kinematics.
+    departure : largest error in the log likelihood of the linear and interpolated model against the exact kinematics.
     """
 
     method: Method

@@ -207,8 +207,8 @@ def _seen(
         seen = np.linalg.eigvalsh(gram / norm[:, :, None] / norm[:, None, :]).max(axis=1) > 1 - ABSORBED
         gain = np.maximum(np.linalg.eigvalsh(gram), 0.0)
         cost = np.array([candidates.effects[i].cost + np.log(shapes[candidates.keys[i]]) for i in numbers])
-        nats = DETECT + np.log(trials) + 0.5 * np.log1p(gain).sum(axis=1) + cost
-        drop = free * np.expm1(np.minimum(2 * nats / max(free, 1), 500.0))
+        log_factor = DETECT + np.log(trials) + 0.5 * np.log1p(gain).sum(axis=1) + cost
+        drop = free * np.expm1(np.minimum(2 * log_factor / max(free, 1), 500.0))
         needed = (np.sqrt(drop) + POWER_QUANTILE) ** 2  # noncentrality, in noise variances
         signal = gain.sum(axis=1) / k
         strength[numbers] = np.where(seen, np.sqrt(needed / np.maximum(signal, 1e-300)), np.inf)

@@ -69,10 +69,10 @@ def _confused(by_name: dict[str, list[Verdict]]) -> Iterator[str]:
         if names and not any(v.verdict == "detectable" for v in own):
             needs = next(v.needs for v in own if v.alike)
             apart = _least([(v.apart, v) for v in own if v.alike])
-            hint = f" (the form alone tells from {apart} on)" if apart else ""
+            hint = f" (distinguishable by form alone from {apart} on)" if apart else ""
             lines.append(f"  {name}: {', '.join(names[:3])}{hint}. Needs: {needs}")
     if lines:
-        yield "\nseen, but not told from others at any place"
+        yield "\nseen, but not distinguishable from others at any place"
         yield from lines
 
 

@@ -109,13 +109,13 @@ def _rank(analysis: Analysis) -> list[Picture]:
     return [
         picture(
             partial(draw_singular_values, analysis.fit),
-            "How clearly the poses tell the parameters apart: every dot above the line is one identified "
+            "How clearly the poses distinguish the parameters: every dot above the line is one identified "
             "combination, the lower the less certain.",
             f"Singular values in falling order; {analysis.fit.solution.groups.rank} lie above the threshold",
         ),
         picture(
             partial(draw_correlation, analysis),
-            "Which groups the survey can hardly tell apart: dark squares off the diagonal are pairs of which only "
+            "Which groups the survey can hardly distinguish: dark squares off the diagonal are pairs of which only "
             "a sum (blue) or a difference (red) is known well.",
             "Heat map of the correlation coefficients of the groups",
         ),

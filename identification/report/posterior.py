@@ -41,7 +41,7 @@ def posterior_part(p: Posterior | None) -> PosteriorPart | None:
         return None
     failed = [c.name for c in p.checks if c.p_value < DOUBTFUL_P_VALUE]
     return PosteriorPart(
-        p.statement + f" The linear model misses the exact kinematics by {p.departure:.2g} nats at most.",
+        p.statement + f" The linear model differs from the exact kinematics by at most {p.departure:.2g} in the log likelihood.",
         p.notes,
         _unknowns(p),
         _groups(p),

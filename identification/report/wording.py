@@ -128,7 +128,7 @@ def noise(fit: Fit) -> str:
         )
     return (
         f"No uncertainty of positions is declared, so the noise is estimated from the residuals, with {dof}. What the "
-        "model cannot follow is then taken for noise: a survey of known uncertainty would tell them apart."
+        "model cannot follow is then taken for noise: a survey of known uncertainty would distinguish them."
     )
 
 

@@ -168,7 +168,7 @@ def diagnosis_lines(diagnosis: Diagnosis) -> Iterator[str]:
 
 
 def comparison(other: Alternative) -> Iterator[str]:
-    """How probable another explanation is, whether this data tells it apart, and why it was not chosen."""
+    """How probable another explanation is, whether the data distinguish it, and why it was not chosen."""
     own = other.probability
     yield "the same effect" if own is None else f"probability {'below 0.01' if own < 0.005 else f'{own:.2f}'}"
     if other.reason:

@@ -135,7 +135,7 @@ def test_noise_that_hangs_together_as_long_as_the_run() -> None:
     walk = np.cumsum(np.random.default_rng(1).normal(0, 3e-3, (60, 3)), axis=0)
     rows[["mx", "my", "mz"]] += walk
     fit = fit_machine(MACHINE, survey(rows))
-    assert any("cannot be told from an offset" in note for note in fit.notes)
+    assert any("cannot be distinguished from an offset" in note for note in fit.notes)
 
 
 def test_next_poses_need_positions() -> None:

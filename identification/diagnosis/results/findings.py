@@ -18,7 +18,7 @@ from identification.diagnosis.search.scoring import FORM, Step
 
 @dataclass(frozen=True)
 class Alternative:
-    """Another explanation, and whether this data can tell it apart.
+    """Another explanation, and whether the data distinguish it.
 
     Attributes
     ----------
@@ -123,7 +123,7 @@ class Diagnosis:
         }
 
 
-SEPARABLE = 2.0  # decimal logarithm of the Bayes factor beyond which the data tell two explanations apart
+SEPARABLE = 2.0  # decimal logarithm of the Bayes factor beyond which the data distinguish two explanations
 # Calibrated on findings of the proof: by their Brier score the first on 267 (seeds 20261121, 8128, 27182 and 14142),
 # the next two on 389 (seeds 69069 and 271828); by their likelihood the last two on 588 (seeds 141421, 17320508 and
 # 2236067).
