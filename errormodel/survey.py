@@ -201,8 +201,8 @@ def _side_notes(table: pd.DataFrame, machine: Machine, frame: Frame) -> Iterator
             )
         if frame != "fixed" and (pd.Series(side).groupby(table["run"][own].to_numpy()).nunique() == 1).all():
             yield (
-                f"each run of {joint} goes one way only, and comes from a zero of its own: backlash cannot be told "
-                "from the zeros. Give the way there and back one label of run"
+                f"each run of {joint} goes one way only, and comes from a zero of its own: backlash cannot be "
+                "distinguished from the zeros. Give the way there and back one label of run"
             )
 
 

@@ -41,7 +41,8 @@ def posterior_part(p: Posterior | None) -> PosteriorPart | None:
         return None
     failed = [c.name for c in p.checks if c.p_value < DOUBTFUL_P_VALUE]
     return PosteriorPart(
-        p.statement + f" The linear model differs from the exact kinematics by at most {p.departure:.2g} in the log likelihood.",
+        f"{p.statement} The log likelihood of the linear model differs from that of the exact kinematics by at most "
+        f"{p.departure:.2g}.",
         p.notes,
         _unknowns(p),
         _groups(p),
