@@ -116,8 +116,8 @@ def looked_over(fit: Fit) -> Fit:
     where = f" ({', '.join(short)} of its travel)" if short else ""
     note = (
         f"rank-deficient: {several} of parameters that poses all over the travels would identify cannot be "
-        f"distinguished from others here{where}: {', '.join(lost[:3])}{more}. Predictions away from these poses count that as unknown. "
-        "Measure where the joints have not been (`errormodel plan`), or declare fewer errors in machine.yaml"
+        f"distinguished from others here{where}: {', '.join(lost[:3])}{more}. Predictions away from these poses "
+        "count that as unknown. Measure where the joints have not been (`errormodel plan`), or declare fewer errors in machine.yaml"
     )
     return replace(fit, notes=(*fit.notes, note))
 

@@ -257,8 +257,8 @@ def _notes(survey: Survey, solution: Solution, noise: Noise | None, longest: int
         if noise.length > longest / 4:
             notes.append(
                 f"that is no shorter than a quarter of the longest run ({longest} rows), so that such noise cannot be "
-                "distinguished from an offset or a drift: standard uncertainties are lower limits. Measure longer or repeat the "
-                "run, or let `errormodel diagnose` look for a drift"
+                "distinguished from an offset or a drift: standard uncertainties are lower limits. Measure longer or "
+                "repeat the run, or let `errormodel diagnose` look for a drift"
             )
     if np.isfinite(solution.within):
         notes.append(

@@ -67,11 +67,8 @@ class RandomEffects:
         evidence = -self.freedom / 2 * np.log(left / self.square)
         evidence = evidence - 0.5 * np.log1p(ratios[:, None] * self.values).sum(axis=1)
         k = int(np.argmax(evidence))
-        return (
-            float(ratios[k]),
-            float(evidence[k]) - 1.0,
-            float(left[k]) / self.freedom,
-        )  # 1 for the choice of the ratio
+        bayes_factor = float(evidence[k]) - 1.0  # less 1 for the choice of the ratio
+        return float(ratios[k]), bayes_factor, float(left[k]) / self.freedom
 
     def evidence(self, size: float) -> float:
         """Log Bayes factor for parameters of a known standard deviation."""
