@@ -117,7 +117,8 @@ def looked_over(fit: Fit) -> Fit:
     note = (
         f"rank-deficient: {several} of parameters that poses all over the travels would identify cannot be "
         f"distinguished from others here{where}: {', '.join(lost[:3])}{more}. Predictions away from these poses "
-        "count that as unknown. Measure where the joints have not been (`errormodel plan`), or declare fewer errors in machine.yaml"
+        "count that as unknown. Measure where the joints have not been (`errormodel plan`), or declare "
+        "fewer errors in machine.yaml"
     )
     return replace(fit, notes=(*fit.notes, note))
 
