@@ -279,6 +279,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         sys.exit(STOPPED)
     except BrokenPipeError:
         sys.exit(1)
+    except OSError as error:  # a full disk, a device that fails
+        place = "the output" if error.filename is None else str(error.filename)
+        _fail(f"{place}: {error.strerror}. Nothing was put in place; free space there, or give --out another", code=1)
 
 
 def _fail(message: str, code: int = 2) -> None:
@@ -287,13 +290,13 @@ def _fail(message: str, code: int = 2) -> None:
 
 
 def entry() -> None:
-    """The whole of a process: `main`, and an end without a message where the reader of its output left early."""
+    """The whole of a process: `main`, and an end without a traceback where nobody takes its output."""
     try:
         try:
             main()
         finally:
             sys.stdout.flush()
-    except BrokenPipeError:
+    except OSError:  # the reader left, or the disk of a redirected output is full
         # what is still buffered goes nowhere: the interpreter would report that it cannot flush it
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)

@@ -40,6 +40,8 @@ class Step:
     alternatives : other explanations, given all other findings, best first.
     partner : a second cause of the same motion that was accepted with it.
     parent : number of the step that this one refines, or None: a finding of its own.
+    trials : number of candidates that were compared; its logarithm is the trials factor.
+    marginal : largest evidence of the effect's shapes without refinements, given all other findings.
     """
 
     effect: Effect
