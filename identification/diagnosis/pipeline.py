@@ -15,6 +15,7 @@ from errormodel.survey import Survey
 from identification.diagnosis.data_checks.approach_direction import contrary_sides
 from identification.diagnosis.data_checks.blunder import Blunder, listed, misses
 from identification.diagnosis.data_checks.checks import find_blunders, without
+from identification.diagnosis.data_checks.head_axes import refuse_turned_head
 from identification.diagnosis.data_checks.outliers import gross_rows
 from identification.diagnosis.data_checks.temperature_sensors import dead_sensors
 from identification.diagnosis.linear.linear_model import MOST_ROWS, LinearModel, set_up
@@ -93,6 +94,8 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
         before = [_try(machine, s) for s in (survey, *(b.survey for b in blunders))[: len(blunders)]]
         survey = blunders[-1].survey if blunders else survey
         mended = fit_machine(machine, survey)
+        if not read:
+            refuse_turned_head(mended)
         noise_checked = bool(survey.motions_of) and not read  # by the registration that they come from
         sound, fit, bad = _without_outliers(machine, survey, mended, 0 if noise_checked else 3)
     changes = [change for b in blunders for change in b.changes]

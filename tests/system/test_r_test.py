@@ -11,7 +11,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from identification.command_line.main import main
+from identification.diagnosis.search.instrument_noise import seen_in
 from tests.helpers.chains import Array
+from tests.helpers.commands import XYZ, run
 
 MILL = """
 errormodel: 1
@@ -129,3 +131,39 @@ def test_diagnose_predict_and_monitor_say_so(tmp_path: Path, capsys: pytest.Capt
         assert "frame_rotation" in said.err + said.out
     diagnosis = json.loads((tmp_path / "found/diagnosis.json").read_text())
     assert diagnosis["findings"] == []
+
+
+@pytest.mark.parametrize(("order", "signs"), [((1, 0, 2), (1, 1, 1)), ((0, 1, 2), (1, 1, -1)), ((2, 0, 1), (1, 1, 1))])
+@pytest.mark.parametrize("command", ["fit", "diagnose"])
+def test_a_head_with_other_axes_is_refused(
+    tmp_path: Path, command: str, order: tuple[int, ...], signs: tuple[int, ...]
+) -> None:
+    """Its readings are deviations from the ball's place, which any assignment of axes aligns."""
+    table = r_test([(50, 20, 100)])
+    place = np.array([50, 20, 100])
+    table[XYZ] = place + (table[XYZ].to_numpy() - place)[:, list(order)] * signs
+    (tmp_path / "mill.yaml").write_text(MILL)
+    table.to_csv(tmp_path / "data.csv", index=False)
+    result = run(command, tmp_path / "mill.yaml", tmp_path / "data.csv", "--out", tmp_path / "out")
+    back = [("-" if signs[order.index(k)] < 0 else "") + XYZ[order.index(k)] for k in range(3)]
+    assert result.code == 2
+    assert f"taken as {', '.join(back)} (or all three with the opposite sign)" in result.err
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("motion", [[1, 0, 0], [0, 0, 1]])
+def test_an_effect_is_not_taken_for_turned_axes(tmp_path: Path, motion: list[float]) -> None:
+    """A cradle that sags with A, in one direction and by 20 um: another direction would suit the constants better."""
+    table = r_test([(50, 20, 100), (50, 20, 160)])
+    table[XYZ] += 0.02 * np.cos(np.radians(table[["A"]].to_numpy())) * motion
+    (tmp_path / "mill.yaml").write_text(MILL)
+    table.to_csv(tmp_path / "data.csv", index=False)
+    assert run("diagnose", tmp_path / "mill.yaml", tmp_path / "data.csv", "--out", tmp_path / "out").code == 0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_noise_about_one_point_is_no_trackers(seed: int) -> None:
+    """A station among the points would see each row's noise along its own line of sight."""
+    rng = np.random.default_rng(seed)
+    noise = rng.normal(0, 5e-4, (200, 3))
+    assert seen_in(np.array([50, 20, 100]) + noise, noise) is None

@@ -22,6 +22,7 @@ from errormodel.survey_columns import MEASURED
 from identification.diagnosis.data_checks.blunder import FEWEST, Blunder, Points, groups, listed, misses, sheet
 from identification.diagnosis.data_checks.checks import find_blunders
 from identification.diagnosis.data_checks.duplicates_and_clock import copied_rows
+from identification.diagnosis.data_checks.head_axes import refuse_turned_head
 from identification.estimation.checks import FOREIGN_MACHINE_SHARE, another, far_off, looked_over
 from identification.estimation.result import Fit
 from identification.observation.frames import MACHINE_ERROR_SHARE
@@ -53,6 +54,7 @@ def passed(machine: Machine, survey: Survey, fitted: Callable[[], Fit], robust: 
         raise
     if (copies := copied_rows(fit.chain, survey)) is not None:  # they lie where they should, and count more than once
         raise InputError(str(survey.source), copies.text, _cure(copies))
+    refuse_turned_head(fit)
     nominal = fit.nominal
     if not nominal.n or 1e-3 * nominal.max_um < MACHINE_ERROR_SHARE * fit.chain.size:
         return fit

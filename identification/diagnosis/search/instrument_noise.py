@@ -33,6 +33,8 @@ CLEAR = 25.0  # log-likelihood ratio: seven parameters gain 3 to 4 by chance, 10
 NEAREST, FARTHEST = 1e-3, 30.0  # of the points' extent: how far the instrument may be from their middle, and deviations
 AWAY = 0.7  # of the extent: where stations are looked for first
 FAR = 2.5  # times the median length: residuals in a tail count as one there, or few would say where the tracker is
+# no tracker measures nearer than its own head is wide; a station among the points would fit each row's own noise
+CLOSEST_MM = 50.0
 ORIGIN = 4.0  # log-likelihood that a station off the origin must gain: coordinates are usually the tracker's own
 LEAST = 0.1  # of the noise: what a target's seat has in any case
 
@@ -103,12 +105,17 @@ def seen_in(points: Array, residuals: Array) -> LaserTracker | None:
     def likeliest(at: Array, bounds: list[tuple[float, float]]) -> OptimizeResult:
         return minimize(_minus, [*at, -1.0, -1.0, 0.0, 0.0], data, "L-BFGS-B", jac=True, bounds=bounds)
 
-    best = min((likeliest(AWAY * np.array(d), bounds) for d in product((-1, 1), repeat=3)), key=lambda f: f.fun)
-    if residuals.size / 2 - best.fun < CLEAR:
+    def possible(found: OptimizeResult) -> bool:
+        away = extent * float(np.linalg.norm(data[0] - found.x[:3], axis=1).min())
+        return away > CLOSEST_MM and residuals.size / 2 - float(found.fun) > CLEAR
+
+    tried = (likeliest(AWAY * np.array(d), bounds) for d in product((-1, 1), repeat=3))
+    best = min(filter(possible, tried), key=lambda f: f.fun, default=None)
+    if best is None:
         return None
     origin = -middle / extent
     usual = likeliest(origin, [*((float(x), float(x)) for x in origin), *bounds[3:]])
-    best = usual if usual.fun < best.fun + ORIGIN else best
+    best = usual if possible(usual) and usual.fun < best.fun + ORIGIN else best
     target, *others = noise * np.exp(best.x[3:] / 2) / [1, 1, extent, extent]
     return _tracker(middle + extent * best.x[:3], [*others, target])
 

@@ -1,0 +1,112 @@
+"""Axes of a measuring head that are swapped or mirrored, in surveys whose points do not spread, such as R-tests.
+
+Where points spread, swapped columns show in the alignment. In an R-test the readings are deviations of micrometres
+about one point, and any assignment of axes aligns. The linear model of the machine's declared errors is therefore
+fitted to the readings with their axes in every other order and sign, and residual sums of squares are compared.
+"""
+
+from __future__ import annotations
+
+from itertools import permutations, product
+from typing import NamedTuple
+
+import numpy as np
+
+from errormodel.exceptions import InputError
+from errormodel.survey_columns import MEASURED
+from identification.diagnosis.linear.orthonormal_basis import orthonormal_basis
+from identification.estimation.result import Fit
+from identification.observation.models import PositionView
+from identification.observation.normal_equations import design_rows
+
+CLEARLY = 25.0  # log likelihood ratio
+BETTER = 1.5  # times the residual standard deviation
+NO_EFFECT = 1e-12  # of the largest column of M: by rounding only
+
+
+class Axes(NamedTuple):
+    """Which reading is taken along each axis of the machine, and with which sign."""
+
+    order: tuple[int, ...]
+    signs: tuple[int, ...]
+
+    @property
+    def changes(self) -> int:
+        return sum(k != own for own, k in enumerate(self.order)) + sum(s < 0 for s in self.signs)
+
+
+class Assigned(NamedTuple):
+    """Axes with which the readings fit, by what ratio their residual is smaller, and the log likelihood ratio."""
+
+    axes: Axes
+    ratio: float
+    log_ratio: float
+
+
+def all_axes() -> list[Axes]:
+    """The axes in every order and sign, the fewest changes first; of two that are opposite in all signs, one."""
+    every = [Axes(order, signs) for order in permutations(range(3)) for signs in product((1, -1), repeat=3)]
+    return sorted((a for a in every if sum(a.signs) > 0), key=lambda a: a.changes)
+
+
+def refuse_turned_head(fit: Fit) -> None:
+    """InputError where readings of a measuring head are explained best with its axes swapped or mirrored.
+
+    All readings with the opposite sign fit as well as they do, with all errors of the opposite sign, so that nothing is
+    put right. An effect that the machine's model lacks may look like turned axes: the best one must explain less.
+    """
+    found = assigned(fit)
+    if found is None or found.log_ratio < CLEARLY + _best_effect(fit):
+        return
+    names = [f"{'-' if s < 0 else ''}{MEASURED[k]}" for k, s in zip(*found.axes, strict=True)]
+    raise InputError(
+        f"{fit.survey.source}, columns {' '.join(MEASURED)}",
+        f"the machine's errors leave {found.ratio:.2g} times less of these readings if they are taken as "
+        f"{', '.join(names)} (or all three with the opposite sign), which no effect that is missing does",
+        "See how the measuring head was mounted and wired, and write its readings along x, y and z of the machine",
+    )
+
+
+def assigned(fit: Fit) -> Assigned | None:
+    """Axes with which the readings fit clearly better than as they are written, or None."""
+    views = [v for v in fit.problem.views if isinstance(v, PositionView)]
+    if not views or any(len(v.pose.undetermined) < 3 or not v.components.all() for v in views):
+        return None
+    place, zero = fit.problem.place(), np.zeros(len(fit.chain.ids))
+    gaps = [np.hstack([g for _, g in v.gaps(zero)]) for v in views]
+    design = np.vstack([design_rows(v, place, most=len(v)) for v in views])
+    norms = np.linalg.norm(design, axis=0)
+    seen = norms > NO_EFFECT * norms.max(initial=0.0)
+    basis = orthonormal_basis(design[:, seen] / norms[seen])
+    freedom = len(basis) - basis.shape[1]
+    if freedom <= 0:
+        return None
+
+    def deviation(axes: Axes) -> float:
+        """Norm of the residual of the readings with their axes in this order and sign, in units of the noise."""
+        parts = []
+        for view, gap in zip(views, gaps, strict=True):
+            turned = view.pose.rotation @ gap  # in the head's axes
+            turned = np.array(axes.signs)[:, None] * turned[list(axes.order)]
+            parts.append(view.whiten(slice(None), view.pose.rotation.T @ turned).ravel())
+        readings = np.concatenate(parts)
+        return float(np.linalg.norm(readings - basis @ (basis.T @ readings)))
+
+    as_written, *others = all_axes()
+    best = min(others, key=deviation)
+    ratio = deviation(as_written) / max(deviation(best), np.finfo(float).tiny)
+    found = Assigned(best, ratio, freedom * float(np.log(max(ratio, np.finfo(float).tiny))))
+    return found if ratio > BETTER and found.log_ratio > CLEARLY else None
+
+
+def _best_effect(fit: Fit) -> float:
+    """Log likelihood ratio of the effect that explains most of what is left."""
+    from identification.diagnosis.linear.linear_model import set_up
+    from identification.diagnosis.search.candidates import Candidates, proposed
+
+    linear = set_up(fit)
+    candidates = Candidates.of(linear, proposed(linear.scene))
+    if not candidates.effects:
+        return 0.0
+    best = candidates.effects[int(np.argmax(candidates.scores(linear).delta_chi2))]
+    return linear.freedom / 2 * float(np.log(linear.square / linear.square_with(best)))
