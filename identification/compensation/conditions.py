@@ -19,7 +19,7 @@ from errormodel.exceptions import InputError
 from identification.compensation.assessment import Correct, emulated, fresh_rows, left
 from identification.compensation.reversal import left_to_parameters, reversal_lines, with_backlash
 from identification.compensation.volume import Volume, best_frame
-from identification.observation.frames import Pose
+from identification.observation.pose import Pose
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -22,7 +22,7 @@ from errormodel.instruments.plain import Plain
 from errormodel.machine import Machine
 from errormodel.survey import Survey
 from identification.observation.assembly import frame_labels
-from identification.observation.frames import IDENTITY, Pose
+from identification.observation.pose import IDENTITY, Pose
 from identification.results.stored_fit import CURE, StoredFit
 
 if TYPE_CHECKING:

@@ -23,7 +23,7 @@ from errormodel.exceptions import InputError
 from identification.compensation.field import Field, directions_at_zero
 from identification.compensation.inverse import inverse, steps_towards
 from identification.compensation.reduction import Sample, frame_motion
-from identification.observation.frames import IDENTITY, Pose
+from identification.observation.pose import IDENTITY, Pose
 
 if TYPE_CHECKING:
     import pandas as pd

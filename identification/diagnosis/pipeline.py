@@ -18,6 +18,7 @@ from identification.diagnosis.data_checks.checks import find_blunders, without
 from identification.diagnosis.data_checks.head_axes import refuse_turned_head
 from identification.diagnosis.data_checks.outliers import gross_rows
 from identification.diagnosis.data_checks.temperature_sensors import dead_sensors
+from identification.diagnosis.data_checks.unrelated import refuse_unstated_rotation
 from identification.diagnosis.linear.linear_model import MOST_ROWS, LinearModel, set_up
 from identification.diagnosis.linear.motions_as_points import as_points, carried
 from identification.diagnosis.linear.residual_rows import heldout_um, views_of
@@ -96,6 +97,7 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
         mended = fit_machine(machine, survey)
         if not read:
             refuse_turned_head(mended)
+            refuse_unstated_rotation(mended)
         noise_checked = bool(survey.motions_of) and not read  # by the registration that they come from
         sound, fit, bad = _without_outliers(machine, survey, mended, 0 if noise_checked else 3)
     changes = [change for b in blunders for change in b.changes]

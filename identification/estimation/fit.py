@@ -29,9 +29,10 @@ from identification.estimation.result import Fit, Spread, TestFile, residuals_of
 from identification.estimation.robust import first_judgement, settle
 from identification.estimation.weights import Judgement
 from identification.observation.assembly import Problem, build, determined_columns, frame_columns, frame_labels
-from identification.observation.frames import IDENTITY, Pose, rotation_notes
+from identification.observation.frames import rotation_notes
 from identification.observation.models import MotionView, OrientationView, PositionView, View
 from identification.observation.normal_equations import accumulate, total
+from identification.observation.pose import IDENTITY, Pose
 
 # Consecutive rows left out together in large surveys, a tenth of the rows in small ones; by judgement
 HELDOUT_BLOCK_ROWS = 600

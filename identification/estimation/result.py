@@ -19,9 +19,9 @@ from identification.estimation.least_squares import Solution
 from identification.estimation.motions import Motions
 from identification.estimation.outliers import Outlier, Sorting
 from identification.observation.assembly import Problem
-from identification.observation.frames import Pose
 from identification.observation.models import PositionView, View
 from identification.observation.normal_equations import view_vector
+from identification.observation.pose import Pose
 
 if TYPE_CHECKING:
     from identification.bayes.posterior import Posterior

@@ -18,8 +18,9 @@ from errormodel.conventions import MOTIONS, TRANSLATIONS
 from errormodel.exceptions import InputError
 from errormodel.machine import Joint
 from errormodel.survey_columns import SIGMA_COLUMNS
-from identification.observation.frames import IDENTITY, MACHINE_ERROR_SHARE, Pose, align, mean_rotation
+from identification.observation.frames import MACHINE_ERROR_SHARE, align, mean_rotation
 from identification.observation.models import Kind, MotionView, OrientationView, PositionView, View, fixed_tool
+from identification.observation.pose import IDENTITY, Pose
 
 if TYPE_CHECKING:
     from errormodel.survey import Survey
@@ -72,10 +73,13 @@ def determined_columns(chain: Chain, label: str, pose: Pose) -> tuple[str, ...]:
     """Names of the frame's unknowns that its points determine.
 
     Where the points lie on a line, the rotation about the axis of the reference nearest to it is left out: the two
-    others span all rotations but the one about the line.
+    others span all rotations but the one about the line. Of two undetermined axes, the two are left out that the
+    determined one is farthest from.
     """
     columns = frame_columns(chain, label)
     open_axes = {int(np.argmax(np.abs(axis))) for axis in pose.undetermined}
+    if len(pose.undetermined) == 2:
+        open_axes = {0, 1, 2} - {int(np.argmax(np.abs(np.cross(*pose.undetermined))))}
     return tuple(c for k, c in enumerate(columns) if k - 3 not in open_axes)
 
 

@@ -9,54 +9,19 @@ measuring frame.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 
 import numpy as np
 
 from errormodel.arrays import Array
+from identification.observation.partial_alignment import align_measured_components
+from identification.observation.pose import ROTATION_SPREAD_RATIO, Pose
 
 # Largest position error of a working machine over its size (0.6 mm in 3 m), by judgement
 MACHINE_ERROR_SHARE = 2e-4
-# Standard deviation of the nominal points over the misfit from which a rotation is determined: to a tenth of a radian
-# whatever causes the misfit, because errors of the machine do not average out over rows as noise does
-ROTATION_SPREAD_RATIO = 10.0
 MISFIT_CONFIDENCE = 0.99  # level of the upper confidence limit of the misfit, which is uncertain for few points
 FALSE_ROTATION_PROBABILITY = 1e-3  # significance level of the F test for a rotation
+COMPLETE_SHARE = 0.5  # of the points: fewer with all components do not stand for the others
 POINT_SPREAD_ROUND_OFF = 1e-9  # spread over the largest coordinate below which it is round-off
-
-
-@dataclass(frozen=True)
-class Pose:
-    """Rigid motion ``y = rotation x + translation`` from the machine's reference into the measuring frame.
-
-    Attributes
-    ----------
-    rotation : (3, 3).
-    translation : (3,) mm.
-    undetermined : (k, 3) unit vectors in the reference about which the rotation is assumed, because the points do not
-        determine it: k = 0 for a volume or plane, 1 for a line, 3 for a point.
-    """
-
-    rotation: Array
-    translation: Array
-    undetermined: Array = field(default_factory=lambda: np.zeros((0, 3)))
-
-    def apply(self, points: Array) -> Array:
-        """Transform points (n, 3), mm, from the reference into the measuring frame."""
-        return points @ self.rotation.T + self.translation
-
-    def invert(self, points: Array) -> Array:
-        """Transform points (n, 3), mm, from the measuring frame into the reference."""
-        if self is IDENTITY:  # a fixed frame: saves a pass over the rows
-            return points
-        return (points - self.translation) @ self.rotation
-
-    def then_small(self, shift: Array, turn: Array) -> Pose:
-        """The pose times ``Trans(shift) Rot(turn)`` on the machine's side; shift (3,) mm, turn (3, 3)."""
-        return Pose(self.rotation @ turn, self.rotation @ shift + self.translation, self.undetermined)
-
-
-IDENTITY = Pose(np.eye(3), np.zeros(3))
 
 
 def align(
@@ -88,12 +53,8 @@ def align(
         return Pose(pose.rotation @ assumed, pose.translation, pose.undetermined @ assumed)
     w = np.ones(len(nominal)) if weights is None else weights / weights.max()
     full = np.isfinite(measured).all(axis=1)
-    if not full.any():  # no complete point: no rotation, only the median shift of each component
-        gaps = np.where(np.isfinite(measured), measured - nominal, np.nan)
-        seen = np.isfinite(gaps).any(axis=0)
-        shift = np.zeros(3)
-        shift[seen] = np.nanmedian(gaps[:, seen], axis=0)
-        return Pose(np.eye(3), shift, np.eye(3))
+    if full.sum() < COMPLETE_SHARE * np.isfinite(measured).any(axis=1).sum() or not full.any():
+        return align_measured_components(nominal, measured, w, largest)
     a, b, w = nominal[full], measured[full], w[full]
     pose = _kabsch(a, b, w)
     counted = w
@@ -187,19 +148,20 @@ def _kabsch(a: Array, b: Array, w: Array) -> Pose:
 def rotation_notes(frames: Mapping[str, Pose]) -> tuple[str, ...]:
     """Notes for users on measuring frames whose rotation is assumed because the points do not determine it."""
     notes = []
-    for count in (3, 1):
+    for count in (3, 2, 1):
         labels = [label for label, pose in frames.items() if len(pose.undetermined) == count]
         if not labels:
             continue
-        what = "together for the size of the residuals to determine its rotation"
-        if count == 1:
-            axis = ", ".join(f"{x:.3f}" for x in np.round(frames[labels[0]].undetermined[0], 3) + 0.0)
-            what = f"to a line, direction [{axis}], for the size of the residuals to determine its rotation about it"
+        axes = " and ".join(
+            f"[{', '.join(f'{x:.3f}' for x in np.round(axis, 3) + 0.0)}]" for axis in frames[labels[0]].undetermined
+        )
+        what = "its rotation" if count == 3 else f"its rotation about {axes}"
         several = f" of {labels[0]}" if labels[0] else ""
         several += f" and {len(labels) - 1} more" if len(labels) > 1 else ""
         notes.append(
-            f"measuring frame{several}: its nominal points lie too close {what}. That rotation is assumed: "
-            "frame_rotation of survey.yaml, or none. State it there, or measure points farther apart"
+            f"measuring frame{several}: the measured components of its points, as far as they spread and beside the "
+            f"size of the residuals, do not determine {what}. That rotation is assumed: frame_rotation of survey.yaml, "
+            "or none. State it there, or measure all components of points farther apart"
         )
     return tuple(notes)
 

@@ -17,7 +17,7 @@ import numpy as np
 from errormodel.arrays import Array, Index, Mask, Rows, as_rows
 from errormodel.chain import TOOL_CHANNELS, Chain, What
 from errormodel.kernel import KERNEL_BLOCK_ROWS, Kernel
-from identification.observation.frames import IDENTITY, Pose
+from identification.observation.pose import IDENTITY, Pose
 
 Kind = Literal[
     "position", "orientation", "displacement", "angle"

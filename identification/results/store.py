@@ -19,7 +19,7 @@ from errormodel.survey import Survey
 from identification.estimation.fit import moved
 from identification.estimation.motions import Motions
 from identification.estimation.result import Fit
-from identification.observation.frames import Pose
+from identification.observation.pose import Pose
 from identification.results.analysis import Analysis
 from identification.results.json_text import dumps
 from identification.results.results_folder import ResultsFolder, whole

@@ -16,7 +16,7 @@ from errormodel.exceptions import InputError
 from errormodel.inputs import noted
 from errormodel.machine_file import read_machine
 from identification.estimation.result import Fit, Spread
-from identification.observation.frames import Pose
+from identification.observation.pose import Pose
 from identification.uncertainty.measured_range import covered
 
 SCHEMA = "errormodel.fit/1"

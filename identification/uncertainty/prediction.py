@@ -15,7 +15,8 @@ from errormodel.conventions import MOTIONS
 from errormodel.survey import Survey
 from errormodel.survey_columns import MOTION_UNCERTAINTIES
 from identification.observation.assembly import frame_columns, frame_labels
-from identification.observation.frames import IDENTITY, Pose, rotation_notes
+from identification.observation.frames import rotation_notes
+from identification.observation.pose import IDENTITY, Pose
 from identification.results.stored_fit import StoredFit
 from identification.uncertainty.measured_range import beyond_notes
 

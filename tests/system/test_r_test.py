@@ -96,7 +96,7 @@ def test_an_r_test_finds_the_rotary_axes(tmp_path: Path, balls: list[tuple[float
     found, fit = fitted(tmp_path, r_test(balls, seed))
     assert_true(found)
     assert fit["sigma_um"] == pytest.approx(1, abs=0.25)
-    assert any("too close" in note and "frame_rotation" in note for note in fit["notes"])
+    assert any("do not determine its rotation" in note and "frame_rotation" in note for note in fit["notes"])
     assert len(fit["frame"][0]["alignment"]["undetermined"]) == (3 if len(balls) == 1 else 1)
 
 

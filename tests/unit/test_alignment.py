@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from identification.observation.frames import Pose, align, mean_rotation
+from identification.observation.frames import align, mean_rotation
+from identification.observation.pose import Pose
 from tests.helpers.chains import Array
 
 SHIFT = np.array([1.0, 2.0, 3.0])

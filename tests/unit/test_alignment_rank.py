@@ -104,3 +104,48 @@ def test_points_that_spread_less_determine_a_direction_where_they_are_clearly_tu
 def test_few_points_seldom_look_turned_or_sure_by_chance(n: int, spread: float) -> None:
     """One in a thousand looks turned, and fewer still have so small a misfit: of 300 hardly one."""
     assert sum(on_a_line(spread, n, seed) < 3 for seed in range(300)) <= 4
+
+
+@pytest.mark.parametrize("missing", [[2], [0], [1, 2]])
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=40)
+def test_missing_components_of_a_volume(missing: list[int], seed: int) -> None:
+    """What the measured components determine is right for any rotation: the predicted components are."""
+    rng = np.random.default_rng(seed)
+    points = rng.uniform(-1, 1, (80, 3)) * [400, 300, 250]
+    truth = Rotation.random(rng=rng)
+    measured = truth.apply(points) + rng.uniform(-500, 500, 3) + rng.normal(0, 2e-3, (80, 3))
+    measured[:, missing] = np.nan
+    pose = align(points, measured, largest=0.2)
+    seen = np.isfinite(measured)
+    assert np.abs((pose.apply(points) - measured)[seen]).max() < 0.02
+    if len(missing) == 1:
+        assert (Rotation.from_matrix(pose.rotation) * truth.inv()).magnitude() < 1e-4
+        assert not len(pose.undetermined)
+    else:
+        assert len(pose.undetermined) == 1
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(-180, 180), st.floats(-3e-5, 3e-5))
+@settings(max_examples=40)
+def test_a_grid_plate_is_turned_in_its_plane_only(seed: int, angle: float, scale: float) -> None:
+    """An error of scale is not taken for a tilt, which shortens one direction as well."""
+    rng = np.random.default_rng(seed)
+    points = np.column_stack([rng.uniform(0, 800, (90, 1)), rng.uniform(0, 600, (90, 1)), np.full((90, 1), -300.0)])
+    turned = Rotation.from_euler("z", angle, degrees=True)
+    measured = turned.apply(points * [1 + scale, 1, 1]) + rng.normal(0, 5e-4, (90, 3))
+    measured[:, 2] = np.nan
+    pose = align(points, measured, largest=0.4)
+    left = Rotation.from_matrix(pose.rotation) * turned.inv()
+    assert left.magnitude() < 1e-4
+    assert len(pose.undetermined) == 2
+    assert np.abs(pose.undetermined[:, 2]).max() < 0.02
+
+
+def test_two_sensors_about_one_point_determine_no_rotation() -> None:
+    rng = np.random.default_rng(0)
+    noise = rng.normal(0, 1e-3, (60, 3))
+    noise[:, 2] = np.nan
+    pose = align(np.full((60, 3), 100.0) + rng.normal(0, 5e-4, (60, 3)), 100.0 + noise)
+    assert np.array_equal(pose.rotation, np.eye(3))
+    assert len(pose.undetermined) == 3

@@ -18,8 +18,8 @@ from errormodel.machine_file import library, read_machine
 from errormodel.simulation import random_points
 from errormodel.survey import Survey
 from identification.estimation.least_squares import identifiable
-from identification.observation.frames import Pose
 from identification.observation.identifiability import Floors, Groups, find_groups
+from identification.observation.pose import Pose
 from identification.results.description import describe
 from tests.helpers.chains import Array, machines, poses, seen
 

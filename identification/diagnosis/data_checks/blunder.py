@@ -15,7 +15,8 @@ from errormodel.effects.axis_blunder import AxisBlunder
 from errormodel.survey import Survey
 from errormodel.survey_columns import MEASURED
 from identification.observation.assembly import frame_labels
-from identification.observation.frames import IDENTITY, MACHINE_ERROR_SHARE, Pose, align
+from identification.observation.frames import MACHINE_ERROR_SHARE, align
+from identification.observation.pose import IDENTITY, Pose
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -23,6 +23,7 @@ from identification.diagnosis.data_checks.blunder import FEWEST, Blunder, Points
 from identification.diagnosis.data_checks.checks import find_blunders
 from identification.diagnosis.data_checks.duplicates_and_clock import copied_rows
 from identification.diagnosis.data_checks.head_axes import refuse_turned_head
+from identification.diagnosis.data_checks.unrelated import refuse_unstated_rotation
 from identification.estimation.checks import FOREIGN_MACHINE_SHARE, another, far_off, looked_over
 from identification.estimation.result import Fit
 from identification.observation.frames import MACHINE_ERROR_SHARE
@@ -55,11 +56,12 @@ def passed(machine: Machine, survey: Survey, fitted: Callable[[], Fit], robust: 
     if (copies := copied_rows(fit.chain, survey)) is not None:  # they lie where they should, and count more than once
         raise InputError(str(survey.source), copies.text, _cure(copies))
     refuse_turned_head(fit)
+    refuse_unstated_rotation(fit)
     nominal = fit.nominal
     if not nominal.n or 1e-3 * nominal.max_um < MACHINE_ERROR_SHARE * fit.chain.size:
         return fit
     examine(machine, survey, robust)
-    if _whole(survey) and another(fit.chain, nominal) and not _known_by(fit):
+    if another(fit.chain, nominal) and not _known_by(fit):
         raise InputError(str(survey.source), "this is not the machine that was measured", far_off(nominal))
     return fit
 

@@ -19,7 +19,8 @@ from errormodel.survey import Survey
 from errormodel.survey_columns import MEASURED, ORIENTATION
 from identification.diagnosis.data_checks.blunder import Blunder, Points, groups, sheet
 from identification.diagnosis.data_checks.columns import Changes, mended, single_changes
-from identification.observation.frames import MACHINE_ERROR_SHARE, Pose
+from identification.observation.frames import MACHINE_ERROR_SHARE
+from identification.observation.pose import Pose
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -18,6 +18,9 @@ from errormodel.survey_columns import MEASURED
 from identification.diagnosis.data_checks.blunder import Points, Sheet, groups, sheet
 from identification.diagnosis.data_checks.columns import BETTER, TWO, Changes, mended, outside_travels, single_changes
 from identification.diagnosis.data_checks.rows import FEWEST
+from identification.estimation.result import Fit
+from identification.observation.frames import MACHINE_ERROR_SHARE
+from identification.observation.models import PositionView
 
 SHUFFLES = 20
 RELATED = 0.5  # of the misfit of rows that have nothing to do with each other
@@ -25,6 +28,25 @@ STAYS = 0.1  # of the spread of the other points: points at one place
 FALLS = 20.0  # times: nominal points that one change of a column brings together
 LISTED_CHANGES = 3  # changes in a message
 OWN_COMMAND = "See that each row holds what was measured at its own command"
+
+
+def refuse_unstated_rotation(fit: Fit) -> None:
+    """InputError where components are missing, and what is left of a frame's rotation makes errors that no machine has.
+
+    A tilt that the measured components do not determine still shortens them, by its cosine.
+    """
+    nominal = 1e-3 * fit.nominal.rms_um
+    if not fit.nominal.n or nominal < MACHINE_ERROR_SHARE * fit.chain.size:
+        return
+    for view in fit.problem.views:
+        if isinstance(view, PositionView) and len(view.pose.undetermined) and not view.components.all():
+            raise InputError(
+                f"{fit.survey.source}, columns {' '.join(MEASURED)}",
+                f"measured components that lie {nominal:.3g} mm rms beside the nominal machine, and do not determine "
+                "the rotation of the measuring frame",
+                "Write frame_rotation in survey.yaml, turn what was measured into the machine's axes, or measure all "
+                "three components",
+            )
 
 
 def refuse_unrelated(chain: Chain, survey: Survey) -> None:
