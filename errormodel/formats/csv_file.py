@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from errormodel.exceptions import InputError
 from errormodel.formats.base import EMPTY_CELLS, NO_VALUE_WORDS, Table, as_numbers, words_note
+from errormodel.formats.digit_groups import ungrouped
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -54,10 +55,15 @@ class CsvTable(Table):
                 arrow = self._arrow(set(), {place[n] for n in (*numbers, *texts)}, decimal, self._if_not_blank)
             except pa.ArrowInvalid as error:
                 raise self._ragged(error) from error
-            for name in numbers:
-                text = pd.Series(arrow[place[name]].to_pandas(), dtype="str")
+            cells = ungrouped({n: pd.Series(arrow[place[n]].to_pandas(), dtype="str") for n in numbers})
+            if cells.ambiguous is not None:
+                raise self._ambiguous(*cells.ambiguous, str(cells.columns[cells.ambiguous[0]][cells.ambiguous[1]]))
+            if cells.separators:
+                notes.append("digits in groups of three")
+            for name, text in cells.columns.items():
                 values, bad = as_numbers(text, comma)
-                frame[name] = text if bad.any() else pd.Series(values)
+                # a cell that is no number is named as it stands, the others in the form that every reader takes
+                frame[name] = text.where(bad, pd.Series(values).astype("str")) if bad.any() else pd.Series(values)
                 words.append(words_note(name, text))
                 if comma and text.str.contains(",", regex=False).any():
                     decimal = ","
@@ -138,6 +144,13 @@ class CsvTable(Table):
                 except UnicodeDecodeError as bad:
                     byte = f"the byte 0x{raw[bad.start]:02x}, which is not UTF-8"
                     raise InputError(f"{self.name}, line {number}", byte, "Save the file as UTF-8") from bad
+
+    def _ambiguous(self, column: str, row: int, cell: str) -> InputError:
+        plain = cell.replace(".", "").replace(",", "")
+        found = f"'{cell}' in a file with another decimal sign: {plain} in groups of digits, or a number with decimals"
+        return InputError(
+            self.cell(row, column), found, f"Write {plain} without a separator, or one decimal sign in the whole file"
+        )
 
     def _ragged(self, error: Exception) -> InputError:
         """Error for text that is no table: most likely the first row of another length."""

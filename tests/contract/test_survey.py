@@ -50,7 +50,7 @@ BAD = {
     "long row": (f"{HEADER}\n{ROW},9\n", "row 1 (line 2)", "8 fields", "semicolons"),
     "quoted decimal comma": (f'{HEADER}\n1,2,3,4,"5,5",6,7\n', "column mx", "'5,5' is not a number", "a number"),
     "a cell of two lines": (f'{HEADER}\n1,2,3,4,"a\nb",6,7\n', "row 1 (line 2), column mx", "'a b' is not", "number"),
-    "thousands": ("B;X;Y;Z;mx\n1;2;3;4;1.234,5\n", "column mx", "'1.234,5' is not a number", "a number"),
+    "thousands": ("B;X;Y;Z;mx\n1;2;3,5;4;1.234\n", "column mx", "'1.234' in a file with another", "Write 1234"),
     "latin-1 in the header": (f"{HEADER},T_au\xdfen\n{ROW},20\n".encode("latin-1"), "header", "not UTF-8", "UTF-8"),
     "latin-1 in a cell": (f"{HEADER},run\n{ROW},a\n{ROW},\xe4\n".encode("latin-1"), "line 3", "0xe4", "UTF-8"),
     "UTF-16": (f"{HEADER}\n{ROW}\n".encode("utf-16"), "", "UTF-16", "UTF-8"),
