@@ -1,9 +1,9 @@
 """Location errors of axes (squareness, parallelism) as linear combinations of the error parameters.
 
-Between two axes along principal directions, at the zero of all joints; rad. The line of a linear joint is the path of
-the functional point, which the joint's own straightness and rotations tilt by their slopes. Symbols as in ISO
-230-1:2012 and ISO 230-7:2015, with the reference axis in brackets: EC(0X)Y is the rotation about +z of the line of Y
-relative to X. A rotary axis has also the older symbol of ISO 230-7:2006, such as AOC. Positions of rotary axes
+Between two axes along principal directions; rad. The line of a linear joint is the least-squares line over the travel
+of the path of the functional point, which the joint's own straightness and rotations tilt by their slopes. Symbols as
+in ISO 230-1:2012 and ISO 230-7:2015, with the reference axis in brackets: EC(0X)Y is the rotation about +z of the line
+of Y relative to X. A rotary axis has also the older symbol of ISO 230-7:2006, such as AOC. Positions of rotary axes
 (XOC ...) need a reference that a chain does not define, and are omitted.
 """
 
@@ -23,6 +23,7 @@ from errormodel.machine import Joint, Machine, Shape
 
 # least cosine of the angle between an axis and its principal direction; axes farther off have no location errors
 ALIGNED_COSINE = 0.999
+LINE_NODES = 64  # of the quadrature over a travel: exact for polynomials
 SMALLEST_COEFFICIENT = 1e-12  # coefficients below this are rounding errors
 COEFFICIENT_TOLERANCE = 1e-5  # relative tolerance of two equal coefficients, because printed groups have six digits
 ROTATION_LETTERS = "ABC"  # rotations about x, y and z in ISO 230-1 symbols
@@ -35,14 +36,17 @@ class LocationError:
     Attributes
     ----------
     symbol, words : symbol and name, such as ``EC(0X)Y`` and ``squareness of Y against X``.
-    members : rad per unit of each parameter, at the zero of the joints.
+    members : rad per unit of each parameter, the other joints at zero.
     free : parameters whose coefficient depends on the point whose path is taken.
+    reference, line : the joints, of which the location of `line` is relative to `reference`.
     """
 
     symbol: str
     words: str
     members: Mapping[str, float]
     free: frozenset[str]
+    reference: Joint
+    line: Joint
 
     def is_group(self, members: Mapping[str, float]) -> bool:
         """Whether a group ``{id: coefficient}`` is this location error."""
@@ -55,7 +59,7 @@ class LocationError:
 
 @dataclass(frozen=True)
 class _Line:
-    """An axis at the zero of the joints: principal direction `k`, and tilt (3,) in rad per unit of each parameter."""
+    """An axis: principal direction `k`, and tilt (3,) in rad per unit of each parameter."""
 
     joint: Joint
     k: int
@@ -67,6 +71,15 @@ def location_of(machine: Machine) -> list[LocationError]:
     """All squareness and parallelism errors of a machine with prismatic joints, each pair of axes in both orders."""
     lines = list(_lines(machine)) if any(j.type == "prismatic" for j in machine.joints) else []
     return [error for a, b in permutations(lines, 2) for error in _between(a, b)]
+
+
+def one_of_each_pair(errors: list[LocationError]) -> list[LocationError]:
+    """The location errors without those of opposite sign: linear axes are the reference, then the first by name."""
+
+    def order(joint: Joint) -> tuple[bool, str]:
+        return joint.type == "rotary", joint.name
+
+    return [e for e in errors if order(e.reference) < order(e.line)]
 
 
 def named(errors: list[LocationError], members: Mapping[str, float]) -> LocationError | None:
@@ -93,8 +106,9 @@ def _between(reference: _Line, line: _Line) -> Iterator[LocationError]:
         if first.type == "rotary" and second.type == "prismatic":
             words += f" (-{ROTATION_LETTERS[k]}O{first.name})"
         yield LocationError(
-            f"E{ROTATION_LETTERS[k]}(0{first.name}){second.name}", words, members, reference.free | line.free
-        )
+            f"E{ROTATION_LETTERS[k]}(0{first.name}){second.name}", words, members, reference.free | line.free,
+            first, second,
+        )  # fmt: skip
 
 
 def squareness(one: str, other: str) -> str:
@@ -128,17 +142,23 @@ def _lines(machine: Machine) -> Iterator[_Line]:
 
 
 def _own(joint: Joint) -> tuple[dict[str, Array], frozenset[str]]:
-    """Slopes (3,) at home of a linear joint's straightness terms, and ids of its rotations (undefined lever)."""
+    """Slopes (3,) of a linear joint's straightness terms, and ids of its rotations (undefined lever).
+
+    The slope is that of the least-squares line over the travel (ISO 230-1, reference straight line).
+    """
     q = ca.SX.sym("q")
-    home = min(max(0.0, joint.travel[0]), joint.travel[1])
     terms = joint_terms(joint, q)
     if not terms:
         return {}, frozenset()
-    columns = ca.horzcat(*(ca.jacobian(t.column, q) for t in terms))
-    rates = np.array(ca.Function("slopes", [q], [columns])(home))
+    nodes, weights = np.polynomial.legendre.leggauss(LINE_NODES)
+    low, high = joint.travel
+    about = nodes * (high - low) / 2
+    shape = ca.Function("terms", [q], [ca.horzcat(*(t.column for t in terms))])
+    values = np.array([np.array(shape(x + (low + high) / 2)) for x in about])  # (nodes, 6, terms)
+    slopes_of_all = np.einsum("n,nmt->mt", weights * about, values) / float(weights @ about**2)
     slopes: dict[str, Array] = {}
     free = []
-    for term, rate in zip(terms, rates.T, strict=True):
+    for term, rate in zip(terms, slopes_of_all.T, strict=True):
         identity = f"{joint.name}.{term.motion}.{term.label}"
         if term.motion in TRANSLATIONS:
             slopes[identity] = rate[:3]

@@ -26,6 +26,8 @@ def look_at(chain: Chain, what: Watched) -> str:
     if (zero := ZERO_ID.fullmatch(what.id)) is not None:
         own = _of_joint(joints[zero["joint"]], zero["motion"])
         return f"{own}; or the mounting and zero of that sensor"
+    if what.id not in chain.index:
+        return "a collision, clamping, levelling, the foundation, or the guideways' straightness"
     known = chain.parameters[chain.index[what.id]]
     if what.id in chain.of_effects:
         spec = next(e for e, ids in zip(chain.machine.effects, chain.effect_ids, strict=True) if what.id in ids)

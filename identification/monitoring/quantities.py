@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -84,9 +85,10 @@ class Cycle:
 
 
 def watched(stored: StoredFit) -> tuple[Watched, ...]:
-    """Groups of a fit that belong to the machine and its own sensors, and the residual scatter.
+    """Groups of a fit that belong to the machine and its own sensors, location errors, and the residual scatter.
 
-    Groups that contain a measuring frame are left out, since an instrument is set up anew in every cycle.
+    Groups that contain a measuring frame are left out, since an instrument is set up anew in every cycle. Of these, the
+    location errors are left that do not depend on it, such as a squareness that is a difference of two groups.
 
     Raises
     ------
@@ -99,10 +101,31 @@ def watched(stored: StoredFit) -> tuple[Watched, ...]:
         for p in entries
         if not any(str(member).startswith(("frame.", "frame[")) for member in p["members"])
     ]
+    out += _beside(out, stored.data.get("location_errors", []))
     if not out:
         found = "every group that it identifies depends on where the instrument stood"
         raise InputError("fit.json", found, "Fit a survey in which the machine shows more than its frame")
     return (*out, Watched(NOISE_ID, NOISE_ID, "", _unit_of_noise(stored), {}))
+
+
+def _beside(groups: Sequence[Watched], errors: Sequence[Mapping[str, Any]]) -> Iterator[Watched]:
+    """The location errors that are no combination of the monitored groups, nor of those before them."""
+    every = [*(w.members for w in groups), *(e["members"] for e in errors)]
+    names = list(dict.fromkeys(name for members in every for name in members))
+
+    def row(members: Mapping[str, float]) -> Array:
+        values = np.array([members.get(name, 0.0) for name in names])
+        return np.asarray(values / np.linalg.norm(values))
+
+    known = [row(w.members) for w in groups]
+    for e in errors:
+        own = row(e["members"])
+        span = np.array(known).reshape(-1, len(names)).T
+        left = own - span @ np.linalg.lstsq(span, own, rcond=None)[0]
+        if np.linalg.norm(left) > SAME_GROUP_SHARE:
+            known.append(own)
+            formula = " + ".join(f"{c:.6g} {name}" for name, c in e["members"].items()).replace("+ -", "- ")
+            yield Watched(e["symbol"], formula, e["words"], e["unit"], dict(e["members"]))
 
 
 def _unit_of_noise(stored: StoredFit) -> str:

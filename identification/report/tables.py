@@ -12,7 +12,8 @@ from identification.estimation.fit import moved
 from identification.estimation.result import Fit, Spread
 from identification.report.wording import file_name, three
 from identification.results.description import no_effect_reasons
-from identification.results.parameter_table import ARCSEC_PER_URAD, Estimate, Kind, decimals
+from identification.results.location_estimates import LocationEstimate
+from identification.results.parameter_table import ARCSEC_PER_URAD, Estimate, Kind, decimals, printed
 
 GROUP_HEADINGS: dict[Kind, str] = {
     "member": "Structural members (constants)",
@@ -114,6 +115,17 @@ def group_sections(groups: Sequence[Estimate]) -> list[tuple[str, list[GroupRow]
         if own:
             out.append((heading + more, [_group_row(e) for e in own[:most]]))
     return out
+
+
+def location_rows(errors: Sequence[LocationEstimate]) -> list[GroupRow]:
+    """Rows of the location errors; the words stand in place of a formula."""
+    factor, unit = printed("rad")
+    return [
+        _group_row(
+            Estimate(number, e.symbol, e.symbol, e.words, e.symbol, "", factor * e.value, factor * e.std, unit, "joint")
+        )
+        for number, e in enumerate(errors, start=1)
+    ]
 
 
 def _group_row(e: Estimate) -> GroupRow:

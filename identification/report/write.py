@@ -47,6 +47,7 @@ def report(analysis: Analysis, diagnosed: Diagnosed | None = None, thermal: Ther
         motions=tables.motions(fit),
         pictures=pictures(analysis, short=diagnosed is not None),
         sections=tables.group_sections(analysis.estimates),
+        location_errors=tables.location_rows(analysis.location_errors),
         counts=tables.counts(fit),
         dependent=tables.dependent(fit),
         no_effect=tables.no_effect(fit),

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from identification.estimation.result import Fit
 from identification.results.groups import groups_of
+from identification.results.location_estimates import LocationEstimate, location_estimates
 from identification.results.parameter_table import Estimate, estimates
 from identification.results.stored_fit import StoredFit, stored
 from identification.uncertainty.budget import Budgets, budgets_of
@@ -26,6 +27,7 @@ class Analysis:
     gain : what ten more poses would bring.
     parameters : the groups, with their standard uncertainty after ten more poses.
     estimates : the groups in the units that people read.
+    location_errors : squareness and parallelism of the axes, as far as the fit determines them.
     stored : what prediction needs.
     budgets : uncertainty budgets (GUM) of the prediction and of each group.
     """
@@ -61,6 +63,10 @@ class Analysis:
     @cached_property
     def estimates(self) -> list[Estimate]:
         return estimates(self.fit, self.groups)
+
+    @cached_property
+    def location_errors(self) -> tuple[LocationEstimate, ...]:
+        return location_estimates(self.fit)
 
     @cached_property
     def stored(self) -> StoredFit:

@@ -47,6 +47,7 @@ def as_json(analysis: Analysis) -> dict[str, Any]:
         "machine": fit.chain.machine.name,
         "survey": str(fit.survey.source),
         "parameters": analysis.parameters,
+        "location_errors": [e.as_json() for e in analysis.location_errors],
         "no_effect": list(s.groups.no_effect),
         "n_parameters": len(fit.chain.machine_ids),
         "rank": s.groups.rank,

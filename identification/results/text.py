@@ -77,7 +77,7 @@ def fit_lines(analysis: Analysis) -> Iterator[str]:
         yield f"residuals exceed the declared uncertainty: standard uncertainties are multiplied by {fit.inflation:.2f}"
     yield from _outlier_lines(fit)
     framed = [any(m.startswith(("frame.", "frame[", "zero[")) for m in p["members"]) for p in analysis.groups]
-    listed = [p for p, shared in zip(analysis.groups, framed, strict=True) if not shared]
+    listed = [p for p, shared in zip(analysis.groups, framed, strict=True) if not shared and not p["meaning"]]
     listed.sort(key=lambda p: -abs(p["value"]) / p["std"] if p["std"] else -np.inf)
     yield "\nlargest in units of their uncertainty (all in parameters.csv)"
     rows = []
@@ -86,6 +86,13 @@ def fit_lines(analysis: Analysis) -> Iterator[str]:
         value, std = f"{factor * p['value']:.3f}", f"+- {factor * p['std']:8.3f}"
         rows.append([p["symbol"], value, std, unit.replace("µ", "u"), p["group"], p["meaning"]])
     yield from table_lines(rows, "<>><<<", indent=2)
+    if analysis.location_errors:
+        yield "\nlocation errors of the axes (squareness, parallelism)"
+        cells = [
+            [e.symbol, f"{1e6 * e.value:.3f}", f"+- {1e6 * e.std:8.3f}", "urad", e.words]
+            for e in analysis.location_errors
+        ]
+        yield from table_lines(cells, "<>><<", indent=2)
     if any(framed):
         what = "the measuring frame" if fit.problem.frames else "the instrument's zeros"
         yield f"  and {sum(framed)} groups of, or shared with, {what}"
