@@ -17,6 +17,7 @@ from identification.diagnosis.data_checks.blunder import Blunder, listed, misses
 from identification.diagnosis.data_checks.checks import find_blunders, without
 from identification.diagnosis.data_checks.head_axes import refuse_turned_head
 from identification.diagnosis.data_checks.outliers import gross_rows
+from identification.diagnosis.data_checks.runs_of_motions import refuse_unlike_runs
 from identification.diagnosis.data_checks.temperature_sensors import dead_sensors
 from identification.diagnosis.data_checks.unrelated import refuse_unstated_rotation
 from identification.diagnosis.linear.linear_model import MOST_ROWS, LinearModel, set_up
@@ -73,6 +74,7 @@ def diagnose(machine: Machine, survey: Survey, progress: Progress = silent) -> D
     InputError
         The survey has nothing to fit, or no row with a measured position.
     """
+    refuse_unlike_runs(survey)
     survey = as_points(machine, survey)
     if parts := carried(machine, survey):
         return together(

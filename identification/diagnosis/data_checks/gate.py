@@ -23,6 +23,7 @@ from identification.diagnosis.data_checks.blunder import FEWEST, Blunder, Points
 from identification.diagnosis.data_checks.checks import find_blunders
 from identification.diagnosis.data_checks.duplicates_and_clock import copied_rows
 from identification.diagnosis.data_checks.head_axes import refuse_turned_head
+from identification.diagnosis.data_checks.runs_of_motions import refuse_unlike_runs
 from identification.diagnosis.data_checks.unrelated import refuse_unstated_rotation
 from identification.estimation.checks import FOREIGN_MACHINE_SHARE, another, far_off, looked_over
 from identification.estimation.result import Fit
@@ -47,6 +48,7 @@ def passed(machine: Machine, survey: Survey, fitted: Callable[[], Fit], robust: 
     InputError
         The recording holds a mistake, or is of another machine, or its rows are too few.
     """
+    refuse_unlike_runs(survey)
     try:
         fit = looked_over(fitted())
     except InputError:

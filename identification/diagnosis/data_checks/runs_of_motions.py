@@ -1,0 +1,118 @@
+"""Runs of error motions that do not repeat each other: a zero lost half-way, another sign, another unit.
+
+Each reading is compared with the mean of the other runs at the same target and side of arrival. A step in the
+difference is a zero that was lost (an interrupted beam), unless a drift explains it as well; a factor of -1 or 1000
+between a run and the others is a sign or a unit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from errormodel.arrays import Array
+from errormodel.channels import direction
+from errormodel.conventions import MOTIONS
+from errormodel.exceptions import InputError
+from errormodel.survey import Survey
+
+FEWEST = 8  # readings of a run that others repeat
+FEWEST_ASIDE = 3  # readings on either side of a step
+SAME_TARGET_SHARE = 1e-3  # of the range of positions: targets that are the same
+CLEAR_STEP = 8.0  # standard uncertainties
+LARGE_STEP = 5.0  # standard deviations of a reading
+STEP_OVER_DRIFT = 0.25  # residual sum of squares of a step over that of a straight drift
+CLEAR_FACTOR = 25.0  # residual sum of squares with the usual factor over that with another
+FACTORS = {-1.0: "the opposite sign of", 1e3: "values 1000 times those of", 1e-3: "values a thousandth of"}
+
+
+@dataclass(frozen=True)
+class _Run:
+    """Readings of one motion in one run, in order, and the other runs' means at the same targets."""
+
+    joint: str
+    motion: str
+    label: str
+    rows: pd.DataFrame
+    own: Array
+    others: Array
+
+
+def refuse_unlike_runs(survey: Survey) -> None:
+    """InputError where a run of error motions lost its zero, or has another sign or unit than the others."""
+    runs = list(_runs(survey.fit.table))
+    for run in runs:
+        _refuse_factor(run)
+    steps = [(found, run) for run in runs if (found := _step(run)) is not None]
+    if not steps:
+        return
+    (_, size, at), run = max(steps, key=lambda step: step[0][0])  # the others are compared with it
+    before, after = (int(r) for r in run.rows["row"].iloc[[at - 1, at]])
+    size, unit = (1e3 * size, "um") if run.motion.startswith("d") else (1e6 * size, "urad")
+    raise InputError(
+        f"{run.rows['file'].iloc[0]}, column {run.motion}",
+        f"run {run.label} about {run.joint} changes by {size:.3g} {unit} between rows {before} and {after} beside the "
+        "other runs, and stays there: a zero that was lost, as of an interrupted beam",
+        f"Give the rows from {after} on a label of run of their own, or measure the run again",
+    )
+
+
+def _runs(table: pd.DataFrame) -> Iterator[_Run]:
+    if "joint" not in table:
+        return
+    for joint in (j for j in table["joint"].unique() if j):
+        about = table[table["joint"] == joint]
+        target = about[joint].to_numpy(dtype=np.float64)
+        step = SAME_TARGET_SHARE * max(float(np.ptp(target)), 1e-9)
+        side = direction(about.reset_index(drop=True), joint)
+        place = pd.Series([f"{round(q / step)} {s:+.0f}" for q, s in zip(target, side, strict=True)], about.index)
+        for motion in (m for m in MOTIONS if m in about and about[m].notna().any()):
+            for label in about["run"].unique():
+                mine = (about["run"] == label).to_numpy()
+                known = about.loc[~mine, motion].groupby(place[~mine]).mean()
+                others = place[mine].map(known).to_numpy(dtype=np.float64)
+                own = about.loc[mine, motion].to_numpy(dtype=np.float64)
+                seen = np.isfinite(own) & np.isfinite(others)
+                if seen.sum() >= FEWEST:
+                    yield _Run(str(joint), motion, str(label), about[mine][seen], own[seen], others[seen])
+
+
+def _refuse_factor(run: _Run) -> None:
+    own, others = run.own - run.own.mean(), run.others - run.others.mean()
+    usual = float(np.sum((own - others) ** 2))
+    for factor, words in FACTORS.items():
+        left = float(np.sum((own - factor * others) ** 2))
+        if min(usual, float(np.sum(own**2))) > CLEAR_FACTOR * left:
+            raise InputError(
+                f"{run.rows['file'].iloc[0]}, column {run.motion}",
+                f"run {run.label} about {run.joint} has {words} the other runs at the same targets",
+                "See which is right, and write all runs with one sign and in one unit",
+            )
+
+
+def _step(run: _Run) -> tuple[float, float, int] | None:
+    """Size over its uncertainty, size, and first reading of the clearest step beside the other runs; None if none."""
+    left = run.own - run.others
+    count = len(left)
+    noise = 1.4826 / np.sqrt(2) * float(np.median(np.abs(np.diff(left))))
+    best: tuple[float, float, int] | None = None
+    for at in range(FEWEST_ASIDE, count - FEWEST_ASIDE + 1):
+        size = float(left[at:].mean() - left[:at].mean())
+        clear = abs(size) / max(noise * np.sqrt(1 / at + 1 / (count - at)), 1e-12)
+        if best is None or clear > best[0]:
+            best = clear, size, at
+    if best is None or best[0] < CLEAR_STEP or abs(best[1]) < LARGE_STEP * noise:
+        return None
+    after = (np.arange(count) >= best[2]).astype(float)
+    order = np.linspace(-1, 1, count)
+    step, drift = (_unexplained(left, shape) for shape in (after, order))
+    return best if step < STEP_OVER_DRIFT * drift else None
+
+
+def _unexplained(values: Array, shape: Array) -> float:
+    """Residual sum of squares of a constant and a shape."""
+    design = np.column_stack([np.ones(len(values)), shape])
+    return float(np.sum((values - design @ np.linalg.lstsq(design, values, rcond=None)[0]) ** 2))
