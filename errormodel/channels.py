@@ -31,6 +31,7 @@ SMOOTHING_SECONDS = 240.0
 # K rms, least misfit of one common clock that shows clocks of their own for the runs; sensors' noise leaves 0.05
 CLOCK_MISFIT_KELVIN = 0.1
 # columns that must be complete; positions may be missing in rows about another joint
+UNITS_OF_CHANNELS = {"time": "s", "feed": "mm/s", "load": "kg"}
 _GAPLESS = ("T_", "w_", "time", "feed", "load")
 JUMP_STEPS = 2.5  # times the median step between targets: a longer step back begins a new sequence; by judgement
 # nominal position of the functional point in the reference's axes, mm
@@ -56,7 +57,9 @@ def channel(table: pd.DataFrame, name: str) -> Array:
         raise InputError(
             f"{_place(table, 0)[0]}, header",
             f"no column '{name}', which an effect of this machine needs",
-            nearest(name, [str(c) for c in table.columns]),
+            f"Add the column {name} ({UNITS_OF_CHANNELS[name]})"
+            if name in UNITS_OF_CHANNELS
+            else nearest(name, [str(c) for c in table.columns]),
         )
     values = table[name].to_numpy(dtype=np.float64)
     if name.startswith(_GAPLESS) and not np.isfinite(values).all():

@@ -21,6 +21,9 @@ Array = NDArray[np.float64]
 
 # largest difference of the two drives as a share of the travel; by judgement: a beam skewed by more is damaged
 MOST_SKEW_SHARE = 0.02
+# a difference that is the same in all rows is one of zeros beyond this yaw (rad), and this many times its scatter
+LARGEST_YAW, CONSTANT_OVER_SCATTER = 1e-3, 20.0
+USUAL_SPACING_MM = 1000.0  # where the spacing of the drives is not stated
 # difference of two columns, as a share of their range, below which they are one motion: two drives, or one command
 SAME_MOTION_SHARE = 1e-3
 FEWEST_DRIVE_ROWS = 8  # fewest rows from which two columns are compared; by judgement
@@ -55,6 +58,15 @@ def as_one(frame: pd.DataFrame, machine: Machine, name: str) -> pd.DataFrame:
                 f"{name}, row {frame['row'].iloc[worst]}, columns {one} and {other}",
                 f"{apart[worst]:.6g} mm between the two drives of {joint.name}",
                 "Give both in the same unit, from the same zero and in the same direction",
+            )
+        constant = float(np.nanmedian(first - second))
+        scatter = float(np.ptp(np.nanquantile(first - second, (0.1, 0.9))))
+        if abs(constant) > max(LARGEST_YAW * (joint.spacing or USUAL_SPACING_MM), CONSTANT_OVER_SCATTER * scatter):
+            one, other = joint.drives
+            raise InputError(
+                f"{name}, columns {one} and {other}",
+                f"{one} lies {constant:.6g} mm beside {other} in all rows, within {scatter:.2g} mm: zeros that differ",
+                f"Give both from the same zero: subtract {constant:.6g} mm from {one}, or add it to {other}",
             )
         own = frame[joint.name] if joint.name in frame else (first + second) / 2
         frame = frame.drop(columns=[*joint.drives]).assign(**{joint.name: own, joint.difference: first - second})

@@ -49,6 +49,7 @@ _COLUMN_WORDS = """
 _RESERVED_COLUMNS = frozenset(_COLUMN_WORDS.split())
 _COLUMN_PREFIXES = ("T_", "w_", "dir_")
 
+LEAST_SPACING_SHARE = 0.01  # of the travel: drives of one axis are not so close together
 _NAME_RULE = "a name of letters, digits and _, such as X or T1"
 _AXIS_WORDS = {sign + "xyz"[i]: i for i in range(3) for sign in ("", "+", "-")}  # words for an axis, with its index
 
@@ -197,6 +198,9 @@ def _element(document: Document, keys: Keys, length: float, angle: float) -> Joi
     drives, spacing = _drives(document, keys, joint), None
     if joint.spacing is not None:
         spacing = _scaled(document, (*keys, "spacing"), [joint.spacing], length)[0]
+        if joint.type == "prismatic" and spacing < LEAST_SPACING_SHARE * (scaled[1] - scaled[0]):
+            found = f"{spacing:.6g} mm between two drives of an axis that travels {scaled[1] - scaled[0]:.6g} mm"
+            raise document.error((*keys, "spacing"), found, "Write the distance of the drives in the file's unit")
     axis = _axis(document, (*keys, "axis"))
     return Joint(joint.joint, joint.type, axis, (scaled[0], scaled[1]), drives=drives, spacing=spacing)
 

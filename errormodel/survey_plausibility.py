@@ -44,6 +44,8 @@ _MOTION_RANGE_MM = 0.1  # and this much at least, mm
 _MOTION_RANGE_RAD = 1e-3  # largest range of a rotation, rad
 # relative difference of the ranges of motion and position below which the column holds the position itself
 _POSITION_SHARE = 0.1
+_SHORTEST_TOOL = 100.0  # times shorter than the machine's: a tool in metres; by judgement
+_MOST_OF_TRAVEL = 0.5  # share of a travel that a thousand times the positions of one axis must cover; by judgement
 
 
 def check_sizes(frame: pd.DataFrame, machine: Machine, units: SurveyUnits, name: str, measured: bool) -> list[str]:
@@ -63,6 +65,10 @@ def check_sizes(frame: pd.DataFrame, machine: Machine, units: SurveyUnits, name:
     """
     if measured and "joint" in frame:
         _check_motions(frame, machine, units, name)
+        for joint in machine.joints:
+            about = frame[frame["joint"] == joint.name]
+            if joint.type == "prismatic" and len(about) >= _FEWEST_MOTION_ROWS:
+                _check_commands(about, [joint], units, name, None)
     frame = frame[frame["joint"] == ""] if "joint" in frame else frame
     if frame.empty:
         return []
@@ -71,6 +77,7 @@ def check_sizes(frame: pd.DataFrame, machine: Machine, units: SurveyUnits, name:
     notes = [_check_commands(frame, prismatic, units, name, sample)]
     if sample is not None:
         _check_measured(sample, prismatic, units, name)
+    notes += [None if measured else _tools(frame, machine)]
     notes += [_radians(frame, machine, units, sample), _temperatures(frame, units), _pace(frame, prismatic, units)]
     return [f"{name}: {note}" for note in notes if note]
 
@@ -161,7 +168,9 @@ def _check_commands(
         return [float(np.mean(_near_travel(j, q * scale))) for j, q in moving]
 
     outside = min(inside(1.0)) < 0.05
-    tiny = len(moving) > 1 and filled.max() < 0.002  # all poses within a thousandth of the machine: metres
+    # all poses within a thousandth of the machine, or one axis over a thousandth of most of its travel: metres
+    tiny = filled.max() < 0.002 and (len(moving) > 1 or 1000 * filled.max() > _MOST_OF_TRAVEL)
+    tiny = tiny and not all(name in units.of_columns for name in moved)
     for scale, unit in _other_units(*said):
         fits = min(inside(scale)) > 0.95 and (filled * scale).max() < 1.5
         if fits and (filled * scale).min() > 0.02 and (outside or (tiny and scale == 1000)):
@@ -172,8 +181,11 @@ def _check_commands(
                 and sample.agreement() <= _WRONG_UNIT_SHARE
                 and sample.agreement(lengths=scale) > _OTHER_UNIT_SHARE
             )
-            cure = _cure([j.name for j in joints] if alone else moved, unit, units, alone=alone)
-            raise InputError(f"{name}, columns {names}", found, f"Write {cure} in a survey.yaml")
+            columns = [j.name for j in joints] if alone else moved
+            cure = f"Write {_cure(columns, unit, units, alone=alone or len(joints) == 1)}"
+            own = ", ".join(f"{n}: {unit_of_column(n, 'length', units)}" for n in moved)
+            also = "" if outside else f"; if they are right, units: {{{own}}}"
+            raise InputError(f"{name}, columns {names}", found, f"{cure} in a survey.yaml{also}")
         if fits and (filled * scale).min() > 0.7 and len(moving) > 1 and unit == "inch":
             cure = _cure(moved, unit, units)
             return f"{names} fill their travels if they are in inch; if so, write {cure}"
@@ -266,6 +278,21 @@ def _check_measured(sample: _Sample, prismatic: list[Joint], units: SurveyUnits,
                 present = [*sample.components] if measured else columns
                 cure = f"If so, write {_cure(present, unit, units, alone=True)} in a survey.yaml"
                 raise InputError(f"{name}, columns {' '.join(columns)}", found, cure)
+
+
+def _tools(frame: pd.DataFrame, machine: Machine) -> str | None:
+    """Note if tools are a thousandth of the machine's: metres."""
+    if not all(name in frame for name in TOOL_COLUMNS):
+        return None
+    length = float(np.linalg.norm(machine.tool))
+    tools = np.linalg.norm(frame[list(TOOL_COLUMNS)].to_numpy(dtype=np.float64), axis=1)
+    longest = float(np.nanmax(tools, initial=0.0))
+    if not 0 < longest < length / _SHORTEST_TOOL:
+        return None
+    return (
+        f"tools of at most {longest:.3g} mm, where the machine's is {length:.6g} mm; if they are in m, write units: "
+        f"{{{', '.join(f'{name}: m' for name in TOOL_COLUMNS)}}}"
+    )
 
 
 def _radians(frame: pd.DataFrame, machine: Machine, units: SurveyUnits, sample: _Sample | None) -> str | None:

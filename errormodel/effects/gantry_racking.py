@@ -50,8 +50,8 @@ class GantryRacking(JointEffect):
         value, unit, size = channel(self.channel), "rad", 5e-5
         if self.channel.startswith("w_"):
             unit, size = f"rad/{self.channel}", 1e-3
-            if joint.spacing and self.channel == joint.difference:
-                size = 1 / joint.spacing
+            if self.channel == joint.difference:
+                unit, size = "rad/mm", 1 / joint.spacing if joint.spacing else size
         elif not self.channel.startswith("dir_"):
             value = scaled(joint_as(machine, self.channel, "prismatic", self.effect), value)
         return [EffectTerm(self.joint, "", unit, {self.motion: value}, size)]

@@ -56,6 +56,7 @@ from identification.diagnosis.search.model import EffectModel
 from identification.diagnosis.search.model_comparison import compare_alternatives
 from identification.diagnosis.search.scoring import Step
 from identification.diagnosis.together import together
+from identification.estimation.checks import noise_notes
 from identification.estimation.fit import fit_machine
 from identification.estimation.result import Fit
 from identification.observation.normal_equations import design_rows
@@ -132,7 +133,7 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
         tuple(findings),
         tuple(found.untestable),
         verdict.unexplained,
-        (*final.notes, *dead, *contrary_sides(survey), *verdict.notes),
+        (*final.notes, *noise_notes(mended), *dead, *contrary_sides(survey), *verdict.notes),
     )
     return Diagnosed(diagnosis, baseline, final, model, found.ranking)
 

@@ -25,6 +25,7 @@ FOREIGN_MACHINE_SHARE = 0.02  # of the machine's size: no error motions, but a b
 UNEXPLAINED_SHARE = 0.5  # of so much, of most rows: a fit that leaves more is none
 COVERED_TRAVEL_SHARE = 0.5  # of a travel: less is told where something stays unknown
 CAUTIOUS_DECLARATION_FACTOR = 3.0  # times: so much is often declared too large, to be on the safe side
+FINEST_MM, EXACT_MM = 1e-5, 1e-10  # mm: readings that repeat within less are in another unit, or made by a computer
 FEW_DOF = 10  # degrees of freedom: fewer leave residuals that small by chance
 CONSTANT = 0.5  # of what a fit leaves: an offset alone that leaves less explains more
 WRONG_UNIT_FACTOR = 100.0  # times: so far off is a declaration in another unit
@@ -100,7 +101,7 @@ def looked_over(fit: Fit) -> Fit:
     if not fit.solution.groups.rank:
         found = "no parameter can be identified: nothing of what was measured depends on one"
         raise InputError(str(fit.survey.source), found, "Measure all over the travels, as `errormodel plan` says")
-    fit = replace(fit, notes=(*fit.notes, *_declared(fit), *_beside(fit)))
+    fit = replace(fit, notes=(*fit.notes, *noise_notes(fit), *_beside(fit)))
     volumetric = any(isinstance(v, PositionView) for v in fit.problem.views)  # who reads one joint means no other
     lost = out_of_reach(fit.problem, fit.solution)[1] if volumetric else []
     if not lost:
@@ -123,9 +124,15 @@ def looked_over(fit: Fit) -> Fit:
     return replace(fit, notes=(*fit.notes, note))
 
 
-def _declared(fit: Fit) -> Iterator[str]:
-    """Notes on a declared uncertainty several times larger than the residuals, or different by a unit's factor."""
+def noise_notes(fit: Fit) -> Iterator[str]:
+    """Notes on a declared uncertainty that the residuals contradict, and on noise below what instruments resolve."""
     s = fit.solution
+    for kind, sigma in s.sigma.items():
+        if kind == "displacement" and kind not in s.declared and EXACT_MM < sigma < FINEST_MM and s.dof > FEW_DOF:
+            yield (
+                f"noise of a reading of {1e6 * sigma:.2g} nm, {kind}: no instrument repeats to that. Check the unit of "
+                "the readings (units of survey.yaml)"
+            )
     if not s.declared or s.dof <= 0 or s.chi2 <= 0:
         return
     ratio = float(np.sqrt(s.chi2 / s.dof))

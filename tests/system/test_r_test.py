@@ -167,3 +167,17 @@ def test_noise_about_one_point_is_no_trackers(seed: int) -> None:
     rng = np.random.default_rng(seed)
     noise = rng.normal(0, 5e-4, (200, 3))
     assert seen_in(np.array([50, 20, 100]) + noise, noise) is None
+
+
+def test_readings_in_the_tools_axes_are_refused(tmp_path: Path) -> None:
+    """A head in the spindle, whose readings nobody turned into the table's axes."""
+    table, place = r_test([(50, 20, 100)], rows=90), np.array([50, 20, 100])
+    angles = np.radians(table[["C", "A"]].to_numpy())
+    for k, (c, a) in enumerate(angles):
+        tool = (turned((0, 0, 1), c) @ turned((1, 0, 0), a))[:3, :3]
+        table.loc[k, XYZ] = place + tool.T @ (table.loc[k, XYZ].to_numpy(dtype=float) - place)
+    (tmp_path / "mill.yaml").write_text(MILL)
+    table.to_csv(tmp_path / "data.csv", index=False)
+    result = run("fit", tmp_path / "mill.yaml", tmp_path / "data.csv", "--out", tmp_path / "out")
+    assert result.code == 2
+    assert "mx, my, mz in axes that turn with the tool" in result.err

@@ -126,7 +126,7 @@ def groups(survey: Survey, *, gaps: bool = False) -> list[Index]:
 
 def misses(blunder: Blunder) -> str:
     """By how much the nominal machine misses with the mistake and without, as the end of a sentence."""
-    if blunder.before_um is None or blunder.after_um is None:
+    if blunder.before_um is None or blunder.after_um is None or not np.isfinite(blunder.before_um + blunder.after_um):
         return ""
     before, after = length(blunder.before_um), length(blunder.after_um)
     return f": the nominal machine misses by {before}, with it put right by {after}"

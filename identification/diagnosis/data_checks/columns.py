@@ -89,7 +89,10 @@ def _text(changes: Changes, machine: Machine, fixed: bool) -> str:
     first, *more = changes
     if not more and first.column in MEASURED and not fixed and (first.swap or first.factor == -1):
         # in a frame that may stand in any way, all reflections are one
-        return "mx my mz are left-handed: one of them has the wrong sign, or two are swapped"
+        return (
+            "mx my mz are left-handed: one of them has the wrong sign, or two are swapped; or a linear joint counts "
+            "the other way than in machine.yaml, and then these parameters are of the mirrored machine"
+        )
     names = [c.column for c in changes]
     if more and not any(c.swap or c.offset or c.factor != first.factor for c in changes):
         same = first.model_copy(update={"column": f"{', '.join(names[:-1])} and {names[-1]}"})

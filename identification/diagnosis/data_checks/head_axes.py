@@ -1,4 +1,4 @@
-"""Axes of a measuring head that are swapped or mirrored, in surveys whose points do not spread, such as R-tests.
+"""Axes of a measuring head that are swapped, mirrored or the tool's, in R-tests and surveys as narrow.
 
 Where points spread, swapped columns show in the alignment. In an R-test the readings are deviations of micrometres
 about one point, and any assignment of axes aligns. The linear model of the machine's declared errors is therefore
@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from errormodel.arrays import Array
 from errormodel.exceptions import InputError
 from errormodel.survey_columns import MEASURED
 from identification.diagnosis.linear.orthonormal_basis import orthonormal_basis
@@ -25,14 +26,21 @@ NO_EFFECT = 1e-12  # of the largest column of M: by rounding only
 
 
 class Axes(NamedTuple):
-    """Which reading is taken along each axis of the machine, and with which sign."""
+    """Which reading is taken along each axis, with which sign, and whether these axes turn with the tool."""
 
     order: tuple[int, ...]
     signs: tuple[int, ...]
+    of_tool: bool = False
 
     @property
     def changes(self) -> int:
-        return sum(k != own for own, k in enumerate(self.order)) + sum(s < 0 for s in self.signs)
+        swaps = sum(k != own for own, k in enumerate(self.order))
+        return swaps + sum(s < 0 for s in self.signs) + self.of_tool
+
+    def __str__(self) -> str:
+        names = (f"{'-' if s < 0 else ''}{MEASURED[k]}" for k, s in zip(self.order, self.signs, strict=True))
+        where = " in axes that turn with the tool" if self.of_tool else ""
+        return f"{', '.join(names)}{where} (or all three with the opposite sign)"
 
 
 class Assigned(NamedTuple):
@@ -45,8 +53,8 @@ class Assigned(NamedTuple):
 
 def all_axes() -> list[Axes]:
     """The axes in every order and sign, the fewest changes first; of two that are opposite in all signs, one."""
-    every = [Axes(order, signs) for order in permutations(range(3)) for signs in product((1, -1), repeat=3)]
-    return sorted((a for a in every if sum(a.signs) > 0), key=lambda a: a.changes)
+    every = product(permutations(range(3)), product((1, -1), repeat=3), (False, True))
+    return sorted((Axes(*a) for a in every if sum(a[1]) > 0), key=lambda a: a.changes)
 
 
 def refuse_turned_head(fit: Fit) -> None:
@@ -58,12 +66,12 @@ def refuse_turned_head(fit: Fit) -> None:
     found = assigned(fit)
     if found is None or found.log_ratio < CLEARLY + _best_effect(fit):
         return
-    names = [f"{'-' if s < 0 else ''}{MEASURED[k]}" for k, s in zip(*found.axes, strict=True)]
     raise InputError(
         f"{fit.survey.source}, columns {' '.join(MEASURED)}",
-        f"the machine's errors leave {found.ratio:.2g} times less of these readings if they are taken as "
-        f"{', '.join(names)} (or all three with the opposite sign), which no effect that is missing does",
-        "See how the measuring head was mounted and wired, and write its readings along x, y and z of the machine",
+        f"the machine's errors leave {found.ratio:.2g} times less of these readings if they are taken as {found.axes}, "
+        "which no effect that is missing does",
+        "See how the measuring head was mounted and wired, and write its readings along x, y and z of the reference, "
+        "at the chain's beginning",
     )
 
 
@@ -81,22 +89,37 @@ def assigned(fit: Fit) -> Assigned | None:
     freedom = len(basis) - basis.shape[1]
     if freedom <= 0:
         return None
+    tools = [_orientation(v) for v in views]
+    zeros = np.vstack(
+        [v.whiten(slice(None), t.transpose(2, 1, 0)).reshape(3, -1).T for v, t in zip(views, tools, strict=True)]
+    )
+    wider = orthonormal_basis(np.hstack([basis, zeros / np.linalg.norm(zeros, axis=0)]))  # a head's own zero turns too
 
     def deviation(axes: Axes) -> float:
         """Norm of the residual of the readings with their axes in this order and sign, in units of the noise."""
         parts = []
-        for view, gap in zip(views, gaps, strict=True):
+        for view, gap, tool in zip(views, gaps, tools, strict=True):
             turned = view.pose.rotation @ gap  # in the head's axes
             turned = np.array(axes.signs)[:, None] * turned[list(axes.order)]
-            parts.append(view.whiten(slice(None), view.pose.rotation.T @ turned).ravel())
-        readings = np.concatenate(parts)
-        return float(np.linalg.norm(readings - basis @ (basis.T @ readings)))
+            turned = np.einsum("nij,jn->in", tool, turned) if axes.of_tool else view.pose.rotation.T @ turned
+            parts.append(view.whiten(slice(None), turned).ravel())
+        readings, known = np.concatenate(parts), wider if axes.of_tool else basis
+        return float(np.linalg.norm(readings - known @ (known.T @ readings)))
 
     as_written, *others = all_axes()
     best = min(others, key=deviation)
     ratio = deviation(as_written) / max(deviation(best), np.finfo(float).tiny)
     found = Assigned(best, ratio, freedom * float(np.log(max(ratio, np.finfo(float).tiny))))
     return found if ratio > BETTER and found.log_ratio > CLEARLY else None
+
+
+def _orientation(view: PositionView) -> Array:
+    """Nominal rotations (n, 3, 3) from the tool's axes into the reference's."""
+    kernel = view.chain.kernel("nominal", (), view.fixed, tuple(range(3, 12)))
+    zero = np.zeros(len(view.chain.ids))
+    return np.concatenate(
+        [kernel.expand(f).reshape(3, 3, -1).transpose(2, 1, 0) for _, f in kernel.blocks(view.rows, zero)]
+    )
 
 
 def _best_effect(fit: Fit) -> float:
