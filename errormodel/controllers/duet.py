@@ -46,7 +46,10 @@ class Duet(Printer):
         lines.append(
             "M556 S1000 " + " ".join(f"{k}{1000 * skew[p]:.7f}" for k, p in zip("XYZ", ("XY", "YZ", "XZ"), strict=True))
         )
-        files = {"config.g": "\n".join([*lines, *(["G29 S1"] if mesh is not None else [])]) + "\n"}
+        lines.append("; these lines belong into /sys/config.g: never put this file in its place")
+        if mesh is not None:
+            lines.append("; once all axes are homed, load the height map: G29 S1")
+        files = {"config.g": "\n".join(lines) + "\n"}
         if mesh is not None:
             term = mesh.term
             for k in range(2):
@@ -86,7 +89,8 @@ class Duet(Printer):
 
     def checklist(self, setup: Setup) -> list[str]:
         return [
-            "copy heightmap.csv to /sys, and the line M556 into /sys/config.g; after homing G29 S1 loads the map",
+            "copy heightmap.csv to /sys, and the line M556 into /sys/config.g (do not copy config.g itself: it would "
+            "replace the printer's); after homing G29 S1 loads the map",
             "no taper: M376 H0, or the map fades out with height",
             "off: M556 S1000 X0 Y0 Z0, G29 S2",
             "a map that was probed replaces this one and does not know the nozzle's own errors: do not load both",

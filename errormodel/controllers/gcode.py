@@ -62,6 +62,9 @@ class GCode(Rewriter):
             f"positions are written with {self._figures(setup)} decimals: --resolution where the control takes fewer",
             "work offsets and tool lengths at the control are those that were given (--offset); where they change, "
             "write the programme again",
+            "a datum that was touched off keeps the machine's error there, and the corrected programme moves it by the "
+            "correction (compare both programmes at the datum): where features must keep their distance from a "
+            "touched edge, shift the work offset back by that",
             "switch off every compensation that was off when the survey was measured; no tool centre point control",
             "compare the programmes, and run the corrected one above the part first: positions differ by micrometres",
         ]

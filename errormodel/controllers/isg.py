@@ -190,8 +190,10 @@ class Isg(Kernel):
 
     def checklist(self, setup: Setup) -> list[str]:
         return [
-            "compare the logical axis numbers in vol_comp_0.lis; set its path in the start-up list (hochlauf.lis)",
-            "copy both files to the controller and restart it (licence TF5280)",
+            "compare the logical axis numbers in vol_comp_0.lis; add the lines of hochlauf.lis to the control's "
+            "start-up list, with the path of vol_comp_0.lis (do not copy hochlauf.lis itself: it would replace the "
+            "control's)",
+            "copy vol_comp_0.csv and vol_comp_0.lis to the controller and restart it (licence TF5280)",
             "NC: #VOLCOMP ON [ID0]; to load again: #VOLCOMP OFF, then #VOLCOMP [ID0 UPDATE]",
             "leave leadscrew and cross compensations of these axes as they were when the survey was measured",
         ]

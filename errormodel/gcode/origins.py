@@ -12,9 +12,12 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.controllers.setup import Setup
+from errormodel.exceptions import InputError
 from errormodel.gcode.codes import Dialect
 from errormodel.gcode.reading import Reading
 from errormodel.gcode.words import Block
+
+LENGTH_AXIS = "Z"  # along which G43 takes a tool's length (NIST IR 6556, section 3.5.9)
 
 
 @dataclass(frozen=True)
@@ -28,6 +31,18 @@ class Origins:
     @classmethod
     def of(cls, setup: Setup, reading: Reading, dialect: Dialect, blocks: Sequence[Block]) -> Origins:
         """Offsets for the blocks of a programme."""
+        for name, place in reading.offsets.items():
+            shown = ",".join(f"{letter}{value:g}" for letter, value in place.items())
+            given = f"--offset {name}={shown}" if name else f"--offset {shown}"
+            for letter in place:
+                setup.place(letter)  # refuses an axis that the machine does not have
+            linear = [a.name for a in setup.axes if not a.rotary]
+            needed = [n for n in linear if n not in place] if not name.startswith("H") else []
+            if name.startswith("H") and LENGTH_AXIS in linear and LENGTH_AXIS not in place:
+                needed = [LENGTH_AXIS]
+            if needed:
+                found = f"no {', '.join(needed)}, which counts as much as the others"
+                raise InputError(given, found, f"Write {', '.join(f'{n}..' for n in needed)} too, 0 where it is none")
         named = {w.code for b in blocks for w in b.words if dialect.groups.get(w.code) == "work offset"}
         return cls(setup, reading, len(named) < 2)
 

@@ -125,7 +125,13 @@ def _once(
     lines = rewritten(steps, source.start(setup), setup, correct, figures, source.dialect.printer)
     again = Source(source.name, source.dialect, _split_again(source, lines), source.reading)
     sizes = [len(part) for part in lines]
-    return steps, lines, checked(steps, again.steps(setup, optional), sizes, setup, correct, figures)
+    try:
+        written = again.steps(setup, optional)
+    except InputError as error:
+        found = f"corrected, this line leads where the machine does not reach: {error.found}"
+        cure = "Keep the programme farther from the ends of the travels than the correction, which is added to it"
+        raise InputError(error.where.split(" (", 1)[0], found, cure) from error
+    return steps, lines, checked(steps, written, sizes, setup, correct, figures)
 
 
 def _split_again(source: Source, lines: Sequence[Sequence[str]]) -> list[Block]:
@@ -180,6 +186,14 @@ def _notes(source: Source, steps: Sequence[Step], setup: Setup) -> tuple[str, ..
     if not steps[0].modes.origin and not source.reading.offsets:
         granted.append("positions of the axes (no work offset)")
     out = [f"{source.name}: taken for granted, since it does not say: {', '.join(granted)}"] if granted else []
+    stated = [
+        f"{name or 'the work offset'} {' '.join(f'{k}{v:g}' for k, v in place.items())}"
+        for name, place in source.reading.offsets.items()
+    ]
+    if stated:
+        out.append(f"{source.name}: corrected for {'; '.join(stated)}")
+    x, y, z = setup.tool
+    out.append(f"{source.name}: corrected for a tool whose tip lies at {x:g}, {y:g}, {z:g} mm (--tool)")
     never = [n for k, n in enumerate(setup.names) if n in setup.movers and not any(k in s.named for s in steps)]
     if never:
         out.append(

@@ -9,6 +9,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -111,6 +112,11 @@ def _run_of(given: dict[str, Any]) -> Run:
             for path in several if isinstance(several, tuple) else [several]:
                 if path is not None:
                     run.refuse(path)
+    for param in context.command.params:
+        value = given.get(param.name or "")
+        numbers = [v for v in (value if isinstance(value, tuple) else (value,)) if isinstance(v, float)]
+        if not all(map(isfinite, numbers)):
+            raise InputError(param.opts[0], " ".join(f"{v:g}" for v in numbers), "Write finite numbers")
     for output in outputs:
         output.check()
     return run

@@ -36,6 +36,7 @@ from identification.compensation.reduction import leftover, reduce
 from identification.compensation.result import Compensation, Own, Stated
 from identification.compensation.reversal import reversals
 from identification.compensation.rows import Rows, held_out, joints_read, read_rows
+from identification.compensation.text import COMMON_FILES
 from identification.compensation.volume import Volume, levels
 from identification.observation.frames import rotation_notes
 from identification.results import manifest, store
@@ -265,6 +266,8 @@ def _source(controller: Target, path: Path | None, reading: Reading | None) -> t
         return "", ""
     if path is None:
         raise InputError(f"--controller {controller.name}", "--program is missing", "Give the programme to correct")
+    if path.name.lower() in (*COMMON_FILES, manifest.NAME):
+        raise InputError(str(path), "a name that one of errormodel's own files has", "Rename the programme")
     if manifest.lists(path):
         raise InputError(str(path), "a programme that compensate wrote: it is corrected already", "Give the plain one")
     try:

@@ -97,9 +97,9 @@ def _arrivals(fit: StoredFit, points: Survey) -> Iterator[str]:
         given = points.table.get(f"dir_{name}")
         if given is None or given.isna().any():
             yield (
-                f"the side from which {name} arrives is in no column dir_{name} and is taken from the order of the rows "
-                "(for the first from the next move, upward where it never moves). If they are not driven in this order, "
-                f"write dir_{name}: +1 or -1"
+                f"the side from which {name} arrives is in no column dir_{name} and is taken from the order of the "
+                "rows (for the first from the next move, upward where it never moves). If they are not driven in this "
+                f"order, write dir_{name}: +1 or -1"
             )
 
 

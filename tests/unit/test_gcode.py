@@ -78,13 +78,15 @@ def test_arcs_become_chords_on_the_circle() -> None:
 
 
 def test_an_offset_says_where_the_axes_stand() -> None:
-    plain, offset = (sent(rewritten(f"{head}G0 X0 Y10 Z-60\n"))[-1] for head in ("", "(ERRORMODEL OFFSET X100 Z5)\n"))
+    plain, offset = (
+        sent(rewritten(f"{head}G0 X0 Y10 Z-60\n"))[-1] for head in ("", "(ERRORMODEL OFFSET X100 Y0 Z5)\n")
+    )
     np.testing.assert_allclose(plain, [0.01, 10, -60], atol=1e-4)
     np.testing.assert_allclose(offset[:2], [100.01, 10.01], atol=1e-4)  # in axes: the reader adds the offset itself
-    named = rewritten("G54\nG0 X0 Y10 Z-160\nG43 H2 Z-110\n", offset=("G54=X100,Z100", "H2=Z-55"))
+    named = rewritten("G54\nG0 X0 Y10 Z-160\nG43 H2 Z-110\n", offset=("G54=X100,Y0,Z100", "H2=Z-55"))
     assert named.splitlines()[1:] == ["G0 X0.0100 Y10.0100 Z-159.9900", "G43 H2 Z-109.9900"]
-    assert rewritten("G54\nG0 X0 Y10 Z-60\n", offset=("X100",)) == rewritten(
-        "G54\nG0 X0 Y10 Z-60\n", offset=("G54=X100",)
+    assert rewritten("G54\nG0 X0 Y10 Z-60\n", offset=("X100,Y0,Z0",)) == rewritten(
+        "G54\nG0 X0 Y10 Z-60\n", offset=("G54=X100,Y0,Z0",)
     )
 
 

@@ -210,6 +210,8 @@ def test_what_printers_do_not_read_is_refused(line: str, words: str) -> None:
         ({"offsets": ("G54=X1", "G54=X2")}, "given twice"),
         ({"offsets": ("X1e3",)}, "no letter with a number"),
         ({"offsets": ("Q5",)}, "no such axis"),
+        ({"offsets": ("Z10",)}, "no X, Y, which counts"),
+        ({"offsets": ("X1,Y2,Z3", "H1=X80")}, "no Z, which counts"),
         ({"after": ("G1=stay",)}, "it names no start"),
         ({"after": ("M98",)}, "it names no start"),
         ({"after": ("start=stay,",)}, "no letter with a number"),
