@@ -51,7 +51,7 @@ from identification.diagnosis.results.verdict import judge
 from identification.diagnosis.results.witnesses import WitnessResult, apply_witnesses, with_witnesses
 from identification.diagnosis.search.candidates import Candidates, Ranked, enough_rows, proposed
 from identification.diagnosis.search.forward_selection import forward_select, in_correlated_noise
-from identification.diagnosis.search.instrument_noise import tracker_noise
+from identification.diagnosis.search.instrument_noise import station_notes, tracker_noise
 from identification.diagnosis.search.model import EffectModel
 from identification.diagnosis.search.model_comparison import compare_alternatives
 from identification.diagnosis.search.scoring import Step
@@ -133,7 +133,7 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
         tuple(findings),
         tuple(found.untestable),
         verdict.unexplained,
-        (*final.notes, *noise_notes(mended), *dead, *contrary_sides(survey), *verdict.notes),
+        (*final.notes, *noise_notes(mended), *station_notes(final), *dead, *contrary_sides(survey), *verdict.notes),
     )
     return Diagnosed(diagnosis, baseline, final, model, found.ranking)
 

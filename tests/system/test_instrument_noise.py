@@ -13,7 +13,7 @@ from errormodel.machine_file import read_machine
 from errormodel.survey import Survey
 from identification.diagnosis.data_checks.outliers import gross_rows
 from identification.diagnosis.pipeline import diagnose
-from identification.diagnosis.search.instrument_noise import seen_in
+from identification.diagnosis.search.instrument_noise import seen_in, station_notes
 from identification.estimation.fit import fit_machine
 from tests.helpers.diagnosed import empty_survey, showing
 
@@ -98,3 +98,18 @@ def test_a_gross_row_in_gaussian_noise_is_one(tracked: Survey) -> None:
     noise = 0.004 * np.random.default_rng(1).normal(size=fit.residuals.shape)
     noise[[17, 90]] += [0.03, -0.03, 0.02]
     assert [*np.flatnonzero(gross_rows(replace(fit, residuals=noise)))] == [17, 90]
+
+
+@pytest.mark.parametrize("wrong", [True, False])
+def test_a_station_in_the_machines_coordinates_is_noted(wrong: bool) -> None:
+    machine = read_machine(MILL)
+    survey = empty_survey(machine, 300, 5, channels=False, grid=False)
+    station = np.add(survey.measured.mean(axis=0), (900.0, 700.0, 300.0))
+    (pose,) = fit_machine(machine, survey).problem.frames.values()
+    truth = AT_HOME.model_copy(update={"station": station.tolist()})
+    survey = showing(survey, machine, [], truth, 5)
+    stated = pose.invert(station[None])[0].tolist() if wrong else station.tolist()
+    fit = fit_machine(machine, replace(survey, instrument=truth.model_copy(update={"station": stated})))
+    notes = list(station_notes(fit))
+    assert len(notes) == wrong
+    assert not wrong or "Write it in the measuring frame" in notes[0]

@@ -166,3 +166,32 @@ def _minus(x: Array, places: Array, noise: Array) -> tuple[float, Array]:
         angle * float(by_across @ away),
     ]
     return value, np.array([*by_station, *logs])
+
+
+def station_notes(fit: Fit) -> Iterator[str]:
+    """A note where residuals fit a declared station better if it is taken as a point of the machine's reference."""
+    tracker = fit.survey.instrument
+    if not isinstance(tracker, LaserTracker) or len(fit.problem.frames) != 1:
+        return
+    (pose,) = fit.problem.frames.values()
+    points, residuals = fit.survey.measured, fit.residuals
+    whole = np.isfinite(points).all(axis=1) & np.isfinite(residuals).all(axis=1)
+    moved = pose.apply(np.array([tracker.station]))[0]
+    if whole.sum() < FEWEST:
+        return
+    other = tracker.model_copy(update={"station": tuple(float(x) for x in moved)})
+    declared, turned = (_log_likelihood(t, points[whole], residuals[whole]) for t in (tracker, other))
+    if turned - declared > CLEAR:
+        x, y, z = np.round(moved, 1)
+        yield (
+            f"instrument.station: the residuals are those of a station at [{x:g}, {y:g}, {z:g}] of the measuring "
+            "frame, where the stated one lies if it is a point of the machine. Write it in the measuring frame"
+        )
+
+
+def _log_likelihood(tracker: LaserTracker, points: Array, residuals: Array) -> float:
+    """Of residuals (n, 3), with the size of the noise estimated from them."""
+    covariance = tracker.covariance(points)
+    assert covariance is not None
+    square = float(np.einsum("ni,nij,nj->", residuals, np.linalg.inv(covariance), residuals))
+    return -residuals.size / 2 * float(np.log(square)) - 0.5 * float(np.linalg.slogdet(covariance)[1].sum())
