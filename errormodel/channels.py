@@ -57,9 +57,8 @@ def channel(table: pd.DataFrame, name: str) -> Array:
         raise InputError(
             f"{_place(table, 0)[0]}, header",
             f"no column '{name}', which an effect of this machine needs",
-            f"Add the column {name} ({UNITS_OF_CHANNELS[name]})"
-            if name in UNITS_OF_CHANNELS
-            else nearest(name, [str(c) for c in table.columns]),
+            (f"Add it ({UNITS_OF_CHANNELS[name]}). " if name in UNITS_OF_CHANNELS else "")
+            + nearest(name, [str(c) for c in table.columns]),
         )
     values = table[name].to_numpy(dtype=np.float64)
     if name.startswith(_GAPLESS) and not np.isfinite(values).all():

@@ -31,6 +31,7 @@ class Interpreter:
         self.dialect, self.setup, self.reading = dialect, setup, reading
         self.modes = Modes()
         self.names, self.count = setup.names, len(setup.axes)
+        self.feed_of = ""  # feed mode of the last F
         self.origins = Origins.of(setup, reading, dialect, blocks)
         self.columns = {n: setup.place(n) for n in self.names}
         needed = {*setup.moving, *setup.movers}
@@ -217,8 +218,12 @@ class Interpreter:
     def _feed_words(self, block: Block, kind: Kind) -> None:
         if self.modes.feed == "G93" and kind == "feed" and not block.has("F"):
             block.refuse("a cut without F in inverse time (G93)", "Write F in every block")
-        if block.has("F") and not block.number_of("F") and self.modes.feed == "G93":
-            block.refuse("F0", "Write a feed")
+        if block.has("F"):
+            if not block.number_of("F") and not self.dialect.printer:
+                block.refuse("F0", "Write a feed")
+            self.feed_of = self.modes.feed
+        if kind == "feed" and self.modes.feed != self.feed_of == "G93":
+            block.refuse("a cut without F since the inverse time (G93) ended", "Write F behind G94")
 
     def _arrive(self, path: Line) -> None:
         """Update directions of approach; those of an arc are taken from its last quarter."""

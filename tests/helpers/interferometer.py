@@ -4,6 +4,7 @@ overrun (ISO 230-2), each run from a zero of its own, in micrometres or microrad
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -73,3 +74,33 @@ def record(
         table[name] = np.round(read / step) * step if step else read
     extra = {"run": run.astype(int), "time": time, "T_bed": np.round(bed, 2), f"dir_{joint}": side.astype(int)}
     return pd.DataFrame(table | {c: extra[c] for c in columns})
+
+
+UNITS = {"d": "um", "e": "urad"}
+
+
+def screw(q: Array, side: Array, time: Array, bed: Array) -> Array:
+    """Positioning of X, um: 20 um/m and a bow."""
+    return 0.02 * q + 4 * np.sin(q / 150)
+
+
+def play(um: float, motion: Motion = screw) -> Motion:
+    """A motion with so much backlash."""
+    return lambda q, side, time, bed: motion(q, side, time, bed) + um / 2 * side
+
+
+def written(folder: Path, table: pd.DataFrame, **more: str) -> Path:
+    """A survey.yaml beside the table, with the units of its deviations."""
+    table.to_csv(folder / "data.csv", index=False)
+    units = {c: UNITS[c[0]] for c in table if c in ("dx", "dy", "dz", "ea", "eb", "ec")} | more
+    text = ", ".join(f"{k}: {v}" for k, v in units.items())
+    path = folder / "survey.yaml"
+    path.write_text(f"errormodel: 1\nfiles: [{{path: data.csv}}]\nunits: {{{text}}}\n")
+    return path
+
+
+def positioning(backlash: float = 0.0, seed: int = 1, joint: str = "X", **more: object) -> pd.DataFrame:
+    rng = np.random.default_rng(seed)
+    end = {"X": 580.0, "Y": 440.0, "Z": 390.0}[joint]
+    motion = {"X": "dx", "Y": "dy", "Z": "dz"}[joint]
+    return record(joint, {motion: play(backlash)}, targets(20, end, 11, rng), rng, **more)  # type: ignore[arg-type]

@@ -33,7 +33,7 @@ from tests.proof.seal import BrokenSealError, opened, sealed
 from tests.proof.specs import Spec, all_specs
 
 PROOF = Path(__file__).parent
-OUTSIDE = ("run", "score", "__main__", "test_proof")  # all else is the simulator
+OUTSIDE = ("run_case", "score", "__main__", "test_proof")  # all else is the simulator
 SPECS = {s.name: s for s in all_specs()}
 # the cheapest of each kind among the first hundred, whatever came of them; white, coloured, clustered, poor, ...
 EMPTY = tuple(f"empty-{k:03}" for k in (4, 6, 8, 9, 12, 15, 16, 17))

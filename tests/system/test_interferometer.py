@@ -22,19 +22,16 @@ from identification.estimation.fit import fit_machine
 from identification.results.store import load, save
 from identification.uncertainty.prediction import predict
 from tests.helpers.commands import run
-from tests.helpers.interferometer import MILL, Array, Motion, passes, record, targets
-
-UNITS = {"d": "um", "e": "urad"}
-
-
-def screw(q: Array, side: Array, time: Array, bed: Array) -> Array:
-    """Positioning of X, um: 20 um/m and a bow."""
-    return 0.02 * q + 4 * np.sin(q / 150)
-
-
-def play(um: float, motion: Motion = screw) -> Motion:
-    """A motion with so much backlash."""
-    return lambda q, side, time, bed: motion(q, side, time, bed) + um / 2 * side
+from tests.helpers.interferometer import (
+    MILL,
+    passes,
+    play,
+    positioning,
+    record,
+    screw,
+    targets,
+    written,
+)  # fmt: skip
 
 
 @pytest.fixture
@@ -42,23 +39,6 @@ def mill(tmp_path: Path) -> Path:
     path = tmp_path / "mill.yaml"
     path.write_text(MILL)
     return path
-
-
-def written(folder: Path, table: pd.DataFrame, **more: str) -> Path:
-    """A survey.yaml beside the table, with the units of its deviations."""
-    table.to_csv(folder / "data.csv", index=False)
-    units = {c: UNITS[c[0]] for c in table if c in ("dx", "dy", "dz", "ea", "eb", "ec")} | more
-    text = ", ".join(f"{k}: {v}" for k, v in units.items())
-    path = folder / "survey.yaml"
-    path.write_text(f"errormodel: 1\nfiles: [{{path: data.csv}}]\nunits: {{{text}}}\n")
-    return path
-
-
-def positioning(backlash: float = 0.0, seed: int = 1, joint: str = "X", **more: object) -> pd.DataFrame:
-    rng = np.random.default_rng(seed)
-    end = {"X": 580.0, "Y": 440.0, "Z": 390.0}[joint]
-    motion = {"X": "dx", "Y": "dy", "Z": "dz"}[joint]
-    return record(joint, {motion: play(backlash)}, targets(20, end, 11, rng), rng, **more)  # type: ignore[arg-type]
 
 
 # ---- units
@@ -390,38 +370,3 @@ def test_mixed_rows_stay_with_positions(tmp_path: Path, mill: Path):
     figures = compensate(tmp_path / "fit", "csv").usual.figures
     assert [f.before.n for f in figures[1:]] == [len(points)]
     assert not any("about X" in f.poses for f in figures)
-
-
-# ---- runs that do not repeat each other
-
-
-@pytest.mark.parametrize("command", ["fit", "diagnose"])
-def test_a_zero_lost_half_way_is_refused(tmp_path: Path, mill: Path, command: str):
-    table = positioning(4, runs=3)
-    table.loc[30:43, "dx"] += 12.0  # to the end of the second run of 22 readings
-    result = run(command, mill, written(tmp_path, table), "--out", tmp_path / "out")
-    assert result.code == 2
-    assert "run 2 about X changes by 1" in result.err
-    assert "between rows 30 and 31 beside the other runs" in result.err
-
-
-@pytest.mark.parametrize(("factor", "words"), [(-1, "the opposite sign"), (1e-3, "a thousandth"), (1e3, "1000 times")])
-def test_a_run_of_another_sign_or_unit_is_refused(tmp_path: Path, mill: Path, factor: float, words: str):
-    table = positioning(0, runs=3)
-    table.loc[22:43, "dx"] *= factor
-    result = run("fit", mill, written(tmp_path, table, dx="um"), "--out", tmp_path / "out")
-    assert result.code == 2
-    assert "run 2 about X" in result.err
-    assert words in result.err
-
-
-@pytest.mark.parametrize("seed", range(8))
-def test_runs_that_warm_up_or_have_play_are_not_refused(tmp_path: Path, mill: Path, seed: int):
-    """A drift in every run, larger in the first, no step: 60 um in two hours, with 6 um of backlash."""
-    rng = np.random.default_rng(seed)
-
-    def motion(q: Array, side: Array, time: Array, bed: Array) -> Array:
-        return screw(q, side, time, bed) + 3 * side + 60 * (1 - np.exp(-time / 1500))
-
-    table = record("X", {"dx": motion}, targets(20, 580, 11, rng), rng, runs=4)
-    assert run("fit", mill, written(tmp_path, table), "--out", tmp_path / "out").code == 0

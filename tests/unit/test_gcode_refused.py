@@ -89,6 +89,8 @@ def refusal(text: str, dialect: str = "auto", offsets: tuple[str, ...] = (), aft
         ("G43 H1 Z-55", "the tool length H1 is not known"),
         ("G44 H1", "a negative tool length"),
         ("G1 X10 H1", "H1 is not understood"),
+        ("G1 X10 F0", "F0"),
+        ("G93 G1 X10 F2\nG94 G1 X20", "since the inverse time (G93) ended"),
         ("G54\nG1 X10", "the work offset G54 is not known"),
         ("G123", "G123 is not understood"),
         ("G1.5 X10", "G1.5 is not understood"),

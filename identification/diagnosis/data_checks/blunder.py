@@ -100,7 +100,7 @@ class Points:
 
     def misfit(self, pose: Pose | None = None) -> float:
         """Distance (mm) that four of five rows keep within: a few outliers do not count, half the rows do."""
-        return float(np.quantile(self.distances(pose), 0.8))
+        return float(np.nanquantile(self.distances(pose), 0.8))
 
     @property
     def reach(self) -> float:

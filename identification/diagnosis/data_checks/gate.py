@@ -63,7 +63,7 @@ def passed(machine: Machine, survey: Survey, fitted: Callable[[], Fit], robust: 
     if not nominal.n or 1e-3 * nominal.max_um < MACHINE_ERROR_SHARE * fit.chain.size:
         return fit
     examine(machine, survey, robust)
-    if another(fit.chain, nominal) and not _known_by(fit):
+    if _whole(survey) and another(fit.chain, nominal) and not _known_by(fit):
         raise InputError(str(survey.source), "this is not the machine that was measured", far_off(nominal))
     return fit
 

@@ -170,7 +170,7 @@ class _Part:
             return None
         reached = pose.apply(self.points.nominal)
         before, after = (
-            float(np.median(np.linalg.norm(self.points.measured[which] - reached[moved], axis=1)))
+            float(np.nanmedian(np.linalg.norm(self.points.measured[which] - reached[moved], axis=1)))
             for which in (moved, source[moved])
         )
         if after > before / BETTER:

@@ -39,7 +39,7 @@ def refuse_unstated_rotation(fit: Fit) -> None:
     if not fit.nominal.n or nominal < MACHINE_ERROR_SHARE * fit.chain.size:
         return
     for view in fit.problem.views:
-        if isinstance(view, PositionView) and len(view.pose.undetermined) and not view.components.all():
+        if isinstance(view, PositionView) and len(view.pose.undetermined) and view.components.any(axis=0).sum() == 2:
             raise InputError(
                 f"{fit.survey.source}, columns {' '.join(MEASURED)}",
                 f"measured components that lie {nominal:.3g} mm rms beside the nominal machine, and do not determine "
