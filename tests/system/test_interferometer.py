@@ -24,6 +24,7 @@ from identification.uncertainty.prediction import predict
 from tests.helpers.commands import run
 from tests.helpers.interferometer import (
     MILL,
+    Motion,
     passes,
     play,
     positioning,
