@@ -74,6 +74,8 @@ class Interpreter:
 
     def _step(self, block: Block, codes: Codes) -> Step:
         self.modes = grammar.modes_behind(self.modes, codes)
+        if block.has("F"):
+            self.feed_of = self.modes.feed
         if codes.event:
             return self._event(block, codes.event)
         self.extruder.count(codes)
@@ -218,10 +220,8 @@ class Interpreter:
     def _feed_words(self, block: Block, kind: Kind) -> None:
         if self.modes.feed == "G93" and kind == "feed" and not block.has("F"):
             block.refuse("a cut without F in inverse time (G93)", "Write F in every block")
-        if block.has("F"):
-            if not block.number_of("F") and not self.dialect.printer:
-                block.refuse("F0", "Write a feed")
-            self.feed_of = self.modes.feed
+        if block.has("F") and not block.number_of("F") and not self.dialect.printer:
+            block.refuse("F0", "Write a feed")
         if kind == "feed" and self.modes.feed != self.feed_of == "G93":
             block.refuse("a cut without F since the inverse time (G93) ended", "Write F behind G94")
 
