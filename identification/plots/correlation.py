@@ -7,23 +7,9 @@ from math import ceil
 import numpy as np
 from matplotlib.figure import Figure
 
-from errormodel.arrays import Array
 from identification.plots import style
 from identification.results.analysis import Analysis
-from identification.results.parameter_table import Estimate
-
-MOST_CORRELATED_GROUPS = 90  # groups, beyond which those of frames and instruments are left out, for legibility
-
-
-def correlation(analysis: Analysis) -> tuple[list[Estimate], Array]:
-    """The groups shown and their correlation coefficients, (n, n)."""
-    groups = analysis.estimates
-    if len(groups) > MOST_CORRELATED_GROUPS:
-        groups = [e for e in groups if e.kind not in ("frame", "zero")]
-    place = [e.number - 1 for e in groups]
-    covariance = analysis.fit.solution.covariance[np.ix_(place, place)]
-    std = np.sqrt(np.diag(covariance))
-    return groups, np.asarray(covariance / np.outer(std, std))
+from identification.results.correlations import correlation
 
 
 def draw_correlation(analysis: Analysis) -> Figure:

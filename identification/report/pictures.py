@@ -16,10 +16,8 @@ from errormodel.machine import Joint
 from identification.estimation.result import Fit
 from identification.plots import style
 from identification.plots.chain_drawing import draw_chain
-from identification.plots.correlation import draw_correlation
 from identification.plots.error_distribution import draw_error_distribution
 from identification.plots.error_motions import draw_error_motions, moving_joints
-from identification.plots.parameters import draw_parameters
 from identification.plots.residuals import draw_residuals_by_order, draw_residuals_by_position
 from identification.plots.singular_values import draw_singular_values
 from identification.plots.volumetric_error import draw_volumetric_error
@@ -47,7 +45,6 @@ def pictures(analysis: Analysis, short: bool = False) -> dict[str, list[Picture]
         "chain": [_chain(fit)],
         "motions": [_motions(fit, joint) for joint in moving_joints(fit)],
         "residuals": _residuals(fit) if points else [],
-        "parameters": _parameters(analysis) if whole else [],
         "rank": _rank(analysis) if whole else [],
     }
 
@@ -94,17 +91,6 @@ def _residuals(fit: Fit) -> list[Picture]:
     ]
 
 
-def _parameters(analysis: Analysis) -> list[Picture]:
-    return [
-        picture(
-            partial(draw_parameters, analysis),
-            "The machine's parameters with ± 2 standard uncertainties, the most significant first; a hollow dot is "
-            "not significant: its bar holds zero. A name ending in … stands for a group.",
-            "Values of all parameters with their uncertainty, as in the table below",
-        )
-    ]
-
-
 def _rank(analysis: Analysis) -> list[Picture]:
     return [
         picture(
@@ -112,12 +98,6 @@ def _rank(analysis: Analysis) -> list[Picture]:
             "How clearly the poses distinguish the parameters: every dot above the line is one identified "
             "combination, the lower the less certain.",
             f"Singular values in falling order; {analysis.fit.solution.groups.rank} lie above the threshold",
-        ),
-        picture(
-            partial(draw_correlation, analysis),
-            "Which groups the survey can hardly distinguish: dark squares off the diagonal are pairs of which only "
-            "a sum (blue) or a difference (red) is known well.",
-            "Heat map of the correlation coefficients of the groups",
         ),
     ]
 

@@ -11,6 +11,8 @@ import numpy as np
 from identification.estimation.fit import moved
 from identification.estimation.result import Fit, Spread
 from identification.report.wording import file_name, three
+from identification.results.analysis import Analysis
+from identification.results.correlations import correlation
 from identification.results.description import no_effect_reasons
 from identification.results.location_estimates import LocationEstimate
 from identification.results.parameter_table import ARCSEC_PER_URAD, Estimate, Kind, decimals, printed
@@ -22,6 +24,8 @@ GROUP_HEADINGS: dict[Kind, str] = {
     "frame": "Measuring frame and target",
     "zero": "Zeros of the instruments",
 }
+BARRED: tuple[Kind, ...] = ("member", "joint", "effect")  # kinds of groups whose values are drawn as bars
+MOST_PAIRS, CORRELATED = 12, 0.7  # pairs of groups that are listed: how many, and from which coefficient on
 MOST_FRAME_ROWS = 30  # rows about measuring frames or zeros; a long survey has hundreds
 
 
@@ -50,6 +54,7 @@ class GroupRow(NamedTuple):
     arcsec: str
     significance: str
     clear: bool
+    bar: tuple[float, float, float] | None = None  # ends and middle of the bar, 0 to 120, zero at 60
 
 
 def number(value: float, places: int) -> str:
@@ -107,13 +112,13 @@ def counts(fit: Fit) -> dict[str, int]:
 
 def group_sections(groups: Sequence[Estimate]) -> list[tuple[str, list[GroupRow]]]:
     """Groups by kind, in the order of the fit; at most `MOST_FRAME_ROWS` measuring frames."""
-    out = []
+    out, scales = [], _scales(groups)
     for kind, heading in GROUP_HEADINGS.items():
         own = [e for e in groups if e.kind == kind]
         most = MOST_FRAME_ROWS if kind in ("frame", "zero") else len(own)
         more = f": {most} of {len(own)}, all in parameters.csv" if len(own) > most else ""
         if own:
-            out.append((heading + more, [_group_row(e) for e in own[:most]]))
+            out.append((heading + more, [_group_row(e, scales.get(e.unit, 0.0)) for e in own[:most]]))
     return out
 
 
@@ -128,7 +133,16 @@ def location_rows(errors: Sequence[LocationEstimate]) -> list[GroupRow]:
     ]
 
 
-def _group_row(e: Estimate) -> GroupRow:
+def _scales(groups: Sequence[Estimate]) -> dict[str, float]:
+    """The farthest end of a bar of two standard uncertainties, by unit; frames and zeros have no bars."""
+    out: dict[str, float] = {}
+    for e in groups:
+        if e.kind in BARRED:
+            out[e.unit] = max(out.get(e.unit, 0.0), abs(e.value) + 2 * e.std)
+    return out
+
+
+def _group_row(e: Estimate, scale: float = 0.0) -> GroupRow:
     places = decimals(e.std)
     arcsec = ""
     if e.unit.startswith("µrad"):
@@ -137,7 +151,25 @@ def _group_row(e: Estimate) -> GroupRow:
         arcsec = f"{size} arcsec{e.unit.removeprefix('µrad')}"
     value = f"{number(e.value, places)} ± {number(e.std, places)}"
     significance = number(e.significance, 1) if e.significance < 1e4 else "over 10000"
-    return GroupRow(e.number, e.formula, e.symbol, e.meaning, value, e.unit, arcsec, significance, e.significance >= 2)
+    bar = None
+    if e.kind in BARRED and np.isfinite(scale) and scale > 0:
+        low, middle, high = (round(60 + 58 * x / scale, 1) for x in (e.value - 2 * e.std, e.value, e.value + 2 * e.std))
+        bar = low, middle, high
+    clear = e.significance >= 2
+    return GroupRow(e.number, e.formula, e.symbol, e.meaning, value, e.unit, arcsec, significance, clear, bar)
+
+
+def correlated_pairs(analysis: Analysis) -> list[tuple[str, str, str]]:
+    """The most correlated pairs of groups of the machine, by name, with their coefficients."""
+    groups, matrix = correlation(analysis)
+    first, second = np.triu_indices(len(groups), 1)
+    values = matrix[first, second]
+    order = np.argsort(-np.abs(values), kind="stable")[:MOST_PAIRS]
+    return [
+        (groups[first[k]].name, groups[second[k]].name, number(float(values[k]), 2))
+        for k in order
+        if abs(values[k]) > CORRELATED
+    ]
 
 
 def dependent(fit: Fit) -> list[tuple[str, str]]:

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from identification.estimation.result import Fit
-from identification.plots.correlation import correlation
 from identification.results.analysis import Analysis
+from identification.results.correlations import correlation
 
 HEADLINE_MOTIONS = 3  # error motions in a headline
 WORSE_RMS_RATIO = 1.5  # RMS on held-out rows over RMS on fitted ones, from which the report warns; by judgement

@@ -52,6 +52,7 @@ def report(analysis: Analysis, diagnosed: Diagnosed | None = None, thermal: Ther
         dependent=tables.dependent(fit),
         no_effect=tables.no_effect(fit),
         correlated=wording.strongest_correlation(analysis),
+        pairs=tables.correlated_pairs(analysis),
         effects=bool(fit.chain.machine.effects),
         posterior=_posterior(analysis),
         budget=budget_part(analysis),

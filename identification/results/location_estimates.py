@@ -77,4 +77,5 @@ def determined(error: LocationError, groups: Groups) -> Array | None:
     shares = np.linalg.lstsq(design.T, wanted[held], rcond=1e-10)[0]
     left = np.abs(wanted[held] - shares @ design)
     size = np.maximum(np.abs(wanted[held]), np.abs(shares) @ np.abs(design))
-    return np.asarray(shares, dtype=np.float64) if (left <= SAME_FUNCTION_SHARE * size + 1e-12).all() else None
+    same = left <= SAME_FUNCTION_SHARE * size + ROUND_OFF * np.abs(wanted).max()
+    return np.asarray(shares, dtype=np.float64) if same.all() else None

@@ -21,6 +21,7 @@ from identification.estimation.motions import Motions
 from identification.estimation.result import Fit
 from identification.observation.pose import Pose
 from identification.results.analysis import Analysis
+from identification.results.correlations import correlations
 from identification.results.json_text import dumps
 from identification.results.results_folder import ResultsFolder, whole
 from identification.results.stored_fit import SCHEMA, StoredFit, read_files
@@ -93,17 +94,6 @@ def as_json(analysis: Analysis) -> dict[str, Any]:
         "correlations": correlations(fit),
         "next_poses": [] if gain.poses is None else gain.poses.to_dict("records"),
     }
-
-
-def correlations(fit: Fit, least: float = 0.9, most: int = 100) -> list[dict[str, Any]]:
-    """Most strongly correlated pairs of groups; all correlations follow from ``covariance.csv``."""
-    s = fit.solution
-    std = np.sqrt(np.diag(s.covariance))
-    matrix = np.triu(s.covariance / np.outer(std, std), 1)
-    pairs = np.argwhere(np.abs(matrix) > least)
-    order = np.argsort(-np.abs(matrix[tuple(pairs.T)]), kind="stable")[:most]
-    names = [s.unknowns[j] for j in s.groups.base]
-    return [{"groups": [names[i], names[j]], "correlation": float(matrix[i, j])} for i, j in pairs[order]]
 
 
 def save(fit: Fit, folder: Path) -> None:

@@ -27,7 +27,7 @@ from errormodel.simulation import Truth, measured_at, outward, random_points
 from errormodel.survey import read_survey
 from identification.estimation.fit import fit_machine
 from identification.estimation.result import Fit, Spread
-from identification.plots.correlation import correlation, draw_correlation
+from identification.plots.correlation import draw_correlation
 from identification.plots.error_distribution import draw_error_distribution
 from identification.plots.error_motions import draw_error_motions, moving_joints
 from identification.plots.parameters import draw_parameters
@@ -39,6 +39,7 @@ from identification.report import write, write_report
 from identification.report.tables import number
 from identification.report.wording import short, strongest_correlation, three
 from identification.results.analysis import Analysis
+from identification.results.correlations import correlation
 from identification.results.terminal import table_lines
 from tests.helpers.pages import Page
 
@@ -90,7 +91,7 @@ def test_report_shows_the_numbers_of_the_fit(fit: Fit, page: str) -> None:
     spreads = [fit.nominal, fit.fitted, fit.heldout, fit.tests[0].nominal, fit.tests[0].fitted]
     for cells, s in zip(tables["results"][1:], spreads, strict=True):
         assert cells[1:] == [f"{s.mean_um:.1f}", f"{s.rms_um:.1f}", f"{s.max_um:.1f}", str(s.n)]
-    groups = [cells for cells in tables["groups"][1:] if len(cells) == 6]
+    groups = [cells for cells in tables["groups"][1:] if len(cells) == 7]
     found = sorted(Analysis(fit).estimates, key=lambda e: ["member", "joint", "effect", "frame", "zero"].index(e.kind))
     assert len(groups) == len(found) == fit.solution.groups.rank
     for cells, e in zip(groups, found, strict=True):
@@ -98,6 +99,9 @@ def test_report_shows_the_numbers_of_the_fit(fit: Fit, page: str) -> None:
         assert cells[:3] + cells[4:5] == [str(e.number), e.formula, e.symbol + e.meaning, e.unit]
         assert std == pytest.approx(e.std, rel=0.06)
         assert value == pytest.approx(e.value, abs=0.06 * e.std)
+    bars = re.findall(r'<path d="M([-\d.]+) 6H([-\d.]+)"/><circle cx="([-\d.]+)"', page)
+    assert len(bars) == sum(e.kind in ("member", "joint", "effect") for e in found)
+    assert all(0 < float(low) <= float(at) <= float(high) < 120 for low, high, at in bars)
     hidden = {i for cells in tables["no-effect"][1:] for i in cells[0].split(", ")}
     assert hidden == set(fit.solution.groups.no_effect)
     assert [cells[0] for cells in tables["poses"][1:]] == list(fit.problem.frames)
