@@ -39,7 +39,7 @@ def modules(package: str) -> list[str]:
 
 @lru_cache(maxsize=1)
 def _installed(path: tuple[str, ...]) -> Any:
-    """The entry points of all distributions on a path, `EntryPoints` from Python 3.12 on: finding them takes as long as loading a package of modules."""
+    """The entry points of all distributions on a path: finding them takes as long as loading many modules."""
     return entry_points()
 
 
