@@ -59,9 +59,10 @@ def unseen(scene: Scene, scores: Scores, found: Collection[Effect]) -> list[Unte
                 reasons.setdefault(reason, []).append(where)
             elif part > ABSORBED:
                 reasons.setdefault(f"the geometry absorbs {100 * part:.0f} % of it", []).append(where)
+        said = {place for places in reasons.values() for place in places}
+        said |= {effect.where for effect in found if effect.effect == name}
         for joint in scene.moving:
-            named = any(effect.effect == name and effect.where == joint.name for effect in found)
-            if (why := kind.unresolved(scene, joint)) and not named:
+            if joint.name not in said and (why := kind.unresolved(scene, joint)):
                 reasons.setdefault(f"{why[0].lower()}{why[1:].split(':')[0]}", []).append(joint.name)
         for reason, places in reasons.items():
             at = "" if len(places) == len(possible) else f"at {', '.join(places)}: "
