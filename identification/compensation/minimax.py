@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 MOST_EXCHANGES = 25  # rounds of the exchange method; by judgement
 POSES_PER_EXCHANGE = 40  # poses that a round adds; by judgement
-BOUND_GAP_SHARE = 0.01  # of the lower bound: a solution this close to it is accepted; by judgement
+BOUND_GAP_SHARE = 0.03  # of the lower bound: a solution this close to it is accepted; the last per cent take most time
 SLOPE_EXCESS_SHARE = 0.0005  # of a slope's bound: smaller violations are accepted; by judgement
 DISTANCE_PRICE = 0.02  # penalty at the boundary of the ball, as a share of the largest error; by judgement
 
