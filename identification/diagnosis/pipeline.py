@@ -14,10 +14,10 @@ from errormodel.machine import EffectSpec, Machine
 from errormodel.survey import Survey
 from identification.diagnosis.data_checks.approach_direction import contrary_sides
 from identification.diagnosis.data_checks.blunder import Blunder, listed, misses
-from identification.diagnosis.data_checks.checks import find_blunders, without
+from identification.diagnosis.data_checks.checks import MOST_BLUNDERS, find_blunders, without
 from identification.diagnosis.data_checks.head_axes import refuse_turned_head
 from identification.diagnosis.data_checks.outliers import gross_rows
-from identification.diagnosis.data_checks.runs_of_motions import refuse_unlike_runs
+from identification.diagnosis.data_checks.runs_of_motions import lost_zero, opposite_runs, refuse_scaled_runs
 from identification.diagnosis.data_checks.temperature_sensors import dead_sensors
 from identification.diagnosis.data_checks.unrelated import refuse_unstated_rotation
 from identification.diagnosis.linear.linear_model import MOST_ROWS, LinearModel, set_up
@@ -75,13 +75,31 @@ def diagnose(machine: Machine, survey: Survey, progress: Progress = silent) -> D
     InputError
         The survey has nothing to fit, or no row with a measured position.
     """
-    refuse_unlike_runs(survey)
+    refuse_scaled_runs(survey)
+    lost = list[Blunder]()
+    while len(lost) < MOST_BLUNDERS and (found := lost_zero(survey)) is not None:
+        lost.append(found)
+        survey = found.survey
+    notes = tuple(opposite_runs(survey))
     survey = as_points(machine, survey)
     if parts := carried(machine, survey):
-        return together(
+        diagnosed = together(
             machine, survey, [(p, diagnose_points(p.machine, p.survey, p.telling(progress), True)) for p in parts]
         )
-    return diagnose_points(machine, survey, progress)
+    else:
+        diagnosed = diagnose_points(machine, survey, progress)
+    return _with_lost_zeros(diagnosed, lost, notes) if lost or notes else diagnosed
+
+
+def _with_lost_zeros(diagnosed: Diagnosed, lost: Sequence[Blunder], notes: tuple[str, ...]) -> Diagnosed:
+    """The diagnosis with what was put right before it, first."""
+    d = diagnosed.diagnosis
+    findings = tuple(_blunder_finding(b, None, None) for b in lost)
+    verdict = "explained" if lost and d.verdict == "adequate" else d.verdict
+    return replace(
+        diagnosed,
+        diagnosis=replace(d, findings=(*findings, *d.findings), verdict=verdict, notes=(*d.notes, *notes)),
+    )
 
 
 def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silent, read: bool = False) -> Diagnosed:

@@ -84,7 +84,7 @@ def diagnosis_part(diagnosed: Diagnosed) -> DiagnosisPart:
     groups = numbered(diagnosed)
     findings = []
     for n, f in enumerate(diagnosis.findings, start=1):
-        part = next(p for p in parts if any(f is own for own in p.diagnosis.findings))
+        part = next((p for p in parts if any(f is own for own in p.diagnosis.findings)), parts[0])
         findings.append(_part(part, n, f, groups.get(n)))
     doubtful = [str(n) for n in groups if diagnosis.findings[n - 1].probability < LIKELY_PROBABILITY]
     named = (f"the name of finding {' and '.join(doubtful)} is not sure, see its other explanations",)

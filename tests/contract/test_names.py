@@ -92,6 +92,7 @@ def test_no_module_of_surveys_has_the_suffix_of_one_format() -> None:
 WORKED_WITH = {
     "axis_blunder",  # a mistake in a table: put right before anything else looks at the rows
     "clock_offset",  # the same, of its clock
+    "station_shift",  # the same, of the zero of an instrument
     "unnamed",  # the form by which the diagnosis states what has no name
     "structure_drift",  # what the command for thermal models fits
     "plain",  # the instrument of a survey that names none

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tests.helpers.commands import run
+from tests.helpers.commands import done, run
 from tests.helpers.interferometer import MILL, Array, positioning, record, screw, targets, written
 
 
@@ -18,24 +19,35 @@ def mill(tmp_path: Path) -> Path:
     return path
 
 
-@pytest.mark.parametrize("command", ["fit", "diagnose"])
-def test_a_zero_lost_half_way_is_refused(tmp_path: Path, mill: Path, command: str):
-    table = positioning(4, runs=3)
+def test_a_zero_lost_half_way_is_found(tmp_path: Path, mill: Path) -> None:
+    table = positioning(6, runs=3)
     table.loc[30:43, "dx"] += 12.0  # to the end of the second run of 22 readings
-    result = run(command, mill, written(tmp_path, table), "--out", tmp_path / "out")
-    assert result.code == 2
-    assert "run 2 about X changes by 1" in result.err
-    assert "between rows 30 and 31 beside the other runs" in result.err
+    survey = written(tmp_path, table)
+    refused = run("fit", mill, survey, "--out", tmp_path / "fit")
+    assert refused.code == 2
+    assert "run 2 about X changes by 1" in refused.err
+    assert "between rows 30 and 31 beside the other runs" in refused.err
+    done("diagnose", mill, survey, "--out", tmp_path / "out")
+    found = json.loads((tmp_path / "out/diagnosis.json").read_text())
+    first, *others = found["findings"]
+    assert (first["effect"], first["where"], first["rows"]) == ("station-shift", "frame", list(range(31, 45)))
+    assert [f["effect"] for f in others] == ["backlash"]  # which is there
+    assert found["verdict"] == "explained"
+    assert found["noise_um"] < 1
 
 
 @pytest.mark.parametrize(("factor", "words"), [(-1, "the opposite sign"), (1e-3, "a thousandth"), (1e3, "1000 times")])
-def test_a_run_of_another_sign_or_unit_is_refused(tmp_path: Path, mill: Path, factor: float, words: str):
+def test_a_run_of_another_sign_or_unit_is_refused(tmp_path: Path, mill: Path, factor: float, words: str) -> None:
     table = positioning(0, runs=3)
     table.loc[22:43, "dx"] *= factor
-    result = run("fit", mill, written(tmp_path, table, dx="um"), "--out", tmp_path / "out")
+    survey = written(tmp_path, table, dx="um")
+    result = run("fit", mill, survey, "--out", tmp_path / "out")
     assert result.code == 2
     assert "run 2 about X" in result.err
     assert words in result.err
+    diagnosed = run("diagnose", mill, survey, "--out", tmp_path / "out")
+    assert diagnosed.code == (0 if factor < 0 else 2)  # the sign may be a compensation's
+    assert words in diagnosed.err
 
 
 @pytest.mark.parametrize("seed", range(8))

@@ -8,25 +8,28 @@ between a run and the others is a sign or a unit.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
 
 from errormodel.arrays import Array
 from errormodel.channels import direction
-from errormodel.conventions import MOTIONS
+from errormodel.conventions import FRAME, MOTIONS
+from errormodel.effects.station_shift import StationShift
 from errormodel.exceptions import InputError
 from errormodel.survey import Survey
+from identification.diagnosis.data_checks.blunder import Blunder
 
 FEWEST = 8  # readings of a run that others repeat
+POLISHES = 20  # rounds of the median polish
 FEWEST_ASIDE = 3  # readings on either side of a step
 SAME_TARGET_SHARE = 1e-3  # of the range of positions: targets that are the same
 CLEAR_STEP = 8.0  # standard uncertainties
 LARGE_STEP = 5.0  # standard deviations of a reading
 STEP_OVER_DRIFT = 0.25  # residual sum of squares of a step over that of a straight drift
 CLEAR_FACTOR = 25.0  # residual sum of squares with the usual factor over that with another
-FACTORS = {-1.0: "the opposite sign of", 1e3: "values 1000 times those of", 1e-3: "values a thousandth of"}
+UNITS = {1e3: "values 1000 times those of", 1e-3: "values a thousandth of"}
 
 
 @dataclass(frozen=True)
@@ -43,20 +46,57 @@ class _Run:
 
 def refuse_unlike_runs(survey: Survey) -> None:
     """InputError where a run of error motions lost its zero, or has another sign or unit than the others."""
-    runs = list(_runs(survey.fit.table))
-    for run in runs:
-        _refuse_factor(run)
-    steps = [(found, run) for run in runs if (found := _step(run)) is not None]
+    refuse_scaled_runs(survey)
+    for text in opposite_runs(survey):
+        raise InputError(str(survey.source), text, "See which is right, and write all runs with one sign")
+    if (found := lost_zero(survey)) is not None:
+        raise InputError(str(survey.source), found.text, f"{found.cure}. `errormodel diagnose` does so and goes on")
+
+
+def refuse_scaled_runs(survey: Survey) -> None:
+    """InputError where a run has another unit than the others at the same targets."""
+    for run in _runs(survey.fit.table):
+        for factor, words in UNITS.items():
+            if _is_scaled(run, factor):
+                raise InputError(
+                    f"{run.rows['file'].iloc[0]}, column {run.motion}",
+                    f"run {run.label} about {run.joint} has {words} the other runs at the same targets",
+                    "See which is right, and write all runs in one unit",
+                )
+
+
+def opposite_runs(survey: Survey) -> Iterator[str]:
+    """Remarks on runs that have the opposite sign of the others: a mistake, or a compensation that acts twice."""
+    for run in _runs(survey.fit.table):
+        if _is_scaled(run, -1.0):
+            yield (
+                f"column {run.motion}: run {run.label} about {run.joint} has the opposite sign of the other runs at "
+                "the same targets, as with a wrong sign, or a compensation that acts twice in it"
+            )
+
+
+def lost_zero(survey: Survey) -> Blunder | None:
+    """The clearest step of a run beside the others, and the survey with a run of its own from there on."""
+    steps = [(found, run) for run in _runs(survey.fit.table) if (found := _step(run)) is not None]
     if not steps:
-        return
+        return None
     (_, size, at), run = max(steps, key=lambda step: step[0][0])  # the others are compared with it
     before, after = (int(r) for r in run.rows["row"].iloc[[at - 1, at]])
     size, unit = (1e3 * size, "um") if run.motion.startswith("d") else (1e6 * size, "urad")
-    raise InputError(
-        f"{run.rows['file'].iloc[0]}, column {run.motion}",
-        f"run {run.label} about {run.joint} changes by {size:.3g} {unit} between rows {before} and {after} beside the "
-        "other runs, and stays there: a zero that was lost, as of an interrupted beam",
-        f"Give the rows from {after} on a label of run of their own, or measure the run again",
+    table = survey.table.copy()
+    first = run.rows.index[at]
+    later = (table["run"] == run.label) & (table["joint"] == run.joint) & (table.index >= first)
+    table.loc[later, "run"] = f"{run.label}b"
+    rows = tuple(int(r) for r in table.loc[later, "row"])
+    return Blunder(
+        f"run {run.label} about {run.joint} changes by {size:.3g} {unit} in column {run.motion} between rows {before} "
+        f"and {after} beside the other runs, and stays there: a zero that was lost, as of an interrupted beam",
+        replace(survey, table=table),
+        effect=StationShift.effect,
+        where=FRAME,
+        rows=rows,
+        cure=f"Give the rows from {after} on a label of run of their own, or measure the run again",
+        mended="; they are taken as a run of their own",
     )
 
 
@@ -70,9 +110,10 @@ def _runs(table: pd.DataFrame) -> Iterator[_Run]:
         side = direction(about.reset_index(drop=True), joint)
         place = pd.Series([f"{round(q / step)} {s:+.0f}" for q, s in zip(target, side, strict=True)], about.index)
         for motion in (m for m in MOTIONS if m in about and about[m].notna().any()):
+            beyond = about[motion] - _zeros(about[motion], about["run"], place)
             for label in about["run"].unique():
                 mine = (about["run"] == label).to_numpy()
-                known = about.loc[~mine, motion].groupby(place[~mine]).mean()
+                known = beyond[~mine].groupby(place[~mine]).mean()
                 others = place[mine].map(known).to_numpy(dtype=np.float64)
                 own = about.loc[mine, motion].to_numpy(dtype=np.float64)
                 seen = np.isfinite(own) & np.isfinite(others)
@@ -80,17 +121,20 @@ def _runs(table: pd.DataFrame) -> Iterator[_Run]:
                     yield _Run(str(joint), motion, str(label), about[mine][seen], own[seen], others[seen])
 
 
-def _refuse_factor(run: _Run) -> None:
+def _zeros(values: pd.Series[float], run: pd.Series[str], place: pd.Series[str]) -> pd.Series[float]:
+    """The zero of each reading's run: a sum of a target's value and a run's, by medians in turn (median polish)."""
+    zero = values.groupby(run).transform("median")
+    for _ in range(POLISHES):
+        target = (values - zero).groupby(place).transform("median")
+        zero = (values - target).groupby(run).transform("median")
+    return zero
+
+
+def _is_scaled(run: _Run, factor: float) -> bool:
+    """Whether a run is so many times what the others are."""
     own, others = run.own - run.own.mean(), run.others - run.others.mean()
-    usual = float(np.sum((own - others) ** 2))
-    for factor, words in FACTORS.items():
-        left = float(np.sum((own - factor * others) ** 2))
-        if min(usual, float(np.sum(own**2))) > CLEAR_FACTOR * left:
-            raise InputError(
-                f"{run.rows['file'].iloc[0]}, column {run.motion}",
-                f"run {run.label} about {run.joint} has {words} the other runs at the same targets",
-                "See which is right, and write all runs with one sign and in one unit",
-            )
+    left = float(np.sum((own - factor * others) ** 2))
+    return min(float(np.sum((own - others) ** 2)), float(np.sum(own**2))) > CLEAR_FACTOR * left
 
 
 def _step(run: _Run) -> tuple[float, float, int] | None:
