@@ -336,3 +336,15 @@ def test_a_programme_is_corrected_checked_and_what_was_found_is_said(fitted: Pat
     assert found[0] in with_notes[0]
     (tmp_path / "part.nc").write_bytes(text.replace("M3", "M3\xb3").encode("latin-1"))
     assert "part.nc, line 5, column 3: '\\udcb3' is no printable ASCII" in run(*ask, "--offset", offset).err
+
+
+@pytest.mark.parametrize("name", ["checklist.txt", "compensation.json", "Manifest.json"])
+def test_a_programme_with_the_name_of_an_own_file_is_refused(tmp_path: Path, name: str) -> None:
+    """It would be replaced by that file."""
+    folder = fitted_mill(tmp_path)
+    (tmp_path / name).write_text("G0 X0 Y0 Z0\n")
+    ask = ("compensate", folder / "fit", "--controller", "gcode", "--program", tmp_path / name, "--out", tmp_path / "o")
+    refused = run(*ask)
+    assert refused.code == 2
+    assert "Rename the programme" in refused.err
+    assert not (tmp_path / "o").exists()

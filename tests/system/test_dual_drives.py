@@ -184,3 +184,20 @@ def test_a_wrong_table(gantry: Path, tmp_path: Path) -> None:
         result = run("fit", gantry / "gantry.yaml", tmp_path / "s.csv", "--out", tmp_path / "out", "--quiet")
         assert result.code == 2
         assert words in result.err
+
+
+def test_drives_with_zeros_that_differ_are_refused(gantry: Path, tmp_path: Path) -> None:
+    table = pd.read_csv(gantry / "two.csv")
+    table["Y2"] += 5.0
+    table.to_csv(tmp_path / "s.csv", index=False)
+    refused = run("fit", gantry / "gantry.yaml", tmp_path / "s.csv", "--out", tmp_path / "out")
+    assert refused.code == 2
+    assert "Y1 lies -4.98" in refused.err
+    assert "zeros that differ" in refused.err
+
+
+def test_drives_a_millimetre_apart_are_refused(tmp_path: Path) -> None:
+    path = write(tmp_path / "m.yaml", GANTRY.replace("spacing: 1200", "spacing: 1.2"))
+    refused = run("describe", path)
+    assert refused.code == 2
+    assert "spacing: 1.2 mm between two drives of an axis that travels 1800 mm" in refused.err

@@ -60,3 +60,13 @@ def test_runs_that_warm_up_or_have_play_are_not_refused(tmp_path: Path, mill: Pa
 
     table = record("X", {"dx": motion}, targets(20, 580, 11, rng), rng, runs=4)
     assert run("fit", mill, written(tmp_path, table), "--out", tmp_path / "out").code == 0
+
+
+def test_positions_of_one_axis_in_metres_are_refused(tmp_path: Path, mill: Path) -> None:
+    table = positioning(4)
+    table["X"] /= 1000
+    refused = run("fit", mill, written(tmp_path, table), "--out", tmp_path / "out")
+    assert refused.code == 2
+    assert "Write units: {X: m} in a survey.yaml; if they are right, units: {X: mm}" in refused.err
+    assert run("fit", mill, written(tmp_path, table, X="m"), "--out", tmp_path / "out").code == 0
+    assert run("fit", mill, written(tmp_path, table, X="mm"), "--out", tmp_path / "short").code == 0  # 0.6 mm of it
