@@ -17,7 +17,12 @@ from identification.diagnosis.data_checks.blunder import Blunder, listed, misses
 from identification.diagnosis.data_checks.checks import MOST_BLUNDERS, find_blunders, without
 from identification.diagnosis.data_checks.head_axes import refuse_turned_head
 from identification.diagnosis.data_checks.outliers import gross_rows
-from identification.diagnosis.data_checks.runs_of_motions import lost_zero, opposite_runs, refuse_scaled_runs
+from identification.diagnosis.data_checks.runs_of_motions import (
+    compared_runs,
+    lost_zero,
+    opposite_runs,
+    refuse_scaled_runs,
+)
 from identification.diagnosis.data_checks.temperature_sensors import dead_sensors
 from identification.diagnosis.data_checks.unrelated import refuse_unstated_rotation
 from identification.diagnosis.linear.linear_model import MOST_ROWS, LinearModel, set_up
@@ -75,12 +80,13 @@ def diagnose(machine: Machine, survey: Survey, progress: Progress = silent) -> D
     InputError
         The survey has nothing to fit, or no row with a measured position.
     """
-    refuse_scaled_runs(survey)
-    lost = list[Blunder]()
-    while len(lost) < MOST_BLUNDERS and (found := lost_zero(survey)) is not None:
+    runs, lost = compared_runs(survey), list[Blunder]()
+    refuse_scaled_runs(runs)
+    while len(lost) < MOST_BLUNDERS and (found := lost_zero(survey, runs)) is not None:
         lost.append(found)
         survey = found.survey
-    notes = tuple(opposite_runs(survey))
+        runs = compared_runs(survey)
+    notes = tuple(opposite_runs(runs))
     survey = as_points(machine, survey)
     if parts := carried(machine, survey):
         diagnosed = together(

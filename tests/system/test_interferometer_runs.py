@@ -36,6 +36,20 @@ def test_a_zero_lost_half_way_is_found(tmp_path: Path, mill: Path) -> None:
     assert found["noise_um"] < 1
 
 
+def test_rows_of_a_test_file_keep_their_run(tmp_path: Path, mill: Path) -> None:
+    """They stand before the others in the survey, with the same labels of runs."""
+    positioning(6, seed=2, runs=2).to_csv(tmp_path / "check.csv", index=False)
+    table = positioning(6, runs=3)
+    table.loc[30:43, "dx"] += 12.0
+    survey = written(tmp_path, table)
+    files = "files: [{path: check.csv, role: test}, {path: data.csv}]"
+    survey.write_text(survey.read_text().replace("files: [{path: data.csv}]", files))
+    done("diagnose", mill, survey, "--out", tmp_path / "out")
+    first, *others = json.loads((tmp_path / "out/diagnosis.json").read_text())["findings"]
+    assert (first["effect"], first["rows"]) == ("station-shift", list(range(31, 45)))
+    assert [f["effect"] for f in others] == ["backlash"]
+
+
 @pytest.mark.parametrize(("factor", "words"), [(-1, "the opposite sign"), (1e-3, "a thousandth"), (1e3, "1000 times")])
 def test_a_run_of_another_sign_or_unit_is_refused(tmp_path: Path, mill: Path, factor: float, words: str) -> None:
     table = positioning(0, runs=3)

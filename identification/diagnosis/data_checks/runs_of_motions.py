@@ -7,7 +7,7 @@ between a run and the others is a sign or a unit.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -33,7 +33,7 @@ UNITS = {1e3: "values 1000 times those of", 1e-3: "values a thousandth of"}
 
 
 @dataclass(frozen=True)
-class _Run:
+class Run:
     """Readings of one motion in one run, in order, and the other runs' means at the same targets."""
 
     joint: str
@@ -46,16 +46,17 @@ class _Run:
 
 def refuse_unlike_runs(survey: Survey) -> None:
     """InputError where a run of error motions lost its zero, or has another sign or unit than the others."""
-    refuse_scaled_runs(survey)
-    for text in opposite_runs(survey):
+    runs = compared_runs(survey)
+    refuse_scaled_runs(runs)
+    for text in opposite_runs(runs):
         raise InputError(str(survey.source), text, "See which is right, and write all runs with one sign")
-    if (found := lost_zero(survey)) is not None:
+    if (found := lost_zero(survey, runs)) is not None:
         raise InputError(str(survey.source), found.text, f"{found.cure}. `errormodel diagnose` does so and goes on")
 
 
-def refuse_scaled_runs(survey: Survey) -> None:
+def refuse_scaled_runs(runs: Sequence[Run]) -> None:
     """InputError where a run has another unit than the others at the same targets."""
-    for run in _runs(survey.fit.table):
+    for run in runs:
         for factor, words in UNITS.items():
             if _is_scaled(run, factor):
                 raise InputError(
@@ -65,9 +66,9 @@ def refuse_scaled_runs(survey: Survey) -> None:
                 )
 
 
-def opposite_runs(survey: Survey) -> Iterator[str]:
+def opposite_runs(runs: Sequence[Run]) -> Iterator[str]:
     """Remarks on runs that have the opposite sign of the others: a mistake, or a compensation that acts twice."""
-    for run in _runs(survey.fit.table):
+    for run in runs:
         if _is_scaled(run, -1.0):
             yield (
                 f"column {run.motion}: run {run.label} about {run.joint} has the opposite sign of the other runs at "
@@ -75,17 +76,17 @@ def opposite_runs(survey: Survey) -> Iterator[str]:
             )
 
 
-def lost_zero(survey: Survey) -> Blunder | None:
+def lost_zero(survey: Survey, runs: Sequence[Run]) -> Blunder | None:
     """The clearest step of a run beside the others, and the survey with a run of its own from there on."""
-    steps = [(found, run) for run in _runs(survey.fit.table) if (found := _step(run)) is not None]
+    steps = [(found, run) for run in runs if (found := _step(run)) is not None]
     if not steps:
         return None
     (_, size, at), run = max(steps, key=lambda step: step[0][0])  # the others are compared with it
     before, after = (int(r) for r in run.rows["row"].iloc[[at - 1, at]])
     size, unit = (1e3 * size, "um") if run.motion.startswith("d") else (1e6 * size, "urad")
     table = survey.table.copy()
-    first = run.rows.index[at]
-    later = (table["run"] == run.label) & (table["joint"] == run.joint) & (table.index >= first)
+    own = (table["role"] == "fit") & (table["run"] == run.label) & (table["joint"] == run.joint)
+    later = own & (table.index >= run.rows.index[at])
     table.loc[later, "run"] = f"{run.label}b"
     rows = tuple(int(r) for r in table.loc[later, "row"])
     return Blunder(
@@ -100,7 +101,12 @@ def lost_zero(survey: Survey) -> Blunder | None:
     )
 
 
-def _runs(table: pd.DataFrame) -> Iterator[_Run]:
+def compared_runs(survey: Survey) -> list[Run]:
+    """The runs to fit beside the others, motion by motion; their rows have the index of the survey's table."""
+    return list(_compared(survey.table[survey.table["role"] == "fit"]))
+
+
+def _compared(table: pd.DataFrame) -> Iterator[Run]:
     if "joint" not in table:
         return
     for joint in (j for j in table["joint"].unique() if j):
@@ -118,7 +124,7 @@ def _runs(table: pd.DataFrame) -> Iterator[_Run]:
                 own = about.loc[mine, motion].to_numpy(dtype=np.float64)
                 seen = np.isfinite(own) & np.isfinite(others)
                 if seen.sum() >= FEWEST:
-                    yield _Run(str(joint), motion, str(label), about[mine][seen], own[seen], others[seen])
+                    yield Run(str(joint), motion, str(label), about[mine][seen], own[seen], others[seen])
 
 
 def _zeros(values: pd.Series[float], run: pd.Series[str], place: pd.Series[str]) -> pd.Series[float]:
@@ -130,14 +136,14 @@ def _zeros(values: pd.Series[float], run: pd.Series[str], place: pd.Series[str])
     return zero
 
 
-def _is_scaled(run: _Run, factor: float) -> bool:
+def _is_scaled(run: Run, factor: float) -> bool:
     """Whether a run is so many times what the others are."""
     own, others = run.own - run.own.mean(), run.others - run.others.mean()
     left = float(np.sum((own - factor * others) ** 2))
     return min(float(np.sum((own - others) ** 2)), float(np.sum(own**2))) > CLEAR_FACTOR * left
 
 
-def _step(run: _Run) -> tuple[float, float, int] | None:
+def _step(run: Run) -> tuple[float, float, int] | None:
     """Size over its uncertainty, size, and first reading of the clearest step beside the other runs; None if none."""
     left = run.own - run.others
     count = len(left)
