@@ -126,14 +126,14 @@ def sample(
     state = emcee.State(start, random_state=np.random.RandomState(seed).get_state())
     if pieces:
         state = emcee.State(pieces[-1].end, log_prob=pieces[-1].end_log_prob, random_state=pieces[-1].random)
-    with count("Sampling the posterior") as told:
+    with count("Sampling the posterior") as report:
         while True:
             tau, rhat, done = _judge(pieces, thin)
             length = sum(len(p.points) for p in pieces) * thin
             wanted = (
                 LEAST_CHAIN_LENGTH_TAU * tau / (1 - BURN_IN_SHARE) if np.isfinite(tau) else PIECE_STEPS * thin * most
             )
-            told(min(1.0, length / wanted), _remark(length, tau))
+            report(min(1.0, length / wanted), _remark(length, tau))
             if done:
                 break
             if len(pieces) >= most:

@@ -144,13 +144,13 @@ def bounded(
     sums = {kind: own.moved(base, step) for kind, own in solution.sums.items()}
     worse = float(step @ (gram[np.ix_(base, base)] @ step))
     deviation = np.sqrt(np.diag(solution.covariance))
-    told = tuple(
+    at_bound = tuple(
         AtBound(name, float(b), float(free[k]), float(deviation[k]), _unit(chain, name), name in given)
         for k, b in zip(active.tolist(), bound, strict=True)
         for name in [solution.unknowns[base[k]]]
     )
     out = replace(solution, values=values, sums=sums, chi2=solution.chi2 + worse, dof=solution.dof + len(active))
-    return out, told, dropped
+    return out, at_bound, dropped
 
 
 def _believable(

@@ -50,8 +50,8 @@ def where_map(
     excess = start.square - start.freedom * end.square / end.freedom
     unit = start.square / start.freedom
     shares: dict[Cell, dict[frozenset[str], float]] = {}
-    for effect, _, drop in ranking:
-        share = float(np.clip(drop * unit / max(excess, 1e-300), 0.0, 1.0))
+    for effect, _, delta_chi2 in ranking:
+        share = float(np.clip(delta_chi2 * unit / max(excess, 1e-300), 0.0, 1.0))
         drivers = frozenset(map(root, effect.drivers))
         for cell in motions(start, [effect]):
             here = shares.setdefault(cell, {})
@@ -85,8 +85,8 @@ def _laid_out(
     rows = sorted(kept, key=lambda cell: (names.index(cell[0]), MOTIONS.index(cell[1])))
     joints = [j.name for j in model.start.chain.machine.joints]
     order = [*joints, *(f"dir_{j}" for j in joints)]
-    told = [key for key, share in best.items() if share >= LABELLED_SHARE and key[0] in kept]
-    used = {driver for _, driver in (*told, *marked)}
+    labelled = [key for key, share in best.items() if share >= LABELLED_SHARE and key[0] in kept]
+    used = {driver for _, driver in (*labelled, *marked)}
     columns = sorted(used, key=lambda c: (order.index(c) if c in order else len(order), c))
     shares = np.array([[best.get((cell, column), np.nan) for column in columns] for cell in rows])
     marks = {(rows.index(cell), columns.index(driver)): numbers for (cell, driver), numbers in marked.items()}

@@ -12,7 +12,7 @@ from identification.estimation.fit import moved
 from identification.estimation.result import Fit, Spread
 from identification.report.wording import file_name, three
 from identification.results.analysis import Analysis
-from identification.results.correlations import correlation
+from identification.results.correlations import correlation, strongest
 from identification.results.description import no_effect_reasons
 from identification.results.location_estimates import LocationEstimate
 from identification.results.parameter_table import ARCSEC_PER_URAD, Estimate, Kind, decimals, printed
@@ -162,14 +162,8 @@ def _group_row(e: Estimate, scale: float = 0.0) -> GroupRow:
 def correlated_pairs(analysis: Analysis) -> list[tuple[str, str, str]]:
     """The most correlated pairs of groups of the machine, by name, with their coefficients."""
     groups, matrix = correlation(analysis)
-    first, second = np.triu_indices(len(groups), 1)
-    values = matrix[first, second]
-    order = np.argsort(-np.abs(values), kind="stable")[:MOST_PAIRS]
-    return [
-        (groups[first[k]].name, groups[second[k]].name, number(float(values[k]), 2))
-        for k in order
-        if abs(values[k]) > CORRELATED
-    ]
+    pairs = strongest(matrix, CORRELATED, MOST_PAIRS)
+    return [(groups[i].name, groups[j].name, number(coefficient, 2)) for i, j, coefficient in pairs]
 
 
 def dependent(fit: Fit) -> list[tuple[str, str]]:
