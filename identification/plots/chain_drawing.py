@@ -7,7 +7,6 @@ import textwrap
 from collections import Counter
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -36,8 +35,8 @@ class _Column(NamedTuple):
     symbol: Symbol
 
 
-def draw_chain(machine: Machine, path: Path) -> None:
-    """Draw the chain of `machine` to `path` (``.svg`` or ``.png``), in mm and degrees.
+def draw_chain(machine: Machine) -> Figure:
+    """Drawing of the chain of `machine`, in mm and degrees.
 
     Above, the elements in order with offsets, travels, error motions (ISO 230-1) and numbers of parameters; below, the
     nominal machine in space, linear axes at mid-travel and rotary axes at zero (or as near as they get).
@@ -59,7 +58,7 @@ def draw_chain(machine: Machine, path: Path) -> None:
     _draw_row(page, columns, SPACE_HEIGHT_IN + row - 0.85, LINE_HEIGHT_IN * geometry_lines)
     scale = draw_machine(page, chain, (0.3, 0.1, width - LEGEND_WIDTH_IN - 0.3, SPACE_HEIGHT_IN - 0.2))
     _draw_legend(page, width - LEGEND_WIDTH_IN + 0.7, SPACE_HEIGHT_IN - 0.75, scale)
-    style.save(figure, path)
+    return figure
 
 
 def _columns(chain: Chain) -> list[_Column]:

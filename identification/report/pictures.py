@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import base64
-import tempfile
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -24,7 +22,7 @@ from identification.plots.volumetric_error import draw_volumetric_error
 from identification.results.analysis import Analysis
 
 MOST_SVG_ARROWS = 120  # arrows, beyond which a PNG is smaller than an SVG
-PICTURE_DPI = {"png": 190, "svg": 144}  # dots per inch; in an SVG this concerns dots only, which are pixels
+PICTURE_DPI = {"png": 150, "svg": 144}  # dots per inch; in an SVG this concerns dots only, which are pixels
 
 
 class Picture(NamedTuple):
@@ -114,16 +112,9 @@ def _embedded(data: bytes, kind: str) -> str:
 
 def _chain(fit: Fit) -> Picture:
     names = ", ".join(e.name for e in fit.chain.machine.elements)
-    return Picture(
-        partial(_chain_drawn, fit),
+    return picture(
+        partial(draw_chain, fit.chain.machine),
         "The chain from workpiece to tool: linear and rotary joints, the members between them, and the error motions "
         "that each may have.",
         f"Drawing of the chain: workpiece, {names}, tool point",
     )
-
-
-def _chain_drawn(fit: Fit) -> str:
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "chain.svg"
-        draw_chain(fit.chain.machine, path)
-        return _embedded(path.read_bytes(), "svg")

@@ -53,9 +53,10 @@ class Description:
 
     def draw(self, path: str | Path) -> None:
         """Draw the chain from workpiece to tool into a file (.svg, .png or .pdf)."""
+        from identification.plots import style
         from identification.plots.chain_drawing import draw_chain
 
-        draw_chain(self.chain.machine, Path(path))
+        style.save(draw_chain(self.chain.machine), Path(path))
 
     def as_json(self) -> dict[str, Any]:
         """The JSON form (``docs/file_formats.md``, section 3)."""

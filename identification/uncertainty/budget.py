@@ -3,7 +3,8 @@
 Measurands are the component of the predicted volumetric error with the largest uncertainty, and each parameter group.
 Measurement noise propagates to both through the fit. A systematic input (a scale factor, a temperature sensor's offset,
 a tool's length) changes the measured values, thereby the parameters and the prediction. Inputs are independent. The
-combination and the effective degrees of freedom are computed by GTC (B. D. Hall; GUM 5.1 and G.4.1). Units: mm, rad, K.
+combination is the law of propagation (GUM 5.1), the effective degrees of freedom are those of Welch and Satterthwaite
+(GUM G.4.1); a test compares both with GTC (B. D. Hall). Units: mm, rad, K.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from itertools import product
-from math import ceil, floor, inf, isfinite, sqrt
+from math import ceil, floor, hypot, inf, isfinite, sqrt
 from typing import Any
 
 import numpy as np
@@ -103,17 +104,14 @@ def combine(measurand: str, unit: str, inputs: Sequence[Input], level: float = C
     inputs : lines of the budget.
     level : coverage probability.
     """
-    import GTC
+    from scipy.special import stdtrit
 
-    terms = [i.sensitivity * GTC.ureal(0.0, i.std, i.dof, label=i.name) for i in inputs if i.contribution > 0]
-    if not terms:
+    std = hypot(*(i.contribution for i in inputs))
+    if not std:
         return Budget(measurand, unit, tuple(inputs), 0.0, inf, 0.0, 0.0, level)
-    sum_ = terms[0]
-    for term in terms[1:]:
-        sum_ = sum_ + term
-    std, dof = float(GTC.uncertainty(sum_)), float(GTC.dof(sum_))
-    whole = max(1.0, floor(dof + 1e-9)) if isfinite(dof) else inf
-    k = float(GTC.reporting.k_factor(whole, 100 * level))
+    spread = sum((i.contribution / std) ** 4 / i.dof for i in inputs)
+    dof = 1 / spread if spread else inf
+    k = float(stdtrit(max(1.0, floor(dof + 1e-9)) if isfinite(dof) else inf, (1 + level) / 2))
     return Budget(measurand, unit, tuple(inputs), std, dof, k, k * std, level)
 
 

@@ -12,6 +12,7 @@ import pytest
 from errormodel.chain import Chain
 from errormodel.joint_models import registry
 from errormodel.machine_file import library, read_machine
+from identification.plots import style
 from identification.plots.chain_drawing import draw_chain
 
 MACHINES = sorted(library())
@@ -49,7 +50,7 @@ def test_a_machine_names_its_source_and_its_elements(name: str) -> None:
 @pytest.mark.parametrize("name", MACHINES)
 def test_a_drawing_labels_every_element(name: str, tmp_path: Path) -> None:
     machine, path = read_machine(name), tmp_path / "chain.svg"
-    draw_chain(machine, path)
+    style.save(draw_chain(machine), path)
     labels = texts(path)
     assert {machine.name, "workpiece", "tool point", *(e.name for e in machine.elements)} <= labels
     for parameter in Chain(machine).parameters:
@@ -60,8 +61,8 @@ def test_a_drawing_is_the_same_bytes_twice(tmp_path: Path) -> None:
     machine = read_machine("six_axis_arm")
     for suffix in (".svg", ".png"):
         first, second = tmp_path / f"1{suffix}", tmp_path / f"2{suffix}"
-        draw_chain(machine, first)
-        draw_chain(machine, second)
+        style.save(draw_chain(machine), first)
+        style.save(draw_chain(machine), second)
         assert first.read_bytes() == second.read_bytes() != b""
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from math import floor, inf, sqrt
+from math import floor, inf, isfinite, sqrt
 from pathlib import Path
 
 import numpy as np
@@ -72,6 +72,35 @@ def test_infinite_degrees_of_freedom():
     assert (budget.std, budget.dof) == (pytest.approx(5.0), inf)
     assert budget.k == pytest.approx(1.96, abs=1e-3)
     assert combine("x", "mm", []).std == 0
+
+
+@given(
+    st.lists(
+        st.tuples(
+            st.floats(1e-3, 1e3),
+            st.one_of(st.just(0.0), st.floats(1e-3, 1e3), st.floats(-1e3, -1e-3)),
+            st.one_of(st.just(inf), st.integers(1, 200)),
+        ),
+        max_size=8,
+    ),
+    st.sampled_from([0.68, 0.95, 0.99]),
+)
+def test_any_budget_is_that_of_gtc(lines, level):
+    import GTC
+
+    budget = combine(
+        "y", "mm", [Input(f"x{k}", "A", "normal", u, "mm", c, dof) for k, (u, c, dof) in enumerate(lines)], level
+    )
+    terms = [c * GTC.ureal(0.0, u, dof) for u, c, dof in lines if c]
+    if not terms:
+        assert (budget.std, budget.dof, budget.k) == (0, inf, 0)
+        return
+    whole = sum(terms[1:], terms[0])
+    assert budget.std == pytest.approx(GTC.uncertainty(whole), rel=1e-12)
+    if isfinite(GTC.dof(whole)):  # it calls a million degrees of freedom infinite
+        assert budget.dof == pytest.approx(GTC.dof(whole), rel=1e-9)
+    k = GTC.reporting.k_factor(max(1.0, floor(GTC.dof(whole) + 1e-9)) if isfinite(GTC.dof(whole)) else inf, 100 * level)
+    assert budget.k == pytest.approx(k, rel=1e-5)  # which is how far the two are from each other at a million
 
 
 def test_noise_of_the_residuals_is_what_predict_says():
