@@ -84,10 +84,10 @@ def shift_lines(label: str, tables: Tables, figures: Conditions) -> list[str]:
     words = ", ".join(f"{t.term.output} by {1e3 * float(t.values):+.1f} um" for t in shifts)
     if not shifts or figures.unshifted_um is None:
         return []
-    worth = figures.unshifted_um > (1 + REPORTED_SHARE) * figures.left_um
+    reported = figures.unshifted_um > (1 + REPORTED_SHARE) * figures.left_um
     effect = (
         f"without it {figures.unshifted_um:.1f} um rms are left in place of {figures.left_um:.1f}"
-        if worth
+        if reported
         else "of no effect on the errors within the volume: a work offset that is set anew takes it"
     )
     return [

@@ -100,7 +100,7 @@ def least_worst(design: csr_matrix, errors: Array, ball: Ball, slopes: Slopes, r
     square = float(nearest @ nearest + room(start)) * (1 + 1e-9)
     length = _lengths(design, errors, start)
     task = _Near(ball, nearest, np.sqrt(square), DISTANCE_PRICE * float(length.max()) / max(square, 1e-300))
-    best, least, bound = start, task.worth(length, nearest), 0.0
+    best, least, bound = start, task.objective(length, nearest), 0.0
     asked, steep = np.argsort(-length)[:POSES_PER_EXCHANGE], _beyond(slopes, start, np.zeros(0, dtype=np.intp))
     for _ in range(MOST_EXCHANGES):
         poses = np.concatenate([asked + k * n for k in range(3)])
@@ -111,9 +111,9 @@ def least_worst(design: csr_matrix, errors: Array, ball: Ball, slopes: Slopes, r
         z, low = found
         x, bound = ball.at(z), max(bound, low)
         length, over = _lengths(design, errors, x), _beyond(slopes, x, steep)
-        worth = task.worth(length, z)
-        if not len(over) and worth < least:
-            best, least = x, worth
+        value = task.objective(length, z)
+        if not len(over) and value < least:
+            best, least = x, value
         if not len(over) and least <= (1 + BOUND_GAP_SHARE) * bound:
             break
         far = np.setdiff1d(np.flatnonzero(length > length[asked].max()), asked)
@@ -170,7 +170,7 @@ class _Near:
     radius: float
     price: float
 
-    def worth(self, length: Array, z: Array) -> float:
+    def objective(self, length: Array, z: Array) -> float:
         """Objective: the largest error plus the penalty."""
         return float(length.max() + self.price * z @ z)
 

@@ -40,8 +40,8 @@ def compensation_lines(result: Compensation, folder: Path) -> Iterator[str]:
         yield ""
         yield f"in place of a folder for each temperature: that of {usual.label}, and {files}"
         for stated, figures in zip(result.sets, result.thermal.figures, strict=True):
-            after, told = figures.after, _state(stated)
-            yield f"  {f'left {told}':52} {after.rms_um:8.2f} {after.worst_um:8.2f}   um (rms, worst)"
+            after, state = figures.after, _state(stated)
+            yield f"  {f'left {state}':52} {after.rms_um:8.2f} {after.worst_um:8.2f}   um (rms, worst)"
         if result.thermal.doubt:
             yield f"  not certain: {result.thermal.doubt}"
             yield f"  follow {folder / 'sign_test' / 'temperature.txt'} first"

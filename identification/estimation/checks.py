@@ -23,7 +23,7 @@ from identification.observation.models import PositionView, anywhere
 LEAST_EQUATIONS_PER_GROUP = 2  # equations a group, of a robust fit
 FOREIGN_MACHINE_SHARE = 0.02  # of the machine's size: no error motions, but a blunder
 UNEXPLAINED_SHARE = 0.5  # of so much, of most rows: a fit that leaves more is none
-COVERED_TRAVEL_SHARE = 0.5  # of a travel: less is told where something stays unknown
+COVERED_TRAVEL_SHARE = 0.5  # of a travel: less is reported where something stays unknown
 CAUTIOUS_DECLARATION_FACTOR = 3.0  # times: so much is often declared too large, to be on the safe side
 FINEST_MM, EXACT_MM = 1e-5, 1e-10  # mm: readings that repeat within less are in another unit, or made by a computer
 FEW_DOF = 10  # degrees of freedom: fewer leave residuals that small by chance

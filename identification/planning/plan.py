@@ -295,7 +295,7 @@ def _arranged(stage: Stage, chosen: Index, repeat: int, seed: int) -> Index:
 
 
 def _pairs(stage: Stage, found: list[Verdict], seed: int) -> list[Pair]:
-    """Pairs of effects of different names that depend on position only and are not told apart; the worst first."""
+    """Pairs of effects of different names that depend on position only and are not distinguishable; the worst first."""
     known = {j.name for j in stage.chain.machine.joints} | set(POINT_CHANNELS)
     open_ = []
     for shown in (v.typical for v in found if v.typical is not None and {*v.drivers} <= known):

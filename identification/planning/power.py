@@ -157,7 +157,7 @@ def _judged(strength: float, absorbed: float, alike: Sequence[str], effect: Effe
     if not alike:
         return "detectable", ""
     if all(other.startswith(f"{effect.effect} at ") for other in alike):
-        return "confusable", "its name is told, its place is not"
+        return "confusable", "its name is found, its place is not distinguishable"
     return "confusable", "the other acts alike on these rows, once geometry and frame are taken out"
 
 
@@ -208,8 +208,8 @@ def _seen(
         gain = np.maximum(np.linalg.eigvalsh(gram), 0.0)
         cost = np.array([candidates.effects[i].cost + np.log(shapes[candidates.keys[i]]) for i in numbers])
         log_factor = DETECT + np.log(trials) + 0.5 * np.log1p(gain).sum(axis=1) + cost
-        drop = free * np.expm1(np.minimum(2 * log_factor / max(free, 1), 500.0))
-        needed = (np.sqrt(drop) + POWER_QUANTILE) ** 2  # noncentrality, in noise variances
+        excess = free * np.expm1(np.minimum(2 * log_factor / max(free, 1), 500.0))
+        needed = (np.sqrt(excess) + POWER_QUANTILE) ** 2  # noncentrality, in noise variances
         signal = gain.sum(axis=1) / k
         strength[numbers] = np.where(seen, np.sqrt(needed / np.maximum(signal, 1e-300)), np.inf)
         parts.append(np.where(seen[:, None, None], left, 0.0).reshape(m * k, n))

@@ -15,7 +15,7 @@ def silent(text: str) -> AbstractContextManager[None]:
 
 
 Steps = Callable[[str], AbstractContextManager[Callable[[float, str], None]]]
-"""Called with the name of work that knows how far it is; yields what is told the share done, 0 to 1, and a remark."""
+"""Called with the name of work that knows how far it is; yields what takes the share done, 0 to 1, and a remark."""
 
 
 def uncounted(text: str) -> AbstractContextManager[Callable[[float, str], None]]:

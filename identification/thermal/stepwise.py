@@ -72,11 +72,11 @@ def _chosen(values: Array, temperatures: Array) -> list[int]:
             break
         chosen.append(best)
         whole = tries[best]
-        worth = {
+        leaving = {
             c: f.sf((square([o for o in chosen if o != c]) - whole) / (whole / dof + 1e-300), 1, dof) for c in chosen
         }
-        worst = max(worth, key=lambda c: worth[c])
-        if worth[worst] > LEAVE_PROBABILITY:
+        worst = max(leaving, key=lambda c: leaving[c])
+        if leaving[worst] > LEAVE_PROBABILITY:
             chosen.remove(worst)
     return sorted(chosen)
 

@@ -62,8 +62,8 @@ def gain_of(fit: Fit) -> Gain:
     for _ in range(FURTHER_POSES):
         seen = design @ C
         noise = np.linalg.inv(seen @ design.transpose(0, 2, 1) + np.eye(3))
-        drop = np.einsum("nap,nab,nbp->n", seen, noise, seen)
-        k = int(drop.argmax())
+        gained = np.einsum("nap,nab,nbp->n", seen, noise, seen)
+        k = int(gained.argmax())
         chosen.append(k)
         C = C - seen[k].T @ noise[k] @ seen[k]
     poses = _commands(fit, [c[chosen] for c in somewhere.rows])
