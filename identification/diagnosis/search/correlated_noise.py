@@ -81,7 +81,8 @@ def _linear_models(linear: LinearModel) -> list[tuple[float, LinearModel, Noise 
         basis = np.asarray(dtrsm(1.0, triangle, both[:-1].T, side=1, lower=1, trans_a=1))
         residual = both[-1] - basis @ (basis.T @ both[-1])
         filtered = replace(linear, basis=basis, residual=residual)
-        out.append((_likelihood(filtered, float(np.log(np.diag(triangle)).sum())), filtered, noise))
+        determinant = float(np.log(np.diag(triangle)).sum()) + noise.log_determinant(_edges(linear))
+        out.append((_likelihood(filtered, determinant), filtered, noise))
     return out
 
 
