@@ -43,6 +43,7 @@ from identification.diagnosis.results.findings import (
     probability_of,
 )
 from identification.diagnosis.results.model_discrepancy import with_form
+from identification.diagnosis.results.residual_dependence import dependence_of
 from identification.diagnosis.results.statements import (
     brief_of,
     named,
@@ -146,7 +147,9 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
     findings += sorted(causes, key=lambda f: -f.heldout_rms_um.before)
     if bad.any():
         findings.append(_outlier_finding(bad, mended, fit))
-    verdict = judge(final, bool(findings))
+    with progress("Testing what is left"):
+        dependence = dependence_of(model.linear, 1e3 * final.sigma_mm)
+    verdict = judge(final, bool(findings), dependence)
     dead = (f"{name} drives nothing: {reason}" for name, reason in dead_sensors(survey).items())
     baseline = next((b for b in fits if b is not None), mended)
     diagnosis = Diagnosis(
@@ -157,6 +160,7 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
         tuple(findings),
         tuple(found.untestable),
         verdict.unexplained,
+        dependence,
         (*final.notes, *noise_notes(mended), *station_notes(final), *dead, *contrary_sides(survey), *verdict.notes),
     )
     return Diagnosed(diagnosis, baseline, final, model, found.ranking)

@@ -46,6 +46,7 @@ def together(machine: Machine, survey: Survey, parts: Sequence[tuple[Carried, Di
         tuple(findings),
         tuple(_untestable(parts)),
         "; ".join(left) or None,
+        next((d.diagnosis.dependence for _, d in parts if d.diagnosis.dependence), None),
         (*final.notes, *dict.fromkeys(notes)),
     )
     main = max((d for _, d in parts), key=lambda d: len(d.model.steps))

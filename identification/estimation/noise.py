@@ -14,7 +14,7 @@ from itertools import pairwise, product
 
 import numpy as np
 
-from errormodel.arrays import Array
+from errormodel.arrays import Array, Index
 from identification.estimation.least_squares import Solution
 from identification.observation.assembly import Problem
 from identification.observation.models import PositionView
@@ -46,7 +46,7 @@ class Noise:
         """Autoregressive coefficient: correlation of the correlated part from row to row."""
         return float(np.exp(-1 / self.length))
 
-    def whitened(self, columns: Array, edges: Array) -> Array:
+    def whitened(self, columns: Array, edges: Index) -> Array:
         """Series (k, N), each part between two `edges` by itself, multiplied by the inverse root of the covariance.
 
         Noise of this model becomes white with variance 1. Values behind the last edge stay as they are.
@@ -57,7 +57,7 @@ class Noise:
             out[:, a:b] = _forward(self._root(int(b - a)), out[:, a:b])
         return out
 
-    def log_determinant(self, edges: Array) -> float:
+    def log_determinant(self, edges: Index) -> float:
         """Logarithm of the determinant of the covariance's root, over all series between two `edges`."""
         return float(sum(np.log(self._root(int(b - a))[0]).sum() for a, b in pairwise(edges)))
 
@@ -65,7 +65,7 @@ class Noise:
         """Cholesky factor, bands (2, n), of the covariance of y[0] and y[i] - phi y[i-1], which is tridiagonal."""
         return _cholesky(self.kept, self.part, n)
 
-    def spread(self, columns: Array, edges: Array) -> Array:
+    def spread(self, columns: Array, edges: Index) -> Array:
         """Product of series (k, N) and the correlation matrix of the noise."""
         out = columns / (1 + self.part)
         for a, b in pairwise(edges):
@@ -92,12 +92,17 @@ def _forward(bands: Array, series: Array) -> Array:
     return np.asarray(solved).T
 
 
+def series_edges(rows: Index) -> Index:
+    """First observation of each series (one component of one view) and the end of the last, by the rows (N,)."""
+    return np.concatenate([[0], np.flatnonzero(np.diff(rows) <= 0) + 1, [len(rows)]])
+
+
 def noises() -> Iterator[Noise]:
     """The grid of noise models over which the likelihood is maximised."""
     return (Noise(length, part) for length, part in product(CORRELATION_LENGTHS_ROWS, CORRELATED_VARIANCE_RATIOS))
 
 
-def likeliest(residual: Array, design: Array, edges: Array) -> tuple[Noise | None, float]:
+def likeliest(residual: Array, design: Array, edges: Index) -> tuple[Noise | None, float]:
     """Noise model of the residual (N,) after a fit of the columns `design` (p, N), None for white; and its variance.
 
     Restricted likelihood accounts for the slowly varying part of the noise that the fitted parameters have absorbed.

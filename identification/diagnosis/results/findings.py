@@ -13,6 +13,7 @@ from errormodel.effects import registry
 from errormodel.effects.base import Effect
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.results.effect_size import Amount
+from identification.diagnosis.results.residual_dependence import Dependence
 from identification.diagnosis.search.scoring import FORM, Step
 
 
@@ -107,6 +108,7 @@ class Diagnosis:
     findings: tuple[Finding, ...]
     untestable: tuple[Untestable, ...] = ()
     unexplained: str | None = None
+    dependence: Dependence | None = None
     notes: tuple[str, ...] = field(default=())
 
     def as_json(self) -> dict[str, Any]:
@@ -119,6 +121,7 @@ class Diagnosis:
             "findings": [f.as_json() for f in self.findings],
             "untestable": [asdict(u) for u in self.untestable],
             "unexplained": self.unexplained,
+            "dependence": self.dependence.as_json() if self.dependence else None,
             "notes": list(self.notes),
         }
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from identification.diagnosis.results.pure_error import MISFIT_P, MISFIT_RATIO, repeats_of, whitened
+from identification.diagnosis.results.residual_dependence import Dependence
 from identification.estimation.result import Fit
 
 BINS = 8  # of each channel, in which to look for where most is left over
@@ -23,11 +24,11 @@ class Verdict:
     notes: tuple[str, ...] = ()
 
 
-def judge(final: Fit, found: bool) -> Verdict:
+def judge(final: Fit, found: bool, dependence: Dependence | None = None) -> Verdict:
     """The verdict on a fit, after `found` something or nothing.
 
-    Misfit is what exceeds the scatter of repeated poses; without repeats, what exceeds a declared uncertainty. Without
-    either, a lack-of-fit test is impossible.
+    Misfit is what exceeds the scatter of repeated poses; without repeats, what exceeds a declared uncertainty; and what
+    depends on anything recorded. Noise that depends on nothing recorded is not distinguished from a cause that was not.
     """
     s = final.solution
     repeats = repeats_of(final)
@@ -44,9 +45,11 @@ def judge(final: Fit, found: bool) -> Verdict:
             )
     elif declared:
         reason = f"the declared uncertainty lets expect {_length(final) / np.sqrt(s.chi2 / s.dof):.1f}"
-    if not reason:
+    if not reason and dependence is None:
         return Verdict("explained" if found else "adequate", None, tuple(notes))
-    text = f"{_length(final):.1f} um rms where {reason}; {largest(final)}"
+    text = f"{_length(final):.1f} um rms where {reason}; {largest(final)}" if reason else ""
+    if dependence is not None:
+        text = "; ".join(filter(None, (text, dependence.text)))
     return Verdict("partly-explained" if found else "unexplained", text, tuple(notes))
 
 

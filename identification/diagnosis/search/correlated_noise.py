@@ -17,7 +17,7 @@ from errormodel.arrays import Array
 from errormodel.effects.base import Effect
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.search.candidates import Block, Candidates
-from identification.estimation.noise import Noise, noises
+from identification.estimation.noise import Noise, noises, series_edges
 
 WHITE = 0.5  # prior probability of white noise
 # rows, part of the longest series (but never less than the first) and white variances: beyond them it is no noise any
@@ -36,7 +36,7 @@ def evidence(linear: LinearModel, groups: Sequence[Sequence[Effect]]) -> list[tu
     kinds: dict[tuple[bool, int], list[int]] = {}
     for k, (main, size) in enumerate(zip(mains, sizes, strict=True)):
         kinds.setdefault((main.random, len(size)), []).append(k)
-    edges = _edges(linear)
+    edges = series_edges(linear.index)
     rows = []
     for likelihood, filtered, noise in _linear_models(linear):
         blocks = []
@@ -57,11 +57,6 @@ def _beforehand(count: int) -> Array:
     return np.array([WHITE, *[(1 - WHITE) / (count - 1)] * (count - 1)])[:, None]
 
 
-def _edges(linear: LinearModel) -> Array:
-    """First index of each series (one component of one view), and the end of the last."""
-    return np.concatenate([[0], np.flatnonzero(np.diff(linear.index) <= 0) + 1, [len(linear.index)]])
-
-
 @lru_cache(maxsize=1)
 def _linear_models(linear: LinearModel) -> list[tuple[float, LinearModel, Noise | None]]:
     """Restricted log likelihood of a linear model, and the model whitened, for each noise.
@@ -70,18 +65,18 @@ def _linear_models(linear: LinearModel) -> list[tuple[float, LinearModel, Noise 
     """
     from scipy.linalg.blas import dtrsm
 
-    longest = np.clip(PART * np.diff(_edges(linear)).max(), *LONGEST)
+    longest = np.clip(PART * np.diff(series_edges(linear.index)).max(), *LONGEST)
     out: list[tuple[float, LinearModel, Noise | None]] = [(_likelihood(linear, 0.0), linear, None)]
     for noise in noises():
         if noise.length > longest or noise.part > LARGEST:
             continue
-        both = noise.whitened(np.vstack([linear.basis.T, linear.residual]), _edges(linear))
+        both = noise.whitened(np.vstack([linear.basis.T, linear.residual]), series_edges(linear.index))
         # what was orthonormal before is nearly so behind the filter: its products are well conditioned
         triangle = np.linalg.cholesky(both[:-1] @ both[:-1].T)
         basis = np.asarray(dtrsm(1.0, triangle, both[:-1].T, side=1, lower=1, trans_a=1))
         residual = both[-1] - basis @ (basis.T @ both[-1])
         filtered = replace(linear, basis=basis, residual=residual)
-        determinant = float(np.log(np.diag(triangle)).sum()) + noise.log_determinant(_edges(linear))
+        determinant = float(np.log(np.diag(triangle)).sum()) + noise.log_determinant(series_edges(linear.index))
         out.append((_likelihood(filtered, determinant), filtered, noise))
     return out
 

@@ -1,0 +1,235 @@
+"""Test of independence: whether anything that was recorded predicts what is left after all findings.
+
+Residuals are compared with smooth functions of every channel and of every two channels: commands, positions commanded
+before, directions of approach, sensors, time. The statistic is the energy of the residual's projections on them (a
+kernel score test, or Hilbert-Schmidt independence criterion, with a cosine basis of ranks). Its null distribution comes
+from two kinds of resampling: circular shifts of the residual along the rows, which keep its autocorrelation, and random
+signs of short blocks, which keep where its variance is large (wild bootstrap). The larger p-value counts. The largest
+standardised statistic is compared with the largest of each resample (max-T of Westfall and Young, 1993), its tail by a
+Gumbel law.
+No shape is assumed, and no name is given: all known physics has been tried before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from itertools import combinations, pairwise
+
+import numpy as np
+
+from errormodel.arrays import Array, Index
+from errormodel.conventions import FRAME
+from identification.diagnosis.linear.linear_model import LinearModel
+from identification.diagnosis.linear.orthonormal_basis import orthonormal_basis
+from identification.diagnosis.search.criteria import heldout_rms
+from identification.estimation.noise import likeliest, series_edges
+
+LEAST_P_VALUE = 1e-4  # below which the dependence is reported: one false one in 10 000 surveys
+FEWEST_ROWS, MOST_ROWS = 40, 800  # rows below which nothing is tested, and above which they are thinned out
+RESAMPLES = 199  # of each kind; the tail beyond is extrapolated
+FIRST_RESAMPLES, FIRST_P_VALUE = 39, 0.05  # a quick look, which ends nearly all tests of noise
+ENDS = 0.04  # of the rows: circular shifts by less leave the residual where it was
+SIGN_BLOCK_ROWS = 4  # rows that share a random sign
+ORDERS, ORDERS_OF_PAIR = 5, 4  # cosines of a channel: waves of down to 0.4 and 0.5 of its range
+CLIP = 3.0  # robust standard deviations: no single row decides
+
+
+@dataclass(frozen=True)
+class Dependence:
+    """What the residuals depend on.
+
+    Attributes
+    ----------
+    channels : one or two, by name; ``before(X)`` is the position of X commanded before.
+    p_value : of independence.
+    axis : x, y or z of the reference, along which a function of the channels predicts most of the rows that were left
+        out.
+    size_um : root mean square of what it predicts of them, um.
+    """
+
+    channels: tuple[str, ...]
+    p_value: float
+    axis: str
+    size_um: float
+
+    @property
+    def text(self) -> str:
+        """The dependence in words."""
+        on = " and ".join(_words(c) for c in self.channels)
+        return (
+            f"what is left depends on {on} (p = {self.p_value:.0e}), in a form that no effect with a name has; along "
+            f"{self.axis} this predicts {self.size_um:.1f} um rms of rows that were left out. Measure again with {on} "
+            "at many values, in random order"
+        )
+
+    def as_json(self) -> dict[str, object]:
+        """The key ``dependence`` of ``diagnosis.json``."""
+        return asdict(self) | {"channels": [*self.channels]}
+
+
+def _words(channel: str) -> str:
+    if channel.startswith("before("):
+        return f"where {channel[7:-1]} had been before"
+    return f"the direction of {channel[4:]}" if channel.startswith("dir_") else channel
+
+
+def dependence_of(linear: LinearModel, sigma_um: float) -> Dependence | None:
+    """What the residual of a linear model depends on; None where it is independent of all channels.
+
+    Parameters
+    ----------
+    linear : geometry and all findings fitted.
+    sigma_um : standard deviation of one whitened observation, um.
+    """
+    index = linear.index
+    rows = np.unique(index)
+    if len(rows) < FEWEST_ROWS:
+        return None
+    some = rows[np.linspace(0, len(rows) - 1, min(len(rows), MOST_ROWS)).astype(int)]
+    keep = np.isin(index, some)
+    bases = {name: values[index] for name, values in _channels(linear, rows)}
+    residual, basis = (a[: len(index)][keep] for a in (linear.residual, linear.basis))
+    functions = {name: values[keep] for name, values in bases.items()}
+    p_value, channels = _tested(residual, basis, index[keep], functions, FIRST_RESAMPLES)
+    if p_value < FIRST_P_VALUE:
+        # a drift depends on all that changes slowly: what correlated noise explains is filtered out of both sides
+        edges = series_edges(index[keep])
+        noise, _ = likeliest(residual, basis.T, edges)
+        if noise is not None:
+            residual, basis = noise.whitened(residual[None], edges)[0], noise.whitened(basis.T, edges).T
+            functions = {name: noise.whitened(values.T, edges).T for name, values in functions.items()}
+        p_value, channels = _tested(residual, basis, index[keep], functions, RESAMPLES)
+    if p_value > LEAST_P_VALUE:
+        return None
+    axis, share = _predicted(linear, _joined(_of(bases, channels)))
+    if not axis:  # what does not predict rows that were left out is of no use
+        return None
+    return Dependence(channels, p_value, axis, sigma_um * float(np.sqrt(3 * share)))
+
+
+def _channels(linear: LinearModel, rows: Index) -> Iterator[tuple[str, Array]]:
+    """Names and smooth functions (n, k), over all rows of the survey, of every channel that varies."""
+    columns = dict(linear.scene.columns)
+    length = len(next(iter(columns.values())))
+    columns.setdefault("time", np.arange(length, dtype=float))
+    for joint in linear.scene.moving:
+        values = columns[joint.name]
+        columns[f"before({joint.name})"] = np.concatenate([values[:1], values[:-1]])
+    for name, values in columns.items():
+        own = values[rows]
+        if np.isfinite(own).all() and np.ptp(own) > 0:
+            out = np.zeros((length, min(ORDERS, len(np.unique(own)) - 1)))
+            out[rows] = _cosines(own, out.shape[1])
+            yield name, out
+
+
+def _cosines(values: Array, count: int) -> Array:
+    """Centred cosines (n, count) of the ranks of a channel; higher orders count less: errors are mostly smooth."""
+    order = np.sort(values)
+    rank = (np.searchsorted(order, values, "left") + np.searchsorted(order, values, "right")) / (2 * len(values))
+    orders = np.arange(1, count + 1)
+    out = np.cos(np.pi * np.outer(rank, orders)) / np.sqrt(orders)
+    return np.asarray(out - out.mean(axis=0))
+
+
+def _of(bases: dict[str, Array], channels: tuple[str, ...]) -> list[Array]:
+    """Functions of one channel, or the smoother ones of two."""
+    return [bases[c] if len(channels) == 1 else bases[c][:, :ORDERS_OF_PAIR] for c in channels]
+
+
+def _joined(bases: list[Array]) -> Array:
+    """Functions of one channel, or products of those of two."""
+    if len(bases) == 1:
+        return bases[0]
+    one, other = bases
+    return (one[:, :, None] * other[:, None, :]).reshape(len(one), -1)
+
+
+def _tested(
+    residual: Array, basis: Array, index: Index, bases: dict[str, Array], count: int
+) -> tuple[float, tuple[str, ...]]:
+    """The p-value of independence by `count` resamples of each kind, and the channels with most dependence."""
+    scale = float(np.median(np.abs(residual))) / 0.6745
+    if scale <= 0 or not bases:
+        return 1.0, ()
+    q = orthonormal_basis(basis[:, np.abs(basis).max(axis=0) > 0])
+    clipped = np.clip(residual / scale, -CLIP, CLIP)
+    clipped -= q @ (q.T @ clipped)
+    series = [slice(a, b) for a, b in pairwise(series_edges(index))]
+    names = [*((n,) for n in bases), *combinations(bases, 2)]
+    parts = [_joined(_of(bases, pair)) for pair in names]
+    square = float(clipped @ clipped)
+    p_value, best = _largest(parts, clipped, _left(_shifted(clipped, series, count), q, square), series)
+    # without what it predicts, the residual's size along the rows is that of the noise: signs of it are the null
+    noise, used = clipped.copy(), 0
+    for s in series:
+        fitted = orthonormal_basis(parts[best][s])
+        noise[s] -= fitted @ (fitted.T @ noise[s])
+        used += fitted.shape[1]
+    square = float(noise @ noise) * len(noise) / max(len(noise) - used, 1)
+    by_signs, _ = _largest(parts, clipped, _left(_signed(noise, series, count), q, square), series)
+    return max(p_value, by_signs), names[best]
+
+
+def _left(resamples: Array, q: Array, square: float) -> Array:
+    """Resamples (N, r) as the fit would leave them, each with the given sum of squares."""
+    left = resamples - q @ (q.T @ resamples)
+    return np.asarray(left * np.sqrt(square) / np.linalg.norm(left, axis=0))
+
+
+def _largest(parts: list[Array], residual: Array, resamples: Array, series: list[slice]) -> tuple[float, int]:
+    """The p-value of the largest standardised statistic among the `parts`, and the number of its part."""
+    whole = np.hstack([residual[:, None], resamples])
+    energy = np.array([_energy(part, whole, series) for part in parts])
+    normal = np.cbrt(energy)  # of Wilson and Hilferty: sums of squares become nearly normal
+    null = normal[:, 1:]
+    mean, spread = null.mean(axis=1, keepdims=True), null.std(axis=1, ddof=1, keepdims=True)
+    scores = (normal[:, 0] - mean[:, 0]) / spread[:, 0]
+    return _gumbel(float(scores.max()), ((null - mean) / spread).max(axis=0)), int(scores.argmax())
+
+
+def _energy(functions: Array, whole: Array, series: list[slice]) -> Array:
+    """Squared projections of residuals (N, r) on functions (N, k), each series (component) by itself, summed: (r,)."""
+    return np.asarray(sum(np.square(functions[s].T @ whole[s]).sum(axis=0) for s in series))
+
+
+def _shifted(residual: Array, series: list[slice], number: int) -> Array:
+    """Circular shifts (N, r) of all series by the same share of their length."""
+    longest = max(s.stop - s.start for s in series)
+    steps = np.unique(np.linspace(ENDS * longest, (1 - ENDS) * longest, number).astype(int))
+    out = np.empty((len(residual), len(steps)))
+    for s in series:
+        count = s.stop - s.start
+        rows = (np.arange(count)[:, None] - np.round(steps * count / longest).astype(int)) % count
+        out[s] = residual[s][rows]
+    return out
+
+
+def _signed(residual: Array, series: list[slice], number: int) -> Array:
+    """The residual (N, r) with random signs of blocks of rows, the same for all series."""
+    blocks = max(max(s.stop - s.start for s in series) // SIGN_BLOCK_ROWS, 10)
+    signs = np.random.default_rng(0).choice([-1.0, 1.0], size=(blocks, number))
+    out = np.empty((len(residual), number))
+    for s in series:
+        count = s.stop - s.start
+        out[s] = residual[s, None] * signs[np.arange(count) * blocks // count]
+    return out
+
+
+def _gumbel(value: float, null: Array) -> float:
+    """Probability of at least `value` by the Gumbel law that has mean and variance of the `null` values."""
+    scale = float(null.std(ddof=1)) * np.sqrt(6) / np.pi
+    return float(-np.expm1(-np.exp(-(value - float(null.mean())) / scale - np.euler_gamma)))
+
+
+def _predicted(linear: LinearModel, functions: Array) -> tuple[str, float]:
+    """Axis of the reference along which `functions` predict left-out blocks best, and the variance so predicted."""
+    before, best, least = heldout_rms(linear) ** 2, "", np.inf
+    seen = len(linear.index)
+    for axis, lever in zip("xyz", linear.levers[FRAME], strict=False):
+        columns = np.zeros((functions.shape[1], linear.size))
+        columns[:, :seen] = lever * functions.T
+        if lever.any() and (after := heldout_rms(linear.with_columns(columns)) ** 2) < min(before, least):
+            best, least = axis, after
+    return best, before - least if best else 0.0

@@ -1,0 +1,94 @@
+"""Whether what is left depends on anything recorded: quiet in noise of any kind, and seen where it does."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from errormodel.conventions import FRAME
+from identification.diagnosis.linear.linear_model import LinearModel
+from identification.diagnosis.linear.orthonormal_basis import orthonormal_basis
+from identification.diagnosis.results.residual_dependence import dependence_of
+from identification.estimation.noise import Noise
+from tests.helpers.chains import Array
+from tests.helpers.correlated_noise import drawn
+
+ROWS = 240
+Rng = np.random.Generator
+
+
+def linear(error: Callable[[dict[str, Array]], Array], noise: Array, rng: Rng) -> LinearModel:
+    """Positions of three axes at random commands; `error` moves all along x, on top of fitted parabolas."""
+    columns: dict[str, Array] = {name: rng.uniform(-1, 1, ROWS) for name in "XYZ"}
+    columns |= {f"dir_{n}": np.sign(np.diff(columns[n], prepend=0.0)) for n in "XYZ"}
+    columns |= {"time": np.arange(ROWS) * 20.0, "T_air": np.cumsum(rng.normal(0, 0.05, ROWS)) + 20}
+    scene: Any = SimpleNamespace(columns=columns, moving=[SimpleNamespace(name=n) for n in "XYZ"])
+    shift = np.zeros((3, ROWS))
+    shift[0] = error(columns)
+    smooth = np.vstack([np.ones(ROWS), *(columns[n] ** k for n in "XYZ" for k in (1, 2))])
+    basis = orthonormal_basis(np.kron(np.eye(3), smooth.T))
+    data = noise + shift.ravel()
+    levers = {FRAME: np.vstack([np.kron(row, np.ones(ROWS)) for row in np.eye(6, 3)])}
+    index = np.tile(np.arange(ROWS), 3)
+    return LinearModel(None, data - basis @ (basis.T @ data), basis, levers, {}, index, scene)  # type: ignore[arg-type]
+
+
+def nothing(columns: dict[str, Array]) -> Array:
+    return np.zeros(ROWS)
+
+
+@pytest.mark.parametrize("kind", ["white", "heavy tails", "correlated", "drifting", "large at one end"])
+def test_noise_of_any_kind_is_independent(kind: str) -> None:
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        noise = {
+            "white": lambda rng: rng.normal(size=3 * ROWS),
+            "heavy tails": lambda rng: rng.standard_t(2, 3 * ROWS),
+            "correlated": lambda rng: drawn(Noise(6.0, 1.5), rng, ROWS, 3),
+            "drifting": lambda rng: drawn(Noise(60.0, 6.0), rng, ROWS, 3),
+            "large at one end": lambda rng: rng.normal(size=3 * ROWS) * np.tile(np.linspace(0.3, 2, ROWS), 3),
+        }[kind](rng)
+        assert dependence_of(linear(nothing, noise, rng), 1.0) is None, seed
+
+
+def switched(columns: dict[str, Array]) -> Array:
+    """A state that no channel shows changes the slope of X: for the test, twice during the survey."""
+    state = (np.arange(ROWS) // 80) % 2
+    return np.asarray(4.0 * state * columns["X"])
+
+
+@pytest.mark.parametrize(
+    ("error", "channels"),
+    [
+        (lambda c: 1.2 * np.sign(c["X"] * c["Y"]), {"X", "Y"}),
+        (lambda c: 1.5 * np.tanh(4 * np.concatenate([[0.0], c["Y"][:-1]])), {"before(Y)"}),
+        (lambda c: 1.2 * c["dir_Z"] * np.cos(3 * c["Y"]), {"dir_Z", "Y"}),
+        (switched, {"X", "time"}),
+    ],
+)
+def test_what_no_effect_describes_is_seen(error: Callable[[dict[str, Array]], Array], channels: set[str]) -> None:
+    found = []
+    for seed in range(6):
+        rng = np.random.default_rng(100 + seed)
+        found.append(dependence_of(linear(error, rng.normal(size=3 * ROWS), rng), 1.0))
+    seen = [f for f in found if f is not None]
+    assert len(seen) >= 5
+    assert sum(set(f.channels) == channels for f in seen) >= 4
+    best = max(seen, key=lambda f: f.size_um)
+    assert best.axis == "x"
+    assert 0.3 < best.size_um < 2.5  # um rms: of what is there at most all, and most of the smooth part
+    assert "depends on" in best.text
+
+
+def test_few_rows_say_nothing() -> None:
+    rng = np.random.default_rng(0)
+    whole = linear(lambda c: 5 * c["X"] * c["Y"], rng.normal(size=3 * ROWS), rng)
+    few = np.isin(whole.index, np.arange(20))
+    some = LinearModel(
+        whole.chain, whole.residual[few], whole.basis[few], whole.levers, {}, whole.index[few], whole.scene
+    )
+    assert dependence_of(some, 1.0) is None
