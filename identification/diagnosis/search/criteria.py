@@ -44,6 +44,11 @@ def one_sensor(one: Effect, other: Effect) -> bool:
     return any(n.startswith("T_") for n in both)
 
 
+def log_likelihood_gain(linear: LinearModel, delta_chi2: float) -> float:
+    """Gain in log likelihood of what decreases the residual sum of squares by so many noise variances."""
+    return -linear.freedom / 2 * float(np.log1p(-min(max(delta_chi2, 0.0) / max(linear.freedom, 1), 1 - 1e-12)))
+
+
 def heldout_rms(linear: LinearModel) -> float:
     """Root mean square of the cross-validation residuals, in units of the noise."""
     return float(np.sqrt(np.mean(cross_validation_residuals(linear) ** 2)))
