@@ -155,7 +155,9 @@ class DecisionLog:
 
     def branch(self, number: int) -> DecisionLog:
         """A log for a search that runs beside others; to be joined."""
-        return DecisionLog(f"{self.search}.{number}")
+        own = DecisionLog(f"{self.search}.{number}")
+        own.followed = set(self.followed)
+        return own
 
     def join(self, other: Iterable[Decision], part: str = "") -> None:
         """Decisions of another log, about a part of the survey if one is named."""

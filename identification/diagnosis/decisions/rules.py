@@ -305,6 +305,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             "It is repeated with a second cause where refinements of a finding have much evidence.",
             _in(_COMPARED, "SERIOUS", "SLIGHT") + _in(_REFINED, "OWN"),
         ),
+        "search-from": Rule(COMPARISON, "", "An effect that a repeated search begins with."),
         "model-evidence": Rule(
             COMPARISON, "log evidence",
             "Another model is kept if it has more evidence; near-ties rest less on empirical terms.",

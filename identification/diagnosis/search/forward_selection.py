@@ -66,7 +66,9 @@ def forward_select(
     log : takes down what is decided.
     """
     model = replayed(linear, begin)
-    for step in begin:
+    for number, step in enumerate(begin):
+        log.begin(number)
+        log.add("search-from", "added", step.effect)
         candidates = candidates.joined(Candidates.of(linear, list(forms(linear, step.effect))))
     seen = {_causes(model)}
     while len(model.steps) < MOST_STEPS:

@@ -114,10 +114,16 @@ def _names(linear: LinearModel, ranked: Sequence[Step], log: DecisionLog) -> lis
         return list(ranked)
     reach = max(CLEARLY, NEAR * ranked[0].evidence)
     able = [s for s in ranked if s.evidence > ranked[0].evidence - reach]
+    behind = ranked[0].evidence - reach
+    log.set_aside("near-tie", ranked, able, lambda s: s.evidence, behind, ranked[0].effect)
     left = dict(zip(map(id, able), evidence_in_any_noise(linear, able), strict=True))
     near = [s for s in able if left[id(s)] > max(left.values()) - reach]
     log.set_aside("near-tie", able, near, lambda s: left[id(s)], max(left.values()) - reach, ranked[0].effect)
-    near = sorted((s for s in near if s.evidence > near[0].evidence - CLEARLY), key=lambda s: -left[id(s)])
+    least = near[0].evidence - CLEARLY
+    log.set_aside(
+        "near-tie", near, [s for s in near if s.evidence > least], lambda s: s.evidence, least, near[0].effect
+    )
+    near = sorted((s for s in near if s.evidence > least), key=lambda s: -left[id(s)])
     most = max(s.delta_chi2 - s.delta_chi2_of_form for s in near)
     least = max((s.evidence - s.evidence_of_form for s in near if s.effect.flexible), default=-np.inf) - ODDS
     own = [s for s in near if not s.effect.flexible and s.evidence - s.evidence_of_form > least]

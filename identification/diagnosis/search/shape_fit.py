@@ -64,7 +64,7 @@ def _record(
     last = min((values[n] for n in numbers), default=None)
     for evidence, n in ranked:
         key = candidates.keys[n]
-        if first or n in examined or key in log.followed:
+        if first or evidence > 0 or n in examined or key in log.followed:
             word: Outcome = "examined" if n in examined else "scored"
             gain = log_likelihood_gain(linear, float(scores.delta_chi2[n]))
             log.add("candidate-score", word, candidates.effects[n], evidence, last, gain=gain)
