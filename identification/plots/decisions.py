@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from identification.diagnosis.decisions.fates import (
     ALTERNATIVE,
+    BEHIND,
     CONTRADICTED,
     EXPLAINED,
     FOUND,
@@ -26,7 +27,7 @@ from identification.diagnosis.decisions.log import Decision
 from identification.diagnosis.search.forward_selection import LEAST_EVIDENCE
 from identification.plots import style
 
-ROW_IN, LABEL_IN, REASON_IN = 0.19, 2.3, 2.55  # inches: height of a row, widths of the texts beside the panel
+ROW_IN, LABEL_IN, REASON_IN = 0.19, 2.2, 3.0  # inches: height of a row, widths of the texts beside the panel
 LEAST_GAIN = 0.1  # gains below it are drawn there
 GROUPS = {  # what became of candidates, in the order of the stages, and how many are shown
     FOUND: ("found", 12),
@@ -35,6 +36,7 @@ GROUPS = {  # what became of candidates, in the order of the stages, and how man
     CONTRADICTED: ("contradicted by a witness", 4),
     TAKEN_OUT: ("accepted once, and taken out again", 4),
     REFUSED: ("refused by a test", 5),
+    BEHIND: ("another candidate was preferred, and refused", 5),
     EXPLAINED: ("explained by what was found", 6),
     LOW: ("too little evidence from the first", 5),
     NEVER: ("cannot be seen in this survey", 5),
@@ -54,7 +56,7 @@ def draw_decisions(parts: Mapping[str, History], asked: Collection[Place] = ()) 
     history = parts[part]
     groups = _grouped(history, asked)
     rows = sum(1 + len(fates) + (hidden > 0) for _, fates, hidden in groups)
-    tall, top, bottom = rows * ROW_IN, 0.55, 0.55
+    tall, top, bottom = rows * ROW_IN, 0.4, 0.55
     wide = style.REPORT_WIDTH_IN - LABEL_IN - REASON_IN
     figure = Figure(figsize=(style.REPORT_WIDTH_IN, tall + top + bottom), facecolor="white")
     axes = style.panel(figure, LABEL_IN, bottom, wide, tall)
@@ -133,6 +135,8 @@ def _reason(fate: Fate, history: History) -> str:
         _, finding, difference = behind[-1]
         word = "behind" if difference >= 0 else "ahead of"
         return style.plain(f"log Bayes factor {abs(difference):.3g} {word} {finding}", 46)
+    if fate.word == BEHIND and fate.last is not None:
+        return f"log Bayes factor {fate.last.value:.3g} to the last"
     if fate.word == LOW and fate.first is not None:
         return f"log Bayes factor {fate.first.value:.3g} < {LEAST_EVIDENCE:.3g}"
     rules = [d for d in fate.deciding if d.rule != "candidate-score"]
@@ -142,7 +146,7 @@ def _reason(fate: Fate, history: History) -> str:
     if not rules:
         return ""
     d = rules[-1]
-    return _test(d) if d.value is not None else style.plain(f"{d.rule}: {d.compared_with}", 46)
+    return _test(d) if d.value is not None else style.plain(f"{d.rule}: {d.compared_with}", 52)
 
 
 def _test(d: Decision) -> str:
@@ -150,7 +154,7 @@ def _test(d: Decision) -> str:
     if d.value is None or d.threshold is None:
         return d.rule
     sign = "<" if d.value < d.threshold else ">"
-    return f"{d.rule.removeprefix('detection-in-')} {d.value:.3g} {sign} {d.threshold:.3g}"
+    return f"{d.rule.removesuffix('-in-correlated-noise')} {d.value:.3g} {sign} {d.threshold:.3g}"
 
 
 def _colour(round_: int, last: int) -> tuple[float, ...]:

@@ -7,7 +7,9 @@ from typing import Any
 
 from identification.diagnosis.decisions.fates import (
     ABSENT,
+    ACCEPTED_BY,
     ALTERNATIVE,
+    BEHIND,
     CONTRADICTED,
     DATA_CHECK,
     EXPLAINED,
@@ -45,6 +47,7 @@ WHY = {
     TAKEN_OUT: "was accepted once, and taken out again{beside}",
     REFUSED: "was tested for acceptance, and refused",
     EXPLAINED: "had evidence at first, and has none to speak of beside the findings{explained}",
+    BEHIND: "has evidence to the last, and another candidate was preferred to it, which was refused",
     LOW: "was scored, and has too little evidence to be examined",
     NEVER: "could not be considered",
     ABSENT: "was no candidate: the library proposes no such effect at this place of this machine",
@@ -171,7 +174,11 @@ def fate_lines(fate: Fate, history: History, diagnosis: Mapping[str, Any]) -> It
     if fate.word in (FOUND, DATA_CHECK):
         yield from _finding_lines(fate, history, diagnosis)
     else:
-        yield from (f"  {decision_line(d)}" for d in fate.deciding if d.rule != "candidate-score")
+        shown = [d for d in fate.deciding if d.rule != "candidate-score"]
+        several = len({d.driver for d in shown}) > 1
+        for d in shown:
+            other = f"{d.place} " if d.effect and d.place != fate.place else ""
+            yield f"  {other}{f'by {d.driver}, ' * several}{decision_line(d)}"
         if fate.word == ABSENT:
             places = [place for place in history.of_place if place[0] == fate.effect]
             yield f"  it was at {_some(where for _, where in places)}" if places else "  nor at any other"
@@ -203,10 +210,19 @@ def _finding_lines(fate: Fate, history: History, diagnosis: Mapping[str, Any]) -
             yield from table_lines(rows[:SHOWN_ASIDE], "<><", indent=4)
             if len(rows) > SHOWN_ASIDE:
                 yield f"    and {len(rows) - SHOWN_ASIDE} more"
-    tests = [d for d in fate.deciding if d.outcome != "set aside" and RULES[d.rule].stage not in (CONDITIONAL, NAMES)]
-    yield "tests it passed, and others"
+    until = min((d.round for d in history.added if d.place == fate.place), default=None)
+    tests = [
+        d
+        for d in fate.deciding
+        if d.outcome != "set aside"
+        and RULES[d.rule].stage not in (CONDITIONAL, NAMES)
+        and (until is None or d.round <= until or RULES[d.rule].stage != SELECTION)
+    ]
+    yield "its tests"
     yield from (f"  {decision_line(d)}" for d in tests)
-    merged = [d for d in history.decisions if d.outcome == "merged" and d.compared_with == fate.place]
+    into = [d for d in history.decisions if d.outcome == "merged" and d.compared_with == fate.place]
+    parts = {d.place for d in into if d.rule in ACCEPTED_BY}
+    merged = [d for d in into if d.place in parts]
     if merged:
         yield "what was merged into it"
         yield from (f"  {d.place}: {decision_line(d)}" for d in merged)

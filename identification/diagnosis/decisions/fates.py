@@ -9,17 +9,19 @@ from functools import cached_property
 
 from identification.diagnosis.decisions.log import MAIN, Decision
 from identification.diagnosis.decisions.rules import PROPOSALS, RULES, SELECTION, UNTESTABLE, WITNESSES
+from identification.diagnosis.search.forward_selection import LEAST_EVIDENCE
 
 Place = tuple[str, str]  # effect and where
 SCORES = ("candidate-score", "optimised-score")
 PREFERENCES = (
-    "near-tie", "fixed-form", "as-good-in-correlated-noise", "little-discrepancy", "empirical-lead", "explains-as-much",
-    "idle-parameters",
+    "near-tie", "fixed-form", "as-good-in-correlated-noise", "little-discrepancy", "most-evidence", "empirical-lead",
+    "explains-as-much", "idle-parameters",
 )  # fmt: skip
-ENDS = ("replaced", "removed", "merged", "refused")  # outcomes by which a candidate drops out
+ACCEPTED_BY = ("cross-validation", "second-sensor", "section-of-surface")  # rules that make something part of a finding
 FOUND, DATA_CHECK = "found", "found by a check of the data"
 ALTERNATIVE, MERGED, CONTRADICTED, TAKEN_OUT = "alternative", "part of a finding", "contradicted", "taken out"
-REFUSED, EXPLAINED, LOW, NEVER, ABSENT = "refused", "explained", "too little evidence", "not considered", "no candidate"
+REFUSED, BEHIND, EXPLAINED, LOW = "refused", "not preferred", "explained", "too little evidence"
+NEVER, ABSENT = "not considered", "no candidate"
 
 
 @dataclass(frozen=True)
@@ -111,11 +113,7 @@ class History:
         witness = [d for d in own if RULES[d.rule].stage == WITNESSES]
         if any(d.outcome == "removed" for d in witness):
             return fate(CONTRADICTED, witness)
-        merged = [
-            d
-            for d in own
-            if d.outcome == "merged" and d.rule in ("cross-validation", "second-sensor", "section-of-surface")
-        ]
+        merged = [d for d in own if d.outcome == "merged" and d.rule in ACCEPTED_BY]
         into = {f"{e}@{w}" for e, w in self.findings}
         if any(d.compared_with in into for d in merged):
             reasons = [d for d in own if d.outcome == "merged"]
@@ -132,7 +130,11 @@ class History:
         unseen = [d for d in own if RULES[d.rule].stage in (UNTESTABLE, PROPOSALS)]
         if refused and refused[-1].rule != "least-evidence":
             return fate(REFUSED, refused[-3:])
-        if first and last and last.round > first.round:
+        if first and last and (last.value or 0.0) >= LEAST_EVIDENCE:
+            refused = [d for d in self.decisions if d.round == last.round and d.outcome == "refused"]
+            aside = [d for d in own if d.outcome == "set aside" and d.round == last.round]
+            return fate(BEHIND, [last, *aside, *refused])
+        if first and last and (first.value or 0.0) >= LEAST_EVIDENCE:
             return fate(EXPLAINED, [first, last], self._added_between(own, first))
         if unseen and (first is None or any(RULES[d.rule].stage == UNTESTABLE for d in unseen)):
             return fate(NEVER, unseen)
@@ -174,7 +176,7 @@ class History:
             if not later:
                 break
             best = max(v for v, r in zip(now, later, strict=True) if r == min(later))
-            if best < before / 2:
+            if best < before / 2 and before > LEAST_EVIDENCE:
                 out.append(d.place)
             before = best
         return list(dict.fromkeys(out))

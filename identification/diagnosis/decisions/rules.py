@@ -192,6 +192,9 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             SELECTION, DELTA, "Among near-ties those come first that explain as much by their textbook form alone.",
             _in(_SCORING, "FORM"),
         ),
+        "most-evidence": Rule(
+            SELECTION, EVIDENCE, "Of the near-ties that are left, that with most evidence in correlated noise is first."
+        ),
         "empirical-lead": Rule(
             SELECTION, EVIDENCE, "An empirical term must lead the best named effect clearly.", _in(_SCORING, "CLEARLY")
         ),

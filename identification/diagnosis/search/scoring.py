@@ -136,6 +136,7 @@ def _names(linear: LinearModel, ranked: Sequence[Step], log: DecisionLog) -> lis
         shares = {id(s): ratio(s.delta_chi2 - s.delta_chi2_of_form, most) for s in good}
         log.set_aside("little-discrepancy", good, first, lambda s: shares[id(s)], FORM, best)
     first = first or near
+    log.set_aside("most-evidence", first, first[:1], lambda s: left[id(s)], left[id(first[0])], first[0].effect)
     return [*first, *(s for s in ranked if s not in first)]
 
 

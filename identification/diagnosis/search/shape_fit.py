@@ -35,12 +35,12 @@ def optimise_shapes(
     scores = candidates.scores(linear)
     ranked = scores.by_key()
     if not ranked or ranked[0][0] < least:
-        _record(log, linear, scores, ranked, [])
+        _record(log, linear, scores, ranked, [], least)
         for evidence, n in ranked[:1]:
             log.add("least-evidence", "refused", candidates.effects[n], evidence, least)
         return []
     numbers = _shortlist(candidates, ranked, first)
-    _record(log, linear, scores, ranked, numbers)
+    _record(log, linear, scores, ranked, numbers, least)
     steps = [_optimised(candidates, scores, linear, n, len(ranked)) for n in numbers]
     able = [step for step in steps if step is not None]
     for step in able:
@@ -55,6 +55,7 @@ def _record(
     scores: Scores,
     ranked: Sequence[tuple[float, int]],
     numbers: Sequence[int],
+    least: float,
 ) -> None:
     """Take down the scores of a round: in the first one of all candidates, later of those that were examined before."""
     if not log.recording:
@@ -68,9 +69,8 @@ def _record(
             word: Outcome = "examined" if n in examined else "scored"
             gain = log_likelihood_gain(linear, float(scores.delta_chi2[n]))
             log.add("candidate-score", word, candidates.effects[n], evidence, last, gain=gain)
-    log.followed |= {candidates.keys[n] for n in numbers} | {
-        candidates.keys[n] for e, n in ranked if e > np.log(len(ranked))
-    }
+    enough = min(float(np.log(len(ranked))), least) if ranked else 0.0
+    log.followed |= {candidates.keys[n] for e, n in ranked if n in examined or e > enough}
     if first:
         known = {candidates.keys[n] for n in values}
         for key, own in candidates.of_key.items():
