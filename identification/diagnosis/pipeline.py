@@ -172,7 +172,7 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
         (
             *final.notes,
             *noise_notes(mended),
-            *station_notes(final),
+            *station_notes(final, log),
             *unusable,
             *contrary_sides(survey, log),
             *verdict.notes,

@@ -72,6 +72,15 @@ def _sampled(finding: Finding, part: Carried, diagnosed: Diagnosed) -> Finding:
         if not why or finding.effect == kind.effect:
             continue
         probability = min(finding.probability, EVEN)
+        diagnosed.log.compared(
+            "unresolved-name",
+            kind.effect,
+            joint.name,
+            joint.name,
+            finding.probability,
+            EVEN,
+            f"{finding.effect}@{finding.where}",
+        )
         other = Alternative(kind.effect, joint.name, 0.0, False, finding.motion, finding.driver)
         text = re.sub(r"Probability [\d.]+\d", f"Probability {probability:.2f}", finding.statement)
         finding = replace(

@@ -148,7 +148,7 @@ def _read(folder: Path) -> tuple[dict[str, Any], list[Decision]]:
         diagnosis["findings"] = [dict(f, probability=float(f["probability"])) for f in diagnosis["findings"]]
         with (folder / FILE).open(encoding="utf-8", newline="") as file:
             rows = list(csv.DictReader(file))
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, csv.Error) as error:
         found = f"its diagnosis cannot be read ({type(error).__name__}: {error})"
         raise InputError(str(folder), found, "Run `errormodel diagnose` again") from error
     return diagnosis, from_rows(rows, str(folder / FILE))

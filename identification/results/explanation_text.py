@@ -61,8 +61,13 @@ def number(value: float | None) -> str:
     return f"{value:.0f}" if abs(value) >= 999.5 else f"{value:.3g}"
 
 
-def decision_line(d: Decision) -> str:
-    """One decision with its value, threshold and margin, and what its rule decides."""
+def decision_line(d: Decision, said: set[str] | None = None) -> str:
+    """One decision with its value, threshold and margin, and what its rule decides.
+
+    Parameters
+    ----------
+    said : rules of which it has been said; it is said once.
+    """
     rule = RULES[d.rule]
     text = f"{d.where}, {d.rule}: " if d.where and not d.effect else f"{d.rule}: "
     if d.value is not None:
@@ -73,7 +78,10 @@ def decision_line(d: Decision) -> str:
     if d.gain is not None:
         text += f"gain in log likelihood {number(d.gain)}, "
     beside = f" ({d.compared_with})" if d.compared_with else ""
-    return f"{text}{d.outcome}{beside}. {rule.decides}"
+    known = said is not None and d.rule in said
+    if said is not None:
+        said.add(d.rule)
+    return f"{text}{d.outcome}{beside}" if known else f"{text}{d.outcome}{beside}. {rule.decides}"
 
 
 def overview_lines(
@@ -112,17 +120,19 @@ def _stage_lines(stage: str, own: Sequence[Decision], history: History) -> Itera
             some = [d for d in own if d.rule == rule]
             yield f"  {rule}: {_some(d.place for d in some)}. {RULES[rule].decides}"
     else:
-        yield from (f"  {_with_place(d)}" for d in own)
+        said: set[str] = set()
+        yield from (f"  {_with_place(d, said)}" for d in own)
 
 
-def _with_place(d: Decision) -> str:
-    return f"{d.place} {decision_line(d)}" if d.effect else decision_line(d)
+def _with_place(d: Decision, said: set[str] | None = None) -> str:
+    return f"{d.place} {decision_line(d, said)}" if d.effect else decision_line(d, said)
 
 
 def _selection_lines(own: Sequence[Decision], history: History) -> Iterator[str]:
     """Round by round: how many were scored, which were examined, chosen, tested."""
     if history.kept != history.base:
         yield f"  of search {history.kept}, which was kept; {history.base} was the one that began with nothing"
+    said: set[str] = set()
     for round_ in dict.fromkeys(d.round for d in own):
         here = [d for d in own if d.round == round_]
         scored = sorted((d for d in here if d.rule == "candidate-score"), key=lambda d: -(d.value or 0.0))
@@ -133,7 +143,7 @@ def _selection_lines(own: Sequence[Decision], history: History) -> Iterator[str]
             yield f"  {beside}: {len(scored)} candidates with a log Bayes factor, {examined} examined; the best {best}"
         for d in here:
             if d.rule not in ("candidate-score", "optimised-score") and d.outcome != "set aside":
-                yield f"    {_with_place(d)}"
+                yield f"    {_with_place(d, said)}"
 
 
 def _against_lines(own: Sequence[Decision]) -> Iterator[str]:
@@ -175,10 +185,10 @@ def fate_lines(fate: Fate, history: History, diagnosis: Mapping[str, Any]) -> It
         yield from _finding_lines(fate, history, diagnosis)
     else:
         shown = [d for d in fate.deciding if d.rule != "candidate-score"]
-        several = len({d.driver for d in shown}) > 1
+        several, said = len({d.driver for d in shown}) > 1, set[str]()
         for d in shown:
             other = f"{d.place} " if d.effect and d.place != fate.place else ""
-            yield f"  {other}{f'by {d.driver}, ' * several}{decision_line(d)}"
+            yield f"  {other}{f'by {d.driver}, ' * several}{decision_line(d, said)}"
         if fate.word == ABSENT:
             places = [place for place in history.of_place if place[0] == fate.effect]
             yield f"  it was at {_some(where for _, where in places)}" if places else "  nor at any other"
@@ -219,13 +229,14 @@ def _finding_lines(fate: Fate, history: History, diagnosis: Mapping[str, Any]) -
         and (until is None or d.round <= until or RULES[d.rule].stage != SELECTION)
     ]
     yield "its tests"
-    yield from (f"  {decision_line(d)}" for d in tests)
+    said: set[str] = set()
+    yield from (f"  {decision_line(d, said)}" for d in tests)
     into = [d for d in history.decisions if d.outcome == "merged" and d.compared_with == fate.place]
     parts = {d.place for d in into if d.rule in ACCEPTED_BY}
     merged = [d for d in into if d.place in parts]
     if merged:
         yield "what was merged into it"
-        yield from (f"  {d.place}: {decision_line(d)}" for d in merged)
+        yield from (f"  {d.place}: {decision_line(d, said)}" for d in merged)
     own = [
         d
         for d in history.decisions

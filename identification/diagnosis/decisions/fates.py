@@ -109,7 +109,8 @@ class History:
             return Fate(effect, where, word, tuple(deciding), tuple(explained_by), first, last)
 
         if (effect, where) in self.findings:
-            return fate(FOUND if own else DATA_CHECK, [d for d in own if d.rule != "candidate-score"])
+            named = any(d.rule == "name-probability" and d.outcome == "kept" for d in own)
+            return fate(FOUND if named else DATA_CHECK, [d for d in own if d.rule != "candidate-score"])
         witness = [d for d in own if RULES[d.rule].stage == WITNESSES]
         if any(d.outcome == "removed" for d in witness):
             return fate(CONTRADICTED, witness)

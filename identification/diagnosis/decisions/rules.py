@@ -146,6 +146,10 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             NOISE, "log likelihood ratio", "Residuals that are clearly those of a line of sight weigh the rows.",
             _in(_NOISE, "CLEAR", "ORIGIN", "CLOSEST_MM"),
         ),
+        "declared-station": Rule(
+            NOISE, "log likelihood ratio", "A declared station that fits better as a point of the machine is named.",
+            _in(_NOISE, "CLEAR"),
+        ),
         # ---- candidates
         "rows-used": Rule(
             PROPOSALS, COUNT,
@@ -163,7 +167,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         # ---- forward selection
         "candidate-score": Rule(
             SELECTION, EVIDENCE, "The best candidates of a round are examined, and the best of each name near them.",
-            _in(_FORWARD, "LIKELY") + _in("search.shape_fit", "MAYBE"),
+            _in(_FORWARD, "LIKELY") + _in("search.shape_fit", "MAYBE") + _in("search.candidates", "SIZES"),
         ),
         "least-evidence": Rule(
             SELECTION, EVIDENCE,
@@ -319,7 +323,8 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         # ---- evidence beside the other findings
         "conditional-evidence": Rule(
-            CONDITIONAL, EVIDENCE, "A finding and its alternatives, each beside all other findings."
+            CONDITIONAL, EVIDENCE, "A finding and its alternatives, each beside all other findings.",
+            _in("search.conditional_evidence", "MOST_ALTERNATIVES_TRIED"),
         ),
         "evidence-in-correlated-noise": Rule(
             CONDITIONAL, EVIDENCE, "Their evidence is no more than it is in correlated noise.",
@@ -348,6 +353,10 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             NAMES, "decimal logarithm of the Bayes factor",
             "Beyond it the data distinguish an alternative from the finding.",
             _in(_FINDINGS, "SEPARABLE"),
+        ),
+        "unresolved-name": Rule(
+            NAMES, "probability", "A name is no surer than this beside one that repeats between positions.",
+            _in("together", "EVEN"),
         ),
         # ---- untestable effects
         "not-recorded": Rule(

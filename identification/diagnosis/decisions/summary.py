@@ -25,7 +25,17 @@ def parts_of(log: Iterable[Decision], findings: Sequence[Place]) -> dict[str, Hi
         by_part.setdefault(d.part, []).append(d)
     if len(by_part) > 1:
         by_part.pop("", None)
-    return {part: History(own, findings) for part, own in by_part.items()}
+    named = {part: _named(own) for part, own in by_part.items()}
+    anywhere = set().union(*named.values())
+    return {
+        part: History(own, [f for f in findings if f in named[part] or f not in anywhere])
+        for part, own in by_part.items()
+    }
+
+
+def _named(own: Iterable[Decision]) -> set[Place]:
+    """The findings that came from candidates."""
+    return {(d.effect, d.where) for d in own if d.rule == "name-probability" and d.outcome == "kept"}
 
 
 def short(log: Iterable[Decision], findings: Sequence[Place]) -> dict[str, Any]:

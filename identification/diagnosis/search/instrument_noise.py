@@ -178,7 +178,7 @@ def _minus(x: Array, places: Array, noise: Array) -> tuple[float, Array]:
     return value, np.array([*by_station, *logs])
 
 
-def station_notes(fit: Fit) -> Iterator[str]:
+def station_notes(fit: Fit, log: DecisionLog = UNRECORDED) -> Iterator[str]:
     """A note where residuals fit a declared station better if it is taken as a point of the machine's reference."""
     tracker = fit.survey.instrument
     if not isinstance(tracker, LaserTracker) or len(fit.problem.frames) != 1:
@@ -191,6 +191,9 @@ def station_notes(fit: Fit) -> Iterator[str]:
         return
     other = tracker.model_copy(update={"station": tuple(float(x) for x in moved)})
     declared, turned = (_log_likelihood(t, points[whole], residuals[whole]) for t in (tracker, other))
+    log.add(
+        "declared-station", "found" if turned - declared > CLEAR else "passed", "instrument", turned - declared, CLEAR
+    )
     if turned - declared > CLEAR:
         x, y, z = np.round(moved, 1)
         yield (
