@@ -28,6 +28,7 @@ from identification.diagnosis.search.forward_selection import LEAST_EVIDENCE
 from identification.plots import style
 
 ROW_IN, LABEL_IN, REASON_IN = 0.19, 2.2, 3.0  # inches: height of a row, widths of the texts beside the panel
+MOST_ROUNDS = 4  # in the legend; of more the first and the last
 LEAST_GAIN = 0.1  # gains below it are drawn there
 GROUPS = {  # what became of candidates, in the order of the stages, and how many are shown
     FOUND: ("found", 12),
@@ -112,11 +113,11 @@ def _draw_row(axes: Axes, row: int, fate: Fate, history: History, bold: bool) ->
     own = [d.round for d in history.added if d.place == fate.place and fate.word in (FOUND, MERGED)]
     rounds = sorted(r for r in scores if not own or r <= min(own))  # what is accepted has no further evidence
     gains = np.maximum([scores[r] for r in rounds], LEAST_GAIN)
-    last = max(max(scores, default=0), len(history.added), 1)
+    every = _rounds(history)
     if rounds:
         axes.plot(gains, np.full(len(gains), row), color=style.FAINT, lw=1.5, zorder=1)
         for r, gain in zip(rounds, gains, strict=True):
-            axes.plot(gain, row, "o", ms=5.5, color=_colour(r, last), zorder=2 + r)
+            axes.plot(gain, row, "o", ms=5.5, color=_colour(every.index(r), len(every)), zorder=2 + r)
     weight = "bold" if bold or fate.word == FOUND else "normal"
     _beside(axes, row, f"  {style.plain(fate.place, 34)}", _reason(fate, history), weight=weight)
 
@@ -157,10 +158,15 @@ def _test(d: Decision) -> str:
     return f"{d.rule.removesuffix('-in-correlated-noise')} {d.value:.3g} {sign} {d.threshold:.3g}"
 
 
-def _colour(round_: int, last: int) -> tuple[float, ...]:
+def _rounds(history: History) -> list[int]:
+    """The rounds in which candidates were scored."""
+    return sorted({0, *(d.round for d in history.decisions if d.rule == "candidate-score")})
+
+
+def _colour(place: int, count: int) -> tuple[float, ...]:
     from matplotlib.colors import to_rgb
 
-    share = min(round_ / last, 1.0)
+    share = place / max(count - 1, 1)
     one, other = (np.array(to_rgb(c)) for c in ROUND_COLOURS)
     return tuple((1 - share) * one + share * other)
 
@@ -176,13 +182,14 @@ def _beside(axes: Axes, row: int, left: str, right: str, weight: str = "normal",
 
 def _legend(axes: Axes, history: History) -> None:
     """A mark for each round, with what had been accepted before it."""
-    names = ["beside the geometry", *(f"and {style.plain(d.place, 24)}" for d in history.added)]
-    last = max(len(history.added), 1)
-    shown = [0, last] if len(names) > 4 else range(len(names))
-    words = {0: names[0], last: "beside all that was accepted"} if len(names) > 4 else dict(enumerate(names))
-    for r in shown:
-        if r < len(names):
-            axes.plot([], [], "o", ms=5.5, color=_colour(r, last), label=words[r])
+    rounds = _rounds(history)
+    for k, r in enumerate(rounds):
+        before = [d.place for d in history.added if d.round < r]
+        words = f"and {style.plain(before[-1], 24)}" if before else "beside the geometry"
+        if len(rounds) > MOST_ROUNDS and k == len(rounds) - 1:
+            words = "beside all that was accepted"
+        if len(rounds) <= MOST_ROUNDS or k in (0, len(rounds) - 1):
+            axes.plot([], [], "o", ms=5.5, color=_colour(k, len(rounds)), label=words)
     axes.legend(
         loc="lower left",
         bbox_to_anchor=(-0.5, 1.0),

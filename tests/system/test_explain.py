@@ -205,6 +205,9 @@ def test_a_folder_without_a_decision_log_is_refused(gantry: Path, tmp_path: Path
 
 def test_a_log_that_was_changed_is_refused(gantry: Path, tmp_path: Path) -> None:
     shutil.copytree(gantry, tmp_path / "d")
-    with (tmp_path / "d/decisions.csv").open("a", encoding="utf-8") as file:
-        file.write("x\n")
+    path = tmp_path / "d/decisions.csv"
+    text = path.read_text(encoding="utf-8")
+    path.write_text(text.replace(",accepted,", ",refused,"), encoding="utf-8")
     refused(run("explain", tmp_path / "d"), "decisions.csv", "changed since")
+    path.write_text(text + "x\n", encoding="utf-8")
+    refused(run("explain", tmp_path / "d"), f"decisions.csv, row {len(text.splitlines())}: it cannot be read")

@@ -46,7 +46,13 @@ def one_sensor(one: Effect, other: Effect) -> bool:
 
 def log_likelihood_gain(linear: LinearModel, delta_chi2: float) -> float:
     """Gain in log likelihood of what decreases the residual sum of squares by so many noise variances."""
-    return -linear.freedom / 2 * float(np.log1p(-min(max(delta_chi2, 0.0) / max(linear.freedom, 1), 1 - 1e-12)))
+    return float(log_likelihood_gains(linear, np.array([delta_chi2]))[0])
+
+
+def log_likelihood_gains(linear: LinearModel, delta_chi2: Array) -> Array:
+    """The same of several."""
+    share = np.clip(delta_chi2 / max(linear.freedom, 1), 0.0, 1 - 1e-12)
+    return np.asarray(-linear.freedom / 2 * np.log1p(-share))
 
 
 def heldout_rms(linear: LinearModel) -> float:

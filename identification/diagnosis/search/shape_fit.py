@@ -10,7 +10,7 @@ from errormodel.effects.base import Effect
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog, Outcome
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.search.candidates import ABSORBED, FORM_ABSORBED, Candidates, Scores
-from identification.diagnosis.search.criteria import log_likelihood_gain
+from identification.diagnosis.search.criteria import log_likelihood_gain, log_likelihood_gains
 from identification.diagnosis.search.refinement import discrepancy
 from identification.diagnosis.search.scoring import Step
 
@@ -63,11 +63,11 @@ def _record(
     candidates, examined, first = scores.candidates, set(numbers), not log.followed
     values = dict(zip((n for _, n in ranked), (e for e, _ in ranked), strict=True))
     last = min((values[n] for n in numbers), default=None)
-    for evidence, n in ranked:
+    gains = log_likelihood_gains(linear, scores.delta_chi2[[n for _, n in ranked]]).tolist()
+    for (evidence, n), gain in zip(ranked, gains, strict=True):
         key = candidates.keys[n]
         if first or evidence > 0 or n in examined or key in log.followed:
             word: Outcome = "examined" if n in examined else "scored"
-            gain = log_likelihood_gain(linear, float(scores.delta_chi2[n]))
             log.add("candidate-score", word, candidates.effects[n], evidence, last, gain=gain)
     enough = min(float(np.log(len(ranked))), least) if ranked else 0.0
     log.followed |= {candidates.keys[n] for e, n in ranked if n in examined or e > enough}
