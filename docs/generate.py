@@ -18,6 +18,7 @@ def write(folder: Path) -> list[Path]:
     pages = {
         "commands.md": commands(),
         "effects.md": effects(),
+        "decision_rules.md": decision_rules(),
         "controllers.md": controllers(),
         "instruments.md": instruments(),
         "joint_models.md": joint_models(),
@@ -87,6 +88,29 @@ def effects() -> Iterator[str]:
             if kind.alike:
                 yield f"- Can look like: {', '.join(kind.alike)}"
             yield f"- Distinguished by this measurement: {kind.separate}"
+
+
+def decision_rules() -> Iterator[str]:
+    """Every rule that decides in a diagnosis, by stage, with the constants of its thresholds."""
+    from importlib import import_module
+
+    from identification.diagnosis.decisions.rules import RULES, STAGES
+
+    yield "# Rules of the diagnosis"
+    yield ""
+    yield "The names stand in `decisions.csv` and in what `errormodel explain` prints. Constants are the program's."
+    for stage, what in STAGES.items():
+        rows = []
+        for name, rule in RULES.items():
+            if rule.stage == stage:
+                places = (constant.rpartition(".") for constant in rule.constants)
+                values = (
+                    f"`{own}` = {getattr(import_module(f'identification.diagnosis.{module}'), own)} (`{module}`)"
+                    for module, _, own in places
+                )
+                rows.append((f"`{name}`", rule.decides, rule.scale, "; ".join(values)))
+        yield from ("", f"## {stage.capitalize()}", "", f"{what[0].upper()}{what[1:]}.", "")
+        yield from table(("rule", "what it decides", "scale of its value", "constants"), rows)
 
 
 def controllers() -> Iterator[str]:

@@ -5,13 +5,14 @@ DataFrame. All are in the units of their files: mm, degrees for rotary joints, s
 """
 
 from identification.api.models import describe, diagnose, fit, plan, register, thermal
-from identification.api.uses import compensate, controllers, load, monitor, predict, save
+from identification.api.uses import compensate, controllers, explain, load, monitor, predict, save
 
 __all__ = [
     "compensate",
     "controllers",
     "describe",
     "diagnose",
+    "explain",
     "fit",
     "load",
     "monitor",

@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from identification.results.compensation_result import CompensationResult
+    from identification.results.diagnosis_result import DiagnosisResult
+    from identification.results.explanation import Explanation
     from identification.results.fit_result import FitResult
     from identification.results.monitor_result import MonitorResult
     from identification.results.results_folder import ResultsFolder
@@ -51,6 +53,33 @@ def predict(fit: AnyFit, points: AnySurvey, *, progress: Progress = silent) -> p
 
     stored = _stored(fit)
     return predicted(stored, survey_of(points, stored.chain.machine, measured=False), progress)
+
+
+def explain(diagnosis: DiagnosisResult | str | Path, effect: str | None = None) -> Explanation:
+    """Say why a diagnosis found what it found, and where another effect dropped out, from its decision log.
+
+    Parameters
+    ----------
+    diagnosis : DiagnosisResult, str or Path
+        A result, or the folder that one was saved in.
+    effect : str or None
+        An effect, or one at a place, such as ``"backlash@X"``; None: all stages in their order.
+
+    Returns
+    -------
+    Explanation
+        ``summary()`` in words, ``decisions`` (a DataFrame), ``fates``, ``plot()``.
+
+    Raises
+    ------
+    InputError
+        The folder holds no diagnosis, or one without a decision log; or there is no such effect or place.
+    """
+    from identification.results.explanation import Explanation
+
+    if isinstance(diagnosis, str | Path):
+        return Explanation.of(Path(diagnosis), effect)
+    return diagnosis.explain(effect)
 
 
 def monitor(

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 FOLDER = click.Path(path_type=Path, file_okay=False)  # to read
 FILE = click.Path(path_type=Path, dir_okay=False)
 ANY = click.Path(path_type=Path)
+DRAWINGS = (".svg", ".png", ".pdf")  # types of a figure
 
 
 class _Out(click.Path):

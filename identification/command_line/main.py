@@ -14,6 +14,7 @@ import click
 from errormodel.exceptions import ErrorModelError, InputError
 from identification.command_line.console import (
     ANY,
+    DRAWINGS,
     FILE,
     FOLDER,
     OUT_FILE,
@@ -35,7 +36,6 @@ if TYPE_CHECKING:
     from identification.results.results_folder import ResultsFolder
 
 STOPPED = 130  # exit code of what Ctrl-C ended: 128 and the number of SIGINT
-DRAWINGS = (".svg", ".png", ".pdf")
 MOST_POSES = 10_000_000  # simulated in one go
 MOST_PLANNED = 2000
 
@@ -250,6 +250,7 @@ def predict(folder: Path, points: Path, out: OutputFile) -> None:
 
 # Importing these registers their commands, after the others.
 from identification.command_line import compensate as cli_compensate  # noqa: E402, F401
+from identification.command_line import explain as cli_explain  # noqa: E402, F401
 from identification.command_line import monitor as cli_monitor  # noqa: E402, F401
 from identification.command_line import register as cli_register  # noqa: E402, F401
 from identification.command_line import thermal as cli_thermal  # noqa: E402, F401

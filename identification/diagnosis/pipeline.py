@@ -25,7 +25,8 @@ from identification.diagnosis.data_checks.runs_of_motions import (
 )
 from identification.diagnosis.data_checks.temperature_sensors import dead_sensors
 from identification.diagnosis.data_checks.unrelated import refuse_unstated_rotation
-from identification.diagnosis.linear.linear_model import MOST_ROWS, LinearModel, set_up
+from identification.diagnosis.decisions.log import DecisionLog
+from identification.diagnosis.linear.linear_model import LEAST_RUN, MOST_ROWS, LinearModel, set_up, unused_runs
 from identification.diagnosis.linear.motions_as_points import as_points, carried
 from identification.diagnosis.linear.residual_rows import heldout_um, views_of
 from identification.diagnosis.results.diagnosed import Diagnosed
@@ -36,6 +37,7 @@ from identification.diagnosis.results.findings import (
     HeldOut,
     Untestable,
     alternatives_of,
+    log_names,
     look_alikes,
     motions_of,
     moved_by,
@@ -56,7 +58,8 @@ from identification.diagnosis.results.untestable import unseen
 from identification.diagnosis.results.verdict import judge
 from identification.diagnosis.results.witnesses import WitnessResult, apply_witnesses, with_witnesses
 from identification.diagnosis.search.candidates import Candidates, Ranked, enough_rows, proposed
-from identification.diagnosis.search.forward_selection import forward_select, in_correlated_noise
+from identification.diagnosis.search.conditional_evidence import in_correlated_noise
+from identification.diagnosis.search.forward_selection import forward_select
 from identification.diagnosis.search.instrument_noise import station_notes, tracker_noise
 from identification.diagnosis.search.model import EffectModel
 from identification.diagnosis.search.model_comparison import compare_alternatives
@@ -81,13 +84,13 @@ def diagnose(machine: Machine, survey: Survey, progress: Progress = silent) -> D
     InputError
         The survey has nothing to fit, or no row with a measured position.
     """
-    runs, lost = compared_runs(survey), list[Blunder]()
+    runs, lost, log = compared_runs(survey), list[Blunder](), DecisionLog()
     refuse_scaled_runs(runs)
-    while len(lost) < MOST_BLUNDERS and (found := lost_zero(survey, runs)) is not None:
+    while len(lost) < MOST_BLUNDERS and (found := lost_zero(survey, runs, log)) is not None:
         lost.append(found)
         survey = found.survey
         runs = compared_runs(survey)
-    notes = tuple(opposite_runs(runs))
+    notes = tuple(opposite_runs(runs, log))
     survey = as_points(machine, survey)
     if parts := carried(machine, survey):
         diagnosed = together(
@@ -95,6 +98,8 @@ def diagnose(machine: Machine, survey: Survey, progress: Progress = silent) -> D
         )
     else:
         diagnosed = diagnose_points(machine, survey, progress)
+    log.join(diagnosed.log)
+    diagnosed = replace(diagnosed, log=log)
     return _with_lost_zeros(diagnosed, lost, notes) if lost or notes else diagnosed
 
 
@@ -115,10 +120,10 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
         nothing = "no row to fit has a measured position or error motion, which the diagnosis works on"
         cure = "Add rows with mx my mz, or about a joint's error motions (joint, dx ... ec)"
         raise InputError(str(survey.source), nothing, cure)
-    blunders = []
+    blunders, log = [], DecisionLog()
     if not read:
         with progress("Looking for mistakes in the columns"):
-            blunders = find_blunders(machine, survey)
+            blunders = find_blunders(machine, survey, log)
     with progress("Fitting the machine"):
         before = [_try(machine, s) for s in (survey, *(b.survey for b in blunders))[: len(blunders)]]
         survey = blunders[-1].survey if blunders else survey
@@ -127,30 +132,37 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
             refuse_turned_head(mended)
             refuse_unstated_rotation(mended)
         noise_checked = bool(survey.motions_of) and not read  # by the registration that they come from
-        sound, fit, bad = _without_outliers(machine, survey, mended, 0 if noise_checked else 3)
+        sound, fit, bad = _without_outliers(machine, survey, mended, log, 0 if noise_checked else 3)
     changes = [change for b in blunders for change in b.changes]
-    found = _explained(fit, sound, changes, progress)
+    dead = dead_sensors(survey)
+    for name, reason in dead.items():
+        log.add("sensor-fault", "not considered", f"column {name}", beside=reason)
+    found = _explained(fit, sound, changes, progress, log)
     if bad.any() and found.model.steps:
         # what was found may explain rows that were far out: then they are no outliers, and show its form best
         extended = found.final.chain.machine
-        _, _, still = _without_outliers(extended, survey, fit_machine(extended, survey))
-        if still.sum() < bad.sum():
+        _, _, still = _without_outliers(extended, survey, fit_machine(extended, survey), log)
+        fewer = still.sum() < bad.sum()
+        log.add("outliers-explained", "found" if fewer else "passed", "rows", int(still.sum()), int(bad.sum()))
+        if fewer:
+            log.again()
             bad, sound = still, _without_fit_rows(survey, still)
             fit = fit_machine(machine, sound)
-            found = _explained(fit, sound, changes, progress)
+            found = _explained(fit, sound, changes, progress, log)
     model, final, first = found.model, found.final, found.first
     fits = [*before, mended]
     findings = [_blunder_finding(b, *fits[k : k + 2]) for k, b in enumerate(blunders)]
     causes = [
-        _finding(g, model, final, found.before, first, found.witnessed.get(g[0].effect, [])) for g in model.findings
+        _finding(g, model, final, found.before, first, found.witnessed.get(g[0].effect, []), log)
+        for g in model.findings
     ]
     findings += sorted(causes, key=lambda f: -f.heldout_rms_um.before)
     if bad.any():
         findings.append(_outlier_finding(bad, mended, fit))
     with progress("Testing what is left"):
-        dependence = dependence_of(model.linear, 1e3 * final.sigma_mm)
-    verdict = judge(final, bool(findings), dependence)
-    dead = (f"{name} drives nothing: {reason}" for name, reason in dead_sensors(survey).items())
+        dependence = dependence_of(model.linear, 1e3 * final.sigma_mm, log)
+    verdict = judge(final, bool(findings), dependence, log)
+    unusable = (f"{name} drives nothing: {reason}" for name, reason in dead.items())
     baseline = next((b for b in fits if b is not None), mended)
     diagnosis = Diagnosis(
         verdict.word,
@@ -161,9 +173,16 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
         tuple(found.untestable),
         verdict.unexplained,
         dependence,
-        (*final.notes, *noise_notes(mended), *station_notes(final), *dead, *contrary_sides(survey), *verdict.notes),
+        (
+            *final.notes,
+            *noise_notes(mended),
+            *station_notes(final, log),
+            *unusable,
+            *contrary_sides(survey, log),
+            *verdict.notes,
+        ),
     )
-    return Diagnosed(diagnosis, baseline, final, model, found.ranking)
+    return Diagnosed(diagnosis, baseline, final, model, found.ranking, log=log)
 
 
 @dataclass(frozen=True)
@@ -183,16 +202,16 @@ class _Found:
     first: int
 
 
-def _explained(fit: Fit, survey: Survey, changes: Sequence[Effect], progress: Progress) -> _Found:
+def _explained(fit: Fit, survey: Survey, changes: Sequence[Effect], progress: Progress, log: DecisionLog) -> _Found:
     """What explains a fit's residuals, and the survey fitted with it; `changes` are effects that mend blunders."""
-    linear, candidates = _tried(fit, progress)
-    if (seen := tracker_noise(fit, linear, candidates, survey)) is not None:
+    linear, candidates = _tried(fit, progress, log)
+    if (seen := tracker_noise(fit, linear, candidates, survey, log)) is not None:
         survey, fit = seen, fit_machine(fit.chain.machine, seen)
-        linear, candidates = _tried(fit, progress)
+        linear, candidates = _tried(fit, progress, log)
     scores = candidates.scores(linear)
-    model, witnessed = apply_witnesses(
-        in_correlated_noise(compare_alternatives(forward_select(linear, candidates, progress), candidates, progress))
-    )
+    selected = forward_select(linear, candidates, progress, log=log)
+    chosen = compare_alternatives(selected, candidates, progress, log)
+    model, witnessed = apply_witnesses(in_correlated_noise(chosen, log), log)
     effects = [*changes, *(s.effect for s in model.steps)]
     machine = fit.chain.machine
     first = len(machine.effects) + len(changes)
@@ -200,17 +219,23 @@ def _explained(fit: Fit, survey: Survey, changes: Sequence[Effect], progress: Pr
     if effects:
         with progress("Fitting the extended machine"):
             final = with_form(fit_machine(_extended(machine, effects), survey), model, first)
-    untestable = unseen(model.start.scene, scores.beside(model.start, model.linear), [s.effect for s in model.steps])
+    beside = scores.beside(model.start, model.linear)
+    untestable = unseen(model.start.scene, beside, [s.effect for s in model.steps], log)
     return _Found(fit, model, final, witnessed, untestable, scores.ranking(), first)
 
 
-def _tried(fit: Fit, progress: Progress) -> tuple[LinearModel, Candidates]:
+def _tried(fit: Fit, progress: Progress, log: DecisionLog) -> tuple[LinearModel, Candidates]:
     """The linear model of a fit, and every effect at every place that its survey shows."""
     with progress("Trying all effects at all places"):
         linear = set_up(fit)
         library = proposed(linear.scene)
-        if (most := enough_rows(library)) < MOST_ROWS:
+        most = min(enough_rows(library), MOST_ROWS)
+        if most < MOST_ROWS:
             linear = set_up(fit, most)
+        if len(fit.survey) > most:
+            log.add("rows-used", "found", "rows", len(fit.survey), most)
+        for label, count in unused_runs(fit.survey):
+            log.add("run-labels", "not considered", f"run {label}", count, LEAST_RUN)
         candidates = Candidates.of(linear, library)
         candidates.scores(linear)
     return linear, candidates
@@ -224,11 +249,13 @@ def _try(machine: Machine, survey: Survey) -> Fit | None:
         return None
 
 
-def _without_outliers(machine: Machine, survey: Survey, fit: Fit, times: int = 3) -> tuple[Survey, Fit, Mask]:
+def _without_outliers(
+    machine: Machine, survey: Survey, fit: Fit, log: DecisionLog, times: int = 3
+) -> tuple[Survey, Fit, Mask]:
     """The survey without what was measured in gross rows, its fit, and those rows (mask over the rows to fit)."""
     bad = np.zeros(len(fit.survey), dtype=bool)
     for _ in range(times):  # gross rows hide smaller ones
-        more = gross_rows(fit) & ~bad
+        more = gross_rows(fit, log) & ~bad
         if not more.any():
             break
         bad |= more
@@ -258,7 +285,13 @@ def _summary(fit: Fit) -> dict[str, float | None]:
 
 
 def _finding(
-    group: Sequence[Step], model: EffectModel, final: Fit, before: Fit, first: int, results: Sequence[WitnessResult]
+    group: Sequence[Step],
+    model: EffectModel,
+    final: Fit,
+    before: Fit,
+    first: int,
+    results: Sequence[WitnessResult],
+    log: DecisionLog,
 ) -> Finding:
     """A finding from its steps: the effect, and the refinements of its form."""
     step, machine = group[0], final.chain.machine
@@ -269,6 +302,7 @@ def _finding(
     whole = whole_of(final, [s.effect for s in group], numbers)
     probability = with_witnesses(probability_of(step), results)
     others = alternatives_of(step, linear, probability)
+    log_names(log, main, probability, others)
     known = {(a.effect, a.where): a.probability for a in others}
     alike = sorted(look_alikes(step), key=lambda e: -(known.get((e.effect, e.where)) or 0.0))
     names = [named(subject(e), known.get((e.effect, e.where))) for e in alike]

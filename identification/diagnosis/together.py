@@ -12,6 +12,7 @@ from errormodel.effects import registry
 from errormodel.effects.base import axis_motion
 from errormodel.machine import EffectSpec, Machine
 from errormodel.survey import Survey
+from identification.diagnosis.decisions.log import DecisionLog
 from identification.diagnosis.linear.motions_as_points import Carried
 from identification.diagnosis.results.diagnosed import Diagnosed
 from identification.diagnosis.results.findings import Alternative, Diagnosis, Finding, Untestable
@@ -50,7 +51,10 @@ def together(machine: Machine, survey: Survey, parts: Sequence[tuple[Carried, Di
         (*final.notes, *dict.fromkeys(notes)),
     )
     main = max((d for _, d in parts), key=lambda d: len(d.model.steps))
-    return Diagnosed(diagnosis, before, final, main.model, main.ranking, tuple(d for _, d in parts))
+    log = DecisionLog()
+    for c, d in parts:
+        log.join(d.log, str(c))
+    return Diagnosed(diagnosis, before, final, main.model, main.ranking, tuple(d for _, d in parts), log)
 
 
 def _findings(part: Carried, diagnosed: Diagnosed) -> tuple[Finding, ...]:
@@ -69,6 +73,15 @@ def _sampled(finding: Finding, part: Carried, diagnosed: Diagnosed) -> Finding:
         if not why or finding.effect == kind.effect:
             continue
         probability = min(finding.probability, EVEN)
+        diagnosed.log.compared(
+            "unresolved-name",
+            kind.effect,
+            joint.name,
+            joint.name,
+            finding.probability,
+            EVEN,
+            f"{finding.effect}@{finding.where}",
+        )
         other = Alternative(kind.effect, joint.name, 0.0, False, finding.motion, finding.driver)
         text = re.sub(r"Probability [\d.]+\d", f"Probability {probability:.2f}", finding.statement)
         finding = replace(

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
     from identification.diagnosis.results.diagnosed import Diagnosed
     from identification.diagnosis.search.scoring import Step
+    from identification.results.explanation import Explanation
     from identification.results.residual_projection import Evidence
 
 FINDING_COLUMNS = ("effect", "where", "motion", "driver", "probability", "statement", "moved")
@@ -62,16 +63,34 @@ class DiagnosisResult(FitResult):
         rows = [vars(u) for u in self.diagnosed.diagnosis.untestable]
         return pd.DataFrame(rows, columns=["effect", "reason", "needs"])
 
+    @cached_property
+    def decisions(self) -> pd.DataFrame:
+        """The decision log: one row a decision, with its stage, rule, candidate, value, threshold and outcome."""
+        return self.explain().decisions
+
+    def explain(self, effect: str | None = None) -> Explanation:
+        """The same as `identification.explain` with this result."""
+        from identification.results.explanation import Explanation
+
+        return Explanation(list(self.diagnosed.log), self.diagnosed.diagnosis.as_json(), effect)
+
+    @property
+    def _places(self) -> list[tuple[str, str]]:
+        return [(f.effect, f.where) for f in self.diagnosed.diagnosis.findings]
+
     @property
     def plot(self) -> DiagnosisPlots:
         return DiagnosisPlots(self.analysis, self.diagnosed)
 
     def _write(self, folder: Path) -> None:
-        from errormodel.files import write_text_atomic
+        from errormodel.files import write_csv, write_text_atomic
+        from identification.diagnosis.decisions import summary
         from identification.results.json_text import dumps
 
         super()._write(folder)
-        write_text_atomic(dumps(self.diagnosed.diagnosis.as_json()), folder / "diagnosis.json")
+        short = {"decisions": summary.short(self.diagnosed.log, self._places)}
+        write_text_atomic(dumps(self.diagnosed.diagnosis.as_json() | short), folder / "diagnosis.json")
+        write_csv(self.decisions, folder / "decisions.csv")
 
     def summary(self) -> str:
         from identification.results.text import diagnosis_lines

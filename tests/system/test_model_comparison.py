@@ -16,7 +16,8 @@ from identification.diagnosis.linear.linear_model import set_up
 from identification.diagnosis.pipeline import diagnose
 from identification.diagnosis.results.findings import probability_of
 from identification.diagnosis.search.candidates import Candidates
-from identification.diagnosis.search.forward_selection import conditional_scores, forward_select, reselect
+from identification.diagnosis.search.conditional_evidence import conditional_scores
+from identification.diagnosis.search.forward_selection import forward_select, reselect
 from identification.diagnosis.search.model import replayed
 from identification.diagnosis.search.model_comparison import compare_alternatives, empirical_evidence, log_evidence
 from identification.diagnosis.search.refinement import refined, with_sections

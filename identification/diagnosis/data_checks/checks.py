@@ -21,11 +21,12 @@ from identification.diagnosis.data_checks.columns import wrong_column
 from identification.diagnosis.data_checks.duplicates_and_clock import copied_rows, set_clock
 from identification.diagnosis.data_checks.rows import wrong_rows
 from identification.diagnosis.data_checks.unrelated import refuse_unrelated
+from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
 
 MOST_BLUNDERS = 4
 
 
-def find_blunders(machine: Machine, survey: Survey) -> list[Blunder]:
+def find_blunders(machine: Machine, survey: Survey, log: DecisionLog = UNRECORDED) -> list[Blunder]:
     """Mistakes of a recording, each found with those before it put right.
 
     Raises
@@ -36,17 +37,19 @@ def find_blunders(machine: Machine, survey: Survey) -> list[Blunder]:
     """
     chain = Chain(machine)
     gates: list[Callable[[Survey], Blunder | None]] = [
-        lambda s: copied_rows(chain, s),
-        set_clock,
-        lambda s: wrong_column(chain, s) or wrong_rows(chain, s),
-        lambda s: wrong_column(chain, s, two=True),
+        lambda s: copied_rows(chain, s, log),
+        lambda s: set_clock(s, log),
+        lambda s: wrong_column(chain, s, log=log) or wrong_rows(chain, s, log),
+        lambda s: wrong_column(chain, s, two=True, log=log),
     ]
     out = list[Blunder]()
     for gate in gates:
         while len(out) < MOST_BLUNDERS and (blunder := gate(survey)) is not None:
             out.append(blunder)
             survey = blunder.survey
-    refuse_unrelated(chain, survey)
+    if len(out) >= MOST_BLUNDERS:
+        log.add("most-mistakes", "refused", "survey", len(out), MOST_BLUNDERS)
+    refuse_unrelated(chain, survey, log)
     return out
 
 

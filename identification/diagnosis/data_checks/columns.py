@@ -19,6 +19,7 @@ from errormodel.machine import Joint, Machine
 from errormodel.survey import Survey
 from errormodel.survey_columns import MEASURED, TOOL_COLUMNS
 from identification.diagnosis.data_checks.blunder import FEWEST, Blunder, Points, Sheet, groups, sheet
+from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
 from identification.observation.frames import MACHINE_ERROR_SHARE
 
 ALIKE = 1.05  # times: two changes that fit as well
@@ -34,7 +35,7 @@ UNITS = (25.4, 1 / 25.4, 1e3, 1e-3)  # inch, and metre or micrometre
 Changes = tuple[AxisBlunder, ...]
 
 
-def wrong_column(chain: Chain, survey: Survey, *, two: bool = False) -> Blunder | None:
+def wrong_column(chain: Chain, survey: Survey, *, two: bool = False, log: DecisionLog = UNRECORDED) -> Blunder | None:
     """The most convincing mistake of whole columns, or None; a further one shows once the survey has been mended.
 
     `two` at once are looked for where each alone tells nothing, which takes seconds.
@@ -54,6 +55,8 @@ def wrong_column(chain: Chain, survey: Survey, *, two: bool = False) -> Blunder 
     before = misfit(())
     small, larger, largest = (part * chain.size / max(table.reach, 1e-9) for part in (MACHINE_ERROR_SHARE, ZERO, TWO))
     if before < small:
+        if not two:
+            log.add("nominal-misfit", "passed", "columns", before, small)
         return None
     enough = min(before / BETTER, RIGHT)
     simple = [*single_changes(chain.machine), *_together(chain.machine)]
@@ -64,8 +67,11 @@ def wrong_column(chain: Chain, survey: Survey, *, two: bool = False) -> Blunder 
     if _least(tries) > enough and before > largest and two:
         tries = [(BETTER * misfit(c), c) for c in _pairs(chain, columns, fixed, simple)]
     if _least(tries) > enough:
+        log.add("wrong-column", "passed", "columns", _least(tries), enough, beside=f"{before:.4g} as written")
         return None
     changes = _likeliest(tries, columns, chain)
+    what = f"column {' '.join(dict.fromkeys(c.column for c in changes))}"
+    log.add("wrong-column", "found", what, _least(tries), enough, beside=f"{before:.4g} as written")
     return Blunder(
         text=_text(changes, chain.machine, fixed),
         survey=replace(survey, table=mended(survey.table, changes)),

@@ -15,6 +15,7 @@ from errormodel.exceptions import InputError
 from errormodel.survey import Survey
 from errormodel.survey_columns import MEASURED, TOOL_COLUMNS
 from identification.diagnosis.data_checks.blunder import Blunder, groups, listed
+from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
 from identification.observation.frames import MACHINE_ERROR_SHARE
 
 if TYPE_CHECKING:
@@ -27,7 +28,7 @@ REPEATS = 3  # that differ: fewer do not tell what repeats look like
 RESETS = 3  # of a clock in one file; more, and the rows are simply not in the order of time
 
 
-def copied_rows(chain: Chain, survey: Survey) -> Blunder | None:
+def copied_rows(chain: Chain, survey: Survey, log: DecisionLog = UNRECORDED) -> Blunder | None:
     """Rows whose measured point is an earlier row's to the last digit, though noise would not have it so; left out.
 
     Whole rows with a time of their own are copies in any case, and so is a point read again at another place (the
@@ -43,6 +44,7 @@ def copied_rows(chain: Chain, survey: Survey) -> Blunder | None:
     earlier = start[first]  # the first row with that measured point
     again = earlier < np.arange(len(part))
     if not again.any():
+        log.add("copied-rows", "passed", "rows", 0)
         return None
     points = chain.kernel("nominal", outputs=(0, 1, 2))(chain.columns(part)).T
     elsewhere = np.linalg.norm(points - points[earlier], axis=1) > MACHINE_ERROR_SHARE * chain.size
@@ -55,7 +57,9 @@ def copied_rows(chain: Chain, survey: Survey) -> Blunder | None:
         if not _by_chance(part, chain, int(repeats.sum()), rest):
             bad |= repeats
     if not bad.any():
+        log.add("copied-rows", "passed", "rows", int(again.sum()), beside="they agree by chance")
         return None
+    log.add("copied-rows", "found", "rows", int(bad.sum()))
     numbers = tuple(int(r) for r in part["row"].to_numpy()[bad])
     new = _without(table, rows[bad])
     return Blunder(
@@ -109,7 +113,7 @@ def _by_chance(table: pd.DataFrame, chain: Chain, count: int, rest: Survey) -> b
     return bool(poisson.sf(count - 1, rate * len(steps)) > CHANCE)
 
 
-def set_clock(survey: Survey) -> Blunder | None:
+def set_clock(survey: Survey, log: DecisionLog = UNRECORDED) -> Blunder | None:
     """A clock that was set back within a run: its rows claim the same hours twice. Time goes on from where it was."""
     table = survey.table
     if "time" not in table:
@@ -131,6 +135,7 @@ def set_clock(survey: Survey) -> Blunder | None:
             time[fall:] += time[fall - 1] + usual - time[fall]
         new[rows] = time
         found += part["row"].to_numpy()[falls].tolist()
+    log.add("clock-set-back", "found" if found else "passed", "column time", len(found))
     if not found:
         return None
     listed = " and ".join(f"row {row}" for row in found)

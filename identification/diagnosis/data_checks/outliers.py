@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from errormodel.arrays import Array, Mask
+from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
 from identification.estimation.result import Fit
 
 GROSS = 10.0  # standard deviations of one component: Gaussian noise never gets there, knees and local defects rarely
@@ -15,7 +16,7 @@ NEARLY = 2.0  # log-likelihood by which a heavier tail may be less likely
 CHANCE = 0.02  # rows of a survey that noise with such tails throws as far as what is called gross
 
 
-def gross_rows(fit: Fit) -> Mask:
+def gross_rows(fit: Fit, log: DecisionLog = UNRECORDED) -> Mask:
     """Mask (n,) of rows whose residual vector is longer than the noise, with the tails it has, ever makes one."""
     residuals = fit.residuals
     measured = np.isfinite(residuals).sum(axis=1)
@@ -24,8 +25,17 @@ def gross_rows(fit: Fit) -> Mask:
         return np.zeros(len(seen), dtype=bool)
     square = np.nansum(np.square(residuals), axis=1)[seen] / measured[seen]
     gross: Mask = np.zeros_like(seen)
-    gross[seen] = square > _farthest(square, round(float(measured[seen].mean())))
-    return gross if gross.sum() <= MOST * seen.sum() else np.zeros_like(gross)
+    farthest = _farthest(square, round(float(measured[seen].mean())))
+    gross[seen] = square > farthest
+    few = gross.sum() <= MOST * seen.sum()
+    for row, far in zip(fit.survey.table["row"].to_numpy()[gross], square[gross[seen]], strict=True):
+        log.add("gross-outlier", "found", f"row {row}", 1e3 * float(np.sqrt(far)), 1e3 * float(np.sqrt(farthest)))
+    if not gross.any():
+        largest = 1e3 * float(np.sqrt(square.max()))
+        log.add("gross-outlier", "passed", "rows", largest, 1e3 * float(np.sqrt(farthest)))
+    if not few:
+        log.add("outlier-share", "refused", "rows", float(gross.sum() / seen.sum()), MOST)
+    return gross if few else np.zeros_like(gross)
 
 
 def _farthest(square: Array, components: int) -> float:

@@ -19,6 +19,7 @@ from errormodel.survey import Survey
 from errormodel.survey_columns import MEASURED, ORIENTATION
 from identification.diagnosis.data_checks.blunder import Blunder, Points, groups, sheet
 from identification.diagnosis.data_checks.columns import Changes, mended, single_changes
+from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
 from identification.observation.frames import MACHINE_ERROR_SHARE
 from identification.observation.pose import Pose
 
@@ -38,7 +39,7 @@ MOVED = 20.0  # times what is small: a frame that moved less is an effect of its
 THINNED = 600  # rows, to find an order
 
 
-def wrong_rows(chain: Chain, survey: Survey) -> Blunder | None:
+def wrong_rows(chain: Chain, survey: Survey, log: DecisionLog = UNRECORDED) -> Blunder | None:
     """The first file with rows that belong elsewhere, and the survey with them put right; or None.
 
     Raises
@@ -53,7 +54,9 @@ def wrong_rows(chain: Chain, survey: Survey) -> Blunder | None:
             continue
         others = {str(survey.table["run"].iloc[o.rows[0]]): o for o in parts if o is not part}
         if (found := part.wrong(others if survey.frame == "per-run" else {})) is not None:
+            log.add("rows-elsewhere", "found", "rows", len(found.rows or ()), beside=found.text)
             return found
+    log.add("rows-elsewhere", "passed", "rows", 0)
     return None
 
 

@@ -20,6 +20,7 @@ from errormodel.effects.station_shift import StationShift
 from errormodel.exceptions import InputError
 from errormodel.survey import Survey
 from identification.diagnosis.data_checks.blunder import Blunder
+from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
 
 FEWEST = 8  # readings of a run that others repeat
 POLISHES = 20  # rounds of the median polish
@@ -66,22 +67,26 @@ def refuse_scaled_runs(runs: Sequence[Run]) -> None:
                 )
 
 
-def opposite_runs(runs: Sequence[Run]) -> Iterator[str]:
+def opposite_runs(runs: Sequence[Run], log: DecisionLog = UNRECORDED) -> Iterator[str]:
     """Remarks on runs that have the opposite sign of the others: a mistake, or a compensation that acts twice."""
     for run in runs:
         if _is_scaled(run, -1.0):
+            log.add("run-opposite-sign", "found", f"column {run.motion}", beside=f"run {run.label} about {run.joint}")
             yield (
                 f"column {run.motion}: run {run.label} about {run.joint} has the opposite sign of the other runs at "
                 "the same targets, as with a wrong sign, or a compensation that acts twice in it"
             )
 
 
-def lost_zero(survey: Survey, runs: Sequence[Run]) -> Blunder | None:
+def lost_zero(survey: Survey, runs: Sequence[Run], log: DecisionLog = UNRECORDED) -> Blunder | None:
     """The clearest step of a run beside the others, and the survey with a run of its own from there on."""
     steps = [(found, run) for run in runs if (found := _step(run)) is not None]
     if not steps:
+        if runs:
+            log.add("run-lost-zero", "passed", "runs", threshold=CLEAR_STEP)
         return None
-    (_, size, at), run = max(steps, key=lambda step: step[0][0])  # the others are compared with it
+    (clear, size, at), run = max(steps, key=lambda step: step[0][0])  # the others are compared with it
+    log.add("run-lost-zero", "found", f"column {run.motion}", clear, CLEAR_STEP, beside=f"run {run.label}")
     before, after = (int(r) for r in run.rows["row"].iloc[[at - 1, at]])
     size, unit = (1e3 * size, "um") if run.motion.startswith("d") else (1e6 * size, "urad")
     table = survey.table.copy()

@@ -18,6 +18,7 @@ from errormodel.survey_columns import MEASURED
 from identification.diagnosis.data_checks.blunder import Points, Sheet, groups, sheet
 from identification.diagnosis.data_checks.columns import BETTER, TWO, Changes, mended, outside_travels, single_changes
 from identification.diagnosis.data_checks.rows import FEWEST
+from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
 from identification.estimation.result import Fit
 from identification.observation.frames import MACHINE_ERROR_SHARE
 from identification.observation.models import PositionView
@@ -49,7 +50,7 @@ def refuse_unstated_rotation(fit: Fit) -> None:
             )
 
 
-def refuse_unrelated(chain: Chain, survey: Survey) -> None:
+def refuse_unrelated(chain: Chain, survey: Survey, log: DecisionLog = UNRECORDED) -> None:
     """InputError where measured points fit the commands no better than those of any other rows would."""
     for rows in groups(survey):
         columns = sheet(chain, survey.table.iloc[rows])
@@ -61,6 +62,7 @@ def refuse_unrelated(chain: Chain, survey: Survey) -> None:
         any_order = [replace(points, measured=rng.permutation(points.measured)).misfit() for _ in range(SHUFFLES)]
         shuffled = float(np.median(any_order))
         if found <= RELATED * shuffled:
+            log.add("unrelated-points", "passed", "rows", found / shuffled, RELATED, beside="rows in any order")
             continue
         if points.reach < STAYS * points.spread:
             what, cure = _one_place(chain, columns, points)

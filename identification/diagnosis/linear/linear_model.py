@@ -251,6 +251,15 @@ def _stations(fit: Fit) -> tuple[Vector, ...]:
     return tuple((x, y, z) for x, y, z in sorted(places))
 
 
+def unused_runs(survey: Survey) -> list[tuple[str, int]]:
+    """Labels of runs that drive no candidate where there are several, with the number of their rows."""
+    labels, counts = np.unique(survey.table["run"].astype(str), return_counts=True)
+    if len(labels) < 2:
+        return []
+    many = len(labels) > MOST_RUNS
+    return [(str(label), int(n)) for label, n in zip(labels, counts, strict=True) if many or n < LEAST_RUN]
+
+
 def _scene_columns(survey: Survey, table: _Channels, chain: Chain, dead: Collection[str]) -> dict[str, Array]:
     """Summary of the survey's rows, with the direction of approach of every joint whose column or order gives it."""
     plain = ("time", "feed", "load", *TOOL_CHANNELS)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+from identification.diagnosis.decisions.log import DecisionLog
 from identification.diagnosis.results.findings import Diagnosis
 from identification.diagnosis.search.candidates import Ranked
 from identification.diagnosis.search.model import EffectModel
@@ -17,7 +18,7 @@ class Diagnosed:
     """The diagnosis, the fits before it and of the extended machine, and how it was found.
 
     `ranking` is that of all candidates before anything was accepted. `parts` are the diagnoses of single joints that
-    this one is put together from.
+    this one is put together from. `log` holds what was decided.
     """
 
     diagnosis: Diagnosis
@@ -26,6 +27,7 @@ class Diagnosed:
     model: EffectModel
     ranking: list[Ranked]
     parts: tuple[Diagnosed, ...] = ()
+    log: DecisionLog = field(default_factory=DecisionLog)
 
 
 def numbered(diagnosed: Diagnosed) -> dict[int, Sequence[Step]]:

@@ -11,6 +11,7 @@ import numpy as np
 from errormodel.arrays import Array
 from errormodel.effects import registry
 from errormodel.effects.base import Effect
+from identification.diagnosis.decisions.log import DecisionLog, named
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.results.effect_size import Amount
 from identification.diagnosis.results.residual_dependence import Dependence
@@ -170,6 +171,16 @@ def alternatives_of(step: Step, linear: LinearModel, probability: float, most: i
         why = preference(step, alternative) if factor > BETTER else ""
         out.append(Alternative(*key, factor, abs(factor) > SEPARABLE, *more, own, why))
     return sorted(out, key=lambda a: -1.0 if a.probability is None else -a.probability)
+
+
+def log_names(log: DecisionLog, main: Effect, probability: float, others: Sequence[Alternative]) -> None:
+    """Take down the probability of a finding's name, and how its alternatives compare."""
+    log.add("name-probability", "kept", main, probability)
+    for a in others:
+        log.compared("name-probability", a.effect, a.where, " ".join(a.driver), a.probability, None, named(main))
+        log.compared(
+            "distinguishable", a.effect, a.where, " ".join(a.driver), abs(a.log10_bayes_factor), SEPARABLE, named(main)
+        )
 
 
 def preference(step: Step, alternative: Step) -> str:

@@ -20,6 +20,7 @@ import numpy as np
 
 from errormodel.arrays import Array, Index
 from errormodel.conventions import FRAME
+from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.linear.orthonormal_basis import orthonormal_basis
 from identification.diagnosis.search.criteria import heldout_rms
@@ -74,7 +75,7 @@ def _words(channel: str) -> str:
     return f"the direction of {channel[4:]}" if channel.startswith("dir_") else channel
 
 
-def dependence_of(linear: LinearModel, sigma_um: float) -> Dependence | None:
+def dependence_of(linear: LinearModel, sigma_um: float, log: DecisionLog = UNRECORDED) -> Dependence | None:
     """What the residual of a linear model depends on; None where it is independent of all channels.
 
     Parameters
@@ -100,7 +101,12 @@ def dependence_of(linear: LinearModel, sigma_um: float) -> Dependence | None:
             residual, basis = noise.whitened(residual[None], edges)[0], noise.whitened(basis.T, edges).T
             functions = {name: noise.whitened(values.T, edges).T for name, values in functions.items()}
         p_value, channels = _tested(residual, basis, index[keep], functions, RESAMPLES)
-    if p_value > LEAST_P_VALUE:
+    seen = p_value < LEAST_P_VALUE
+    beside = " and ".join(channels)
+    log.add(
+        "dependence-of-residuals", "found" if seen else "passed", "residuals", p_value, LEAST_P_VALUE, beside=beside
+    )
+    if not seen:
         return None
     axis, share = _predicted(linear, _joined(_of(bases, channels)))
     if not axis:  # what does not predict rows that were left out is of no use

@@ -20,6 +20,7 @@ from errormodel.effects import registry
 from errormodel.effects.base import Effect
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.machine import Joint, joint_of
+from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
 from identification.diagnosis.results.findings import Untestable
 from identification.diagnosis.search.candidates import ABSORBED, Scores
 
@@ -29,7 +30,7 @@ Variant = tuple[str, str, bool]
 ROWS = 400  # of the full survey
 
 
-def unseen(scene: Scene, scores: Scores, found: Collection[Effect]) -> list[Untestable]:
+def unseen(scene: Scene, scores: Scores, found: Collection[Effect], log: DecisionLog = UNRECORDED) -> list[Untestable]:
     """Untestable effects with their places, from the scores of all candidates; `found` effects are not among them."""
     least: dict[Variant, tuple[float, float]] = {}
     for numbers in scores.candidates.of_key.values():
@@ -53,16 +54,21 @@ def unseen(scene: Scene, scores: Scores, found: Collection[Effect]) -> list[Unte
             where = variant[1] if not both else f"{variant[1]} {'as it changes' if variant[2] else 'if constant'}"
             part, expected_delta_chi2 = least.get(variant, (None, np.inf))
             if part is None:
-                reasons.setdefault(_missing(effects, scene), []).append(where)
+                lacks = _missing(effects, scene)
+                log.add("not-recorded", "not considered", effects[0], beside=lacks)
+                reasons.setdefault(lacks, []).append(where)
             elif expected_delta_chi2 < HARDLY and part > MOSTLY:
+                log.add("below-noise", "not considered", effects[0], float(expected_delta_chi2), HARDLY)
                 reason = "what the geometry leaves of it at its usual size stays within the noise"
                 reasons.setdefault(reason, []).append(where)
             elif part > ABSORBED:
+                log.add("hidden-by-geometry", "not considered", effects[0], float(part), ABSORBED)
                 reasons.setdefault(f"the geometry absorbs {100 * part:.0f} % of it", []).append(where)
         said = {place for places in reasons.values() for place in places}
         said |= {effect.where for effect in found if effect.effect == name}
         for joint in scene.moving:
             if joint.name not in said and (why := kind.unresolved(scene, joint)):
+                log.compared("unresolved-positions", name, joint.name, joint.name, None, None, why)
                 reasons.setdefault(f"{why[0].lower()}{why[1:].split(':')[0]}", []).append(joint.name)
         for reason, places in reasons.items():
             at = "" if len(places) == len(possible) else f"at {', '.join(places)}: "

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog, Outcome
 from identification.diagnosis.results.pure_error import MISFIT_P, MISFIT_RATIO, repeats_of, whitened
 from identification.diagnosis.results.residual_dependence import Dependence
 from identification.estimation.result import Fit
@@ -24,7 +25,7 @@ class Verdict:
     notes: tuple[str, ...] = ()
 
 
-def judge(final: Fit, found: bool, dependence: Dependence | None = None) -> Verdict:
+def judge(final: Fit, found: bool, dependence: Dependence | None = None, log: DecisionLog = UNRECORDED) -> Verdict:
     """The verdict on a fit, after `found` something or nothing.
 
     Misfit is what exceeds the scatter of repeated poses; without repeats, what exceeds a declared uncertainty; and what
@@ -35,6 +36,19 @@ def judge(final: Fit, found: bool, dependence: Dependence | None = None) -> Verd
     notes = [repeats.text] if repeats else []
     reason = ""
     declared = _exceeds_declared(final)
+    if repeats is not None:
+        word: Outcome = "found" if repeats.misfit else "passed"
+        log.add(
+            "lack-of-fit-by-repeats",
+            word,
+            "residuals",
+            repeats.ratio,
+            MISFIT_RATIO,
+            beside=f"p = {repeats.p_value:.2g}",
+        )
+    elif "position" in s.declared and s.dof > 0:
+        word = "found" if declared else "passed"
+        log.add("lack-of-fit-by-declared-uncertainty", word, "residuals", s.chi2 / s.dof, MISFIT_RATIO)
     if repeats is not None:
         if repeats.misfit:
             reason = f"repeated poses let expect {_length(final) / np.sqrt(repeats.ratio):.1f}"

@@ -21,6 +21,7 @@ from errormodel.conventions import MOTIONS, ROTATIONS, Motion
 from errormodel.effects.base import Effect, axis_motion
 from errormodel.machine import Joint, Machine
 from errormodel.units import factor, is_unit
+from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.results.statements import subject
 from identification.diagnosis.search.model import EffectModel, of_groups
@@ -92,7 +93,9 @@ def _scale(unit: str, motion: Motion) -> float:
     return factor(unit, quantity) if unit and is_unit(unit, quantity) else 1.0
 
 
-def apply_witnesses(model: EffectModel) -> tuple[EffectModel, dict[Effect, list[WitnessResult]]]:
+def apply_witnesses(
+    model: EffectModel, log: DecisionLog = UNRECORDED
+) -> tuple[EffectModel, dict[Effect, list[WitnessResult]]]:
     """The model without contradicted findings, and the witness results of each finding.
 
     A contradicted finding, with its refinements, is replaced by its best alternative that no witness contradicts.
@@ -107,11 +110,19 @@ def apply_witnesses(model: EffectModel) -> tuple[EffectModel, dict[Effect, list[
         linear = model.without(group)
         results = _results(linear, group, seen)
         against = [t for t in results if t.word == "contradicts"]
+        for t in results:
+            if t.word == "supports":
+                log.add("witness-supports", "kept", group[0].effect, abs(t.share) / t.error, SEEN, beside=t.name)
+            else:
+                log.add("witness-contradicts", "removed", group[0].effect, t.share, LITTLE, beside=t.name)
         new = group
         if against:
             new = _instead(linear, group[0], seen)
             if not new:
                 continue
+            least = max(LEAST_EVIDENCE_INSTEAD, group[0].evidence / 2)
+            instead = new[0].effect, new[0].evidence, least
+            log.add("uncontradicted-alternative", "kept", *instead, beside=group[0].effect)
             named = subject(group[0].effect)
             results = [*_results(linear, new, seen), *(replace(t, against=named) for t in against)]
         said[new[0].effect] = results

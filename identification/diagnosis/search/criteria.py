@@ -44,6 +44,17 @@ def one_sensor(one: Effect, other: Effect) -> bool:
     return any(n.startswith("T_") for n in both)
 
 
+def log_likelihood_gain(linear: LinearModel, delta_chi2: float) -> float:
+    """Gain in log likelihood of what decreases the residual sum of squares by so many noise variances."""
+    return float(log_likelihood_gains(linear, np.array([delta_chi2]))[0])
+
+
+def log_likelihood_gains(linear: LinearModel, delta_chi2: Array) -> Array:
+    """The same of several."""
+    share = np.clip(delta_chi2 / max(linear.freedom, 1), 0.0, 1 - 1e-12)
+    return np.asarray(-linear.freedom / 2 * np.log1p(-share))
+
+
 def heldout_rms(linear: LinearModel) -> float:
     """Root mean square of the cross-validation residuals, in units of the noise."""
     return float(np.sqrt(np.mean(cross_validation_residuals(linear) ** 2)))

@@ -9,90 +9,106 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 
 from errormodel.effects.base import Effect
+from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog, Outcome, named, ratio
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.search import correlated_noise as coloured
 from identification.diagnosis.search.candidates import Candidates
-from identification.diagnosis.search.criteria import base_channels, heldout_rms
+from identification.diagnosis.search.conditional_evidence import MOST_ALTERNATIVES_TRIED, conditional_scores
+from identification.diagnosis.search.criteria import base_channels, heldout_rms, log_likelihood_gain
 from identification.diagnosis.search.model import EffectModel, of_groups, replayed, with_step
 from identification.diagnosis.search.refinement import (
     forms,
     is_departure,
     left_over,
     refined,
+    refinement_of,
     truly_named,
     with_sections,
 )
-from identification.diagnosis.search.scoring import DETECT, FORM, Step, accepted, choose, evidence_in_any_noise
+from identification.diagnosis.search.scoring import DETECT, FORM, Step, accepted, choose
 from identification.diagnosis.search.sensor_pairs import best_pair
-from identification.diagnosis.search.shape_fit import optimise_shapes, scored
+from identification.diagnosis.search.shape_fit import optimise_shapes
 from identification.diagnosis.search.step_functions import switched
 from identification.runtime.progress import Progress, silent
 
 LEAK = 0.06  # share of what is explained already: a smaller effect elsewhere may be a discrepancy of a finding
 LEAST_EVIDENCE = 7.0  # log Bayes factor below which a proposal is not examined
+NEAR_BEST = 0.7  # of the best evidence: proposals that are tried as refinements before it
+COMPETES, MOST_COMPETING = 0.3, 4  # of the best evidence: refinements of one finding that are tried beside it
+BARELY = 1.02  # times what a finding explains: an effect that explains no more does not replace it
 HARDLY = 1.05  # times the cross-validation error: a superfluous effect gains as much by chance
 MOST_FINDINGS = 12
 MOST_STEPS = 24
 MOST_TOGETHER = 3
 SHAPES_TRIED = 3.0  # log of the trials factor of one effect's shapes
 SWEEPS = 4  # over all time constants
-LIKELY, MOST_ALTERNATIVES_TRIED = (
-    12,
-    8,
-)  # proposals that are looked at closely: to be accepted next, and beside a finding
+LIKELY = 12  # proposals that are looked at closely, to be accepted next
 
 Likely = tuple[list[Step], Step] | None
 
 
 def forward_select(
-    linear: LinearModel, candidates: Candidates, progress: Progress = silent, begin: Sequence[Step] = ()
+    linear: LinearModel,
+    candidates: Candidates,
+    progress: Progress = silent,
+    begin: Sequence[Step] = (),
+    log: DecisionLog = UNRECORDED,
 ) -> EffectModel:
     """The model after forward selection: effects are added while evidence and cross-validation support them.
 
     Parameters
     ----------
     begin : steps that the selection starts with.
+    log : takes down what is decided.
     """
     model = replayed(linear, begin)
-    for step in begin:
+    for number, step in enumerate(begin):
+        log.begin(number)
+        log.add("search-from", "added", step.effect)
         candidates = candidates.joined(Candidates.of(linear, list(forms(linear, step.effect))))
     seen = {_causes(model)}
     while len(model.steps) < MOST_STEPS:
+        log.begin(len(model.steps))
         last = model.steps[-1].effect if model.steps else None
         with progress(
             f"Looking further than {last.effect} of {last.where}" if last else "Looking for what was left out"
         ):
-            likely = _likely(model.linear, candidates)
+            likely = _likely(model.linear, candidates, log)
             further = (
-                add_best(model, likely)
-                or add_jointly(model, likely, candidates)
-                or add_best(model, able := _accepted(model.linear, likely))
-                or add_best(model, _that_predict(model, able))
+                add_best(model, likely, log=log)
+                or add_jointly(model, likely, candidates, log)
+                or add_best(model, able := _accepted(model.linear, likely, log), log=log)
+                or add_best(model, _that_predict(model, able, log), log=log)
             )
         if further is None:
             break
         added = further.steps[len(model.steps) :]
-        model = switched(add_second_sensor(further, candidates))
+        model = switched(add_second_sensor(further, candidates, log), log)
         for step in added:
             if step.parent is None:
                 candidates = candidates.joined(Candidates.of(linear, list(forms(linear, step.effect))))
         beside = len(model.findings) > 1 and any(s.parent is None for s in added)
         if beside or any(_otherwise_named(model, s) for s in added if s.parent is not None):
-            looked = reselect(model, candidates)
+            looked = reselect(model, candidates, log)
             if (
                 _causes(looked) == _causes(model) or _causes(looked) not in seen
             ):  # a model seen before would start a cycle
                 model = looked
+            else:
+                log.add("seen-before", "refused", looked.steps[-1].effect)
             seen.add(_causes(model))
-    return conditional_scores(with_sections(truly_named(backward_eliminate(model))), candidates)
+    else:
+        log.add("most-steps", "refused", None, len(model.steps), MOST_STEPS)
+    return conditional_scores(with_sections(truly_named(backward_eliminate(model, log), log), log), candidates, log)
 
 
-def add_jointly(model: EffectModel, likely: Likely, candidates: Candidates) -> EffectModel | None:
+def add_jointly(
+    model: EffectModel, likely: Likely, candidates: Candidates, log: DecisionLog = UNRECORDED
+) -> EffectModel | None:
     """The model with two or three further effects added jointly, each accepted only given the others; or None.
 
     While one of them is missing, its contribution looks like correlated noise.
@@ -104,31 +120,47 @@ def add_jointly(model: EffectModel, likely: Likely, candidates: Candidates) -> E
             return None
         trial = add_second_sensor(further, candidates)
         new = trial.findings[len(model.findings) :]
-        if len(new) > 1 and all(_accepted_beside(trial.without(g), g) for g in new):
+        if len(new) > 1 and all(_accepted_beside(trial.without(g), g, "joint-detection", log) for g in new):
+            for group in new:
+                log.add("joint-detection", "added", group[0].effect, beside=_others(new, group))
             return trial
-        likely = _likely(trial.linear, candidates)
+        likely = _likely(trial.linear, candidates, UNRECORDED)
     return None
 
 
-def backward_eliminate(model: EffectModel) -> EffectModel:
+def _others(groups: Sequence[Sequence[Step]], group: Sequence[Step]) -> str:
+    return " ".join(named(g[0].effect) for g in groups if g is not group)
+
+
+def backward_eliminate(model: EffectModel, log: DecisionLog = UNRECORDED) -> EffectModel:
     """The model without findings that later ones have made superfluous, the smallest first."""
     for group in sorted(model.findings, key=lambda g: g[0].delta_chi2):
         others = [g for g in model.findings if g[0] is not group[0]]
-        if others and not _accepted_beside(model.without(group), group):
+        if others and not _accepted_beside(model.without(group), group, "superfluous", log):
             fewer = of_groups(model.start, others)
-            if heldout_rms(fewer.linear) < HARDLY * heldout_rms(model.linear):
+            errors = heldout_rms(fewer.linear), heldout_rms(model.linear)
+            out = errors[0] < HARDLY * errors[1]
+            word: Outcome = "removed" if out else "kept"
+            beside = _others(model.findings, group)
+            log.add("superfluous-by-cross-validation", word, group[0].effect, ratio(*errors), HARDLY, beside=beside)
+            if out:
                 model = fewer
     return model
 
 
-def _accepted_beside(linear: LinearModel, group: Sequence[Step]) -> bool:
+def _accepted_beside(linear: LinearModel, group: Sequence[Step], rule: str, log: DecisionLog) -> bool:
     """Whether a finding passes the acceptance test under correlated noise, given the linear model."""
     effects = [s.effect for s in group if s.effect.random == group[0].effect.random]
     [(_, evidence)] = coloured.evidence(linear, [effects])
-    return bool(evidence - np.log(max(group[0].trials, 1)) - SHAPES_TRIED >= DETECT)
+    surplus = evidence - np.log(max(group[0].trials, 1)) - SHAPES_TRIED
+    clear = bool(surplus >= DETECT)
+    log.add(rule, "accepted" if clear else "refused", group[0].effect, float(surplus), DETECT)
+    return clear
 
 
-def add_best(model: EffectModel, likely: Likely, *, noise_checked: bool = True) -> EffectModel | None:
+def add_best(
+    model: EffectModel, likely: Likely, *, noise_checked: bool = True, log: DecisionLog = UNRECORDED
+) -> EffectModel | None:
     """The model with the best proposal added, as a finding or as a refinement; None where none is accepted.
 
     Without `noise_checked`, the acceptance test assumes white noise.
@@ -138,52 +170,78 @@ def add_best(model: EffectModel, likely: Likely, *, noise_checked: bool = True) 
         return None
     steps, best = likely
     explained = sum(s.delta_chi2 for s in model.steps if not s.effect.random)  # a free curve has no discrepancy
-    own = refined(model, best)
+    own, rule = refinement_of(model, best)
     if own is None:  # before a new finding, try it as a refinement of an existing one
-        could = [(s, refined(model, s)) for s in steps if s.evidence > 0.7 * best.evidence]
+        could = [(s, refined(model, s)) for s in steps if s.evidence > NEAR_BEST * best.evidence]
         others = [s for s, k in could if k is not None and is_departure(model, k, best.effect)]
-        best = max(others, key=lambda s: s.evidence, default=best)
-        own = refined(model, best) if others else left_over(model, best)
+        first, best = best, max(others, key=lambda s: s.evidence, default=best)
+        own, rule = refinement_of(model, best) if others else (left_over(model, best), "left-over")
+        if others:
+            least = NEAR_BEST * first.evidence
+            log.add("refinement-first", "preferred", best.effect, best.evidence, least, beside=first.effect)
     if own is not None:
         best = replace(best, parent=own)
-    elif (
-        not accepted(linear, best, noise_checked=noise_checked)
-        or best.delta_chi2 < LEAK * explained
-        or len(model.findings) >= MOST_FINDINGS
-    ):
+        log.add(rule, "merged", best.effect, beside=model.steps[own].effect)
+    elif not _is_finding(model, best, explained, noise_checked, log):
         # below the acceptance level: try the following proposals as refinements
         further = [s for s in steps if s.evidence > LEAST_EVIDENCE and refined(model, s) is not None]
         if not further:
             return None
         best = replace(further[0], parent=refined(model, further[0]))
+        into = model.steps[best.parent or 0].effect
+        log.add("refinement-below-detection", "merged", best.effect, best.evidence, LEAST_EVIDENCE, beside=into)
     tries = [best]
     if best.parent is not None:  # other refinements of the same finding compete by cross-validation
-        near = [s for s in steps if s is not best and s.evidence > max(LEAST_EVIDENCE, 0.3 * best.evidence)]
-        tries += [replace(s, parent=best.parent) for s in near if refined(model, s) == best.parent][:4]
+        enough = max(LEAST_EVIDENCE, COMPETES * best.evidence)
+        near = [s for s in steps if s is not best and s.evidence > enough]
+        others = [replace(s, parent=best.parent) for s in near if refined(model, s) == best.parent][:MOST_COMPETING]
+        for s in others:
+            log.add("competing-refinement", "examined", s.effect, s.evidence, enough, beside=best.effect)
+        tries += others
     error, _, best_growth = min(
         (heldout_rms(g.linear), k, g) for k, g in enumerate(refit_time_constants(with_step(model, s)) for s in tries)
     )
-    return best_growth if error < heldout_rms(linear) else None
+    before = heldout_rms(linear)
+    new = best_growth.steps[len(model.steps)]
+    word: Outcome = "refused" if error >= before else "added" if new.parent is None else "merged"
+    gain = log_likelihood_gain(linear, linear.delta_chi2(best_growth.linear))
+    beside = None if new.parent is None else model.steps[new.parent].effect
+    log.add("cross-validation", word, new.effect, ratio(error, before), 1.0, beside=beside, gain=gain)
+    return best_growth if error < before else None
 
 
-def _likely(linear: LinearModel, candidates: Candidates) -> Likely:
+def _is_finding(model: EffectModel, best: Step, explained: float, noise_checked: bool, log: DecisionLog) -> bool:
+    """Whether a proposal may be a finding of its own, beside those that explain so much delta chi-squared."""
+    if not accepted(model.linear, best, noise_checked=noise_checked, log=log):
+        return False
+    large = not best.delta_chi2 < LEAK * explained
+    if explained > 0:
+        share = ratio(best.delta_chi2, explained)
+        log.add("share-of-findings", "accepted" if large else "refused", best.effect, share, LEAK)
+    few = len(model.findings) < MOST_FINDINGS
+    if not few:
+        log.add("most-findings", "refused", best.effect, len(model.findings), MOST_FINDINGS)
+    return large and few
+
+
+def _likely(linear: LinearModel, candidates: Candidates, log: DecisionLog) -> Likely:
     """The best proposals with optimised shapes, and the preferred one among them."""
-    steps = optimise_shapes(linear, candidates, LIKELY, LEAST_EVIDENCE)
+    steps = optimise_shapes(linear, candidates, LIKELY, LEAST_EVIDENCE, log)
     if not steps:
         return None
-    best = choose(linear, steps)
+    best = choose(linear, steps, log)
     if "temperature" in base_channels(best.effect) and (best.effect.empirical or not accepted(linear, best)):
-        best = _by_two_causes(linear, candidates, steps, best) or best
+        best = _by_two_causes(linear, candidates, steps, best, log) or best
     return steps, best
 
 
-def _accepted(linear: LinearModel, likely: Likely) -> Likely:
+def _accepted(linear: LinearModel, likely: Likely, log: DecisionLog) -> Likely:
     """The proposals that pass the acceptance test on their own, and the preferred one among them."""
-    able = [s for s in likely[0] if accepted(linear, s)] if likely else []
-    return (able, choose(linear, able)) if able else None
+    able = [s for s in likely[0] if accepted(linear, s, log=log)] if likely else []
+    return (able, choose(linear, able, log)) if able else None
 
 
-def _that_predict(model: EffectModel, able: Likely) -> Likely:
+def _that_predict(model: EffectModel, able: Likely, log: DecisionLog) -> Likely:
     """Of the convincing ones those that predict left-out rows better: of two sensors alike, one may and one may not.
 
     Only before anything was found: what is slight beside a finding, and predicts a little, is no further one.
@@ -191,11 +249,16 @@ def _that_predict(model: EffectModel, able: Likely) -> Likely:
     if able is None or model.steps:
         return None
     before = heldout_rms(model.linear)
-    better = [s for s in able[0] if heldout_rms(with_step(model, s).linear) < before]
-    return (better, choose(model.linear, better)) if better else None
+    errors = [heldout_rms(with_step(model, s).linear) for s in able[0]]
+    for step, error in zip(able[0], errors, strict=True):
+        log.add("accepted-alone", "accepted" if error < before else "refused", step.effect, ratio(error, before), 1.0)
+    better = [s for s, error in zip(able[0], errors, strict=True) if error < before]
+    return (better, choose(model.linear, better, log)) if better else None
 
 
-def _by_two_causes(linear: LinearModel, candidates: Candidates, steps: Sequence[Step], form: Step) -> Step | None:
+def _by_two_causes(
+    linear: LinearModel, candidates: Candidates, steps: Sequence[Step], form: Step, log: DecisionLog
+) -> Step | None:
     """The thermal effect that explains most with two sensors or lags, if it explains as much as the empirical term."""
     able: list[Step] = []
     for step in sorted((s for s in steps if not s.effect.empirical), key=lambda s: -s.evidence):
@@ -205,7 +268,10 @@ def _by_two_causes(linear: LinearModel, candidates: Candidates, steps: Sequence[
         one, other, more = found
         both = linear.with_effect(one).with_effect(other)
         gained = linear.delta_chi2(both)
-        if gained > FORM * form.delta_chi2:
+        as_much = gained > FORM * form.delta_chi2
+        share = ratio(gained, form.delta_chi2)
+        log.add("two-causes", "accepted" if as_much else "set aside", step.effect, share, FORM, beside=form.effect)
+        if as_much:
             able.append(replace(step, effect=one, partner=(other,), evidence=step.evidence + more, delta_chi2=gained))
     return max(able, key=lambda s: s.delta_chi2, default=None)
 
@@ -238,7 +304,7 @@ def refit_time_constants(model: EffectModel) -> EffectModel:
     return model
 
 
-def add_second_sensor(model: EffectModel, candidates: Candidates) -> EffectModel:
+def add_second_sensor(model: EffectModel, candidates: Candidates, log: DecisionLog = UNRECORDED) -> EffectModel:
     """The model with two sensors or lags for its latest finding, where that lowers the cross-validation error."""
     *others, group = model.findings
     if any(s.effect.empirical for s in group[:1]) or len(group) > 2:
@@ -246,11 +312,15 @@ def add_second_sensor(model: EffectModel, candidates: Candidates) -> EffectModel
     linear = model.without(group)
     found = best_pair(linear, group[0].effect, candidates.effects)
     if found is None or found[2] < LEAST_EVIDENCE:
+        if found is not None:
+            log.add("second-sensor", "refused", found[1], found[2], LEAST_EVIDENCE, beside=group[0].effect)
         return model
     one, other, evidence = found
     pair = [replace(group[0], effect=one), Step(other, evidence, 0.0, group[0].absorbed)]
     trial = refit_time_constants(of_groups(model.start, [*others, pair]))
-    return trial if heldout_rms(trial.linear) < heldout_rms(model.linear) else model
+    better = heldout_rms(trial.linear) < heldout_rms(model.linear)
+    log.add("second-sensor", "merged" if better else "refused", other, evidence, LEAST_EVIDENCE, beside=group[0].effect)
+    return trial if better else model
 
 
 def _with_tau(effect: Effect, logarithm: float) -> Effect:
@@ -268,7 +338,7 @@ def _otherwise_named(model: EffectModel, step: Step) -> bool:
     return not (step.effect.empirical or step.effect.flexible) and step.effect.effect != main.effect
 
 
-def reselect(model: EffectModel, candidates: Candidates) -> EffectModel:
+def reselect(model: EffectModel, candidates: Candidates, log: DecisionLog = UNRECORDED) -> EffectModel:
     """The model with one finding replaced, where another effect is preferred given the other findings."""
     groups = model.findings
     for group in groups:
@@ -278,45 +348,16 @@ def reselect(model: EffectModel, candidates: Candidates) -> EffectModel:
         if not steps:
             continue
         best = choose(linear, steps)
-        same = best.effect == old.effect or (bool(more) and best.effect.key == old.effect.key)
-        as_good = same or best.delta_chi2 < 1.02 * linear.delta_chi2(linear.with_effect(old.effect))
-        if as_good or not accepted(linear, best):
+        if best.effect == old.effect or (bool(more) and best.effect.key == old.effect.key):
             continue
+        explained = linear.delta_chi2(linear.with_effect(old.effect))
+        better = not best.delta_chi2 < BARELY * explained and accepted(linear, best)
+        share = ratio(best.delta_chi2, explained)
+        log.add("reselection", "preferred" if better else "set aside", best.effect, share, BARELY, beside=old.effect)
+        if not better:
+            continue
+        log.add("reselection", "replaced", old.effect, beside=best.effect)
         # refinements are dropped: the next round of selection finds those that are still needed
         mains = [g[0] for g in groups if g is not group]
         return replayed(model.start, [*mains, best])
     return model
-
-
-def conditional_scores(model: EffectModel, candidates: Candidates) -> EffectModel:
-    """The model with the evidence and the alternatives of each finding, given all other findings."""
-    groups = model.findings
-    for k, (main, *more) in enumerate(groups):
-        linear = model.without([main, *more])
-        steps = optimise_shapes(linear, candidates, MOST_ALTERNATIVES_TRIED)
-        own = scored(linear, main.effect, len(candidates.of_key.get(main.effect.key, [0])), main.trials) or main
-        marginal = max([own.evidence, *(s.evidence for s in steps if s.effect.key == main.effect.key)])
-        # refinements of the same name (a second sensor) add to its evidence; of an unnamed finding, all do
-        evidence, beside = own.evidence, linear
-        for before, step in pairwise([main, *more]):
-            beside = beside.with_effect(before.effect)
-            if main.effect.empirical or step.effect.effect == main.effect.effect:
-                evidence += max([0.0, *Candidates.of(beside, [step.effect]).scores(beside).evidence.tolist()])
-        alternatives = tuple(s for s in sorted(steps, key=lambda s: -s.evidence) if s.effect.key != main.effect.key)
-        groups[k] = [
-            replace(own, evidence=max(evidence, marginal), marginal=marginal, alternatives=alternatives),
-            *more,
-        ]
-    return of_groups(model.start, groups)
-
-
-def in_correlated_noise(model: EffectModel) -> EffectModel:
-    """The model with the evidence of each finding and alternative capped at its value under correlated noise."""
-    groups = model.findings
-    for k, (main, *more) in enumerate(groups):
-        steps = [main, *main.alternatives]
-        capped = evidence_in_any_noise(model.without([main, *more]), steps)
-        best, *alternatives = (replace(s, evidence=min(s.evidence, n)) for s, n in zip(steps, capped, strict=True))
-        alternatives.sort(key=lambda r: -r.evidence)
-        groups[k] = [replace(best, alternatives=tuple(alternatives)), *more]
-    return of_groups(model.start, groups)

@@ -18,6 +18,7 @@ from errormodel.instruments.laser_tracker import LaserTracker
 from errormodel.instruments.plain import Plain
 from errormodel.survey import Survey
 from errormodel.survey_columns import SIGMA_COLUMNS
+from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.linear.residual_rows import by_rows
 from identification.diagnosis.search.candidates import Candidates
@@ -39,7 +40,9 @@ ORIGIN = 4.0  # log-likelihood that a station off the origin must gain: coordina
 LEAST = 0.1  # of the noise: what a target's seat has in any case
 
 
-def tracker_noise(fit: Fit, linear: LinearModel, candidates: Candidates, survey: Survey) -> Survey | None:
+def tracker_noise(
+    fit: Fit, linear: LinearModel, candidates: Candidates, survey: Survey, log: DecisionLog = UNRECORDED
+) -> Survey | None:
     """The survey as a tracker's, weighed by what its residuals show of it; None where they show none, or it is known.
 
     None as well where they are not noise yet: an arm's joints, each with a curve of its own, leave more than that.
@@ -49,13 +52,18 @@ def tracker_noise(fit: Fit, linear: LinearModel, candidates: Candidates, survey:
     linear, candidates : of the fit; what explains the residuals best is taken out of them, whatever its name.
     """
     if not isinstance(survey.instrument, Plain) or any(name in survey.table for name in SIGMA_COLUMNS):
+        log.add("points-for-noise", "passed", "instrument", beside="the survey names the instrument or its uncertainty")
         return None
     cleared = _cleared(linear, candidates)
+    if cleared is None:
+        log.add("residuals-are-noise", "refused", "instrument", MOST, MOST)
     parts = [] if cleared is None else [*_triples(fit, cleared)]
     points, residuals = (np.vstack(p) for p in zip(*parts, strict=True)) if parts else (np.empty((0, 3)),) * 2
     if len(points) < FEWEST:
+        if cleared is not None:
+            log.add("points-for-noise", "refused", "instrument", len(points), FEWEST)
         return None
-    tracker = seen_in(points, residuals * fit.solution.sigma["position"])
+    tracker = seen_in(points, residuals * fit.solution.sigma["position"], log)
     if tracker is None:
         return None
     covariance = tracker.covariance(points)
@@ -84,7 +92,7 @@ def _triples(fit: Fit, linear: LinearModel) -> Iterator[tuple[Array, Array]]:
         yield part.measured[whole], white[whole] @ turn
 
 
-def seen_in(points: Array, residuals: Array) -> LaserTracker | None:
+def seen_in(points: Array, residuals: Array, log: DecisionLog = UNRECORDED) -> LaserTracker | None:
     """The tracker that residuals (n, 3) at points (n, 3) show, mm in the measuring frame; None where they show none.
 
     By likelihood against noise that is equal in all directions.
@@ -109,8 +117,10 @@ def seen_in(points: Array, residuals: Array) -> LaserTracker | None:
         away = extent * float(np.linalg.norm(data[0] - found.x[:3], axis=1).min())
         return away > CLOSEST_MM and residuals.size / 2 - float(found.fun) > CLEAR
 
-    tried = (likeliest(AWAY * np.array(d), bounds) for d in product((-1, 1), repeat=3))
+    tried = [likeliest(AWAY * np.array(d), bounds) for d in product((-1, 1), repeat=3)]
     best = min(filter(possible, tried), key=lambda f: f.fun, default=None)
+    gained = residuals.size / 2 - float(min(tried if best is None else [best], key=lambda f: f.fun).fun)
+    log.add("line-of-sight", "passed" if best is None else "found", "instrument", gained, CLEAR)
     if best is None:
         return None
     origin = -middle / extent
@@ -168,7 +178,7 @@ def _minus(x: Array, places: Array, noise: Array) -> tuple[float, Array]:
     return value, np.array([*by_station, *logs])
 
 
-def station_notes(fit: Fit) -> Iterator[str]:
+def station_notes(fit: Fit, log: DecisionLog = UNRECORDED) -> Iterator[str]:
     """A note where residuals fit a declared station better if it is taken as a point of the machine's reference."""
     tracker = fit.survey.instrument
     if not isinstance(tracker, LaserTracker) or len(fit.problem.frames) != 1:
@@ -181,6 +191,9 @@ def station_notes(fit: Fit) -> Iterator[str]:
         return
     other = tracker.model_copy(update={"station": tuple(float(x) for x in moved)})
     declared, turned = (_log_likelihood(t, points[whole], residuals[whole]) for t in (tracker, other))
+    log.add(
+        "declared-station", "found" if turned - declared > CLEAR else "passed", "instrument", turned - declared, CLEAR
+    )
     if turned - declared > CLEAR:
         x, y, z = np.round(moved, 1)
         yield (

@@ -14,11 +14,13 @@ from functools import partial
 import numpy as np
 
 from errormodel.effects.base import Effect
+from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog, Outcome, named, ratio
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.search import correlated_noise as coloured
 from identification.diagnosis.search.candidates import Candidates
+from identification.diagnosis.search.conditional_evidence import MOST_ALTERNATIVES_TRIED
 from identification.diagnosis.search.criteria import heldout_rms, one_sensor
-from identification.diagnosis.search.forward_selection import MOST_ALTERNATIVES_TRIED, forward_select
+from identification.diagnosis.search.forward_selection import forward_select
 from identification.diagnosis.search.model import EffectModel, replayed
 from identification.diagnosis.search.refinement import OWN, apart, distinct
 from identification.diagnosis.search.scoring import CLEARLY, NEAR, Step, choose
@@ -34,27 +36,49 @@ SLIGHT = 0.03  # of a finding's evidence: smaller refinements of a large finding
 NO_WORSE = 1.02  # times the cross-validation error: smaller differences are chance
 
 
-def compare_alternatives(model: EffectModel, candidates: Candidates, progress: Progress = silent) -> EffectModel:
+def compare_alternatives(
+    model: EffectModel, candidates: Candidates, progress: Progress = silent, log: DecisionLog = UNRECORDED
+) -> EffectModel:
     """The model with the most evidence among the given one and searches from its alternatives and second causes."""
-    begin = [[*others, alternative] for alternative, others in _alternatives(model)]
-    begin += _second_causes(model, candidates)
+    begin = [[*others, alternative] for alternative, others in _alternatives(model, log)]
+    begin += _second_causes(model, candidates, log)
     if not begin:
         return model
+    logs = [log.branch(k) for k in range(1, len(begin) + 1)]
     best, most = model, log_evidence(model)
     with progress("Comparing alternative models"):
-        found = parallel_map([partial(_searched_from, model.start, candidates, steps) for steps in begin])
-    for steps in found:
+        found = parallel_map(
+            [partial(_searched_from, model.start, candidates, *own) for own in zip(begin, logs, strict=True)]
+        )
+    for own in logs:
+        log.join(own)
+    chosen = log.search
+    for own, steps in zip(logs, found, strict=True):
         other = replayed(model.start, steps)
         value = log_evidence(other)
         # near-ties go to the model that rests half as much on empirical terms
         least = most + (CLEARLY if 2 * empirical_evidence(other) + CLEARLY > empirical_evidence(best) else -CLEARLY)
-        if value > least and heldout_rms(other.linear) < NO_WORSE * heldout_rms(best.linear):
-            best, most = other, value
+        better, what = value > least, f"search {own.search}: {_effects(other)}"
+        word: Outcome = "accepted" if better else "refused"
+        log.add("model-evidence", word, what, value - most, least - most, beside=_effects(best))
+        if better:
+            errors = heldout_rms(other.linear), heldout_rms(best.linear)
+            better = errors[0] < NO_WORSE * errors[1]
+            word = "accepted" if better else "refused"
+            log.add("model-cross-validation", word, what, ratio(*errors), NO_WORSE, beside=_effects(best))
+        if better:
+            best, most, chosen = other, value, own.search
+    log.add("model-evidence", "kept", f"search {chosen}: {_effects(best)}")
     return best
 
 
-def _searched_from(start: LinearModel, candidates: Candidates, begin: list[Step]) -> tuple[Step, ...]:
-    return forward_select(start, candidates.branch(), begin=begin).steps
+def _effects(model: EffectModel) -> str:
+    """The findings of a model, for the log."""
+    return " ".join(named(main.effect) for main, *_ in model.findings)
+
+
+def _searched_from(start: LinearModel, candidates: Candidates, begin: list[Step], log: DecisionLog) -> tuple[Step, ...]:
+    return forward_select(start, candidates.branch(), begin=begin, log=log).steps
 
 
 def log_evidence(model: EffectModel) -> float:
@@ -82,7 +106,7 @@ def empirical_evidence(model: EffectModel) -> float:
     )
 
 
-def _alternatives(model: EffectModel) -> Iterator[tuple[Step, list[Step]]]:
+def _alternatives(model: EffectModel, log: DecisionLog) -> Iterator[tuple[Step, list[Step]]]:
     """Strong alternatives, each as a step of its own, with the other findings to search from."""
     groups = model.findings
     if len(model.steps) < 2:
@@ -104,10 +128,11 @@ def _alternatives(model: EffectModel) -> Iterator[tuple[Step, list[Step]]]:
                 break
             own = Candidates.of(linear, [effect]).scores(linear)
             gained, absorbed = float(own.delta_chi2[0]), float(own.absorbed[0])
+            log.add("strong-alternative", "examined", effect, alternative.evidence, least, beside=main.effect)
             yield replace(alternative, delta_chi2=gained, absorbed=absorbed), others
 
 
-def _second_causes(model: EffectModel, candidates: Candidates) -> Iterator[list[Step]]:
+def _second_causes(model: EffectModel, candidates: Candidates, log: DecisionLog) -> Iterator[list[Step]]:
     """Starting points in which the refinements of a finding are a second cause.
 
     The second cause is the best named effect at another place or by another driver, or a refinement made a finding.
@@ -129,6 +154,7 @@ def _second_causes(model: EffectModel, candidates: Candidates) -> Iterator[list[
             if second.evidence < SERIOUS or second.effect.key in begun:
                 continue
             begun.add(second.effect.key)
+            log.add("second-cause", "examined", second.effect, second.evidence, SERIOUS, beside=main.effect)
             first = _named(main, model.start, [*others, second], candidates) if main.effect.empirical else main
             yield [*others, first, second]
 

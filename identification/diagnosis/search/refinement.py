@@ -14,6 +14,7 @@ from errormodel.effects.base import Effect
 from errormodel.effects.travel import legendre
 from errormodel.effects.unnamed import Unnamed
 from errormodel.machine import Joint
+from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog, Outcome, ratio
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.search.criteria import base_channels, canonical_correlation, moves, one_sensor
 from identification.diagnosis.search.model import EffectModel, of_groups
@@ -141,7 +142,12 @@ def _range(linear: LinearModel, name: str) -> tuple[float, float]:
 
 
 def refined(model: EffectModel, step: Step) -> int | None:
-    """Number of the finding that an effect refines, or None.
+    """Number of the finding that an effect refines, or None."""
+    return refinement_of(model, step)[0]
+
+
+def refinement_of(model: EffectModel, step: Step) -> tuple[int | None, str]:
+    """Number of the finding that an effect refines, or None, and the name of the rule that says so.
 
     It has the same motion at the same place by the same driver, or nearly the same projected contribution: what a wrong
     lag or exponent leaves over.
@@ -159,16 +165,16 @@ def refined(model: EffectModel, step: Step) -> int | None:
         if there and (one.effect == other.effect or moves(linear, one) & moves(linear, other)):
             if apart(one, other) and not is_departure(model, k, other):
                 continue
-            return k
+            return k, "same-motion-and-driver"
         if there and _of_one_weight(one, other) and is_departure(model, k, other):
-            return k  # a weight that twists a beam also bends it: one cause in several motions
+            return k, "same-weight"  # a weight that twists a beam also bends it: one cause in several motions
         if not (one.random or other.random) and _much_the_same(model, one, other):
             if other.empirical or one_sensor(one, other) or is_departure(model, k, other):
-                return k
+                return k, "like-contribution"
             continue  # too much of it has a name and a cause of its own
         if _is_surface(one) and base_channels(other) <= base_channels(one) and _motions(linear, one, other):
-            return k  # the remainder of a product follows either of its two drivers
-    return None
+            return k, "remainder-of-surface"  # the remainder of a product follows either of its two drivers
+    return None, ""
 
 
 def distinct(one: Effect, other: Effect) -> bool:
@@ -199,7 +205,7 @@ def is_departure(model: EffectModel, number: int, effect: Effect, share: float =
     return model.linear.square - model.linear.square_with(effect) < share * explained
 
 
-def truly_named(model: EffectModel) -> EffectModel:
+def truly_named(model: EffectModel, log: DecisionLog = UNRECORDED) -> EffectModel:
     """The model in which a finding is unnamed if an empirical term explains at least `OWN` of it.
 
     Temperatures are excepted: all sensors and lags count as one cause.
@@ -213,14 +219,18 @@ def truly_named(model: EffectModel) -> EffectModel:
             own = own.with_effect(step.effect)
         gained = {id(s): own.square - own.square_with(s.effect) for s in forms}
         best = max(forms, key=lambda s: gained[id(s)], default=main)
-        if main.effect.empirical or best is main or gained[id(best)] < OWN * explained:
+        small = best is main or gained[id(best)] < OWN * explained
+        if not (main.effect.empirical or best is main):
+            word: Outcome = "kept" if small else "replaced"
+            log.add("empirical-share", word, main.effect, ratio(gained[id(best)], explained), OWN, beside=best.effect)
+        if main.effect.empirical or small:
             groups.append([main, *more])
             continue
         groups.append([best, *(s for s in (main, *more) if s is not best)])
     return of_groups(model.start, groups) if groups != model.findings else model
 
 
-def with_sections(model: EffectModel) -> EffectModel:
+def with_sections(model: EffectModel, log: DecisionLog = UNRECORDED) -> EffectModel:
     """The model in which empirical terms over two joints take findings over one of these joints: sections of a surface.
 
     A finding is merged if it acts in the same motion, or explains less than `OWN` of the surface. A wave in another
@@ -242,6 +252,9 @@ def with_sections(model: EffectModel) -> EffectModel:
             taken[k] = n
     if not taken:
         return model
+    for k, n in taken.items():
+        share, whole = ratio(explained[k], explained[n]), groups[n][0].effect
+        log.add("section-of-surface", "merged", groups[k][0].effect, share, OWN, beside=whole)
     kept = [k for k in range(len(groups)) if k not in taken]
     return of_groups(linear, [[*groups[k], *(s for n, w in taken.items() if w == k for s in groups[n])] for k in kept])
 

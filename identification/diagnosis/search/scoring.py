@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from errormodel.effects.base import Effect
+from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog, Outcome, ratio
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.search import correlated_noise as coloured
 from identification.diagnosis.search.criteria import base_channels
@@ -58,27 +59,52 @@ class Step:
     marginal: float = 0.0
 
 
-def choose(linear: LinearModel, steps: Sequence[Step]) -> Step:
+def choose(linear: LinearModel, steps: Sequence[Step], log: DecisionLog = UNRECORDED) -> Step:
     """The named effect with most evidence, unless an empirical term has more, or as much with fewer parameters."""
     ranked = sorted(steps, key=lambda s: -s.evidence)
     forms = [s for s in ranked if s.effect.empirical]
-    names = _names(linear, [s for s in ranked if not s.effect.empirical])
+    names = _names(linear, [s for s in ranked if not s.effect.empirical], log)
     if not forms or (names and forms[0].evidence <= names[0].evidence + CLEARLY):
-        return names[0]
+        if forms:
+            lead = forms[0].evidence - names[0].evidence
+            log.add("empirical-lead", "set aside", forms[0].effect, lead, CLEARLY, beside=names[0].effect)
+        return _preferred(names[0], [*forms, *names[1:], names[0]][0], log)
 
     def explains_as_much(name: Step) -> bool:
         idle = name.count - forms[0].count  # parameters that the name has and the form does without
         stiff = forms[0].count <= STIFF
         of_form = name.delta_chi2_of_form if stiff else 0.0  # a discrepancy may not stand in for what a line explains
         as_much = name.delta_chi2 - of_form >= FORM * forms[0].delta_chi2
+        share, least = ratio(name.delta_chi2 - of_form, forms[0].delta_chi2), FORM
         if stiff and not base_channels(forms[0].effect) <= base_channels(name.effect):  # nor what follows another cause
+            if as_much:
+                share, least = ratio(name.delta_chi2, forms[0].delta_chi2), ANOTHER_CAUSE
             as_much = as_much and name.delta_chi2 >= ANOTHER_CAUSE * forms[0].delta_chi2
-        return as_much and (idle <= 1 or name.delta_chi2 - forms[0].delta_chi2 >= 2 * idle)
+        worth = idle <= 1 or name.delta_chi2 - forms[0].delta_chi2 >= 2 * idle
+        log.add(
+            "explains-as-much",
+            "accepted" if as_much else "set aside",
+            name.effect,
+            share,
+            least,
+            beside=forms[0].effect,
+        )
+        if as_much and not worth:
+            more = name.delta_chi2 - forms[0].delta_chi2
+            log.add("idle-parameters", "set aside", name.effect, more, 2.0 * idle, beside=forms[0].effect)
+        return as_much and worth
 
-    return next(filter(explains_as_much, names), forms[0])
+    return _preferred(next(filter(explains_as_much, names), forms[0]), forms[0], log)
 
 
-def _names(linear: LinearModel, ranked: Sequence[Step]) -> list[Step]:
+def _preferred(step: Step, other: Step, log: DecisionLog) -> Step:
+    """The step, taken down as the preferred one, beside another."""
+    beside = None if other is step else other.effect
+    log.add("preference", "preferred", step.effect, step.evidence, beside=beside)
+    return step
+
+
+def _names(linear: LinearModel, ranked: Sequence[Step], log: DecisionLog) -> list[Step]:
     """Named effects in order of preference.
 
     Near-ties are ranked by their log Bayes factor under correlated noise. Among these, effects of a fixed form with
@@ -88,14 +114,29 @@ def _names(linear: LinearModel, ranked: Sequence[Step]) -> list[Step]:
         return list(ranked)
     reach = max(CLEARLY, NEAR * ranked[0].evidence)
     able = [s for s in ranked if s.evidence > ranked[0].evidence - reach]
+    behind = ranked[0].evidence - reach
+    log.set_aside("near-tie", ranked, able, lambda s: s.evidence, behind, ranked[0].effect)
     left = dict(zip(map(id, able), evidence_in_any_noise(linear, able), strict=True))
     near = [s for s in able if left[id(s)] > max(left.values()) - reach]
-    near = sorted((s for s in near if s.evidence > near[0].evidence - CLEARLY), key=lambda s: -left[id(s)])
+    log.set_aside("near-tie", able, near, lambda s: left[id(s)], max(left.values()) - reach, ranked[0].effect)
+    least = near[0].evidence - CLEARLY
+    log.set_aside(
+        "near-tie", near, [s for s in near if s.evidence > least], lambda s: s.evidence, least, near[0].effect
+    )
+    near = sorted((s for s in near if s.evidence > least), key=lambda s: -left[id(s)])
     most = max(s.delta_chi2 - s.delta_chi2_of_form for s in near)
     least = max((s.evidence - s.evidence_of_form for s in near if s.effect.flexible), default=-np.inf) - ODDS
     own = [s for s in near if not s.effect.flexible and s.evidence - s.evidence_of_form > least]
-    own = [s for s in own if left[id(s)] > left[id(own[0])] - AS_GOOD]
-    first = [s for s in own if s.delta_chi2 - s.delta_chi2_of_form >= FORM * most] or near
+    good = [s for s in own if left[id(s)] > left[id(own[0])] - AS_GOOD]
+    first = [s for s in good if s.delta_chi2 - s.delta_chi2_of_form >= FORM * most]
+    if first:
+        best, enough = first[0].effect, left[id(own[0])] - AS_GOOD
+        log.set_aside("fixed-form", near, own, lambda s: s.evidence - s.evidence_of_form, least, best)
+        log.set_aside("as-good-in-correlated-noise", own, good, lambda s: left[id(s)], enough, best)
+        shares = {id(s): ratio(s.delta_chi2 - s.delta_chi2_of_form, most) for s in good}
+        log.set_aside("little-discrepancy", good, first, lambda s: shares[id(s)], FORM, best)
+    first = first or near
+    log.set_aside("most-evidence", first, first[:1], lambda s: left[id(s)], left[id(first[0])], first[0].effect)
     return [*first, *(s for s in ranked if s not in first)]
 
 
@@ -105,13 +146,19 @@ def evidence_in_any_noise(linear: LinearModel, steps: Sequence[Step]) -> list[fl
     return [s.evidence * max(averaged, 0.0) / max(white, 1.0) for s, (white, averaged) in zip(steps, both, strict=True)]
 
 
-def accepted(linear: LinearModel, step: Step, *, noise_checked: bool = True) -> bool:
+def accepted(linear: LinearModel, step: Step, *, noise_checked: bool = True, log: DecisionLog = UNRECORDED) -> bool:
     """Whether the evidence exceeds the trials factor and, if `noise_checked`, what correlated noise explains of it."""
     surplus = step.evidence - np.log(max(step.trials, 1)) - DETECT
+    clear = bool(surplus >= 0)
+    log.add("detection", "accepted" if clear else "refused", step.effect, surplus + DETECT, DETECT)
+    if not (clear and noise_checked):
+        return clear
     # a discrepancy may support a name, but it is not counted towards detection
-    return bool(
-        surplus >= 0 and (not noise_checked or surplus - step.evidence_of_form >= explained_by_noise(linear, step))
-    )
+    left, noise = surplus - step.evidence_of_form, explained_by_noise(linear, step)
+    clear = bool(left >= noise)
+    word: Outcome = "accepted" if clear else "refused"
+    log.add("detection-in-correlated-noise", word, step.effect, left - noise + DETECT, DETECT)
+    return clear
 
 
 def explained_by_noise(linear: LinearModel, step: Step) -> float:

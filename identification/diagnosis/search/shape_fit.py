@@ -7,8 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from errormodel.effects.base import Effect
+from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog, Outcome
 from identification.diagnosis.linear.linear_model import LinearModel
-from identification.diagnosis.search.candidates import Candidates, Scores
+from identification.diagnosis.search.candidates import ABSORBED, FORM_ABSORBED, Candidates, Scores
+from identification.diagnosis.search.criteria import log_likelihood_gain, log_likelihood_gains
 from identification.diagnosis.search.refinement import discrepancy
 from identification.diagnosis.search.scoring import Step
 
@@ -16,7 +18,13 @@ ROUNDED = 0.01  # log Bayes factor: round-off of scores from columns in single p
 MAYBE = 0.5  # of the best evidence
 
 
-def optimise_shapes(linear: LinearModel, candidates: Candidates, first: int, least: float = -np.inf) -> list[Step]:
+def optimise_shapes(
+    linear: LinearModel,
+    candidates: Candidates,
+    first: int,
+    least: float = -np.inf,
+    log: DecisionLog = UNRECORDED,
+) -> list[Step]:
     """The best proposals with optimised shapes, as steps, given the linear model.
 
     Parameters
@@ -27,10 +35,50 @@ def optimise_shapes(linear: LinearModel, candidates: Candidates, first: int, lea
     scores = candidates.scores(linear)
     ranked = scores.by_key()
     if not ranked or ranked[0][0] < least:
+        _record(log, linear, scores, ranked, [], least)
+        for evidence, n in ranked[:1]:
+            log.add("least-evidence", "refused", candidates.effects[n], evidence, least)
         return []
     numbers = _shortlist(candidates, ranked, first)
+    _record(log, linear, scores, ranked, numbers, least)
     steps = [_optimised(candidates, scores, linear, n, len(ranked)) for n in numbers]
-    return [step for step in steps if step is not None]
+    able = [step for step in steps if step is not None]
+    for step in able:
+        gain = log_likelihood_gain(linear, step.delta_chi2)
+        log.add("optimised-score", "examined", step.effect, step.evidence, gain=gain)
+    return able
+
+
+def _record(
+    log: DecisionLog,
+    linear: LinearModel,
+    scores: Scores,
+    ranked: Sequence[tuple[float, int]],
+    numbers: Sequence[int],
+    least: float,
+) -> None:
+    """Take down the scores of a round: in the first one of all candidates, later of those that were examined before."""
+    if not log.recording:
+        return
+    candidates, examined, first = scores.candidates, set(numbers), not log.followed
+    values = dict(zip((n for _, n in ranked), (e for e, _ in ranked), strict=True))
+    last = min((values[n] for n in numbers), default=None)
+    gains = log_likelihood_gains(linear, scores.delta_chi2[[n for _, n in ranked]]).tolist()
+    for (evidence, n), gain in zip(ranked, gains, strict=True):
+        key = candidates.keys[n]
+        if first or evidence > 0 or n in examined or key in log.followed:
+            word: Outcome = "examined" if n in examined else "scored"
+            log.add("candidate-score", word, candidates.effects[n], evidence, last, gain=gain)
+    enough = min(float(np.log(len(ranked))), least) if ranked else 0.0
+    log.followed |= {candidates.keys[n] for e, n in ranked if n in examined or e > enough}
+    if first:
+        known = {candidates.keys[n] for n in values}
+        for key, own in candidates.of_key.items():
+            if key not in known:
+                effect = candidates.effects[own[0]]
+                limit = FORM_ABSORBED if effect.empirical else ABSORBED
+                absorbed = float(scores.absorbed[own].min())
+                log.add("collinear-with-geometry", "not considered", effect, absorbed, limit)
 
 
 def _shortlist(candidates: Candidates, ranked: Sequence[tuple[float, int]], first: int) -> list[int]:

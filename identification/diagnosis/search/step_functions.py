@@ -16,6 +16,7 @@ import numpy as np
 from errormodel.arrays import Array
 from errormodel.conventions import MOTIONS
 from errormodel.effects.unnamed import Unnamed, switch
+from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog, Outcome
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.search.model import EffectModel, of_groups
 from identification.diagnosis.search.scoring import CLEARLY
@@ -57,7 +58,7 @@ class _Driver:
             yield from (replace(self, period=period, edge=self.edge + period * float(s)) for s in shifts)
 
 
-def switched(model: EffectModel) -> EffectModel:
+def switched(model: EffectModel, log: DecisionLog = UNRECORDED) -> EffectModel:
     """The model with its latest finding as a step function, where that explains it clearly better."""
     if not model.findings:
         return model
@@ -72,6 +73,8 @@ def switched(model: EffectModel) -> EffectModel:
     for form in _switching(linear, main):
         after, count = linear.with_effect(form), len(linear.columns(form)[1])
         value = _schwarz(after, count + _shapes(form))
+        word: Outcome = "accepted" if value > most else "refused"
+        log.add("step-function", word, form, value - most + CLEARLY, CLEARLY, beside=main)
         if value > most:
             step, most = replace(group[0], effect=form, delta_chi2=linear.delta_chi2(after), count=count), value
     if step is None:

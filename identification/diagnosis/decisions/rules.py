@@ -1,0 +1,393 @@
+"""The rules that decide in a diagnosis, by name: what each decides, on which scale, by which constants.
+
+The names are in the decision log, and stay the same from version to version. A constant is named by its module below
+``identification.diagnosis`` and its name there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import NamedTuple
+
+DATA = "data checks"
+OUTLIERS = "outliers"
+NOISE = "instrument noise"
+PROPOSALS = "candidates"
+SELECTION = "forward selection"
+COMPARISON = "model comparison"
+CONDITIONAL = "evidence beside the other findings"
+WITNESSES = "witness channels"
+NAMES = "probability of a name"
+UNTESTABLE = "untestable effects"
+VERDICT = "verdict"
+
+STAGES: Mapping[str, str] = MappingProxyType(
+    {
+        DATA: "mistakes in the recording are looked for, which no physics may explain",
+        OUTLIERS: "rows far outside the noise are left out",
+        NOISE: "the noise of an instrument that the survey does not name is looked for in the residuals",
+        PROPOSALS: "every effect of the library is a candidate at every place and with every driver that was recorded",
+        SELECTION: "candidates are scored, chosen, tested and added one by one, beside what was added before",
+        COMPARISON: "the search is repeated from strong alternatives; the model with most evidence is kept",
+        CONDITIONAL: "each finding and its alternatives are scored again beside all other findings",
+        WITNESSES: "sensors on the members support a finding or contradict it",
+        NAMES: "the evidence of a finding and its alternatives becomes probabilities of names",
+        UNTESTABLE: "effects that this survey cannot show",
+        VERDICT: "what is left is compared with what the noise may leave",
+    }
+)  # fmt: skip
+
+EVIDENCE = "log Bayes factor"
+DELTA = "share of delta chi-squared"
+ERRORS = "ratio of cross-validation errors"
+RATIO = "ratio"
+SHARE = "share"
+COUNT = "number"
+
+
+class Rule(NamedTuple):
+    """One rule.
+
+    Attributes
+    ----------
+    stage : a key of `STAGES`.
+    scale : of value and threshold; empty where neither is a number.
+    decides : what it decides, one sentence.
+    constants : ``module.NAME`` of its thresholds; none where the data themselves are the threshold.
+    """
+
+    stage: str
+    scale: str
+    decides: str
+    constants: tuple[str, ...] = ()
+
+
+def _in(module: str, *names: str) -> tuple[str, ...]:
+    return tuple(f"{module}.{name}" for name in names)
+
+
+_RUNS, _COLUMNS, _ROWS = "data_checks.runs_of_motions", "data_checks.columns", "data_checks.rows"
+_NOISE, _SENSORS = "search.instrument_noise", "data_checks.temperature_sensors"
+_SCORING, _FORWARD, _REFINED = "search.scoring", "search.forward_selection", "search.refinement"
+_COMPARED, _WITNESSES, _FINDINGS = "search.model_comparison", "results.witnesses", "results.findings"
+
+RULES: Mapping[str, Rule] = MappingProxyType(
+    {
+        # ---- data checks
+        "run-lost-zero": Rule(
+            DATA, "standard uncertainties", "A run of error motions that steps beside the others lost its zero.",
+            _in(_RUNS, "CLEAR_STEP", "LARGE_STEP", "STEP_OVER_DRIFT", "FEWEST_ASIDE"),
+        ),
+        "run-opposite-sign": Rule(
+            DATA, "", "A run of error motions that fits the others with the opposite sign is named.",
+            _in(_RUNS, "CLEAR_FACTOR"),
+        ),
+        "copied-rows": Rule(
+            DATA, COUNT, "Rows that repeat earlier readings to the last digit are left out.",
+            _in("data_checks.duplicates_and_clock", "CHANCE", "COARSE", "REPEATS"),
+        ),
+        "clock-set-back": Rule(
+            DATA, COUNT, "Time that falls back within a run is taken to go on.",
+            _in("data_checks.duplicates_and_clock", "RESETS"),
+        ),
+        "nominal-misfit": Rule(
+            DATA, "misfit per spread of the points",
+            "Columns are examined only where the nominal machine misses by more than errors of a machine.",
+        ),
+        "wrong-column": Rule(
+            DATA, "misfit per spread of the points",
+            "A change of whole columns with which the nominal machine fits so much better is a mistake in them.",
+            _in(_COLUMNS, "BETTER", "RIGHT", "ZERO", "TWO", "FIRST", "ALIKE"),
+        ),
+        "rows-elsewhere": Rule(
+            DATA, COUNT, "Rows that fit in another order, run or column are put there.",
+            _in(_ROWS, "FAR", "NEAR", "MOST", "CLEARLY", "BETTER", "REST", "LATEST"),
+        ),
+        "most-mistakes": Rule(
+            DATA, COUNT, "No more mistakes than this are put right.", _in("data_checks.checks", "MOST_BLUNDERS")
+        ),
+        "unrelated-points": Rule(
+            DATA, RATIO, "Measured points that fit their commands no better than those of any other row are refused.",
+            _in("data_checks.unrelated", "RELATED", "SHUFFLES"),
+        ),
+        "approach-column": Rule(
+            DATA, SHARE, "A column of the side of approach that contradicts the order of the rows is named.",
+            _in("data_checks.approach_direction", "CONTRARY", "FEWEST"),
+        ),
+        "sensor-fault": Rule(
+            DATA, "", "A sensor that is dead, stuck, torn off or loose drives nothing.",
+            _in(_SENSORS, "COLDEST", "WARMEST", "HOTTEST", "STUCK", "STEPS", "SUDDEN", "ALIVE", "NOISY", "SPIKE"),
+        ),
+        # ---- outliers
+        "gross-outlier": Rule(
+            OUTLIERS, "um",
+            "Rows whose residual is longer than the noise, with its tails, ever makes one are left out.",
+            _in("data_checks.outliers", "GROSS", "TAILS", "NEARLY", "CHANCE"),
+        ),
+        "outlier-share": Rule(
+            OUTLIERS, SHARE,
+            "Where more rows than this would be outliers, none is.",
+            _in("data_checks.outliers", "MOST")
+        ),
+        "outliers-explained": Rule(
+            OUTLIERS, COUNT, "Rows that the findings explain are no outliers, and the search begins again with them."
+        ),
+        # ---- instrument noise
+        "points-for-noise": Rule(
+            NOISE, COUNT,
+            "A line of sight is looked for in so many points with three components, of an unnamed instrument.",
+            _in(_NOISE, "FEWEST"),
+        ),
+        "residuals-are-noise": Rule(
+            NOISE, COUNT, "It is looked for only once there is evidence for no further candidate.", _in(_NOISE, "MOST")
+        ),
+        "line-of-sight": Rule(
+            NOISE, "log likelihood ratio", "Residuals that are clearly those of a line of sight weigh the rows.",
+            _in(_NOISE, "CLEAR", "ORIGIN", "CLOSEST_MM"),
+        ),
+        "declared-station": Rule(
+            NOISE, "log likelihood ratio", "A declared station that fits better as a point of the machine is named.",
+            _in(_NOISE, "CLEAR"),
+        ),
+        # ---- candidates
+        "rows-used": Rule(
+            PROPOSALS, COUNT,
+            "Candidates are scored in no more rows than this.",
+            _in("linear.linear_model", "MOST_ROWS")
+        ),
+        "run-labels": Rule(
+            PROPOSALS, COUNT, "A run drives candidates where there are few labels, each of enough rows.",
+            _in("linear.linear_model", "MOST_RUNS", "LEAST_RUN"),
+        ),
+        "collinear-with-geometry": Rule(
+            PROPOSALS, SHARE, "A candidate of which the geometry leaves no direction has no score.",
+            _in("search.candidates", "ABSORBED", "FORM_ABSORBED"),
+        ),
+        # ---- forward selection
+        "candidate-score": Rule(
+            SELECTION, EVIDENCE, "The best candidates of a round are examined, and the best of each name near them.",
+            _in(_FORWARD, "LIKELY") + _in("search.shape_fit", "MAYBE") + _in("search.candidates", "SIZES"),
+        ),
+        "least-evidence": Rule(
+            SELECTION, EVIDENCE,
+            "Where no candidate has as much evidence the search ends.",
+            _in(_FORWARD, "LEAST_EVIDENCE")
+        ),
+        "optimised-score": Rule(
+            SELECTION, EVIDENCE,
+            "A candidate's shape is moved to where it fits best, and a discrepancy from its textbook form allowed.",
+            _in(_REFINED, "DEPARTURES"),
+        ),
+        "near-tie": Rule(
+            SELECTION, EVIDENCE,
+            "Named effects near the best one, also in correlated noise, are weighed by preference.",
+            _in(_SCORING, "CLEARLY", "NEAR"),
+        ),
+        "fixed-form": Rule(
+            SELECTION, EVIDENCE, "Among near-ties a form that physics fixes comes before one that follows any curve.",
+            _in(_SCORING, "ODDS"),
+        ),
+        "as-good-in-correlated-noise": Rule(
+            SELECTION, EVIDENCE, "Among near-ties those that correlated noise explains as well come later.",
+            _in(_SCORING, "AS_GOOD"),
+        ),
+        "little-discrepancy": Rule(
+            SELECTION, DELTA, "Among near-ties those come first that explain as much by their textbook form alone.",
+            _in(_SCORING, "FORM"),
+        ),
+        "most-evidence": Rule(
+            SELECTION, EVIDENCE, "Of the near-ties that are left, that with most evidence in correlated noise is first."
+        ),
+        "empirical-lead": Rule(
+            SELECTION, EVIDENCE, "An empirical term must lead the best named effect clearly.", _in(_SCORING, "CLEARLY")
+        ),
+        "explains-as-much": Rule(
+            SELECTION, DELTA, "A named effect that explains nearly as much as an empirical term comes before it.",
+            _in(_SCORING, "FORM", "STIFF", "ANOTHER_CAUSE"),
+        ),
+        "idle-parameters": Rule(
+            SELECTION, "delta chi-squared", "Parameters that the empirical term does without must gain something.",
+        ),
+        "preference": Rule(SELECTION, EVIDENCE, "The candidate that is tested for acceptance, by the rules before."),
+        "two-causes": Rule(
+            SELECTION, DELTA,
+            "A thermal effect with two sensors or lags that explains as much comes before an empirical term.",
+            _in(_SCORING, "FORM") + _in(_FORWARD, "LEAST_EVIDENCE"),
+        ),
+        "refinement-first": Rule(
+            SELECTION, EVIDENCE,
+            "What may be a refinement of a finding is tried before a new finding.",
+            _in(_FORWARD, "NEAR_BEST")
+        ),
+        "same-motion-and-driver": Rule(
+            SELECTION, "", "What moves the same by the same driver is a refinement of that finding.",
+            _in(_REFINED, "DISTINCT", "OWN"),
+        ),
+        "same-weight": Rule(
+            SELECTION, DELTA,
+            "What one weight does to one member in several motions is one finding.",
+            _in(_REFINED, "OWN")
+        ),
+        "like-contribution": Rule(
+            SELECTION, "canonical correlation", "What does nearly the same to the rows as a finding refines it.",
+            _in(_REFINED, "ALIKE", "OWN"),
+        ),
+        "remainder-of-surface": Rule(
+            SELECTION, "", "What follows one driver of an empirical form over two refines that form."
+        ),
+        "left-over": Rule(
+            SELECTION, DELTA, "What explains little of a finding at its place by its drivers is left over from it.",
+            _in(_REFINED, "LEFT"),
+        ),
+        "detection": Rule(
+            SELECTION, EVIDENCE, "The evidence less the trials factor must be clear.", _in(_SCORING, "DETECT")
+        ),
+        "detection-in-correlated-noise": Rule(
+            SELECTION, EVIDENCE, "The same less what correlated noise and the discrepancy would explain as well.",
+            _in(_SCORING, "DETECT") + _in("search.correlated_noise", "WHITE", "LONGEST", "PART", "LARGEST"),
+        ),
+        "share-of-findings": Rule(
+            SELECTION, DELTA,
+            "What is a small part of what is explained already may be a discrepancy of it, and is no finding.",
+            _in(_FORWARD, "LEAK"),
+        ),
+        "most-findings": Rule(SELECTION, COUNT, "No more findings than this.", _in(_FORWARD, "MOST_FINDINGS")),
+        "most-steps": Rule(SELECTION, COUNT, "No more effects than this.", _in(_FORWARD, "MOST_STEPS")),
+        "refinement-below-detection": Rule(
+            SELECTION, EVIDENCE, "Below the level of a finding, the best refinement of one is tried.",
+            _in(_FORWARD, "LEAST_EVIDENCE"),
+        ),
+        "competing-refinement": Rule(
+            SELECTION, EVIDENCE, "Refinements of one finding with enough evidence compete by cross-validation.",
+            _in(_FORWARD, "COMPETES", "MOST_COMPETING"),
+        ),
+        "cross-validation": Rule(
+            SELECTION, ERRORS, "Blocks of rows must be predicted better with the effect than without it."
+        ),
+        "accepted-alone": Rule(
+            SELECTION, ERRORS, "Where the preferred candidate fails, those that pass the detection are tried."
+        ),
+        "joint-detection": Rule(
+            SELECTION, EVIDENCE, "Two or three effects are added together where each is clear beside the others.",
+            _in(_FORWARD, "MOST_TOGETHER", "SHAPES_TRIED") + _in(_SCORING, "DETECT"),
+        ),
+        "second-sensor": Rule(
+            SELECTION, EVIDENCE, "A second sensor or lag is added where it has evidence and predicts better.",
+            _in(_FORWARD, "LEAST_EVIDENCE"),
+        ),
+        "step-function": Rule(
+            SELECTION, "log evidence (Schwarz)",
+            "An empirical form becomes a step function where that explains clearly more.",
+            _in(_SCORING, "CLEARLY"),
+        ),
+        "reselection": Rule(
+            SELECTION, DELTA, "A finding is named again where another effect explains more beside the other findings.",
+            _in(_FORWARD, "BARELY") + _in(_SCORING, "DETECT"),
+        ),
+        "seen-before": Rule(SELECTION, "", "A renaming that leads back to an earlier model is not made."),
+        "superfluous": Rule(
+            SELECTION, EVIDENCE, "A finding is taken out that is not clear beside later ones.",
+            _in(_FORWARD, "SHAPES_TRIED") + _in(_SCORING, "DETECT"),
+        ),
+        "superfluous-by-cross-validation": Rule(
+            SELECTION, ERRORS, "It stays where blocks of rows are predicted worse without it.", _in(_FORWARD, "HARDLY")
+        ),
+        "empirical-share": Rule(
+            SELECTION, DELTA,
+            "A finding of which an empirical term explains this much has no name.",
+            _in(_REFINED, "OWN")
+        ),
+        "section-of-surface": Rule(
+            SELECTION, DELTA, "A finding that is a section of an empirical form over two joints is part of it.",
+            _in(_REFINED, "OWN"),
+        ),
+        # ---- model comparison
+        "strong-alternative": Rule(
+            COMPARISON, EVIDENCE, "The search is repeated from an alternative whose evidence is no further behind.",
+            _in(_COMPARED, "SERIOUS", "OF_EMPIRICAL", "MOST_ALTERNATIVES", "OF_REFINED") + _in(_SCORING, "NEAR"),
+        ),
+        "second-cause": Rule(
+            COMPARISON, EVIDENCE,
+            "It is repeated with a second cause where refinements of a finding have much evidence.",
+            _in(_COMPARED, "SERIOUS", "SLIGHT") + _in(_REFINED, "OWN"),
+        ),
+        "search-from": Rule(COMPARISON, "", "An effect that a repeated search begins with."),
+        "model-evidence": Rule(
+            COMPARISON, "log evidence",
+            "Another model is kept if it has more evidence; near-ties rest less on empirical terms.",
+            _in(_SCORING, "CLEARLY"),
+        ),
+        "model-cross-validation": Rule(
+            COMPARISON, ERRORS, "It must predict blocks of rows no worse.", _in(_COMPARED, "NO_WORSE")
+        ),
+        # ---- evidence beside the other findings
+        "conditional-evidence": Rule(
+            CONDITIONAL, EVIDENCE, "A finding and its alternatives, each beside all other findings.",
+            _in("search.conditional_evidence", "MOST_ALTERNATIVES_TRIED"),
+        ),
+        "evidence-in-correlated-noise": Rule(
+            CONDITIONAL, EVIDENCE, "Their evidence is no more than it is in correlated noise.",
+            _in("search.correlated_noise", "WHITE", "LONGEST", "PART", "LARGEST"),
+        ),
+        # ---- witness channels
+        "witness-supports": Rule(
+            WITNESSES, "standard errors", "A sensor that shows the predicted motion clearly supports the finding.",
+            _in(_WITNESSES, "SEEN", "AGREES"),
+        ),
+        "witness-contradicts": Rule(
+            WITNESSES, "share of the predicted motion", "A sensor that certainly shows less contradicts the finding.",
+            _in(_WITNESSES, "LITTLE"),
+        ),
+        "uncontradicted-alternative": Rule(
+            WITNESSES, EVIDENCE,
+            "It is replaced by an alternative with so much evidence that no witness contradicts.",
+            _in(_WITNESSES, "LEAST_EVIDENCE_INSTEAD"),
+        ),
+        # ---- probability of a name
+        "name-probability": Rule(
+            NAMES, "probability", "Evidence and prior odds of classes give the probability of each name.",
+            _in(_FINDINGS, "TEMPER", "FORM_ODDS", "FLEXIBLE_ODDS", "CHOSEN", "UNKNOWN", "MOST_SURE"),
+        ),
+        "distinguishable": Rule(
+            NAMES, "decimal logarithm of the Bayes factor",
+            "Beyond it the data distinguish an alternative from the finding.",
+            _in(_FINDINGS, "SEPARABLE"),
+        ),
+        "unresolved-name": Rule(
+            NAMES, "probability", "A name is no surer than this beside one that repeats between positions.",
+            _in("together", "EVEN"),
+        ),
+        # ---- untestable effects
+        "not-recorded": Rule(
+            UNTESTABLE, "", "An effect is no candidate where the survey lacks a channel or a movement that it needs."
+        ),
+        "hidden-by-geometry": Rule(
+            UNTESTABLE, SHARE,
+            "An effect that is collinear with the geometry cannot be seen.",
+            _in("search.candidates", "ABSORBED")
+        ),
+        "below-noise": Rule(
+            UNTESTABLE, "expected delta chi-squared",
+            "An effect of which the geometry leaves, at its usual size, less than the noise cannot be seen.",
+            _in("results.untestable", "HARDLY", "MOSTLY"),
+        ),
+        "unresolved-positions": Rule(
+            UNTESTABLE, "", "An effect that repeats between the positions measured looks like another one."
+        ),
+        # ---- verdict
+        "lack-of-fit-by-repeats": Rule(
+            VERDICT, "ratio of variances", "Residuals that exceed the scatter of repeated poses are unexplained.",
+            _in("results.pure_error", "MISFIT_P", "MISFIT_RATIO", "LEAST"),
+        ),
+        "lack-of-fit-by-declared-uncertainty": Rule(
+            VERDICT, "reduced chi-squared",
+            "Without repeats, residuals that exceed the declared uncertainty are unexplained.",
+            _in("results.pure_error", "MISFIT_P", "MISFIT_RATIO"),
+        ),
+        "dependence-of-residuals": Rule(
+            VERDICT, "p-value", "What is left is unexplained if one or two recorded channels predict it.",
+            _in("results.residual_dependence", "LEAST_P_VALUE"),
+        ),
+    }
+)  # fmt: skip

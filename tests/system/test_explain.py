@@ -1,0 +1,213 @@
+"""``errormodel explain``: why a diagnosis found what it found, and where another effect dropped out."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from errormodel import simulate
+from errormodel.machine_library import library
+from identification import diagnose, explain
+from tests.helpers.commands import MILL, Done, done, fitted_mill, run
+from tests.helpers.interferometer import MILL as SMALL_MILL
+from tests.helpers.interferometer import positioning, written
+
+ROOT = Path(__file__).resolve().parents[2]
+GANTRY = ROOT / "machines/examples/gantry"
+
+
+@pytest.fixture(scope="module")
+def gantry(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("gantry") / "d"
+    done("diagnose", GANTRY / "machine.yaml", GANTRY / "survey.csv", "--out", folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def mill(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A mill whose X has a play of 6 um either side, which its file does not know of."""
+    folder = tmp_path_factory.mktemp("mill")
+    worn = folder / "worn.yaml"
+    worn.write_text(library()[MILL].read_text(encoding="utf-8") + "\neffects:\n  - {effect: backlash, joint: X}\n")
+    simulate(worn, 150, {"X.dx.backlash": 0.006}, noise=0.002, seed=1).to_csv(folder / "s.csv", index=False)
+    done("diagnose", MILL, folder / "s.csv", "--out", folder / "d")
+    return folder / "d"
+
+
+def said(folder: Path, *asked: str) -> str:
+    return done("explain", folder, *asked).out
+
+
+def test_a_finding_has_its_evidence_tests_and_alternatives(gantry: Path) -> None:
+    text = said(gantry, "beam-sag@X")
+    (finding,) = json.loads((gantry / "diagnosis.json").read_text())["findings"]
+    assert text.startswith("beam-sag@X was found")
+    assert finding["statement"] in text
+    for part in ("number 1 of", "gain in log likelihood", "detection: ", "threshold 4.6, margin", "cross-validation: "):
+        assert part in text
+    assert "instead ram-sag@X" in text
+
+
+def test_a_finding_of_a_mill_and_what_it_may_be_instead(mill: Path) -> None:
+    assert said(mill, "backlash@X").startswith("backlash@X was found")
+    text = said(mill, "lost-motion@X")
+    assert "was not chosen: it is another explanation of backlash@X" in text
+    assert "(log Bayes factor) behind backlash@X" in text
+
+
+def test_an_effect_whose_channel_is_missing_was_not_considered(mill: Path) -> None:
+    text = said(mill, "servo-lag")
+    assert [line for line in text.splitlines() if line.endswith("could not be considered")] == [
+        f"servo-lag@{joint} could not be considered" for joint in "XYZ"
+    ]
+    assert "no feed was recorded that changes" in text
+
+
+def test_an_effect_that_a_finding_explains(gantry: Path) -> None:
+    text = said(gantry, "backlash@X")
+    assert "has none to speak of beside the findings: beam-sag@X explains" in text
+    assert "first score" in text
+    assert "last score" in text
+
+
+def test_an_effect_with_too_little_evidence_and_one_that_was_no_candidate(gantry: Path) -> None:
+    assert "too little evidence" in said(gantry, "ram-sag@Z")
+    assert "was no candidate" in said(gantry, "eccentricity")  # it has no rotary joint
+
+
+def test_all_stages_stand_in_their_order(gantry: Path) -> None:
+    text = said(gantry)
+    stages = ("data checks", "outliers", "instrument noise", "candidates", "forward selection", "untestable effects")
+    places = [text.index(f"\n{stage}: ") for stage in stages]
+    assert places == sorted(places)
+    assert "beam-sag@X cross-validation" in text
+
+
+def test_mistakes_of_the_recording_are_found_by_checks(tmp_path: Path) -> None:
+    table = simulate(MILL, 80, noise=0.002, seed=2)
+    table["X"] *= -1
+    table.to_csv(tmp_path / "s.csv", index=False)
+    done("diagnose", MILL, tmp_path / "s.csv", "--out", tmp_path / "d")
+    assert "wrong-column: " in said(tmp_path / "d")
+    assert "was found by a check of the data" in said(tmp_path / "d", "axis-blunder")
+
+
+def test_joints_that_were_diagnosed_by_themselves_are_told_apart(tmp_path: Path) -> None:
+    (tmp_path / "mill.yaml").write_text(SMALL_MILL)
+    table = positioning(6, runs=3)
+    table.loc[30:43, "dx"] += 12.0
+    done("diagnose", tmp_path / "mill.yaml", written(tmp_path, table), "--out", tmp_path / "d")
+    text = said(tmp_path / "d")
+    assert "run-lost-zero: " in text
+    assert "==== displacements of X" in text
+    assert "backlash@X was found" in said(tmp_path / "d", "backlash@X")
+    assert "was found by a check of the data" in said(tmp_path / "d", "station-shift@frame")
+
+
+# ---- the files
+
+
+def test_the_log_is_in_the_manifest_and_the_same_from_run_to_run(gantry: Path, tmp_path: Path) -> None:
+    assert "decisions.csv" in json.loads((gantry / "manifest.json").read_text())["files"]
+    done("verify", gantry)
+    done("diagnose", GANTRY / "machine.yaml", GANTRY / "survey.csv", "--out", tmp_path / "again")
+    for name in ("decisions.csv", "diagnosis.json"):
+        assert (tmp_path / "again" / name).read_bytes() == (gantry / name).read_bytes()
+
+
+def test_the_short_form_agrees_with_the_whole_log(gantry: Path) -> None:
+    decisions = json.loads((gantry / "diagnosis.json").read_text())["decisions"]
+    with (gantry / "decisions.csv").open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    counts = pd.DataFrame(rows).groupby(["stage", "outcome"]).size()
+    assert {(s, o): n for s, own in decisions["stages"].items() for o, n in own.items()} == counts.to_dict()
+    assert [(f["effect"], f["where"]) for f in decisions["findings"]] == [("beam-sag", "X")]
+    near = {(n["effect"], n["where"]): n for n in decisions["near"]}
+    assert near["ram-sag", "X"]["fate"] == "alternative"
+    assert near["ram-sag", "X"]["explained_by"] == ["beam-sag@X"]
+
+
+def test_every_candidate_is_scored_in_the_first_round(gantry: Path) -> None:
+    """The first scores are those of the ranking from which the map of where is drawn."""
+    result = diagnose(GANTRY / "machine.yaml", GANTRY / "survey.csv")
+    table = result.decisions
+    first = table[(table["rule"] == "candidate-score") & (table["round"] == 0)]
+    strong = [(r.effect.effect, r.effect.where, " ".join(r.effect.drivers)) for r in result.diagnosed.ranking]
+    assert set(strong) <= set(zip(first["effect"], first["where"], first["driver"], strict=True))
+    assert first["value"].is_monotonic_decreasing
+    assert result.explain("beam-sag@X").summary() + "\n" == said(gantry, "beam-sag@X")
+
+
+# ---- in Python, and the figure
+
+
+def test_the_function_answers_as_the_command_does(gantry: Path) -> None:
+    answer = explain(gantry, "ram-sag")
+    assert answer.summary() + "\n" == said(gantry, "ram-sag")
+    assert answer.fates[0].place == "ram-sag@X"
+    assert set(answer.decisions["effect"]) == {"ram-sag"}
+    assert len(explain(gantry).decisions) > 1000
+
+
+@pytest.mark.parametrize("suffix", ["svg", "png"])
+def test_the_figure_is_the_same_each_time(gantry: Path, tmp_path: Path, suffix: str) -> None:
+    for name in ("one", "two"):
+        assert "Figure: " in done("explain", gantry, "--out", tmp_path / f"{name}.{suffix}").out
+    assert (tmp_path / f"one.{suffix}").read_bytes() == (tmp_path / f"two.{suffix}").read_bytes()
+
+
+def test_the_figure_shows_what_was_asked_for(gantry: Path, tmp_path: Path) -> None:
+    for name, asked in (("all", ()), ("one", ("ram-sag@Z",))):
+        done("explain", gantry, *asked, "--out", tmp_path / f"{name}.svg")
+    everything, one = ((tmp_path / f"{name}.svg").read_text() for name in ("all", "one"))
+    for part in ("beam-sag@X", "another explanation of a finding", "gain in log likelihood"):
+        assert part in everything
+    assert "ram-sag@Z" not in everything
+    assert "ram-sag@Z" in one
+
+
+# ---- what cannot be answered
+
+
+def refused(result: Done, *parts: str) -> None:
+    assert result.code == 2
+    assert result.out == ""
+    assert len(result.err.strip().splitlines()) == 1
+    for part in parts:
+        assert part in result.err
+
+
+def test_what_is_not_known_is_refused(gantry: Path, tmp_path: Path) -> None:
+    refused(run("explain", gantry, "beam-sagg"), "no effect 'beam-sagg'", "Did you mean 'beam-sag'")
+    refused(run("explain", gantry, "beam-sag@Q"), "no place 'Q'", "Valid:")
+    refused(run("explain", gantry, "beam-sag@"), "no place ''")
+    refused(run("explain", tmp_path / "nowhere"), "nowhere")
+    refused(run("explain", gantry, "--out", tmp_path / "x.txt"), "a drawing of type '.txt'")
+    assert not (tmp_path / "x.txt").exists()
+
+
+def test_a_folder_without_a_decision_log_is_refused(gantry: Path, tmp_path: Path) -> None:
+    fitted_mill(tmp_path)
+    refused(run("explain", tmp_path / "fit"), "the results of `errormodel fit`, and no diagnosis")
+    old = tmp_path / "old"
+    shutil.copytree(gantry, old)
+    (old / "decisions.csv").unlink()
+    made = json.loads((old / "manifest.json").read_text())
+    del made["files"]["decisions.csv"]  # as an earlier version wrote it
+    (old / "manifest.json").write_text(json.dumps(made))
+    refused(run("explain", old), "no decisions.csv", "Run `errormodel diagnose` again")
+
+
+def test_a_log_that_was_changed_is_refused(gantry: Path, tmp_path: Path) -> None:
+    shutil.copytree(gantry, tmp_path / "d")
+    path = tmp_path / "d/decisions.csv"
+    text = path.read_text(encoding="utf-8")
+    path.write_text(text.replace(",accepted,", ",refused,"), encoding="utf-8")
+    refused(run("explain", tmp_path / "d"), "decisions.csv", "changed since")
+    path.write_text(text + "x\n", encoding="utf-8")
+    refused(run("explain", tmp_path / "d"), f"decisions.csv, row {len(text.splitlines())}: it cannot be read")
