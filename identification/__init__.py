@@ -1,7 +1,7 @@
 """Inference on top of ``errormodel``: what a survey says of a machine, and how sure it is.
 
 Public functions, as on the command line: `describe`, `plan`, `fit`, `diagnose`, `thermal`, `register`, `predict`,
-`monitor`, `compensate`, `controllers`, `load` and `save`. They are imported when they are first asked for, so that
+`monitor`, `compensate`, `controllers`, `iso`, `standards`, `load` and `save`. They are imported when they are first asked for, so that
 ``import identification`` costs nothing.
 """
 
@@ -17,12 +17,14 @@ if TYPE_CHECKING:
         describe,
         diagnose,
         fit,
+        iso,
         load,
         monitor,
         plan,
         predict,
         register,
         save,
+        standards,
         thermal,
     )
 
@@ -32,12 +34,14 @@ __all__ = [
     "describe",
     "diagnose",
     "fit",
+    "iso",
     "load",
     "monitor",
     "plan",
     "predict",
     "register",
     "save",
+    "standards",
     "thermal",
 ]
 
