@@ -1,8 +1,8 @@
 """Inference on top of ``errormodel``: what a survey says of a machine, and how sure it is.
 
 Public functions, as on the command line: `describe`, `plan`, `fit`, `diagnose`, `thermal`, `register`, `predict`,
-`monitor`, `compensate`, `controllers`, `iso`, `standards`, `load` and `save`. They are imported when they are first asked for, so that
-``import identification`` costs nothing.
+`monitor`, `compensate`, `controllers`, `iso`, `standards`, `load` and `save`. They are imported when they are first
+asked for, so that ``import identification`` costs nothing.
 """
 
 from __future__ import annotations

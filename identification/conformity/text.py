@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from identification.conformity.decision import RULES, Conformity, Judgement
 from identification.results.parameter_table import decimals, printed
-from identification.standards.base import Quantity
+from identification.standards.base import Quantity, rounded
 
 if TYPE_CHECKING:
     from identification.results.evaluation_result import EvaluationResult
@@ -40,18 +40,15 @@ def value_text(q: Quantity) -> str:
     factor, unit = printed(q.unit)
     digits = decimals(factor * q.expanded / 2) if q.expanded else 2
     around = "" if q.expanded is None else f" ± {factor * q.expanded:.{digits}f}"
-    return f"{factor * q.value + 0.0:.{digits}f}{around} {unit}"
+    return f"{rounded(factor * q.value, digits)}{around} {unit}"
 
 
 def cells(q: Quantity) -> tuple[str, str, str]:
     """Value, expanded uncertainty and unit, for a table."""
     factor, unit = printed(q.unit)
     digits = decimals(factor * q.expanded / 2) if q.expanded else 2
-    return (
-        f"{factor * q.value + 0.0:.{digits}f}",
-        "–" if q.expanded is None else f"{factor * q.expanded:.{digits}f}",
-        unit,
-    )
+    expanded = "–" if q.expanded is None else rounded(factor * q.expanded, digits)
+    return rounded(factor * q.value, digits), expanded, unit
 
 
 def amount(value: float, q: Quantity) -> str:

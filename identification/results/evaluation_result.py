@@ -81,7 +81,8 @@ class EvaluationResult:
         """What the block ``test:`` lacks for a certificate, as keys."""
         from errormodel.survey_record import RecordForm
 
-        return (RecordForm() if self.record is None else self.record).missing()
+        missing = (RecordForm() if self.record is None else self.record).missing()
+        return tuple(name for name in missing if name != "tolerance" or not self.conformity.judgements)
 
     def as_json(self) -> dict[str, Any]:
         """All of it, as ``evaluation.json`` has it: mm and rad."""

@@ -167,7 +167,12 @@ def text(value: float | None, unit: str, decimals: int = 2) -> str:
 
     if value is None or not np.isfinite(value):
         return ""
-    return f"{printed(unit)[0] * value:.{decimals}f}"
+    return rounded(printed(unit)[0] * value, decimals)
+
+
+def rounded(value: float, decimals: int) -> str:
+    """A number with so many decimals; what rounds to zero has no sign."""
+    return f"{round(value, decimals) + 0.0:.{decimals}f}"
 
 
 def shown_unit(unit: str) -> str:

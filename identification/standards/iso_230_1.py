@@ -8,7 +8,7 @@ and parallelism are between least-squares lines, signed as in `errormodel.locati
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -95,7 +95,7 @@ class Geometry(Standard):
             "straightness is that of the tip's path along the middle of the measured travels; angles need rows about "
             "error motions, or two tools, and are not given",
         )
-        return _evaluation(self, model.source, curves, squares, "covariance of the fit", notes)
+        return replace(_evaluation(self, model.source, curves, squares, "covariance of the fit", notes), sheets=())
 
 
 def _across(axis: Array) -> list[Motion]:

@@ -8,6 +8,7 @@ means of both directions together, not of one.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -131,7 +132,7 @@ class Positioning(Standard):
             "A and R are of repeated readings and cannot come from a fitted model; of the model these are the "
             "systematic figures, along the middle of the measured travels",
         )
-        return _evaluation(self, model.source, parts, notes)
+        return replace(_evaluation(self, model.source, parts, notes), sheets=())
 
 
 def _basis(name: str, known: dict[str, float]) -> str:

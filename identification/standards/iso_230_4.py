@@ -251,8 +251,8 @@ def _draw(circle: Circle) -> Figure:
 
     from identification.plots import style
 
-    figure = Figure(figsize=(5.2, 4.6), facecolor="white")
-    axes = style.panel(figure, 0.5, 0.35, 4.2, 3.9)
+    figure = Figure(figsize=(style.REPORT_WIDTH_IN, 4.3), facecolor="white")
+    axes = style.panel(figure, 1.9, 0.1, 4.1, 4.1)
     left = 1e3 * centred(circle.angle, circle.radial[0])
     step = _round(max(float(np.abs(left).max()), 1e-6))
     base = 4.0 * step  # of the nominal circle, in which the deviations are drawn
@@ -265,7 +265,11 @@ def _draw(circle: Circle) -> Figure:
             lw=1.2 if k == 0 else 0.6,
             color=style.MUTED if k == 0 else style.FAINT,
         )
-    for sense, colour, words in ((1.0, style.FITTED, "counter-clockwise"), (-1.0, style.AXIS_COLOURS[0], "clockwise")):
+    first, second = circle.of(1.0)[1], circle.of(-1.0)[1]
+    alike = first.shape == second.shape and np.abs(first[0] - second[0]).max() < 1e-9
+    words = "both ways" if alike else "counter-clockwise"
+    senses = ((1.0, style.FITTED, words), (-1.0, style.AXIS_COLOURS[0], "clockwise"))
+    for sense, colour, words in senses[: 1 if alike else 2]:
         own = circle.sense == sense
         if not own.any():
             continue
@@ -286,8 +290,8 @@ def _draw(circle: Circle) -> Figure:
     axes.plot([0, 0], [0, 0.9 * base], lw=0.8, color=style.MUTED)
     axes.text(0.92 * base, 0, style.plain(circle.axes[0], 16), ha="right", va="bottom", size=style.BODY_TEXT)
     axes.text(0, 0.92 * base, style.plain(circle.axes[1], 16), ha="left", va="top", size=style.BODY_TEXT)
-    axes.text(-reach, -reach, f"one ring: {step:g} µm", size=style.SMALL_TEXT, color=style.MUTED)
-    axes.legend(loc="upper left", fontsize=style.SMALL_TEXT, frameon=False)
+    axes.text(-1.4 * reach, -reach, f"one ring: {step:g} µm", size=style.SMALL_TEXT, color=style.MUTED)
+    axes.legend(loc="upper left", bbox_to_anchor=(-0.4, 1.0), fontsize=style.SMALL_TEXT, frameon=False)
     return figure
 
 

@@ -8,7 +8,7 @@ another shows squareness (the differences), and that all are, the scales.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations, product
 from typing import TYPE_CHECKING, Any
 
@@ -87,7 +87,7 @@ class Diagonals(Standard):
             "A and R are of repeated readings and cannot come from a fitted model; the diagonals are those of the "
             "measured travels",
         )
-        return _evaluation(self, model.source, found, "covariance of the fit", notes)
+        return replace(_evaluation(self, model.source, found, "covariance of the fit", notes), sheets=())
 
     def no_axes(self, model: FittedMachine) -> Exception:
         """Error for a machine without two linear axes."""

@@ -166,12 +166,13 @@ def _draw(label: str, unit: str, axis: Axis) -> Figure:
     figure = Figure(figsize=(style.REPORT_WIDTH_IN, 3.4), facecolor="white")
     axes = style.panel(figure, 0.75, 0.6, 7.0, 2.35)
     place = np.degrees(axis.targets) if unit == "rad" else axis.targets
-    ends = []
+    alike = axis.both and not axis.repeated and not axis.reversal.any()
+    ends = [axis.up] if alike else []
     for mean, s, colour, marker, words in (
         (axis.up, axis.s_up, style.FITTED, "^", "from below"),
         (axis.down, axis.s_down, style.AXIS_COLOURS[0], "v", "from above"),
     ):  # fmt: skip
-        if not np.isfinite(mean).any():
+        if alike or not np.isfinite(mean).any():
             continue
         band = 2 * np.nan_to_num(s)
         ends += [mean - band, mean + band]
@@ -179,7 +180,9 @@ def _draw(label: str, unit: str, axis: Axis) -> Figure:
         if band.any():
             axes.fill_between(place, factor * (mean - band), factor * (mean + band), color=colour, alpha=0.15, lw=0)
     if axis.both:
-        axes.plot(place, factor * axis.mean, color=style.INK, lw=1.0, label="mean of both")
+        axes.plot(
+            place, factor * axis.mean, color=style.INK, lw=1.0, label="from either side" if alike else "mean of both"
+        )
     for level in (np.min(ends), np.max(ends)):
         axes.axhline(factor * level, color=style.MUTED, lw=0.9, ls="--")
     limits = "A" if axis.repeated else "E"
