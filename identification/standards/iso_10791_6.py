@@ -128,7 +128,8 @@ def _turn(joint: str, q: Array, errors: Array, nominal: Array, axis: Array, cent
     radial = np.where(radius[:, None] > 1e-3, arm / np.maximum(radius, 1e-12)[:, None], other)
     radial /= np.linalg.norm(radial, axis=1)[:, None]
     directions = np.stack([axis, radial, np.cross(axis, radial)], axis=2)
-    return Turn(joint, q, np.einsum("kni,nij->knj", errors, directions), float(np.median(radius)))
+    free = errors - errors.mean(axis=1, keepdims=True)  # where the sphere stands exactly is not known
+    return Turn(joint, q, np.einsum("kni,nij->knj", free, directions), float(np.median(radius)))
 
 
 def _turns(survey: Survey, machine: Machine) -> Iterator[Turn]:

@@ -17,7 +17,7 @@ from errormodel.survey_record import UncertaintyRecord
 from identification.standards.base import Evaluation, Quantity, Standard, spread
 from identification.standards.fitted import FittedMachine
 from identification.standards.series import Series, series_of
-from identification.standards.targets import WORDS, Axis, as_json, axis_of, chart, sheet
+from identification.standards.targets import WORDS, Axis, as_json, axis_of, chart, of_readings, sheet
 
 if TYPE_CHECKING:
     from errormodel.machine import Machine
@@ -55,10 +55,7 @@ def annex_a(
     device = given.device if given.device is not None else None if noise is None else 2 * noise
     off = abs((REFERENCE_TEMPERATURE if temperature is None else temperature) - REFERENCE_TEMPERATURE)
     reading = np.hypot(OF_RANGE * given.environment, 2 * (noise or 0.0))
-    out: dict[str, float] = {}
-    if reading > 0:
-        out |= {"R↑": 2 * reading, "R↓": 2 * reading, "R": np.sqrt(4 + 2 / runs) * reading}
-        out |= {"B": np.sqrt(2 / runs) * reading, "B mean": np.sqrt(2 / runs / targets) * reading}
+    out = of_readings(float(reading), runs, targets) if reading > 0 else {}
     if device is not None:
         common = (
             device**2
@@ -69,7 +66,7 @@ def annex_a(
         shares = dict.fromkeys(("E", "E↑", "E↓"), 2 / runs) | {"M": 1 / runs}
         shares |= dict.fromkeys(("A", "A↑", "A↓"), 4 + 2 / runs)
         out |= {name: float(np.sqrt(common + share * reading**2)) for name, share in shares.items()}
-    return {name: float(value) for name, value in out.items()}
+    return out
 
 
 class Positioning(Standard):

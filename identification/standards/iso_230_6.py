@@ -20,7 +20,7 @@ from errormodel.machine import Joint
 from identification.standards.base import Evaluation, Quantity, Standard, spread
 from identification.standards.fitted import FittedMachine
 from identification.standards.series import DRAWS, SAME_POSITION, measured_points
-from identification.standards.targets import Axis, as_json, axis_of, chart, sheet
+from identification.standards.targets import Axis, as_json, axis_of, chart, of_readings, sheet
 
 if TYPE_CHECKING:
     from errormodel.machine import Machine
@@ -48,6 +48,7 @@ class Diagonal:
     length : mm, between its ends.
     axis : means (1 + draws, m) and standard deviations at the targets, from its start.
     reverses : whether something is known of the reversal.
+    repeatability : expanded uncertainty of R by the noise of a reading, mm; None where none is declared.
     """
 
     name: str
@@ -55,6 +56,7 @@ class Diagonal:
     length: float
     axis: Axis
     reverses: bool = True
+    repeatability: float | None = None
 
     @property
     def best(self) -> Axis:
@@ -154,7 +156,9 @@ def _diagonals(survey: Survey, machine: Machine) -> Iterator[Diagonal]:
         axis = axis_of(position, deviation, side)
         sigma = None if points.sigma is None else np.sqrt(np.square(points.sigma[rows]) @ np.square(along))
         sign = np.sign((q[last] - q[first])[axes])
-        yield Diagonal(_name([joints[k] for k in axes], sign), len(axes), length, _drawn(axis, sigma, rng))
+        name = _name([joints[k] for k in axes], sign)
+        known = None if sigma is None else of_readings(2 * float(sigma.max()), max(axis.runs, 1), 1)["R"]
+        yield Diagonal(name, len(axes), length, _drawn(axis, sigma, rng), repeatability=known)
 
 
 def _drawn(axis: Axis, sigma: Array | None, rng: np.random.Generator) -> Axis:
@@ -213,16 +217,18 @@ def _evaluation(kind: Diagonals, source: str, found: list[Diagonal], basis: str,
                 values = np.atleast_1d(figures[symbol])
                 every.setdefault(symbol, []).append(values)
                 value, expanded = spread(values)
-                known = None if symbol == "R" else expanded
-                quantities.append(Quantity(symbol, d.name, FIGURES[symbol], value, "mm", known, basis, length=d.length))
+                if symbol == "R":  # standard deviations have no draws
+                    expanded = d.repeatability
+                words = FIGURES[symbol]
+                quantities.append(Quantity(symbol, d.name, words, value, "mm", expanded, basis, length=d.length))
         for symbol, parts in every.items():
             shape = max(len(v) for v in parts)
             largest = np.max([np.broadcast_to(v, shape) for v in parts], axis=0)
             value, expanded = spread(largest)
+            if symbol == "R":
+                expanded = own[0].repeatability
             words = f"largest {FIGURES[symbol].replace('the diagonal', f'a {KINDS[n]} diagonal')}"
-            quantities.append(
-                Quantity(f"{symbol} {KINDS[n]}", "", words, value, "mm", None if symbol == "R" else expanded, basis)
-            )
+            quantities.append(Quantity(f"{symbol} {KINDS[n]}", "", words, value, "mm", expanded, basis))
     quantities.sort(key=lambda q: bool(q.of))  # the machine first
     sheets = tuple(sheet(d.name, "mm", d.best) for d in found)
     charts = tuple(chart(d.name, "mm", d.best) for d in found)

@@ -122,6 +122,18 @@ def axis_of(position: Array, deviation: Array, direction: Array) -> Axis:
     )
 
 
+def of_readings(reading: float, runs: int, targets: int) -> dict[str, float]:
+    """Expanded uncertainties (k = 2) of repeatability and reversal from that of one reading, which is independent.
+
+    Parameters
+    ----------
+    reading : expanded uncertainty of one reading by instrument and environment.
+    runs, targets : readings of a target from one side, and targets.
+    """
+    one = {"R↑": 2 * reading, "R↓": 2 * reading, "R": float(np.sqrt(4 + 2 / runs)) * reading}
+    return one | {"B": float(np.sqrt(2 / runs)) * reading, "B mean": float(np.sqrt(2 / runs / targets)) * reading}
+
+
 def as_json(axis: Axis, unit: str) -> dict[str, Any]:
     """Values at the targets, for JSON."""
     return {
