@@ -148,6 +148,8 @@ def _remarks(series: Series, axis: Axis) -> list[str]:
         out.append(
             f"{name}: {axis.runs} run{'s' if axis.runs != 1 else ''} from each side; the standard has {USUAL_RUNS}"
         )
+    if axis.one_sided:
+        out.append(f"{name}: {axis.one_sided}")
     if not axis.both:
         out.append(f"{name}: targets were approached from one side only, so that A, E, M, R and B are not given")
     if series.unit == "mm" and travel <= LONGEST_TRAVEL and len(axis.targets) < FEWEST_TARGETS * max(travel / 1000, 1):

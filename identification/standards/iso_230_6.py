@@ -19,7 +19,7 @@ from errormodel.chain import Chain
 from errormodel.machine import Joint
 from identification.standards.base import Evaluation, Quantity, Standard, spread
 from identification.standards.fitted import FittedMachine
-from identification.standards.series import DRAWS, SAME_POSITION, measured_points
+from identification.standards.series import DRAWS, SAME_POSITION, measured_points, sides_of
 from identification.standards.targets import Axis, as_json, axis_of, chart, of_readings, sheet
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ class Diagonal:
     def best(self) -> Axis:
         """The estimate alone."""
         a = self.axis
-        return Axis(a.targets, a.up[0], a.down[0], a.s_up, a.s_down, a.runs)
+        return replace(a, up=a.up[0], down=a.down[0])
 
 
 class Diagonals(Standard):
@@ -78,7 +78,8 @@ class Diagonals(Standard):
             raise self.lacking(survey, "no rows lie on a diagonal with all components measured")
         known = len(found[0].axis.up) > 1
         basis = "noise of the instrument as declared" if known else "the survey declares no noise of its instrument"
-        return _evaluation(self, f"survey {survey.source.name}", found, basis, ())
+        notes = tuple(f"{d.name}: {d.axis.one_sided}" for d in found if d.axis.one_sided)
+        return _evaluation(self, f"survey {survey.source.name}", found, basis, notes)
 
     def of_fit(self, model: FittedMachine) -> Evaluation:
         linear = model.linear
@@ -151,7 +152,7 @@ def _diagonals(survey: Survey, machine: Machine) -> Iterator[Diagonal]:
         length = float(np.linalg.norm(step))
         along = step / length
         position = (points.nominal[rows] - points.nominal[first]) @ along
-        side = survey.direction(joints[axes[-1]].name)[points.index[rows]]
+        side = sides_of(survey, joints[axes[-1]], points.index[rows], position)
         deviation = points.deviation[rows] @ along
         axis = axis_of(position, deviation, side)
         sigma = None if points.sigma is None else np.sqrt(np.square(points.sigma[rows]) @ np.square(along))
@@ -168,7 +169,7 @@ def _drawn(axis: Axis, sigma: Array | None, rng: np.random.Generator) -> Axis:
         std = float(sigma.max()) / np.sqrt(max(axis.runs, 1))
         up = np.vstack([up, axis.up + std * rng.standard_normal((DRAWS, len(axis.up)))])
         down = np.vstack([down, axis.down + std * rng.standard_normal((DRAWS, len(axis.down)))])
-    return Axis(axis.targets, up, down, axis.s_up, axis.s_down, axis.runs)
+    return replace(axis, up=up, down=down)
 
 
 def _lines(q: Array, still: Array, whole: Mask) -> Iterator[Index]:
@@ -179,12 +180,8 @@ def _lines(q: Array, still: Array, whole: Mask) -> Iterator[Index]:
             continue
         if end - start > 2 and whole[start]:
             yield np.arange(start, end)
-        # the last row of one line may be the first of the next
-        start = end - 1 if end < len(q) and end - start > 2 and whole[end] and _step(q, still, end) else end
-
-
-def _step(q: Array, still: Array, end: int) -> bool:
-    return bool((still[end] == still[end - 1]).all() and (q[end] != q[end - 1]).any())
+        # the last row of one line, or of the way to it, may be the first of the next
+        start = end - 1 if end - start > 1 and end < len(q) else end
 
 
 def _one_line(q: Array, still: Array) -> bool:

@@ -210,7 +210,7 @@ def _of_points(survey: Survey, machine: Machine, points: Points) -> Iterator[Ser
             axis = step / length if joint.type == "prismatic" and length > 0 else np.array(joint.axis)
             index = points.index[own]
             nothing = np.full((len(own), 3), np.nan)
-            sides = _sides(survey, joint, index, q[own, k])
+            sides = sides_of(survey, joint, index, q[own, k])
             yield Series(
                 joint, _place(joints, q[own[0]], k), q[own, k], axis, points.deviation[own], nothing,
                 None if points.sigma is None else points.sigma[own], None, sides, index,
@@ -223,7 +223,7 @@ def _together(own: Index, place: Index) -> Index:
     return own[near] if len(np.unique(place[own[near]])) > 2 else own
 
 
-def _sides(survey: Survey, joint: Joint, index: Index, position: Array) -> Array:
+def sides_of(survey: Survey, joint: Joint, index: Index, position: Array) -> Array:
     """Side of approach of each reading: as stated, else as in a test to and fro that overruns its last target."""
     if f"dir_{joint.name}" in survey.table:
         return survey.direction(joint.name)[index]

@@ -41,6 +41,7 @@ class Axis:
     up, down : (..., m) mean deviations from below and above; NaN where there are none.
     s_up, s_down : (m,) standard deviations; NaN with fewer than two runs.
     runs : fewest readings of a target from one side.
+    one_sided : a remark on targets that were read from one side only, and take no part where others have both.
     """
 
     targets: Array
@@ -49,6 +50,7 @@ class Axis:
     s_up: Array
     s_down: Array
     runs: int
+    one_sided: str = ""
 
     @property
     def both(self) -> bool:
@@ -117,9 +119,10 @@ def axis_of(position: Array, deviation: Array, direction: Array) -> Axis:
     q = np.array([position[number == i][0] for i in range(len(targets))])
     # a target that was read from one side only belongs to neither pass when others were read from both
     whole = (count > 0).all(axis=0) if (count > 0).all(axis=0).sum() >= 2 else np.ones(len(targets), dtype=bool)
-    return Axis(
-        q[whole], mean[0, whole], mean[1, whole], s[0, whole], s[1, whole], int(count[:, whole].max(axis=0).min())
-    )
+    apart = q[~whole]
+    remark = f"{len(apart)} of {len(q)} targets were read from one side only and take no part" if len(apart) else ""
+    runs = int(count[:, whole].max(axis=0).min())
+    return Axis(q[whole], mean[0, whole], mean[1, whole], s[0, whole], s[1, whole], runs, remark)
 
 
 def of_readings(reading: float, runs: int, targets: int) -> dict[str, float]:
