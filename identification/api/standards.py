@@ -124,7 +124,12 @@ def _each(wanted: Sequence[Standard], every: bool, evaluate: Callable[[Standard]
     found, refused = [], []
     for kind in wanted:
         try:
-            found.append(evaluate(kind))
+            result = evaluate(kind)
+            if not result.quantities:
+                needed = kind.needs or "linear axes that moved"
+                nothing = f"{kind.title} finds nothing to evaluate in it"
+                raise InputError(result.source, nothing, f"It needs {needed}")
+            found.append(result)
         except InputError as error:
             if not every:
                 raise

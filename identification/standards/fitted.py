@@ -1,7 +1,8 @@
 """A fitted machine as tests see it: errors of the tool tip at commands, with draws from the fit's covariance.
 
 The errors are those of the machine alone (no frame, instrument or target), actual minus nominal, mm in the axes of the
-machine's reference. Draws are of the linear model about the estimates, which is exact to second order in the errors.
+machine's reference. Draws are of the linear model about the estimates, which is exact to second order in the errors;
+what the fit did not identify and acts at the commands is drawn as `predict` counts it.
 """
 
 from __future__ import annotations
@@ -20,10 +21,9 @@ from identification.compensation.field import Field
 from identification.compensation.rows import read_rows
 from identification.results.stored_fit import StoredFit
 from identification.standards.base import Quantity
+from identification.uncertainty.prediction import unidentified
 
 DRAWS = 400  # of the covariance: the standard uncertainty is then known to 3.5 % (1 / sqrt(2 draws))
-# largest number of values (draws x points x 3) held at a time: limits the memory
-MOST_VALUES = 6_000_000
 
 
 @dataclass(frozen=True)
@@ -34,6 +34,7 @@ class FittedMachine:
     ----------
     folder : of the fit.
     changes : (draws, base) changes of the base parameters `ids` from their estimates.
+    unknown : (draws, parameters of the chain) of what the fit did not identify, in standard uncertainties.
     covered : lowest and highest command of each joint in the fit's rows, mm and rad.
     """
 
@@ -42,6 +43,7 @@ class FittedMachine:
     field: Field
     ids: tuple[str, ...]
     changes: Array
+    unknown: Array
     covered: dict[str, tuple[float, float]]
     record: RecordForm | None
 
@@ -60,7 +62,8 @@ class FittedMachine:
         q = {j.name: table[j.name].to_numpy(dtype=np.float64) for j in chain.machine.joints}
         covered = {name: (float(np.nanmin(v)), float(np.nanmax(v))) for name, v in q.items()}
         ids = tuple(stored.base[k] for k in kept)
-        return cls(stored, folder, Field.of(stored, table), ids, changes, covered, record)
+        unknown = rng.standard_normal((DRAWS, len(chain.ids)))
+        return cls(stored, folder, Field.of(stored, table), ids, changes, unknown, covered, record)
 
     @property
     def chain(self) -> Chain:
@@ -126,12 +129,15 @@ class FittedMachine:
         """
         came = np.ones_like(q) if direction is None else direction
         best = self.field.actual(q, came) - self.field.nominal(q)
-        if not self.ids:
-            return best[None]
-        design = self.chain.kernel("design", self.ids, outputs=(0, 1, 2))(self.field.rows(q, came))
-        design = design.reshape(len(self.ids), -1)  # (base, 3 n)
-        changes = (self.changes @ design).reshape(len(self.changes), 3, len(q)).transpose(0, 2, 1)
-        return np.concatenate([best[None], best + changes])
+        chain = self.chain
+        names = [i for i in chain.machine_ids if i not in chain.instrument_ids]
+        design = chain.kernel("design", tuple(names), outputs=(0, 1, 2))(self.field.rows(q, came))
+        design = design.reshape(len(names), 3, len(q))
+        own = [names.index(i) for i in self.ids]
+        changes = np.tensordot(self.changes, design[own], axes=1)
+        for name, column in unidentified(self.stored, names, design):
+            changes += self.unknown[:, chain.index[name], None, None] * column
+        return np.concatenate([best[None], best + changes.transpose(0, 2, 1)])
 
     def location_errors(self) -> list[Quantity]:
         """Squareness and parallelism as the fit determines them."""

@@ -85,6 +85,8 @@ def _of_model(model: FittedMachine, joint: Joint) -> Turn | None:
     q = np.tile(model.middle(), (MODEL_POINTS, 1))
     q[:, k] = np.linspace(low, high, MODEL_POINTS)
     linear = [i for i, j in enumerate(model.joints) if j.type == "prismatic"]
+    if not linear:
+        return None
     target = model.nominal(model.middle()[None])[0]
     for _ in range(MOST_STEPS):
         gap = target - model.nominal(q)

@@ -16,6 +16,7 @@ import numpy as np
 from errormodel.arrays import Array
 from identification.standards.base import COVERAGE_FACTOR, Chart, Evaluation, Quantity, Sheet, Standard, spread
 from identification.standards.fitted import FittedMachine
+from identification.uncertainty.budget import UNIDENTIFIED_LINE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -89,6 +90,7 @@ def _misfit(model: FittedMachine) -> float:
     """Standard deviation (mm) of one coordinate that the fit's budget has for what the model does not describe."""
     worst = (model.stored.data.get("budget") or {}).get("prediction") or {}
     lines = [i for i in worst.get("inputs", []) if i.get("sensitivity") == 1.0 and i.get("unit") == "mm"]
+    lines = [i for i in lines if i.get("name") != UNIDENTIFIED_LINE]  # at a pose beyond the volume; draws have them
     return float(np.sqrt(sum(float(i["std"]) ** 2 for i in lines)))
 
 

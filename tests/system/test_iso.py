@@ -212,11 +212,26 @@ def test_uncertainties_of_a_fit_cover_the_truth() -> None:
     assert inside >= 20  # of 25 at 95 %, fewer than 20 come once in 800 such tests
 
 
-def _of(result: Any) -> Any:
+def _of(result: Any, standard: str = "230-2") -> Any:
     import tempfile
 
     with tempfile.TemporaryDirectory() as folder:
-        return iso("230-2", result.save(Path(folder) / "fit")).evaluations[0].quantities
+        return iso(standard, result.save(Path(folder) / "fit")).evaluations[0].quantities
+
+
+def test_what_a_survey_of_lines_does_not_identify_is_in_the_uncertainty_of_diagonals(fitted: Path) -> None:
+    """Three lines say nothing of the angles that act on the diagonals: pitch and yaw of X and Y."""
+    middle = {"X": 0.0, "Y": 0.0, "Z": 375.0}
+    ends = {"X": 370.0, "Y": 200.0, "Z": 250.0}
+    rows = [middle | {j: middle[j] + s * ends[j]} for j in ends for s in np.linspace(-1, 1, 15)]
+    survey = simulate(MILL, pd.DataFrame(rows), TRUTH | {"Y.ec.1": 4e-5}, noise=1e-4, seed=1)
+    from identification import fit
+
+    lines = _of(fit(MILL, survey[["X", "Y", "Z", "mx", "my", "mz"]]), "230-6")
+    volume = figures(fitted, "230-6", fitted / "fit")
+    sure = volume["+X+Y+Z.E"]["expanded_uncertainty"]
+    (diagonal,) = (q for q in lines if q.name == "+X+Y+Z.E")
+    assert diagonal.expanded > 10 * sure
 
 
 def test_all_that_a_source_allows(fitted: Path) -> None:
