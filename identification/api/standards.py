@@ -135,7 +135,8 @@ def _each(wanted: Sequence[Standard], every: bool, evaluate: Callable[[Standard]
                 raise
             refused.append(error)
     if not found:
-        raise refused[0]
+        needs = "; ".join(f"{kind.number}: {kind.needs}" for kind in wanted if kind.needs)
+        raise InputError(refused[0].where, "no standard finds what it needs", f"They need, of a survey, {needs}")
     return found
 
 
