@@ -159,6 +159,22 @@ def test_a_circle_of_a_survey() -> None:
     assert found["XY.D"].value == pytest.approx(100 * SCALE / 2, abs=1e-4)
 
 
+def test_a_rotary_axis_is_evaluated_in_angles() -> None:
+    """Eccentricity of 20 urad and a play of 20 urad, by hand; three runs that differ by 1 urad (s = 1 urad)."""
+    rows = [
+        {"joint": "C", "C": c, "ec": 2e-5 * np.sin(np.radians(c)) + 1e-5 * side + 1e-6 * n, "u_ec": 1e-6, "run": str(n)}
+        for n in range(3)
+        for side in (1, -1)
+        for c in np.arange(0.0, 361.0, 45.0)[::side]
+    ]
+    result = iso("230-2", TRUNNION, pd.DataFrame(rows), tolerance={"C.A": "15 arcsec", "C.B": "3 arcsec"})
+    found = {q.symbol: q for q in result.evaluations[0].quantities}
+    for symbol, value in {"E": 60e-6, "M": 40e-6, "B": 20e-6, "R↑": 4e-6, "R": 24e-6, "A": 64e-6}.items():
+        assert found[symbol].value == pytest.approx(value, rel=1e-9), symbol
+        assert found[symbol].unit == "rad"
+    assert [(j.quantity.name, j.verdict) for j in result.conformity.judgements] == [("C.A", "passes"), ("C.B", "fails")]
+
+
 def test_drift_over_the_time(tmp_path: Path) -> None:
     time = np.arange(0.0, 3 * 3600.0 + 1, 300.0)
     dz = 0.012 * (1 - np.exp(-time / 3000))
