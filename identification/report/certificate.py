@@ -10,7 +10,7 @@ from identification.conformity.decision import RULES, Verdict
 from identification.conformity.text import amount, cells, headline
 from identification.report.page import page
 from identification.report.pictures import Picture, picture
-from identification.report.test_head import head_of
+from identification.report.record_head import head_of
 
 if TYPE_CHECKING:
     from identification.results.evaluation_result import EvaluationResult

@@ -13,7 +13,7 @@ from identification.monitoring.monitor import Monitored
 from identification.plots.history import draw_history
 from identification.report.page import page
 from identification.report.pictures import Picture, picture
-from identification.report.test_head import head_of
+from identification.report.record_head import head_of
 
 
 def monitor_page(result: Monitored) -> str:

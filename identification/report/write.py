@@ -12,7 +12,7 @@ from identification.report.budget import budget_part
 from identification.report.outliers_and_poses import gain_part, outliers_part
 from identification.report.page import page
 from identification.report.pictures import pictures
-from identification.report.test_head import head_of
+from identification.report.record_head import head_of
 from identification.results.analysis import Analysis
 
 if TYPE_CHECKING:
