@@ -23,6 +23,7 @@ def write(folder: Path) -> list[Path]:
         "instruments.md": instruments(),
         "joint_models.md": joint_models(),
         "formats.md": formats(),
+        "standards.md": standards(),
         "machine_keys.md": machine_keys(),
         "survey_keys.md": survey_keys(),
     }
@@ -179,12 +180,51 @@ def machine_keys() -> Iterator[str]:
     yield from _fields(MachineForm)
 
 
+def standards() -> Iterator[str]:
+    """Every standard of tests: what it is, and what it needs."""
+    import sys
+
+    from identification.standards import registry
+
+    yield from ("# Standards of tests", "")
+    yield (
+        "Each is one file of `identification/standards/`, and a word of `errormodel iso`. How they are used: "
+        "[standards and certificates](../standards.md)."
+    )
+    for number, kind in registry().items():
+        survey, fit = kind.takes()
+        yield from ("", f"## {number}", "", kind.title + ".", "")
+        yield inspect.getdoc(sys.modules[kind.__module__]) or ""
+        yield ""
+        if survey:
+            yield f"Of a survey: {kind.needs}."
+        if fit:
+            yield "Of a fitted model: the folder of `fit`, `diagnose` or `thermal`."
+
+
 def survey_keys() -> Iterator[str]:
     """Keys of ``survey.yaml``, and the columns of its tables."""
     from errormodel.survey_file import SurveyForm
+    from errormodel.survey_record import (
+        AmbientRecord,
+        InstrumentRecord,
+        MachineRecord,
+        RecordForm,
+        UncertaintyRecord,
+    )
 
     yield from ("# Keys of survey.yaml", "")
     yield from _fields(SurveyForm)
+    blocks = {
+        "test": RecordForm,
+        "test.machine": MachineRecord,
+        "test.instrument": InstrumentRecord,
+        "test.ambient": AmbientRecord,
+        "test.uncertainty": UncertaintyRecord,
+    }
+    for name, form in blocks.items():
+        yield from ("", f"## {name}", "")
+        yield from _fields(form)
 
 
 def _fields(model: Any) -> Iterator[str]:

@@ -34,6 +34,7 @@ from errormodel.survey_columns import (
 from errormodel.survey_file import BudgetEntry, FileEntry, Frame, Refit, SurveyForm, read_form
 from errormodel.survey_gaps import filled
 from errormodel.survey_plausibility import check_sizes
+from errormodel.survey_record import RecordForm
 from errormodel.survey_travels import travel_notes
 from errormodel.yamlfile import Document
 
@@ -70,6 +71,8 @@ class Survey:
     frame_rotation : tuple of float, or None
         Rotation ``Rx Ry Rz`` (rad) of the machine's reference into the measuring frame, where the points do not
         determine it.
+    record : RecordForm, or None
+        The block ``test:``: who tested what, when, with which instrument, and which limits hold.
     motions_of : str
         The joint whose error motions the points stand for; empty where points were measured.
     """
@@ -84,6 +87,7 @@ class Survey:
     motions_of: str = ""
     sized: bool = True
     frame_rotation: tuple[float, float, float] | None = None
+    record: RecordForm | None = None
 
     def __len__(self) -> int:
         return len(self.table)
@@ -182,7 +186,7 @@ def read_survey(source: Path | str | pd.DataFrame, machine: Machine, measured: b
         rotation = (x, y, z)
     return Survey(
         table, form.frame, tuple(form.refit), form.instrument, path, tuple(notes), tuple(form.budget),
-        frame_rotation=rotation,
+        frame_rotation=rotation, record=form.test,
     )  # fmt: skip
 
 

@@ -11,6 +11,7 @@ from pydantic import ConfigDict, Field, field_validator, model_validator
 from errormodel.instruments import instruments
 from errormodel.instruments.base import Instrument, Positive
 from errormodel.instruments.plain import Plain
+from errormodel.survey_record import RecordForm
 from errormodel.units import UnitsBlock
 from errormodel.yamlfile import Document, FileModel, Vector3, VersionedModel, load, validate
 
@@ -106,6 +107,7 @@ class SurveyForm(VersionedModel):
     units: SurveyUnits = Field(SurveyUnits(), description="a block such as {length: mm, angle: deg}")
     instrument: AnyInstrument = Field(Plain(), description="a block such as {type: cmm, sigma: [1e-3, 2e-6]}")
     budget: list[BudgetEntry] = Field([], description="lines such as [{name: tool, std: 0.002, acts: tool_z}]")
+    test: RecordForm | None = Field(None, description="a block such as {operator: .., date: 2026-11-20, machine: {..}}")
 
     @field_validator("files")
     @classmethod

@@ -1,8 +1,8 @@
 """Inference on top of ``errormodel``: what a survey says of a machine, and how sure it is.
 
 Public functions, as on the command line: `describe`, `plan`, `fit`, `diagnose`, `thermal`, `register`, `predict`,
-`explain`, `monitor`, `compensate`, `controllers`, `load` and `save`. They are imported when they are first asked for,
-so that ``import identification`` costs nothing.
+`explain`, `monitor`, `compensate`, `controllers`, `iso`, `standards`, `load` and `save`. They are imported when they
+are first asked for, so that ``import identification`` costs nothing.
 """
 
 from __future__ import annotations
@@ -18,12 +18,14 @@ if TYPE_CHECKING:
         diagnose,
         explain,
         fit,
+        iso,
         load,
         monitor,
         plan,
         predict,
         register,
         save,
+        standards,
         thermal,
     )
 
@@ -34,12 +36,14 @@ __all__ = [
     "diagnose",
     "explain",
     "fit",
+    "iso",
     "load",
     "monitor",
     "plan",
     "predict",
     "register",
     "save",
+    "standards",
     "thermal",
 ]
 

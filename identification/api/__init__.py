@@ -5,6 +5,7 @@ DataFrame. All are in the units of their files: mm, degrees for rotary joints, s
 """
 
 from identification.api.models import describe, diagnose, fit, plan, register, thermal
+from identification.api.standards import iso, standards
 from identification.api.uses import compensate, controllers, explain, load, monitor, predict, save
 
 __all__ = [
@@ -14,11 +15,13 @@ __all__ = [
     "diagnose",
     "explain",
     "fit",
+    "iso",
     "load",
     "monitor",
     "plan",
     "predict",
     "register",
     "save",
+    "standards",
     "thermal",
 ]

@@ -47,6 +47,7 @@ class _Out(click.Path):
 OUT_FILE = _Out(OutputFile, dir_okay=False)
 OUT_FOLDER = _Out(ResultsFolder, file_okay=False)  # a fit
 OUT_TABLES = _Out(partial(ResultsFolder, holds="tables"), file_okay=False)
+OUT_EVALUATION = _Out(partial(ResultsFolder, holds="evaluation"), file_okay=False)
 
 
 class Group(click.Group):

@@ -15,6 +15,7 @@ import numpy as np
 from errormodel.arrays import Array
 from errormodel.exceptions import InputError
 from errormodel.survey import Survey
+from errormodel.survey_record import RecordForm
 from identification.diagnosis.data_checks.checks import find_blunders
 from identification.diagnosis.data_checks.duplicates_and_clock import RESETS
 from identification.estimation.fit import fit_machine
@@ -45,6 +46,7 @@ class Monitored:
     alarms : kind, ids and statement of each alarm.
     records : all cycles of the history, this one included.
     before : whether the history contained the cycle already.
+    test : the block ``test:`` of the cycle's survey.
     """
 
     stored: StoredFit
@@ -54,6 +56,7 @@ class Monitored:
     alarms: list[dict[str, object]]
     records: tuple[Record, ...]
     before: bool
+    test: RecordForm | None = None
 
     @property
     def unseen(self) -> list[Watched]:
@@ -129,7 +132,7 @@ def monitored(folder: Path, stored: StoredFit, survey: Survey, rate: float, acce
         record = known or history.add(_record(digest, survey, judged, what, cycle))
         if accept and not record.normal:
             record = history.accept(record)
-        yield Monitored(stored, what, record, judged, said, tuple(history.records), known is not None)
+        yield Monitored(stored, what, record, judged, said, tuple(history.records), known is not None, survey.record)
 
 
 def _record(digest: str, survey: Survey, judged: Judged, what: tuple[Watched, ...], cycle: Cycle) -> Record:

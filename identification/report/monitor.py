@@ -13,6 +13,7 @@ from identification.monitoring.monitor import Monitored
 from identification.plots.history import draw_history
 from identification.report.page import page
 from identification.report.pictures import Picture, picture
+from identification.report.record_head import head_of
 
 
 def monitor_page(result: Monitored) -> str:
@@ -24,6 +25,7 @@ def monitor_page(result: Monitored) -> str:
         headline=_headline(result),
         history=_history(result),
         rows=_rows(result),
+        head=head_of(result.test),
         version=__version__,
     )
 

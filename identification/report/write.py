@@ -12,6 +12,7 @@ from identification.report.budget import budget_part
 from identification.report.outliers_and_poses import gain_part, outliers_part
 from identification.report.page import page
 from identification.report.pictures import pictures
+from identification.report.record_head import head_of
 from identification.results.analysis import Analysis
 
 if TYPE_CHECKING:
@@ -43,6 +44,7 @@ def report(analysis: Analysis, diagnosed: Diagnosed | None = None, thermal: Ther
         thermal=_thermal(thermal),
         judgements=wording.judgements(fit),
         notes=fit.notes,
+        head=head_of(fit.survey.record),
         results=tables.results(fit),
         motions=tables.motions(fit),
         pictures=pictures(analysis, short=diagnosed is not None),

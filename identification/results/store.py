@@ -88,6 +88,7 @@ def as_json(analysis: Analysis) -> dict[str, Any]:
         "budget": analysis.budgets.as_json(),
         "posterior": fit.posterior.as_json() if fit.posterior else None,
         "notes": list(fit.notes),
+        "test_record": None if fit.survey.record is None else fit.survey.record.model_dump(exclude_defaults=True),
         "at_bound": [asdict(b) for b in fit.at_bound],
         "robust": fit.sorting is not None,
         "outliers": [o.as_json() for o in fit.outliers],

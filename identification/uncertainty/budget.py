@@ -34,6 +34,7 @@ WORST_POSE_CANDIDATES = 400  # random poses, half of them corners at most, among
 FORM_ERROR_SIGMA = 3.0  # standard deviations by which held-out variance must exceed the noise's: convention
 DESIGN_CHUNK_ROWS = 4000  # rows whose M is held at a time: limits the memory
 SENSITIVITY_STEP = 1e-4  # finite difference of a temperature (K) or load channel; lengths and angles use 1e-3 mm, rad
+UNIDENTIFIED_LINE = "parameters that the survey does not identify"  # name of a line
 LEAST_VARIANCE_SHARE = 0.01  # of the fit's variance, above which the unexplained rest gets its own line; by judgement
 
 
@@ -280,8 +281,7 @@ def _prediction(fit: Fit, stored: StoredFit, effects: Sequence[_Effect]) -> Budg
     through = float(row @ (fit.solution.covariance * fit.inflation**2) @ row)
     unseen = float(known[worst, axis]) ** 2 - through
     if unseen > 1e-6 * through:
-        name = "parameters that the survey does not identify"
-        lines.append(Input(name, "B", "normal", sqrt(unseen), "mm", 1.0))
+        lines.append(Input(UNIDENTIFIED_LINE, "B", "normal", sqrt(unseen), "mm", 1.0))
     form = _form(fit)
     if form > 0:
         name = "form of the model, from blocks of rows left out"

@@ -140,6 +140,24 @@ def _variance(fit: StoredFit, names: list[str], design: Array) -> Array:
     base = design[[place[fit.base[k]] for k in kept]]
     covariance = fit.covariance[np.ix_(kept, kept)]
     variance: Array = np.einsum("aim,ab,bim->im", base, covariance, base, optimize=True)
+    for _, column in unidentified(fit, names, design):
+        variance += np.square(column)
+    return variance
+
+
+def unidentified(fit: StoredFit, names: list[str], design: Array) -> Iterator[tuple[str, Array]]:
+    """Parameters that were not identified and act here: names, and effects (3, m) of one standard uncertainty.
+
+    A parameter that depends on the identified ones in the fitted rows, and here as well, has none. The standard
+    uncertainty is its prior, or the size of the identified parameters of the same unit.
+
+    Parameters
+    ----------
+    names : parameters of `design` (parameters, 3 or 6, m).
+    """
+    place = {n: k for k, n in enumerate(names)}
+    kept = [k for k, n in enumerate(fit.base) if n in place]
+    base = design[[place[fit.base[k]] for k in kept]]
     groups = np.zeros((len(kept), len(names)))
     for row, k in enumerate(kept):
         for member, coefficient in fit.groups[fit.base[k]].items():
@@ -156,8 +174,8 @@ def _variance(fit: StoredFit, names: list[str], design: Array) -> Array:
         some = np.flatnonzero(mix)
         left = column - np.tensordot(mix[some], base[some], axes=1)
         left[np.abs(left) < 1e-6 * np.abs(column).max(initial=1e-300)] = 0.0  # round-off: dependent here as well
-        variance += np.square(left * priors.get(name, scale.get(units[name], 0.0)))
-    return variance
+        if left.any():
+            yield name, left * priors.get(name, scale.get(units[name], 0.0))
 
 
 def _plausible(fit: StoredFit) -> dict[str, float]:

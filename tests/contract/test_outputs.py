@@ -167,6 +167,11 @@ OVER = {
     "thermal into its project": ("thermal", "project", "s.csv", "--out", "project"),
     "compensate into its fit": ("compensate", "fit", "--controller", "csv", "--out", "fit"),
     "compensate over another fit": ("compensate", "fit", "--controller", "csv", "--out", "second"),
+    "iso's JSON over its survey": ("iso", "230-2", "m.yaml", "s.csv", "--json", "s.csv"),
+    "iso's JSON over the fit": ("iso", "volume", "fit", "--json", "fit/fit.json"),
+    "iso into its fit": ("iso", "volume", "fit", "--out", "fit"),
+    "iso over another fit": ("iso", "volume", "fit", "--out", "second"),
+    "iso into its survey's folder": ("iso", "230-2", "m.yaml", "project/s.csv", "--out", "project"),
     "register over its profiler": ("register", "parts", "parts", "--profiler", "setup.yaml", "--out", "setup.yaml"),
     "register into its clouds": ("register", "parts", "parts", "--profiler", "setup.yaml", "--out", "parts/a.csv"),
 }  # fmt: skip

@@ -1,0 +1,1 @@
+"""Conformity with tolerances: decision rules, and what they say of the quantities of a standard."""

@@ -1,0 +1,79 @@
+"""Evaluations and decisions in words, for the command line and the certificate."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from identification.conformity.decision import RULES, Conformity, Judgement
+from identification.results.parameter_table import decimals, printed
+from identification.standards.base import Quantity, rounded
+
+if TYPE_CHECKING:
+    from identification.results.evaluation_result import EvaluationResult
+
+MOST_LINES = 24  # quantities that the command line prints of one standard
+
+
+def headline(conformity: Conformity) -> str:
+    """The verdict in one sentence."""
+    if conformity.verdict is None:
+        return "No tolerance is stated: figures without a decision."
+    of = {v: [j for j in conformity.judgements if j.verdict == v] for v in ("fails", "cannot be decided", "passes")}
+    count = len(conformity.judgements)
+    if conformity.verdict == "passes":
+        return f"Passes: {'the one tolerance is' if count == 1 else f'all {count} tolerances are'} met."
+    if conformity.verdict == "fails":
+        more = f" and {len(of['fails']) - 2} more" if len(of["fails"]) > 2 else ""
+        return f"Fails: {'; '.join(map(sentence, of['fails'][:2]))}{more}."
+    more = f" and {len(of['cannot be decided']) - 2} more" if len(of["cannot be decided"]) > 2 else ""
+    return f"Cannot be decided: {'; '.join(map(sentence, of['cannot be decided'][:2]))}{more}."
+
+
+def sentence(j: Judgement) -> str:
+    """Value beside its limit."""
+    return f"{j.quantity.name} {value_text(j.quantity)}, limit {amount(j.limit, j.quantity)}"
+
+
+def value_text(q: Quantity) -> str:
+    """Value with its expanded uncertainty and unit."""
+    factor, unit = printed(q.unit)
+    digits = decimals(factor * q.expanded / 2) if q.expanded else 2
+    around = "" if q.expanded is None else f" ± {factor * q.expanded:.{digits}f}"
+    return f"{rounded(factor * q.value, digits)}{around} {unit}"
+
+
+def cells(q: Quantity) -> tuple[str, str, str]:
+    """Value, expanded uncertainty and unit, for a table."""
+    factor, unit = printed(q.unit)
+    digits = decimals(factor * q.expanded / 2) if q.expanded else 2
+    expanded = "–" if q.expanded is None else rounded(factor * q.expanded, digits)
+    return rounded(factor * q.value, digits), expanded, unit
+
+
+def amount(value: float, q: Quantity) -> str:
+    """A limit or a guard band in the unit of its quantity."""
+    factor, unit = printed(q.unit)
+    return f"{factor * value:.4g} {unit}"
+
+
+def evaluation_lines(result: EvaluationResult) -> Iterator[str]:
+    """What the command line prints."""
+    for e in result.evaluations:
+        yield f"{e.title}"
+        yield f"  {e.source}"
+        width = max((len(q.name) for q in e.quantities), default=0)
+        for q in e.quantities[:MOST_LINES]:
+            yield f"  {q.name:{width}}  {value_text(q):>22}  {q.words}"
+        if len(e.quantities) > MOST_LINES:
+            yield f"  and {len(e.quantities) - MOST_LINES} more, in figures.csv and evaluation.json (--out)"
+        yield ""
+    yield headline(result.conformity)
+    if result.conformity.judgements:
+        yield f"rule: {RULES[result.conformity.rule]}"
+        order = {"fails": 0, "cannot be decided": 1, "passes": 2}
+        for j in sorted(result.conformity.judgements, key=lambda j: order[j.verdict])[:MOST_LINES]:
+            why = f" ({j.reason})" if j.reason else ""
+            yield f"  {j.verdict}: {sentence(j)}, guard band {amount(j.guard, j.quantity)}{why}"
+    if result.conformity.unused:
+        yield f"not tested here: {', '.join(result.conformity.unused)}"

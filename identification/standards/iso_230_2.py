@@ -1,0 +1,174 @@
+"""ISO 230-2: accuracy and repeatability of positioning of linear and rotary axes.
+
+Definitions of ISO 230-2:2014, clause 3, for deviations ``x_ij`` (actual minus target) at targets i in runs j, from both
+sides: means, standard deviations ``s_i`` (n - 1), and of the axis A, E, M, R, B. In particular R is the largest of
+``2 s_i(up) + 2 s_i(down) + |B_i|`` and of both ``4 s_i``, not the larger unidirectional R; and E is the range of the
+means of both directions together, not of one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+
+from errormodel.survey_record import UncertaintyRecord
+from identification.standards.base import Evaluation, Quantity, Standard, spread
+from identification.standards.fitted import FittedMachine
+from identification.standards.series import Series, series_of
+from identification.standards.targets import WORDS, Axis, as_json, axis_of, chart, of_readings, sheet
+
+if TYPE_CHECKING:
+    from errormodel.machine import Machine
+    from errormodel.survey import Survey
+
+USUAL_RUNS = 5  # from each side (ISO 230-2:2014, 5.3.2)
+FEWEST_TARGETS = 5  # in a metre (the same)
+LONGEST_TRAVEL = 2000.0  # mm, up to which that holds
+MODEL_TARGETS = 21  # of a test of a fitted model: enough for curves that polynomials describe
+# expanded uncertainty (k = 2) of a rectangular distribution over its range: 2 / (2 sqrt 3), which annex A rounds up
+OF_RANGE = 0.6
+REFERENCE_TEMPERATURE = 20.0  # degC (ISO 1)
+
+Part: TypeAlias = "tuple[str, str, Axis, list[Quantity], tuple[str, ...]]"  # label, unit, values, figures, remarks
+
+
+def annex_a(
+    travel: float, runs: int, targets: int, given: UncertaintyRecord, noise: float | None, temperature: float | None
+) -> dict[str, float]:
+    """Expanded uncertainties (k = 2) of the figures, mm, by the contributions of annex A.
+
+    Contributions are the device, misalignment (``0.3 R^2 / L``), temperature and coefficient of expansion of the
+    machine (``0.6`` times the range), and the variation of the environment ``0.6 E_VE``. The last acts on each reading
+    independently and is propagated to means and standard deviations of `runs` readings; the others act on lengths, and
+    cancel in what is a difference at one target.
+
+    Parameters
+    ----------
+    travel : length of the test in mm.
+    runs, targets : readings of a target from one side, and targets.
+    given : what the survey states.
+    noise : standard uncertainty of one reading of the instrument in mm; None where none is declared.
+    temperature : of the machine during the test in degC; None: 20.
+    """
+    device = given.device if given.device is not None else None if noise is None else 2 * noise
+    off = abs((REFERENCE_TEMPERATURE if temperature is None else temperature) - REFERENCE_TEMPERATURE)
+    reading = np.hypot(OF_RANGE * given.environment, 2 * (noise or 0.0))
+    out = of_readings(float(reading), runs, targets) if reading > 0 else {}
+    if device is not None:
+        common = (
+            device**2
+            + (OF_RANGE / 2 * given.misalignment**2 / travel) ** 2
+            + (OF_RANGE * given.coefficient * travel * 2 * given.temperature) ** 2
+            + (OF_RANGE * off * travel * 2 * given.coefficient_bound) ** 2
+        )
+        shares = dict.fromkeys(("E", "E↑", "E↓"), 2 / runs) | {"M": 1 / runs}
+        shares |= dict.fromkeys(("A", "A↑", "A↓"), 4 + 2 / runs)
+        out |= {name: float(np.sqrt(common + share * reading**2)) for name, share in shares.items()}
+    return out
+
+
+class Positioning(Standard):
+    """Positioning of each axis."""
+
+    number = "230-2"
+    title = "ISO 230-2:2014, accuracy and repeatability of positioning"
+    needs = (
+        "readings of one joint at targets, while the others stand still: rows about its error motions (column joint) "
+        "or measured points"
+    )
+
+    def of_survey(self, survey: Survey, machine: Machine) -> Evaluation:
+        found = [s for s in series_of(survey, machine) if np.isfinite(s.along).sum() >= 3]
+        if not found:
+            raise self.lacking(survey, "no joint was read at three targets with the others standing still")
+        record = survey.record
+        given = UncertaintyRecord() if record is None else record.uncertainty
+        warm = None if record is None else record.ambient.machine_temperature
+        parts: list[Part] = []
+        for series in found:
+            axis = axis_of(series.q, series.along, series.direction)
+            sigma = series.along_sigma
+            noise = None if sigma is None or not np.isfinite(sigma).any() else float(np.nanmax(sigma))
+            travel = float(np.ptp(axis.targets))
+            own = given if series.unit == "mm" else UncertaintyRecord()  # its lengths say nothing about an angle
+            known = annex_a(travel, max(axis.runs, 1), len(axis.targets), own, noise, warm)
+            quantities = [
+                Quantity(name, series.label, WORDS[name], float(v), series.unit, known.get(name), _basis(name, known))
+                for name, v in axis.figures().items()
+            ]
+            parts.append((series.label, series.unit, axis, quantities, tuple(_remarks(series, axis))))
+        return _evaluation(self, f"survey {survey.source.name}", parts)
+
+    def of_fit(self, model: FittedMachine) -> Evaluation:
+        parts: list[Part] = []
+        for joint in model.joints:
+            if joint.type != "prismatic" or np.ptp(model.covered[joint.name]) == 0:
+                continue
+            q = model.path(joint, MODEL_TARGETS)
+            k, axis = model.joints.index(joint), model.toward(joint)
+            came = -np.ones_like(q)
+            came[:, k] = 1.0
+            up = model.errors(q, came) @ axis
+            came[:, k] = -1.0
+            down = model.errors(q, came) @ axis
+            none = np.full(MODEL_TARGETS, np.nan)
+            whole = Axis(q[:, k], up, down, none, none, 0)
+            figures = whole.figures() if model.reversing(joint) else {"E": np.ptp(up, axis=-1)}
+            quantities = [
+                Quantity(name, joint.name, WORDS[name], value, "mm", expanded, "covariance of the fit")
+                for name, (value, expanded) in ((n, spread(v)) for n, v in figures.items())
+            ]
+            best = Axis(q[:, k], up[0], down[0], none, none, 0)
+            parts.append((joint.name, "mm", best, quantities, ()))
+        still = [label for label, _, _, own, _ in parts if len(own) == 1]
+        play = (f"no play of {', '.join(still)} is in the model, which says nothing of B therefore",) if still else ()
+        notes = (
+            *play,
+            "A and R are of repeated readings and cannot come from a fitted model; of the model these are the "
+            "systematic figures, along the middle of the measured travels",
+        )
+        return replace(_evaluation(self, model.source, parts, notes), sheets=())
+
+
+def _basis(name: str, known: dict[str, float]) -> str:
+    if name in known:
+        return "annex A"
+    if name.startswith(("R", "B")):
+        return "test.uncertainty.environment and the instrument's noise are not stated"
+    return "neither instrument nor test.uncertainty.device is stated"
+
+
+def _remarks(series: Series, axis: Axis) -> list[str]:
+    out = []
+    name = series.label
+    travel = float(np.ptp(axis.targets))
+    if axis.runs < USUAL_RUNS:
+        out.append(
+            f"{name}: {axis.runs} run{'s' if axis.runs != 1 else ''} from each side; the standard has {USUAL_RUNS}"
+        )
+    if axis.one_sided:
+        out.append(f"{name}: {axis.one_sided}")
+    if not axis.both:
+        out.append(f"{name}: targets were approached from one side only, so that A, E, M, R and B are not given")
+    if series.unit == "mm" and travel <= LONGEST_TRAVEL and len(axis.targets) < FEWEST_TARGETS * max(travel / 1000, 1):
+        out.append(f"{name}: {len(axis.targets)} targets; the standard has at least {FEWEST_TARGETS} in a metre")
+    steps = np.diff(axis.targets)
+    if len(steps) > 2 and np.ptp(steps) < 1e-6 * float(np.abs(steps).max()):
+        out.append(f"{name}: targets in equal steps, which do not show periodic errors of that pitch")
+    return out
+
+
+def _evaluation(
+    kind: Positioning,
+    source: str,
+    parts: list[Part],
+    notes: tuple[str, ...] = (),
+) -> Evaluation:
+    sheets = tuple(sheet(label, unit, axis) for label, unit, axis, _, _ in parts)
+    charts = tuple(chart(label, unit, axis) for label, unit, axis, _, _ in parts)
+    data: dict[str, Any] = {label: as_json(axis, unit) for label, unit, axis, _, _ in parts}
+    quantities = tuple(q for _, _, _, own, _ in parts for q in own)
+    every = (*notes, *(note for *_, own in parts for note in own))
+    return Evaluation(kind.number, kind.title, source, quantities, sheets, charts, every, data)

@@ -1,0 +1,301 @@
+"""ISO 230-4: circular tests of two linear axes.
+
+Circular deviation G: least radial separation of two concentric circles around the path, in one direction and of both
+together. Radial deviation F: from the nominal radius about the least-squares centre, its largest and smallest value.
+Mean bidirectional radial deviation D: mean radius of both directions minus the nominal one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+from itertools import combinations
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from errormodel.arrays import Array, Index
+from errormodel.chain import Chain
+from errormodel.exceptions import InputError
+from identification.standards.base import Chart, Evaluation, Quantity, Standard, spread, text
+from identification.standards.fitted import FittedMachine
+from identification.standards.series import DRAWS, SAME_POSITION, measured_points
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from errormodel.machine import Machine
+    from errormodel.survey import Survey
+
+MODEL_POINTS = 180  # of a circle of a fitted model: every two degrees
+MODEL_RADIUS_SHARE = 0.4  # of the shorter measured travel; ISO 230-4 leaves the radius to be agreed on
+LEAST_ARC = np.radians(300.0)  # of a circle in a survey: less does not determine its centre well; by judgement
+FEWEST_POINTS = 8  # of a circle in a survey
+ROUND_SHARE = 1e-6  # of the radius: commands closer to the circle lie on it
+
+WORDS = {
+    "G+": "circular deviation, counter-clockwise",
+    "G-": "circular deviation, clockwise",
+    "G(b)": "bidirectional circular deviation",
+    "F max": "largest radial deviation",
+    "F min": "smallest radial deviation",
+    "D": "mean bidirectional radial deviation",
+}
+
+
+@dataclass(frozen=True)
+class Circle:
+    """Deviations on one circle.
+
+    Attributes
+    ----------
+    axes : names of the two axes; `radius` in mm.
+    angle : (n,) rad from the first axis to the second.
+    radial : (1 + draws, n) mm, outward, about the nominal centre; `sense` (n,) +1 counter-clockwise, -1 clockwise.
+    """
+
+    axes: tuple[str, str]
+    radius: float
+    angle: Array
+    radial: Array
+    sense: Array
+
+    @property
+    def name(self) -> str:
+        return "".join(self.axes)
+
+    def of(self, sense: float) -> tuple[Array, Array]:
+        own = self.sense == sense
+        return self.angle[own], self.radial[:, own]
+
+
+def centred(angle: Array, radial: Array) -> Array:
+    """Radial deviations (..., n) about their least-squares centre: without the part cos, sin."""
+    design = np.column_stack([np.ones_like(angle), np.cos(angle), np.sin(angle)])
+    shares = radial @ np.linalg.pinv(design).T
+    return np.asarray(radial - shares[..., 1:] @ design[:, 1:].T)
+
+
+def minimum_zone(angle: Array, radial: Array) -> tuple[float, Array]:
+    """Least radial separation of concentric circles around radial deviations (n,), and its centre (2,).
+
+    A shift of the centre by a small (x, y) takes ``x cos + y sin`` off: a linear programme in x, y and two radii.
+    """
+    from scipy.optimize import linprog
+
+    size = max(float(np.ptp(radial)), 1e-12)
+    columns = np.column_stack([np.cos(angle), np.sin(angle)])
+    one, none = np.ones((len(angle), 1)), np.zeros((len(angle), 1))
+    # x cos + y sin + outer >= radial, x cos + y sin + inner <= radial
+    above = np.vstack([np.hstack([-columns, -one, none]), np.hstack([columns, none, one])])
+    bound = np.concatenate([-radial, radial]) / size
+    solved = linprog([0, 0, 1, -1], A_ub=above, b_ub=bound, bounds=[(None, None)] * 4, method="highs")
+    if not solved.success:  # bounded and feasible by construction
+        raise RuntimeError(f"circles: {solved.message}")
+    x, y, outer, inner = (size * float(v) for v in np.asarray(solved.x))
+    return outer - inner, np.array([x, y])
+
+
+def figures(circle: Circle) -> dict[str, tuple[float, float | None]]:
+    """Value and expanded uncertainty of each figure.
+
+    Circular deviations are of the minimum zone; their uncertainty is that of the range about the least-squares centre.
+    """
+    out: dict[str, tuple[float, float | None]] = {}
+    both, means = [], []
+    for symbol, sense in (("G+", 1.0), ("G-", -1.0)):
+        angle, radial = circle.of(sense)
+        if len(angle):
+            out[symbol] = (minimum_zone(angle, radial[0])[0], spread(np.ptp(centred(angle, radial), axis=-1))[1])
+            both.append(angle)
+            means.append(radial.mean(axis=-1))
+    about = centred(circle.angle, circle.radial)
+    if len(both) == 2:
+        out["G(b)"] = (minimum_zone(circle.angle, circle.radial[0])[0], spread(np.ptp(about, axis=-1))[1])
+    out["F max"], out["F min"] = spread(about.max(axis=-1)), spread(about.min(axis=-1))
+    if len(both) == 2:
+        out["D"] = spread(np.mean(means, axis=0))
+    return out
+
+
+class Circles(Standard):
+    """Circles of two linear axes."""
+
+    number = "230-4"
+    title = "ISO 230-4:2022, circular tests"
+    needs = "measured points on a circle of commands of two linear axes, over 300° or more"
+
+    def of_survey(self, survey: Survey, machine: Machine) -> Evaluation:
+        found = list(_circles(survey, machine))
+        if not found:
+            raise self.lacking(survey, "no rows lie on a circle of two linear axes with both components measured")
+        known = len(found[0].radial) > 1
+        basis = "noise of the instrument as declared" if known else "the survey declares no noise of its instrument"
+        return _evaluation(self, f"survey {survey.source.name}", found, basis, ())
+
+    def of_fit(self, model: FittedMachine) -> Evaluation:
+        linear = model.linear
+        found = [_of_model(model, a, b) for a, b in combinations(linear, 2)]
+        if not found:
+            raise InputError(str(model.folder), "fewer than two linear axes moved in its survey", "Measure the volume")
+        notes = (
+            "of the geometry and what the model has of play: a path at feed has errors of the drives as well, which "
+            "a model of standing poses does not know",
+        )
+        return _evaluation(self, model.source, found, "covariance of the fit", notes)
+
+
+def _of_model(model: FittedMachine, a: int, b: int) -> Circle:
+    first, second = model.joints[a], model.joints[b]
+    radius = MODEL_RADIUS_SHARE * min(float(np.ptp(model.range(j))) for j in (first, second))
+    angle = np.linspace(0.0, 2 * np.pi, MODEL_POINTS, endpoint=False) + np.pi / MODEL_POINTS  # off the quadrants
+    q = np.tile(model.middle(), (MODEL_POINTS, 1))
+    q[:, a] += radius * np.cos(angle)
+    q[:, b] += radius * np.sin(angle)
+    outward = np.outer(np.cos(angle), model.toward(first)) + np.outer(np.sin(angle), model.toward(second))
+    came = np.ones_like(q)
+    came[:, a], came[:, b] = -np.sign(np.sin(angle)), np.sign(np.cos(angle))
+    radial = [np.einsum("kni,ni->kn", model.errors(q, sense * came), outward) for sense in (1.0, -1.0)]
+    senses = np.repeat([1.0, -1.0], MODEL_POINTS)
+    return Circle((first.name, second.name), radius, np.tile(angle, 2), np.hstack(radial), senses)
+
+
+def _circles(survey: Survey, machine: Machine) -> Iterator[Circle]:
+    points = measured_points(survey, machine, Chain(machine))
+    if points is None:
+        return
+    joints = machine.joints
+    q = survey.commands([j.name for j in joints])[points.index]
+    rng = np.random.default_rng(0)
+    linear = [k for k, j in enumerate(joints) if j.type == "prismatic"]
+    for a, b in combinations(linear, 2):
+        others = np.round(np.delete(q, [a, b], axis=1) / SAME_POSITION).astype(np.int64)
+        _, inverse = np.unique(others, axis=0, return_inverse=True)
+        for code in range(int(inverse.max()) + 1):
+            own = np.flatnonzero(inverse.ravel() == code)
+            circle = None if len(own) < FEWEST_POINTS else _circle(q[own][:, [a, b]])
+            if circle is None:
+                continue
+            angle, radius, on, sense = circle
+            rows = own[on]
+            u, v = _direction(points.nominal[own], q[own, a], q[own, b])
+            outward = np.outer(np.cos(angle), u) + np.outer(np.sin(angle), v)
+            used = np.abs(outward).max(axis=0) > 1e-9
+            radial = np.sum(points.deviation[rows][:, used] * outward[:, used], axis=1)
+            if not np.isfinite(radial).all():
+                continue
+            drawn = radial[None]
+            if points.sigma is not None:
+                std = np.sqrt(np.sum(np.square(points.sigma[rows][:, used] * outward[:, used]), axis=1))
+                drawn = np.vstack([radial, radial + std * rng.standard_normal((DRAWS, len(radial)))])
+            yield Circle((joints[a].name, joints[b].name), radius, angle, drawn, sense)
+
+
+def _circle(q: Array) -> tuple[Array, float, Index, Array] | None:
+    """Angle, radius, rows and sense of commands (n, 2) on a circle; None where they lie on none."""
+    design = np.column_stack([2 * q, np.ones(len(q))])
+    x, y, c = np.linalg.lstsq(design, np.square(q).sum(axis=1), rcond=None)[0]
+    radius = float(np.sqrt(max(c + x * x + y * y, 0.0)))
+    about = q - [x, y]
+    if radius < 1e-3 or np.abs(np.linalg.norm(about, axis=1) - radius).max() > ROUND_SHARE * radius + 1e-3:
+        return None
+    angle = np.arctan2(about[:, 1], about[:, 0])
+    turned = np.diff(np.unwrap(angle))
+    ordered = np.sort(np.mod(angle, 2 * np.pi))
+    gap = np.max(np.append(np.diff(ordered), ordered[0] + 2 * np.pi - ordered[-1]))
+    if 2 * np.pi - gap < LEAST_ARC or len(ordered) < FEWEST_POINTS:
+        return None
+    step = np.sign(turned)
+    sense = np.append(step, step[-1])
+    sense = np.where(sense == 0, np.append(step[1:], [step[-1], step[-1]])[: len(sense)], sense)
+    return angle, radius, np.arange(len(q)), np.where(sense >= 0, 1.0, -1.0)
+
+
+def _direction(nominal: Array, a: Array, b: Array) -> tuple[Array, Array]:
+    """Unit vectors (3,) in which the tip moves with either axis."""
+    design = np.column_stack([a - a.mean(), b - b.mean()])
+    u, v = np.linalg.lstsq(design, nominal - nominal.mean(axis=0), rcond=None)[0]
+    return u / np.linalg.norm(u), v / np.linalg.norm(v)
+
+
+def _evaluation(kind: Circles, source: str, found: list[Circle], basis: str, notes: tuple[str, ...]) -> Evaluation:
+    quantities, charts = [], []
+    data: dict[str, Any] = {}
+    for circle in found:
+        label = circle.name if sum(c.name == circle.name for c in found) == 1 else f"{circle.name} r{circle.radius:g}"
+        known = figures(circle)
+        place = f"(radius {circle.radius:.4g} mm)"
+        for symbol, (value, expanded) in known.items():
+            words = f"{WORDS[symbol]} {place}"
+            quantities.append(Quantity(symbol, label, words, value, "mm", expanded, basis))
+        charts.append(
+            Chart(
+                f"circle {label}",
+                f"{label}: path at radius {circle.radius:.4g} mm, radial deviations about the least-squares centre, "
+                "enlarged as the scale says; counter-clockwise blue, clockwise orange. "
+                f"{text(known['F max'][0], 'mm')} µm outside, {text(-known['F min'][0], 'mm')} µm inside the circle.",
+                f"Polar plot of the circular path of {label}",
+                partial(_draw, circle),
+            )
+        )
+        data[label] = {
+            "radius": circle.radius, "angle": circle.angle.tolist(), "radial": circle.radial[0].tolist(),
+            "sense": circle.sense.tolist(),
+        }  # fmt: skip
+    return Evaluation(kind.number, kind.title, source, tuple(quantities), (), tuple(charts), notes, data)
+
+
+def _draw(circle: Circle) -> Figure:
+    from matplotlib.figure import Figure
+
+    from identification.plots import style
+
+    figure = Figure(figsize=(style.REPORT_WIDTH_IN, 4.3), facecolor="white")
+    axes = style.panel(figure, 1.9, 0.1, 4.1, 4.1)
+    left = 1e3 * centred(circle.angle, circle.radial[0])
+    step = _round(max(float(np.abs(left).max()), 1e-6))
+    base = 4.0 * step  # of the nominal circle, in which the deviations are drawn
+    around = np.linspace(0, 2 * np.pi, 361)
+    for k in (-2, -1, 0, 1, 2):
+        ring = base + k * step
+        axes.plot(
+            ring * np.cos(around),
+            ring * np.sin(around),
+            lw=1.2 if k == 0 else 0.6,
+            color=style.MUTED if k == 0 else style.FAINT,
+        )
+    first, second = circle.of(1.0)[1], circle.of(-1.0)[1]
+    alike = first.shape == second.shape and np.abs(first[0] - second[0]).max() < 1e-9
+    words = "both ways" if alike else "counter-clockwise"
+    senses = ((1.0, style.FITTED, words), (-1.0, style.AXIS_COLOURS[0], "clockwise"))
+    for sense, colour, words in senses[: 1 if alike else 2]:
+        own = circle.sense == sense
+        if not own.any():
+            continue
+        order = np.argsort(np.mod(circle.angle[own], 2 * np.pi), kind="stable")
+        angle = circle.angle[own][order]
+        r = base + left[own][order]
+        axes.plot(
+            np.append(r * np.cos(angle), r[0] * np.cos(angle[0])),
+            np.append(r * np.sin(angle), r[0] * np.sin(angle[0])),
+            lw=1.2,
+            color=colour,
+            label=words,
+        )
+    reach = base + 2.3 * step
+    axes.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal")
+    axes.set_axis_off()
+    axes.plot([0, 0.9 * base], [0, 0], lw=0.8, color=style.MUTED)
+    axes.plot([0, 0], [0, 0.9 * base], lw=0.8, color=style.MUTED)
+    axes.text(0.92 * base, 0, style.plain(circle.axes[0], 16), ha="right", va="bottom", size=style.BODY_TEXT)
+    axes.text(0, 0.92 * base, style.plain(circle.axes[1], 16), ha="left", va="top", size=style.BODY_TEXT)
+    axes.text(-1.4 * reach, -reach, f"one ring: {step:g} µm", size=style.SMALL_TEXT, color=style.MUTED)
+    axes.legend(loc="upper left", bbox_to_anchor=(-0.4, 1.0), fontsize=style.SMALL_TEXT, frameon=False)
+    return figure
+
+
+def _round(size: float) -> float:
+    """A scale of one, two or five times a power of ten of which two hold the size."""
+    power = 10.0 ** np.floor(np.log10(size / 2))
+    return float(next(power * k for k in (1, 2, 5, 10) if 2 * power * k >= size))
