@@ -131,7 +131,12 @@ def flush(path: Path) -> None:
         return  # a folder cannot be opened there
     handle = os.open(path, os.O_RDONLY if folder else os.O_RDWR)
     try:
-        os.fsync(handle)
+        if sys.platform == "darwin":  # whose fsync leaves data in the cache of the drive
+            import fcntl
+
+            fcntl.fcntl(handle, fcntl.F_FULLFSYNC)
+        else:
+            os.fsync(handle)
     except OSError as error:
         if error.errno not in (errno.EINVAL, errno.ENOTSUP, errno.ENOSYS):  # file systems without this operation
             raise
