@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import hashlib
 import os
+import re
 import stat
 import sys
 import time
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
 LOCK_WAIT_SECONDS = 60.0  # s to wait for another process that holds the lock; by judgement
 LOCK_FILE = ".errormodel.lock"  # name of the lock file, on systems where a folder itself cannot be locked
 UNWRITABLE_CURE = "Give a place that can be written to"  # correction in messages about files that cannot be written
+FORMULA = re.compile(r"\s*'*\s*[=+\-@]")  # what a spreadsheet may run, and what would read back as such
+QUOTED_FORMULA = r"^'(?=\s*'*\s*[=+\-@])"  # the apostrophe before it
 
 
 @contextmanager
@@ -68,10 +71,28 @@ def write_bytes_atomic(data: bytes, path: Path | str) -> None:
 def write_csv(frame: pd.DataFrame, path: Path | str) -> None:
     """Write a table without its index, each float in the shortest form that reads back as the same float.
 
-    NaN and None become empty cells, which a survey reads as "not measured".
+    NaN and None become empty cells, which a survey reads as "not measured". Text that a spreadsheet would take for a
+    formula gets an apostrophe in front, which spreadsheets show as text and `without_apostrophes` takes away.
     """
+    text = frame.select_dtypes(exclude=["number", "bool"]).columns
+    frame = frame.assign(**{name: frame[name].map(_inert) for name in text})
     with replacing(path) as part:
         frame.to_csv(part, index=False, lineterminator="\n", encoding="utf-8")
+
+
+def _inert(cell: object) -> object:
+    if not isinstance(cell, str) or not FORMULA.match(cell):
+        return cell
+    try:
+        float(cell)  # a sign is no formula
+    except ValueError:
+        return f"'{cell}"
+    return cell
+
+
+def without_apostrophes(text: pd.Series[str]) -> pd.Series[str]:
+    """Cells as they were before `write_csv` put apostrophes before those that look like formulas."""
+    return text.str.replace(QUOTED_FORMULA, "", regex=True)
 
 
 def plain_mode(path: Path) -> int | None:
@@ -110,7 +131,12 @@ def flush(path: Path) -> None:
         return  # a folder cannot be opened there
     handle = os.open(path, os.O_RDONLY if folder else os.O_RDWR)
     try:
-        os.fsync(handle)
+        if sys.platform == "darwin":  # whose fsync leaves data in the cache of the drive
+            import fcntl
+
+            fcntl.fcntl(handle, fcntl.F_FULLFSYNC)
+        else:
+            os.fsync(handle)
     except OSError as error:
         if error.errno not in (errno.EINVAL, errno.ENOTSUP, errno.ENOSYS):  # file systems without this operation
             raise

@@ -5,6 +5,7 @@ Every reader passes the paths that it opens through :func:`noted`, which does no
 
 from __future__ import annotations
 
+import stat
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
@@ -32,9 +33,13 @@ class Output(Protocol):
 
 @dataclass
 class Run:
-    """A command: its name, the options that change its result, its outputs, and digests of the files it has read."""
+    """A command: name, arguments, options that change its result, outputs, and digests of the files it has read.
+
+    Of files, arguments and options have the names.
+    """
 
     command: str
+    arguments: dict[str, Any]
     options: dict[str, Any]
     outputs: Sequence[Output]
     inputs: dict[Path, str] = field(default_factory=dict)
@@ -64,14 +69,46 @@ def running(run: Run | None) -> Iterator[None]:
         _run.reset(token)
 
 
+def is_unicode(text: str) -> bool:
+    """Whether a text can be written as UTF-8: neither file names of other encodings nor halves of characters can."""
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
+
+
+def check_readable(path: Path) -> None:
+    """Check that a path can be named in results, and leads to a file or folder if to anything.
+
+    Reading a pipe may wait for ever, and a device may never end.
+
+    Raises
+    ------
+    InputError
+        It does not.
+    """
+    if not is_unicode(str(path)):
+        shown = str(path).encode("utf-8", "backslashreplace").decode()
+        raise InputError(shown, "a name that is not UTF-8, which results could not state", "Rename it")
+    try:
+        mode = path.stat().st_mode
+    except (OSError, ValueError):  # opening the file gives the reason
+        return
+    if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
+        kind = "a pipe" if stat.S_ISFIFO(mode) else "a socket" if stat.S_ISSOCK(mode) else "a device"
+        raise InputError(str(path), f"{kind}, which may never end", "Write what it gives to a file, and give that")
+
+
 def noted(path: Path) -> Path:
     """Record the path of a file that is now read, and return it.
 
     Raises
     ------
     InputError
-        The command would overwrite it.
+        The command would overwrite it, or it is no plain file (see `check_readable`).
     """
+    check_readable(path)
     run = _run.get()
     if run is not None:
         run.refuse(path)

@@ -50,6 +50,9 @@ _RESERVED_COLUMNS = frozenset(_COLUMN_WORDS.split())
 _COLUMN_PREFIXES = ("T_", "w_", "dir_")
 
 LEAST_SPACING_SHARE = 0.01  # of the travel: drives of one axis are not so close together
+# most entries, of which a description takes a few seconds; machines have some twenty elements and a few effects
+MOST_ELEMENTS, MOST_EFFECTS = 150, 200
+LONGEST_NAME = 200  # characters of a machine's name, which stands in titles; by judgement
 _NAME_RULE = "a name of letters, digits and _, such as X or T1"
 _AXIS_WORDS = {sign + "xyz"[i]: i for i in range(3) for sign in ("", "+", "-")}  # words for an axis, with its index
 
@@ -84,10 +87,13 @@ class _ErrorsBlock(FileModel):
 class MachineForm(VersionedModel):
     """``machine.yaml``."""
 
-    name: str | None = Field(None, description="the machine's name, in quotes if need be")
+    name: Annotated[str, Field(max_length=LONGEST_NAME)] | None = Field(
+        None, description=f"the machine's name, in quotes if need be, of at most {LONGEST_NAME} characters"
+    )
     units: UnitsBlock = Field(UnitsBlock(), description="units such as {length: mm, angle: deg}")
-    chain: Annotated[list[dict[str, Any]], Field(min_length=1)] = Field(
-        description="the joints and shapes from the workpiece to the tool, each a line such as "
+    chain: Annotated[list[dict[str, Any]], Field(min_length=1, max_length=MOST_ELEMENTS)] = Field(
+        description=f"the joints and shapes from the workpiece to the tool, at most {MOST_ELEMENTS}, each a line such "
+        "as "
         "- {joint: X, type: prismatic, axis: x, travel: [0, 500]} or - {shape: T1, offset: [0, 0, 100]}"
     )
     tool: Vector3 = Field(
@@ -97,7 +103,9 @@ class MachineForm(VersionedModel):
         _ErrorsBlock(shapes="all", joints="first-order"),
         description="such as {shapes: all, joints: {X: first-order}}",
     )
-    effects: list[dict[str, Any]] | None = Field(None, description="a list such as [{effect: ram-sag, joint: W}]")
+    effects: Annotated[list[dict[str, Any]], Field(max_length=MOST_EFFECTS)] | None = Field(
+        None, description=f"a list of at most {MOST_EFFECTS}, such as [{{effect: ram-sag, joint: W}}]"
+    )
     notes: str | None = Field(None, description="text, in quotes if need be")
     source: str | None = Field(None, description="text, in quotes if need be")
 

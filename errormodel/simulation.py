@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 
@@ -50,12 +50,14 @@ def read_truth(path: Path, chain: Chain) -> Truth:
 
     from errormodel import yamlfile
 
+    largest = yamlfile.LARGEST_NUMBER
+
     class FrameForm(yamlfile.FileModel):
         translation: yamlfile.Vector3 = Field([0.0, 0.0, 0.0], description="[x, y, z] in mm")
         rotation: yamlfile.Vector3 = Field([0.0, 0.0, 0.0], description="three angles in degrees, such as [0, 0, 90]")
 
     class TruthForm(yamlfile.FileModel):
-        parameters: dict[str, FiniteFloat] = Field(default_factory=dict)
+        parameters: dict[str, Annotated[FiniteFloat, Field(ge=-largest, le=largest)]] = Field(default_factory=dict)
         frame: FrameForm = Field(default_factory=FrameForm)
 
     document = yamlfile.load(path)

@@ -97,6 +97,11 @@ class Survey:
         return self._columns(joints)
 
     @property
+    def name(self) -> str:
+        """Name of the source without its folder, as results state it."""
+        return _name(self.source)
+
+    @property
     def tool(self) -> Array:
         """Functional points in the last frame, (n, 3) in mm."""
         return self._columns(TOOL_COLUMNS)
@@ -167,9 +172,12 @@ def read_survey(source: Path | str | pd.DataFrame, machine: Machine, measured: b
     check_units(document, machine, form.units, (name for own in plans for plan in own for name in plan.ours))
     for (entry, tables), own in zip(opened, plans, strict=True):
         part = _read_file(entry, tables, own, machine, form, measured)
-        notes |= dict.fromkeys(f"{entry.path}: {note}" for note in part.notes)
-        notes |= dict.fromkeys(f"{entry.path}: {note}" for note in check_series(part.frame, machine, entry.path))
-        notes |= dict.fromkeys(check_sizes(part.frame, machine, form.units, entry.path, measured))
+        # results state the file as survey.yaml does, or by its name: the same wherever the command is run
+        label = entry.path if document.data else _name(Path(entry.path))
+        part.frame["file"] = label
+        notes |= dict.fromkeys(f"{label}: {note}" for note in part.notes)
+        notes |= dict.fromkeys(f"{label}: {note}" for note in check_series(part.frame, machine, label))
+        notes |= dict.fromkeys(check_sizes(part.frame, machine, form.units, label, measured))
         parts.append(part)
     if measured and all(entry.role == "test" for entry in form.files):
         raise document.error(("files",), "only test files", "Give at least one file the role fit")
@@ -188,6 +196,10 @@ def read_survey(source: Path | str | pd.DataFrame, machine: Machine, measured: b
         table, form.frame, tuple(form.refit), form.instrument, path, tuple(notes), tuple(form.budget),
         frame_rotation=rotation, record=form.test,
     )  # fmt: skip
+
+
+def _name(path: Path) -> str:
+    return path.name if path.name not in ("", "..") else path.resolve().name
 
 
 def _side_notes(table: pd.DataFrame, machine: Machine, frame: Frame) -> Iterator[str]:
@@ -236,7 +248,7 @@ def _read_file(
     if len(parts) > 1:
         frame = pd.concat([part.frame for part in parts], ignore_index=True)
         frame["row"] = np.arange(1, len(frame) + 1)
-    frame["file"], frame["role"] = entry.path, entry.role
+    frame["role"] = entry.role
     notes = [note for plan in plans for note in plan.notes] + [note for part in parts for note in part.notes]
     return Part(frame, parts[0].dated, tuple(notes))
 

@@ -17,7 +17,9 @@ from numpy.typing import NDArray
 from errormodel.conventions import MOTIONS, ROTATIONS
 from errormodel.drives import as_one
 from errormodel.exceptions import InputError, nearest
+from errormodel.files import without_apostrophes
 from errormodel.formats.base import Table, as_numbers
+from errormodel.instruments.base import LARGEST_SIGMA, LEAST_SIGMA
 from errormodel.machine import Machine
 from errormodel.survey_columns import (
     LENGTH_COLUMNS,
@@ -114,7 +116,9 @@ def read_part(table: Table, plan: Plan, machine: Machine, units: SurveyUnits, me
     columns: dict[str, Any] = {
         name: _convert(name, plain[name], machine, units) if name in plain else values[name][0] for name in values
     }
-    frame = pd.DataFrame(columns | {name: raw[name].str.strip() for name in plan.texts}, index=raw.index)
+    frame = pd.DataFrame(
+        columns | {name: without_apostrophes(raw[name].str.strip()) for name in plan.texts}, index=raw.index
+    )
 
     joint = frame["joint"].to_numpy(dtype=object) if "joint" in frame else np.full(len(frame), "", dtype=object)
     volumetric = joint == ""
@@ -209,8 +213,12 @@ def _check_measured(offences: _Offences, frame: pd.DataFrame, units: SurveyUnits
             offences.add(name, large, found, cure)
     for name in ("sigma", *SIGMA_COLUMNS, *MOTION_UNCERTAINTIES):
         if name in frame:
-            bad = frame[name].to_numpy() <= 0
-            offences.add(name, bad, "{} as a standard uncertainty", "Write a number above 0, or leave the cell empty")
+            sigma = frame[name].to_numpy()
+            cure = "Write a number above 0, or leave the cell empty"
+            offences.add(name, sigma <= 0, "{} as a standard uncertainty", cure)
+            low, high = LEAST_SIGMA, LARGEST_SIGMA
+            found, cure = "{} as a standard uncertainty, which no instrument has", "Check its unit (mm, rad; k = 1)"
+            offences.add(name, (sigma > 0) & (sigma < low) | (sigma > high), found, cure)
 
 
 def _check_labels(offences: _Offences, frame: pd.DataFrame, machine: Machine) -> None:

@@ -20,12 +20,12 @@ from ruamel.yaml import YAML, MappingNode, Node, ScalarNode, SequenceNode
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 
 from errormodel.exceptions import InputError, nearest
-from errormodel.inputs import noted
+from errormodel.inputs import is_unicode, noted
 
 Keys: TypeAlias = tuple[str | int, ...]
 """The way to a value: keys of mappings, and places in lists counted from 0."""
 
-MAX_YAML_BYTES = 1_000_000  # longest file, bytes; by judgement: data belong in tables
+MAX_YAML_BYTES = 500_000  # longest file, bytes: at most 5 s to parse; the longest of a machine has some 20 kB
 MAX_YAML_VALUES = 100_000  # most values; every use of an alias counts, which stops files that expand exponentially
 MAX_YAML_DEPTH = 40  # deepest nesting; by judgement
 
@@ -40,8 +40,10 @@ _CONSTRUCTED_TAGS = {
 # tags of values read as text, dates among them
 _TEXT_TAGS = {_YAML_TAG + name for name in ("str", "timestamp", "value", "merge")}
 
-Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
-"""A finite number; text and true/false are refused."""
+LARGEST_NUMBER = 1e15  # beyond all quantities of machines in any unit, and far below what squares overflow at
+
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-LARGEST_NUMBER, le=LARGEST_NUMBER)]
+"""A finite number of a size that can be computed with; text and true/false are refused."""
 
 Vector3 = Annotated[list[Number], Field(min_length=3, max_length=3)]
 
@@ -199,7 +201,7 @@ class _Builder:
             except (ValueError, KeyError, OverflowError, YAMLError) as error:
                 raise self._error(node, keys, shown(node.value), f"Write {_CONSTRUCTED_TAGS[tag]}") from error
         if isinstance(node, ScalarNode) and tag in _TEXT_TAGS:
-            return str(node.value)
+            return self._text(node, keys)
         tag = tag.replace(_YAML_TAG, "!!")
         raise self._error(node, keys, f"the tag {tag}", "Remove it: only text, numbers, lists and mappings are read")
 
@@ -210,7 +212,7 @@ class _Builder:
             if not isinstance(key_node, ScalarNode) or tag not in _TEXT_TAGS:
                 what = str(key_node.value)[:60] if isinstance(key_node, ScalarNode) else f"a {_kind(key_node)}"
                 raise self._error(key_node, keys, f"{what} as a key", "Write the key as text, in quotes if need be")
-            key = str(key_node.value)
+            key = self._text(key_node, keys)
             here, line = (*keys, key), key_node.start_mark.line + 1
             if key in result:
                 first = f"the key is already given in line {self.lines[here]}"
@@ -218,6 +220,13 @@ class _Builder:
             self.lines[here] = line
             result[key] = self.build(value, here)
         return result
+
+    def _text(self, node: ScalarNode, keys: Keys) -> str:
+        text = str(node.value)
+        if not is_unicode(text):
+            cure = "Write the character itself, or none"
+            raise self._error(node, keys, f"{ascii(text)[:60]}, half of a character, which no file can hold", cure)
+        return text
 
     def _error(self, node: Node, keys: Keys, found: str, cure: str) -> InputError:
         key = f", key {dotted(keys)}" if keys else ""

@@ -26,6 +26,7 @@ def _by_suffix() -> dict[str, ModuleType]:
 
 _MODULES = _by_suffix()
 SUFFIXES = tuple(_MODULES)
+MOST_COLUMNS = 10_000  # of a table: a survey has some ten; more take longer to read than a survey to fit
 
 
 def module_of(suffix: str) -> ModuleType:
@@ -65,6 +66,9 @@ def _open(path: Path, name: str) -> Table:
     if module is None:
         raise InputError(name, f"a file of type '{path.suffix}'", f"Write the table as one of {', '.join(SUFFIXES)}")
     table: Table = module.open_table(path, name)
+    if len(table.columns) > MOST_COLUMNS:
+        found = f"more than {MOST_COLUMNS} columns"
+        raise InputError(f"{name}, header", found, "Give a table with a column for each quantity, and a row a pose")
     return table
 
 

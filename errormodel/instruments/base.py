@@ -12,11 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, Field
 
+from errormodel.exceptions import InputError
 from errormodel.yamlfile import FileModel, Number
 
 Array = NDArray[np.float64]
 NotNegative = Annotated[Number, Field(ge=0)]
 Positive = Annotated[Number, Field(gt=0)]
+
+# mm or rad: below the diameter of an atom, beyond that of a machine; weights of rows far from these cannot be computed
+LEAST_SIGMA, LARGEST_SIGMA = 1e-9, 1e4
 
 
 def _some(pair: list[float]) -> list[float]:
@@ -82,10 +86,21 @@ class Instrument(FileModel, ABC):
         -------
         array (n, 3, 3) or None
             mm^2, k = 1, in the axes of the measuring frame; None where the noise is to be estimated from the data.
+
+        Raises
+        ------
+        InputError
+            An uncertainty is none that an instrument has.
         """
         total: Array | None = None
         for source in self.sources(points):
             total = source.covariance if total is None else total + source.covariance
+        if total is not None and len(total):
+            std = np.sqrt(np.linalg.eigvalsh(total))
+            odd = std[~((std >= LEAST_SIGMA) & (std <= LARGEST_SIGMA))]
+            if len(odd):
+                found = f"a standard uncertainty of {odd[0]:.3g} mm of a measured point, which no instrument has"
+                raise InputError(f"instrument {self.type}", found, "Check its numbers and their units (mm, rad; k = 1)")
         return total
 
     def draw_noise(self, points: Array, rng: np.random.Generator) -> Array:

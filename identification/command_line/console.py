@@ -17,7 +17,7 @@ import click
 
 from errormodel import __version__
 from errormodel.exceptions import InputError
-from errormodel.inputs import Run, running
+from errormodel.inputs import Run, check_readable, is_unicode, running
 from identification.results.output_file import OutputFile
 from identification.results.results_folder import ResultsFolder
 from identification.results.terminal import one_line
@@ -41,6 +41,9 @@ class _Out(click.Path):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         if not str(value):
             raise InputError(str(param.opts[0] if param else "--out"), "an empty name", "Give a name")
+        if not is_unicode(os.fsdecode(value)):
+            found = f"{os.fsencode(value)!r}, a name that is not UTF-8"
+            raise InputError(str(param.opts[0] if param else "--out"), found, "Give a name in UTF-8")
         return self.make(Path(os.fsdecode(super().convert(value, param, ctx))))
 
 
@@ -82,11 +85,14 @@ def command(function: Callable[..., None]) -> click.Command:
 
     @functools.wraps(function)
     def run(*args: Any, quiet: bool, seed: int, **kwargs: Any) -> None:
-        global _quiet  # noqa: PLW0603  one process runs one command
-        _quiet = quiet
-        given = kwargs | ({"seed": seed} if draws else {})
-        with running(_run_of(given)):
-            function(*args, **given)
+        global _quiet  # noqa: PLW0603  one process runs one command, or one within another
+        before, _quiet = _quiet, quiet
+        try:
+            given = kwargs | ({"seed": seed} if draws else {})
+            with running(_run_of(given)):
+                function(*args, **given)
+        finally:
+            _quiet = before
 
     run = click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Random seed.")(run)
     run = click.option("--quiet", is_flag=True, help="Print nothing but errors.")(run)
@@ -104,7 +110,8 @@ def _run_of(given: dict[str, Any]) -> Run:
     context = click.get_current_context()
     outputs = [v for v in given.values() if isinstance(v, OutputFile | ResultsFolder)]
     options = {p.name: _plain(given[p.name]) for p in context.command.params if _changes_result(p, given)}
-    run = Run(str(context.info_name), options, outputs)
+    arguments = {str(p.name): _named(given[p.name]) for p in context.command.params if isinstance(p, click.Argument)}
+    run = Run(str(context.info_name), arguments, options, outputs)
     for k, output in enumerate(outputs):
         if any(output.path.absolute() == other.path.absolute() for other in outputs[:k]):
             raise InputError(str(output), "two results of this command in one file", "Give each a name of its own")
@@ -113,6 +120,7 @@ def _run_of(given: dict[str, Any]) -> Run:
             several = given.get(param.name or "")
             for path in several if isinstance(several, tuple) else [several]:
                 if path is not None:
+                    check_readable(path)
                     run.refuse(path)
     for param in context.command.params:
         value = given.get(param.name or "")
@@ -128,9 +136,16 @@ def _changes_result(param: click.Parameter, given: dict[str, Any]) -> bool:
     return isinstance(param, click.Option) and param.name in given and not isinstance(param.type, _Out)
 
 
+def _named(value: Any) -> Any:
+    """An argument as a manifest has it: a machine may be given by its path as well."""
+    return _plain(Path(value) if isinstance(value, str) and value else value)
+
+
 def _plain(value: Any) -> Any:
-    """An option as a manifest has it: of a file its name, wherever it stands."""
-    return value.name if isinstance(value, Path) else value
+    """An option or argument as a manifest has it: of a file its name, wherever it stands."""
+    if isinstance(value, tuple | list):
+        return [_plain(v) for v in value]
+    return (value.name or value.resolve().name) if isinstance(value, Path) else value
 
 
 _quiet = False

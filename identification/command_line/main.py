@@ -36,8 +36,15 @@ if TYPE_CHECKING:
     from identification.results.results_folder import ResultsFolder
 
 STOPPED = 130  # exit code of what Ctrl-C ended: 128 and the number of SIGINT
+NO_MEMORY = (
+    "memory: there is too little for this input; nothing was put in place. "
+    "Give fewer rows or a machine with fewer parameters, or raise the limit"
+)
+# what a library that cannot be loaded, and a thread that cannot be started, say of it
+NO_MEMORY_WORDS = ("failed to map segment", "annot allocate memory", "can't start new thread")
 MOST_POSES = 10_000_000  # simulated in one go
 MOST_PLANNED = 2000
+LARGEST_NOISE_MM = 1e4  # of a simulated recording: beyond the size of machines
 
 
 @command
@@ -164,7 +171,7 @@ def _noise(text: str, survey: Survey | None) -> float | Literal["instrument"]:
         value = float(text)
     except ValueError:
         value = -1.0
-    if not 0 <= value < float("inf"):
+    if not 0 <= value <= LARGEST_NOISE_MM:
         raise InputError("--noise", f"'{text}'", "Write a standard deviation in mm (0.005), or instrument")
     return value
 
@@ -254,6 +261,7 @@ from identification.command_line import explain as cli_explain  # noqa: E402, F4
 from identification.command_line import iso as cli_iso  # noqa: E402, F401
 from identification.command_line import monitor as cli_monitor  # noqa: E402, F401
 from identification.command_line import register as cli_register  # noqa: E402, F401
+from identification.command_line import rerun as cli_rerun  # noqa: E402, F401
 from identification.command_line import thermal as cli_thermal  # noqa: E402, F401
 from identification.command_line import verify as cli_verify  # noqa: E402, F401
 
@@ -281,6 +289,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
         sys.exit(STOPPED)
     except BrokenPipeError:
         sys.exit(1)
+    except MemoryError:
+        _fail(NO_MEMORY)
+    except (ImportError, RuntimeError) as error:
+        if not any(words in str(error) for words in NO_MEMORY_WORDS):
+            raise
+        _fail(NO_MEMORY)
     except OSError as error:  # a full disk, a device that fails
         place = "the output" if error.filename is None else str(error.filename)
         _fail(f"{place}: {error.strerror}. Nothing was put in place; free space there, or give --out another", code=1)

@@ -20,9 +20,5 @@ def verify(folder: Path) -> None:
     if made is None:
         found = f"it holds no {manifest.NAME}, which fit, diagnose, thermal and compensate write"
         raise InputError(str(folder), found, "Give a folder of results of this version or a later one")
-    wrong = dict.fromkeys(manifest.wrong(folder), "changed, or of another result")
-    wrong |= {name: "missing" for name in made.files if not (folder / name).is_file()}
-    if wrong:
-        found = "; ".join(f"{name}: {what}" for name, what in wrong.items())
-        raise InputError(str(folder), found, "Put those files back, or run the command again with another folder")
+    manifest.check_complete(folder, made)
     say(f"{folder}: all {len(made.files)} files are as `errormodel {made.command}` wrote them")

@@ -17,13 +17,15 @@ from errormodel.chain import TOOL_CHANNELS
 from errormodel.channels import direction
 from errormodel.conventions import MOTIONS
 from errormodel.exceptions import InputError
+from errormodel.files import without_apostrophes
 from errormodel.inputs import noted
 from errormodel.instruments.plain import Plain
 from errormodel.machine import Machine
 from errormodel.survey import Survey
 from identification.observation.assembly import frame_labels
 from identification.observation.pose import IDENTITY, Pose
-from identification.results.stored_fit import CURE, StoredFit
+from identification.results.fit_file import CURE
+from identification.results.stored_fit import StoredFit
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -46,6 +48,8 @@ def read_rows(folder: Path, machine: Machine) -> pd.DataFrame:
         table = pd.read_csv(path, dtype={"run": str, "file": str})
     except (OSError, ValueError) as error:
         raise InputError(str(path), f"it cannot be read ({error})", CURE) from error
+    for name in {"run", "file"} & {*table}:
+        table[name] = without_apostrophes(table[name])
     missing = [j.name for j in machine.joints if j.name not in table]
     if missing or not len(table):
         found = f"no column '{missing[0]}'" if missing else "no rows"

@@ -138,7 +138,7 @@ def monitored(folder: Path, stored: StoredFit, survey: Survey, rate: float, acce
 def _record(digest: str, survey: Survey, judged: Judged, what: tuple[Watched, ...], cycle: Cycle) -> Record:
     status = "alarm" if judged.alarm else "learning" if judged.learning else "normal"
     flagged = tuple(w.id for w, out in zip(what, judged.flagged, strict=True) if out)
-    return Record(0, digest, str(survey.source), status, False, flagged, cycle)
+    return Record(0, digest, survey.name, status, False, flagged, cycle)
 
 
 def _measure(stored: StoredFit, what: tuple[Watched, ...], survey: Survey) -> Cycle:

@@ -13,7 +13,7 @@ from pydantic import Field
 
 from errormodel import yamlfile
 from errormodel.exceptions import InputError, nearest
-from errormodel.instruments.base import Instrument
+from errormodel.instruments.base import LARGEST_SIGMA, LEAST_SIGMA, Instrument
 from errormodel.instruments.plain import Plain
 from errormodel.machine import Joint, Machine
 from errormodel.survey_file import AnyInstrument
@@ -125,7 +125,7 @@ def noise_of(setup: Setup, noise: float | None) -> Instrument | float:
     if isinstance(setup.instrument, Plain):
         if noise is None:
             return 1e-3  # 1 um: predicted uncertainties are per micrometre of noise
-        if not 0 < noise < float("inf"):
+        if not LEAST_SIGMA <= noise <= LARGEST_SIGMA:
             raise InputError(
                 "--noise", f"{noise:g}", "Write a standard uncertainty of a coordinate in mm, such as 0.005"
             )

@@ -79,7 +79,7 @@ def results(fit: Fit) -> list[Result]:
         own = ["its frame"] * any(".d" in n or ".e" in n for n in test.refit if not n.startswith("tool"))
         own += ["its tool"] * any(n.startswith("tool") for n in test.refit)
         note = f"predicted; estimated from its own rows: {' and '.join(own)}" if own else "predicted, nothing estimated"
-        name = f"Test {file_name(test.path)}"
+        name = f"Test {test.path}"
         rows += [Result(name, "nominal", test.nominal), Result(name, note, test.fitted)]
     return rows
 
@@ -233,9 +233,9 @@ def inputs(fit: Fit) -> list[tuple[str, str]]:
     """Names of the input files."""
     machine = fit.chain.machine
     rows = [("Machine", file_name(machine.source) if machine.source else machine.name)]
-    rows.append(("Survey", file_name(fit.survey.source)))
+    rows.append(("Survey", fit.survey.name))
     counts = fit.survey.table["file"].value_counts(sort=False)
-    rows += [("Fitted file", f"{file_name(str(file))}, {n} rows") for file, n in counts.items()]
-    rows += [("Test file", f"{file_name(test.path)}, {len(test.survey)} rows") for test in fit.tests]
+    rows += [("Fitted file", f"{file}, {n} rows") for file, n in counts.items()]
+    rows += [("Test file", f"{test.path}, {len(test.survey)} rows") for test in fit.tests]
     instrument = fit.survey.instrument.type
     return [*rows, ("Instrument", instrument if fit.survey.sized else f"{instrument}, as its residuals show it")]

@@ -41,8 +41,8 @@ def three(value: float) -> str:
 
 
 def file_name(path: Path | str) -> str:
-    """Path as the user wrote it, without the folders of an absolute path."""
-    return Path(path).name if Path(path).is_absolute() else str(path)
+    """Name of a file, without the folders that depend on where the command was run."""
+    return Path(path).name
 
 
 def headline(fit: Fit) -> str:

@@ -5,7 +5,6 @@ It contains no dates and no absolute paths, so that the same input gives the sam
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +14,7 @@ from errormodel import __version__
 from errormodel.exceptions import InputError
 from errormodel.files import sha256
 from errormodel.inputs import current
+from identification.results.versions import read_json
 
 NAME = "manifest.json"  # file in each folder of results
 SCHEMA = "errormodel.manifest/1"
@@ -31,6 +31,8 @@ class Manifest:
     files : digests by the paths in the folder, with /.
     inputs : digests by the names of the files that were read.
     made_by : what the folder holds, in words for a message.
+    arguments, options : of the command; None as arguments where the version that wrote it kept none.
+    version : of errormodel.
     """
 
     command: str
@@ -38,6 +40,9 @@ class Manifest:
     files: Mapping[str, str]
     inputs: Mapping[str, list[str]]
     made_by: str
+    arguments: Mapping[str, Any] | None
+    options: Mapping[str, Any]
+    version: str
 
 
 def made_by(command: str, options: Mapping[str, Any]) -> str:
@@ -56,6 +61,7 @@ def written(folder: Path, holds: str) -> dict[str, Any]:
         "version": __version__,
         "holds": holds,
         "command": run.command if run else "",
+        "arguments": run.arguments if run else {},
         "options": run.options if run else {},
         "inputs": sorted(inputs, key=lambda i: (i["name"], i["sha256"])),
         "files": {p.relative_to(folder).as_posix(): sha256(p) for p in sorted(folder.rglob("*")) if p.is_file()},
@@ -72,16 +78,22 @@ def read(folder: Path) -> Manifest | None:
     """
     path = folder / NAME
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-        if data["schema"] != SCHEMA:
-            found = f"its schema is {data['schema']!r}, not {SCHEMA!r}: errormodel {data.get('version')} wrote it"
-            raise InputError(str(path), found, "Use that version of errormodel")
+        data = read_json(path, SCHEMA, CURE)
         files = {str(name): str(digest) for name, digest in data["files"].items()}
         inputs: dict[str, list[str]] = {}
         for entry in data["inputs"]:
             inputs.setdefault(str(entry["name"]), []).append(str(entry["sha256"]))
-        command = str(data["command"])
-        return Manifest(command, str(data["holds"]), files, inputs, made_by(command, data.get("options", {})))
+        command, options, arguments = str(data["command"]), dict(data.get("options", {})), data.get("arguments")
+        return Manifest(
+            command,
+            str(data["holds"]),
+            files,
+            inputs,
+            made_by(command, options),
+            None if arguments is None else dict(arguments),
+            options,
+            str(data.get("version", "")),
+        )
     except (FileNotFoundError, NotADirectoryError):
         return None
     except OSError as error:
@@ -120,6 +132,21 @@ def check_whole(folder: Path) -> None:
     manifest = read(folder)
     if manifest is not None and (others := wrong(folder)):
         raise foreign(folder, others[0], manifest)
+
+
+def check_complete(folder: Path, manifest: Manifest) -> None:
+    """Check that all files of a folder are there and as they were written.
+
+    Raises
+    ------
+    InputError
+        About all that are not.
+    """
+    bad = dict.fromkeys(wrong(folder), "changed, or of another result")
+    bad |= {name: "missing" for name in manifest.files if not (folder / name).is_file()}
+    if bad:
+        found = "; ".join(f"{name}: {what}" for name, what in bad.items())
+        raise InputError(str(folder), found, "Put those files back, or run the command again with another folder")
 
 
 def foreign(folder: Path, name: str, manifest: Manifest) -> InputError:

@@ -22,9 +22,10 @@ from identification.estimation.result import Fit
 from identification.observation.pose import Pose
 from identification.results.analysis import Analysis
 from identification.results.correlations import correlations
+from identification.results.fit_file import SCHEMA
 from identification.results.json_text import dumps
 from identification.results.results_folder import ResultsFolder, whole
-from identification.results.stored_fit import SCHEMA, StoredFit, read_files
+from identification.results.stored_fit import StoredFit, read_files
 from identification.uncertainty.further_poses import leverages
 from identification.uncertainty.measured_range import covered
 
@@ -46,7 +47,7 @@ def as_json(analysis: Analysis) -> dict[str, Any]:
         "schema": SCHEMA,
         "version": __version__,
         "machine": fit.chain.machine.name,
-        "survey": str(fit.survey.source),
+        "survey": fit.survey.name,
         "parameters": analysis.parameters,
         "location_errors": [e.as_json() for e in analysis.location_errors],
         "no_effect": list(s.groups.no_effect),

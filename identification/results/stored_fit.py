@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,10 +16,11 @@ from errormodel.inputs import noted
 from errormodel.machine_file import read_machine
 from identification.estimation.result import Fit, Spread
 from identification.observation.pose import Pose
+from identification.results.fit_file import CURE, SCHEMA, check_fit, check_parameters
+from identification.results.versions import read_json
 from identification.uncertainty.measured_range import covered
 
-SCHEMA = "errormodel.fit/1"
-CURE = "Give the folder that `errormodel fit ... --out DIR` wrote"
+CORRELATION_MARGIN = 1e-6  # rounding errors of a covariance, relative; far above those of a product of matrices
 
 
 @dataclass(frozen=True)
@@ -63,13 +63,14 @@ def read_files(folder: Path) -> StoredFit:
     """Read the files of a fit: without the manifest and the lock of `identification.results.store.load`."""
     path = noted(folder / "fit.json")
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-        if data["schema"] != SCHEMA:
-            raise InputError(str(path), f"its schema is {data['schema']!r}, not {SCHEMA!r}", CURE)
+        data = read_json(path, SCHEMA, CURE)
+        check_fit(path, data)
         entries = data["parameters"]
         base = tuple(str(p["id"]) for p in entries)
+        chain = _machine_of(folder, base)
+        check_parameters(path, data, chain)
         fit = StoredFit(
-            _machine_of(folder, base),
+            chain,
             {p["id"]: float(p["value"]) for p in entries},
             base,
             _covariance(folder, base, np.array([p["std"] for p in entries], dtype=float)),
@@ -128,4 +129,8 @@ def _covariance(folder: Path, base: tuple[str, ...], std: Array) -> Array:
     ours = tuple(table.columns) == base and len(matrix) == len(base)
     if not ours or not np.allclose(np.diag(matrix), std**2, rtol=1e-9, atol=0.0):
         raise InputError(str(path), "it is of another fit than fit.json", "Run the fit again")
+    bound = np.sqrt(np.outer(np.diag(matrix), np.diag(matrix))) * (1 + CORRELATION_MARGIN)
+    if not (np.abs(matrix) <= bound).all() or not (np.abs(matrix - matrix.T) <= CORRELATION_MARGIN * bound).all():
+        found = "it is no covariance matrix: not symmetric, or with correlations beyond 1"
+        raise InputError(str(path), found, "Run the fit again")
     return matrix

@@ -104,7 +104,7 @@ class Thermal:
         return {
             "schema": "errormodel.thermal/1",
             "machine": self.fit.chain.machine.name,
-            "survey": str(r.survey.source),
+            "survey": r.survey.name,
             "groups": [list(g) for g in r.groups],
             "left_out": r.left_out,
             "motions": [asdict(m) for m in self.motions],

@@ -193,10 +193,10 @@ COMMANDS: dict[str, Case] = {
     "fit too deep": (PREDICT, {"fit/fit.json": "[" * 100000}, ("fit/fit.json", "cannot be read as a fit")),
     "fit of a list": (PREDICT, {"fit/fit.json": "[1]"}, ("fit/fit.json", "cannot be read as a fit")),
     "fit of another schema": (PREDICT, {"fit/fit.json": '{"schema": "x"}'}, ("fit/fit.json", "'errormodel.fit/1'")),
-    "fit cut short": (PREDICT, {"fit/fit.json": FIT_JSON % "{}"}, ("fit/fit.json", "cannot be read as a fit")),
+    "fit cut short": (PREDICT, {"fit/fit.json": FIT_JSON % "{}"}, ("key parameters[1].id", "missing", "again")),
     "fit with a hole": (
         PREDICT, {"fit/fit.json": lambda t: re.sub(r'"value": [-+.\de]+', '"value": null', t, count=1)},
-        ("fit/fit.json", "cannot be read as a fit")),
+        ("fit/fit.json, key parameters[1].value", "nothing", "again")),
     "covariance of another fit": (
         PREDICT, {"fit/covariance.csv": lambda t: re.sub(r"(?<=\n)[\d.e-]+", "1.0", t, count=1)},
         ("fit/covariance.csv", "of another fit", "Run the fit again")),

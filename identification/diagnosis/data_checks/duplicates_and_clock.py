@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 CHANCE = 1e-4  # that so many repeats agree to the last digit of a coarse reading
 COARSE = 20.0  # steps of the last digit: where the noise is larger, three components do not agree by chance
 DIGITS = 9  # behind the decimal point, mm
+FINEST_DIGITS = 6  # behind the decimal point, mm: no instrument repeats a point of a machine to a nanometre
 REPEATS = 3  # that differ: fewer do not tell what repeats look like
 RESETS = 3  # of a clock in one file; more, and the rows are simply not in the order of time
 
@@ -80,16 +81,21 @@ def _without(table: pd.DataFrame, rows: Index) -> pd.DataFrame:
 
 
 def _noisy(chain: Chain, rest: Survey) -> bool:
-    """Whether a fit of the other rows leaves so much above the last digit of the readings that no repeat agrees."""
+    """Whether a fit of the other rows leaves so much above the last digit of the readings that no repeat agrees.
+
+    Rows too few for a fit leave nothing; then no instrument agrees with itself to the last of so many digits.
+    """
     from identification.estimation.fit import fit_machine
 
-    try:
-        left = 1e-3 * fit_machine(chain.machine, rest).fitted.rms_um
-    except (InputError, np.linalg.LinAlgError):
-        return False
     values = rest.measured[np.isfinite(rest.measured)]
     digits = next((d for d in range(DIGITS) if np.allclose(values, values.round(d), rtol=0.0, atol=1e-12)), DIGITS)
-    return bool(left > COARSE * 10.0**-digits)
+    try:
+        fit = fit_machine(chain.machine, rest)
+    except (InputError, np.linalg.LinAlgError):
+        return digits > FINEST_DIGITS
+    if fit.solution.dof <= 0:
+        return digits > FINEST_DIGITS
+    return bool(1e-3 * fit.fitted.rms_um > COARSE * 10.0**-digits)
 
 
 def _by_chance(table: pd.DataFrame, chain: Chain, count: int, rest: Survey) -> bool:

@@ -52,11 +52,11 @@ def passed(machine: Machine, survey: Survey, fitted: Callable[[], Fit], robust: 
     try:
         fit = looked_over(fitted())
     except InputError:
+        _refuse_copies(Chain(machine), survey)
         if not robust:  # which says itself that too many rows are wrong
             examine(machine, survey)  # a mistake is a better reason than what came of it
         raise
-    if (copies := copied_rows(fit.chain, survey)) is not None:  # they lie where they should, and count more than once
-        raise InputError(str(survey.source), copies.text, _cure(copies))
+    _refuse_copies(fit.chain, survey)
     refuse_turned_head(fit)
     refuse_unstated_rotation(fit)
     nominal = fit.nominal
@@ -66,6 +66,11 @@ def passed(machine: Machine, survey: Survey, fitted: Callable[[], Fit], robust: 
     if _whole(survey) and another(fit.chain, nominal) and not _known_by(fit):
         raise InputError(str(survey.source), "this is not the machine that was measured", far_off(nominal))
     return fit
+
+
+def _refuse_copies(chain: Chain, survey: Survey) -> None:
+    if (copies := copied_rows(chain, survey)) is not None:  # they lie where they should, and count more than once
+        raise InputError(str(survey.source), copies.text, _cure(copies))
 
 
 def examine(machine: Machine, survey: Survey, robust: bool = False) -> None:

@@ -1,0 +1,134 @@
+"""Schema of ``fit.json`` as far as it is read back."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from errormodel.chain import Chain
+from errormodel.exceptions import InputError
+from errormodel.yamlfile import Keys, Number, Vector3, dotted, shown
+
+SCHEMA = "errormodel.fit/1"
+CURE = "Give the folder that `errormodel fit ... --out DIR` wrote"
+INSTRUMENT_MEMBER = re.compile(r"(frame(\[.*\])?|zero\[.*\])\.(d[xyz]|e[abc])", re.DOTALL)  # no parameter of a chain
+
+NotNegative = Annotated[Number, Field(ge=0)]
+Figure = NotNegative | None  # JSON has null for what was not computed
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(extra="ignore", strict=True)  # keys of later versions are additions
+
+
+class _Parameter(_Part):
+    id: str
+    group: str
+    symbol: str
+    value: Number
+    std: NotNegative
+    unit: str
+    members: Annotated[dict[str, Number], Field(min_length=1)]
+
+
+class _Pose(_Part):
+    translation: Vector3
+    rotation: Vector3
+    undetermined: list[Vector3] = []
+
+
+class _Frame(_Part):
+    label: str
+    alignment: _Pose
+
+
+class _Spread(_Part):
+    rms_um: Figure
+    mean_um: Figure
+    max_um: Figure
+    n: Annotated[int, Field(ge=0)]
+
+
+class _Test(_Part):
+    path: str
+    frame: list[_Frame] = []
+
+
+class _Noise(_Part):
+    sigma: Figure
+    declared: bool
+
+
+class _LocationError(_Part):
+    symbol: str
+    words: str
+    unit: str
+    members: dict[str, Number]
+
+
+class FitFile(_Part):
+    """The keys of ``fit.json`` that prediction, compensation and monitoring use."""
+
+    parameters: list[_Parameter]
+    frame_mode: Literal["shared", "per-run", "per-file", "fixed"]
+    frame: list[_Frame]
+    nominal: _Spread
+    fitted: _Spread
+    test: list[_Test]
+    noise: dict[str, _Noise]
+    location_errors: list[_LocationError] = []
+    covered: dict[str, Annotated[list[Number], Field(min_length=2, max_length=2)]] = {}
+    robust: bool = False
+
+
+def check_fit(path: Path, data: dict[str, Any]) -> None:
+    """Check types, lengths and finite numbers of ``fit.json``.
+
+    Raises
+    ------
+    InputError
+        About the first wrong key.
+    """
+    try:
+        FitFile.model_validate(data)
+    except ValidationError as error:
+        detail = error.errors(include_url=False)[0]
+        keys: Keys = detail["loc"]
+        missing = detail["type"] == "missing"
+        found = "it is missing" if missing else f"{shown(detail['input'])}: {_wanted(detail['msg'])}"
+        raise InputError(f"{path}, key {dotted(keys)}", found, "Run the fit again") from error
+
+
+def _wanted(message: str) -> str:
+    return message.replace("Input should", "it should").replace("List should", "it should")
+
+
+def check_parameters(path: Path, data: Mapping[str, Any], chain: Chain) -> None:
+    """Check that units and members of the groups are those of the machine beside the file, and that there is a frame.
+
+    Raises
+    ------
+    InputError
+        About the first that is not.
+    """
+    for p in data["parameters"]:
+        where = f"{path}, parameter '{p['id']}'"
+        unknown = next((m for m in p["members"] if m not in chain.index and not INSTRUMENT_MEMBER.fullmatch(m)), None)
+        if unknown is not None:
+            raise InputError(where, f"the member '{unknown}', which the machine does not have", "Run the fit again")
+        unit = unit_of_parameter(p["id"], chain)
+        if p["unit"] != unit:
+            raise InputError(where, f"the unit '{p['unit']}', where the machine's is {unit}", "Run the fit again")
+    if data["fitted"]["n"] and not data["frame"] and data["frame_mode"] != "fixed":
+        raise InputError(f"{path}, key frame", "no measuring frame", "Run the fit again")
+
+
+def unit_of_parameter(identity: str, chain: Chain) -> str:
+    """Unit of a parameter of the chain, of a measuring frame or of an instrument's zero."""
+    if identity in chain.index:
+        return chain.parameters[chain.index[identity]].unit
+    return "mm" if identity.rpartition(".")[2] in ("dx", "dy", "dz") else "rad"

@@ -1,0 +1,164 @@
+"""Whatever is read ends soon: no pipe is waited for, nothing is read beyond its bound, too little memory is said."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from errormodel import library
+from tests.helpers.commands import MILL, done, run, write
+
+POSIX = pytest.mark.skipif(sys.platform == "win32", reason="pipes, names and limits of POSIX")
+ROOT = Path(__file__).resolve().parents[2]
+SOON_S = 5.0  # s of the processor: what a wrong input may take
+
+
+@pytest.fixture
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    done("simulate", MILL, 60, "--noise", 0.002, "--out", "s.csv")
+    return tmp_path
+
+
+def table(columns: int, rows: int = 1) -> str:
+    names = ",".join(f"c{k}" for k in range(columns))
+    return f"X,Y,Z,mx,my,mz,{names}\n" + rows * f"1,2,3,1,2,3,{','.join(['1'] * columns)}\n"
+
+
+def machine(more: str) -> str:
+    return library()[MILL].read_text(encoding="utf-8") + more
+
+
+def shapes(count: int) -> str:
+    head = "errormodel: 1\nchain:\n  - {joint: X, type: prismatic, axis: x, travel: [0, 500]}\n"
+    return head + "".join(f"  - {{shape: T{k}}}\n" for k in range(count))
+
+
+LARGE: dict[str, tuple[str, Callable[[], str], str]] = {
+    "a million columns": ("w.csv", lambda: table(1_000_000), "w.csv, header: more than 10000 columns"),
+    "20 000 columns": ("w.csv", lambda: table(20_000, 20), "w.csv, header: more than 10000 columns"),
+    "a header without an end": ("w.csv", lambda: "X" * 3_000_000, "w.csv"),
+    "30 000 effects": (
+        "m.yaml", lambda: machine("effects:\n" + 30_000 * "  - {effect: backlash, joint: X}\n"), "m.yaml: longer"),
+    "300 effects": (
+        "m.yaml", lambda: machine("effects:\n" + 300 * "  - {effect: backlash, joint: X}\n"), "at most 200"),
+    "1000 shapes": ("m.yaml", lambda: shapes(1000), "at most 150"),
+    "a name of 1000 letters": ("m.yaml", lambda: "name: " + "N" * 1000 + "\n" + shapes(1), "at most 200 characters"),
+    "a deep list": ("m.yaml", lambda: "name: " + "[" * 10_000 + "]" * 10_000, "nested too deep"),
+    "many keys": ("m.yaml", lambda: "".join(f"a{k}: 1\n" for k in range(40_000)), "m.yaml, line"),
+    "a number of 300 digits": ("m.yaml", lambda: machine("").replace("[-380, 380]", "[-1.0e+300, 380]"), "travel"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", LARGE)
+def test_large_input_is_refused_soon(name: str, place: Path) -> None:
+    file, content, words = LARGE[name]
+    write(Path(file), content())
+    begun = time.process_time()
+    result = run("describe", file) if file == "m.yaml" else run("fit", MILL, file, "--out", "out")
+    assert result.code == 2, result.out[:500]
+    assert words in result.err, result.err
+    assert time.process_time() - begun < SOON_S
+
+
+@POSIX
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("fit", MILL, "pipe.csv", "--out", "out"),
+        ("fit", MILL, "pipe.yaml", "--out", "out"),
+        ("fit", MILL, "s.csv", "--priors", "pipe.yaml", "--out", "out"),
+        ("describe", "pipe.yaml"),
+        ("simulate", MILL, "pipe.csv", "--out", "p.csv"),
+        ("simulate", MILL, 5, "--parameters", "pipe.yaml", "--out", "p.csv"),
+        ("plan", MILL, "--points", 20, "--setup", "pipe.yaml"),
+        ("fit", MILL, "linked.csv", "--out", "out"),
+        ("fit", MILL, "survey.yaml", "--out", "out"),
+        ("predict", "fit", "pipe.csv", "--out", "p.csv"),
+        ("describe", "/dev/zero"),
+    ],
+)
+def test_pipes_and_devices_are_not_waited_for(words: tuple[object, ...], place: Path) -> None:
+    for name in ("pipe.csv", "pipe.yaml"):
+        os.mkfifo(name)
+    Path("linked.csv").symlink_to("pipe.csv")
+    write(Path("survey.yaml"), "errormodel: 1\nfiles: [{path: pipe.csv}]\n")
+    result = run(*words)
+    assert result.code == 2
+    assert "which may never end. Write what it gives to a file" in result.err, result.err
+
+
+@POSIX
+def test_names_that_are_not_utf_8(place: Path) -> None:
+    bad = os.fsdecode(b"a\xff")
+    Path(f"{bad}.csv").write_bytes(Path("s.csv").read_bytes())
+    for words in (
+        ("fit", MILL, f"{bad}.csv", "--out", "out"),
+        ("fit", MILL, "s.csv", "--out", bad),
+        ("simulate", MILL, 5, "--out", f"{bad}2.csv"),
+    ):
+        result = run(*words)
+        assert result.code == 2
+        assert "not UTF-8" in result.err
+    assert {p.name for p in place.iterdir()} == {"s.csv", f"{bad}.csv", ".errormodel.sha256"}
+
+
+@pytest.mark.parametrize("text", ['name: "\\ud800"', '"\\udc00": 1', "notes: ['\\ud800', \"\\uDFFF\"]"])
+def test_halves_of_characters(text: str, place: Path) -> None:
+    write(Path("m.yaml"), f"{text}\n{shapes(1)}")
+    result = run("describe", "m.yaml", "--json", "d.json")
+    assert result.code == 2
+    assert "half of a character" in result.err
+    assert not Path("d.json").exists()
+
+
+@pytest.mark.parametrize("sigma", ["1e-300", "1e-12", "1e5", "1e300"])
+def test_uncertainties_that_no_instrument_has(sigma: str, place: Path) -> None:
+    rows = Path("s.csv").read_text().splitlines()
+    write(Path("t.csv"), "\n".join([f"{rows[0]},sigma", *(f"{r},{sigma}" for r in rows[1:])]))
+    result = run("fit", MILL, "t.csv", "--out", "out")
+    assert result.code == 2
+    assert "t.csv, row 1 (line 2), column sigma" in result.err
+    for block in (f"{{type: cmm, sigma: [{sigma}, 0]}}", f"{{type: interferometer, sigma: [{sigma}, 0]}}"):
+        write(Path("s.yaml"), f"errormodel: 1\nfiles: [{{path: s.csv}}]\ninstrument: {block}\n")
+        result = run("fit", MILL, "s.yaml", "--out", "out")
+        assert result.code == 2, result.out
+        assert "sigma" in result.err or "which no instrument has" in result.err
+    assert run("plan", MILL, "--points", 20, "--noise", sigma).code == 2
+
+
+LIMITED = "ulimit -v {kb}; exec {python} -m identification.command_line.start fit {mill} s.csv --out out"
+
+
+@POSIX
+@pytest.mark.skipif(sys.platform != "linux", reason="a limit of memory that is kept")
+@pytest.mark.parametrize("kb", [400_000, 700_000, 1_000_000])
+def test_too_little_memory_is_said(kb: int, place: Path) -> None:
+    line = LIMITED.format(kb=kb, python=sys.executable, mill=MILL)
+    env = os.environ | {"PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1"}
+    done_ = subprocess.run(["bash", "-c", line], capture_output=True, text=True, env=env, check=False, timeout=120)
+    if done_.returncode == 0:
+        return  # it was enough
+    assert done_.returncode == 2, done_.stderr
+    assert "memory: there is too little" in done_.stderr
+    assert "Traceback" not in done_.stderr
+    assert not Path("out").exists()
+
+
+def test_fifty_copies_of_a_row_are_no_recording(place: Path) -> None:
+    """Copies have no noise of their own: what they agree in is not a model that is adequate."""
+    rows = Path("s.csv").read_text().splitlines()
+    for kept in ([rows[5]] * 50, [rows[k] for k in (1, 5, 9)] * 20):
+        write(Path("c.csv"), "\n".join([rows[0], *kept]))
+        result = run("fit", MILL, "c.csv", "--out", "out")
+        assert result.code == 2
+        assert "rows repeat what earlier rows measured to the last digit" in result.err
+        result = run("diagnose", MILL, "c.csv", "--out", "out")
+        assert result.code == 2
+        assert "adequate" not in result.out

@@ -1,0 +1,93 @@
+"""Ctrl-C: a word on stderr and exit code 130, soon and at any moment; nothing half-written, no process left."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from tests.helpers.commands import MILL, done, tree
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+ROOT = Path(__file__).resolve().parents[2]
+SOON_S = 20.0  # s; an idle computer takes one, tests share theirs with others
+
+
+def started(program: str, *arguments: object) -> subprocess.Popen[str]:
+    """A command in a session of its own, so that what it leaves behind can be counted."""
+    return subprocess.Popen(
+        [sys.executable, "-c", program, *map(str, arguments)], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        text=True, start_new_session=True, env=os.environ | {"PYTHONPATH": str(ROOT)},
+    )  # fmt: skip
+
+
+def left_of(session: int) -> list[str]:
+    """Processes of a session that still run, by the command that every Unix has."""
+    listed = subprocess.run(["ps", "-A", "-o", "sess=,pid="], capture_output=True, text=True, check=False).stdout
+    return [line for line in listed.splitlines() if line.split()[0] == str(session)]
+
+
+START = "from identification.command_line.start import entry; print('up', flush=True); entry()"
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.1, 0.4, 1.0, 2.0])
+def test_a_word_and_130(delay: float, tmp_path: Path) -> None:
+    done("simulate", MILL, 60, "--noise", 0.002, "--out", tmp_path / "s.csv")
+    process = started(START, "diagnose", MILL, tmp_path / "s.csv", "--out", tmp_path / "out")
+    assert process.stdout is not None
+    process.stdout.readline()
+    time.sleep(0.05 + delay)
+    begun = time.monotonic()
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=SOON_S)  # hangs where a process of it holds stderr
+    if process.returncode == 0:  # it was done before
+        pytest.skip("the command was faster")
+    assert process.returncode == 130, err
+    assert "stopped" in err
+    assert "Traceback" not in err
+    assert time.monotonic() - begun < SOON_S
+    assert not left_of(process.pid)
+    assert [p.name for p in tmp_path.iterdir() if p.name not in (".errormodel.sha256", "s.csv")] == []
+
+
+LOST = """
+import sys, time, types
+from identification.command_line import start
+start.PATIENCE_S = 0.2
+main = types.ModuleType("identification.command_line.main")
+def entry():
+    print("up", flush=True)
+    while True:
+        try:
+            time.sleep(60)
+        except KeyboardInterrupt:  # as a library that calls back into Python may lose it
+            pass
+main.entry = entry
+sys.modules[main.__name__] = main
+start.entry()
+"""
+
+
+def test_an_interruption_that_is_lost_ends_the_process_all_the_same() -> None:
+    process = started(LOST)
+    assert process.stdout is not None
+    process.stdout.readline()
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=SOON_S)
+    assert (process.returncode, err.strip()[:7]) == (130, "stopped")
+
+
+def test_a_parent_that_ignores_interruptions_goes_before(tmp_path: Path) -> None:
+    ignoring = f"import signal; signal.signal(signal.SIGINT, signal.SIG_IGN); {START}"
+    process = started(ignoring, "simulate", MILL, 5, "--out", tmp_path / "p.csv")
+    assert process.stdout is not None
+    process.stdout.readline()
+    process.send_signal(signal.SIGINT)
+    process.communicate(timeout=60)
+    assert process.returncode == 0
+    assert tree(tmp_path)
