@@ -56,7 +56,7 @@ def iso(
     from errormodel.inputs import Run, current, running
 
     if current() is None:  # so that the certificate has the digests of what is read
-        with running(Run("iso", {}, ())):
+        with running(Run("iso", {}, {}, ())):
             return _evaluated(standard, source, survey, tolerance or {}, decision, progress)
     return _evaluated(standard, source, survey, tolerance or {}, decision, progress)
 
