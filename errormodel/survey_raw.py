@@ -178,7 +178,8 @@ def open_entry(entry: FileEntry, folder: Path, machine: Machine, logs: Sequence[
     table, lines = joined(measured, commands, pairs, entry.targets, machine, entry.path)
     for log, recording in zip(logs, read, strict=True):
         table = with_log(table, measured.dated, recording, log, entry.path)
-    notes = (*measured.notes, *(n for r in (commands, *read) if r is not None for n in r.notes))
+    said = bool(entry.sha256)  # an import that took the file in said how it was read
+    notes = () if said else (*measured.notes, *(n for r in (commands, *read) if r is not None for n in r.notes))
     return replace(as_table(table, measured.dated, entry.path, lines, machine), notes=notes)
 
 
@@ -238,15 +239,14 @@ def joined(
 def averaged(frame: pd.DataFrame, first: Index, last: Index) -> pd.DataFrame:
     """Means of rows `first` to `last` (from 0); the scatter of positions becomes their standard uncertainty.
 
-    The standard deviation of a mean counts readings that follow each other closely as one, by their correlation from
-    reading to reading. Of fewer than `FEW_READINGS` it is that of all poses together.
+    It is the standard deviation of a reading, not of their mean: what is slower than a dwell (air, the instrument's own
+    drift) does not average out in it. Of fewer than `FEW_READINGS` it is that of all poses together.
     """
     import pandas as pd
 
     if (first == last).all():
         return frame.iloc[first].reset_index(drop=True)
     out: dict[str, Any] = {}
-    counts = last - first + 1
     for name in frame:
         column = frame[name]
         if column.dtype.kind == "f" and name not in ORIENTATION:
@@ -265,7 +265,7 @@ def averaged(frame: pd.DataFrame, first: Index, last: Index) -> pd.DataFrame:
         values = frame[name].to_numpy(dtype=np.float64)
         parts = [values[a : b + 1] for a, b in zip(first, last, strict=True)]
         stated = np.asarray(out[sigma], dtype=np.float64) if sigma in out else np.zeros(len(parts))
-        found = np.hypot(np.nan_to_num(stated), mean_scatter(parts, counts))
+        found = np.hypot(np.nan_to_num(stated), scatter(parts))
         if (found > 0).any():  # readings that repeat to the last digit have the scatter of the best others
             out[sigma] = np.where(found > 0, found, found[found > 0].min())
     return pd.DataFrame(out)
@@ -283,31 +283,24 @@ def _mean_rotation(vectors: Array) -> Array:
     return Rotation.from_rotvec(whole).mean().as_rotvec() if len(whole) else np.full(3, np.nan)
 
 
-def mean_scatter(parts: Sequence[Array], counts: Index) -> Array:
-    """Standard deviation of the mean of each part (a list of readings), (n,)."""
+def scatter(parts: Sequence[Array]) -> Array:
+    """Standard deviation of a reading in each part (a list of readings), (n,)."""
     parts = [p[np.isfinite(p)] for p in parts]
     free = np.array([max(len(p) - 1, 0) for p in parts])
     squares = np.array([float(np.sum((p - p.mean()) ** 2)) if len(p) else 0.0 for p in parts])
     pooled = float(np.sqrt(squares.sum() / max(free.sum(), 1)))
-    alike = [_correlation(p) for p in parts if len(p) >= FEW_READINGS]
-    correlation = float(np.median(alike)) if alike else 0.0
-    own = np.sqrt(squares / np.maximum(free, 1))
-    single = np.where(counts >= FEW_READINGS, own, pooled)
-    effective = np.maximum(counts * (1 - correlation) / (1 + correlation), 1.0)
-    return np.asarray(single / np.sqrt(effective))
-
-
-def _correlation(values: Array) -> float:
-    """Correlation of a reading with the next one, from 0 to 0.99."""
-    about = values - values.mean()
-    square = float(about @ about)
-    return float(np.clip(about[1:] @ about[:-1] / square, 0.0, 0.99)) if square > 0 else 0.0
+    return np.where(free >= FEW_READINGS - 1, np.sqrt(squares / np.maximum(free, 1)), pooled)
 
 
 def _with_tools(frame: pd.DataFrame, targets: Mapping[str, Sequence[float]], name: str) -> pd.DataFrame:
-    if "target" not in frame:
-        raise InputError(f"{name}, targets", "no column of targets", "Say columns: {target: ..}, or leave targets out")
-    labels = frame["target"].astype(str).str.strip()
+    import pandas as pd
+
+    if len(targets) == 1:  # of all rows
+        labels = pd.Series([*targets] * len(frame))
+    elif "target" not in frame:
+        raise InputError(f"{name}, targets", "no column of targets", "Say columns: {target: ..}, or give one target")
+    else:
+        labels = frame["target"].astype(str).str.strip()
     unknown = sorted({*labels} - {*targets})
     if unknown:
         raise InputError(f"{name}, targets", f"nothing about the target '{unknown[0]}'", nearest(unknown[0], targets))

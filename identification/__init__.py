@@ -1,8 +1,8 @@
 """Inference on top of ``errormodel``: what a survey says of a machine, and how sure it is.
 
-Public functions, as on the command line: `describe`, `plan`, `fit`, `diagnose`, `thermal`, `register`, `predict`,
-`monitor`, `compensate`, `controllers`, `load` and `save`. They are imported when they are first asked for, so that
-``import identification`` costs nothing.
+Public functions, as on the command line: `import_survey`, `check`, `template`, `describe`, `plan`, `fit`, `diagnose`,
+`thermal`, `register`, `predict`, `monitor`, `compensate`, `controllers`, `load` and `save`. They are imported when they
+are first asked for, so that ``import identification`` costs nothing.
 """
 
 from __future__ import annotations
@@ -12,32 +12,38 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from identification.api import (
+        check,
         compensate,
         controllers,
         describe,
         diagnose,
         fit,
+        import_survey,
         load,
         monitor,
         plan,
         predict,
         register,
         save,
+        template,
         thermal,
     )
 
 __all__ = [
+    "check",
     "compensate",
     "controllers",
     "describe",
     "diagnose",
     "fit",
+    "import_survey",
     "load",
     "monitor",
     "plan",
     "predict",
     "register",
     "save",
+    "template",
     "thermal",
 ]
 

@@ -7,21 +7,10 @@ import re
 from errormodel.exceptions import InputError
 from errormodel.formats.layout import Layout
 from errormodel.formats.raw import Asked, RawFile, RawFormat, Recording
+from errormodel.formats.sensor_names import sensor_of
 from errormodel.formats.table_columns import columns_of, renamed
-from errormodel.units import is_unit
 
-_TEMPERATURE = re.compile(r"t(?:emp(?:erature)?)?[\s_.-]*(.*)|(.*?)[\s_.-]*temp(?:erature)?", re.IGNORECASE)
 _TIME = re.compile(r"(time|date|clock|stamp|zeit|datum|uhrzeit|elapsed|seconds|no|nr|#|index|sample)", re.IGNORECASE)
-
-
-def sensor_of(name: str, unit: str) -> str:
-    """Column of a sensor in a survey, ``T_<name>``; empty where a column holds no temperature."""
-    match = _TEMPERATURE.fullmatch(name.strip())
-    if not (unit and is_unit(unit, "temperature")) and (match is None or unit):
-        return ""
-    bare = next((g for g in match.groups() if g), "") if match else name
-    bare = re.sub(r"\W+", "_", bare).strip("_")
-    return f"T_{bare or 'air'}"
 
 
 class TemperatureLog(RawFormat):

@@ -5,19 +5,23 @@ DataFrame. All are in the units of their files: mm, degrees for rotary joints, s
 """
 
 from identification.api.models import describe, diagnose, fit, plan, register, thermal
+from identification.api.preparing import check, import_survey, template
 from identification.api.uses import compensate, controllers, load, monitor, predict, save
 
 __all__ = [
+    "check",
     "compensate",
     "controllers",
     "describe",
     "diagnose",
     "fit",
+    "import_survey",
     "load",
     "monitor",
     "plan",
     "predict",
     "register",
     "save",
+    "template",
     "thermal",
 ]
