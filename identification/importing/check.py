@@ -47,7 +47,7 @@ def check_survey(machine: Machine, survey: Survey) -> Checked:
         It holds a mistake: what is wrong, and what to write instead.
     """
     points = bool(np.isfinite(survey.fit.measured).any())
-    proof = prove(machine, survey, [], {}, points)
+    proof = prove(machine, survey, False, points)
     return Checked(machine, survey, proof, describe(machine, survey))
 
 

@@ -6,10 +6,11 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
+from errormodel.arrays import Array
 from errormodel.chain import Chain
 from errormodel.exceptions import InputError
 from errormodel.inputs import running
@@ -18,10 +19,13 @@ from errormodel.survey import Survey, read_survey
 from errormodel.survey_file import SURVEY_FILE
 from errormodel.survey_raw import PAIR_COLUMNS
 from identification.importing.geometry import Nominal
-from identification.importing.pairing import Pairs, pair, points_of
-from identification.importing.proof import Proof, prove
+from identification.importing.nearest import find_pairing
+from identification.importing.pairing import NEAREST, Pairs, pair, points_of
+from identification.importing.proof import Proof, prove, refuse_unit
 from identification.importing.sources import SourceFile, Wishes, open_source
 from identification.observation.frames import MACHINE_ERROR_SHARE, align
+
+Both: TypeAlias = tuple[Array, Array]  # nominal and measured points
 
 SAME_FRAME = 3.0  # times the misfit of the better file alone: so far may two files in one frame be off; by judgement
 
@@ -84,7 +88,10 @@ def import_files(
         for source in points:
             _refuse_no_commands(source, machine)
     pairs = [pair(source, told, chain, wishes, seed) for source in points]
-    frame = _frame(points, pairs, told, chain)
+    aligned = [_places(source, own, told, chain) for source, own in zip(points, pairs, strict=True)]
+    for source, (nominal, measured) in zip(points, aligned, strict=True):
+        refuse_unit(nominal, measured, source.raw.name)
+    frame = _frame(points, aligned, chain)
     files = _files(points, motions, logs, pairs, told, frame, wishes)
     with tempfile.TemporaryDirectory() as folder, running(None):
         for name, data in files.items():
@@ -92,13 +99,51 @@ def import_files(
             place.parent.mkdir(exist_ok=True)
             place.write_bytes(data)
         survey = read_survey(Path(folder) / SURVEY_FILE, machine)
-    proof = prove(machine, survey, [p.averaged for p in pairs], wishes.columns, len(points) > 0)
+    try:
+        proof = prove(machine, survey, any(p.averaged for p in pairs), len(points) > 0)
+    except InputError as error:
+        raise _with_nearest(error, points, pairs, aligned, told, chain, seed) from error
     everything = (*points, *motions, *logs, *([told] if told else []))
     left = tuple(f"{s.raw.path.name}: columns not used: {', '.join(s.left)}" for s in everything if s.left)
     return Imported(
         machine, files, everything, (*pairs, *[None] * (len(everything) - len(pairs))), survey, proof, frame,
         tuple(dict.fromkeys((*left, *survey.notes))),
     )  # fmt: skip
+
+
+def _places(source: SourceFile, own: Pairs, told: SourceFile | None, chain: Chain) -> Both:
+    """Nominal and measured points of the readings of a file, each (n, 3) in mm."""
+    table = (told or source).recording.frame.iloc[own.command]
+    nominal = Nominal(chain, table)
+    tool = np.tile(np.asarray(chain.machine.tool, dtype=np.float64), (len(own), 1))
+    frame = source.recording.frame
+    if own.targets:
+        labels = frame["target"].astype(str).str.strip() if len(own.targets) > 1 else ["1"] * source.rows
+        tool = np.array([own.targets[label] for label in np.asarray(labels)[own.first]])
+    elif "tool_x" in frame:
+        tool = frame[["tool_x", "tool_y", "tool_z"]].to_numpy(dtype=np.float64)[own.first]
+    seen = points_of(source)
+    return nominal.points(tool), np.array(
+        [seen[a : b + 1].mean(axis=0) for a, b in zip(own.first, own.last, strict=True)]
+    )
+
+
+def _with_nearest(
+    error: InputError, points: Sequence[SourceFile], pairs: Sequence[Pairs], aligned: Sequence[Both],
+    told: SourceFile | None, chain: Chain, seed: int,
+) -> InputError:  # fmt: skip
+    """A refusal, with what the nearest commands would give where another way of joining was used."""
+    if told is None or len(points) != 1 or pairs[0].how == NEAREST or pairs[0].targets:
+        return error
+    path = Nominal(chain, told.recording.frame).points(np.asarray(chain.machine.tool, dtype=np.float64))
+    measured = aligned[0][1]
+    found = find_pairing(path, measured, seed) if np.isfinite(measured).all() else None
+    if found is None or found.ways > 1:
+        return error
+    own = found.command >= 0
+    off = np.linalg.norm(measured[own] - found.pose.apply(path[found.command[own]]), axis=1)
+    what = f"with --match nearest {int(own.sum())} of {len(own)} readings fit to {1e3 * float(np.median(off)):.0f} um"
+    return InputError(error.where, f"{error.found}. What fits instead: {what}", error.cure)
 
 
 def _refuse_no_commands(source: SourceFile, machine: Machine) -> None:
@@ -111,23 +156,16 @@ def _refuse_no_commands(source: SourceFile, machine: Machine) -> None:
         raise InputError(source.raw.name, found, cure)
 
 
-def _frame(points: Sequence[SourceFile], pairs: Sequence[Pairs], told: SourceFile | None, chain: Chain) -> str:
+def _frame(points: Sequence[SourceFile], aligned: Sequence[Both], chain: Chain) -> str:
     """Which rows share a measuring frame: all, those of a station in one file, or those of a file."""
     if any("station" in s.recording.frame and s.recording.frame["station"].nunique() > 1 for s in points):
         return "per-run"
     if len(points) < 2:
         return "shared"
-    nominal, measured = [], []
-    for source, own in zip(points, pairs, strict=True):
-        table = (told or source).recording.frame.iloc[own.command]
-        tools = [*own.targets.values()] or [chain.machine.tool]
-        nominal.append(Nominal(chain, table).points(np.asarray(tools[0], dtype=np.float64)))
-        seen = points_of(source)
-        measured.append(np.array([seen[a : b + 1].mean(axis=0) for a, b in zip(own.first, own.last, strict=True)]))
-    if any(not np.isfinite(m).all() or len(m) < 4 for m in measured):
+    if any(not np.isfinite(m).all() or len(m) < 4 for _, m in aligned):
         return "shared"
-    alone = max(_miss(n, m) for n, m in zip(nominal, measured, strict=True))
-    together = _miss(np.vstack(nominal), np.vstack(measured))
+    alone = max(_miss(n, m) for n, m in aligned)
+    together = _miss(np.vstack([n for n, _ in aligned]), np.vstack([m for _, m in aligned]))
     return "per-file" if together > SAME_FRAME * max(alone, MACHINE_ERROR_SHARE * chain.size) else "shared"
 
 

@@ -19,6 +19,7 @@ from identification.observation.frames import align
 
 TARGET_GAIN = 3.0  # times: so much nearer must targets of their own bring the points, to be taken
 FEW_TO_FIT = 8  # rows a target, from which on a functional point is fitted
+NEAREST = "the nearest command after a robust alignment"
 LISTED = 6  # of what is left over
 UNMEASURED = 0.5  # mm: readings within it, one after the other, of a single point
 
@@ -172,7 +173,7 @@ def _nearest(
     if found.ways > 1:
         text = f"{found.ways} ways to lay the points on the commands, which look the same from several sides"
         raise InputError(source.raw.name, text, "Join with --match order or name, or measure a pose off the pattern")
-    return Matched(found.command, "the nearest command after a robust alignment"), []
+    return Matched(found.command, NEAREST), []
 
 
 def _reach(points: Array) -> float:

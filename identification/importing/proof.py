@@ -6,7 +6,6 @@ exchanged or of another frame). A join that holds one is refused, with what fits
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,7 +22,10 @@ from identification.diagnosis.data_checks.checks import find_blunders
 
 FOREIGN = 0.02  # of the points' reach: a rigid alignment of points that belong together leaves less; by judgement
 WILD = 10.0  # times the distance of most points: named as far from its command
-UNIT_FACTORS = {25.4: "inch", 1 / 25.4: "mm, read as inch", 1e3: "m", 1e-3: "um", 10.0: "cm", 0.1: "mm, read as cm"}
+UNIT_FACTORS = {25.4: "inch", 1e3: "m", 1e-3: "um", 10.0: "cm"}  # of another unit in mm
+FEWEST_OF_UNIT = 4  # points, for their unit to be judged
+LEAST_SPREAD = 1e-6  # mm: commands at one place
+BETTER = 10.0  # times nearer, with one sign turned
 UNIT_SLACK = 0.02  # of a factor: errors of a machine are far smaller
 
 
@@ -64,13 +66,12 @@ class Proof:
         return np.asarray(np.linalg.norm(self.measured - self.nominal, axis=1))
 
 
-def prove(machine: Machine, survey: Survey, averaged: list[bool], columns: Mapping[str, str], points: bool) -> Proof:
+def prove(machine: Machine, survey: Survey, averaged: bool, points: bool) -> Proof:
     """Distances after alignment, scatter of repeats, and a search for mistakes of the join.
 
     Parameters
     ----------
-    averaged : of each measured file, whether its rows are means of several readings.
-    columns : what the user said about columns; named in what to write.
+    averaged : whether rows are means of several readings.
     points : whether points were measured, and not only error motions.
 
     Raises
@@ -84,7 +85,7 @@ def prove(machine: Machine, survey: Survey, averaged: list[bool], columns: Mappi
         nothing = np.zeros(0, dtype=np.intp)
         return Proof(nothing, empty, empty, np.nan, np.nan, np.nan, 0.0, 0, np.nan, np.nan, nothing, ())
     parts = [(rows, Points.of(chain, sheet(chain, survey.table.iloc[rows]), False)) for rows in groups(survey)]
-    _refuse_unit(parts, survey)
+    _refuse_mirror(parts, survey)
     _refuse_mistakes(machine, survey)
     rows = np.concatenate([r for r, _ in parts]) if parts else np.zeros(0, dtype=np.intp)
     nominal = np.vstack([p.pose().apply(p.nominal) for _, p in parts]) if parts else empty
@@ -101,7 +102,7 @@ def prove(machine: Machine, survey: Survey, averaged: list[bool], columns: Mappi
     wild = rows[distance > WILD * max(usual, 1e-3)]
     repeats, scatter = _repeats(machine, survey, rows)
     sigma = [c for c in ("sigma_x", "sigma_y", "sigma_z") if c in survey.table]
-    dwell = 1e3 * float(np.nanmedian(survey.table[sigma])) if sigma and any(averaged) else np.nan
+    dwell = 1e3 * float(np.nanmedian(survey.table[sigma])) if sigma and averaged else np.nan
     um = 1e3 * distance
     figures = (float(np.sqrt(np.mean(um**2))), float(np.median(um)), float(um.max())) if len(um) else (np.nan,) * 3
     return Proof(rows, nominal, measured, *figures, reach, repeats, 1e3 * scatter, dwell, wild, _follows(chain, survey))
@@ -111,23 +112,43 @@ def _place(survey: Survey) -> str:
     return ", ".join(dict.fromkeys(survey.table["file"].astype(str)))
 
 
-def _refuse_unit(parts: list[tuple[Index, Points]], survey: Survey) -> None:
-    """InputError where measured points fit the commands by another unit: the ratio of their reaches says it at once."""
-    for _, part in parts:
-        if len(part) < 4 or part.spread < 1e-6:
+def refuse_unit(nominal: Array, measured: Array, name: str) -> None:
+    """InputError where measured points (n, 3) fit the nominal ones in another unit: their reaches say it."""
+    good = np.isfinite(measured).all(axis=1)
+    part = Points(nominal[good], measured[good])
+    if len(part) < FEWEST_OF_UNIT or part.spread < LEAST_SPREAD:
+        return
+    ratio = part.spread / max(part.reach, 1e-12)
+    for factor, unit in UNIT_FACTORS.items():
+        if abs(ratio / factor - 1) > UNIT_SLACK:
             continue
-        ratio = part.spread / max(part.reach, 1e-12)
-        for factor, unit in UNIT_FACTORS.items():
-            if abs(ratio / factor - 1) > UNIT_SLACK:
-                continue
-            scaled = Points(part.nominal, part.measured * factor, False, part.largest)
-            if scaled.misfit() < FOREIGN * scaled.reach:
-                found = (
-                    f"measured points that reach {part.reach:.4g} mm where the commanded ones reach "
-                    f"{part.spread:.4g} mm: their unit is {unit}, with which they fit to {1e3 * scaled.misfit():.0f} um"
-                )
-                word = unit.partition(",")[0]
-                raise InputError(_place(survey), found, f"Say it with --units mx={word},my={word},mz={word}")
+        scaled = Points(part.nominal, part.measured * factor)
+        if scaled.misfit() < FOREIGN * scaled.reach:
+            found = (
+                f"measured points that reach {part.reach:.4g} mm where the commanded ones reach {part.spread:.4g} mm: "
+                f"in {unit} they fit to {1e3 * scaled.misfit():.0f} um"
+            )
+            raise InputError(name, found, f"Say it with --units mx={unit},my={unit},mz={unit}, if that is their unit")
+
+
+def _refuse_mirror(parts: list[tuple[Index, Points]], survey: Survey) -> None:
+    """InputError where the measured points are the mirror image of the commanded ones."""
+    for _, part in parts:
+        if len(part) < FEWEST:
+            continue
+        mirror = Points(part.nominal, part.measured * [1.0, 1.0, -1.0])
+        before, after = part.misfit(), mirror.misfit()
+        if before > FOREIGN * part.reach and after < before / BETTER and after < FOREIGN * part.reach:
+            found = (
+                f"measured points that are the mirror image of the commanded ones: they lie {before:.3g} mm from them, "
+                f"with one sign turned {1e3 * after:.0f} um"
+            )
+            cure = (
+                "One coordinate has the other sign, or two are exchanged (a left-handed frame), in the measurements "
+                "or in the commands. Turn it where it is wrong: --columns mz=-Z, --columns mx=Y,my=X, or "
+                "--command-columns with the sign or exchange of a joint"
+            )
+            raise InputError(_place(survey), found, cure)
 
 
 def _refuse_mistakes(machine: Machine, survey: Survey) -> None:
@@ -144,9 +165,7 @@ def _refuse_mistakes(machine: Machine, survey: Survey) -> None:
 
 def _cure(text: str) -> str:
     if "too late" in text or "too early" in text or "another order" in text:
-        return (
-            "Join with --match nearest or name, give the commands that were measured, or correct the lines of pairs.csv"
-        )
+        return "Join with --match nearest or name, or give the commands that were measured"
     if "frame" in text:
         return "Import the files of each station by themselves, or say --columns station=.."
     return "Say it with --columns, such as my=-Y (other sign) or mx=Y,my=X, or with --units; or --command-columns"

@@ -80,7 +80,8 @@ def proof_lines(proof: Proof, survey: Survey) -> Iterator[str]:
     if proof.repeats:
         yield f"{proof.repeats} commands measured several times: {_length(proof.repeat_um)} scatter of a coordinate"
     if np.isfinite(proof.dwell_um):
-        yield f"scatter of a reading within dwells, taken as the standard uncertainty: {_length(proof.dwell_um)} (median)"
+        size = _length(proof.dwell_um)
+        yield f"scatter of a reading within dwells, taken as its standard uncertainty: {size} (median)"
     if len(proof.wild):
         rows = survey.table["row"].to_numpy()[proof.wild]
         more = " ..." if len(rows) > LISTED else ""
