@@ -48,7 +48,7 @@ class RawEntry(FileModel):
     """A file as an instrument or a controller wrote it, and how its columns are read."""
 
     path: str = Field(min_length=1, description="the file, relative to this one")
-    format: str = Field("", description="a raw format, such as delimited-table; left out: a survey's own table")
+    format: str = Field("", description="a raw format, such as spreadsheet; left out: a survey's own table")
     sha256: str = Field("", pattern="^([0-9a-f]{64})?$", description="digest of the file as it was imported")
     columns: dict[str, str] = Field(
         {},

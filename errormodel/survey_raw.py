@@ -74,7 +74,7 @@ def mapped(entry: RawEntry, folder: Path, machine: Machine) -> Recording:
 def read_raw(raw: RawFile, entry: RawEntry, machine: Machine) -> Recording:
     """A raw file under the names of its format."""
     asked = Asked(machine, entry.dates, entry.joint, tuple(entry.offsets), tuple(entry.at), entry.dialect)
-    return format_of(raw, entry.format).read(raw, asked)
+    return format_of(raw, entry.format).opened(raw, asked)
 
 
 def with_map(recording: Recording, entry: RawEntry, machine: Machine) -> Recording:

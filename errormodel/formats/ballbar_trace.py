@@ -12,7 +12,7 @@ import numpy as np
 
 from errormodel.exceptions import InputError
 from errormodel.formats.raw import Asked, RawFile, RawFormat, Recording
-from errormodel.formats.table_columns import columns_of
+from errormodel.formats.table_columns import columns_of, numbers
 from errormodel.formats.unit_words import unit_word
 from errormodel.units import factor, is_unit, to_internal
 
@@ -55,7 +55,7 @@ class BallbarTrace(RawFormat):
         angle = next(n for n in names if _ANGLE.fullmatch(n))
         head = "\n".join((*(raw.layout.preamble if raw.layout else ()), *(raw.layout.comments if raw.layout else ())))
         unit = recording.units.get(angle, "deg")
-        turned = np.unwrap(to_internal(frame[angle].to_numpy(dtype=float), unit, "angle"))
+        turned = np.unwrap(to_internal(numbers(recording, angle, raw.name), unit, "angle"))
         reading = next((n for n in names if _DEVIATION.fullmatch(n)), None)
         nominal = _NOMINAL.search(head)
         if reading is not None:
@@ -67,10 +67,10 @@ class BallbarTrace(RawFormat):
             if nominal is None:
                 raise InputError(raw.name, "deviations without the nominal length", "Write 'Radius: 150 mm' above")
             base = float(nominal[1]) * factor(unit_word(nominal[2] or "mm"), "length")
-            length = base + to_internal(frame[reading].to_numpy(dtype=float), own, "length")
+            length = base + to_internal(numbers(recording, reading, raw.name), own, "length")
         else:
             reading = next(n for n in names if _RADIUS.fullmatch(n))
-            length = to_internal(frame[reading].to_numpy(dtype=float), recording.units.get(reading, "mm"), "length")
+            length = to_internal(numbers(recording, reading, raw.name), recording.units.get(reading, "mm"), "length")
         table = pd.DataFrame({"angle": np.degrees(turned), "length": length})
         side = np.sign(np.gradient(turned)) if len(turned) > 1 else np.ones(len(turned))
         table["side"] = side

@@ -10,7 +10,7 @@ import numpy as np
 
 from errormodel.exceptions import InputError
 from errormodel.formats.raw import Asked, RawFile, RawFormat, Recording
-from errormodel.formats.table_columns import columns_of
+from errormodel.formats.table_columns import columns_of, numbers
 
 _FEATURE, _AXIS = ("feature", "name", "element", "characteristic", "id"), ("axis", "ax", "coordinate")
 _MEASURED, _NOMINAL = ("meas", "measured", "actual", "act"), ("nominal", "nom")
@@ -50,6 +50,9 @@ class CmmAscii(RawFormat):
         names = {str(n).lower(): str(n) for n in frame}
         feature, axis, measured = (_pick(names, w) for w in (_FEATURE, _AXIS, _MEASURED))
         nominal = _pick(names, _NOMINAL)
+        for column in (measured, nominal):
+            if column is not None:
+                numbers(recording, column, raw.name)
         label, along = frame[feature].astype(str), frame[axis].astype(str).str.strip().str.upper()
         # a feature that is measured again begins a new point with its first axis
         block = ((label != label.shift()) | (along == "X")).cumsum()

@@ -120,7 +120,8 @@ def find_layout(lines: Sequence[str]) -> Layout | None:
     rows, notes = _rows(cells[first:], width, kinds, delimiter)
     top = cells[:first]
     above = [(k, text[text.find(_sign(text)) + len(_sign(text)) :].strip()) for k, text in comments]
-    names, units, used = _heads(top, [a for a in above if a[0] < cells[first][0]], width, delimiter)
+    spare = int(kinds[-1] == "empty")  # a delimiter at the end of the rows only
+    names, units, used = _heads(top, [a for a in above if a[0] < cells[first][0]], width, spare, delimiter)
     preamble = tuple(lines[k - 1] for k, _ in top if k not in used)
     if preamble:
         notes.append(f"{len(preamble)} line{'s' * (len(preamble) > 1)} above the table passed over")
@@ -219,11 +220,11 @@ def _fitted(row: list[str], width: int) -> list[str] | None:
 
 
 def _heads(
-    top: Sequence[tuple[int, list[str]]], comments: Sequence[tuple[int, str]], width: int, delimiter: str
+    top: Sequence[tuple[int, list[str]]], comments: Sequence[tuple[int, str]], width: int, spare: int, delimiter: str
 ) -> tuple[list[str] | None, list[str], set[int]]:
     """Names and units above the table, and the lines that they were taken from."""
     used: set[int] = set()
-    candidates = [(k, c) for k, c in top if _names_of(c, width) is not None]
+    candidates = [(k, c) for k, c in top if _names_of(c, width, spare) is not None]
     units = [""] * width
     if candidates and all(not cell or is_unit_word(cell) for cell in candidates[-1][1][:width]):
         k, row = candidates.pop()
@@ -232,13 +233,13 @@ def _heads(
     names = None
     if candidates:
         k, row = candidates[-1]
-        names = _names_of(row, width)
+        names = _names_of(row, width, spare)
         used.add(k)
     else:
         for _, text in reversed(comments[-2:]):  # `# X Y Z` right above the data
             row = split(text, delimiter)
-            if len(row) == width and _names_of(row, width) is not None and width > 1:
-                names = _names_of(row, width)
+            names = _names_of(row, width, spare) if width > 1 else None
+            if names is not None:
                 break
     if names is None:
         _refuse_names(top, width, delimiter)
@@ -273,11 +274,11 @@ def _padded(row: list[str], width: int) -> list[str]:
     return (row + [""] * width)[:width]
 
 
-def _names_of(row: list[str], width: int) -> list[str] | None:
+def _names_of(row: list[str], width: int, spare: int) -> list[str] | None:
     """A row as names of columns, if it can be: words, about as many as there are columns."""
     if len(row) > width and any(row[width:]):
         return None
-    if len(row) < width and width - len(row) > 1:  # a delimiter at the end of data rows only
+    if width - len(row) > spare:
         return None
     row = _padded(row, width)
     words = [cell for cell in row if cell]

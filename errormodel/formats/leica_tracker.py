@@ -10,7 +10,7 @@ import numpy as np
 from errormodel.exceptions import InputError
 from errormodel.formats.orientation import rotation_vectors
 from errormodel.formats.raw import Asked, RawFile, RawFormat, Recording
-from errormodel.formats.table_columns import columns_of, renamed
+from errormodel.formats.table_columns import columns_of, numbers, renamed
 
 COVERAGE = 2.0  # k of U(95) for a normal distribution, as the instrument states it
 _AIR = {"temperature": "T_air", "pressure": "w_pressure_mbar", "humidity": "w_humidity_percent"}
@@ -54,12 +54,12 @@ class LeicaTracker(RawFormat):
         for k in "xyz":
             own = keys.get(f"u95{k}", keys.get("u95"))
             if own is not None:
-                frame[f"sigma_{k}"] = frame[own] / COVERAGE
+                frame[f"sigma_{k}"] = numbers(recording, own, raw.name) / COVERAGE
                 units[f"sigma_{k}"] = units.get(own, units.get(f"m{k}", ""))
         notes.append("U(95) halved: sigma is a standard uncertainty (k = 1)")
         quaternion = [keys[q] for q in ("q0", "q1", "q2", "q3") if q in keys]
         if len(quaternion) == 4:
-            q = frame[quaternion].to_numpy(dtype=float)
+            q = np.column_stack([numbers(recording, n, raw.name) for n in quaternion])
             whole = np.isfinite(q).all(axis=1) & (np.abs(np.linalg.norm(q, axis=1) - 1) < 1e-3)
             if whole.any() and np.ptp(q[whole], axis=0).max() > 0:  # a reflector has the same one in all rows
                 frame[["mrx", "mry", "mrz"]] = rotation_vectors(q, whole)

@@ -9,7 +9,7 @@ import numpy as np
 from errormodel.exceptions import InputError
 from errormodel.formats.positioning import joint_for, motion_rows
 from errormodel.formats.raw import Asked, RawFile, RawFormat, Recording
-from errormodel.formats.table_columns import columns_of
+from errormodel.formats.table_columns import columns_of, numbers
 from errormodel.units import Quantity, is_unit, to_internal
 
 _TARGET = re.compile(r"target(position|pos|no)?|nominal(position)?|setpoint")
@@ -69,17 +69,15 @@ class PositioningTest(RawFormat):
         joint = joint_for(raw.name, asked, "", rotary=is_unit(unit, "angle"))
         usual = "deg" if joint.type == "rotary" else "mm"
         quantity: Quantity = "angle" if joint.type == "rotary" else "length"
-        target = frame[found["target"]].to_numpy(dtype=float)
+        target = numbers(table, found["target"], raw.name)
         if "deviation" in found:
-            reading, own = frame[found["deviation"]].to_numpy(dtype=float), table.units.get(found["deviation"], "")
+            reading, own = numbers(table, found["deviation"], raw.name), table.units.get(found["deviation"], "")
             if not own:
-                cure = (
-                    f"Say it with --format delimited-table and --units, or write the unit behind {found['deviation']}"
-                )
+                cure = f"Say it with --format and --units, or write the unit behind {found['deviation']}"
                 raise InputError(raw.name, f"no unit of the column {found['deviation']}", cure)
         else:
             own = "rad" if joint.type == "rotary" else "mm"
-            actual = frame[found["actual"]].to_numpy(dtype=float)
+            actual = numbers(table, found["actual"], raw.name)
             stated = table.units.get(found["actual"], unit)
             reading = to_internal(actual, stated, quantity) - to_internal(target, unit, quantity)
         side = np.full(len(frame), np.nan)

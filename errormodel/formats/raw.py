@@ -157,13 +157,30 @@ class RawFormat(ABC):
     @classmethod
     @abstractmethod
     def read(cls, raw: RawFile, asked: Asked) -> Recording:
-        """Columns of the file.
+        """Columns of a file that is of this format.
 
         Raises
         ------
         InputError
             Something in it is not understood.
         """
+
+    @classmethod
+    def opened(cls, raw: RawFile, asked: Asked) -> Recording:
+        """Columns of a file that is said to be of this format.
+
+        Raises
+        ------
+        InputError
+            It is not, or something in it is not understood.
+        """
+        if not cls.recognises(raw):
+            try:
+                _ = raw.layout
+            except InputError as error:
+                raise InputError(f"{raw.name}, {error.where}", error.found, error.cure) from error
+            raise InputError(raw.name, f"it does not look like {cls.title}", "Leave --format out, or name another one")
+        return cls.read(raw, asked)
 
 
 @lru_cache(maxsize=1)

@@ -14,7 +14,7 @@ import numpy as np
 
 from errormodel.exceptions import InputError
 from errormodel.formats.raw import Asked, RawFile, RawFormat, Recording, joint_names
-from errormodel.formats.table_columns import columns_of, renamed
+from errormodel.formats.table_columns import columns_of, numbers, renamed
 
 _JOINT = re.compile(r"(?:j|joint|axis|a|q|theta)_?(\d)", re.IGNORECASE)
 
@@ -62,7 +62,7 @@ class RobotPoses(RawFormat):
         if {"w", "p", "r"} <= {*plain}:
             from scipy.spatial.transform import Rotation
 
-            angles = frame[[plain["w"], plain["p"], plain["r"]]].to_numpy(dtype=float)
+            angles = np.column_stack([numbers(recording, plain[k], raw.name) for k in "wpr"])
             whole = np.isfinite(angles).all(axis=1)
             vectors = np.full(angles.shape, np.nan)
             vectors[whole] = Rotation.from_euler("xyz", angles[whole], degrees=True).as_rotvec()

@@ -55,7 +55,7 @@ class RobotTargets(RawFormat):
         left = rest[:, : rest.shape[1] - own.shape[1]]
         if left.size and np.ptp(left, axis=0).any():
             found = f"{left.shape[1]} columns between the reflectors and the joints that are not constant"
-            raise InputError(raw.name, found, "Name --format delimited-table and say with --columns what they are")
+            raise InputError(raw.name, found, "Name another --format, and say with --columns what they are")
         names = joints or [str(3 * count + k + 1) for k in range(own.shape[1])]
         frame = pd.DataFrame(np.repeat(own, count, axis=0), columns=names)
         frame[["mx", "my", "mz"]] = numbers[:, : 3 * count].reshape(-1, 3)

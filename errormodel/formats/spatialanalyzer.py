@@ -49,7 +49,7 @@ class SpatialAnalyzerPoints(RawFormat):
         unit = unit_word(axes[3].split(",")[0]) if axes else ""
         if quantity_of_unit(unit) != "length":
             found = f"no unit of length above the points{f' but {unit!r}' if unit else ''}"
-            raise InputError(raw.name, found, "Export with the comment lines, or say --format delimited-table --units")
+            raise InputError(raw.name, found, "Export with the comment lines, or name another --format and --units")
         order: DateOrder = asked.dates or "month-first"
         recording = plain_columns(raw, Asked(dates=order))
         heads = ("collection", "group", "point")[-min(first, 3) :] if first <= 3 else ("collection", "group", "point")

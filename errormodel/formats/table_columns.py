@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from errormodel.exceptions import InputError
 from errormodel.formats.base import as_numbers, words_note
@@ -122,6 +123,21 @@ def _time(
         where = f"{raw.name}, line {table.lines[row]}, column {own[0]}"
         raise InputError(where, f"'{cells[row]}', a date that no calendar has", DATES_CURE)
     return used, times
+
+
+def numbers(recording: Recording, name: str, where: str) -> NDArray[np.float64]:
+    """A column of numbers; `where` is the file's name.
+
+    Raises
+    ------
+    InputError
+        It holds text.
+    """
+    column = recording.frame[name]
+    if column.dtype.kind != "f":
+        text = next((str(c) for c in column if str(c).strip()), "")
+        raise InputError(f"{where}, column {name}", f"'{text}' is not a number", "Give the file as it was written")
+    return column.to_numpy(dtype=np.float64)
 
 
 def renamed(recording: Recording, names: dict[str, str], notes: Sequence[str] = ()) -> Recording:

@@ -49,11 +49,11 @@ _MEASURED = (
     "position",
 )
 _LABELS = {
-    "point": r"name|point(name|id|no|number|nr)?|label|pt|id|pose(id|no|name)?|no|nr|number|feature",
+    "point": r"punkt(name|nr)?|name|point(name|id|no|number|nr)?|label|pt|id|pose(id|no|name)?|no|nr|number|feature",
     "target": r"target(name|id)?|reflector|smr|prism|ball",
     "station": r"station(id|no|name)?|instrument(id|name)?",
     "run": r"run|series|cycle|pass",
-    "time": r"time(stamp)?(s|sec|seconds)?|t|seconds|elapsed(time)?|timestamp(s)?|uptime",
+    "time": r"zeit|time(stamp)?(s|sec|seconds)?|t|seconds|elapsed(time)?|timestamp(s)?|uptime",
     "feed": r"feed(rate)?|f|speed",
     "load": r"load|payload",
     "sigma": r"sigma|std|uncertainty|u",
