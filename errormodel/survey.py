@@ -34,7 +34,7 @@ from errormodel.survey_columns import (
 from errormodel.survey_file import BudgetEntry, FileEntry, Frame, Refit, SurveyForm, SurveyUnits, read_form
 from errormodel.survey_gaps import filled
 from errormodel.survey_plausibility import check_sizes
-from errormodel.survey_raw import open_entry
+from errormodel.survey_raw import RawTable, open_entry
 from errormodel.survey_travels import travel_notes
 from errormodel.yamlfile import Document
 
@@ -170,7 +170,7 @@ def read_survey(source: Path | str | pd.DataFrame, machine: Machine, measured: b
     )
     notes: dict[str, None] = {}  # in order, and each once
     parts: list[Part] = []
-    forms = [_own_form(form, entry) for entry, _ in opened]
+    forms = [_own_form(form, tables[0]) for _, tables in opened]
     plans = [
         [plan_columns(table, machine, own.columns, measured) for table in tables]
         for (_, tables), own in zip(opened, forms, strict=True)
@@ -202,9 +202,11 @@ def read_survey(source: Path | str | pd.DataFrame, machine: Machine, measured: b
     )  # fmt: skip
 
 
-def _own_form(form: SurveyForm, entry: FileEntry) -> SurveyForm:
+def _own_form(form: SurveyForm, table: Table) -> SurveyForm:
     """The settings of one file: a raw file has columns and units of its own, and is converted already."""
-    return form.model_copy(update={"columns": {}, "units": SurveyUnits()}) if entry.format else form
+    if not isinstance(table, RawTable):
+        return form
+    return form.model_copy(update={"columns": {}, "units": SurveyUnits(**table.units)})
 
 
 def _side_notes(table: pd.DataFrame, machine: Machine, frame: Frame) -> Iterator[str]:

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from errormodel.arrays import Array, Index
+from errormodel.conventions import MOTIONS
 from errormodel.exceptions import InputError, nearest
 from errormodel.formats.data_frame import FrameTable
 from errormodel.formats.raw import Asked, RawFile, Recording, format_of, open_raw
@@ -47,6 +48,7 @@ class RawTable(FrameTable):
 
     lines: tuple[int, ...] = ()
     notes: tuple[str, ...] = ()  # on how the raw files were read
+    units: Mapping[str, str] = field(default_factory=dict)  # of columns whose unit was stated, as they now are
 
     def read(self, numbers: Collection[str], texts: Collection[str]) -> tuple[pd.DataFrame, tuple[str, ...]]:
         frame, notes = super().read(numbers, texts)
@@ -108,7 +110,18 @@ def with_map(recording: Recording, entry: RawEntry, machine: Machine) -> Recordi
     for name, column in columns.items():
         columns[name] = _converted(entry, machine, name, column, units.get(name, ""))
     _check_units(entry, columns)
-    return replace(recording, frame=pd.DataFrame(columns), units={})
+    stated = {name: unit for name in columns if (unit := entry.units.get(name) or _said(name, units))}
+    return replace(recording, frame=pd.DataFrame(columns), units={n: _usual(n, machine) for n in stated})
+
+
+def _said(name: str, units: Mapping[str, str]) -> str:
+    """The unit that a file states of a column, where what it states is no mistake of the commands' or points' unit."""
+    return units.get(name, "") if name in MOTIONS or name == "time" or name.startswith("T_") else ""
+
+
+def _usual(name: str, machine: Machine) -> str:
+    quantity = quantity_of(name.removeprefix(READ_BACK), machine)
+    return "" if quantity is None else unit_of_column(name.removeprefix(READ_BACK), quantity, SurveyUnits())
 
 
 def _known(name: str, machine: Machine) -> bool:
@@ -180,7 +193,9 @@ def open_entry(entry: FileEntry, folder: Path, machine: Machine, logs: Sequence[
         table = with_log(table, measured.dated, recording, log, entry.path)
     said = bool(entry.sha256)  # an import that took the file in said how it was read
     notes = () if said else (*measured.notes, *(n for r in (commands, *read) if r is not None for n in r.notes))
-    return replace(as_table(table, measured.dated, entry.path, lines, machine), notes=notes)
+    told = {} if commands is None else commands.units
+    units = {n: u for n, u in {**told, **measured.units}.items() if u and n in table}
+    return replace(as_table(table, measured.dated, entry.path, lines, machine), notes=notes, units=units)
 
 
 def _check_pairs(entry: FileEntry, pairs: Index, column: int, size: int, of: str) -> None:

@@ -95,6 +95,8 @@ def _poses(raw: RawFile, setup: Setup, steps: list[Step]) -> tuple[pd.DataFrame,
     """Commands at each pose, their lines, and notes."""
     import pandas as pd
 
+    from errormodel.gcode.extruder import INCH_MM
+
     waits = any(_waiting(step) for step in steps)
     rows: list[dict[str, float]] = []
     lines: list[int] = []
@@ -102,14 +104,14 @@ def _poses(raw: RawFile, setup: Setup, steps: list[Step]) -> tuple[pd.DataFrame,
     feed, moved = np.nan, False
     before = np.full(len(setup.axes), np.nan)
     for step in steps:
+        if step.block.has("F") and step.modes.feed == "G94":
+            feed = float(step.block.number_of("F") or np.nan) * (INCH_MM if step.modes.inch else 1.0)
         if step.path is not None:
             ends = step.path.at(step.path.corners()[-2:])
             last = ends[-1] - ends[0]
             came = np.where(np.abs(last) > SAME_PLACE, np.sign(last), came)
             changed = np.abs(step.q - before) > SAME_PLACE
             moved = moved or bool((changed | np.isnan(before))[list(step.named)].any())
-            value = step.block.number_of("F")
-            feed = value * (25.4 if step.modes.inch else 1.0) if value and step.modes.feed == "G94" else feed
             before = step.q.copy()
         if not moved or (waits and not _waiting(step)) or (not waits and step.path is None):
             continue

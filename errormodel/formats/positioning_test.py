@@ -6,6 +6,7 @@ import re
 
 import numpy as np
 
+from errormodel.conventions import MOTIONS, unit_of
 from errormodel.exceptions import InputError
 from errormodel.formats.positioning import joint_for, motion_rows
 from errormodel.formats.raw import Asked, RawFile, RawFormat, Recording
@@ -90,9 +91,8 @@ class PositioningTest(RawFormat):
         )
         position = to_internal(target, unit, quantity)
         rows = motion_rows(joint, np.degrees(position) if usual == "deg" else position, reading, own, run, side)
-        return Recording(
-            rows, {joint.name: usual}, table.lines, (*table.notes, f"readings of {joint.name} along its axis")
-        )
+        units = {joint.name: usual} | {name: unit_of(name) for name in MOTIONS if name in rows}
+        return Recording(rows, units, table.lines, (*table.notes, f"readings of {joint.name} along its axis"))
 
 
 def _sides(raw: RawFile, cells: list[str], name: str, lines: tuple[int, ...]) -> np.ndarray:

@@ -11,6 +11,7 @@ import re
 
 import numpy as np
 
+from errormodel.conventions import MOTIONS, unit_of
 from errormodel.exceptions import InputError
 from errormodel.formats.positioning import DEVIATION, joint_for, motion_rows
 from errormodel.formats.raw import Asked, RawFile, RawFormat, Recording
@@ -57,6 +58,7 @@ class RenishawLaser(RawFormat):
         frame = motion_rows(joint, position, deviation, "um", run, side, linear=not (straight or angular))
         notes = [*raw.notes, f"{len(targets)} targets, {len(np.unique(runs))} runs{', both ways' if both else ''}"]
         units = {joint.name: "deg" if joint.type == "rotary" else "mm"}
+        units |= {name: unit_of(name) for name in MOTIONS if name in frame}
         if straight:
             units[DEVIATION] = "um"
             notes.append(f"say which straightness it is: --columns dy={DEVIATION} (or dx, dz)")

@@ -60,7 +60,8 @@ def check_lines(checked: Checked) -> Iterator[str]:
         held_out = ", held out as a test" if (part["role"] == "test").all() else ""
         yield f"{file}: {len(part)} rows{held_out}"
     yield from _measured(survey)
-    yield f"measuring frame: {_frame(survey)}"
+    if len(checked.proof.rows):
+        yield f"measuring frame: {_frame(survey)}"
     yield ""
     for joint in checked.machine.joints:
         yield _joint(survey, joint, checked.machine)

@@ -26,7 +26,8 @@ MOST_TRIES = 4000  # frames that are tried for a triangle; by judgement
 SAMPLE = 120  # measured points that judge a frame at first
 ALIKE = 0.97  # of the points that fit in the best frame: another frame with as many is as good
 ENOUGH = 0.5  # of the measured points must have a command in the best frame
-ORDERED = 0.9  # of the steps from row to row must go forward in the commands, where the order decides
+ORDERED = 0.9  # of the steps from row to row must go on in the commands, where the order decides
+NEXT = 2  # commands: a step that goes on leaves out one at most
 TOLERANCE = 2e-3  # of the points' reach: so far may a point be from its command while a frame is looked for
 CLOSEST = 0.35  # of the distance between neighbouring commands: no tolerance reaches over it
 
@@ -178,6 +179,7 @@ def _in_order(near: Index, back: list[Index]) -> Index:
 
 
 def _forward(command: Index) -> float:
-    """Share of the steps from one measured point to the next that go forward in the commands, or stay."""
+    """Share of the steps from one measured point to the next that stay or go on to one of the next commands."""
     own = command[command >= 0]
-    return float(np.mean(np.diff(own) >= 0)) if len(own) > 1 else 1.0
+    step = np.diff(own)
+    return float(np.mean((step >= 0) & (step <= NEXT))) if len(own) > 1 else 1.0

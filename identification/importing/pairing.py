@@ -111,7 +111,8 @@ def _reading_notes(source: SourceFile, dwells: Dwells | None, unseen: int) -> li
         notes.append(f"{unseen} rows in which nothing was measured are left out")
     if dwells is not None:
         sizes = dwells.last - dwells.first + 1
-        text = f"{len(dwells)} dwells of {int(np.median(sizes))} readings (median) in a log of {source.rows} rows"
+        many = f"{len(dwells)} dwell{'s' * (len(dwells) != 1)}"
+        text = f"{many} of {int(np.median(sizes))} readings (median) in a log of {source.rows} rows"
         text += f"; {dwells.moving} readings on the way left out" if dwells.moving else ""
         text += f"; {dwells.short} stretches too short for a dwell" if dwells.short else ""
         notes.append(text)

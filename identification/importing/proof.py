@@ -25,6 +25,9 @@ WILD = 10.0  # times the distance of most points: named as far from its command
 UNIT_FACTORS = {25.4: "inch", 1e3: "m", 1e-3: "um", 10.0: "cm"}  # of another unit in mm
 FEWEST_OF_UNIT = 4  # points, for their unit to be judged
 LEAST_SPREAD = 1e-6  # mm: commands at one place
+SMALL = 0.01  # mm: what lies so near has no mistake worth a refusal
+FEWEST_EXCHANGED = 5  # rows, of which an exchange of two shows: three fit any frame
+MANY = 16  # rows, from which on the diagnosis looks for another order
 BETTER = 10.0  # times nearer, with one sign turned
 UNIT_SLACK = 0.02  # of a factor: errors of a machine are far smaller
 
@@ -86,7 +89,7 @@ def prove(machine: Machine, survey: Survey, averaged: bool, points: bool) -> Pro
         return Proof(nothing, empty, empty, np.nan, np.nan, np.nan, 0.0, 0, np.nan, np.nan, nothing, ())
     parts = [(rows, Points.of(chain, sheet(chain, survey.table.iloc[rows]), False)) for rows in groups(survey)]
     _refuse_mirror(parts, survey)
-    _refuse_mistakes(machine, survey)
+    _refuse_mistakes(machine, survey, parts)
     rows = np.concatenate([r for r, _ in parts]) if parts else np.zeros(0, dtype=np.intp)
     nominal = np.vstack([p.pose().apply(p.nominal) for _, p in parts]) if parts else empty
     measured = np.vstack([p.measured for _, p in parts]) if parts else empty
@@ -151,8 +154,9 @@ def _refuse_mirror(parts: list[tuple[Index, Points]], survey: Survey) -> None:
             raise InputError(_place(survey), found, cure)
 
 
-def _refuse_mistakes(machine: Machine, survey: Survey) -> None:
+def _refuse_mistakes(machine: Machine, survey: Survey, parts: list[tuple[Index, Points]]) -> None:
     """InputError about the mistake that explains best why points and commands do not belong together."""
+    _refuse_exchanged(parts, survey)
     if np.isfinite(survey.fit.measured).all(axis=1).sum() < FEWEST:
         return
     found = [b for b in find_blunders(machine, survey) if b.effect != ClockOffset.effect]
@@ -161,6 +165,37 @@ def _refuse_mistakes(machine: Machine, survey: Survey) -> None:
     text = "; and ".join(f"{b.text}{misses(b)}" for b in found)
     cure = _cure(found[0].text)
     raise InputError(_place(survey), text, cure)
+
+
+def _refuse_exchanged(parts: list[tuple[Index, Points]], survey: Survey) -> None:
+    """InputError where two rows of a few are exchanged, or all are shifted; of many the diagnosis finds it.
+
+    With so few rows no row stands out; every exchange of two and every shift is tried.
+    """
+    for rows, part in parts:
+        n = len(part)
+        if not FEWEST_EXCHANGED <= n < MANY:
+            continue
+        before = _rms(part)
+        tries = [(f"rows {i + 1} and {j + 1} are exchanged", i, j) for i in range(n) for j in range(i + 1, n)]
+        found = [(_rms(part.reordered(_exchanged(n, i, j))), text) for text, i, j in tries]
+        found += [(_rms(part.reordered(np.roll(np.arange(n), k))), f"the rows are shifted by {k}") for k in range(1, n)]
+        after, text = min(found)
+        if after < before / BETTER and after < FOREIGN * part.reach and before > SMALL:
+            file = str(survey.table["file"].iloc[rows[0]])
+            what = f"{text}: so the points lie {1e3 * after:.0f} um from the commands, as they stand {before:.3g} mm"
+            raise InputError(file, what, _cure("another order"))
+
+
+def _exchanged(n: int, i: int, j: int) -> Index:
+    order = np.arange(n)
+    order[[i, j]] = j, i
+    return order
+
+
+def _rms(part: Points) -> float:
+    """Root mean square distance (mm) in the best frame of all points alike."""
+    return float(np.sqrt(np.mean(part.distances(part.pose(rounds=0)) ** 2)))
 
 
 def _cure(text: str) -> str:

@@ -24,7 +24,7 @@ def _read(imported: Imported) -> Iterator[str]:
     for source in imported.sources:
         frame = source.recording.frame
         what = {"points": "measured", "motions": "error motions", "log": "log", "commands": "commands"}[source.what]
-        yield f"{source.raw.path.name}: {source.title}, {len(frame)} rows ({what})"
+        yield f"{source.raw.path.name}: {source.title}, {counted(len(frame), 'row')} ({what})"
         columns = source.entry.columns
         if columns:
             yield "  columns: " + ", ".join(f"{ours} = {theirs}" for ours, theirs in columns.items())
@@ -39,8 +39,9 @@ def _joined(imported: Imported) -> Iterator[str]:
         if own is None:
             continue
         if own.how:
-            kind = "dwells" if own.averaged else "readings"
-            yield f"joined {len(own)} of {own.readings} {kind} with {own.commands} commands by {own.how}"
+            kind = "dwell" if own.averaged else "reading"
+            of = counted(own.readings, kind)
+            yield f"joined {len(own)} of {of} with {counted(own.commands, 'command')} by {own.how}"
         else:
             yield f"{len(own)} rows with their commands in {source.raw.path.name}"
         if own.offset is not None:
@@ -76,7 +77,7 @@ def proof_lines(proof: Proof, survey: Survey) -> Iterator[str]:
     if len(proof.rows) < FEW:
         yield f"too few rows ({len(proof.rows)}) to prove the join: exchanged rows or a shift would not show"
     else:
-        yield "no shift of rows, exchange, other sign, unit or hand fits better"
+        yield "no shift or exchange of rows, no other sign, unit or hand fits better"
     if proof.repeats:
         yield f"{proof.repeats} commands measured several times: {_length(proof.repeat_um)} scatter of a coordinate"
     if np.isfinite(proof.dwell_um):
@@ -87,6 +88,11 @@ def proof_lines(proof: Proof, survey: Survey) -> Iterator[str]:
         more = " ..." if len(rows) > LISTED else ""
         yield f"far from their commands: rows {', '.join(map(str, rows[:LISTED]))}{more} (fit with --robust)"
     yield from proof.follows
+
+
+def counted(number: int, word: str) -> str:
+    """A number of things: 1 row, 2 rows."""
+    return f"{number} {word}{'s' * (number != 1)}"
 
 
 def _length(um: float) -> str:
