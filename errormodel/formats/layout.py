@@ -176,12 +176,12 @@ def _shape(cells: Sequence[Sequence[str]]) -> tuple[int, list[str]]:
 
 
 def _is_data(cells: Sequence[str], width: int, kinds: Sequence[str]) -> bool:
-    """Whether a line holds data: the width of the table, and numbers where the table has numbers."""
+    """Whether a line holds data: the width of the table, and more numbers than words where the table has numbers."""
     if len(cells) != width:
         return False
     own = [kind_of(cell) for cell in cells]
     wanted = [k for k, kind in enumerate(kinds) if kind == "number"]
-    return any(own[k] == "number" for k in wanted) and not all(own[k] == "text" for k in wanted)
+    return sum(own[k] == "number" for k in wanted) > sum(own[k] == "text" for k in wanted)
 
 
 def _rows(
