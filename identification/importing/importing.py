@@ -20,7 +20,8 @@ from errormodel.survey_file import SURVEY_FILE
 from errormodel.survey_raw import PAIR_COLUMNS
 from identification.importing.geometry import Nominal
 from identification.importing.nearest import find_pairing
-from identification.importing.pairing import NEAREST, Pairs, pair, points_of
+from identification.importing.pairing import NEAREST, Pairs, middles, pair, points_of
+from identification.importing.partial import refuse_partial
 from identification.importing.proof import Proof, prove, refuse_unit
 from identification.importing.sources import SourceFile, Wishes, open_source
 from identification.observation.frames import MACHINE_ERROR_SHARE, align
@@ -91,6 +92,7 @@ def import_files(
     aligned = [_places(source, own, told, chain) for source, own in zip(points, pairs, strict=True)]
     for source, (nominal, measured) in zip(points, aligned, strict=True):
         refuse_unit(nominal, measured, source.raw.name)
+        refuse_partial(nominal, measured, source.raw.name)
     frame = _frame(points, aligned, chain)
     files = _files(points, motions, logs, pairs, told, frame, wishes)
     with tempfile.TemporaryDirectory() as folder, running(None):
@@ -123,9 +125,7 @@ def _places(source: SourceFile, own: Pairs, told: SourceFile | None, chain: Chai
     elif "tool_x" in frame:
         tool = frame[["tool_x", "tool_y", "tool_z"]].to_numpy(dtype=np.float64)[own.first]
     seen = points_of(source)
-    return nominal.points(tool), np.array(
-        [seen[a : b + 1].mean(axis=0) for a, b in zip(own.first, own.last, strict=True)]
-    )
+    return nominal.points(tool), middles(seen, own.first, own.last)
 
 
 def _with_nearest(

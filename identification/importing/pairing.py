@@ -65,6 +65,12 @@ def points_of(source: SourceFile) -> Array:
     return np.column_stack([source.column(m) if m in frame else empty for m in MEASURED])
 
 
+def middles(points: Array, first: Index, last: Index) -> Array:
+    """Means of the points (n, 3) from `first` to `last`, each (k,); NaN where a component was not measured."""
+    parts = [points[a : b + 1] for a, b in zip(first, last, strict=True)]
+    return np.array([[c[np.isfinite(c)].mean() if np.isfinite(c).any() else np.nan for c in p.T] for p in parts])
+
+
 def pair(source: SourceFile, commands: SourceFile | None, chain: Chain, wishes: Wishes, seed: int) -> Pairs:
     """Find the readings of a measured file and the command of each.
 
@@ -90,7 +96,7 @@ def pair(source: SourceFile, commands: SourceFile | None, chain: Chain, wishes: 
         nominal = Nominal(chain, source.recording.frame.iloc[first])
         own = Pairs(first, first, last, "", tuple(notes), len(first), source.rows, {})
         return _with_targets(own, source, nominal, points, chain)
-    middle = np.array([np.nanmean(points[a : b + 1], axis=0) for a, b in zip(first, last, strict=True)])
+    middle = middles(points, first, last)
     nominal = Nominal(chain, commands.recording.frame)
     found, more = _match(source, commands, chain, nominal, middle, first, last, points, wishes, seed)
     command = found.command
@@ -217,7 +223,7 @@ def _with_targets(pairs: Pairs, source: SourceFile, nominal: Nominal, points: Ar
     label = label.ravel().astype(np.intp)
     if len(pairs) < FEW_TO_FIT * len(names):
         return pairs
-    measured = np.array([points[a : b + 1].mean(axis=0) for a, b in zip(pairs.first, pairs.last, strict=True)])
+    measured = middles(points, pairs.first, pairs.last)
     tool = np.asarray(chain.machine.tool, dtype=np.float64)
     plain = nominal.points(tool)
     before = float(np.median(np.linalg.norm(measured - align(plain, measured).apply(plain), axis=1)))

@@ -26,7 +26,7 @@ UNIT_FACTORS = {25.4: "inch", 1e3: "m", 1e-3: "um", 10.0: "cm"}  # of another un
 FEWEST_OF_UNIT = 4  # points, for their unit to be judged
 LEAST_SPREAD = 1e-6  # mm: commands at one place
 SMALL = 0.01  # mm: what lies so near has no mistake worth a refusal
-FEWEST_EXCHANGED = 5  # rows, of which an exchange of two shows: three fit any frame
+FEWEST_PROVED = 5  # rows, of which an exchange of two shows: three fit any frame, four nearly
 MANY = 16  # rows, from which on the diagnosis looks for another order
 BETTER = 10.0  # times nearer, with one sign turned
 UNIT_SLACK = 0.02  # of a factor: errors of a machine are far smaller
@@ -137,7 +137,7 @@ def refuse_unit(nominal: Array, measured: Array, name: str) -> None:
 def _refuse_mirror(parts: list[tuple[Index, Points]], survey: Survey) -> None:
     """InputError where the measured points are the mirror image of the commanded ones."""
     for _, part in parts:
-        if len(part) < FEWEST:
+        if len(part) < FEWEST_PROVED:
             continue
         mirror = Points(part.nominal, part.measured * [1.0, 1.0, -1.0])
         before, after = part.misfit(), mirror.misfit()
@@ -174,7 +174,7 @@ def _refuse_exchanged(parts: list[tuple[Index, Points]], survey: Survey) -> None
     """
     for rows, part in parts:
         n = len(part)
-        if not FEWEST_EXCHANGED <= n < MANY:
+        if not FEWEST_PROVED <= n < MANY:
             continue
         before = _rms(part)
         tries = [(f"rows {i + 1} and {j + 1} are exchanged", i, j) for i in range(n) for j in range(i + 1, n)]

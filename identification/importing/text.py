@@ -8,10 +8,9 @@ import numpy as np
 
 from errormodel.survey import Survey
 from identification.importing.importing import Imported
-from identification.importing.proof import Proof
+from identification.importing.proof import FEWEST_PROVED, Proof
 
 LISTED = 6  # rows in a line
-FEW = 8  # rows, from which on mistakes of a join are looked for
 MINUTE = 120.0  # s: longer offsets are said in minutes
 
 
@@ -67,14 +66,21 @@ def _fits(imported: Imported) -> Iterator[str]:
     if len(proof.rows):
         yield from proof_lines(proof, survey)
     else:
-        yield f"{len(survey)} rows of error motions"
+        yield from _without_points(survey)
+
+
+def _without_points(survey: Survey) -> Iterator[str]:
+    if np.isfinite(survey.measured).any():
+        yield "no row has x, y and z: a shift, a reversed order, unit and sign were looked for; an exchange would not show"
+    if "joint" in survey.table:
+        yield f"{counted(int((survey.table['joint'] != '').sum()), 'row')} of error motions"
 
 
 def proof_lines(proof: Proof, survey: Survey) -> Iterator[str]:
     """How well the points lie on the commanded ones, what else was looked for, and how repeats scatter."""
     figures = f"{_length(proof.rms_um)} rms (median {_length(proof.median_um)}, largest {_length(proof.max_um)})"
     yield f"after alignment the measured points lie {figures} from the nominal machine; they reach {proof.reach:.0f} mm"
-    if len(proof.rows) < FEW:
+    if len(proof.rows) < FEWEST_PROVED:
         yield f"too few rows ({len(proof.rows)}) to prove the join: exchanged rows or a shift would not show"
     else:
         yield "no shift or exchange of rows, no other sign, unit or hand fits better"

@@ -233,6 +233,26 @@ def test_a_symmetric_grid_without_names_or_order_is_not_guessed() -> None:
     np.testing.assert_array_equal(ordered.command, np.arange(27))
 
 
+@pytest.mark.parametrize(
+    ("order", "factor", "found"),
+    [(range(20), 1.0, ""), (range(19, -1, -1), 1.0, "reversed order"), ([*range(1, 20), 0], 1.0, "1 row"),
+     (range(20), 1 / 25.4, "in inch"), (range(20), -1.0, "the other sign|reversed order")],
+)  # fmt: skip
+def test_of_one_component_order_unit_and_sign_are_looked_at(
+    order: list[int], factor: float, found: str, tmp_path: Path
+) -> None:
+    """An interferometer along X, which no alignment in three directions can judge."""
+    commands = pd.DataFrame({"X": np.linspace(-300, 280, 20) ** 3 / 9e4, "Y": 0.0, "Z": 300.0}).round(3)
+    commands.to_csv(tmp_path / "plan.csv", index=False)
+    measured = points(commands, translation=(0, 0, 0), rotation=(0, 0, 0))[:, 0][[*order]] * factor
+    (tmp_path / "laser.csv").write_text("mx\n" + "\n".join(f"{v:.6f}" for v in measured) + "\n")
+    if not found:
+        assert len(import_survey(tmp_path / "laser.csv", MILL, commands=tmp_path / "plan.csv").survey) == 20
+        return
+    with pytest.raises(InputError, match=found):
+        import_survey(tmp_path / "laser.csv", MILL, commands=tmp_path / "plan.csv")
+
+
 @pytest.mark.parametrize(("one", "other"), [("P1*", "p1"), (" P 1 ", "p 1"), ("12.0", "12")])
 def test_names_are_compared_as_people_would(one: str, other: str) -> None:
     assert plain_name(one) == plain_name(other)
