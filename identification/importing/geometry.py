@@ -70,20 +70,21 @@ def fitted_targets(nominal: Nominal, measured: Array, label: Index, start: Array
     nominal : of the command of each row.
     measured : (n, 3) mm.
     label : (n,) number of the target of each row.
-    start : (targets, 3) mm, to begin with.
+    start : (targets, 3) mm, to begin with; the first stays where no joint turns the last frame.
     """
     turns, origins = nominal.flanges()
+    held = None if turns_tool(nominal.chain.machine) else start[0]
     tools = start.copy()
     pose = align(nominal.points(tools[label]), measured)
     rotation = _frame_turn(turns, measured, label)
     candidates = [pose.rotation] if rotation is None else [rotation, pose.rotation]
     best: tuple[float, Array, Pose] | None = None
     for turn in candidates:
-        own, frame = _by_turn(turns, origins, measured, label, turn, len(start))
+        own, frame = _by_turn(turns, origins, measured, label, turn, len(start), held)
         for _ in range(ROUNDS):
             points = origins + np.einsum("nij,nj->ni", turns, own[label])
             frame = align(points, measured)
-            own, frame = _by_turn(turns, origins, measured, label, frame.rotation, len(start))
+            own, frame = _by_turn(turns, origins, measured, label, frame.rotation, len(start), held)
         points = origins + np.einsum("nij,nj->ni", turns, own[label])
         miss = float(np.median(np.linalg.norm(measured - frame.apply(points), axis=1)))
         if best is None or miss < best[0]:
@@ -93,7 +94,7 @@ def fitted_targets(nominal: Nominal, measured: Array, label: Index, start: Array
 
 
 def _by_turn(
-    turns: Array, origins: Array, measured: Array, label: Index, rotation: Array, count: int
+    turns: Array, origins: Array, measured: Array, label: Index, rotation: Array, count: int, held: Array | None
 ) -> tuple[Array, Pose]:
     """Targets and translation of a frame whose rotation is given: a linear problem."""
     n = len(measured)
@@ -103,8 +104,14 @@ def _by_turn(
         at = 3 + 3 * int(label[row])
         design[row, :, at : at + 3] = rotation @ turns[row]
     left = (measured - origins @ rotation.T).ravel()
+    if held is not None:  # nothing turns: the frame takes up what all targets have in common
+        left = left - design.reshape(3 * n, -1)[:, 3:6] @ held
+        design[:, :, 3:6] = 0.0
     x: Array = np.asarray(np.linalg.lstsq(design.reshape(3 * n, -1), left, rcond=1e-10)[0], dtype=np.float64)
-    return x[3:].reshape(count, 3), Pose(rotation, x[:3])
+    tools = x[3:].reshape(count, 3)
+    if held is not None:
+        tools[0] = held
+    return tools, Pose(rotation, x[:3])
 
 
 def _frame_turn(turns: Array, measured: Array, label: Index) -> Array | None:

@@ -216,7 +216,7 @@ def _with_targets(pairs: Pairs, source: SourceFile, nominal: Nominal, points: Ar
     """Functional points of the targets, where a machine with rotary joints shows them and they are not the tool."""
     frame = source.recording.frame
     several = "target" in frame and frame["target"].nunique() > 1
-    if "tool_x" in frame or not turns_tool(chain.machine) or not np.isfinite(points[pairs.first]).all():
+    if "tool_x" in frame or not (several or turns_tool(chain.machine)) or not np.isfinite(points[pairs.first]).all():
         return pairs
     labels = frame["target"].astype(str).str.strip().to_numpy()[pairs.first] if several else np.full(len(pairs), "1")
     names, label = np.unique(labels.astype(str), return_inverse=True)

@@ -71,7 +71,7 @@ def _fits(imported: Imported) -> Iterator[str]:
 
 def _without_points(survey: Survey) -> Iterator[str]:
     if np.isfinite(survey.measured).any():
-        yield "no row has x, y and z: a shift, a reversed order, unit and sign were looked for; an exchange would not show"
+        yield "no row has x, y and z: a shift, other order, unit or sign would have shown, an exchange of two not"
     if "joint" in survey.table:
         yield f"{counted(int((survey.table['joint'] != '').sum()), 'row')} of error motions"
 

@@ -220,6 +220,23 @@ def test_reflectors_on_a_flange_are_placed(tmp_path: Path) -> None:
     assert result.imported.proof.rms_um < 20  # 10 um a coordinate
 
 
+def test_two_reflectors_on_a_mill(folder: Path) -> None:
+    """Nothing turns: one reflector is the tool's point, the other lies beside it; two readings a command."""
+    second = points(COMMANDS.assign(tool_x=60.0, tool_y=-20.0, tool_z=-150.0), seed=8)
+    rows = [f"{name};{x:.4f};{y:.4f};{z:.4f}" for pair in zip(MEASURED, second, strict=True)
+            for name, (x, y, z) in zip(("A", "B"), pair, strict=True)]  # fmt: skip
+    (folder / "two.csv").write_text("\n".join(["Reflector;X [mm];Y [mm];Z [mm]", *rows]) + "\n")
+    result = import_survey(folder / "two.csv", MILL, commands=folder / "survey.nc")
+    (pairs, _) = result.imported.pairs
+    assert pairs is not None
+    assert "2 readings a command" in pairs.how
+    tool = np.array(read_machine(MILL).tool)
+    np.testing.assert_allclose(pairs.targets["A"], tool)
+    # the errors of the mill, 20 um, bend the places of the reflectors by about as much
+    np.testing.assert_allclose(pairs.targets["B"], [60.0, -20.0, -150.0], atol=0.02)
+    assert result.imported.proof.rms_um < 25
+
+
 def test_a_symmetric_grid_without_names_or_order_is_not_guessed() -> None:
     grid = np.array(np.meshgrid([0, 100, 200], [0, 100, 200], [0, 100, 200])).reshape(3, -1).T.astype(float)
     rng = np.random.default_rng(3)
