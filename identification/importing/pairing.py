@@ -114,13 +114,13 @@ def pair(source: SourceFile, commands: SourceFile | None, chain: Chain, wishes: 
 def _reading_notes(source: SourceFile, dwells: Dwells | None, unseen: int) -> list[str]:
     notes = []
     if unseen:
-        notes.append(f"{unseen} rows in which nothing was measured are left out")
+        notes.append(f"left out: {counted(unseen, 'row')} in which nothing was measured")
     if dwells is not None:
         sizes = dwells.last - dwells.first + 1
-        many = f"{len(dwells)} dwell{'s' * (len(dwells) != 1)}"
-        text = f"{many} of {int(np.median(sizes))} readings (median) in a log of {source.rows} rows"
+        size = int(np.median(sizes))
+        text = f"{counted(len(dwells), 'dwell')} of {size} readings (median) in a log of {source.rows} rows"
         text += f"; {dwells.moving} readings on the way left out" if dwells.moving else ""
-        text += f"; {dwells.short} stretches too short for a dwell" if dwells.short else ""
+        text += f"; {counted(dwells.short, 'place')} too short for a dwell" if dwells.short else ""
         notes.append(text)
     return notes
 
@@ -183,6 +183,11 @@ def _nearest(
     return Matched(found.command, NEAREST), []
 
 
+def counted(number: int, word: str) -> str:
+    """A number of things: 1 row, 2 rows."""
+    return f"{number} {word}{'s' * (number != 1)}"
+
+
 def _reach(points: Array) -> float:
     return float(np.linalg.norm(np.ptp(points, axis=0)))
 
@@ -192,10 +197,10 @@ def _left_over(source: SourceFile, commands: SourceFile, command: Index, first: 
     notes = []
     bare = first[command < 0]
     if len(bare):
-        notes.append(f"{len(bare)} readings have no command: {_shown(source, bare)}")
+        notes.append(f"without a command: {counted(len(bare), 'reading')} ({_shown(source, bare)})")
     idle = np.setdiff1d(np.arange(commands.rows), command)
     if len(idle) and len(idle) < 0.9 * commands.rows:
-        notes.append(f"{len(idle)} commands were not measured: {_shown(commands, idle)}")
+        notes.append(f"not measured: {counted(len(idle), 'command')} ({_shown(commands, idle)})")
     return notes
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from errormodel.survey import Survey
 from identification.importing.importing import Imported
+from identification.importing.pairing import counted
 from identification.importing.proof import FEWEST_PROVED, Proof
 
 LISTED = 6  # rows in a line
@@ -94,11 +95,6 @@ def proof_lines(proof: Proof, survey: Survey) -> Iterator[str]:
         more = " ..." if len(rows) > LISTED else ""
         yield f"far from their commands: rows {', '.join(map(str, rows[:LISTED]))}{more} (fit with --robust)"
     yield from proof.follows
-
-
-def counted(number: int, word: str) -> str:
-    """A number of things: 1 row, 2 rows."""
-    return f"{number} {word}{'s' * (number != 1)}"
 
 
 def _length(um: float) -> str:

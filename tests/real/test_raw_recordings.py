@@ -95,6 +95,24 @@ def test_repeats_by_name(files: Path, tmp_path: Path) -> None:
     assert 1 < proof.repeat_um < 10  # four passes of a tracker over three points, 2.5 m away
 
 
+def test_an_arm_in_any_order_without_names(real_data: Path, tmp_path: Path) -> None:
+    """280 of 300 poses of a UR10, shuffled, in m with decimal commas; commands in rad: each finds its own."""
+    folder = real_data / "ur10"
+    if not folder.is_dir():
+        pytest.skip("the recording of a UR10 is not there")
+    table = pd.read_csv(folder / "series_c.csv").iloc[:300]
+    order = np.random.default_rng(0).permutation(300)[:280]
+    measured = table[["mx", "my", "mz"]].iloc[order] / 1e3
+    measured.set_axis(["X [m]", "Y [m]", "Z [m]"], axis=1).to_csv(tmp_path / "m.csv", index=False, sep=";", decimal=",")
+    joints = [f"J{k}" for k in range(1, 7)]
+    np.radians(table[joints]).rename(columns=lambda n: f"{n} [rad]").to_csv(tmp_path / "c.csv", index=False)
+    result = import_survey(tmp_path / "m.csv", folder / "machine.yaml", commands=tmp_path / "c.csv")
+    (pairs, _) = result.imported.pairs
+    assert pairs is not None
+    assert len(pairs) > 270  # errors of the nominal arm reach 2 mm; what lies farther has no command
+    np.testing.assert_array_equal(pairs.command, order[pairs.first])
+
+
 def test_a_positioning_test_and_its_reversal_value(files: Path) -> None:
     """The mean reversal value of the rows is the one that was published (ISO 230-2: forward minus backward)."""
     result = import_survey(files / "iso230_2_x.csv", AXIS, joint="X")

@@ -103,7 +103,7 @@ def test_what_is_missing_or_unnamed_finds_its_command(folder: Path) -> None:
     result = import_survey(folder / "bare.txt", MILL, commands=folder / "survey.nc")
     np.testing.assert_array_equal(result.survey.commands(["X", "Y", "Z"]), COMMANDS.to_numpy()[order])
     # four lines above, three a pose, the last of them waits
-    assert "3 commands were not measured: line 16, 19, 67" in result.summary()
+    assert "not measured: 3 commands (line 16, 19, 67)" in result.summary()
 
 
 WRONG = {
