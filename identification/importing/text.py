@@ -81,8 +81,9 @@ def proof_lines(proof: Proof, survey: Survey) -> Iterator[str]:
     """How well the points lie on the commanded ones, what else was looked for, and how repeats scatter."""
     figures = f"{_length(proof.rms_um)} rms (median {_length(proof.median_um)}, largest {_length(proof.max_um)})"
     yield f"after alignment the measured points lie {figures} from the nominal machine; they reach {proof.reach:.0f} mm"
-    if len(proof.rows) < FEWEST_PROVED:
-        yield f"too few rows ({len(proof.rows)}) to prove the join: exchanged rows or a shift would not show"
+    places = len(np.unique(np.round(proof.nominal, 3), axis=0))
+    if places < FEWEST_PROVED:
+        yield f"too few places ({places}) to prove the join: exchanged rows or a shift may not show"
     else:
         yield "no shift or exchange of rows, no other sign, unit or hand fits better"
     if proof.repeats:

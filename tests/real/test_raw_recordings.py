@@ -92,6 +92,7 @@ def test_repeats_by_name(files: Path, tmp_path: Path) -> None:
     result = import_survey(files / "points_plain.txt", CUBE, commands=tmp_path / "plan.csv")
     proof = result.imported.proof
     assert proof.repeats == 3
+    assert "too few places (3) to prove the join" in result.summary()
     assert 1 < proof.repeat_um < 10  # four passes of a tracker over three points, 2.5 m away
 
 
