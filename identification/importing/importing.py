@@ -13,6 +13,7 @@ import numpy as np
 from errormodel.arrays import Array
 from errormodel.chain import Chain
 from errormodel.exceptions import InputError
+from errormodel.files import write_bytes_atomic
 from errormodel.inputs import running
 from errormodel.machine import Machine
 from errormodel.survey import Survey, read_survey
@@ -97,9 +98,7 @@ def import_files(
     files = _files(points, motions, logs, pairs, told, frame, wishes)
     with tempfile.TemporaryDirectory() as folder, running(None):
         for name, data in files.items():
-            place = Path(folder) / name
-            place.parent.mkdir(exist_ok=True)
-            place.write_bytes(data)
+            write_bytes_atomic(data, Path(folder) / name)
         survey = read_survey(Path(folder) / SURVEY_FILE, machine)
     try:
         proof = prove(machine, survey, any(p.averaged for p in pairs), len(points) > 0)

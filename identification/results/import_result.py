@@ -42,6 +42,7 @@ class ImportResult:
         InputError
             The folder holds files that errormodel did not write, or that were changed since.
         """
+        from errormodel.files import write_bytes_atomic, write_text_atomic
         from identification.importing.text import import_lines
         from identification.plots.join import draw_join
         from identification.plots.style import save
@@ -50,8 +51,7 @@ class ImportResult:
         place = folder if isinstance(folder, ResultsFolder) else ResultsFolder(Path(folder), holds="survey")
         with place.replaced() as part:
             for name, data in self.imported.files.items():
-                (part / name).parent.mkdir(exist_ok=True)
-                (part / name).write_bytes(data)
-            (part / "import.txt").write_text("\n".join(import_lines(self.imported)) + "\n", encoding="utf-8")
+                write_bytes_atomic(data, part / name)
+            write_text_atomic("\n".join(import_lines(self.imported)) + "\n", part / "import.txt")
             if len(self.imported.proof.rows):
                 save(draw_join(self.imported), part / PICTURE)
