@@ -161,6 +161,7 @@ def joint_models() -> Iterator[str]:
 def formats() -> Iterator[str]:
     """Every format of survey tables with its suffixes."""
     from errormodel.formats import SUFFIXES, module_of
+    from errormodel.formats.raw import raw_formats
 
     yield "# Formats of survey tables"
     yield ""
@@ -170,6 +171,10 @@ def formats() -> Iterator[str]:
     for suffix in SUFFIXES:
         rows.setdefault((inspect.getdoc(module_of(suffix)) or "").partition("\n")[0], []).append(f"`{suffix}`")
     yield from table(("suffixes", "what they are"), ((", ".join(names), text) for text, names in rows.items()))
+    yield from ("", "# Raw formats", "", "What `errormodel import`, or `format:` in a `survey.yaml`, reads.", "")
+    for name, kind in raw_formats().items():
+        tried = "tried on a public recording" if kind.seen else "written to this description, not tried on a recording"
+        yield from (f"## {name}", "", inspect.getdoc(kind) or "", "", f"Source: {kind.source}; {tried}.", "")
 
 
 def machine_keys() -> Iterator[str]:

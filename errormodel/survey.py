@@ -31,9 +31,10 @@ from errormodel.survey_columns import (
     check_units,
     plan_columns,
 )
-from errormodel.survey_file import BudgetEntry, FileEntry, Frame, Refit, SurveyForm, read_form
+from errormodel.survey_file import BudgetEntry, FileEntry, Frame, Refit, SurveyForm, SurveyUnits, read_form
 from errormodel.survey_gaps import filled
 from errormodel.survey_plausibility import check_sizes
+from errormodel.survey_raw import RawTable, open_entry
 from errormodel.survey_record import RecordForm
 from errormodel.survey_travels import travel_notes
 from errormodel.yamlfile import Document
@@ -164,20 +165,35 @@ def read_survey(source: Path | str | pd.DataFrame, machine: Machine, measured: b
     else:
         path = Path(source)
         form, document, folder = read_form(path)
-        opened = [(entry, open_tables(folder / entry.path, entry.path)) for entry in form.files]
-    check_map(document, machine, form.columns, [table for _, tables in opened for table in tables])
+        opened = [
+            (
+                entry,
+                [open_entry(entry, folder, machine, form.logs)]
+                if entry.format
+                else open_tables(folder / entry.path, entry.path),
+            )
+            for entry in form.files
+        ]
+    check_map(
+        document, machine, form.columns, [table for entry, tables in opened if not entry.format for table in tables]
+    )
     notes: dict[str, None] = {}  # in order, and each once
     parts: list[Part] = []
-    plans = [[plan_columns(table, machine, form.columns, measured) for table in tables] for _, tables in opened]
-    check_units(document, machine, form.units, (name for own in plans for plan in own for name in plan.ours))
-    for (entry, tables), own in zip(opened, plans, strict=True):
-        part = _read_file(entry, tables, own, machine, form, measured)
+    forms = [_own_form(form, tables[0]) for _, tables in opened]
+    plans = [
+        [plan_columns(table, machine, own.columns, measured) for table in tables]
+        for (_, tables), own in zip(opened, forms, strict=True)
+    ]
+    named = (name for plan, f in zip(plans, forms, strict=True) if f is form for one in plan for name in one.ours)
+    check_units(document, machine, form.units, named)
+    for (entry, tables), own, settings in zip(opened, plans, forms, strict=True):
+        part = _read_file(entry, tables, own, machine, settings, measured)
         # results state the file as survey.yaml does, or by its name: the same wherever the command is run
         label = entry.path if document.data else _name(Path(entry.path))
         part.frame["file"] = label
         notes |= dict.fromkeys(f"{label}: {note}" for note in part.notes)
         notes |= dict.fromkeys(f"{label}: {note}" for note in check_series(part.frame, machine, label))
-        notes |= dict.fromkeys(check_sizes(part.frame, machine, form.units, label, measured))
+        notes |= dict.fromkeys(check_sizes(part.frame, machine, settings.units, label, measured))
         parts.append(part)
     if measured and all(entry.role == "test" for entry in form.files):
         raise document.error(("files",), "only test files", "Give at least one file the role fit")
@@ -200,6 +216,13 @@ def read_survey(source: Path | str | pd.DataFrame, machine: Machine, measured: b
 
 def _name(path: Path) -> str:
     return path.name if path.name not in ("", "..") else path.resolve().name
+
+
+def _own_form(form: SurveyForm, table: Table) -> SurveyForm:
+    """The settings of one file: a raw file has columns and units of its own, and is converted already."""
+    if not isinstance(table, RawTable):
+        return form
+    return form.model_copy(update={"columns": {}, "units": SurveyUnits(**table.units)})
 
 
 def _side_notes(table: pd.DataFrame, machine: Machine, frame: Frame) -> Iterator[str]:

@@ -89,7 +89,7 @@ def check_map(document: Document, machine: Machine, columns: Mapping[str, str], 
     """Raise InputError if ``columns:`` in a survey.yaml names an unknown column or one that no file has."""
     present = {name for table in headers for name in table.columns if name}
     for ours, theirs in columns.items():
-        if not _is_ours(ours, machine):
+        if not is_survey_column(ours, machine):
             known = (*(j.name for j in machine.joints), *_COLUMN_NAMES)
             cure = nearest(ours, known) + ", T_<sensor>, w_<name>, dir_<joint>"
             raise document.error(("columns", ours), f"'{ours}' is not a column of a survey", cure)
@@ -162,7 +162,7 @@ def plan_columns(table: Table, machine: Machine, columns: Mapping[str, str], mea
     taken = {columns[ours]: ours for ours in columns if columns[ours] in named}
     candidates = {name: taken.get(name, name) for name in named}
     free = {our: name for name, our in candidates.items() if name in taken or our not in taken.values()}
-    ours = {our: name for our, name in free.items() if _is_ours(our, machine)}
+    ours = {our: name for our, name in free.items() if is_survey_column(our, machine)}
     if "joint" not in ours:  # without it the joint of the error motions is unknown
         ours = {our: name for our, name in ours.items() if our not in (*MOTIONS, *MOTION_UNCERTAINTIES)}
     unused = [name for name in named if name not in ours.values()]
@@ -216,7 +216,8 @@ def _all_or_none(where: str, ours: Mapping[str, str], names: tuple[str, ...]) ->
         )
 
 
-def _is_ours(name: str, machine: Machine) -> bool:
+def is_survey_column(name: str, machine: Machine) -> bool:
+    """Whether a name is that of a column of a survey (``docs/file_formats.md``, section 2)."""
     joints = [name for j in machine.joints for name in j.columns]
     direction = name.startswith("dir_") and name[4:] in joints
     return name in joints or name in _COLUMN_NAMES or direction or re.fullmatch(r"[Tw]_.+", name) is not None

@@ -45,11 +45,47 @@ class SurveyUnits(UnitsBlock):
         return self.model_extra or {}
 
 
-class FileEntry(FileModel):
-    """One table, and whether it is fitted or held out as a test."""
+class RawEntry(FileModel):
+    """A file as an instrument or a controller wrote it, and how its columns are read."""
+
+    path: str = Field(min_length=1, description="the file, relative to this one")
+    format: str = Field("", description="a raw format, such as spreadsheet; left out: a survey's own table")
+    sha256: str = Field("", pattern="^([0-9a-f]{64})?$", description="digest of the file as it was imported")
+    columns: dict[str, str] = Field(
+        {},
+        description='of this raw file: our column name: its own (with "-" before it: other sign), such as {mx: East}',
+    )
+    units: dict[str, str] = Field({}, description="of this raw file, by kind or our column, such as {length: m}")
+    dates: Literal["", "day-first", "month-first"] = Field("", description="day-first or month-first")
+    joint: str = Field("", description="the joint that a file is about which holds readings of one joint")
+    offsets: list[str] = Field([], description='of a programme, as --offset of compensate, such as ["G54=X0,Y0,Z300"]')
+    at: list[str] = Field([], description='of a programme, as --at of compensate, such as ["start=X0,Y0,Z0"]')
+    dialect: str = Field("auto", description="of a programme: auto, iso, fanuc or printer")
+
+
+class LogEntry(RawEntry):
+    """A recording on a clock of its own, such as a log of temperatures, that is read at the times of the rows."""
+
+    offset: float = Field(0.0, description="s to add to its times")
+
+
+class FileEntry(RawEntry):
+    """One table, and whether it is fitted or held out as a test; a raw file with its commands."""
 
     path: str = Field(min_length=1, description="a CSV or Parquet file, or a folder of parts, relative to this file")
     role: Role = Field("fit", description="fit (the parameters come from it) or test (held out)")
+    commands: RawEntry | None = Field(None, description="the file with the commands: a block as of a raw file")
+    pairs: str = Field("", description="CSV of which rows were measured at which command: command, first, last")
+    targets: dict[str, Vector3] = Field({}, description="functional point (mm) of each target, such as {A: [0, 0, 50]}")
+
+    @model_validator(mode="after")
+    def _raw(self) -> FileEntry:
+        own = self.model_fields_set - {"path", "role", "format"}
+        if own and not self.format:
+            raise ValueError(f"Write format: beside {min(own)}:, or columns: and units: of the whole survey")
+        if self.commands is not None and not self.pairs:
+            raise ValueError("Write pairs: beside commands:, the file that says which rows belong together")
+        return self
 
 
 Distribution = Literal["normal", "rectangular", "triangular", "arcsine"]
@@ -106,6 +142,9 @@ class SurveyForm(VersionedModel):
     columns: dict[str, str] = Field({}, description='our column name: the name in your files, such as {mx: "X meas"}')
     units: SurveyUnits = Field(SurveyUnits(), description="a block such as {length: mm, angle: deg}")
     instrument: AnyInstrument = Field(Plain(), description="a block such as {type: cmm, sigma: [1e-3, 2e-6]}")
+    logs: list[LogEntry] = Field(
+        [], description="recordings on clocks of their own, such as [{path: t.csv, format: ..}]"
+    )
     budget: list[BudgetEntry] = Field([], description="lines such as [{name: tool, std: 0.002, acts: tool_z}]")
     test: RecordForm | None = Field(None, description="a block such as {operator: .., date: 2026-11-20, machine: {..}}")
 

@@ -1,8 +1,8 @@
 """Inference on top of ``errormodel``: what a survey says of a machine, and how sure it is.
 
-Public functions, as on the command line: `describe`, `plan`, `fit`, `diagnose`, `thermal`, `register`, `predict`,
-`explain`, `monitor`, `compensate`, `controllers`, `iso`, `standards`, `load` and `save`. They are imported when they
-are first asked for, so that ``import identification`` costs nothing.
+Public functions, as on the command line: `import_survey`, `check`, `template`, `describe`, `plan`, `fit`, `diagnose`,
+`thermal`, `register`, `predict`, `explain`, `monitor`, `compensate`, `controllers`, `iso`, `standards`, `load` and
+`save`. They are imported when they are first asked for, so that ``import identification`` costs nothing.
 """
 
 from __future__ import annotations
@@ -12,12 +12,14 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from identification.api import (
+        check,
         compensate,
         controllers,
         describe,
         diagnose,
         explain,
         fit,
+        import_survey,
         iso,
         load,
         monitor,
@@ -26,16 +28,19 @@ if TYPE_CHECKING:
         register,
         save,
         standards,
+        template,
         thermal,
     )
 
 __all__ = [
+    "check",
     "compensate",
     "controllers",
     "describe",
     "diagnose",
     "explain",
     "fit",
+    "import_survey",
     "iso",
     "load",
     "monitor",
@@ -44,6 +49,7 @@ __all__ = [
     "register",
     "save",
     "standards",
+    "template",
     "thermal",
 ]
 

@@ -10,12 +10,16 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.exceptions import InputError, nearest
-from errormodel.machine import Joint
+from errormodel.machine import Joint, Machine
+
+if TYPE_CHECKING:
+    from errormodel.chain import Chain
 
 AXIS_LETTERS = ("X", "Y", "Z", "A", "B", "C", "U", "V", "W")  # letters of ISO 841, in the order of numbering
 ALONG_COSINE = 0.9  # cosine between joint and x, y or z, from which on the joint runs along it; by judgement
@@ -73,6 +77,14 @@ def wanted_axes(text: str, joints: Sequence[str]) -> dict[str, Wanted]:
         found = f"a number for {', '.join(numbered)}, and none for {', '.join(missing)}"
         raise InputError("--axes", found, "Number every joint of the machine, or none")
     return out
+
+
+def directions_at_zero(machine: Machine, chain: Chain) -> Array:
+    """Unit vectors (joints, 3) of the joints' axes in the reference, all joints at zero."""
+    frames = chain.frames({})
+    return np.array(
+        [frames[k][:3, :3] @ np.array(e.axis) for k, e in enumerate(machine.elements) if isinstance(e, Joint)]
+    )
 
 
 def axis_letters(

@@ -21,6 +21,7 @@ SUFFIXES = (".csv", ".txt", ".tsv", ".dat")  # file suffixes of this format
 
 # delimiters, with their names in messages
 _DELIMITER_WORDS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars"}
+AS_IT_IS = ", or take it in as it is with `errormodel import`"  # of a file as an instrument or a program wrote it
 _HEADER_BYTES = 1 << 18  # bytes within which the header must end
 
 
@@ -143,7 +144,7 @@ class CsvTable(Table):
                     raw.decode("utf-8")
                 except UnicodeDecodeError as bad:
                     byte = f"the byte 0x{raw[bad.start]:02x}, which is not UTF-8"
-                    raise InputError(f"{self.name}, line {number}", byte, "Save the file as UTF-8") from bad
+                    raise InputError(f"{self.name}, line {number}", byte, f"Save the file as UTF-8{AS_IT_IS}") from bad
 
     def _ambiguous(self, column: str, row: int, cell: str) -> InputError:
         plain = cell.replace(".", "").replace(",", "")
@@ -173,7 +174,7 @@ def open_table(path: Path, name: str) -> Table:
     with path.open("rb") as file:
         head = file.read(_HEADER_BYTES)
     if head[:2] in (b"\xff\xfe", b"\xfe\xff"):
-        raise InputError(name, "text in UTF-16", "Save the file as UTF-8 (in a spreadsheet: 'CSV UTF-8')")
+        raise InputError(name, "text in UTF-16", f"Save the file as UTF-8 (in a spreadsheet: 'CSV UTF-8'){AS_IT_IS}")
     if b"\0" in head:
         raise InputError(name, "not a text file", "Give CSV in UTF-8, or Parquet with the suffix .parquet")
     text = head.decode("utf-8-sig", errors="replace")
@@ -192,9 +193,11 @@ def open_table(path: Path, name: str) -> Table:
     if not columns:
         raise InputError(name, "no columns' names", "Give a header with the columns' names and a row a pose")
     if any("\ufffd" in n for n in columns):
-        raise InputError(where, "bytes that are not UTF-8", "Save the file as UTF-8")
+        raise InputError(where, "bytes that are not UTF-8", f"Save the file as UTF-8{AS_IT_IS}")
     if all(re.fullmatch(r"[-+]?[\d.]+(e[-+]?\d+)?", n, re.IGNORECASE) for n in columns if n):
-        raise InputError(where, "numbers where the columns' names belong", "Put a line with the names above the data")
+        raise InputError(
+            where, "numbers where the columns' names belong", f"Put a line with the names above the data{AS_IT_IS}"
+        )
     if len(columns) == 1 and " " in columns[0]:
-        raise InputError(where, f"one column, '{columns[0]}'", "Separate the columns with commas")
+        raise InputError(where, f"one column, '{columns[0]}'", f"Separate the columns with commas{AS_IT_IS}")
     return CsvTable(path, name, columns, delimiter, reader.line_num)

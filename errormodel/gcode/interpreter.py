@@ -168,7 +168,9 @@ class Interpreter:
         if own or ((rapid or travelling) and not (whole and (kind == "rapid" or started))):
             kind = "as it is"  # nothing is added to a positioning whose correction is not known
         elif kind == "feed" and not (whole and started):
-            self._unknown(block, start if not started else end, named)
+            if self.needed or modes.motion not in ("G0", "G1"):
+                self._unknown(block, start if not started else end, named)
+            kind = "as it is"  # nothing is corrected: a line from an unknown place still ends at a known one
         self._feed_words(block, kind)
         path = self._path(block, start, end) if kind != "as it is" else Line(start, end)
         for k in named:

@@ -5,16 +5,19 @@ DataFrame. All are in the units of their files: mm, degrees for rotary joints, s
 """
 
 from identification.api.models import describe, diagnose, fit, plan, register, thermal
+from identification.api.preparing import check, import_survey, template
 from identification.api.standards import iso, standards
 from identification.api.uses import compensate, controllers, explain, load, monitor, predict, save
 
 __all__ = [
+    "check",
     "compensate",
     "controllers",
     "describe",
     "diagnose",
     "explain",
     "fit",
+    "import_survey",
     "iso",
     "load",
     "monitor",
@@ -23,5 +26,6 @@ __all__ = [
     "register",
     "save",
     "standards",
+    "template",
     "thermal",
 ]

@@ -49,6 +49,7 @@ class _Out(click.Path):
 
 OUT_FILE = _Out(OutputFile, dir_okay=False)
 OUT_FOLDER = _Out(ResultsFolder, file_okay=False)  # a fit
+OUT_SURVEY = _Out(partial(ResultsFolder, holds="survey"), file_okay=False)
 OUT_TABLES = _Out(partial(ResultsFolder, holds="tables"), file_okay=False)
 OUT_EVALUATION = _Out(partial(ResultsFolder, holds="evaluation"), file_okay=False)
 
@@ -96,7 +97,7 @@ def command(function: Callable[..., None]) -> click.Command:
 
     run = click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Random seed.")(run)
     run = click.option("--quiet", is_flag=True, help="Print nothing but errors.")(run)
-    return app.command()(run)
+    return app.command(function.__name__.rstrip("_"))(run)  # `import` is a word of Python
 
 
 def _run_of(given: dict[str, Any]) -> Run:

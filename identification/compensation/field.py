@@ -15,9 +15,10 @@ import numpy as np
 from errormodel.arrays import Array, as_rows
 from errormodel.chain import TOOL_CHANNELS, Chain
 from errormodel.channels import DERIVED_CHANNEL, root
+from errormodel.controllers.axes import directions_at_zero
 from errormodel.exceptions import InputError
 from errormodel.kernel import Kernel
-from errormodel.machine import Joint, Machine
+from errormodel.machine import Joint
 from identification.results.stored_fit import StoredFit
 
 if TYPE_CHECKING:
@@ -149,14 +150,6 @@ def _slope(chain: Chain, what: Literal["actual", "nominal"]) -> Kernel:
 
     point = chain.expression(what)[:3]
     return Kernel(chain.rows, chain.values, ca.jacobian(point, chain.rows)[:, : len(chain.machine.joints)])
-
-
-def directions_at_zero(machine: Machine, chain: Chain) -> Array:
-    """Unit vectors (joints, 3) of the joints' axes in the reference, all joints at zero."""
-    frames = chain.frames({})
-    return np.array(
-        [frames[k][:3, :3] @ np.array(e.axis) for k, e in enumerate(machine.elements) if isinstance(e, Joint)]
-    )
 
 
 def movers_of(chain: Chain) -> tuple[int, ...]:

@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from errormodel.arrays import Array
-from errormodel.controllers.axes import axis_letters, wanted_axes
+from errormodel.controllers.axes import axis_letters, directions_at_zero, wanted_axes
 from errormodel.controllers.grids import nodes
 from errormodel.controllers.probing import Gap
 from errormodel.controllers.setup import Axis, Setup
 from errormodel.controllers.tables import Term
 from errormodel.exceptions import InputError
-from identification.compensation.field import Field, directions_at_zero
+from identification.compensation.field import Field
 from identification.compensation.inverse import inverse, steps_towards
 from identification.compensation.reduction import Sample, frame_motion
 from identification.observation.pose import IDENTITY, Pose

@@ -17,6 +17,7 @@ import pytest
 from errormodel import formats, joint_models
 from errormodel.controllers import registry as controllers
 from errormodel.effects import registry as effects
+from errormodel.formats.raw import raw_formats
 from errormodel.instruments import instruments
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -27,6 +28,7 @@ KINDS = {
     "controllers": controllers(),
     "instruments": instruments(),
     "joint_models": joint_models.registry(),
+    "raw_formats": raw_formats(),
 }
 # Where a name may stand outside its own file, and why.
 ALLOWED = {

@@ -43,7 +43,9 @@ def elsewhere(tmp_path_factory: pytest.TempPathFactory) -> Path:
     lines = []
     for group, heading in HEADINGS.items():
         (folder / f"shop_{group}.py").write_text(example(heading))
-        lines.append(f"[errormodel.{group}]\nmine = shop_{group}\n")
+        more = "raw = shop_raw\n" if group == "formats" else ""
+        lines.append(f"[errormodel.{group}]\nmine = shop_{group}\n{more}")
+    (folder / "shop_raw.py").write_text(example("A raw format"))
     (info / "entry_points.txt").write_text("\n".join(lines))
     return folder
 
@@ -100,6 +102,23 @@ def test_a_package_of_the_users_brings_an_instrument_and_a_format(elsewhere: Pat
     assert json.loads((elsewhere / "probed/fit.json").read_text())["sigma_from"] == "declared"
     assert "## flat-probe" in reference(elsewhere, "instruments")
     assert ".bar" in reference(elsewhere, "formats")
+
+
+def test_a_package_of_the_users_brings_a_raw_format(elsewhere: Path) -> None:
+    """Recognised by its content, and in the documentation."""
+    (elsewhere / "level.lvl").write_text("SHOP LEVEL 3\nA1 1,5 2,5\nA2 -0,5 3,25\n")
+    program = (
+        "from pathlib import Path; from errormodel.formats.raw import *; "
+        "raw = open_raw(Path('level.lvl'), 'level.lvl'); kind = format_of(raw); "
+        "print(kind.name, *kind.read(raw, Asked()).frame['w_tilt_x_arcsec'])"
+    )
+    paths = os.pathsep.join([str(elsewhere), str(ROOT)])
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=elsewhere, capture_output=True, text=True, check=False,
+        env={**os.environ, "PYTHONPATH": paths},
+    )  # fmt: skip
+    assert done.stdout.split() == ["level-list", "1.5", "-0.5"], done.stderr
+    assert "## level-list" in reference(elsewhere, "formats")
 
 
 def test_a_package_of_the_users_brings_a_joint_error_model(elsewhere: Path) -> None:

@@ -83,6 +83,10 @@ class Points:
     def part(self, rows: Index | Mask) -> Points:
         return replace(self, nominal=self.nominal[rows], measured=self.measured[rows])
 
+    def reordered(self, order: Index) -> Points:
+        """What was measured in another order, beside the same commands."""
+        return replace(self, measured=self.measured[order])
+
     def shifted(self, rows: int) -> Points:
         """What was measured so many rows later, beside the commands; only where something was."""
         last = len(self) - max(rows, 0)

@@ -1,0 +1,84 @@
+"""Traces of a telescoping ballbar as text: angle and radius, or radial deviation, with the nominal radius above.
+
+The makers' own files are not described in public. Read is what their programs export as a table: a line of keys such as
+``Radius: 150`` above columns of angle and deviation. A trace has no coordinates: its rows are lengths.
+"""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+
+from errormodel.exceptions import InputError
+from errormodel.formats.raw import Asked, RawFile, RawFormat, Recording
+from errormodel.formats.table_columns import columns_of, numbers
+from errormodel.formats.unit_words import unit_word
+from errormodel.units import factor, is_unit, to_internal
+
+_ANGLE = re.compile(r"angle|theta|phi|position\(deg\)", re.IGNORECASE)
+_DEVIATION = re.compile(r"(radial)?\s*(deviation|error)|delta\s*r(adius)?|dr", re.IGNORECASE)
+_RADIUS = re.compile(r"(measured\s*)?(radius|length|r)", re.IGNORECASE)
+_NOMINAL = re.compile(
+    r"(?:nominal\s*)?(?:test\s*)?(?:ballbar\s*)?(?:radius|length)\s*[:=,;\t]?\s*([\d.]+)\s*(mm|inch|in)?", re.IGNORECASE
+)
+_PLANE = re.compile(r"(?:plane|test\s*plane)\s*[:=,;\t]?\s*(XY|YZ|ZX|XZ|ZY|YX)\b", re.IGNORECASE)
+_FEED = re.compile(r"feed(?:\s*rate)?\s*[:=,;\t]?\s*([\d.]+)", re.IGNORECASE)
+
+
+class BallbarTrace(RawFormat):
+    """Angle of the bar and its length; ``side`` is 1 where the angle grows (counter-clockwise), else -1."""
+
+    name = "ballbar-trace"
+    title = "a trace of a ballbar"
+    source = "tables as laboratories export them; the makers' own files are not public (ISO 230-4 for the quantities)"
+
+    @classmethod
+    def recognises(cls, raw: RawFile) -> bool:
+        try:
+            table = raw.layout
+        except InputError:
+            return False
+        if table is None or not table.named or not 2 <= len(table.names) <= 5:
+            return False
+        names = [n.strip() for n in table.names]
+        angle = any(_ANGLE.fullmatch(n) for n in names)
+        return angle and any(_DEVIATION.fullmatch(n) or _RADIUS.fullmatch(n) for n in names)
+
+    @classmethod
+    def read(cls, raw: RawFile, asked: Asked) -> Recording:
+        import pandas as pd
+
+        recording = columns_of(raw, asked)
+        frame = recording.frame
+        names = [str(n) for n in frame]
+        angle = next(n for n in names if _ANGLE.fullmatch(n))
+        head = "\n".join((*(raw.layout.preamble if raw.layout else ()), *(raw.layout.comments if raw.layout else ())))
+        unit = recording.units.get(angle, "deg")
+        turned = np.unwrap(to_internal(numbers(recording, angle, raw.name), unit, "angle"))
+        reading = next((n for n in names if _DEVIATION.fullmatch(n)), None)
+        nominal = _NOMINAL.search(head)
+        if reading is not None:
+            own = recording.units.get(reading, "")
+            if not is_unit(own or "?", "length"):
+                raise InputError(
+                    raw.name, f"no unit of the column {reading}", f"Write it behind the name: {reading} [um]"
+                )
+            if nominal is None:
+                raise InputError(raw.name, "deviations without the nominal length", "Write 'Radius: 150 mm' above")
+            base = float(nominal[1]) * factor(unit_word(nominal[2] or "mm"), "length")
+            length = base + to_internal(numbers(recording, reading, raw.name), own, "length")
+        else:
+            reading = next(n for n in names if _RADIUS.fullmatch(n))
+            length = to_internal(numbers(recording, reading, raw.name), recording.units.get(reading, "mm"), "length")
+        table = pd.DataFrame({"angle": np.degrees(turned), "length": length})
+        side = np.sign(np.gradient(turned)) if len(turned) > 1 else np.ones(len(turned))
+        table["side"] = side
+        for pattern, name in ((_PLANE, "plane"), (_FEED, "feed")):
+            match = pattern.search(head)
+            if match:
+                table[name] = match[1].upper() if name == "plane" else float(match[1])
+        if "time" in frame:
+            table["time"] = frame["time"]
+        notes = (f"{len(table)} lengths from {length.min():.4f} to {length.max():.4f} mm",)
+        return Recording(table, {"angle": "deg", "length": "mm"}, recording.lines, (*recording.notes, *notes))

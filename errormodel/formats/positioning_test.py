@@ -1,0 +1,108 @@
+"""Tables of positioning tests (ISO 230-2): target, measured position or deviation, cycle or run, direction."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+
+from errormodel.conventions import MOTIONS, unit_of
+from errormodel.exceptions import InputError
+from errormodel.formats.positioning import joint_for, motion_rows
+from errormodel.formats.raw import Asked, RawFile, RawFormat, Recording
+from errormodel.formats.table_columns import columns_of, numbers
+from errormodel.units import Quantity, is_unit, to_internal
+
+_TARGET = re.compile(r"target(position|pos|no)?|nominal(position)?|setpoint")
+_ACTUAL = re.compile(r"(actual|measured|read)?(position|pos)|actual|measured|reading")
+_DEVIATION = re.compile(r"(position)?(deviation|error|dev)")
+_CYCLE = re.compile(r"cycle|run|pass|series|repeat")
+_SIDE = re.compile(r"dir(ection)?|approach|side")
+_UNIT = re.compile(r"_(mm|um|inch|deg|arcsec|urad|rad)$")
+_PLUS = frozenset(("+", "+1", "1", "1.0", "forward", "fwd", "positive", "pos", "up", "f"))
+_MINUS = frozenset(
+    ("-", "-1", "-1.0", "\u2013", "backward", "reverse", "rev", "bwd", "negative", "neg", "down", "b", "r")
+)
+
+
+def _places(names: list[str]) -> dict[str, str]:
+    """Columns of a positioning test by what they hold."""
+    out: dict[str, str] = {}
+    for name in names:
+        bare = re.sub(r"[\s_.]+", "", _UNIT.sub("", name.lower()))
+        for what, pattern in (("target", _TARGET), ("cycle", _CYCLE), ("side", _SIDE), ("deviation", _DEVIATION)):
+            if what not in out and pattern.fullmatch(bare):
+                out[what] = name
+                break
+        else:
+            if "actual" not in out and _ACTUAL.fullmatch(bare):
+                out["actual"] = name
+    return out
+
+
+class PositioningTest(RawFormat):
+    """One joint's readings at its targets; they become its error motion along its axis."""
+
+    name = "positioning-test"
+    title = "a positioning test of one joint"
+    source = "ISO 230-2, table of measured deviations; names of columns as laboratories write them"
+    seen = True
+
+    @classmethod
+    def recognises(cls, raw: RawFile) -> bool:
+        try:
+            table = raw.layout
+        except InputError:
+            return False
+        if table is None or not table.named:
+            return False
+        found = _places([*table.names])
+        return (
+            "target" in found and {*found} & {"actual", "deviation"} != set() and {*found} & {"cycle", "side"} != set()
+        )
+
+    @classmethod
+    def read(cls, raw: RawFile, asked: Asked) -> Recording:
+        table = columns_of(raw, asked)
+        found = _places([str(n) for n in table.frame])
+        frame = table.frame
+        unit = table.units.get(found["target"], "mm")
+        joint = joint_for(raw.name, asked, "", rotary=is_unit(unit, "angle"))
+        usual = "deg" if joint.type == "rotary" else "mm"
+        quantity: Quantity = "angle" if joint.type == "rotary" else "length"
+        target = numbers(table, found["target"], raw.name)
+        if "deviation" in found:
+            reading, own = numbers(table, found["deviation"], raw.name), table.units.get(found["deviation"], "")
+            if not own:
+                cure = f"Say it with --format and --units, or write the unit behind {found['deviation']}"
+                raise InputError(raw.name, f"no unit of the column {found['deviation']}", cure)
+        else:
+            own = "rad" if joint.type == "rotary" else "mm"
+            actual = numbers(table, found["actual"], raw.name)
+            stated = table.units.get(found["actual"], unit)
+            reading = to_internal(actual, stated, quantity) - to_internal(target, unit, quantity)
+        side = np.full(len(frame), np.nan)
+        if "side" in found:
+            side = _sides(raw, [str(c) for c in frame[found["side"]]], found["side"], table.lines)
+        run = (
+            [f"{c:g}" if isinstance(c, float) else str(c) for c in frame[found["cycle"]]]
+            if "cycle" in found
+            else ["1"] * len(frame)
+        )
+        position = to_internal(target, unit, quantity)
+        rows = motion_rows(joint, np.degrees(position) if usual == "deg" else position, reading, own, run, side)
+        units = {joint.name: usual} | {name: unit_of(name) for name in MOTIONS if name in rows}
+        return Recording(rows, units, table.lines, (*table.notes, f"readings of {joint.name} along its axis"))
+
+
+def _sides(raw: RawFile, cells: list[str], name: str, lines: tuple[int, ...]) -> np.ndarray:
+    out = np.array(
+        [1.0 if c.strip().lower() in _PLUS else -1.0 if c.strip().lower() in _MINUS else np.nan for c in cells]
+    )
+    if np.isnan(out).any():
+        row = int(np.argmax(np.isnan(out)))
+        where = f"{raw.name}, line {lines[row]}, column {name}"
+        raise InputError(
+            where, f"'{cells[row]}' as a direction", "Directions are + and -, 1 and -1, forward and reverse"
+        )
+    return out

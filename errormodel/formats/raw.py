@@ -1,0 +1,290 @@
+"""A file as an instrument wrote it: its bytes, its text in whatever encoding, and the interface of raw formats.
+
+A raw format is one class in one file of this package, or of a package from outside by the entry point
+``errormodel.formats``. It recognises files by their content, whatever their suffix, and hands out columns with units.
+"""
+
+from __future__ import annotations
+
+import codecs
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar, Literal
+
+from errormodel.discovery import by_word, classes
+from errormodel.exceptions import InputError, nearest
+from errormodel.formats.layout import Layout, find_layout
+from errormodel.inputs import noted
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from errormodel.machine import Machine
+
+DateOrder = Literal["", "day-first", "month-first"]
+
+# byte-order marks, longest first: that of UTF-32 begins with that of UTF-16
+MARKS = (
+    (codecs.BOM_UTF8, "utf-8"),
+    (codecs.BOM_UTF32_LE, "utf-32-le"),
+    (codecs.BOM_UTF32_BE, "utf-32-be"),
+    (codecs.BOM_UTF16_LE, "utf-16-le"),
+    (codecs.BOM_UTF16_BE, "utf-16-be"),
+)
+ENCODING_NAMES = {
+    "utf-8": "UTF-8", "utf-16-le": "UTF-16", "utf-16-be": "UTF-16", "utf-32-le": "UTF-32", "utf-32-be": "UTF-32",
+    "cp1252": "Windows-1252",
+}  # fmt: skip
+NULLS_OF_UTF16 = 0.3  # share of null bytes on one side of the pairs: half of the text of any European language
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What the user or ``survey.yaml`` says about a raw file.
+
+    Attributes
+    ----------
+    machine : Machine or None
+        Names the joints, where a format needs them.
+    dates : "day-first", "month-first" or ""
+        Order of day and month where the file does not show it.
+    joint : str
+        The joint that the file is about, where it has one joint only.
+    offsets, at, dialect : of a programme, as for ``compensate``.
+    """
+
+    machine: Machine | None = None
+    dates: DateOrder = ""
+    joint: str = ""
+    offsets: tuple[str, ...] = ()
+    at: tuple[str, ...] = ()
+    dialect: str = "auto"
+
+
+@dataclass(frozen=True)
+class Recording:
+    """The columns of a raw file.
+
+    Attributes
+    ----------
+    frame : DataFrame
+        Columns of numbers (float64, NaN: empty) and of text, index from 0. A column that the format knows has the
+        toolkit's name (``mx``, ``time``, ``T_air``, a joint ...), ``point`` (its name in the file), ``target`` (the
+        reflector) or ``station``; the others have the names of the file.
+    units : mapping
+        Unit of a column, as the file states it.
+    lines : tuple of int
+        Line of the file of each row, from 1; empty where a file has no lines.
+    notes : tuple of str
+        How the file was read.
+    dated : bool
+        Whether the column ``time`` is in seconds since 1970; else it is in seconds from any zero.
+    """
+
+    frame: pd.DataFrame
+    units: Mapping[str, str] = field(default_factory=dict)
+    lines: tuple[int, ...] = ()
+    notes: tuple[str, ...] = ()
+    dated: bool = False
+
+
+@dataclass(frozen=True)
+class RawFile:
+    """A file as it came: `name` is the path as the user wrote it."""
+
+    path: Path
+    name: str
+    data: bytes = field(repr=False)
+
+    @cached_property
+    def _decoded(self) -> tuple[str | None, str]:
+        return decoded(self.data)
+
+    @property
+    def text(self) -> str | None:
+        """Its text; None for bytes that are no text."""
+        return self._decoded[0]
+
+    @property
+    def encoding(self) -> str:
+        """Name of its encoding; empty for bytes that are no text."""
+        return self._decoded[1]
+
+    @cached_property
+    def lines(self) -> tuple[str, ...]:
+        """Lines without their ends; a carriage return alone ends a line as well."""
+        text = self.text or ""
+        return tuple(text.replace("\r\n", "\n").replace("\r", "\n").split("\n"))
+
+    @cached_property
+    def layout(self) -> Layout | None:
+        """The table in its text, or None where there is none."""
+        return None if self.text is None else find_layout(self.lines)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """How the bytes were read as text, where that is worth a note."""
+        name = ENCODING_NAMES.get(self.encoding, self.encoding)
+        return () if name in ("UTF-8", "") else (f"read as {name}",)
+
+
+class RawFormat(ABC):
+    """What is common to the formats of raw files.
+
+    Attributes
+    ----------
+    name : word of ``format:`` in survey.yaml.
+    title : what such a file is, as the end of "read as ...".
+    source : where the format is described.
+    seen : whether it was tried on a public recording; else it is written to its description only.
+    fallback : read by it what no other format recognises.
+    """
+
+    name: ClassVar[str]
+    title: ClassVar[str]
+    source: ClassVar[str]
+    seen: ClassVar[bool] = False
+    fallback: ClassVar[bool] = False
+
+    @classmethod
+    @abstractmethod
+    def recognises(cls, raw: RawFile) -> bool:
+        """Whether a file is of this format, by its content."""
+
+    @classmethod
+    @abstractmethod
+    def read(cls, raw: RawFile, asked: Asked) -> Recording:
+        """Columns of a file that is of this format.
+
+        Raises
+        ------
+        InputError
+            Something in it is not understood.
+        """
+
+    @classmethod
+    def opened(cls, raw: RawFile, asked: Asked) -> Recording:
+        """Columns of a file that is said to be of this format.
+
+        Raises
+        ------
+        InputError
+            It is not, or something in it is not understood.
+        """
+        if not cls.recognises(raw):
+            try:
+                _ = raw.layout
+            except InputError as error:
+                raise InputError(f"{raw.name}, {error.where}", error.found, error.cure) from error
+            raise InputError(raw.name, f"it does not look like {cls.title}", "Leave --format out, or name another one")
+        return cls.read(raw, asked)
+
+
+@lru_cache(maxsize=1)
+def raw_formats() -> dict[str, type[RawFormat]]:
+    """All raw formats by their names."""
+    kinds = classes("errormodel.formats", RawFormat)  # type: ignore[type-abstract]
+    return by_word((kind.name, kind) for kind in kinds)
+
+
+def open_raw(path: Path, name: str) -> RawFile:
+    """Read the bytes of a raw file.
+
+    Raises
+    ------
+    InputError
+        It is not there, is empty or cannot be read.
+    """
+    try:
+        if path.is_dir():
+            raise InputError(name, "a folder", "Give the files that the instrument wrote, one by one")
+        data = noted(path).read_bytes()
+    except FileNotFoundError as error:
+        beside = [p.name for p in path.parent.glob("*") if p.is_file()][:20]
+        raise InputError(name, "no such file", nearest(path.name, beside)) from error
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError(name, f"cannot be read: {reason}", "Give a file that can be read") from error
+    if not data.strip():
+        raise InputError(name, "an empty file", "Give the file that the instrument wrote")
+    return RawFile(path, name, data)
+
+
+def format_of(raw: RawFile, asked: str = "") -> type[RawFormat]:
+    """The format of a file: the one that is asked for, or the one that recognises it.
+
+    Raises
+    ------
+    InputError
+        No such format, or none or several recognise the file.
+    """
+    known = raw_formats()
+    if asked:
+        if asked not in known:
+            raise InputError(f"{raw.name}, format", f"'{asked}'", nearest(asked, known))
+        return known[asked]
+    own = [kind for kind in known.values() if not kind.fallback and kind.recognises(raw)]
+    own = own or [kind for kind in known.values() if kind.fallback and kind.recognises(raw)]
+    if len(own) == 1:
+        return own[0]
+    if own:
+        names = " and ".join(kind.name for kind in own)
+        raise InputError(raw.name, f"it looks like {names} alike", f"Say which with --format {own[0].name}")
+    raise InputError(raw.name, unreadable(raw), "Give a table as text or a spreadsheet, or name its --format")
+
+
+def unreadable(raw: RawFile) -> str:
+    """What a file that nothing reads looks like, and what was tried."""
+    if raw.text is None:
+        start = raw.data[:8].hex(" ")
+        return f"{len(raw.data)} bytes that are no text, beginning with {start}; no format for such bytes recognises it"
+    first = next((line.strip() for line in raw.lines if line.strip()), "")[:60]
+    return (
+        f"{len(raw.lines)} lines of text ({raw.encoding}) without rows of numbers of equal width, beginning with "
+        f"'{first}'; tried tabs, semicolons, bars, commas and blanks between the columns"
+    )
+
+
+def decoded(data: bytes) -> tuple[str | None, str]:
+    """Text of some bytes and its encoding: by byte-order mark, UTF-16 by its null bytes, UTF-8, Windows-1252.
+
+    Parameters
+    ----------
+    data : bytes
+
+    Returns
+    -------
+    text : str or None
+        None where the bytes are no text.
+    encoding : str
+    """
+    for mark, encoding in MARKS:
+        if data.startswith(mark):
+            return _clean(data[len(mark) :], encoding)
+    head = data[: 1 << 16]
+    for encoding, nulls in (("utf-16-le", head[1::2]), ("utf-16-be", head[0::2])):
+        if len(data) % 2 == 0 and nulls and nulls.count(0) > NULLS_OF_UTF16 * len(nulls):
+            return _clean(data, encoding)
+    text, encoding = _clean(data, "utf-8")
+    return (text, encoding) if text is not None else _clean(data, "cp1252")
+
+
+def _clean(data: bytes, encoding: str) -> tuple[str | None, str]:
+    try:
+        text = data.decode(encoding)
+    except UnicodeDecodeError:
+        if encoding != "cp1252":
+            return None, ""
+        text = data.decode("latin-1")  # five bytes that Windows-1252 leaves open
+    text = text.removesuffix("\x1a")  # end of file of old programmes
+    if any(ord(c) < 32 and c not in "\t\n\r\f\v" for c in set(text)) or "\ufffe" in text:
+        return None, ""
+    return text.replace("\f", "\n").replace("\v", " "), encoding
+
+
+def joint_names(machine: Machine | None) -> Sequence[str]:
+    """Names of the machine's joints; none without a machine."""
+    return [] if machine is None else [j.name for j in machine.joints]

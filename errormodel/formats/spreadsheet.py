@@ -1,0 +1,59 @@
+"""Spreadsheets (``.xlsx``, ``.xls``, ``.ods``): the first sheet that holds a table, read like a table in text."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import replace
+
+from errormodel.exceptions import InputError
+from errormodel.formats.raw import Asked, RawFile, RawFormat, Recording
+
+_ZIP, _OLD = b"PK\x03\x04", b"\xd0\xcf\x11\xe0"  # of xlsx and ods, of xls
+_SHEET = (b"xl/workbook", b"spreadsheet")  # a name of a part of the archive, a type in it
+
+
+class Spreadsheet(RawFormat):
+    """Cells as they are stored, dates as ISO 8601; then whatever format the table itself is of."""
+
+    name = "spreadsheet"
+    title = "a spreadsheet"
+    source = "ECMA-376 and OpenDocument, read by python-calamine (extra errormodel[xlsx])"
+    seen = True
+
+    @classmethod
+    def recognises(cls, raw: RawFile) -> bool:
+        return raw.data.startswith(_OLD) or (raw.data.startswith(_ZIP) and any(s in raw.data for s in _SHEET))
+
+    @classmethod
+    def read(cls, raw: RawFile, asked: Asked) -> Recording:
+        try:
+            from python_calamine import CalamineError, CalamineWorkbook
+        except ImportError as error:
+            cure = "Install it with: pip install 'errormodel[xlsx]'; or save the sheet as CSV"
+            raise InputError(raw.name, "a spreadsheet, for which python-calamine is needed", cure) from error
+        try:
+            book = CalamineWorkbook.from_filelike(io.BytesIO(raw.data))
+            sheets = [(name, book.get_sheet_by_name(name).to_python()) for name in book.sheet_names]
+        except (CalamineError, ValueError, OSError) as error:
+            raise InputError(raw.name, f"not a readable spreadsheet: {error}", "Save it again, or as CSV") from error
+        from errormodel.formats.raw import format_of
+
+        for name, rows in sheets:
+            text = "\n".join("\t".join(_cell(c) for c in row) for row in rows)
+            table = RawFile(raw.path, f"{raw.name}, sheet {name}", text.encode())
+            if not text.strip() or table.layout is None:
+                continue
+            recording = format_of(table).read(table, asked)
+            others = f"; {len(sheets) - 1} more not read" if len(sheets) > 1 else ""
+            notes = tuple(n for n in recording.notes if n != "columns separated by tabs")
+            return replace(recording, notes=(f"sheet {name} of the spreadsheet{others}", *notes))
+        raise InputError(raw.name, "no sheet with rows of numbers of equal width", "Give the table as CSV")
+
+
+def _cell(value: object) -> str:
+    """A cell as text: numbers in the shortest form that reads back, dates as ISO 8601."""
+    if isinstance(value, float):
+        return repr(int(value)) if value.is_integer() and abs(value) < 1e15 else repr(value)
+    if hasattr(value, "isoformat"):
+        return str(value.isoformat())
+    return " ".join(str(value).split())

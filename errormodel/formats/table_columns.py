@@ -1,0 +1,148 @@
+"""Columns of a table in text as numbers, seconds and text, with their units and lines."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from errormodel.exceptions import InputError
+from errormodel.formats.base import as_numbers, words_note
+from errormodel.formats.dates import Times, looks_like_time, times_of
+from errormodel.formats.digit_groups import ungrouped
+from errormodel.formats.layout import DELIMITERS, Layout
+from errormodel.formats.raw import Asked, RawFile, Recording
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+DATES_CURE = "Say which with --dates day-first or --dates month-first (in survey.yaml, dates: day-first)"
+
+
+def table_of_text(raw: RawFile) -> Layout:
+    """The table in a file.
+
+    Raises
+    ------
+    InputError
+        There is none.
+    """
+    try:
+        table = raw.layout
+    except InputError as error:
+        raise InputError(f"{raw.name}, {error.where}", error.found, error.cure) from error
+    if table is None:
+        raise InputError(raw.name, "no rows of numbers of equal width", "Give the file as the instrument wrote it")
+    return table
+
+
+def columns_of(raw: RawFile, asked: Asked) -> Recording:
+    """All columns of the table in a file, under the file's own names.
+
+    Columns of dates, and of a date and a time beside it, become the column ``time`` in seconds since 1970.
+
+    Raises
+    ------
+    InputError
+        Cells cannot be read, or the order of day and month is open.
+    """
+    import pandas as pd
+
+    table = table_of_text(raw)
+    comma = table.delimiter != ","
+    texts = {name: pd.Series(table.column(k), dtype="str") for k, name in enumerate(table.names)}
+    numeric = [name for k, name in enumerate(table.names) if table.numeric(k)]
+    columns: dict[str, object] = {}
+    notes: list[str | None] = list(table.notes)
+    if table.delimiter != ",":
+        notes.append(f"columns separated by {DELIMITERS[table.delimiter]}")
+    fortran = {n: texts[n].str.replace(r"(?<=\d)[dD](?=[-+]?\d)", "e", regex=True) for n in numeric}
+    cells = ungrouped(fortran)
+    if cells.ambiguous is not None:
+        column, row = cells.ambiguous
+        cell = str(cells.columns[column][row])
+        plain = cell.replace(".", "").replace(",", "")
+        found = f"'{cell}' in a file with another decimal sign: {plain} in groups of digits, or a number with decimals"
+        cure = "Write the file with one decimal sign and no groups of digits"
+        raise InputError(f"{raw.name}, line {table.lines[row]}, column {column}", found, cure)
+    if cells.separators:
+        notes.append("digits in groups of three")
+    if comma and any(text.str.contains(",", regex=False).any() for text in cells.columns.values()):
+        notes.append("decimal commas")
+    for name in table.names:
+        if name in cells.columns:
+            values, bad = as_numbers(cells.columns[name], comma)
+            if bad.any():
+                row = int(bad.argmax())
+                where = f"{raw.name}, line {table.lines[row]}, column {name}"
+                raise InputError(where, f"'{texts[name][row]}' is not a number", "Give the file as it was written")
+            columns[name] = values
+            notes.append(words_note(name, texts[name]))
+        else:
+            columns[name] = texts[name]
+    units = {name: unit for name, unit in zip(table.names, table.units, strict=True) if unit}
+    frame = pd.DataFrame(columns)
+    time = _time(raw, table, texts, asked)
+    if time is not None:
+        used, times = time
+        frame = frame.drop(columns=[n for n in used if n != "time"])
+        frame["time"] = times.seconds
+        units = {n: u for n, u in units.items() if n not in used}
+        if times.order:
+            notes.append(f"dates read {times.order.replace('-', ' ')}")
+    dated = time is not None and time[1].dated
+    return Recording(frame, units, table.lines, (*raw.notes, *(n for n in notes if n)), dated)
+
+
+def _time(
+    raw: RawFile, table: Layout, texts: dict[str, pd.Series[str]], asked: Asked
+) -> tuple[list[str], Times] | None:
+    """The columns that hold the time as text, and the time."""
+    own = [n for n in table.names if any(looks_like_time(c) for c in texts[n].head(20) if c)]
+    own = [n for n in own if not table.numeric(table.names.index(n))]
+    if not own:
+        return None
+    used = own[:1]
+    cells = texts[own[0]]
+    follows = table.names[table.names.index(own[0]) + 1 :][:1]
+    if follows and follows[0] in own and not cells.str.contains(":").any():  # a date, and a time of day beside it
+        used = [own[0], follows[0]]
+        cells = cells + " " + texts[follows[0]]
+    times = times_of(cells, asked.dates)
+    if times is None:
+        return None
+    if times.open:
+        found = f"'{times.open}', whose day and month may be either"
+        raise InputError(f"{raw.name}, column {own[0]}", found, DATES_CURE)
+    bad = np.isnan(times.seconds) & (cells.str.strip() != "").to_numpy(dtype=bool)
+    if bad.any():
+        row = int(bad.argmax())
+        where = f"{raw.name}, line {table.lines[row]}, column {own[0]}"
+        raise InputError(where, f"'{cells[row]}', a date that no calendar has", DATES_CURE)
+    return used, times
+
+
+def numbers(recording: Recording, name: str, where: str) -> NDArray[np.float64]:
+    """A column of numbers; `where` is the file's name.
+
+    Raises
+    ------
+    InputError
+        It holds text.
+    """
+    column = recording.frame[name]
+    if column.dtype.kind != "f":
+        text = next((str(c) for c in column if str(c).strip()), "")
+        raise InputError(f"{where}, column {name}", f"'{text}' is not a number", "Give the file as it was written")
+    return column.to_numpy(dtype=np.float64)
+
+
+def renamed(recording: Recording, names: dict[str, str], notes: Sequence[str] = ()) -> Recording:
+    """A recording with some columns under the toolkit's names; `names` maps the file's names to these."""
+    names = {old: new for old, new in names.items() if old in recording.frame}
+    frame = recording.frame.rename(columns=names)
+    units = {names.get(name, name): unit for name, unit in recording.units.items()}
+    return replace(recording, frame=frame, units=units, notes=(*recording.notes, *notes))

@@ -1,0 +1,55 @@
+"""Units as files of instruments write them, as words that `errormodel.units` knows."""
+
+from __future__ import annotations
+
+import re
+
+from errormodel.units import INTERNAL_UNITS, is_unit
+
+# other ways to write a unit, in lower case
+_OTHER = {
+    "°": "deg", "degree": "deg", "degrees": "deg", "degs": "deg", "deg.": "deg",
+    "°c": "degC", "℃": "degC", "ºc": "degC", "c": "degC", "celsius": "degC", "deg c": "degC", "degc": "degC",
+    "°f": "degF", "ºf": "degF", "f": "degF", "degf": "degF", "k": "K",
+    "µm": "um", "μm": "um", "micron": "um", "microns": "um", "micrometer": "um", "micrometre": "um",
+    "millimeter": "mm", "millimeters": "mm", "millimetre": "mm", "millimetres": "mm",
+    "meter": "m", "meters": "m", "metre": "m", "metres": "m", "in": "inch", "inches": "inch", '"': "inch",
+    "µrad": "urad", "μrad": "urad", "radians": "rad", "radian": "rad", "arc sec": "arcsec", "sec": "s",
+    "seconds": "s", "second": "s", "msec": "ms", "hours": "h", "minutes": "min", "mbar": "mbar", "hpa": "hPa",
+    "%": "%", "% rh": "%", "%rh": "%",
+}  # fmt: skip
+_BRACKETS = re.compile(r"^(.*?)\s*[\[(<{]([^\[\](){}<>]*)[\])>}]\s*$")
+_SLASH = re.compile(r"^(.+?)\s*/\s*([^/\s]+)$")
+_TAIL = re.compile(r"^.+_(mm|um|inch|deg|rad|mrad|urad|arcsec|s|ms|degC|degF|K)$")
+
+
+def unit_word(text: str) -> str:
+    """The toolkit's word for a unit, or the text as it stands."""
+    text = text.strip().strip("[](){}<>").strip()
+    return _OTHER.get(text.lower(), text)
+
+
+def quantity_of_unit(unit: str) -> str:
+    """The kind of a unit (``length``, ``angle`` ...), or an empty text."""
+    return next((kind for kind in INTERNAL_UNITS if is_unit(unit, kind)), "")
+
+
+def is_unit_word(text: str) -> bool:
+    """Whether a cell of a row of units is one."""
+    if not text.strip().strip("[](){}<>-").strip():
+        return True
+    word = unit_word(text)
+    return word in _OTHER.values() or bool(quantity_of_unit(word))
+
+
+def bracketed(name: str) -> tuple[str, str]:
+    """A column's name without the unit behind it, and that unit: ``X [mm]``, ``X (mm)``, ``X / mm``; ``x_mm`` as it is.
+
+    Brackets that hold no unit belong to the name: ``U(95)``.
+    """
+    for pattern in (_BRACKETS, _SLASH):
+        match = pattern.match(name)
+        if match and match[1].strip() and match[2].strip() and is_unit_word(match[2]):
+            return match[1].strip(), unit_word(match[2])
+    match = _TAIL.match(name)
+    return name, match[1] if match else ""

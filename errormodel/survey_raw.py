@@ -1,0 +1,375 @@
+"""Raw files of a survey as its ``survey.yaml`` maps them: columns, units, commands, pairs, targets, logs.
+
+A raw file is never changed. What is read from it, and what its rows belong to, stands in the map; a correction is a
+line there.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from errormodel.arrays import Array, Index
+from errormodel.conventions import MOTIONS
+from errormodel.exceptions import InputError, nearest
+from errormodel.formats.data_frame import FrameTable
+from errormodel.formats.raw import Asked, RawFile, Recording, format_of, open_raw
+from errormodel.formats.unit_words import unit_word
+from errormodel.machine import Machine
+from errormodel.survey_columns import (
+    MEASURED,
+    ORIENTATION,
+    SIGMA_COLUMNS,
+    TOOL_COLUMNS,
+    is_survey_column,
+    quantity_of,
+    unit_of_column,
+)
+from errormodel.survey_file import FileEntry, LogEntry, RawEntry, SurveyUnits
+from errormodel.units import UNIT_EXAMPLES, is_unit, to_internal
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+LABELS = ("point", "target", "station", "group")  # columns of text that only an import knows
+READ_BACK = "read_"  # before a joint: the position that the controller read back
+PAIR_COLUMNS = ("command", "first", "last")
+FEW_READINGS = 10  # readings at a place: the scatter of fewer is too uncertain to stand alone
+
+
+@dataclass(frozen=True)
+class RawTable(FrameTable):
+    """The rows of a raw file with their commands; messages name the lines of the file."""
+
+    lines: tuple[int, ...] = ()
+    notes: tuple[str, ...] = ()  # on how the raw files were read
+    units: Mapping[str, str] = field(default_factory=dict)  # of columns whose unit was stated, as they now are
+
+    def read(self, numbers: Collection[str], texts: Collection[str]) -> tuple[pd.DataFrame, tuple[str, ...]]:
+        frame, notes = super().read(numbers, texts)
+        return frame, (*self.notes, *notes)
+
+    def line(self, row: int) -> int | None:
+        return self.lines[row] if row < len(self.lines) else None
+
+
+def mapped(entry: RawEntry, folder: Path, machine: Machine) -> Recording:
+    """A raw file with the columns of the toolkit, in mm, degrees (rad where a survey has rad), s, degC, mm/min and kg.
+
+    Raises
+    ------
+    InputError
+        The file was changed since its import, a column is not there, or a unit does not suit it.
+    """
+    raw = open_raw(folder / entry.path, entry.path)
+    if entry.sha256 and hashlib.sha256(raw.data).hexdigest() != entry.sha256:
+        found = "it is not the file that was imported: its SHA-256 is another"
+        raise InputError(entry.path, found, "Put the file back, or import it again")
+    return with_map(read_raw(raw, entry, machine), entry, machine)
+
+
+def read_raw(raw: RawFile, entry: RawEntry, machine: Machine) -> Recording:
+    """A raw file under the names of its format."""
+    asked = Asked(machine, entry.dates, entry.joint, tuple(entry.offsets), tuple(entry.at), entry.dialect)
+    return format_of(raw, entry.format).opened(raw, asked)
+
+
+def with_map(recording: Recording, entry: RawEntry, machine: Machine) -> Recording:
+    """A recording with the columns and units of its entry in ``survey.yaml``."""
+    import pandas as pd
+
+    frame = recording.frame
+    columns: dict[str, Any] = {}
+    units: dict[str, str] = {}
+    taken: set[str] = set()
+    for ours, theirs in entry.columns.items():
+        if not _known(ours, machine):
+            names = (*(j.name for j in machine.joints), *MEASURED, *LABELS, "time", "run")
+            raise InputError(f"{entry.path}, columns: {ours}", "no column of a survey", nearest(ours, names))
+        name, sign = (theirs, 1.0) if theirs in frame else (theirs.removeprefix("-"), -1.0)
+        if name not in frame:
+            raise InputError(
+                f"{entry.path}, columns: {ours}", f"no column '{theirs}'", nearest(theirs, map(str, frame))
+            )
+        if sign < 0 and frame[name].dtype.kind != "f":
+            raise InputError(f"{entry.path}, columns: {ours}", f"'{theirs}' of text", "Write '-' before numbers only")
+        columns[ours] = sign * frame[name] if sign < 0 else frame[name]
+        taken.add(name)
+        if name in recording.units:
+            units[ours] = recording.units[name]
+    for own in map(str, frame):
+        if own not in taken and own not in columns:
+            columns[own] = frame[own]
+            if own in recording.units:
+                units[own] = recording.units[own]
+    for name, column in columns.items():
+        columns[name] = _converted(entry, machine, name, column, units.get(name, ""))
+    _check_units(entry, columns)
+    stated = {name: unit for name in columns if (unit := entry.units.get(name) or _said(name, units))}
+    return replace(recording, frame=pd.DataFrame(columns), units={n: _usual(n, machine) for n in stated})
+
+
+def _said(name: str, units: Mapping[str, str]) -> str:
+    """The unit that a file states of a column, where what it states is no mistake of the commands' or points' unit."""
+    return units.get(name, "") if name in MOTIONS or name == "time" or name.startswith("T_") else ""
+
+
+def _usual(name: str, machine: Machine) -> str:
+    quantity = quantity_of(name.removeprefix(READ_BACK), machine)
+    return "" if quantity is None else unit_of_column(name.removeprefix(READ_BACK), quantity, SurveyUnits())
+
+
+def _known(name: str, machine: Machine) -> bool:
+    joint = name.removeprefix(READ_BACK) in [n for j in machine.joints for n in j.columns]
+    return name in LABELS or joint or is_survey_column(name, machine)
+
+
+def _check_units(entry: RawEntry, columns: Mapping[str, Any]) -> None:
+    for name in entry.units:
+        if name not in columns and name not in UNIT_EXAMPLES:
+            raise InputError(f"{entry.path}, units: {name}", "no column of this file", nearest(name, columns))
+
+
+def _converted(entry: RawEntry, machine: Machine, name: str, column: Any, stated: str) -> Any:
+    """A column in the unit that a survey's table has by default."""
+    quantity = quantity_of(name.removeprefix(READ_BACK), machine)
+    if quantity is None or column.dtype.kind != "f":
+        return column
+    usual = unit_of_column(name.removeprefix(READ_BACK), quantity, SurveyUnits())
+    kind = entry.units.get(quantity, "") if not stated and name not in entry.units else ""
+    unit = unit_word(entry.units.get(name, stated or kind or usual))
+    if not is_unit(unit, quantity):
+        where = f"{entry.path}, column {name}"
+        cure = f"Say it with units: {{{name}: ..}}, a unit of {quantity}, such as {UNIT_EXAMPLES[quantity]}"
+        raise InputError(where, f"the unit '{unit}'", cure)
+    if unit == usual:
+        return column
+    values = to_internal(column.to_numpy(dtype=np.float64), unit, quantity)
+    return np.degrees(values) if usual == "deg" else values
+
+
+def read_pairs(path: Path, name: str) -> Index:
+    """Rows that belong together, (n, 3): command, first and last row of the measured file, all from 1."""
+    import pandas as pd
+
+    from errormodel.inputs import noted
+
+    try:
+        table = pd.read_csv(noted(path))
+    except (OSError, ValueError) as error:
+        raise InputError(name, f"it cannot be read ({error})", "Import the files again") from error
+    missing = [c for c in PAIR_COLUMNS if c not in table]
+    if missing or table.empty:
+        found = f"no column '{missing[0]}'" if missing else "no rows"
+        raise InputError(name, found, f"Write the columns {', '.join(PAIR_COLUMNS)}")
+    values = table[list(PAIR_COLUMNS)].apply(pd.to_numeric, errors="coerce").to_numpy(dtype=np.float64)
+    bad = ~np.isfinite(values).all(axis=1) | (values != np.rint(values)).any(axis=1) | (values[:, 1] > values[:, 2])
+    if bad.any():
+        row = int(bad.argmax())
+        found = ", ".join(str(v) for v in table[list(PAIR_COLUMNS)].iloc[row])
+        raise InputError(f"{name}, row {row + 1}", found, "Write whole row numbers from 1, the first before the last")
+    rows: Index = values.astype(np.intp)
+    return rows
+
+
+def open_entry(entry: FileEntry, folder: Path, machine: Machine, logs: Sequence[LogEntry]) -> RawTable:
+    """The table of a survey that an entry of ``survey.yaml`` makes of raw files."""
+    measured = mapped(entry, folder, machine)
+    commands, pairs = None, None
+    if entry.pairs:
+        pairs = read_pairs(folder / entry.pairs, entry.pairs)
+        _check_pairs(entry, pairs, 2, len(measured.frame), entry.path)
+    if entry.commands is not None and pairs is not None:
+        commands = mapped(entry.commands, folder, machine)
+        _check_pairs(entry, pairs, 0, len(commands.frame), entry.commands.path)
+    read = [mapped(log, folder, machine) for log in logs]
+    table, lines = joined(measured, commands, pairs, entry.targets, machine, entry.path)
+    for log, recording in zip(logs, read, strict=True):
+        table = with_log(table, measured.dated, recording, log, entry.path)
+    said = bool(entry.sha256)  # an import that took the file in said how it was read
+    notes = () if said else (*measured.notes, *(n for r in (commands, *read) if r is not None for n in r.notes))
+    told = {} if commands is None else commands.units
+    units = {n: u for n, u in {**told, **measured.units}.items() if u and n in table}
+    return replace(as_table(table, measured.dated, entry.path, lines, machine), notes=notes, units=units)
+
+
+def _check_pairs(entry: FileEntry, pairs: Index, column: int, size: int, of: str) -> None:
+    own = pairs[:, 1:] if column else pairs[:, :1]
+    bad = (own < 1).any(axis=1) | (own > size).any(axis=1)
+    if bad.any():
+        row = int(bad.argmax())
+        found = f"row {' to '.join(str(v) for v in own[row])} of {of}, which has {size}"
+        raise InputError(f"{entry.pairs}, row {row + 1}", found, "Import the files again, or correct the line")
+
+
+def joined(
+    measured: Recording,
+    commands: Recording | None,
+    pairs: Index | None,
+    targets: Mapping[str, Sequence[float]],
+    machine: Machine,
+    name: str,
+) -> tuple[pd.DataFrame, tuple[int, ...]]:
+    """Rows of a survey: what was measured, averaged over the readings of a pose, beside its command.
+
+    Parameters
+    ----------
+    measured, commands : recordings under the toolkit's names; without `commands` they are in `measured`.
+    pairs : (n, 3) rows from 1, see `read_pairs`; None: every row for itself.
+    targets : functional point (mm) of each target.
+    name : of the measured file, for messages.
+    """
+    frame = measured.frame
+    lines = measured.lines
+    if pairs is not None:
+        frame = averaged(frame, pairs[:, 1] - 1, pairs[:, 2] - 1)
+        lines = tuple(lines[k] for k in pairs[:, 1] - 1) if lines else ()
+    if commands is not None and pairs is not None:
+        told = commands.frame.iloc[pairs[:, 0] - 1].reset_index(drop=True)
+        joints = [n for j in machine.joints for n in j.columns if n in told]
+        for joint in joints:
+            if joint in frame and f"{READ_BACK}{joint}" not in frame:
+                frame = frame.rename(columns={joint: f"{READ_BACK}{joint}"})
+        skip = {*MEASURED, *ORIENTATION, *SIGMA_COLUMNS, "time", *LABELS}
+        for column in told:
+            if str(column) not in skip and column not in frame:
+                frame[column] = told[column]
+    for own in machine.joints:
+        read = f"{READ_BACK}{own.name}"
+        if read in frame and own.name in frame:
+            unit = "deg" if own.type == "rotary" else "mm"
+            frame[f"w_readback_{own.name}_{unit}"] = frame[read] - frame[own.name]
+    if targets:
+        frame = _with_tools(frame, targets, name)
+    if "station" in frame and frame["station"].nunique() > 1:
+        frame["run"] = frame["station"]
+    return frame, lines
+
+
+def averaged(frame: pd.DataFrame, first: Index, last: Index) -> pd.DataFrame:
+    """Means of rows `first` to `last` (from 0); the scatter of positions becomes their standard uncertainty.
+
+    It is the standard deviation of a reading, not of their mean: what is slower than a dwell (air, the instrument's own
+    drift) does not average out in it. Of fewer than `FEW_READINGS` it is that of all poses together.
+    """
+    import pandas as pd
+
+    if (first == last).all():
+        return frame.iloc[first].reset_index(drop=True)
+    out: dict[str, Any] = {}
+    for name in frame:
+        column = frame[name]
+        if column.dtype.kind == "f" and name not in ORIENTATION:
+            values = column.to_numpy(dtype=np.float64)
+            out[str(name)] = np.array([_mean(values[a : b + 1]) for a, b in zip(first, last, strict=True)])
+        else:
+            out[str(name)] = column.iloc[first].reset_index(drop=True)
+    if ORIENTATION[0] in frame:
+        turned = [
+            _mean_rotation(frame[list(ORIENTATION)].to_numpy()[a : b + 1]) for a, b in zip(first, last, strict=True)
+        ]
+        out |= dict(zip(ORIENTATION, np.array(turned).T, strict=True))
+    for name, sigma in zip(MEASURED, SIGMA_COLUMNS, strict=True):
+        if name not in frame:
+            continue
+        values = frame[name].to_numpy(dtype=np.float64)
+        parts = [values[a : b + 1] for a, b in zip(first, last, strict=True)]
+        stated = np.asarray(out[sigma], dtype=np.float64) if sigma in out else np.zeros(len(parts))
+        found = np.hypot(np.nan_to_num(stated), scatter(parts))
+        if (found > 0).any():  # readings that repeat to the last digit have the scatter of the best others
+            out[sigma] = np.where(found > 0, found, found[found > 0].min())
+    return pd.DataFrame(out)
+
+
+def _mean(values: Array) -> float:
+    finite = values[np.isfinite(values)]
+    return float(finite.mean()) if len(finite) else float("nan")
+
+
+def _mean_rotation(vectors: Array) -> Array:
+    from scipy.spatial.transform import Rotation
+
+    whole = vectors[np.isfinite(vectors).all(axis=1)]
+    return Rotation.from_rotvec(whole).mean().as_rotvec() if len(whole) else np.full(3, np.nan)
+
+
+def scatter(parts: Sequence[Array]) -> Array:
+    """Standard deviation of a reading in each part (a list of readings), (n,)."""
+    parts = [p[np.isfinite(p)] for p in parts]
+    free = np.array([max(len(p) - 1, 0) for p in parts])
+    squares = np.array([float(np.sum((p - p.mean()) ** 2)) if len(p) else 0.0 for p in parts])
+    pooled = float(np.sqrt(squares.sum() / max(free.sum(), 1)))
+    return np.where(free >= FEW_READINGS - 1, np.sqrt(squares / np.maximum(free, 1)), pooled)
+
+
+def _with_tools(frame: pd.DataFrame, targets: Mapping[str, Sequence[float]], name: str) -> pd.DataFrame:
+    import pandas as pd
+
+    if len(targets) == 1:  # of all rows
+        labels = pd.Series([*targets] * len(frame))
+    elif "target" not in frame:
+        raise InputError(f"{name}, targets", "no column of targets", "Say columns: {target: ..}, or give one target")
+    else:
+        labels = frame["target"].astype(str).str.strip()
+    unknown = sorted({*labels} - {*targets})
+    if unknown:
+        raise InputError(f"{name}, targets", f"nothing about the target '{unknown[0]}'", nearest(unknown[0], targets))
+    points = np.array([targets[label] for label in labels], dtype=np.float64)
+    for k, column in enumerate(TOOL_COLUMNS):
+        frame[column] = points[:, k]
+    return frame
+
+
+def with_log(table: pd.DataFrame, dated: bool, recording: Recording, log: LogEntry, name: str) -> pd.DataFrame:
+    """Rows with the channels of a log, linear between its readings; empty outside them.
+
+    Raises
+    ------
+    InputError
+        One of the two has no time, or they do not overlap.
+    """
+    for frame, of in ((table, name), (recording.frame, log.path)):
+        if "time" not in frame or frame["time"].isna().all():
+            raise InputError(of, "no time, by which a log is joined", "Say columns: {time: ..}, or leave the log out")
+    if dated != recording.dated and not log.offset:
+        found = f"{log.path if recording.dated else name} has dates, {name if recording.dated else log.path} seconds"
+        raise InputError(log.path, found, "Say what to add to its times: offset: (s) in survey.yaml, or --log-offset")
+    when = table["time"].to_numpy(dtype=np.float64)
+    clock = recording.frame["time"].to_numpy(dtype=np.float64) + log.offset
+    channels = [str(c) for c in recording.frame if str(c).startswith(("T_", "w_")) or c in ("feed", "load")]
+    if not channels:
+        raise InputError(log.path, "no channels", "Say columns: {T_bed: ..}, for each sensor")
+    inside = (when >= np.nanmin(clock)) & (when <= np.nanmax(clock))
+    if not inside.any():
+        found = f"it runs from {_moment(np.nanmin(clock), dated)} to {_moment(np.nanmax(clock), dated)}, "
+        found += f"the measurements from {_moment(np.nanmin(when), dated)} to {_moment(np.nanmax(when), dated)}"
+        raise InputError(log.path, found, "Say what to add to its times: offset: (s) in survey.yaml, or --log-offset")
+    out = table.copy()
+    for channel in channels:
+        values = recording.frame[channel].to_numpy(dtype=np.float64)
+        good = np.isfinite(values) & np.isfinite(clock)
+        order = np.argsort(clock[good], kind="stable")
+        if good.any():
+            out[channel] = np.where(inside, np.interp(when, clock[good][order], values[good][order]), np.nan)
+    return out
+
+
+def _moment(seconds: float, dated: bool) -> str:
+    return str(np.datetime64(round(seconds), "s")) if dated else f"{seconds:g} s"
+
+
+def as_table(frame: pd.DataFrame, dated: bool, name: str, lines: tuple[int, ...], machine: Machine) -> RawTable:
+    """The rows as a table that a survey is read from; dates as ISO 8601."""
+    keep = [c for c in frame if is_survey_column(str(c), machine)]
+    frame = frame[keep].reset_index(drop=True)
+    if dated and "time" in frame:
+        micro = np.rint(frame["time"].to_numpy(dtype=np.float64) * 1e6)
+        whole = np.isfinite(micro)
+        text = np.datetime_as_string(np.where(whole, micro, 0).astype("int64").astype("datetime64[us]"))
+        frame["time"] = np.where(whole, text, "")
+    return RawTable(Path(name), name, tuple(map(str, frame)), frame, lines)

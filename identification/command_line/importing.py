@@ -1,0 +1,134 @@
+"""Commands that make and look at surveys: import, check, template."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import click
+
+from errormodel.exceptions import InputError
+from identification.command_line.console import (
+    ANY,
+    FILE,
+    OUT_FILE,
+    OUT_SURVEY,
+    command,
+    read_model,
+    say,
+    show_notes,
+    working,
+)
+
+if TYPE_CHECKING:
+    from identification.results.output_file import OutputFile
+    from identification.results.results_folder import ResultsFolder
+
+
+@command
+@click.argument("raw", type=FILE, nargs=-1, required=True)
+@click.option("--machine", required=True, help="machine.yaml, or the name of a machine of the library.")
+@click.option("--commands", type=FILE, help="NC programme, plan, log or table with the commanded positions.")
+@click.option(
+    "--match",
+    type=click.Choice(["auto", "name", "order", "nearest", "time"]),
+    default="auto",
+    show_default=True,
+    help="How readings find their commands.",
+)
+@click.option("--out", type=OUT_SURVEY, required=True, help="Folder for survey.yaml, the raw files and a picture.")
+@click.option(
+    "--columns", multiple=True, metavar="OURS=THEIRS,...", help="Of RAW: mx=East,my=-North; or point,mx,my,mz."
+)
+@click.option(
+    "--units", multiple=True, metavar="COLUMN=UNIT,...", help="Of RAW, where it states none: mx=m or length=inch."
+)
+@click.option("--command-columns", multiple=True, metavar="OURS=THEIRS,...", help="The same of --commands.")
+@click.option("--command-units", multiple=True, metavar="COLUMN=UNIT,...", help="The same of --commands.")
+@click.option("--format", "form", default="", help="Raw format of RAW. [default: recognised]")
+@click.option("--command-format", default="", help="Raw format of --commands. [default: recognised]")
+@click.option("--dates", type=click.Choice(["day-first", "month-first"]), help="Where a file does not show it.")
+@click.option("--joint", default="", help="Joint of a file of readings of one joint.")
+@click.option("--dialect", default="auto", help="Of a programme: auto, iso, fanuc or printer.")
+@click.option("--offset", "offsets", multiple=True, help="Of a programme: X.. or G54=X..,Y.. or H1=Z.. (mm, deg).")
+@click.option("--at", "after", multiple=True, help="Where axes stand in a programme: start=X0,Y0 or G28=Z0 (mm, deg).")
+@click.option("--no-dwells", is_flag=True, help="Every row is a reading: no dwells are looked for.")
+@click.option("--log-offset", type=float, default=0.0, help="Seconds to add to the times of a temperature log.")
+def import_(
+    raw: tuple[Path, ...],
+    machine: str,
+    commands: Path | None,
+    match: Literal["auto", "name", "order", "nearest", "time"],
+    out: ResultsFolder,
+    columns: tuple[str, ...],
+    units: tuple[str, ...],
+    command_columns: tuple[str, ...],
+    command_units: tuple[str, ...],
+    form: str,
+    command_format: str,
+    dates: Literal["day-first", "month-first"] | None,
+    joint: str,
+    dialect: str,
+    offsets: tuple[str, ...],
+    after: tuple[str, ...],
+    no_dwells: bool,
+    log_offset: float,
+    seed: int,
+) -> None:
+    """Take in RAW files as instruments wrote them, join them with their commands, and prove the join.
+
+    The folder is a survey: `errormodel fit MACHINE FOLDER`. Raw files are kept byte for byte; survey.yaml says how they
+    are read, and a correction is a line there.
+    """
+    from identification import api
+
+    result = api.import_survey(
+        raw, read_model(machine), commands=commands, match=match, columns=columns,
+        units=_pairs(units, "--units"), command_columns=command_columns,
+        command_units=_pairs(command_units, "--command-units"), format=form, command_format=command_format,
+        dates=dates or "", joint=joint, offsets=offsets, at=after, dialect=dialect, dwells=not no_dwells,
+        log_offset=log_offset, seed=seed, progress=working,
+    )  # fmt: skip
+    show_notes(result.notes)
+    result.save(out)
+    show_notes(out.notes)
+    say(result.summary())
+    say(f"\nSurvey: {out.path}; next: errormodel check {machine} {out.path}")
+
+
+def _pairs(texts: tuple[str, ...], option: str) -> dict[str, str]:
+    out: dict[str, str] = {}
+    for part in (p.strip() for text in texts for p in text.split(",") if p.strip()):
+        name, equal, unit = (p.strip() for p in part.partition("="))
+        if not equal or not name or not unit or name in out:
+            raise InputError(option, f"'{part}'", "Write each once, such as mx=m or length=inch")
+        out[name] = unit
+    return out
+
+
+@command
+@click.argument("machine")
+@click.argument("survey", type=ANY)
+def check(machine: str, survey: Path) -> None:
+    """Say all that can be said of a SURVEY before a fit: what it holds, mistakes in it, what its poses determine."""
+    from identification import api
+
+    result = api.check(read_model(machine), survey, progress=working)
+    show_notes(result.notes)
+    say(result.summary())
+
+
+@command
+@click.argument("machine")
+@click.option("--joint", default="", help="For error motions of that joint. [default: for measured points]")
+@click.option("--out", type=OUT_FILE, help="CSV to write. [default: printed]")
+def template(machine: str, joint: str, out: OutputFile | None) -> None:
+    """Write a table to fill in for a survey of MACHINE: its columns with units, and one example."""
+    from identification import api
+
+    text = api.template(read_model(machine), joint=joint)
+    if out is None:
+        say(text.rstrip())
+        return
+    out.write_text(text)
+    say(f"written to {out}; filled in: errormodel import {out} --machine {machine} --out survey")

@@ -1,0 +1,1 @@
+"""Raw files of instruments and controllers into a survey: columns, dwells, matching, and the proof of the join."""

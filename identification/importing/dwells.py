@@ -1,0 +1,133 @@
+"""Dwells in a continuous log: stretches of readings at one place, between which the target moves.
+
+Displacements over a few readings are either noise or motion; where their sizes on a logarithmic scale fall into two
+groups, the threshold between them is Otsu's. A list of single points has one group, and no dwells.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from errormodel.arrays import Array, Index, Mask
+
+LAGS = (1, 3, 10, 30)  # readings over which a displacement is taken: slow motion shows over many only
+APART = 0.7  # decades between the mean sizes of noise and motion, from which on there are two groups; by judgement
+FEWEST = 12  # readings of a log
+SHORTEST = 0.2  # of the median number of readings of a dwell: what is shorter is a reversal on the way; by judgement
+LEAST = 3  # readings of a dwell
+MANY = 10  # readings of a dwell that are averaged even if nothing was recorded on the way
+OUTSIDE = 4.0  # times the scatter: readings at the ends of a dwell that still settle
+TINY = 1e-6  # mm: resolution of a display, for readings that do not change at all
+LARGEST_SCATTER = 1.0  # mm: of readings at one place; by judgement
+ONE_PLACE = 30.0  # times the usual step: readings within it are at one place
+
+
+@dataclass(frozen=True)
+class Dwells:
+    """Dwells of a log.
+
+    Attributes
+    ----------
+    first, last : (n,) rows of each dwell, from 0.
+    moving : number of readings on the way.
+    short : number of stretches that were too short.
+    """
+
+    first: Index
+    last: Index
+    moving: int
+    short: int
+
+    def __len__(self) -> int:
+        return len(self.first)
+
+
+def find_dwells(points: Array) -> Dwells | None:
+    """Dwells of a continuous recording; None where every row is a point of its own.
+
+    Parameters
+    ----------
+    points : (n, 3) mm in the order of recording; NaN where the target was not seen.
+    """
+    rows = np.flatnonzero(np.isfinite(points).all(axis=1))
+    seen = points[rows]
+    if len(seen) < FEWEST:
+        return None
+    found = _still(seen)
+    if found is None:
+        return None
+    parts = [_settled(seen, a, b) for a, b in _stretches(seen, *found)]
+    parts = [(a, b) for a, b in parts if b - a + 1 >= LEAST]
+    if not parts:
+        return None
+    sizes = np.array([b - a + 1 for a, b in parts])
+    kept = sizes >= max(LEAST, SHORTEST * float(np.median(sizes)))
+    moving = len(seen) - int(sizes.sum())
+    if float(np.median(sizes)) < MANY and moving <= len(parts):
+        return None  # a few readings of each of several points, and nothing between them
+    first = rows[np.array([a for a, _ in parts])][kept]
+    last = rows[np.array([b for _, b in parts])][kept]
+    return Dwells(first, last, moving, int((~kept).sum()))
+
+
+def _still(points: Array) -> tuple[Mask, float] | None:
+    """Readings at rest, (n,), and the largest step of one (mm); None where there are no two groups of displacements."""
+    best: tuple[float, int, float] | None = None
+    for lag in LAGS:
+        if len(points) < 4 * lag:
+            continue
+        size = np.log10(np.maximum(np.linalg.norm(points[lag:] - points[:-lag], axis=1), TINY))
+        threshold, apart = _otsu(size)
+        if apart > APART and (best is None or apart > best[0] + 0.3):
+            best = apart, lag, threshold
+    if best is None:
+        step = float(np.median(np.linalg.norm(np.diff(points, axis=0), axis=1)))
+        reach = float(np.linalg.norm(points - np.median(points, axis=0), axis=1).max())
+        one = reach < min(ONE_PLACE * max(step, TINY), LARGEST_SCATTER)
+        return (np.ones(len(points), dtype=bool), np.inf) if one else None
+    _, lag, threshold = best
+    near = np.linalg.norm(points[lag:] - points[:-lag], axis=1) < 10**threshold
+    still = np.zeros(len(points), dtype=bool)
+    for shift in range(lag + 1):  # a stretch whose ends are near each other is at rest
+        still[shift : shift + len(near)] |= near
+    return still, 10**threshold
+
+
+def _stretches(points: Array, still: Mask, threshold: float) -> list[tuple[int, int]]:
+    """First and last reading of each stretch at rest; a jump between two places ends one and begins another."""
+    jump = np.linalg.norm(np.diff(points, axis=0), axis=1) > threshold
+    out: list[tuple[int, int]] = []
+    begin = 0
+    for k in range(1, len(points) + 1):
+        if k == len(points) or not still[k] or jump[k - 1] or not still[begin]:
+            if still[begin]:
+                out.append((begin, k - 1))
+            begin = k
+    return out
+
+
+def _otsu(values: Array) -> tuple[float, float]:
+    """Threshold between two groups of values, and the distance of their means (Otsu 1979)."""
+    ordered = np.sort(values)
+    n = len(ordered)
+    k = np.arange(1, n)
+    total = np.cumsum(ordered)
+    low, high = total[:-1] / k, (total[-1] - total[:-1]) / (n - k)
+    between = k * (n - k) * (high - low) ** 2
+    at = int(np.argmax(between))
+    return float((ordered[at] + ordered[at + 1]) / 2), float(high[at] - low[at])
+
+
+def _settled(points: Array, first: int, last: int) -> tuple[int, int]:
+    """A stretch without readings at its ends that lie outside the scatter of its middle."""
+    part = points[first : last + 1]
+    if len(part) < LEAST:
+        return first, last
+    distance = np.linalg.norm(part - np.median(part, axis=0), axis=1)
+    scale = max(float(np.median(distance)), TINY)
+    good = np.flatnonzero(distance < OUTSIDE * scale)
+    if not len(good):
+        return first, last
+    return first + int(good[0]), first + int(good[-1])

@@ -1,0 +1,230 @@
+"""From raw files to a survey: read, joined, mapped in a ``survey.yaml``, and proved before anything is written."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from errormodel.arrays import Array
+from errormodel.chain import Chain
+from errormodel.exceptions import InputError
+from errormodel.files import write_bytes_atomic
+from errormodel.inputs import running
+from errormodel.machine import Machine
+from errormodel.survey import Survey, read_survey
+from errormodel.survey_file import SURVEY_FILE
+from errormodel.survey_raw import PAIR_COLUMNS
+from identification.importing.geometry import Nominal
+from identification.importing.nearest import find_pairing
+from identification.importing.pairing import NEAREST, Pairs, middles, pair, points_of
+from identification.importing.partial import refuse_partial
+from identification.importing.proof import Proof, prove, refuse_unit
+from identification.importing.sources import SourceFile, Wishes, open_source
+from identification.observation.frames import MACHINE_ERROR_SHARE, align
+
+Both: TypeAlias = tuple[Array, Array]  # nominal and measured points
+
+SAME_FRAME = 3.0  # times the misfit of the better file alone: so far may two files in one frame be off; by judgement
+
+
+@dataclass(frozen=True)
+class Imported:
+    """A survey made of raw files.
+
+    Attributes
+    ----------
+    files : text of the files of its folder by their names, and bytes of the raw ones.
+    sources : the measured files, the commands and the logs.
+    pairs : of each measured file.
+    survey : as it is read from these files.
+    proof : that what was measured belongs to its commands.
+    notes : what needs attention.
+    """
+
+    machine: Machine
+    files: Mapping[str, bytes]
+    sources: tuple[SourceFile, ...]
+    pairs: tuple[Pairs | None, ...]
+    survey: Survey
+    proof: Proof
+    frame: str
+    notes: tuple[str, ...]
+
+
+def import_files(
+    machine: Machine, raws: Sequence[Path], commands: Path | None, wishes: Wishes, seed: int = 0
+) -> Imported:
+    """Read raw files, join them with their commands and prove the join.
+
+    Parameters
+    ----------
+    machine : Machine
+    raws : measured files, one or several stations, and logs of temperatures.
+    commands : an NC programme, a plan, a log or a table with the joints' positions; None: they stand in the raw files.
+    wishes : what the user says about the files.
+    seed : of the search for the nearest commands.
+
+    Raises
+    ------
+    InputError
+        A file cannot be read, or what was measured does not follow the commands: then it says what fits instead.
+    """
+    names = [p.name for p in (*raws, *([commands] if commands else []))]
+    twice = [name for name in names if names.count(name) > 1]
+    if twice:
+        raise InputError(twice[0], "two files of one name", "Give them different names: they are kept in one folder")
+    told = None if commands is None else open_source(commands, machine, "commands", wishes)
+    sources = [open_source(path, machine, "whole" if told is None else "measured", wishes) for path in raws]
+    chain = Chain(machine)
+    points = [s for s in sources if s.what == "points"]
+    motions = [s for s in sources if s.what == "motions"]
+    logs = [s for s in sources if s.what == "log"]
+    if not points and not motions:
+        raise InputError(str(raws[0]), "nothing measured in it but channels of a log", "Give the measured file too")
+    if told is None:
+        for source in points:
+            _refuse_no_commands(source, machine)
+    pairs = [pair(source, told, chain, wishes, seed) for source in points]
+    aligned = [_places(source, own, told, chain) for source, own in zip(points, pairs, strict=True)]
+    for source, (nominal, measured) in zip(points, aligned, strict=True):
+        refuse_unit(nominal, measured, source.raw.name)
+        refuse_partial(nominal, measured, source.raw.name)
+    frame = _frame(points, aligned, chain)
+    files = _files(points, motions, logs, pairs, told, frame, wishes)
+    with tempfile.TemporaryDirectory() as folder, running(None):
+        for name, data in files.items():
+            write_bytes_atomic(data, Path(folder) / name)
+        survey = read_survey(Path(folder) / SURVEY_FILE, machine)
+    try:
+        proof = prove(machine, survey, any(p.averaged for p in pairs), len(points) > 0)
+    except InputError as error:
+        raise _with_nearest(error, points, pairs, aligned, told, chain, seed) from error
+    everything = (*points, *motions, *logs, *([told] if told else []))
+    left = tuple(f"{s.raw.path.name}: columns not used: {', '.join(s.left)}" for s in everything if s.left)
+    return Imported(
+        machine, files, everything, (*pairs, *[None] * (len(everything) - len(pairs))), survey, proof, frame,
+        tuple(dict.fromkeys((*left, *survey.notes))),
+    )  # fmt: skip
+
+
+def _places(source: SourceFile, own: Pairs, told: SourceFile | None, chain: Chain) -> Both:
+    """Nominal and measured points of the readings of a file, each (n, 3) in mm."""
+    table = (told or source).recording.frame.iloc[own.command]
+    nominal = Nominal(chain, table)
+    tool = np.tile(np.asarray(chain.machine.tool, dtype=np.float64), (len(own), 1))
+    frame = source.recording.frame
+    if own.targets:
+        labels = frame["target"].astype(str).str.strip() if len(own.targets) > 1 else ["1"] * source.rows
+        tool = np.array([own.targets[label] for label in np.asarray(labels)[own.first]])
+    elif "tool_x" in frame:
+        tool = frame[["tool_x", "tool_y", "tool_z"]].to_numpy(dtype=np.float64)[own.first]
+    seen = points_of(source)
+    return nominal.points(tool), middles(seen, own.first, own.last)
+
+
+def _with_nearest(
+    error: InputError, points: Sequence[SourceFile], pairs: Sequence[Pairs], aligned: Sequence[Both],
+    told: SourceFile | None, chain: Chain, seed: int,
+) -> InputError:  # fmt: skip
+    """A refusal, with what the nearest commands would give where another way of joining was used."""
+    if told is None or len(points) != 1 or pairs[0].how == NEAREST or pairs[0].targets:
+        return error
+    path = Nominal(chain, told.recording.frame).points(np.asarray(chain.machine.tool, dtype=np.float64))
+    measured = aligned[0][1]
+    found = find_pairing(path, measured, seed) if np.isfinite(measured).all() else None
+    if found is None or found.ways > 1:
+        return error
+    own = found.command >= 0
+    off = np.linalg.norm(measured[own] - found.pose.apply(path[found.command[own]]), axis=1)
+    what = f"with --match nearest {int(own.sum())} of {len(own)} readings fit to {1e3 * float(np.median(off)):.0f} um"
+    return InputError(error.where, f"{error.found}. What fits instead: {what}", error.cure)
+
+
+def _refuse_no_commands(source: SourceFile, machine: Machine) -> None:
+    names = [str(n) for n in source.recording.frame]
+    missing = [j.name for j in machine.joints if j.name not in names and not ({*j.drives} <= {*names} and j.drives)]
+    if missing:
+        what = f"{source.title}: {source.rows} rows of {', '.join(names[:10])}{' ...' if len(names) > 10 else ''}"
+        found = f"read as {what}; no command of {', '.join(missing)} in it"
+        cure = f"Give --commands FILE (an NC programme, a plan, a log, a table), or --columns {missing[0]}=.."
+        raise InputError(source.raw.name, found, cure)
+
+
+def _frame(points: Sequence[SourceFile], aligned: Sequence[Both], chain: Chain) -> str:
+    """Which rows share a measuring frame: all, those of a station in one file, or those of a file."""
+    if any("station" in s.recording.frame and s.recording.frame["station"].nunique() > 1 for s in points):
+        return "per-run"
+    if len(points) < 2:
+        return "shared"
+    if any(not np.isfinite(m).all() or len(m) < 4 for _, m in aligned):
+        return "shared"
+    alone = max(_miss(n, m) for n, m in aligned)
+    together = _miss(np.vstack([n for n, _ in aligned]), np.vstack([m for _, m in aligned]))
+    return "per-file" if together > SAME_FRAME * max(alone, MACHINE_ERROR_SHARE * chain.size) else "shared"
+
+
+def _miss(nominal: np.ndarray, measured: np.ndarray) -> float:
+    return float(np.quantile(np.linalg.norm(measured - align(nominal, measured).apply(nominal), axis=1), 0.8))
+
+
+def _files(
+    points: Sequence[SourceFile], motions: Sequence[SourceFile], logs: Sequence[SourceFile], pairs: Sequence[Pairs],
+    told: SourceFile | None, frame: str, wishes: Wishes,
+) -> dict[str, bytes]:  # fmt: skip
+    """Files of the survey's folder: the raw ones as they came, the map, and the pairs."""
+    files = {s.entry.path: s.raw.data for s in (*points, *motions, *logs, *([told] if told else []))}
+    entries: list[dict[str, Any]] = []
+    for number, (source, own) in enumerate(zip(points, pairs, strict=True), start=1):
+        entry = _plain(source)
+        if told is not None:
+            entry["commands"] = _plain(told)
+        if told is not None or own.averaged or len(own) < source.rows:
+            name = "pairs.csv" if len(points) == 1 else f"pairs_{number}.csv"
+            entry["pairs"] = name
+            rows = np.column_stack([own.command, own.first, own.last]) + 1
+            lines = [",".join(PAIR_COLUMNS), *(",".join(map(str, row)) for row in rows.tolist())]
+            files[name] = ("\n".join(lines) + "\n").encode()
+        if own.targets:
+            entry["targets"] = {name: list(place) for name, place in own.targets.items()}
+        entries.append(entry)
+    entries += [_plain(source) for source in motions]
+    block: dict[str, Any] = {"errormodel": 1, "files": entries}
+    if logs:
+        block["logs"] = [_plain(s) | ({"offset": wishes.log_offset} if wishes.log_offset else {}) for s in logs]
+    block["frame"] = frame
+    files[SURVEY_FILE] = _yaml(block).encode()
+    return files
+
+
+def _plain(source: SourceFile) -> dict[str, Any]:
+    """An entry of survey.yaml: only what differs from what is left out."""
+    return source.entry.model_dump(exclude_defaults=True)
+
+
+def _yaml(block: dict[str, Any]) -> str:
+    """The map as text: one line a column, so that a correction is a line."""
+    from io import StringIO
+
+    from ruamel.yaml import YAML
+    from ruamel.yaml.comments import CommentedMap, CommentedSeq
+
+    def laid_out(value: Any) -> Any:
+        if isinstance(value, dict):
+            return CommentedMap({k: laid_out(v) for k, v in value.items()})
+        if isinstance(value, list):
+            out = CommentedSeq([laid_out(v) for v in value])
+            if not any(isinstance(v, dict) for v in value):
+                out.fa.set_flow_style()
+            return out
+        return value
+
+    yaml, stream = YAML(), StringIO()
+    yaml.width = 120
+    yaml.indent(mapping=2, sequence=4, offset=2)
+    yaml.dump(laid_out(block), stream)
+    return stream.getvalue()

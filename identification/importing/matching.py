@@ -1,0 +1,202 @@
+"""Which measured reading belongs to which command: by name, by order, or by time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from errormodel.arrays import Array, Index
+from errormodel.exceptions import InputError
+from identification.observation.frames import align
+
+NAMED = 0.5  # of the measured points must have a name that a command has, for the names to count
+DENSE = 4.0  # commands a reading, from which on they are a log of the way and no list of poses
+GRID = 200_000  # most instants at which two recordings are compared
+NEAR_IN_TIME = 0.45  # of the usual time between two poses
+FINER = 24  # halvings of the interval in which the offset of two clocks lies
+
+
+@dataclass(frozen=True)
+class Matched:
+    """Commands of readings.
+
+    Attributes
+    ----------
+    command : (n,) row of the command of each reading, from 0; -1: none.
+    how : in words, as the end of "joined by ...".
+    offset : s that the clock of the measurements is ahead of that of the commands; None: no clock was used.
+    """
+
+    command: Index
+    how: str
+    offset: float | None = None
+
+
+def plain_name(text: object) -> str:
+    """A point's name without blanks, case and the asterisk that some programs put behind a repeated one."""
+    name = " ".join(str(text).split()).rstrip("*").rstrip().casefold()
+    return name[:-2] if name.endswith(".0") and name[:-2].isdigit() else name
+
+
+def common_names(measured: Sequence[object], commands: Sequence[object]) -> float:
+    """Share of the measured points whose name a command has."""
+    known = {plain_name(n) for n in commands}
+    return float(np.mean([plain_name(n) in known for n in measured])) if len(measured) else 0.0
+
+
+def by_name(measured: Sequence[object], commands: Sequence[object]) -> Matched:
+    """Commands of the same name; of one that comes several times on both sides, the first to the first, and so on."""
+    places: dict[str, list[int]] = {}
+    for row, name in enumerate(commands):
+        places.setdefault(plain_name(name), []).append(row)
+    seen: dict[str, int] = {}
+    out = []
+    for name in map(plain_name, measured):
+        own = places.get(name)
+        k = seen.get(name, 0)
+        seen[name] = k + 1
+        out.append(-1 if own is None else own[k % len(own)])
+    return Matched(np.array(out, dtype=np.intp), "name")
+
+
+def by_order(count: int, commands: int, nominal: Array, measured: Array) -> Matched | None:
+    """The k-th reading to the k-th command; or a whole number of readings a command, or passes through them.
+
+    Parameters
+    ----------
+    count, commands : numbers of readings and commands.
+    nominal : (commands, 3) mm.
+    measured : (count, 3) mm, by which several readings a command and several passes are told apart.
+    """
+    rows = np.arange(count)
+    if count == commands:
+        return Matched(rows, "order")
+    if commands == 0 or count % commands:
+        return None
+    times = count // commands
+    block, cycle = rows // times, rows % commands
+    if _misfit(nominal[block], measured) <= _misfit(nominal[cycle], measured):
+        return Matched(block, f"order, {times} readings a command")
+    return Matched(cycle, f"order, {times} passes through the commands")
+
+
+def _misfit(nominal: Array, measured: Array) -> float:
+    good = np.isfinite(measured).all(axis=1)
+    a, b = nominal[good], measured[good]
+    return float(np.median(np.linalg.norm(b - align(a, b).apply(a), axis=1))) if len(a) else np.inf
+
+
+def by_time(
+    path: Array, told: Array, points: Array, when: Array, middle: Array, *, same_clock: bool, name: str
+) -> Matched:
+    """The command that was in force in the middle of each reading, after the offset of the clocks.
+
+    Parameters
+    ----------
+    path : (m, 3) nominal points at the commands, mm.
+    told : (m,) s, their times.
+    points : (n, 3) mm, all measured points in the order of recording.
+    when : (n,) s, their times.
+    middle : (k,) s, of the readings.
+    same_clock : whether both have dates; their offset is then looked for all the same.
+    name : of the commands' file, for messages.
+
+    Raises
+    ------
+    InputError
+        Times are missing or not in order, or no offset brings the recordings together.
+    """
+    if np.isnan(told).any() or (np.diff(told) < 0).any():
+        row = int(np.argmax(np.isnan(told) | (np.diff(told, prepend=told[0]) < 0)))
+        raise InputError(
+            f"{name}, row {row + 1}", "a time that is missing or earlier than the one before", "Join by order"
+        )
+    if len(told) > DENSE * len(middle):
+        offset = speed_offset(path, told, points, when)
+        if offset is None:
+            raise InputError(name, "its motions and those measured do not resemble each other in time", "Join by order")
+        at = np.searchsorted(told, middle - offset, side="right") - 1
+        inside = (middle - offset >= told[0]) & (middle - offset <= told[-1])
+        return Matched(np.where(inside, np.clip(at, 0, None), -1), "time", offset)
+    offset = 0.0 if same_clock else _listed_offset(told, middle)
+    gap = float(np.median(np.diff(told))) if len(told) > 1 else np.inf
+    nearest = np.abs((middle - offset)[:, None] - told).argmin(axis=1)
+    far = np.abs(middle - offset - told[nearest]) > NEAR_IN_TIME * gap
+    if same_clock and far.mean() > 0.5:  # dates of two clocks, one of them in another zone or set wrongly
+        offset = _listed_offset(told, middle)
+        nearest = np.abs((middle - offset)[:, None] - told).argmin(axis=1)
+        far = np.abs(middle - offset - told[nearest]) > NEAR_IN_TIME * gap
+    return Matched(np.where(far, -1, nearest), "time", offset)
+
+
+def _listed_offset(told: Array, middle: Array) -> float:
+    """Offset that brings most readings to a command, from all differences between the first and any."""
+    gap = float(np.median(np.diff(told))) if len(told) > 1 else 1.0
+    best, most = 0.0, -1
+    for first in middle[:5]:
+        for offset in first - told:
+            near = np.abs((middle - offset)[:, None] - told).min(axis=1) < 0.25 * gap
+            if near.sum() > most:
+                best, most = float(offset), int(near.sum())
+    return best
+
+
+def speed_offset(path: Array, told: Array, points: Array, when: Array) -> float | None:
+    """How far (s) the measuring clock is ahead of the controller's, from the speeds of the two paths.
+
+    A speed is the same in every frame. The correlation of both gives the offset to an interval of the slower clock, the
+    alignment of the interpolated path then to a fraction of it. None where they do not correlate.
+    """
+    from scipy.signal import correlate
+
+    good = np.isfinite(points).all(axis=1) & np.isfinite(when)
+    points, when = points[good], when[good]
+    step = max(float(np.median(np.diff(told))), float(np.median(np.diff(when))))
+    longest = max(float(np.ptp(told)), float(np.ptp(when)))
+    step = max(step, longest / GRID)
+    one, other = _speed(path, told, step), _speed(points, when, step)
+    if one.std() == 0 or other.std() == 0:
+        return None
+    a, b = one - one.mean(), other - other.mean()
+    overlap = correlate(np.ones(len(b)), np.ones(len(a)), mode="full")
+    alike = correlate(b, a, mode="full") / (a.std() * b.std())
+    share = np.where(overlap > 0.3 * min(len(a), len(b)), alike / np.maximum(overlap, 1), -1.0)
+    at = int(np.argmax(share))
+    if share[at] < 0.3:
+        return None
+    rough = (at - (len(a) - 1)) * step + float(when[0] - told[0])
+    return _refined(path, told, points, when, rough, 2 * step)
+
+
+def _speed(points: Array, when: Array, step: float) -> Array:
+    grid = np.arange(when[0], when[-1] + step / 2, step)
+    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    return np.diff(np.interp(grid, when, way)) if len(grid) > 2 else np.zeros(1)
+
+
+def _refined(path: Array, told: Array, points: Array, when: Array, rough: float, width: float) -> float:
+    """The offset within `width` of a rough one at which the paths lie on each other best (golden section)."""
+    every = slice(None, None, max(1, len(points) // 2000))
+    own, at = points[every], when[every]
+
+    def miss(offset: float) -> float:
+        clock = at - offset
+        inside = (clock >= told[0]) & (clock <= told[-1])
+        if inside.sum() < 4:
+            return np.inf
+        reached = np.column_stack([np.interp(clock[inside], told, path[:, k]) for k in range(3)])
+        return float(
+            np.mean(np.linalg.norm(own[inside] - align(reached, own[inside], rounds=3).apply(reached), axis=1))
+        )
+
+    low, high = rough - width, rough + width
+    ratio = (5**0.5 - 1) / 2
+    for _ in range(FINER):
+        left, right = high - ratio * (high - low), low + ratio * (high - low)
+        if miss(left) <= miss(right):
+            high = right
+        else:
+            low = left
+    return (low + high) / 2

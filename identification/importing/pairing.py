@@ -1,0 +1,245 @@
+"""One measured file with its commands: readings found, matched, and what is left over with its reason."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from errormodel.arrays import Array, Index
+from errormodel.chain import Chain
+from errormodel.exceptions import InputError
+from errormodel.survey_columns import MEASURED
+from identification.importing.dwells import Dwells, find_dwells
+from identification.importing.geometry import Nominal, fitted_targets, turns_tool
+from identification.importing.matching import NAMED, Matched, by_name, by_order, by_time, common_names
+from identification.importing.nearest import find_pairing
+from identification.importing.sources import SourceFile, Wishes
+from identification.observation.frames import align
+
+TARGET_GAIN = 3.0  # times: so much nearer must targets of their own bring the points, to be taken
+FEW_TO_FIT = 8  # rows a target, from which on a functional point is fitted
+NEAREST = "the nearest command after a robust alignment"
+LISTED = 6  # of what is left over
+UNMEASURED = 0.5  # mm: readings within it, one after the other, of a single point
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """Readings of a file and their commands.
+
+    Attributes
+    ----------
+    command : (n,) row of the command of each reading, from 0; those of one file without commands are its own rows.
+    first, last : (n,) rows of each reading in the measured file, from 0.
+    how : how they were joined, in words; empty where commands and measurements stand in one table.
+    notes : what is left over, and why.
+    readings, commands : how many there were.
+    targets : functional points (mm) that were fitted, by target.
+    offset : s between the clocks, if any.
+    """
+
+    command: Index
+    first: Index
+    last: Index
+    how: str
+    notes: tuple[str, ...]
+    readings: int
+    commands: int
+    targets: dict[str, tuple[float, float, float]]
+    offset: float | None = None
+
+    def __len__(self) -> int:
+        return len(self.command)
+
+    @property
+    def averaged(self) -> bool:
+        """Whether a reading is a mean of several rows."""
+        return bool((self.last > self.first).any())
+
+
+def points_of(source: SourceFile) -> Array:
+    """Measured coordinates (n, 3), NaN where a component is missing."""
+    frame = source.recording.frame
+    empty = np.full(source.rows, np.nan)
+    return np.column_stack([source.column(m) if m in frame else empty for m in MEASURED])
+
+
+def middles(points: Array, first: Index, last: Index) -> Array:
+    """Means of the points (n, 3) from `first` to `last`, each (k,); NaN where a component was not measured."""
+    parts = [points[a : b + 1] for a, b in zip(first, last, strict=True)]
+    return np.array([[c[np.isfinite(c)].mean() if np.isfinite(c).any() else np.nan for c in p.T] for p in parts])
+
+
+def pair(source: SourceFile, commands: SourceFile | None, chain: Chain, wishes: Wishes, seed: int) -> Pairs:
+    """Find the readings of a measured file and the command of each.
+
+    Raises
+    ------
+    InputError
+        They cannot be joined in the way that was asked for, or in none.
+    """
+    points = points_of(source)
+    seen = np.isfinite(points).any(axis=1)
+    alone = commands is None
+    if not seen.any():
+        raise InputError(source.raw.name, "nothing measured in any row", "Give the file that holds the measurements")
+    expected = source.rows if alone else commands.rows if commands is not None else 0
+    labels = source.recording.frame.get("target")
+    dwells = None
+    if wishes.dwell and not (labels is not None and labels.nunique() > 1) and (alone or expected != int(seen.sum())):
+        dwells = find_dwells(points)
+    rows = np.flatnonzero(seen)
+    first, last = (rows, rows) if dwells is None else (dwells.first, dwells.last)
+    notes = _reading_notes(source, dwells, int((~seen).sum()))
+    if commands is None:
+        nominal = Nominal(chain, source.recording.frame.iloc[first])
+        own = Pairs(first, first, last, "", tuple(notes), len(first), source.rows, {})
+        return _with_targets(own, source, nominal, points, chain)
+    middle = middles(points, first, last)
+    nominal = Nominal(chain, commands.recording.frame)
+    found, more = _match(source, commands, chain, nominal, middle, first, last, points, wishes, seed)
+    command = found.command
+    kept = command >= 0
+    if not kept.any():
+        found_text = f"none of {len(command)} readings has a command of {commands.raw.name}"
+        raise InputError(source.raw.name, found_text, "Give the commands that were measured, or another --match")
+    notes += more + _left_over(source, commands, command, first)
+    out = Pairs(
+        command[kept], first[kept], last[kept], found.how, tuple(notes), len(command), commands.rows, {}, found.offset
+    )
+    return _with_targets(out, source, Nominal(chain, commands.recording.frame.iloc[out.command]), points, chain)
+
+
+def _reading_notes(source: SourceFile, dwells: Dwells | None, unseen: int) -> list[str]:
+    notes = []
+    if unseen:
+        notes.append(f"left out: {counted(unseen, 'row')} in which nothing was measured")
+    if dwells is not None:
+        sizes = dwells.last - dwells.first + 1
+        size = int(np.median(sizes))
+        text = f"{counted(len(dwells), 'dwell')} of {size} readings (median) in a log of {source.rows} rows"
+        text += f"; {dwells.moving} readings on the way left out" if dwells.moving else ""
+        text += f"; {counted(dwells.short, 'place')} too short for a dwell" if dwells.short else ""
+        notes.append(text)
+    return notes
+
+
+def _match(
+    source: SourceFile, commands: SourceFile, chain: Chain, nominal: Nominal, middle: Array, first: Index, last: Index,
+    points: Array, wishes: Wishes, seed: int,
+) -> tuple[Matched, list[str]]:  # fmt: skip
+    """The way of joining that was asked for, or the first of name, time, order and nearest that works."""
+    own, told = source.recording.frame, commands.recording.frame
+    names = "point" in own and "point" in told
+    clocks = "time" in own and "time" in told
+    how = wishes.match
+    path = nominal.points(np.asarray(chain.machine.tool))
+    if how == "name" and not names:
+        lacking = source if "point" not in own else commands
+        option = "--columns" if lacking is source else "--command-columns"
+        raise InputError(lacking.raw.name, "no names of points", f"Say which column they are: {option} point=..")
+    if names and how in ("auto", "name"):
+        share = common_names([own["point"].iloc[k] for k in first], list(told["point"]))
+        if how == "name" or share >= NAMED:
+            return by_name([own["point"].iloc[k] for k in first], list(told["point"])), []
+    if how == "time" and not clocks:
+        lacking = source if "time" not in own else commands
+        raise InputError(lacking.raw.name, "no time", "Say which column it is with --columns time=.., or join by order")
+    if clocks and (how == "time" or (how == "auto" and commands.rows != len(first))):
+        when = source.column("time")
+        centre = np.array([np.nanmean(when[a : b + 1]) for a, b in zip(first, last, strict=True)])
+        same = source.recording.dated and commands.recording.dated
+        return by_time(
+            path, commands.column("time"), points, when, centre, same_clock=same, name=commands.raw.name
+        ), []  # fmt: skip
+    if how in ("auto", "order"):
+        found = by_order(len(first), commands.rows, path, middle)
+        if found is not None:
+            return found, []
+        if how == "order":
+            text = f"{len(first)} readings and {commands.rows} commands"
+            cure = "Join with --match nearest, which finds what is missing; or give the commands that were measured"
+            raise InputError(source.raw.name, text, cure)
+    return _nearest(source, commands, path, middle, seed)
+
+
+def _nearest(
+    source: SourceFile, commands: SourceFile, path: Array, middle: Array, seed: int
+) -> tuple[Matched, list[str]]:
+    if not np.isfinite(middle).all():
+        raise InputError(source.raw.name, "components that were not measured", "Join by name or order: --match order")
+    found = find_pairing(path, middle, seed)
+    if found is None:
+        text = (
+            f"{len(middle)} readings that lie in no frame on the {len(path)} commands of {commands.raw.name}; "
+            f"the points reach {_reach(middle):.0f} mm, the commands {_reach(path):.0f} mm"
+        )
+        cure = "See that machine, tool, units and hand are right, and that these commands were measured"
+        raise InputError(source.raw.name, text, cure)
+    if found.ways > 1:
+        text = f"{found.ways} ways to lay the points on the commands, which look the same from several sides"
+        raise InputError(source.raw.name, text, "Join with --match order or name, or measure a pose off the pattern")
+    return Matched(found.command, NEAREST), []
+
+
+def counted(number: int, word: str) -> str:
+    """A number of things: 1 row, 2 rows."""
+    return f"{number} {word}{'s' * (number != 1)}"
+
+
+def _reach(points: Array) -> float:
+    return float(np.linalg.norm(np.ptp(points, axis=0)))
+
+
+def _left_over(source: SourceFile, commands: SourceFile, command: Index, first: Index) -> list[str]:
+    """Readings without a command, and commands without a reading."""
+    notes = []
+    bare = first[command < 0]
+    if len(bare):
+        notes.append(f"without a command: {counted(len(bare), 'reading')} ({_shown(source, bare)})")
+    idle = np.setdiff1d(np.arange(commands.rows), command)
+    if len(idle) and len(idle) < 0.9 * commands.rows:
+        notes.append(f"not measured: {counted(len(idle), 'command')} ({_shown(commands, idle)})")
+    return notes
+
+
+def _shown(source: SourceFile, rows: Index) -> str:
+    """Rows as a person finds them: names, or lines."""
+    frame, lines = source.recording.frame, source.recording.lines
+    some = rows[:LISTED]
+    if "point" in frame:
+        text = ", ".join(str(frame["point"].iloc[k]) for k in some)
+    elif lines:
+        text = "line " + ", ".join(str(lines[k]) for k in some)
+    else:
+        text = "row " + ", ".join(str(k + 1) for k in some)
+    return text + (" ..." if len(rows) > LISTED else "")
+
+
+def _with_targets(pairs: Pairs, source: SourceFile, nominal: Nominal, points: Array, chain: Chain) -> Pairs:
+    """Functional points of the targets, where a machine with rotary joints shows them and they are not the tool."""
+    frame = source.recording.frame
+    several = "target" in frame and frame["target"].nunique() > 1
+    if "tool_x" in frame or not (several or turns_tool(chain.machine)) or not np.isfinite(points[pairs.first]).all():
+        return pairs
+    labels = frame["target"].astype(str).str.strip().to_numpy()[pairs.first] if several else np.full(len(pairs), "1")
+    names, label = np.unique(labels.astype(str), return_inverse=True)
+    label = label.ravel().astype(np.intp)
+    if len(pairs) < FEW_TO_FIT * len(names):
+        return pairs
+    measured = middles(points, pairs.first, pairs.last)
+    tool = np.asarray(chain.machine.tool, dtype=np.float64)
+    plain = nominal.points(tool)
+    before = float(np.median(np.linalg.norm(measured - align(plain, measured).apply(plain), axis=1)))
+    tools, pose = fitted_targets(nominal, measured, label, np.tile(tool, (len(names), 1)))
+    reached = pose.apply(nominal.points(tools[label]))
+    after = float(np.median(np.linalg.norm(measured - reached, axis=1)))
+    if not after * TARGET_GAIN < before:
+        return pairs
+    places = {str(n): tuple(round(float(v), 4) for v in t) for n, t in zip(names, tools, strict=True)}
+    words = "; ".join(f"{n}: {', '.join(f'{v:.2f}' for v in p)}" for n, p in places.items())
+    what = f"{len(names)} targets" if several else "the target"
+    note = f"{what} placed in the last frame by the measurements themselves, {words} mm: with the tool of the machine "
+    note += f"the points lie {before:.3g} mm off, so {after:.3g} mm"
+    return replace(pairs, targets=places, notes=(*pairs.notes, note))  # type: ignore[arg-type]

@@ -1,0 +1,263 @@
+"""Proof of a join: how well the nominal machine, in the best frame, meets what was measured; and what fits instead.
+
+Mistakes are looked for as the diagnosis looks for them (columns of another sign, unit or place; rows that are late,
+exchanged or of another frame). A join that holds one is refused, with what fits instead.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from errormodel.arrays import Array, Index, Mask
+from errormodel.chain import Chain
+from errormodel.effects.clock_offset import ClockOffset
+from errormodel.exceptions import InputError
+from errormodel.machine import Machine
+from errormodel.survey import Survey
+from errormodel.survey_columns import MEASURED
+from identification.diagnosis.data_checks.blunder import FEWEST, Points, groups, misses, sheet
+from identification.diagnosis.data_checks.checks import find_blunders
+
+FOREIGN = 0.02  # of the points' reach: a rigid alignment of points that belong together leaves less; by judgement
+WILD = 10.0  # times the distance of most points: named as far from its command
+UNIT_FACTORS = {25.4: "inch", 1e3: "m", 1e-3: "um", 10.0: "cm"}  # of another unit in mm
+FEWEST_OF_UNIT = 4  # points, for their unit to be judged
+LEAST_SPREAD = 1e-6  # mm: commands at one place
+SMALL = 0.01  # mm: what lies so near has no mistake worth a refusal
+FEWEST_PROVED = 5  # rows, of which an exchange of two shows: three fit any frame, four nearly
+MANY = 16  # rows, from which on the diagnosis looks for another order
+BETTER = 10.0  # times nearer, with one sign turned
+UNIT_SLACK = 0.02  # of a factor: errors of a machine are far smaller
+
+
+@dataclass(frozen=True)
+class Proof:
+    """How measured points lie beside the nominal ones in the best frame.
+
+    Attributes
+    ----------
+    rows : (n,) rows of the survey that it is about.
+    nominal : (n, 3) mm in the measuring frame.
+    measured : (n, 3) mm.
+    rms_um : root mean square distance; median_um, max_um : of the distances.
+    reach : root mean square distance of the measured points from their middle, mm.
+    repeats : number of commands that were measured several times.
+    repeat_um : pooled standard deviation of a coordinate at these; NaN without any.
+    dwell_um : median standard uncertainty of a coordinate from the scatter within dwells; NaN without any.
+    wild : (k,) survey rows that lie far from their commands.
+    follows : for each joint that was also read back, a sentence on which position the measurements follow.
+    """
+
+    rows: Index
+    nominal: Array
+    measured: Array
+    rms_um: float
+    median_um: float
+    max_um: float
+    reach: float
+    repeats: int
+    repeat_um: float
+    dwell_um: float
+    wild: Index
+    follows: tuple[str, ...]
+
+    @property
+    def distance(self) -> Array:
+        """From each measured point to its nominal one, (n,) mm."""
+        return np.asarray(np.linalg.norm(self.measured - self.nominal, axis=1))
+
+
+def prove(machine: Machine, survey: Survey, averaged: bool, points: bool) -> Proof:
+    """Distances after alignment, scatter of repeats, and a search for mistakes of the join.
+
+    Parameters
+    ----------
+    averaged : whether rows are means of several readings.
+    points : whether points were measured, and not only error motions.
+
+    Raises
+    ------
+    InputError
+        What was measured does not follow the commands.
+    """
+    chain = Chain(machine)
+    empty = np.zeros((0, 3))
+    if not points:
+        nothing = np.zeros(0, dtype=np.intp)
+        return Proof(nothing, empty, empty, np.nan, np.nan, np.nan, 0.0, 0, np.nan, np.nan, nothing, ())
+    parts = [(rows, Points.of(chain, sheet(chain, survey.table.iloc[rows]), False)) for rows in groups(survey)]
+    _refuse_mirror(parts, survey)
+    _refuse_mistakes(machine, survey, parts)
+    rows = np.concatenate([r for r, _ in parts]) if parts else np.zeros(0, dtype=np.intp)
+    nominal = np.vstack([p.pose().apply(p.nominal) for _, p in parts]) if parts else empty
+    measured = np.vstack([p.measured for _, p in parts]) if parts else empty
+    distance = np.linalg.norm(measured - nominal, axis=1)
+    reach = max((p.reach for _, p in parts), default=0.0)
+    if len(distance) and np.median(distance) > FOREIGN * reach and reach > 1.0 and len(distance) > 4:
+        found = (
+            f"measured points that lie {np.median(distance):.3g} mm (median) from the commanded ones in the best frame "
+            f"and reach {reach:.0f} mm; no sign, unit, exchange or shift of rows makes them fit"
+        )
+        raise InputError(_place(survey), found, "See that these commands were measured, with this machine and tool")
+    usual = float(np.quantile(distance, 0.8)) if len(distance) else 0.0
+    wild = rows[distance > WILD * max(usual, 1e-3)]
+    repeats, scatter = _repeats(machine, survey, rows)
+    sigma = [c for c in ("sigma_x", "sigma_y", "sigma_z") if c in survey.table]
+    dwell = 1e3 * float(np.nanmedian(survey.table[sigma])) if sigma and averaged else np.nan
+    um = 1e3 * distance
+    figures = (float(np.sqrt(np.mean(um**2))), float(np.median(um)), float(um.max())) if len(um) else (np.nan,) * 3
+    return Proof(rows, nominal, measured, *figures, reach, repeats, 1e3 * scatter, dwell, wild, _follows(chain, survey))
+
+
+def _place(survey: Survey) -> str:
+    return ", ".join(dict.fromkeys(survey.table["file"].astype(str)))
+
+
+def refuse_unit(nominal: Array, measured: Array, name: str) -> None:
+    """InputError where measured points (n, 3) fit the nominal ones in another unit: their reaches say it."""
+    good = np.isfinite(measured).all(axis=1)
+    part = Points(nominal[good], measured[good])
+    if len(part) < FEWEST_OF_UNIT or part.spread < LEAST_SPREAD:
+        return
+    ratio = part.spread / max(part.reach, 1e-12)
+    for factor, unit in UNIT_FACTORS.items():
+        if abs(ratio / factor - 1) > UNIT_SLACK:
+            continue
+        scaled = Points(part.nominal, part.measured * factor)
+        if scaled.misfit() < FOREIGN * scaled.reach:
+            found = (
+                f"measured points that reach {part.reach:.4g} mm where the commanded ones reach {part.spread:.4g} mm: "
+                f"in {unit} they fit to {1e3 * scaled.misfit():.0f} um"
+            )
+            raise InputError(name, found, f"Say it with --units mx={unit},my={unit},mz={unit}, if that is their unit")
+
+
+def _refuse_mirror(parts: list[tuple[Index, Points]], survey: Survey) -> None:
+    """InputError where the measured points are the mirror image of the commanded ones."""
+    for _, part in parts:
+        if len(part) < FEWEST_PROVED:
+            continue
+        mirror = Points(part.nominal, part.measured * [1.0, 1.0, -1.0])
+        before, after = part.misfit(), mirror.misfit()
+        if before > FOREIGN * part.reach and after < before / BETTER and after < FOREIGN * part.reach:
+            found = (
+                f"measured points that are the mirror image of the commanded ones: they lie {before:.3g} mm from them, "
+                f"with one sign turned {1e3 * after:.0f} um"
+            )
+            cure = (
+                "One coordinate has the other sign, or two are exchanged (a left-handed frame), in the measurements "
+                "or in the commands. Turn it where it is wrong: --columns mz=-Z, --columns mx=Y,my=X, or "
+                "--command-columns with the sign or exchange of a joint"
+            )
+            raise InputError(_place(survey), found, cure)
+
+
+def _refuse_mistakes(machine: Machine, survey: Survey, parts: list[tuple[Index, Points]]) -> None:
+    """InputError about the mistake that explains best why points and commands do not belong together."""
+    _refuse_exchanged(parts, survey)
+    if np.isfinite(survey.fit.measured).all(axis=1).sum() < FEWEST:
+        return
+    found = [b for b in find_blunders(machine, survey) if b.effect != ClockOffset.effect]
+    if not found:
+        return
+    text = "; and ".join(f"{b.text}{misses(b)}" for b in found)
+    cure = _cure(found[0].text)
+    raise InputError(_place(survey), text, cure)
+
+
+def _refuse_exchanged(parts: list[tuple[Index, Points]], survey: Survey) -> None:
+    """InputError where two rows of a few are exchanged, or all are shifted; of many the diagnosis finds it.
+
+    With so few rows no row stands out; every exchange of two and every shift is tried.
+    """
+    for rows, part in parts:
+        n = len(part)
+        if not FEWEST_PROVED <= n < MANY:
+            continue
+        before = _rms(part)
+        tries = [(f"rows {i + 1} and {j + 1} are exchanged", i, j) for i in range(n) for j in range(i + 1, n)]
+        found = [(_rms(part.reordered(_exchanged(n, i, j))), text) for text, i, j in tries]
+        found += [(_rms(part.reordered(np.roll(np.arange(n), k))), f"the rows are shifted by {k}") for k in range(1, n)]
+        after, text = min(found)
+        if after < before / BETTER and after < FOREIGN * part.reach and before > SMALL:
+            file = str(survey.table["file"].iloc[rows[0]])
+            what = f"{text}: so the points lie {1e3 * after:.0f} um from the commands, as they stand {before:.3g} mm"
+            raise InputError(file, what, _cure("another order"))
+
+
+def _exchanged(n: int, i: int, j: int) -> Index:
+    order = np.arange(n)
+    order[[i, j]] = j, i
+    return order
+
+
+def _rms(part: Points) -> float:
+    """Root mean square distance (mm) in the best frame of all points alike."""
+    return float(np.sqrt(np.mean(part.distances(part.pose(rounds=0)) ** 2)))
+
+
+def _cure(text: str) -> str:
+    if "too late" in text or "too early" in text or "another order" in text:
+        return "Join with --match nearest or name, or give the commands that were measured"
+    if "frame" in text:
+        return "Import the files of each station by themselves, or say --columns station=.."
+    return "Say it with --columns, such as my=-Y (other sign) or mx=Y,my=X, or with --units; or --command-columns"
+
+
+def _repeats(machine: Machine, survey: Survey, rows: Index) -> tuple[int, float]:
+    """Number of commands that were measured several times in one frame, and the pooled scatter (mm) of a coordinate."""
+    table = survey.table.iloc[rows]
+    keys = [*(j.name for j in machine.joints), "tool_x", "tool_y", "tool_z", "file", "run"]
+    group = table.groupby([table[k].round(6) if table[k].dtype.kind == "f" else table[k] for k in keys], sort=False)
+    several = group.filter(lambda part: len(part) > 1)
+    if several.empty:
+        return 0, np.nan
+    inside = several.groupby([several[k].round(6) if several[k].dtype.kind == "f" else several[k] for k in keys])
+    about = several[list(MEASURED)] - inside[list(MEASURED)].transform("mean")
+    free = 3 * (len(several) - inside.ngroups)
+    return int(inside.ngroups), float(np.sqrt(np.sum(about.to_numpy() ** 2) / free))
+
+
+def _follows(chain: Chain, survey: Survey) -> tuple[str, ...]:
+    """Which of a commanded and a read-back position the measurements follow, for each joint that has both."""
+    out = []
+    for joint in chain.machine.joints:
+        name = next((c for c in survey.table if str(c).startswith(f"w_readback_{joint.name}_")), None)
+        if name is None:
+            continue
+        rotary = joint.type == "rotary"
+        difference = survey.table[name].to_numpy(dtype=np.float64)
+        good: Mask = np.isfinite(difference)
+        told = _left(chain, survey, None, good)
+        moved = survey.table[joint.name].to_numpy(dtype=np.float64) + (np.radians(difference) if rotary else difference)
+        read = _left(chain, survey, (joint.name, moved), good)
+        size = float(np.sqrt(np.mean(difference[good] ** 2))) if good.any() else 0.0
+        unit = "deg" if rotary else "mm"
+        text = f"{joint.name} was read back {size:.3g} {unit} rms from its command: "
+        if min(told, read) <= 0 or max(told, read) < 1.02 * min(told, read):
+            out.append(text + "the measurements do not tell which of the two they follow; the commands are used")
+        else:
+            which = "commands" if told < read else "positions read back"
+            text += f"the measurements follow the {which} ({1e3 * min(told, read):.1f} um rms, with the other "
+            text += f"{1e3 * max(told, read):.1f} um)"
+            if read < told:
+                text += f"; to fit these, say --columns {joint.name}=.. the column that was read back"
+            out.append(text)
+    return tuple(out)
+
+
+def _left(chain: Chain, survey: Survey, column: tuple[str, Array] | None, good: Mask) -> float:
+    """Root mean square distance (mm) of the rows in the best frames, with another position of one joint."""
+    squares, count = 0.0, 0
+    for rows in groups(survey):
+        own = rows[good[rows]]
+        if len(own) < 4:
+            continue
+        columns = sheet(chain, survey.table.iloc[own])
+        if column is not None:
+            columns[column[0]] = np.ascontiguousarray(column[1][own])
+        distance = Points.of(chain, columns, False).distances()
+        squares, count = squares + float(distance @ distance), count + len(own)
+    return float(np.sqrt(squares / count)) if count else 0.0

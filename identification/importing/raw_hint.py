@@ -1,0 +1,42 @@
+"""What to do with a file that is no survey's table, and that an import would read."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from errormodel.exceptions import InputError
+from errormodel.formats.raw import Asked, format_of, open_raw
+from errormodel.machine import Machine
+
+if TYPE_CHECKING:
+    from identification.sources import AnySurvey
+
+
+@contextmanager
+def with_hint(survey: AnySurvey, machine: Machine) -> Iterator[None]:
+    """Context in which a survey is read: an error about a raw file says how it is imported.
+
+    Raises
+    ------
+    InputError
+        As it is, or with the format that the file has.
+    """
+    try:
+        yield
+    except InputError as error:
+        path = Path(survey) if isinstance(survey, str | Path) else None
+        if path is None or not path.is_file() or path.suffix.lower() in (".yaml", ".yml"):
+            raise
+        try:
+            raw = open_raw(path, str(path))
+            kind = format_of(raw)
+            recording = kind.read(raw, Asked(machine))
+        except InputError:
+            raise error from None
+        what = f"{kind.title}, {len(recording.frame)} rows of {', '.join(map(str, recording.frame))}"
+        found = f"{error.found}. As a raw file it is {what}"
+        cure = f"Take it in with: errormodel import {path.name} --machine .. --commands .. --out survey"
+        raise InputError(error.where, found, cure) from error

@@ -1,0 +1,164 @@
+"""Which column of a raw table is what: joints as commanded and as read back, measured coordinates, labels, sensors.
+
+The names are those that laboratories use. What is found is written into ``survey.yaml``, where a user corrects it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from typing import Literal
+
+from errormodel.formats.raw import Recording
+from errormodel.formats.sensor_names import sensor_of
+from errormodel.machine import Machine
+from errormodel.survey_columns import MEASURED, is_survey_column
+from errormodel.survey_raw import LABELS, READ_BACK
+
+Kind = Literal["measured", "commands", "whole"]
+
+_COMMANDED = (
+    "cmd",
+    "command",
+    "commanded",
+    "nom",
+    "nominal",
+    "set",
+    "setpoint",
+    "target",
+    "ref",
+    "demand",
+    "soll",
+    "programmed",
+)
+_READ = ("act", "actual", "enc", "encoder", "fb", "fbk", "feedback", "read", "readback", "ist", "axispos")
+_MEASURED = (
+    "meas",
+    "measured",
+    "m",
+    "tracker",
+    "laser",
+    "smr",
+    "act",
+    "actual",
+    "point",
+    "pt",
+    "coord",
+    "coordinate",
+    "pos",
+    "position",
+)
+_LABELS = {
+    "point": r"punkt(name|nr)?|name|point(name|id|no|number|nr)?|label|pt|id|pose(id|no|name)?|no|nr|number|feature",
+    "target": r"target(name|id)?|reflector|smr|prism|ball",
+    "station": r"station(id|no|name)?|instrument(id|name)?",
+    "run": r"run|series|cycle|pass",
+    "time": r"zeit|time(stamp)?(s|sec|seconds)?|t|seconds|elapsed(time)?|timestamp(s)?|uptime",
+    "feed": r"feed(rate)?|f|speed",
+    "load": r"load|payload",
+    "sigma": r"sigma|std|uncertainty|u",
+}
+
+
+def _bare(name: str) -> str:
+    return re.sub(r"[\s_.\-/:]+", "", name).lower()
+
+
+def roles(recording: Recording, machine: Machine, kind: Kind, given: Mapping[str, str]) -> dict[str, str]:
+    """Columns of a recording by the toolkit's names, for ``columns:`` of its entry.
+
+    Parameters
+    ----------
+    recording : under the names of its format.
+    machine : names the joints.
+    kind : "measured" (coordinates, the commands are elsewhere), "commands", or "whole" (both in one table).
+    given : what the user said; the rest is found around it.
+    """
+    names = [str(n) for n in recording.frame]
+    out = dict(given)
+    used = {theirs.removeprefix("-") if theirs not in names else theirs for theirs in given.values()}
+    numeric = {n for n in names if recording.frame[n].dtype.kind == "f"}
+
+    def take(ours: str, theirs: str) -> None:
+        if ours not in out and theirs not in used and ours not in names:
+            out[ours] = theirs
+            used.add(theirs)
+
+    free = {_bare(n): n for n in reversed(names) if n not in used}
+    for label, pattern in _LABELS.items():
+        own = next((n for b, n in free.items() if re.fullmatch(pattern, b) and n not in used), None)
+        numbers = label in ("time", "feed", "load", "sigma")
+        single = own is not None and own in [j.name for j in machine.joints]
+        if (
+            own is not None
+            and not single
+            and (not numbers or own in numeric)
+            and (numbers or label in LABELS or label == "run")
+        ):
+            take(label, own)
+    for ours, theirs in _sensors(recording, names):
+        if theirs not in used:
+            take(ours, theirs)
+    free = {b: n for b, n in free.items() if n not in used and n in numeric}
+    measured = _measured(free, machine, kind, [*out, *names])
+    for ours, theirs in measured.items():
+        take(ours, theirs)
+    free = {b: n for b, n in free.items() if n not in used}
+    plain = kind != "measured" or not [m for m in MEASURED if m in out or m in names]
+    for joint in machine.joints:
+        bare = _bare(joint.name)
+        command = next((free[b] for b in _around(bare, _COMMANDED) if b in free), None)
+        read = next((free[b] for b in _around(bare, _READ) if b in free), None)
+        own = free.get(bare) or next(
+            (free[b] for b in _around(bare, ("axis", "joint", "q", "pos", "position")) if b in free), None
+        )
+        if command or (own and (plain or read is None)):
+            take(joint.name, command or own or "")
+        if read and (joint.name in out or joint.name in names or kind == "commands"):
+            take(f"{READ_BACK}{joint.name}" if joint.name in out or joint.name in names else joint.name, read)
+    return {ours: theirs for ours, theirs in out.items() if ours != theirs}
+
+
+def _around(bare: str, words: tuple[str, ...]) -> Iterator[str]:
+    """A joint's name with each word behind and before it."""
+    for word in words:
+        yield f"{bare}{word}"
+        yield f"{word}{bare}"
+
+
+def _measured(free: Mapping[str, str], machine: Machine, kind: Kind, there: list[str]) -> dict[str, str]:
+    """Columns of the measured coordinates: named as such, or plain x y z where the joints are elsewhere."""
+    if kind == "commands" or any(m in there for m in MEASURED):
+        return {}
+    joints = {_bare(j.name) for j in machine.joints}
+    for word in _MEASURED:
+        own = {f"m{k}": next((free[b] for b in (f"{word}{k}", f"{k}{word}") if b in free), "") for k in "xyz"}
+        if all(own.values()):
+            read = word in _READ and kind == "whole" and {"x", "y", "z"} <= joints
+            if not read or not {"x", "y", "z"} <= {*free} - {*own.values()} or not _others(free, own):
+                return own
+    if {"x", "y", "z"} <= {*free} and (kind == "measured" or not {"x", "y", "z"} & joints):
+        return {f"m{k}": free[k] for k in "xyz"}
+    one = {f"m{k}": free[k] for k in "xyz" if k in free and k not in joints}
+    return one if kind == "measured" else {}
+
+
+def _others(free: Mapping[str, str], own: Mapping[str, str]) -> bool:
+    """Whether another set of columns may be the measured coordinates."""
+    rest = {b: n for b, n in free.items() if n not in own.values()}
+    return any(all(any(b in rest for b in (f"{w}{k}", f"{k}{w}")) for k in "xyz") for w in _MEASURED)
+
+
+def _sensors(recording: Recording, names: list[str]) -> Iterator[tuple[str, str]]:
+    for name in names:
+        sensor = sensor_of(name, recording.units.get(name, ""))
+        if sensor and not name.startswith("T_") and recording.frame[name].dtype.kind == "f":
+            yield sensor, name
+
+
+def unused(recording: Recording, columns: Mapping[str, str], machine: Machine) -> list[str]:
+    """Columns of a file that a survey does not use."""
+    taken = set(columns.values()) | {theirs.removeprefix("-") for theirs in columns.values()}
+    known = (*LABELS, *(f"{READ_BACK}{j.name}" for j in machine.joints))
+    names = [str(n) for n in recording.frame]
+    return [n for n in names if n not in taken and n not in known and not is_survey_column(n, machine)]

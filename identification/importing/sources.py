@@ -1,0 +1,187 @@
+"""Raw files that are imported, each read and with its columns found: measurements, commands, logs."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from errormodel.conventions import MOTIONS
+from errormodel.exceptions import InputError
+from errormodel.formats.raw import RawFile, Recording, format_of, open_raw
+from errormodel.machine import Machine
+from errormodel.survey_columns import MEASURED
+from errormodel.survey_file import RawEntry
+from errormodel.survey_raw import read_raw, with_map
+from identification.importing.roles import Kind, roles, unused
+
+FOLDER = "raw"  # of a survey, for the files as they came
+
+What = Literal["points", "motions", "log", "commands"]
+
+
+@dataclass(frozen=True)
+class Wishes:
+    """What the user says about the files.
+
+    Attributes
+    ----------
+    columns, command_columns : our column by the file's own, or names in the order of the columns under "".
+    units, command_units : unit by kind or column.
+    format, command_format : names of raw formats; empty: recognised.
+    dates, joint, offsets, at, dialect : as in survey.yaml.
+    match : "auto", "name", "order", "nearest" or "time".
+    dwell : whether dwells are looked for in a continuous log.
+    log_offset : s to add to the times of a log.
+    """
+
+    columns: Mapping[str, str] = field(default_factory=dict)
+    command_columns: Mapping[str, str] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
+    command_units: Mapping[str, str] = field(default_factory=dict)
+    format: str = ""
+    command_format: str = ""
+    dates: Literal["", "day-first", "month-first"] = ""
+    joint: str = ""
+    offsets: tuple[str, ...] = ()
+    at: tuple[str, ...] = ()
+    dialect: str = "auto"
+    match: str = "auto"
+    dwell: bool = True
+    log_offset: float = 0.0
+
+
+@dataclass(frozen=True)
+class SourceFile:
+    """A raw file with its map.
+
+    Attributes
+    ----------
+    raw : RawFile
+    entry : as it will stand in survey.yaml.
+    recording : under the toolkit's names, in the units of a survey.
+    title : what it is, in words.
+    what : what it holds.
+    left : columns that a survey does not use.
+    """
+
+    raw: RawFile
+    entry: RawEntry
+    recording: Recording
+    title: str
+    what: What
+    left: tuple[str, ...]
+
+    @property
+    def rows(self) -> int:
+        return len(self.recording.frame)
+
+    def column(self, name: str) -> np.ndarray:
+        return self.recording.frame[name].to_numpy(dtype=np.float64)
+
+
+def parse_columns(texts: Sequence[str], option: str) -> dict[str, str]:
+    """Options such as ``mx=East,my=North``, or ``point,mx,my,mz`` by position (``-`` passes a column over).
+
+    Raises
+    ------
+    InputError
+        A part is neither, or both kinds are mixed.
+    """
+    out: dict[str, str] = {}
+    for text in texts:
+        parts = [part.strip() for part in text.split(",")]
+        named = ["=" in part for part in parts]
+        if any(named) and not all(named):
+            raise InputError(option, f"'{text}'", "Write mx=East,my=North by name, or point,mx,my,mz by position")
+        for place, part in enumerate(parts, start=1):
+            ours, _, theirs = part.partition("=") if all(named) else (part, "", f"#{place}")
+            if not all(named) and ours in ("-", ""):
+                continue
+            if not ours.strip() or not theirs.strip() or ours.strip() in out:
+                raise InputError(option, f"'{part}'", "Write each of our columns once, such as mx=East")
+            out[ours.strip()] = theirs.strip()
+    return out
+
+
+def open_source(path: Path, machine: Machine, kind: Kind, wishes: Wishes) -> SourceFile:
+    """Read a raw file, find its columns, and say what it holds.
+
+    Parameters
+    ----------
+    kind : what it may hold: see `identification.importing.roles`.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, or a column or unit that was named is not there.
+    """
+    raw = open_raw(path, str(path))
+    told = kind == "commands"
+    asked = wishes.command_format if told else wishes.format
+    given = wishes.command_columns if told else wishes.columns
+    units = wishes.command_units if told else wishes.units
+    form = format_of(raw, asked)
+    plain = RawEntry(
+        path=str(path), format=form.name, dates=wishes.dates, joint=wishes.joint,
+        offsets=list(wishes.offsets), at=list(wishes.at), dialect=wishes.dialect,
+    )  # fmt: skip
+    recording = read_raw(raw, plain, machine)
+    names = [str(n) for n in recording.frame]
+    own = {ours: _placed(path, theirs, names) for ours, theirs in given.items()}
+    found = roles(recording, machine, kind, own)
+    entry = plain.model_copy(
+        update={
+            "path": f"{FOLDER}/{path.name}", "sha256": hashlib.sha256(raw.data).hexdigest(), "columns": found,
+            "units": dict(units),
+        }
+    )  # fmt: skip
+    mapped = with_map(recording, entry.model_copy(update={"path": str(path)}), machine)
+    return SourceFile(
+        raw, entry, mapped, form.title, _what(path, mapped, machine, kind), tuple(unused(recording, found, machine))
+    )
+
+
+def _placed(path: Path, theirs: str, names: list[str]) -> str:
+    """A column by its place, ``#2``, as its name."""
+    if theirs in names or not theirs.startswith("#"):
+        return theirs
+    place = int(theirs[1:])
+    if place > len(names):
+        raise InputError(f"{path}, --columns", f"a column {place}, and the file has {len(names)}", "Name fewer columns")
+    return names[place - 1]
+
+
+def _what(path: Path, recording: Recording, machine: Machine, kind: Kind) -> What:
+    frame = recording.frame
+    names = [str(n) for n in frame]
+    joints = [j.name for j in machine.joints if j.name in names or (j.drives and {*j.drives} <= {*names})]
+    if kind == "commands":
+        missing = [j.name for j in machine.joints if j.name not in joints]
+        if missing:
+            found = f"no command of {', '.join(missing)} among its columns {', '.join(names)}"
+            cure = f"Say which column it is: --command-columns {missing[0]}=.."
+            raise InputError(str(path), found, cure)
+        return "commands"
+    if "joint" in names and any(m in names for m in MOTIONS):
+        return "motions"
+    if any(m in names for m in MEASURED):
+        return "points"
+    if {"angle", "length"} <= {*names}:
+        found = f"{len(frame)} lengths of a bar over its angle, and no coordinates"
+        raise InputError(str(path), found, "Import files with coordinates; lengths are no part of a survey of points")
+    if "deviation" in names:
+        found = "deviations of which it does not say what they are of"
+        raise InputError(str(path), found, "Say it with --columns, such as --columns dy=deviation, and --units dy=um")
+    if "time" in names and any(n.startswith(("T_", "w_")) or n in ("feed", "load") for n in names):
+        return "log"
+    if len(joints) == len(machine.joints):
+        raise InputError(
+            str(path), "commands, and nothing measured", "Give it as --commands, and the measured file first"
+        )
+    found = f"no measured coordinates among its columns {', '.join(names[:12])}{' ...' if len(names) > 12 else ''}"
+    raise InputError(str(path), found, f"Say which they are: --columns mx={names[0]},my=..,mz=..")

@@ -1,0 +1,102 @@
+"""Proof of a join in words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from errormodel.survey import Survey
+from identification.importing.importing import Imported
+from identification.importing.pairing import counted
+from identification.importing.proof import FEWEST_PROVED, Proof
+
+LISTED = 6  # rows in a line
+MINUTE = 120.0  # s: longer offsets are said in minutes
+
+
+def import_lines(imported: Imported) -> list[str]:
+    """Lines that the command line prints: what was read, how it was joined, and how well it fits."""
+    return [*_read(imported), *_joined(imported), *_fits(imported)]
+
+
+def _read(imported: Imported) -> Iterator[str]:
+    for source in imported.sources:
+        frame = source.recording.frame
+        what = {"points": "measured", "motions": "error motions", "log": "log", "commands": "commands"}[source.what]
+        yield f"{source.raw.path.name}: {source.title}, {counted(len(frame), 'row')} ({what})"
+        columns = source.entry.columns
+        if columns:
+            yield "  columns: " + ", ".join(f"{ours} = {theirs}" for ours, theirs in columns.items())
+        for note in source.recording.notes:
+            yield f"  {note}"
+        yield f"  kept as {source.entry.path}, SHA-256 {source.entry.sha256[:12]}..."
+
+
+def _joined(imported: Imported) -> Iterator[str]:
+    yield ""
+    for source, own in zip(imported.sources, imported.pairs, strict=True):
+        if own is None:
+            continue
+        if own.how:
+            kind = "dwell" if own.averaged else "reading"
+            of = counted(own.readings, kind)
+            yield f"joined {len(own)} of {of} with {counted(own.commands, 'command')} by {own.how}"
+        else:
+            yield f"{len(own)} rows with their commands in {source.raw.path.name}"
+        if own.offset is not None:
+            yield f"  the clock of {source.raw.path.name} is {_seconds(own.offset)} the commands'"
+        for note in own.notes:
+            yield f"  {note}"
+    if imported.frame != "shared":
+        frames = {
+            "per-file": "each file has a measuring frame of its own",
+            "per-run": "each station has one of its own",
+        }
+        yield f"  {frames[imported.frame]}: another one for all does not fit"
+
+
+def _seconds(offset: float) -> str:
+    size = abs(offset)
+    text = f"{size:.4g} s" if size < MINUTE else f"{size / 60:.4g} min" if size < 3600 else f"{size / 3600:.5g} h"
+    return f"{text} {'ahead of' if offset >= 0 else 'behind'}"
+
+
+def _fits(imported: Imported) -> Iterator[str]:
+    proof, survey = imported.proof, imported.survey
+    if len(proof.rows):
+        yield from proof_lines(proof, survey)
+    else:
+        yield from _without_points(survey)
+
+
+def _without_points(survey: Survey) -> Iterator[str]:
+    if np.isfinite(survey.measured).any():
+        yield "no row has x, y and z: a shift, other order, unit or sign would have shown, an exchange of two not"
+    if "joint" in survey.table:
+        yield f"{counted(int((survey.table['joint'] != '').sum()), 'row')} of error motions"
+
+
+def proof_lines(proof: Proof, survey: Survey) -> Iterator[str]:
+    """How well the points lie on the commanded ones, what else was looked for, and how repeats scatter."""
+    figures = f"{_length(proof.rms_um)} rms (median {_length(proof.median_um)}, largest {_length(proof.max_um)})"
+    yield f"after alignment the measured points lie {figures} from the nominal machine; they reach {proof.reach:.0f} mm"
+    places = len(np.unique(np.round(proof.nominal, 3), axis=0))
+    if places < FEWEST_PROVED:
+        yield f"too few places ({places}) to prove the join: exchanged rows or a shift may not show"
+    else:
+        yield "no shift or exchange of rows, no other sign, unit or hand fits better"
+    if proof.repeats:
+        yield f"{proof.repeats} commands measured several times: {_length(proof.repeat_um)} scatter of a coordinate"
+    if np.isfinite(proof.dwell_um):
+        size = _length(proof.dwell_um)
+        yield f"scatter of a reading within dwells, taken as its standard uncertainty: {size} (median)"
+    if len(proof.wild):
+        rows = survey.table["row"].to_numpy()[proof.wild]
+        more = " ..." if len(rows) > LISTED else ""
+        yield f"far from their commands: rows {', '.join(map(str, rows[:LISTED]))}{more} (fit with --robust)"
+    yield from proof.follows
+
+
+def _length(um: float) -> str:
+    return f"{um / 1e3:.3g} mm" if um >= 1e3 else f"{um:.3g} um"

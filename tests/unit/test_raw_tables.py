@@ -1,0 +1,145 @@
+"""The tolerant reader of tables: what comes out equals what went in, whatever the encoding, delimiter and header."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import strategies as st
+
+from errormodel.exceptions import InputError
+from errormodel.formats.raw import Asked, decoded, format_of, open_raw
+from tests.helpers.raw_files import DELIMITERS, ENCODINGS, Style, read_back, written
+
+NAMES, UNITS = ("Achse X", "east", "Δ", "flow"), ("mm", "µm", "deg", "°C")
+READ_UNITS = ("mm", "um", "deg", "degC")  # the same as the toolkit's words
+STYLES = st.builds(
+    Style,
+    encoding=st.sampled_from(ENCODINGS),
+    delimiter=st.sampled_from(DELIMITERS),
+    comma=st.booleans(),
+    names=st.sampled_from(["plain", "none", "comment"]),
+    units=st.sampled_from(["none", "brackets", "parentheses", "row"]),
+    comments=st.integers(0, 2),
+    preamble=st.integers(0, 2),
+    ends=st.booleans(),
+    newline=st.sampled_from(["\n", "\r\n"]),
+)
+# two decimals at least: of a file of whole numbers in groups of three nobody knows the decimal sign
+VALUES = st.floats(-1e4, 1e4).map(lambda v: round(v, 5)).filter(lambda v: v != round(v, 3))
+TABLES = st.lists(st.lists(VALUES, min_size=4, max_size=4), min_size=2, max_size=12)
+
+
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(style=STYLES, rows=TABLES)
+def test_what_comes_out_is_what_went_in(style: Style, rows: list[list[float]], tmp_path: Path) -> None:
+    assume(not (style.comma and style.delimiter == ","))
+    assume(not (style.names == "comment" and style.units == "row"))
+    names = [n.replace(" ", "_") for n in NAMES] if style.delimiter == " " else list(NAMES)
+    if style.encoding == "cp1252":
+        names = [n.replace("Δ", "d") for n in names]
+    read = read_back(tmp_path, written(style, names, UNITS, rows))
+    np.testing.assert_array_equal(read.frame.to_numpy(dtype=float), np.array(rows))
+    if style.names == "none":
+        assert [str(n) for n in read.frame] == ["1", "2", "3", "4"]
+    else:
+        assert [str(n) for n in read.frame] == names
+    stated = style.units in ("brackets", "parentheses") and style.names != "none"
+    stated = stated or (style.units == "row" and style.names == "plain")
+    assert dict(read.units) == (dict(zip(names, READ_UNITS, strict=True)) if stated else {})
+    assert len(read.lines) == len(rows)
+
+
+def test_gaps_and_texts_stay(tmp_path: Path) -> None:
+    rows = [["A 1", 1.25, None], ["B*", None, -2.5], ["C", 3.125, 4.75]]
+    for delimiter in ",;\t|":
+        read = read_back(tmp_path, written(Style(delimiter=delimiter), ("id", "x", "y"), ("", "", ""), rows))
+        assert list(read.frame["id"]) == ["A 1", "B*", "C"]
+        np.testing.assert_array_equal(read.frame["x"], [1.25, np.nan, 3.125])
+        np.testing.assert_array_equal(read.frame["y"], [np.nan, -2.5, 4.75])
+
+
+@pytest.mark.parametrize("encoding", ENCODINGS)
+def test_the_encoding_is_found_and_said(encoding: str, tmp_path: Path) -> None:
+    text = "Grüße [°C];X\n20,5;1,25\n21,5;2,25\n"
+    assert decoded(text.encode(encoding))[0] == text
+    read = read_back(tmp_path, text.encode(encoding))
+    assert list(read.frame) == ["Grüße", "X"]
+    said = [n for n in read.notes if n.startswith("read as")]
+    assert said == (
+        [] if encoding.startswith("utf-8") else [f"read as {'UTF-16' if '16' in encoding else 'Windows-1252'}"]
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "where", "found"),
+    [
+        ("X,Y\n1,5,2,5\n3,5,4,5\n", "line 1", "2 names above rows of 4 cells"),
+        ("X,Y\n1,5,2\n3,5,4\n", "line 1", "2 names above rows of 3 cells"),
+        ("A,B,C\n1,2,3\n4,5\n7,8,9\n", "line 3", "2 cells where the table has 3"),
+        ("A;B\n1.234;1,5\n2.345;2,5\n", "line 2, column A", "'1.234' in a file with another decimal sign"),
+        ("time,X\n02/03/2020 10:00:00,1\n02/03/2020 10:00:01,2\n", "column time", "may be either"),
+        ("time,X\n30/02/2020 10:00:00,1\n31/01/2020 10:00:01,2\n", "line 2", "no calendar has"),
+        ("words\nand more words\n", "raw.txt", "without rows of numbers"),
+    ],
+)  # fmt: skip
+def test_what_nobody_can_read_says_what_it_looks_like(text: str, where: str, found: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError) as error:
+        read_back(tmp_path, text.encode())
+    assert where in error.value.where
+    assert found in error.value.found
+    assert error.value.cure
+
+
+@pytest.mark.parametrize("data", [b"", b"\x89PNG\r\n\x1a\n\0\0\1", b"PK\x03\x04 no sheet", bytes(range(256))])
+def test_what_is_no_text_is_refused(data: bytes, tmp_path: Path) -> None:
+    with pytest.raises(InputError):
+        read_back(tmp_path, data)
+
+
+@pytest.mark.parametrize(
+    ("cells", "order", "seconds", "read"),
+    [
+        (["2024-03-12T10:00:00", "2024-03-12T10:00:01.5"], "", [1710237600.0, 1710237601.5], ""),
+        (["2024-03-12 12:00:00+02:00", "2024-03-12 10:00:01Z"], "", [1710237600.0, 1710237601.0], ""),
+        (["'11.10.2022 15:06:48.043", "'11.10.2022 15:06:55.562"], "", [1665500808.043, 1665500815.562], "day-first"),
+        (["02/28/25 16:38:29", "02/28/25 16:38:31"], "", [1740760709.0, 1740760711.0], "month-first"),
+        (["28/02/2025 04:38:29 PM", "01/03/2025 04:38:31 PM"], "", [1740760709.0, 1740847111.0], "day-first"),
+        (["02/03/2025 00:00:00", "02/03/2025 00:00:01"], "day-first", [1740873600.0, 1740873601.0], "day-first"),
+        (["02/03/2025 00:00:00", "02/03/2025 00:00:01"], "month-first", [1738540800.0, 1738540801.0], "month-first"),
+    ],
+)
+def test_dates(cells: list[str], order: str, seconds: list[float], read: str, tmp_path: Path) -> None:
+    """Seconds since 1970 as any calendar program gives them; to a microsecond, the resolution of float64 there."""
+    text = "time;X\n" + "".join(f"{cell};{k}.5\n" for k, cell in enumerate(cells))
+    recording = read_back(tmp_path, text.encode(), dates=order)
+    np.testing.assert_allclose(recording.frame["time"], seconds, rtol=0, atol=1e-6)
+    assert recording.dated
+    assert [n for n in recording.notes if n.startswith("dates")] == (
+        [f"dates read {read.replace('-', ' ')}"] if read else []
+    )
+
+
+def test_a_date_and_a_time_beside_it_and_midnight(tmp_path: Path) -> None:
+    read = read_back(tmp_path, b"Date;Time;x\n11.10.2022;23:59:59;1.5\n12.10.2022;00:00:01;2.5\n")
+    assert float(np.diff(read.frame["time"])[0]) == 2.0
+    clock = read_back(tmp_path, b"Time;x\n23:59:59;1.5\n00:00:01;2.5\n")
+    assert float(np.diff(clock.frame["time"])[0]) == 2.0
+    assert not clock.dated
+
+
+@settings(max_examples=20, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(content=st.binary(max_size=400) | st.text(max_size=200).map(str.encode))
+def test_any_bytes_are_read_or_refused(content: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "any.dat"
+    path.write_bytes(content)
+    try:
+        raw = open_raw(path, path.name)
+        format_of(raw).read(raw, Asked())
+    except InputError as error:
+        cure = error.cure
+    else:
+        cure = "none needed"
+    assert cure
