@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +19,7 @@ from errormodel.formats import data_frame, open_tables
 from errormodel.formats.base import Table
 from errormodel.instruments.base import Instrument
 from errormodel.machine import Machine
+from errormodel.observations.base import Observation
 from errormodel.survey_checks import Part, read_part, run_labels
 from errormodel.survey_columns import (
     MEASURED,
@@ -33,6 +34,7 @@ from errormodel.survey_columns import (
 )
 from errormodel.survey_file import BudgetEntry, FileEntry, Frame, Refit, SurveyForm, read_form
 from errormodel.survey_gaps import filled
+from errormodel.survey_observations import check_observations
 from errormodel.survey_plausibility import check_sizes
 from errormodel.survey_travels import travel_notes
 from errormodel.yamlfile import Document
@@ -51,7 +53,8 @@ class Survey:
         ``tool_x tool_y tool_z`` (the machine's where the file has none), ``mx my mz`` (NaN: not measured), ``run``,
         ``file`` (as the user wrote it), ``role`` and ``row`` (data row of the file, from 1). Present if any file has
         them, and NaN in the others: ``mrx mry mrz``, ``time``, ``dir_<joint>``, ``T_*``, ``w_*``, ``feed``, ``load``,
-        ``sigma_x sigma_y sigma_z``; with rows about one joint's error motions also ``joint`` (empty for volumetric
+        ``sigma_x sigma_y sigma_z``; with single readings also ``observation``, ``length`` or ``angle``, ``u_length``,
+        ``u_angle`` and, for readings between two poses, ``from_<joint>``; with rows about one joint's error motions also ``joint`` (empty for volumetric
         rows), ``dx dy dz ea eb ec`` and their uncertainties ``u_dx`` ... ``u_ec``. A position is NaN only in rows
         about another joint.
     frame : {"shared", "per-run", "per-file", "fixed"}
@@ -72,6 +75,8 @@ class Survey:
         determine it.
     motions_of : str
         The joint whose error motions the points stand for; empty where points were measured.
+    observations : mapping
+        Models of single readings by the names in the column ``observation``.
     """
 
     table: pd.DataFrame
@@ -84,6 +89,7 @@ class Survey:
     motions_of: str = ""
     sized: bool = True
     frame_rotation: tuple[float, float, float] | None = None
+    observations: Mapping[str, Observation] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.table)
@@ -170,6 +176,7 @@ def read_survey(source: Path | str | pd.DataFrame, machine: Machine, measured: b
     if measured and all(entry.role == "test" for entry in form.files):
         raise document.error(("files",), "only test files", "Give at least one file the role fit")
     table = mended(_assemble(parts, machine), machine)
+    check_observations(table, machine, form.observations, measured, str(path))
     table, more = filled(table) if measured else in_step(table, machine)  # states for a prediction have no time series
     notes |= dict.fromkeys(more)
     notes |= dict.fromkeys(travel_notes(table, machine))
@@ -182,7 +189,7 @@ def read_survey(source: Path | str | pd.DataFrame, machine: Machine, measured: b
         rotation = (x, y, z)
     return Survey(
         table, form.frame, tuple(form.refit), form.instrument, path, tuple(notes), tuple(form.budget),
-        frame_rotation=rotation,
+        frame_rotation=rotation, observations=form.observations,
     )  # fmt: skip
 
 

@@ -11,6 +11,8 @@ from pydantic import ConfigDict, Field, field_validator, model_validator
 from errormodel.instruments import instruments
 from errormodel.instruments.base import Instrument, Positive
 from errormodel.instruments.plain import Plain
+from errormodel.observations import registry as observations
+from errormodel.observations.base import Observation
 from errormodel.units import UnitsBlock
 from errormodel.yamlfile import Document, FileModel, Vector3, VersionedModel, load, validate
 
@@ -22,8 +24,10 @@ Refit = Literal["frame", "tool"]
 
 if TYPE_CHECKING:
     AnyInstrument: TypeAlias = Instrument
+    AnyObservation: TypeAlias = Observation
 else:
     AnyInstrument = Annotated[Union[tuple(instruments().values())], Field(discriminator="type")]  # noqa: UP007
+    AnyObservation = Annotated[Union[tuple(observations().values())], Field(discriminator="type")]  # noqa: UP007
 
 
 class SurveyUnits(UnitsBlock):
@@ -105,6 +109,10 @@ class SurveyForm(VersionedModel):
     columns: dict[str, str] = Field({}, description='our column name: the name in your files, such as {mx: "X meas"}')
     units: SurveyUnits = Field(SurveyUnits(), description="a block such as {length: mm, angle: deg}")
     instrument: AnyInstrument = Field(Plain(), description="a block such as {type: cmm, sigma: [1e-3, 2e-6]}")
+    observations: dict[Annotated[str, Field(pattern=r"^[^\[\],]+$")], AnyObservation] = Field(
+        {},
+        description="what single readings are of, by the names in the column observation: {A: {type: distance}}",
+    )
     budget: list[BudgetEntry] = Field([], description="lines such as [{name: tool, std: 0.002, acts: tool_z}]")
 
     @field_validator("files")

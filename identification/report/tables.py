@@ -222,7 +222,7 @@ def noise(fit: Fit) -> list[list[str]]:
     out = []
     for kind, sums in fit.solution.sums.items():
         declared = kind in fit.solution.declared
-        factor, unit = (1e3, "µm") if kind in ("position", "displacement") else (1e6, "µrad")
+        factor, unit = (1e6, "µrad") if kind in fit.problem.angular else (1e3, "µm")
         sigma = fit.sigma_mm if kind == "position" else fit.solution.sigma[kind]
         how = "declared (the deviation is that of the residuals)" if declared else "estimated from the residuals"
         out.append([f"{kind}, one coordinate", str(sums.count), f"{three(factor * sigma)} {unit}", how])

@@ -107,7 +107,7 @@ def _machine_of(folder: Path, base: tuple[str, ...]) -> Chain:
         raise InputError(str(path), "there is no such file", CURE)
     chain = Chain(read_machine(path))
     for identity in base:
-        if identity not in chain.index and not identity.startswith(("frame[", "zero[")):
+        if identity not in chain.index and not identity.startswith(("frame[", "zero[", "observation[")):
             found = f"the machine has no parameter '{identity}', which fit.json estimates"
             raise InputError(str(path), found, "Run the fit again")
     return chain

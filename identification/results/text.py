@@ -9,11 +9,13 @@ import numpy as np
 
 from errormodel.location_errors import named
 from identification.results.parameter_table import printed
+from identification.results.set_ups import set_ups
 from identification.results.terminal import table_lines
 
 if TYPE_CHECKING:
     from identification.diagnosis.results.findings import Alternative, Diagnosis
     from identification.estimation.motions import Motions
+    from identification.estimation.readings import Readings
     from identification.estimation.result import Fit, Spread
     from identification.results.analysis import Analysis
     from identification.results.description import Description
@@ -22,6 +24,7 @@ if TYPE_CHECKING:
     from identification.diagnosis.results.findings import Alternative, Diagnosis
 
 SHOWN = 12  # outliers
+SHOWN_SET_UPS = 24  # unknowns of set-ups
 
 
 def description_lines(description: Description) -> Iterator[str]:
@@ -71,13 +74,16 @@ def fit_lines(analysis: Analysis) -> Iterator[str]:
         yield from _spread_lines(fit)
     if fit.motions:
         yield from _motion_lines(fit, fit.motions)
+    if fit.readings:
+        yield from _reading_lines(fit, fit.readings)
     if not fit.fitted.n:
         yield from _level_lines(fit)
     if fit.inflation > 1:
         yield f"residuals exceed the declared uncertainty: standard uncertainties are multiplied by {fit.inflation:.2f}"
     yield from _outlier_lines(fit)
-    framed = [any(m.startswith(("frame.", "frame[", "zero[")) for m in p["members"]) for p in analysis.groups]
-    listed = [p for p, shared in zip(analysis.groups, framed, strict=True) if not shared and not p["meaning"]]
+    shared = ("frame.", "frame[", "zero[", "observation[")
+    framed = [any(m.startswith(shared) for m in p["members"]) for p in analysis.groups]
+    listed = [p for p, own in zip(analysis.groups, framed, strict=True) if not own and not p["meaning"]]
     listed.sort(key=lambda p: -abs(p["value"]) / p["std"] if p["std"] else -np.inf)
     yield "\nlargest in units of their uncertainty (all in parameters.csv)"
     rows = []
@@ -95,6 +101,7 @@ def fit_lines(analysis: Analysis) -> Iterator[str]:
         yield from table_lines(cells, "<>><<", indent=2)
     if any(framed):
         what = "the measuring frame" if fit.problem.frames else "the instrument's zeros"
+        what = "the set-ups of the observations" if fit.readings else what
         yield f"  and {sum(framed)} groups of, or shared with, {what}"
 
 
@@ -127,10 +134,37 @@ def _motion_lines(fit: Fit, motions: Motions) -> Iterator[str]:
     yield ""
 
 
+def _reading_lines(fit: Fit, readings: Readings) -> Iterator[str]:
+    """Sizes of single readings, each observation by itself, and the unknowns of the set-ups."""
+    rows = [["readings, rms", "", "nominal", "fitted", "held out", "n"]]
+    for e in readings.errors(fit.survey):
+        rows.append(
+            [e.observation, f"{e.type}, {e.unit}", f"{e.nominal:.2f}", f"{e.fitted:.2f}", f"{e.heldout:.2f}", str(e.n)]
+        )
+    yield ""
+    yield from table_lines(rows, "<<>>>>", least=7)
+    found = set_ups(fit)
+    if found:
+        yield "\nset-ups (coordinates in the machine's reference)"
+        cells = [
+            [v.id, f"{v.value:.6g}" if v.unit == "rad" else f"{v.value:.4f}", _plus_minus(v.std), v.unit]
+            for v in found[:SHOWN_SET_UPS]
+        ]
+        yield from table_lines(cells, "<>><", indent=2)
+        if len(found) > SHOWN_SET_UPS:
+            yield f"  and {len(found) - SHOWN_SET_UPS} more in fit.json"
+    yield ""
+
+
+def _plus_minus(std: float | None) -> str:
+    """A standard uncertainty as printed, or that there is none."""
+    return "not determined" if std is None else f"+- {std:.2g}"
+
+
 def _level_lines(fit: Fit) -> Iterator[str]:
-    """Noise by kind of reading, where error motions were measured and no position."""
+    """Noise by kind of reading, where no position was measured."""
     for kind, sigma in fit.solution.sigma.items():
-        factor, unit = (1e3, "um") if kind == "displacement" else (1e6, "urad")
+        factor, unit = (1e6, "urad") if kind in fit.problem.angular else (1e3, "um")
         how = "as declared" if kind in fit.solution.declared else f"{factor * sigma:.3g} {unit} (from residuals)"
         yield f"noise of a reading, {kind}: {how}"
     yield f"{fit.solution.dof} degrees of freedom"

@@ -179,7 +179,7 @@ def _effects(fit: Fit) -> Iterator[_Effect]:
         known = not estimated and fit.inflation == 1
         dof = inf if known else _dof(fit)
         size = next((v for v in (fit.sigma_mm, *s.sigma.values()) if isfinite(v) and v > 0), 1.0)
-        unit = "mm" if any(v.kind in ("position", "displacement") for v in fit.problem.views) else "rad"
+        unit = "rad" if all(v.turns for v in fit.problem.views) else "mm"
         yield _Effect(Input(name, "B" if known else "A", "normal", size, unit, 0.0, dof), left)
     for entry in fit.survey.budget:
         if entry.acts != "prediction":
