@@ -44,8 +44,8 @@ class ObservationKernels:
         self._chain_values, self._first = chain.values, chain.rows
         self._rows = [chain.rows, *(ca.SX.sym("second", chain.rows.numel()) for _ in range(1, self._poses))]
         self._quantities = ca.SX.sym("q", len(self.names))
-        self._expressions = {w: chain.expression(w) for w in ("nominal", "actual", "levers")}  # type: ignore[arg-type]
-        self._designs = {w: chain.expression(w, chain.ids) for w in ("design", "linearised")}  # type: ignore[arg-type]
+        self._expressions = {w: chain.expression(w) for w in ("nominal", "actual", "levers")}
+        self._designs = {w: chain.expression(w, chain.ids) for w in ("design", "linearised")}
         self._place = dict(chain.index)
         self._kernels: dict[tuple[What, tuple[str, ...], tuple[str, ...]], Kernel] = {}
 

@@ -53,10 +53,10 @@ class Survey:
         ``tool_x tool_y tool_z`` (the machine's where the file has none), ``mx my mz`` (NaN: not measured), ``run``,
         ``file`` (as the user wrote it), ``role`` and ``row`` (data row of the file, from 1). Present if any file has
         them, and NaN in the others: ``mrx mry mrz``, ``time``, ``dir_<joint>``, ``T_*``, ``w_*``, ``feed``, ``load``,
-        ``sigma_x sigma_y sigma_z``; with single readings also ``observation``, ``length`` or ``angle``, ``u_length``,
-        ``u_angle`` and, for readings between two poses, ``from_<joint>``; with rows about one joint's error motions also ``joint`` (empty for volumetric
-        rows), ``dx dy dz ea eb ec`` and their uncertainties ``u_dx`` ... ``u_ec``. A position is NaN only in rows
-        about another joint.
+        ``sigma_x sigma_y sigma_z``; with single readings ``observation``, ``length`` or ``angle``, ``u_length``,
+        ``u_angle``, ``from_<joint>`` (the first of two poses); with rows about one joint's error motions ``joint``
+        (empty for volumetric rows), ``dx dy dz ea eb ec`` and their uncertainties ``u_dx`` ... ``u_ec``. A position is
+        NaN only in rows about another joint.
     frame : {"shared", "per-run", "per-file", "fixed"}
         Rows that share a measuring frame; fixed: it is the machine's own.
     refit : tuple of {"frame", "tool"}

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from errormodel.arrays import Array, Index, as_rows
+from errormodel.arrays import Array, Index, Mask, as_rows
 from errormodel.exceptions import InputError, nearest
 from errormodel.observations.base import Observation
 from errormodel.survey_columns import OBSERVATION, READINGS, TOOL_COLUMNS, first_pose
@@ -130,9 +130,8 @@ def check_observations(
     for name in dict.fromkeys(names[names != ""]):
         if name not in observations:
             row = table.iloc[int(np.argmax(names == name))]
-            cure = nearest(str(name), observations) if observations else (
-                f"Write observations: {{{name}: {{type: ...}}}} in a survey.yaml, with its model"
-            )  # fmt: skip
+            cure = f"Write observations: {{{name}: {{type: ...}}}} in a survey.yaml, with its model"
+            cure = nearest(str(name), observations) if observations else cure
             raise InputError(f"{row['file']}, row {row['row']}, column {OBSERVATION}", f"'{name}', no entry", cure)
     for label, observation in observations.items():
         rows = names == label
@@ -149,11 +148,11 @@ def check_observations(
 
 
 def _check_rows(
-    table: pd.DataFrame, machine: Machine, label: str, observation: Observation, rows: Array, measured: bool
+    table: pd.DataFrame, machine: Machine, label: str, observation: Observation, rows: Mask, measured: bool
 ) -> None:
     first = table.iloc[int(rows.argmax())]
     where = f"{first['file']}, row {first['row']}"
-    if measured and (observation.reading not in table or table[observation.reading][rows].isna().all()):
+    if measured and (observation.reading not in table or table.loc[rows, observation.reading].isna().all()):
         found = f"no reading of '{label}' ({observation.type}) in any of its rows"
         raise InputError(where, found, f"Write what was read in the column {observation.reading}")
     if observation.poses > 1:

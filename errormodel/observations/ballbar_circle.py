@@ -44,14 +44,14 @@ class BallbarCircle(Observation):
     def value(tips: Sequence[Tip], of: Mapping[str, Any]) -> ca.SX:
         import casadi as ca
 
-        return ca.norm_2(tips[0].point - ca.vertcat(of["x"], of["y"], of["z"])) - of["calibrated"]
+        return ca.SX(ca.norm_2(tips[0].point - ca.vertcat(of["x"], of["y"], of["z"])) - of["calibrated"])
 
     def start(self, points: Sequence[Array], readings: Array, known: Mapping[str, float]) -> dict[str, float]:
         """The centre of the commanded circle, in its plane, and the length that it then has."""
         import numpy as np
 
         at = points[0]
-        out = {}
+        out: dict[str, float] = {}
         if "x" in known:
             centre = np.array([known[n] for n in "xyz"])
         else:
@@ -66,3 +66,9 @@ class BallbarCircle(Observation):
         if "calibrated" not in known:
             out["calibrated"] = float(np.median(np.linalg.norm(at - centre, axis=1) - readings))
         return out
+
+    def assumed(self, points: Sequence[Array], known: Mapping[str, float]) -> dict[str, float]:
+        """The ball in the centre of the commanded circle, the bar as long as its radius."""
+        import numpy as np
+
+        return self.start(points, np.zeros(len(points[0])), known)

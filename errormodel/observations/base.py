@@ -114,6 +114,21 @@ class Observation(FileModel, ABC):
         """
         return {}
 
+    def assumed(self, points: Sequence[Array], known: Mapping[str, float]) -> dict[str, float]:
+        """Values of unknown quantities for a simulation that states none; 0 where none is given.
+
+        Parameters
+        ----------
+        points : (n, 3) nominal positions in the machine's reference, mm; one array a pose.
+        known : the other quantities by name.
+
+        Raises
+        ------
+        ValueError
+            One must be stated; the text says how.
+        """
+        return {}
+
     def uncertainty(self, readings: Array) -> Array | None:
         """Standard uncertainty (n,) of readings as declared (k = 1); None where it is to be estimated."""
         if self.sigma is None:
@@ -139,5 +154,5 @@ def quantity(name: str, unit: Unit, value: float | str) -> Quantity:
 
 def coordinates(value: Sequence[float] | str) -> tuple[Quantity, ...]:
     """Quantities x, y, z of a point, mm, from the three numbers, ``unknown`` or ``per-run`` that a file has for it."""
-    each = [value] * 3 if isinstance(value, str) else value
+    each: Sequence[float | str] = [value] * 3 if isinstance(value, str) else value
     return tuple(quantity(name, "mm", v) for name, v in zip("xyz", each, strict=True))

@@ -53,7 +53,15 @@ class Distance(Observation):
     def value(tips: Sequence[Tip], of: Mapping[str, Any]) -> ca.SX:
         import casadi as ca
 
-        return ca.norm_2(tips[0].point - ca.vertcat(of["x"], of["y"], of["z"])) - of["dead_path"]
+        return ca.SX(ca.norm_2(tips[0].point - ca.vertcat(of["x"], of["y"], of["z"])) - of["dead_path"])
 
     def start(self, points: Sequence[Array], readings: Array, known: Mapping[str, float]) -> dict[str, float]:
         return located(points[0], readings, known, self.near)
+
+    def assumed(self, points: Sequence[Array], known: Mapping[str, float]) -> dict[str, float]:
+        """The station roughly where the file says."""
+        if "x" in known:
+            return {}
+        if self.near is None:
+            raise ValueError("a station of which nothing is known. State x, y and z, or near: [x, y, z] in survey.yaml")
+        return dict(zip("xyz", self.near, strict=True))

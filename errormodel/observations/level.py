@@ -46,4 +46,4 @@ class Level(Observation):
         u, v = (ca.vertcat(*(of[f"{n}_{a}"] for a in "xyz")) for n in "uv")
         rise = ca.dot(v, tips[0].rotation @ u)
         # against the horizontal direction that lies below the axis, so that no arc sine of nearly one is taken
-        return ca.atan2(rise, ca.norm_2(ca.cross(v, tips[0].rotation @ u))) - of["zero"]
+        return ca.SX(ca.atan2(rise, ca.norm_2(ca.cross(v, tips[0].rotation @ u))) - of["zero"])

@@ -34,7 +34,7 @@ class LineAngle(Observation):
     def value(tips: Sequence[Tip], of: Mapping[str, Any]) -> ca.SX:
         import casadi as ca
 
-        return ca.dot(ca.vertcat(*(of[f"u_{a}"] for a in "xyz")), tips[0].turned) - of["zero"]
+        return ca.SX(ca.dot(ca.vertcat(*(of[f"u_{a}"] for a in "xyz")), tips[0].turned) - of["zero"])
 
     def start(self, points: Sequence[Array], readings: Array, known: Mapping[str, float]) -> dict[str, float]:
         import numpy as np

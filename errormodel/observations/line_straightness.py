@@ -55,7 +55,7 @@ class LineStraightness(Observation):
 
         u, v = (ca.vertcat(*(of[f"{n}_{a}"] for a in "xyz")) for n in "uv")
         point = tips[0].point
-        return ca.dot(v, point) - of["slope"] * ca.dot(u, point) - of["zero"]
+        return ca.SX(ca.dot(v, point) - of["slope"] * ca.dot(u, point) - of["zero"])
 
     def start(self, points: Sequence[Array], readings: Array, known: Mapping[str, float]) -> dict[str, float]:
         import numpy as np

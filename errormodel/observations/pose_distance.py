@@ -37,7 +37,7 @@ class PoseDistance(Observation):
     def value(tips: Sequence[Tip], of: Mapping[str, Any]) -> ca.SX:
         import casadi as ca
 
-        return ca.norm_2(tips[1].point - tips[0].point) - of["offset"]
+        return ca.SX(ca.norm_2(tips[1].point - tips[0].point) - of["offset"])
 
     def start(self, points: Sequence[Array], readings: Array, known: Mapping[str, float]) -> dict[str, float]:
         import numpy as np

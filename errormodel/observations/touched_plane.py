@@ -52,7 +52,7 @@ class TouchedPlane(Observation):
 
         n, p, q = (ca.vertcat(*(of[f"{m}_{a}"] for a in "xyz")) for m in "npq")
         normal = n + of["tilt_1"] * p + of["tilt_2"] * q
-        return ca.dot(normal / ca.norm_2(normal), tips[0].point) - of["zero"]
+        return ca.SX(ca.dot(normal / ca.norm_2(normal), tips[0].point) - of["zero"])
 
     def start(self, points: Sequence[Array], readings: Array, known: Mapping[str, float]) -> dict[str, float]:
         """Least-squares plane of the nominal points."""

@@ -346,7 +346,7 @@ def _stated(survey: Survey, views: Sequence[View]) -> frozenset[Kind]:
 
 
 def group_order(chain: Chain, unknowns: Sequence[str]) -> list[int]:
-    """Order in which unknowns may be the base of a group: set-ups, link lengths, link angles, joints, zeros, frames, tool.
+    """Order in which unknowns may be the base of a group: set-ups, link lengths, link angles, joints, zeros, frames.
 
     Measuring frames come late, so that a group with both is named after the machine's parameter. Stations and the like
     come first: what moves them all alike is the place of the machine among them, and its other groups are free of them.

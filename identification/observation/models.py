@@ -19,8 +19,8 @@ from errormodel.chain import TOOL_CHANNELS, Chain, What
 from errormodel.kernel import KERNEL_BLOCK_ROWS, Kernel
 from identification.observation.pose import IDENTITY, Pose
 
-# Kind of observation: position, orientation, displacement, angle, or the type of an entry of observations:. Each has its
-# own noise level, where none is declared
+# Kind of observation: position, orientation, displacement, angle, or the type of an entry of observations:. Each has a
+# noise level of its own, where none is declared
 Kind = str
 
 

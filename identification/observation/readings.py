@@ -81,8 +81,8 @@ class ReadingView(View):
         return np.concatenate([super().vector(unknowns, values, held), own])
 
     def design(self, linearised: bool) -> Kernel:
-        what = "linearised" if linearised else "design"
-        return kernels_of(self.chain, self.observation).kernel(what, self.ids, self.free)
+        kernels = kernels_of(self.chain, self.observation)
+        return kernels.kernel("linearised" if linearised else "design", self.ids, self.free)
 
     def gaps(self, p: Array) -> Iterator[tuple[slice, Array]]:
         kernel = kernels_of(self.chain, self.observation).kernel("value")
@@ -140,7 +140,7 @@ def reading_views(
     """
     out: list[ReadingView] = []
     for group in groups(survey.table, survey.observations):
-        in_frame = _in_frame(group.observation) and bool(poses)
+        in_frame = known_in_frame(group.observation) and bool(poses)
         for label in dict.fromkeys(labels[group.index]) if in_frame else [""]:
             own = labels[group.index] == label if in_frame else np.ones(len(group.index), dtype=bool)
             part = replace(
@@ -169,7 +169,7 @@ def placed_by_stations(chain: Chain, survey: Survey, known: Mapping[str, Pose], 
     nominal = chain.kernel("nominal", (), {}, (0, 1, 2))
     for group in groups(survey.table, survey.observations):
         every = group.observation.quantities()
-        if not _in_frame(group.observation):
+        if not known_in_frame(group.observation):
             continue
         values = {q.name: q.value for q in every if q.value is not None}
         rest = {n: v for n, v in values.items() if n not in group.observation.point}
@@ -189,7 +189,7 @@ def placed_by_stations(chain: Chain, survey: Survey, known: Mapping[str, Pose], 
     for label, pairs in places.items():
         if len(pairs) < LEAST_STATIONS:
             raise _no_frame(survey, label, f"{len(pairs)} known station{'s' if len(pairs) > 1 else ''}")
-        pose = align(*(np.array(side) for side in zip(*pairs, strict=True)))
+        pose = align(np.array([at for at, _ in pairs]), np.array([stands for _, stands in pairs]))
         if len(pose.undetermined):
             raise _no_frame(survey, label, "known stations on one line")
         out[label] = pose
@@ -199,13 +199,13 @@ def placed_by_stations(chain: Chain, survey: Survey, known: Mapping[str, Pose], 
 def _no_frame(survey: Survey, label: str, found: str) -> InputError:
     where = f"{survey.source}, measuring frame{f' of {label}' if label else ''}"
     cure = (
-        "Write station: unknown, or frame: fixed where stations are given in the machine's own axes, or measure mx my mz "
-        f"in some rows, or lengths from {LEAST_STATIONS} known stations that are not on a line"
+        "Write station: unknown, or frame: fixed where stations are given in the machine's own axes, or measure "
+        f"mx my mz in some rows, or lengths from {LEAST_STATIONS} known stations that are not on a line"
     )
     return InputError(where, f"{found}: that does not determine the frame in which they are known", cure)
 
 
-def _in_frame(observation: Observation) -> bool:
+def known_in_frame(observation: Observation) -> bool:
     """Whether an observation has a known point, which is given in the measuring frame."""
     known = {q.name for q in observation.quantities() if q.value is not None}
     return bool(observation.point) and known >= {*observation.point}

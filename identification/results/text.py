@@ -55,15 +55,17 @@ def description_lines(description: Description) -> Iterator[str]:
         for name in description.split:
             yield f"  {name}"
     if description.with_frame is not None:
-        own = sum(not description.with_frame.ids[j].startswith("frame") for j in description.with_frame.base)
+        set_up = ("frame", "observation[")
+        own = sum(not description.with_frame.ids[j].startswith(set_up) for j in description.with_frame.base)
+        unknown = any(i.startswith(set_up[1]) for i in description.with_frame.ids)
+        what = "what is unknown of the set-ups" if unknown else "the measuring frame unknown"
+        each = [description.with_frame.members(k) for k in range(description.with_frame.rank)]
+        mixed = [k for k, m in enumerate(each) if len(m) > 1 and any(name.startswith(set_up) for name in m)]
         yield (
-            f"\nwith the measuring frame unknown: rank {description.with_frame.rank}, of which {own} groups hold "
-            "parameters of the machine; those that it shares:"
+            f"\nwith {what}: rank {description.with_frame.rank}, of which {own} groups hold "
+            f"parameters of the machine{'; those that it shares:' if mixed else ''}"
         )
-        for k in range(description.with_frame.rank):
-            members = description.with_frame.members(k)
-            if len(members) > 1 and any(m.startswith("frame") for m in members):
-                yield f"  {description.with_frame.name(k)}"
+        yield from (f"  {description.with_frame.name(k)}" for k in mixed)
 
 
 def fit_lines(analysis: Analysis) -> Iterator[str]:
@@ -137,10 +139,10 @@ def _motion_lines(fit: Fit, motions: Motions) -> Iterator[str]:
 def _reading_lines(fit: Fit, readings: Readings) -> Iterator[str]:
     """Sizes of single readings, each observation by itself, and the unknowns of the set-ups."""
     rows = [["readings, rms", "", "nominal", "fitted", "held out", "n"]]
-    for e in readings.errors(fit.survey):
-        rows.append(
-            [e.observation, f"{e.type}, {e.unit}", f"{e.nominal:.2f}", f"{e.fitted:.2f}", f"{e.heldout:.2f}", str(e.n)]
-        )
+    rows += [
+        [e.observation, f"{e.type}, {e.unit}", *(f"{v:.2f}" for v in (e.nominal, e.fitted, e.heldout)), str(e.n)]
+        for e in readings.errors(fit.survey)
+    ]
     yield ""
     yield from table_lines(rows, "<<>>>>", least=7)
     found = set_ups(fit)
