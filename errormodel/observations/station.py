@@ -14,6 +14,7 @@ from errormodel.arrays import Array
 
 SAME_PLACE = 1e-3  # of the distance: solutions that lie closer together are one
 SAME_MISFIT = 3.0  # ratio of misfits up to which two places explain the lengths alike, by judgement
+FOREIGN = 0.02  # of the spread of the points: errors of a machine go less far
 ROUND_OFF = 1e-9  # of the distance: smaller misfits are the same
 FLAT = 1e-6  # smallest over largest spread of points below which they lie in a plane or on a line
 
@@ -49,7 +50,13 @@ def located(
     fixed = known.get("dead_path")
     starts = [np.array([*near, 0.0])] if near is not None else _starts(points, readings, fixed)
     found = sorted((_refined(points, readings, fixed, s) for s in starts), key=lambda f: f[1])
-    (best, misfit), reach = found[0], float(np.abs(readings).max()) + float(np.ptp(points, axis=0).max())
+    (best, misfit), spread = found[0], float(np.ptp(points, axis=0).max())
+    if misfit > FOREIGN * spread:
+        raise ValueError(
+            f"lengths that fit a station nowhere: at best half of them are {misfit:.3g} mm off. Look for a wrong unit, "
+            "column, machine or dead path"
+        )
+    reach = float(np.abs(readings).max()) + spread
     for other, its in found[1:] if near is None else ():
         alike = its <= SAME_MISFIT * misfit + ROUND_OFF * reach
         if alike and np.linalg.norm(other[:3] - best[:3]) > SAME_PLACE * reach:
