@@ -14,11 +14,10 @@ from errormodel.observation_kernel import kernels_of
 from errormodel.observations.base import Observation
 from errormodel.survey_columns import OBSERVATION
 from errormodel.survey_observations import Group, groups, observed
+from errormodel.truth import Truth
 
 if TYPE_CHECKING:
     import pandas as pd
-
-    from errormodel.simulation import Truth
 
 SetUps = Mapping[str, Mapping[str, float]]
 
@@ -103,8 +102,6 @@ def _quantities(chain: Chain, table: pd.DataFrame, group: Group, truth: Truth, f
 
 def with_nominal(chain: Chain, table: pd.DataFrame, observations: Mapping[str, Observation]) -> pd.DataFrame:
     """The table with the readings of a machine without errors where rows of observations hold none."""
-    from errormodel.simulation import Truth
-
     read = {o.reading for o in observations.values()}
     bare = [g for g in groups(table, observations, read=False) if not np.isfinite(g.readings).all()]
     if not bare:

@@ -111,7 +111,7 @@ class SurveyForm(VersionedModel):
     instrument: AnyInstrument = Field(Plain(), description="a block such as {type: cmm, sigma: [1e-3, 2e-6]}")
     observations: dict[Annotated[str, Field(pattern=r"^[^\[\],]+$")], AnyObservation] = Field(
         {},
-        description="what single readings are of, by the names in the column observation: {A: {type: distance}}",
+        description="what single readings are of: blocks with type and keys, by the names in the column observation",
     )
     budget: list[BudgetEntry] = Field([], description="lines such as [{name: tool, std: 0.002, acts: tool_z}]")
 

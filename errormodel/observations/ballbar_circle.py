@@ -23,6 +23,7 @@ class BallbarCircle(Observation):
     type: Literal["ballbar-circle"] = "ballbar-circle"
     anywhere: ClassVar[bool] = False
     point: ClassVar[tuple[str, ...]] = ("x", "y", "z")
+    example: ClassVar[dict[str, Any]] = {"calibrated": 150.0013}
     source: ClassVar[str] = "ISO 230-4:2005, circular tests; W. Knapp, Annals of the CIRP 32 (1983) 465"
     sees: ClassVar[str] = (
         "in the plane of a circle squareness, difference of the scales, reversal errors and low-order straightness; a "

@@ -71,6 +71,7 @@ class Observation(FileModel, ABC):
     poses : number of commands that a reading depends on; with two, the first is in the columns ``from_<joint>``.
     anywhere : whether the set-up allows readings at any pose; else the poses are bound to a circle, a line, a face.
     point : names of three quantities that are a point of the measuring frame where they are known; empty: none.
+    example : keys of an example, besides ``type``.
     source : where the model is from.
     sees : what it shows and what not, in a sentence.
     """
@@ -79,6 +80,7 @@ class Observation(FileModel, ABC):
     poses: ClassVar[int] = 1
     anywhere: ClassVar[bool] = True
     point: ClassVar[tuple[str, ...]] = ()
+    example: ClassVar[dict[str, Any]] = {}
     source: ClassVar[str] = ""
     sees: ClassVar[str] = ""
 

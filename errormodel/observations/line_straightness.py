@@ -23,6 +23,7 @@ class LineStraightness(Observation):
 
     type: Literal["line-straightness"] = "line-straightness"
     anywhere: ClassVar[bool] = False
+    example: ClassVar[dict[str, Any]] = {"along": [1.0, 0.0, 0.0], "across": [0.0, 0.0, 1.0]}
     source: ClassVar[str] = "ISO 230-1:2012, 8.2: straightness of the motion of a functional point"
     sees: ClassVar[str] = (
         "the deviation from a straight line along the way; its slope is that of the reference line, unless it is known"

@@ -19,6 +19,7 @@ class PoseDistance(Observation):
 
     type: Literal["pose-distance"] = "pose-distance"
     poses: ClassVar[int] = 2
+    example: ClassVar[dict[str, Any]] = {"offset": "unknown"}
     source: ClassVar[str] = "ISO 10360-2:2009, annex B: artefacts that represent a calibrated test length"
     sees: ClassVar[str] = (
         "the differences of position along the line from one pose to the other; never where the whole machine stands "

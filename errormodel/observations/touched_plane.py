@@ -23,6 +23,7 @@ class TouchedPlane(Observation):
 
     type: Literal["touched-plane"] = "touched-plane"
     anywhere: ClassVar[bool] = False
+    example: ClassVar[dict[str, Any]] = {"normal": [0.0, 0.0, 1.0]}
     source: ClassVar[str] = "calibration with plane constraints: M. Ikits & J. M. Hollerbach, IEEE ICRA (1997) 3191"
     sees: ClassVar[str] = (
         "how far the touched points are from flat; neither where the plane is nor how it is turned, unless that is "

@@ -18,6 +18,7 @@ from errormodel import formats, joint_models
 from errormodel.controllers import registry as controllers
 from errormodel.effects import registry as effects
 from errormodel.instruments import instruments
+from errormodel.observations import registry as observations
 
 ROOT = Path(__file__).resolve().parents[2]
 PRODUCT = [p for package in ("errormodel", "identification") for p in sorted((ROOT / package).rglob("*.py"))]
@@ -27,6 +28,7 @@ KINDS = {
     "controllers": controllers(),
     "instruments": instruments(),
     "joint_models": joint_models.registry(),
+    "observations": observations(),
 }
 # Where a name may stand outside its own file, and why.
 ALLOWED = {
@@ -113,7 +115,8 @@ def test_no_module_works_with_one_plug_in() -> None:
     assert seen == []
 
 
-BASES = ["effects/base.py", "controllers/base.py", "instruments/base.py", "formats/base.py", "joint_models/base.py"]
+KINDS_OF_FILES = ("effects", "controllers", "instruments", "formats", "joint_models", "observations")
+BASES = [f"{kind}/base.py" for kind in KINDS_OF_FILES]
 
 
 @pytest.mark.parametrize("base", BASES)

@@ -14,11 +14,12 @@ if TYPE_CHECKING:
     import casadi as ca
 
 
-class Level(Observation):
+class PrecisionLevel(Observation):
     """Electronic level on the last frame: rise of its axis towards the vertical, relative to the start of the run."""
 
-    type: Literal["level"] = "level"
+    type: Literal["precision-level"] = "precision-level"
     reading: ClassVar[Reading] = "angle"
+    example: ClassVar[dict[str, Any]] = {"axis": [1.0, 0.0, 0.0]}
     source: ClassVar[str] = "ISO 230-1:2012, 8.4.2: angular error motions with precision levels"
     sees: ClassVar[str] = (
         "inclination about horizontal axes only, all joints together; a rotation about the vertical never shows"
@@ -29,7 +30,7 @@ class Level(Observation):
     up: Direction = Field([0.0, 0.0, 1.0], description="[x, y, z] of the vertical in the machine's reference; 1")
 
     @model_validator(mode="after")
-    def _across(self) -> Level:
+    def _across(self) -> PrecisionLevel:
         if not is_across(self.axis, self.up):
             raise ValueError("Write axis: a direction that lies across the vertical, such as [1, 0, 0]")
         return self

@@ -18,11 +18,12 @@ if TYPE_CHECKING:
 Station = Annotated[Vector3 | Literal["unknown", "per-run"], Field(union_mode="smart")]
 
 
-class Distance(Observation):
+class StationDistance(Observation):
     """Distance from a station, less a dead path: multilateration, also with one instrument in several places."""
 
-    type: Literal["distance"] = "distance"
+    type: Literal["station-distance"] = "station-distance"
     point: ClassVar[tuple[str, ...]] = ("x", "y", "z")
+    example: ClassVar[dict[str, Any]] = {"station": "unknown", "near": [900.0, -700.0, -200.0], "dead_path": "per-run"}
     source: ClassVar[str] = (
         "H. Schwenke et al., CIRP Annals 54 (2005) 475: error mapping by multilateration with a tracking interferometer"
     )
