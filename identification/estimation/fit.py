@@ -127,10 +127,14 @@ def _fit(chain: Chain, survey: Survey, robust: bool, bounds: Mapping[str, PriorF
         if np.isfinite(test.measured).any():
             tests.append(look_at(fit, test))
         else:
-            more.append(
-                f"{test.table['file'].iloc[0]} holds error motions only, each from a zero of its own: not judged here; "
-                "`errormodel thermal` does it where they drift"
+            name = test.table["file"].iloc[0]
+            what = "single readings" if survey.observations else "error motions"
+            cure = (
+                "predict their set-ups with `errormodel predict`"
+                if survey.observations
+                else ("`errormodel thermal` does it where they drift")
             )
+            more.append(f"{name} holds {what} only, each from a zero of its own: not judged here; {cure}")
     return replace(fit, tests=tuple(tests), notes=(*fit.notes, *more))
 
 

@@ -25,6 +25,7 @@ from tests.helpers.lengths import commands, standardised, truth
 from tests.helpers.lengths import survey as survey_of
 
 KINDS = registry()
+STEPS = {"mm": 1e-2, "rad": 1e-4, "1": 1e-4, "rad/mm": 1e-7}
 MACHINES = ("vertical_three_axis", "trunnion_five_axis", "six_axis_arm")
 
 
@@ -86,8 +87,8 @@ def test_derivatives_are_those_of_the_reading(word: str, machine_name: str) -> N
         slopes = kernels.kernel(what, chain.ids, free)(view.rows, scalars)  # type: ignore[arg-type]
         for k, name in enumerate((*chain.ids, *free)):
             place = k if k < len(chain.ids) else len(chain.ids) + kernels.names.index(name)
-            # the reading changes by 10 um at most, and a rotation by 100 urad
-            size = min(1e-2, 1e-2 / np.abs(slopes[k]).max(initial=1.0), 1.0 if units[k] == "mm" else 1e-4)
+            # the reading changes by 10 um at most, and a rotation by some 100 urad
+            size = min(1e-2 / np.abs(slopes[k]).max(initial=1.0), STEPS[units[k]])
             ahead, back = scalars.copy(), scalars.copy()
             ahead[place] += size
             back[place] -= size
