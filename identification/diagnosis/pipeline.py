@@ -81,11 +81,11 @@ def diagnose(machine: Machine, survey: Survey, progress: Progress = silent) -> D
         The survey has nothing to fit, or no row with a measured position.
     """
     if survey.observations:
-        found = f"single readings ({', '.join(survey.observations)}), which the diagnosis does not take"
+        readings = f"single readings ({', '.join(survey.observations)}), which the diagnosis does not take"
         cure = (
             "`errormodel fit` takes them; add effects to machine.yaml and compare the residuals, or diagnose positions"
         )
-        raise InputError(str(survey.source), found, cure)
+        raise InputError(str(survey.source), readings, cure)
     runs, lost = compared_runs(survey), list[Blunder]()
     refuse_scaled_runs(runs)
     while len(lost) < MOST_BLUNDERS and (found := lost_zero(survey, runs)) is not None:
