@@ -139,7 +139,8 @@ def reading_views(
         Readings do not determine where an unknown starts, or some of a kind have a standard uncertainty only.
     """
     out: list[ReadingView] = []
-    for group in groups(survey.table, survey.observations):
+    shared: dict[str, dict[str, float]] = {}  # where unknowns of all rows of an observation start, by its name
+    for group in sorted(groups(survey.table, survey.observations), key=lambda g: -len(g.index)):
         in_frame = known_in_frame(group.observation) and bool(poses)
         for label in dict.fromkeys(labels[group.index]) if in_frame else [""]:
             own = labels[group.index] == label if in_frame else np.ones(len(group.index), dtype=bool)
@@ -148,9 +149,10 @@ def reading_views(
                 sigma=None if group.sigma is None else group.sigma[own],
             )  # fmt: skip
             out.append(_view(chain, survey, part, poses[label] if in_frame else IDENTITY,
-                             columns[label] if in_frame else chain.frame_ids, in_frame))  # fmt: skip
+                             columns[label] if in_frame else chain.frame_ids, in_frame,
+                             shared.setdefault(group.label, {})))  # fmt: skip
     _check_declared(survey, out)
-    return out
+    return sorted(out, key=lambda v: int(v.index[0]))
 
 
 def placed_by_stations(chain: Chain, survey: Survey, known: Mapping[str, Pose], labels: Array) -> dict[str, Pose]:
@@ -211,7 +213,16 @@ def known_in_frame(observation: Observation) -> bool:
     return bool(observation.point) and known >= {*observation.point}
 
 
-def _view(chain: Chain, survey: Survey, group: Group, pose: Pose, frame: Sequence[str], in_frame: bool) -> ReadingView:
+def _view(
+    chain: Chain,
+    survey: Survey,
+    group: Group,
+    pose: Pose,
+    frame: Sequence[str],
+    in_frame: bool,
+    shared: dict[str, float],
+) -> ReadingView:
+    """View of a group; `shared` has the starts of unknowns that other groups of the observation share with it."""
     observation = group.observation
     rows = group.channels(chain, survey.table)
     every = observation.quantities()
@@ -224,11 +235,14 @@ def _view(chain: Chain, survey: Survey, group: Group, pose: Pose, frame: Sequenc
     points = [nominal(rows[k : k + each]).T for k in range(0, len(rows), each)]
     free = tuple(q.name for q in observation.free)
     try:
-        start = dict.fromkeys(free, 0.0) | observation.start(points, group.readings, known) if free else {}
+        start = dict.fromkeys(free, 0.0) | shared
+        if {*free} - {*shared}:
+            start |= observation.start(points, group.readings, {**known, **shared})
     except ValueError as error:
         first = survey.table.iloc[group.index[0]]
         found, _, cure = str(error).partition(". ")
         raise InputError(f"{first['file']}, observation {group.label}", found, cure) from error
+    shared |= {n: start[n] for n in free if not group.own(n)}
     rest = (*chain.machine_ids, *(i for i in chain.tool_ids if i not in chain.machine_ids))
     ids = (*chain.frame_ids, *rest) if in_frame else rest
     columns = (*frame, *rest) if in_frame else rest

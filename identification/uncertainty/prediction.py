@@ -5,7 +5,7 @@ Positions and errors are in mm in the measuring frame, error motions in mm and r
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,7 +19,7 @@ from identification.observation.frames import rotation_notes
 from identification.observation.pose import IDENTITY, Pose
 from identification.results.stored_fit import StoredFit
 from identification.uncertainty.measured_range import beyond_notes
-from identification.uncertainty.reading_prediction import only_rigid, predicted_readings
+from identification.uncertainty.reading_prediction import predicted_readings, rigid_parts
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 PREDICTION_BLOCK_ROWS = 8192  # rows whose M is held at a time: limits the memory
 
 FREE_REFERENCE = (
-    "readings alone do not show where the machine stands: positions and errors are in its own reference, and a shift "
-    "or rotation of all of it is not in their uncertainty"
+    "readings alone do not show where the machine stands: positions and errors are relative to the reference that its "
+    "own errors fit best over the travels, and a shift or rotation of all of it is not in their uncertainty"
 )
 # Standard deviation of an unidentified parameter by unit, where no identified one gives a scale; by judgement
 PLAUSIBLE_SIZES = {"mm": 0.02, "rad": 5e-5, "1": 5e-5, "rad/mm": 5e-8}
@@ -137,25 +137,33 @@ def _predict_frame(fit: StoredFit, rows: list[Array], label: str | None) -> Arra
     design = chain.kernel("design", own, outputs=(0, 1, 2))(rows).reshape(len(own), 3, len(actual))
     design = np.einsum("ij,pjm->pim", pose.rotation, design)
     names = [columns[chain.index[i]] for i in own]
-    variance = _variance(fit, names, design, _rigid(fit, rows, names))
+    if fit.free_reference:
+        rigid = chain.kernel("design", chain.frame_ids, outputs=(0, 1, 2))(rows).reshape(6, 3, len(actual))
+        parts = rigid_parts(chain, own)
+        design = design - np.einsum("kim,kp->pim", rigid, parts)
+        shift = np.einsum("kim,k->mi", rigid, parts @ [p[chain.index[i]] for i in own])
+        error, measured = error - shift, measured - shift
+    variance = _variance(fit, names, design)
     return np.hstack([measured, pose.apply(error) - pose.apply(nominal), np.sqrt(variance).T])
 
 
-def _variance(fit: StoredFit, names: list[str], design: Array, silent: Collection[str] = ()) -> Array:
-    """Variance (3, m) or (6, m): of the estimated groups, plus dependent parameters that are independent here.
-
-    Those named in `silent` are left out.
-    """
+def _variance(fit: StoredFit, names: list[str], design: Array) -> Array:
+    """Variance (3, m) or (6, m): of the estimated groups, plus dependent parameters that are independent here."""
     place = {n: k for k, n in enumerate(names)}
-    kept, groups = _groups(fit, names)
+    kept = [k for k, n in enumerate(fit.base) if n in place]
     base = design[[place[fit.base[k]] for k in kept]]
     covariance = fit.covariance[np.ix_(kept, kept)]
     variance: Array = np.einsum("aim,ab,bim->im", base, covariance, base, optimize=True)
+    groups = np.zeros((len(kept), len(names)))
+    for row, k in enumerate(kept):
+        for member, coefficient in fit.groups[fit.base[k]].items():
+            if member in place:
+                groups[row, place[member]] = coefficient
     scale = _plausible(fit)
     units = {p.id: p.unit for p in fit.chain.parameters}
     priors = {p.id: p.prior for p in fit.chain.parameters if p.prior is not None}
     for name in names:
-        if name in fit.base or name not in units or name in fit.chain.frame_ids or name in silent:
+        if name in fit.base or name not in units or name in fit.chain.frame_ids:
             continue
         column = design[place[name]]
         mix = groups[:, place[name]]
@@ -164,31 +172,6 @@ def _variance(fit: StoredFit, names: list[str], design: Array, silent: Collectio
         left[np.abs(left) < 1e-6 * np.abs(column).max(initial=1e-300)] = 0.0  # round-off: dependent here as well
         variance += np.square(left * priors.get(name, scale.get(units[name], 0.0)))
     return variance
-
-
-def _groups(fit: StoredFit, names: list[str]) -> tuple[list[int], Array]:
-    """Numbers of the groups whose base parameter is named, and their coefficients of all names."""
-    place = {n: k for k, n in enumerate(names)}
-    kept = [k for k, n in enumerate(fit.base) if n in place]
-    groups = np.zeros((len(kept), len(names)))
-    for row, k in enumerate(kept):
-        for member, coefficient in fit.groups[fit.base[k]].items():
-            if member in place:
-                groups[row, place[member]] = coefficient
-    return kept, groups
-
-
-def _rigid(fit: StoredFit, rows: list[Array], names: list[str]) -> set[str]:
-    """Parameters that only move the machine as a whole, where nothing that was fitted shows where it stands."""
-    if not fit.free_reference:
-        return set()
-    kept, groups = _groups(fit, names)
-    place = [names.index(fit.base[k]) for k in kept]
-
-    def left(columns: Array) -> Array:
-        return np.asarray(columns - np.einsum("bp,bim->pim", groups, columns[place]))
-
-    return only_rigid(fit, rows, names, left)
 
 
 def _plausible(fit: StoredFit) -> dict[str, float]:

@@ -1,4 +1,4 @@
-"""Predicted readings of observations at commanded poses, and parameters that only move the machine as a whole.
+"""Predicted readings of observations at commanded poses, and the motion of the machine as a whole in predictions.
 
 mm and rad; standard uncertainties with k = 1.
 """
@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from errormodel.arrays import Array, as_rows
+from errormodel.chain import TOOL_CHANNELS, Chain
 from errormodel.exceptions import InputError
 from errormodel.observation_kernel import kernels_of
 from errormodel.survey import Survey
@@ -19,8 +20,7 @@ from identification.observation.assembly import frame_columns, frame_labels
 from identification.observation.readings import known_in_frame
 from identification.results.stored_fit import StoredFit
 
-RIGID_POSES = 200  # random poses over the travels, on which a motion of the whole machine is told from others
-RIGID_SHARE = 1e-6  # of a column's size that a rigid motion may leave: above round-off of 1e-12, below any lever
+RIGID_POSES = 200  # random poses over the travels, to which a motion of the whole machine is fitted
 
 Variance = Callable[[StoredFit, list[str], Array], Array]
 
@@ -83,23 +83,16 @@ def _of_group(
     return kernels.kernel("value")(rows, scalars)[0], np.sqrt(variance(fit, names, design)[0])
 
 
-def only_rigid(fit: StoredFit, rows: Sequence[Array], ids: Sequence[str], left: Callable[[Array], Array]) -> set[str]:
-    """Parameters that, beside the estimated groups, move the machine as a whole and nothing within it.
+def rigid_parts(chain: Chain, ids: Sequence[str]) -> Array:
+    """Small rigid motion (6, ids) of the machine as a whole per unit of each parameter, over its travels.
 
-    Parameters
-    ----------
-    rows : channels of some commands, of which the tools and other channels are taken; `ids`: parameters.
-    left : what the groups leave of the columns (ids, 3, n) of a design.
+    By least squares at random poses with the machine's tool and all other channels zero: what readings alone do not
+    show, and what is taken out of predictions from them.
     """
-    chain = fit.chain
     rng = np.random.default_rng(0)
-    more = [np.resize(r, RIGID_POSES) for r in rows]
-    more[: len(chain.machine.joints)] = [rng.uniform(*j.travel, RIGID_POSES) for j in chain.machine.joints]
-    more = as_rows(*more)
-    rigid = chain.kernel("design", chain.frame_ids, outputs=(0, 1, 2))(more).reshape(6, -1).T
-    columns = chain.kernel("design", tuple(ids), outputs=(0, 1, 2))(more).reshape(len(ids), 3, RIGID_POSES)
-    beside = left(columns).reshape(len(ids), -1).T
-    rest = beside - rigid @ np.linalg.lstsq(rigid, beside, rcond=None)[0]
-    size = np.linalg.norm(columns.reshape(len(ids), -1), axis=1)
-    within = np.linalg.norm(rest, axis=0) > RIGID_SHARE * size
-    return {i for i, moves in zip(ids, within, strict=True) if not moves}
+    known = dict(zip(TOOL_CHANNELS, chain.machine.tool, strict=True))
+    joints = {j.name: rng.uniform(*j.travel, RIGID_POSES) for j in chain.machine.joints}
+    rows = as_rows(*(joints.get(c, np.full(RIGID_POSES, known.get(c, 0.0))) for c in chain.channels))
+    rigid = chain.kernel("design", chain.frame_ids, outputs=(0, 1, 2))(rows).reshape(6, -1).T
+    columns = chain.kernel("design", tuple(ids), outputs=(0, 1, 2))(rows).reshape(len(ids), -1).T
+    return np.asarray(np.linalg.lstsq(rigid, columns, rcond=None)[0])
