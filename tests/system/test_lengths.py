@@ -258,3 +258,25 @@ def test_what_cannot_be_is_refused() -> None:
         passed(MACHINE, elsewhere, lambda: fit_machine(MACHINE, elsewhere))
     with pytest.raises(InputError, match="single readings"):
         diagnose(MACHINE, survey(MACHINE, table, entries))
+
+
+def test_the_budget_of_a_prediction_adds_up_and_knows_the_scale_of_lengths() -> None:
+    """The combined uncertainty is the predicted one; a common scale of all lengths is one of the machine's scales."""
+    from errormodel.survey_file import BudgetEntry
+    from identification.results.analysis import Analysis
+
+    rng = np.random.default_rng(15)
+    machine, data, _ = stations(squared(MACHINE), rng, 4, 80, declared=True)
+    scale = BudgetEntry(name="wavelength", std=1e-6, acts="scale")
+    plain, with_scale = (
+        Analysis(fit_machine(machine, type(data)(**{**vars(data), "budget": b}))) for b in ((), (scale,))
+    )
+    known = predict(plain.stored, survey(machine, commands(machine, 400, rng), {}))[["ux", "uy", "uz"]].to_numpy().max()
+    budget = plain.budgets.prediction
+    assert budget is not None
+    assert budget.std > 0.95 * known  # the worst of the budget's poses, corners among them, is no better than these
+    assert not any("does not identify" in line.name for line in budget.inputs)
+    names = [g["id"] for g in with_scale.groups]
+    own = with_scale.budgets.groups[names.index("X.dx.1")]
+    line = next(i for i in own.inputs if i.name == "wavelength")
+    assert abs(line.contribution) == pytest.approx(380e-6, rel=0.02)  # 380 mm of travel at 1 um/m
