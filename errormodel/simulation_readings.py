@@ -61,7 +61,11 @@ def readings_at(
 def _noise(group: Group, exact: Array, noise: float | str, rng: np.random.Generator) -> Array:
     drawn = rng.standard_normal(len(exact))
     if isinstance(noise, str):
-        sigma = group.observation.uncertainty(exact) if group.sigma is None else group.sigma
+        declared, own = group.observation.uncertainty(exact), group.sigma
+        if own is not None and np.isfinite(own).all():  # a column, or readings that are there already
+            sigma: Array | None = own
+        else:
+            sigma = declared
         if sigma is None or not np.isfinite(sigma).all():
             found = f"the observation '{group.label}' states no standard uncertainty"
             raise InputError(
