@@ -21,6 +21,8 @@ def write(folder: Path) -> list[Path]:
         "decision_rules.md": decision_rules(),
         "controllers.md": controllers(),
         "instruments.md": instruments(),
+        "observations.md": observations(),
+        "lengths.md": lengths(),
         "joint_models.md": joint_models(),
         "formats.md": formats(),
         "standards.md": standards(),
@@ -137,6 +139,48 @@ def instruments() -> Iterator[str]:
     for name, kind in registry().items():
         yield from ("", f"## {name}", "", inspect.cleandoc(kind.__doc__ or ""), "")
         yield from _fields(kind)
+
+
+def observations() -> Iterator[str]:
+    """Every observation model of single readings and its keys."""
+    from errormodel.observations import registry
+
+    yield "# Observations"
+    yield ""
+    yield (
+        "What an entry of `observations:` in a `survey.yaml` may be. Each is one class in one file of "
+        "`errormodel/observations/`, or comes with another package (see [how to add one](../extending.md)). How they "
+        "are used: [lengths, angles and planes](../lengths.md)."
+    )
+    for name, kind in registry().items():
+        example = ", ".join(f"{k}: {_yaml(v)}" for k, v in {"type": name, **kind.example}.items())
+        yield from ("", f"## {name}", "", inspect.cleandoc(kind.__doc__ or ""), "")
+        yield f"- Column: `{kind.reading}`" + (", with `from_<joint>` for the first pose" if kind.poses > 1 else "")
+        yield f"- Shows {kind.sees}"
+        yield from (f"- Example: `{{{example}}}`", f"- Source: {kind.source}", "")
+        yield from _fields(kind)
+
+
+def lengths() -> Iterator[str]:
+    """What lengths alone can identify of three machines, computed."""
+    import length_ranks
+
+    machines = length_ranks.MACHINES
+    yield "# What lengths alone can identify"
+    yield ""
+    yield (
+        "Groups of parameters of three machines that a set-up identifies, by the rank of its design matrix at "
+        f"{length_ranks.POSES} random poses a station, or on circles, after what frames, stations, dead paths and "
+        "lengths of bars imitate is taken out. Rigid motions of the whole machine show only where stations are known "
+        "in its own frame. Behind the number: error motions of which a tracker shows a group that this set-up does "
+        "not determine by itself."
+    )
+    yield ""
+    rows = []
+    for words, ranks in length_ranks.table():
+        cells = [f"{r.groups}" + (f" (not alone: {length_ranks.motions(r.unseen)})" if r.unseen else "") for r in ranks]
+        rows.append((words, *cells))
+    yield from table(("set-up", *(f"`{m}`" for m in machines)), rows)
 
 
 def joint_models() -> Iterator[str]:

@@ -6,9 +6,8 @@ Units: mm and rad.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -18,61 +17,13 @@ from errormodel.conventions import MOTIONS
 from errormodel.exceptions import InputError, nearest
 from errormodel.instruments.base import Instrument
 from errormodel.machine import Machine, Vector
-from errormodel.survey_columns import MEASURED, ORIENTATION
+from errormodel.survey_columns import MEASURED, ORIENTATION, first_pose
+from errormodel.truth import Truth, read_truth
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from errormodel.survey import Survey
-
-
-@dataclass(frozen=True)
-class Truth:
-    """Known parameter values by id (mm, rad and their ratios), and the pose of the measuring frame.
-
-    ``measured = rotation @ actual + translation`` with ``rotation = Rx Ry Rz`` of the three angles.
-    """
-
-    parameters: Mapping[str, float]
-    translation: tuple[float, float, float] = (0.0, 0.0, 0.0)  # mm
-    rotation: tuple[float, float, float] = (0.0, 0.0, 0.0)  # rad
-
-
-def read_truth(path: Path, chain: Chain) -> Truth:
-    """Read ``parameters: {T1.dx: 0.01, ...}`` (mm, rad) and an optional ``frame: {translation: mm, rotation: deg}``.
-
-    Raises
-    ------
-    InputError
-        The file is not such a mapping, or an id is not one of the machine's.
-    """
-    from pydantic import Field, FiniteFloat
-
-    from errormodel import yamlfile
-
-    largest = yamlfile.LARGEST_NUMBER
-
-    class FrameForm(yamlfile.FileModel):
-        translation: yamlfile.Vector3 = Field([0.0, 0.0, 0.0], description="[x, y, z] in mm")
-        rotation: yamlfile.Vector3 = Field([0.0, 0.0, 0.0], description="three angles in degrees, such as [0, 0, 90]")
-
-    class TruthForm(yamlfile.FileModel):
-        parameters: dict[str, Annotated[FiniteFloat, Field(ge=-largest, le=largest)]] = Field(default_factory=dict)
-        frame: FrameForm = Field(default_factory=FrameForm)
-
-    document = yamlfile.load(path)
-    form = yamlfile.validate(document, TruthForm)
-    for identity in form.parameters:
-        if identity not in chain.index:
-            line = document.line_of(("parameters", identity))
-            raise InputError(
-                f"{path}, line {line}, key parameters.{identity}",
-                f"the machine has no parameter '{identity}'",
-                nearest(identity, chain.ids),
-            )
-    x, y, z = form.frame.translation
-    a, b, c = np.radians(form.frame.rotation).tolist()
-    return Truth(form.parameters, (x, y, z), (a, b, c))
 
 
 def measured_at(
@@ -151,9 +102,9 @@ def _degrees(angles: Array) -> Array:
 def outward(table: pd.DataFrame, machine: Machine) -> pd.DataFrame:
     """Table of commands in the units of a file: rotary joints in degrees."""
     table = table.copy()
-    for joint in machine.joints:
-        if joint.type == "rotary":
-            table[joint.name] = _degrees(table[joint.name].to_numpy(dtype=np.float64))
+    for name in (n for j in machine.joints if j.type == "rotary" for n in (j.name, first_pose(j.name))):
+        if name in table:
+            table[name] = _degrees(table[name].to_numpy(dtype=np.float64))
     return table
 
 
@@ -165,6 +116,7 @@ def simulate(
     translation: Vector = (0.0, 0.0, 0.0),
     rotation: Vector = (0.0, 0.0, 0.0),
     noise: float | Instrument | Literal["instrument"] = 0.0,
+    observations: Mapping[str, Mapping[str, float]] | None = None,
     seed: int = 0,
 ) -> pd.DataFrame:
     """Simulate a survey of a machine whose errors are known, in exact (finite) kinematics.
@@ -180,13 +132,17 @@ def simulate(
         Measuring frame, mm and degrees (``Rx Ry Rz``): ``measured = rotation @ actual + translation``.
     noise : float, Instrument or "instrument"
         Standard deviation of each coordinate in mm; or an instrument; or that of the survey given as `points`.
+    observations : dict or None
+        Unknown numbers of set-ups by observation, such as ``{"A": {"x": 900, "y": 0, "z": 0}}``, mm and rad, where
+        `parameters` is no file that states them.
     seed : int
         Of the random poses and the noise.
 
     Returns
     -------
     DataFrame
-        Commands (mm, degrees) and ``mx my mz`` (mm), a survey that `identification.fit` takes.
+        Commands (mm, degrees) and ``mx my mz`` (mm), a survey that `identification.fit` takes. Rows of an observation
+        have its reading (``length`` in mm, ``angle`` in rad) and no position.
 
     Raises
     ------
@@ -202,16 +158,20 @@ def simulate(
     from errormodel.effects.axis_blunder import marred
     from errormodel.instruments.plain import Plain
     from errormodel.machine_file import read_machine
+    from errormodel.simulation_readings import readings_at
     from errormodel.survey import Survey, read_survey
+    from errormodel.survey_observations import observed
 
     model = machine if isinstance(machine, Machine) else read_machine(machine)
-    instrument: Instrument = Plain()
+    survey: Survey | None = None
     if isinstance(points, int):
         table = random_points(model, points, seed)
     else:
         survey = points if isinstance(points, Survey) else read_survey(points, model, measured=False)
-        table, instrument = survey.table, survey.instrument
-    if noise == "instrument" and isinstance(instrument, Plain):
+        table = survey.table
+    instrument: Instrument = Plain() if survey is None else survey.instrument
+    entries = {} if survey is None else survey.observations
+    if noise == "instrument" and isinstance(instrument, Plain) and not entries:
         cure = "Add `instrument:` to survey.yaml, or give a standard deviation in mm"
         raise InputError("noise", "the survey names no instrument", cure)
     chain = Chain(model)
@@ -223,11 +183,23 @@ def simulate(
                 found = f"the machine has no parameter '{identity}'"
                 raise InputError("parameters", found, nearest(identity, chain.ids))
         a, b, c = np.radians(rotation).tolist()
-        truth = Truth(parameters or {}, translation, (a, b, c))
+        truth = Truth(parameters or {}, translation, (a, b, c), observations or {})
+    if unknown := [label for label in truth.set_ups if label not in entries]:
+        found = f"no observation '{unknown[0]}' in the survey"
+        raise InputError("parameters, observations", found, nearest(unknown[0], entries))
     measured = measured_at(model, table, truth, instrument if noise == "instrument" else noise, seed)
     # simulated orientations have no noise, unlike measured ones: those of the survey are removed without replacement
     stale = ["file", "role", "row", *ORIENTATION]
     result = table.drop(columns=stale, errors="ignore")
     for name in measured.columns.difference(stale, sort=False):
         result[name] = measured[name]
+    if survey is not None and entries:
+        rng = np.random.default_rng([seed, 1])
+        level = noise if isinstance(noise, str | int | float) else 0.0
+        read = readings_at(chain, table, entries, truth, survey.frame == "fixed", level, rng)
+        own = observed(table) != ""
+        result.loc[own, list(MEASURED)] = np.nan
+        result = result.assign(**read)
+        if own.all():  # nothing but readings
+            result = result.drop(columns=list(MEASURED))
     return outward(marred(result, model), model)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +19,7 @@ from errormodel.formats import data_frame, open_tables
 from errormodel.formats.base import Table
 from errormodel.instruments.base import Instrument
 from errormodel.machine import Machine
+from errormodel.observations.base import Observation
 from errormodel.survey_checks import Part, read_part, run_labels
 from errormodel.survey_columns import (
     MEASURED,
@@ -33,6 +34,7 @@ from errormodel.survey_columns import (
 )
 from errormodel.survey_file import BudgetEntry, FileEntry, Frame, Refit, SurveyForm, SurveyUnits, read_form
 from errormodel.survey_gaps import filled
+from errormodel.survey_observations import check_observations
 from errormodel.survey_plausibility import check_sizes
 from errormodel.survey_raw import RawTable, open_entry
 from errormodel.survey_record import RecordForm
@@ -53,9 +55,10 @@ class Survey:
         ``tool_x tool_y tool_z`` (the machine's where the file has none), ``mx my mz`` (NaN: not measured), ``run``,
         ``file`` (as the user wrote it), ``role`` and ``row`` (data row of the file, from 1). Present if any file has
         them, and NaN in the others: ``mrx mry mrz``, ``time``, ``dir_<joint>``, ``T_*``, ``w_*``, ``feed``, ``load``,
-        ``sigma_x sigma_y sigma_z``; with rows about one joint's error motions also ``joint`` (empty for volumetric
-        rows), ``dx dy dz ea eb ec`` and their uncertainties ``u_dx`` ... ``u_ec``. A position is NaN only in rows
-        about another joint.
+        ``sigma_x sigma_y sigma_z``; with single readings ``observation``, ``length`` or ``angle``, ``u_length``,
+        ``u_angle``, ``from_<joint>`` (the first of two poses); with rows about one joint's error motions ``joint``
+        (empty for volumetric rows), ``dx dy dz ea eb ec`` and their uncertainties ``u_dx`` ... ``u_ec``. A position is
+        NaN only in rows about another joint.
     frame : {"shared", "per-run", "per-file", "fixed"}
         Rows that share a measuring frame; fixed: it is the machine's own.
     refit : tuple of {"frame", "tool"}
@@ -76,6 +79,8 @@ class Survey:
         The block ``test:``: who tested what, when, with which instrument, and which limits hold.
     motions_of : str
         The joint whose error motions the points stand for; empty where points were measured.
+    observations : mapping
+        Models of single readings by the names in the column ``observation``.
     """
 
     table: pd.DataFrame
@@ -89,6 +94,7 @@ class Survey:
     sized: bool = True
     frame_rotation: tuple[float, float, float] | None = None
     record: RecordForm | None = None
+    observations: Mapping[str, Observation] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.table)
@@ -198,6 +204,7 @@ def read_survey(source: Path | str | pd.DataFrame, machine: Machine, measured: b
     if measured and all(entry.role == "test" for entry in form.files):
         raise document.error(("files",), "only test files", "Give at least one file the role fit")
     table = mended(_assemble(parts, machine), machine)
+    check_observations(table, machine, form.observations, measured, str(path))
     table, more = filled(table) if measured else in_step(table, machine)  # states for a prediction have no time series
     notes |= dict.fromkeys(more)
     notes |= dict.fromkeys(travel_notes(table, machine))
@@ -210,7 +217,7 @@ def read_survey(source: Path | str | pd.DataFrame, machine: Machine, measured: b
         rotation = (x, y, z)
     return Survey(
         table, form.frame, tuple(form.refit), form.instrument, path, tuple(notes), tuple(form.budget),
-        frame_rotation=rotation, record=form.test,
+        frame_rotation=rotation, record=form.test, observations=form.observations,
     )  # fmt: skip
 
 

@@ -22,12 +22,17 @@ from errormodel.formats.base import Table, as_numbers
 from errormodel.instruments.base import LARGEST_SIGMA, LEAST_SIGMA
 from errormodel.machine import Machine
 from errormodel.survey_columns import (
+    FIRST_POSE,
     LENGTH_COLUMNS,
     MEASURED,
     MOTION_UNCERTAINTIES,
     ORIENTATION,
+    READING_UNCERTAINTIES,
+    READINGS,
     SIGMA_COLUMNS,
     Plan,
+    first_pose,
+    machine_columns,
     missing_joint,
     quantity_of,
     unit_of_column,
@@ -187,7 +192,7 @@ def _check_commands(offences: _Offences, frame: pd.DataFrame, joint: NDArray[np.
             needed = (joint == "") | (joint == j.name)
             empty = frame[name].isna().to_numpy() & needed
             offences.add(name, empty, "no commanded position", f"Write the position of {name} in every row")
-    joints = {name for j in machine.joints for name in j.columns}
+    joints = {name for own in machine_columns(machine) for name in (own, first_pose(own))}
     for name in (n for n in offences.plan.numbers if n in LENGTH_COLUMNS or n in joints):
         far = np.abs(frame[name].to_numpy()) > LARGEST_READING
         offences.add(
@@ -211,7 +216,7 @@ def _check_measured(offences: _Offences, frame: pd.DataFrame, units: SurveyUnits
             found = f"{{}} {unit_of_column(name, 'angle', units)} as an error motion"
             cure = f"Write {name} in rad (1 urad is 1e-6), or say units: {{{name}: urad}} in a survey.yaml"
             offences.add(name, large, found, cure)
-    for name in ("sigma", *SIGMA_COLUMNS, *MOTION_UNCERTAINTIES):
+    for name in ("sigma", *SIGMA_COLUMNS, *MOTION_UNCERTAINTIES, *READING_UNCERTAINTIES):
         if name in frame:
             sigma = frame[name].to_numpy()
             cure = "Write a number above 0, or leave the cell empty"
@@ -223,7 +228,7 @@ def _check_measured(offences: _Offences, frame: pd.DataFrame, units: SurveyUnits
 
 def _check_labels(offences: _Offences, frame: pd.DataFrame, machine: Machine) -> None:
     for name in offences.plan.numbers:
-        if name.startswith("dir_"):
+        if name.removeprefix(FIRST_POSE).startswith("dir_"):
             values = frame[name].to_numpy()
             bad = ~np.isnan(values) & (np.abs(values) != 1)
             offences.add(name, bad, "{} as a direction", "Write +1 or -1, or leave the cell empty")
@@ -252,7 +257,8 @@ def _nothing_measured(table: Table, frame: pd.DataFrame, volumetric: Mask) -> tu
         have = [n for n in names if n in frame]
         return frame[have].notna().to_numpy().any(axis=1) & rows if have else np.zeros(len(frame), dtype=bool)
 
-    empty = ~(some((*MEASURED, *ORIENTATION), np.ones(len(frame), dtype=bool)) | some(MOTIONS, ~volumetric))
+    every = np.ones(len(frame), dtype=bool)
+    empty = ~(some((*MEASURED, *ORIENTATION, *READINGS), every) | some(MOTIONS, ~volumetric))
     if empty.all():
         found = f"nothing measured in {'any row' if len(frame) > 1 else 'its row'}"
         raise InputError(table.name, found, "Fill in at least one of mx my mz")

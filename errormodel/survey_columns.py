@@ -23,16 +23,26 @@ ORIENTATION = ("mrx", "mry", "mrz")  # measured rotation vector in the measuring
 TOOL_COLUMNS = ("tool_x", "tool_y", "tool_z")  # functional point in the last frame of the chain, mm
 SIGMA_COLUMNS = ("sigma_x", "sigma_y", "sigma_z")  # standard uncertainties of mx, my, mz, mm
 MOTION_UNCERTAINTIES = tuple(f"u_{motion}" for motion in MOTIONS)  # standard uncertainties of a joint's error motions
-TEXT_COLUMNS = ("run", "joint")  # columns of labels
+OBSERVATION = "observation"  # the entry of observations: in survey.yaml that a row's reading is of
+TEXT_COLUMNS = ("run", "joint", OBSERVATION)  # columns of labels
+READINGS = ("length", "angle")  # what an instrument of one reading a row shows: mm, rad
+READING_UNCERTAINTIES = tuple(f"u_{reading}" for reading in READINGS)  # their standard uncertainties
+FIRST_POSE = "from_"  # prefix of the columns of the first pose, where a reading is between two
 
 # columns of lengths
-LENGTH_COLUMNS = frozenset((*MEASURED, *TOOL_COLUMNS, *SIGMA_COLUMNS, "sigma", *MOTIONS[:3], *MOTION_UNCERTAINTIES[:3]))
+LENGTH_COLUMNS = frozenset(
+    (*MEASURED, *TOOL_COLUMNS, *SIGMA_COLUMNS, "sigma", *MOTIONS[:3], *MOTION_UNCERTAINTIES[:3], "length", "u_length")
+)
 # columns of angles that are in rad by default, whatever the unit of the joints' angles
-ANGLE_COLUMNS = frozenset((*ORIENTATION, *MOTIONS[3:], *MOTION_UNCERTAINTIES[3:]))
+ANGLE_COLUMNS = frozenset((*ORIENTATION, *MOTIONS[3:], *MOTION_UNCERTAINTIES[3:], "angle", "u_angle"))
 _RECORDED_QUANTITIES: Mapping[str, Quantity] = {"time": "time", "feed": "speed", "load": "mass"}
 # the measured column that a standard uncertainty belongs to
 _READING_OF = dict(
-    zip((*MOTION_UNCERTAINTIES, *SIGMA_COLUMNS, "sigma"), (*MOTIONS, *MEASURED, MEASURED[0]), strict=True)
+    zip(
+        (*MOTION_UNCERTAINTIES, *SIGMA_COLUMNS, "sigma", *READING_UNCERTAINTIES),
+        (*MOTIONS, *MEASURED, MEASURED[0], *READINGS),
+        strict=True,
+    )
 )
 _COLUMN_NAMES = (
     *MEASURED,
@@ -45,6 +55,8 @@ _COLUMN_NAMES = (
     *SIGMA_COLUMNS,
     *MOTIONS,
     *MOTION_UNCERTAINTIES,
+    *READINGS,
+    *READING_UNCERTAINTIES,
     *TEXT_COLUMNS,
 )
 
@@ -97,8 +109,14 @@ def check_map(document: Document, machine: Machine, columns: Mapping[str, str], 
             raise document.error(("columns", ours), f"no file has a column '{theirs}'", nearest(theirs, present))
 
 
+def first_pose(name: str) -> str:
+    """Name of a column for the first pose of a reading between two: ``from_X`` of ``X``."""
+    return FIRST_POSE + name
+
+
 def quantity_of(name: str, machine: Machine) -> Quantity | None:
     """Quantity of a column; None for labels, directions and ``w_`` columns, whose names state their unit."""
+    name = name if name in machine_columns(machine) else name.removeprefix(FIRST_POSE)
     joint = next((j for j in machine.joints if name in j.columns or (j.drives and name == j.difference)), None)
     if joint is not None:
         return "length" if joint.type == "prismatic" else "angle"
@@ -173,7 +191,7 @@ def plan_columns(table: Table, machine: Machine, columns: Mapping[str, str], mea
         _check_drives(where, joint, ours)
     if missing and "joint" not in ours:
         raise missing_joint(table, missing[0], unused)
-    something = any(name in ours for name in (*MEASURED, *ORIENTATION, *MOTIONS))
+    something = any(name in ours for name in (*MEASURED, *ORIENTATION, *MOTIONS, *READINGS))
     if measured and not something:
         hints = [f"'{theirs}' looks like '{our}'" for theirs in unused if (our := _near(theirs, machine)) in MEASURED]
         if not hints and any(name in MOTIONS for name in unused):
@@ -216,11 +234,19 @@ def _all_or_none(where: str, ours: Mapping[str, str], names: tuple[str, ...]) ->
         )
 
 
+def machine_columns(machine: Machine) -> list[str]:
+    """Columns of positions of a machine's joints and drives."""
+    return [name for j in machine.joints for name in j.columns]
+
+
 def is_survey_column(name: str, machine: Machine) -> bool:
     """Whether a name is that of a column of a survey (``docs/file_formats.md``, section 2)."""
-    joints = [name for j in machine.joints for name in j.columns]
+    joints = machine_columns(machine)
     direction = name.startswith("dir_") and name[4:] in joints
-    return name in joints or name in _COLUMN_NAMES or direction or re.fullmatch(r"[Tw]_.+", name) is not None
+    at_start = name.removeprefix(FIRST_POSE)
+    first = at_start != name and (at_start in (*joints, *TOOL_COLUMNS) or at_start.removeprefix("dir_") in joints)
+    known = name in joints or name in _COLUMN_NAMES or direction or first
+    return known or re.fullmatch(r"[Tw]_.+", name) is not None
 
 
 def _notes(unused: list[str], ours: Mapping[str, str], machine: Machine) -> Iterable[str]:

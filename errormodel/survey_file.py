@@ -11,6 +11,8 @@ from pydantic import ConfigDict, Field, field_validator, model_validator
 from errormodel.instruments import instruments
 from errormodel.instruments.base import Instrument, Positive
 from errormodel.instruments.plain import Plain
+from errormodel.observations import registry as observations
+from errormodel.observations.base import Observation
 from errormodel.survey_record import RecordForm
 from errormodel.units import UnitsBlock
 from errormodel.yamlfile import Document, FileModel, Vector3, VersionedModel, load, validate
@@ -23,8 +25,10 @@ Refit = Literal["frame", "tool"]
 
 if TYPE_CHECKING:
     AnyInstrument: TypeAlias = Instrument
+    AnyObservation: TypeAlias = Observation
 else:
     AnyInstrument = Annotated[Union[tuple(instruments().values())], Field(discriminator="type")]  # noqa: UP007
+    AnyObservation = Annotated[Union[tuple(observations().values())], Field(discriminator="type")]  # noqa: UP007
 
 
 class SurveyUnits(UnitsBlock):
@@ -144,6 +148,10 @@ class SurveyForm(VersionedModel):
     instrument: AnyInstrument = Field(Plain(), description="a block such as {type: cmm, sigma: [1e-3, 2e-6]}")
     logs: list[LogEntry] = Field(
         [], description="recordings on clocks of their own, such as [{path: t.csv, format: ..}]"
+    )
+    observations: dict[Annotated[str, Field(pattern=r"^[^\[\],]+$")], AnyObservation] = Field(
+        {},
+        description="what single readings are of: blocks with type and keys, by the names in the column observation",
     )
     budget: list[BudgetEntry] = Field([], description="lines such as [{name: tool, std: 0.002, acts: tool_z}]")
     test: RecordForm | None = Field(None, description="a block such as {operator: .., date: 2026-11-20, machine: {..}}")

@@ -68,8 +68,9 @@ def departure(fit: Fit, linear: Collapsed, values: Array, moved: Array) -> float
             problem = posed(fit, machine_at(fit.chain.machine, statistics.interpolations, shapes[k]))
         # an effect's parameters keep their names whatever its shape
         place = {name: j for j, name in enumerate(statistics.names)}
-        views = [v.part(~np.isin(v.index, statistics.apart.index)) for v in problem.views if v.kind == "position"]
-        views += [v for v in problem.views if v.kind != "position"]
+        apart = statistics.apart
+        views = [v.part(~np.isin(v.index, apart.index)) for v in problem.views if v.kind == apart.kind]
+        views += [v for v in problem.views if v.kind != apart.kind]
         sums = accumulate(views, place, values[k], np.zeros(len(problem.chain.ids)), gram=False)
         squares = np.array([sums[kind].square for kind in statistics.kinds])
         exact[k] = -0.5 * statistics.share * float(levels[k] @ squares)

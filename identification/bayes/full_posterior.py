@@ -84,7 +84,7 @@ class Whole:
         for k, (place, size) in enumerate(zip(prior.ties, prior.sizes, strict=True)):
             out -= 0.5 * np.square(values[:, place] / (size * scales[:, k, None])).sum(axis=1)
         if self.mixture is not None:
-            level = levels[:, statistics.kinds.index("position")]
+            level = levels[:, statistics.kinds.index(self.mixture.apart.kind)]
             extended = statistics.extended(values, shapes)
             out = out + self.mixture.log_likelihood(others, level, extended)
         return np.asarray(out)

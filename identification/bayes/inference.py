@@ -29,7 +29,7 @@ from identification.bayes.priors import prior_of
 from identification.bayes.sampling import Chains, Reference, Target, inside, sample, walkers_for
 from identification.bayes.settings import PriorForm, prior_error
 from identification.bayes.shape_parameters import shape_interpolations
-from identification.bayes.statistics import gather
+from identification.bayes.statistics import gather, kind_with_outliers
 from identification.bayes.unknowns import (
     check_against_data,
     coordinates_of,
@@ -137,9 +137,9 @@ def model_of(
     share = 1.0 if robust else counted(fit)
     if share < 1:
         notes = (*notes, f"noise is correlated from row to row: each row counts as {share:.2f} of one")
-    keep, square, seen = None, np.zeros(0), np.zeros(0)
-    level = fit.solution.sigma.get("position", 1.0) * fit.inflation
+    keep, square, seen, level = None, np.zeros(0), np.zeros(0), 1.0
     if robust:
+        level = fit.solution.sigma[kind_with_outliers(fit)] * fit.inflation
         square, seen = squares_of(fit)
         keep = in_doubt(square, seen, level)
     statistics = gather(fit, interpolations, keep, share)
@@ -246,7 +246,7 @@ def _outliers(fit: Fit, whole: Whole, points: Array) -> tuple[tuple[str, int, fl
         return ()
     some = points[:: max(1, len(points) // 200)]
     values, own = whole.split(some)
-    level = whole.linear.levels(own)[:, whole.linear.statistics.kinds.index("position")]
+    level = whole.linear.levels(own)[:, whole.linear.statistics.kinds.index(whole.mixture.apart.kind)]
     extended = whole.linear.statistics.extended(values, whole.linear.shapes(own))
     probability = whole.mixture.probability(some[:, values.shape[1] + own.shape[1] :], level, extended).mean(axis=0)
     found = np.flatnonzero(probability > 0.5)

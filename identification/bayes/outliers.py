@@ -14,9 +14,8 @@ import numpy as np
 
 from errormodel.arrays import Array, Mask
 from identification.bayes.hyperparameters import Coordinate
-from identification.bayes.statistics import RowsApart, posed
+from identification.bayes.statistics import RowsApart, kind_with_outliers, posed
 from identification.estimation.result import Fit
-from identification.observation.models import PositionView
 from identification.observation.normal_equations import view_vector
 
 DOUBT_TAIL_PROBABILITY = 0.01  # rows beyond this tail probability of the noise keep their own equations
@@ -51,7 +50,7 @@ class Mixture:
         Parameters
         ----------
         points : (n, 2) natural logarithms of share and width.
-        level : (n,) inverse noise variances of positions.
+        level : (n,) inverse noise variances of the kind of observation.
         extended : (n, e) extended unknowns, see `identification.bayes.statistics.Statistics`.
         """
         share, width = np.exp(points).T[:, :, None]
@@ -79,16 +78,19 @@ class Mixture:
 
 
 def squares_of(fit: Fit) -> tuple[Array, Array]:
-    """Squared whitened residuals (rows,) of positions, NaN where there are none, and numbers of components (rows,)."""
-    problem = posed(fit, fit.chain.machine)
+    """Squared whitened residuals (rows,), NaN where there are none, and numbers of components (rows,).
+
+    They are of positions or, without any, of the one kind of reading.
+    """
+    problem, kind = posed(fit, fit.chain.machine), kind_with_outliers(fit)
     square, seen = np.full(len(fit.survey), np.nan), np.zeros(len(fit.survey))
     zero = np.zeros(len(fit.chain.ids))
     for view in problem.views:
-        if isinstance(view, PositionView):
+        if view.kind == kind:
             vector = view_vector(view, fit.problem.place(), fit.solution.values, zero)
             gap = np.hstack([view.whiten(part, g) for part, g in view.gaps(vector)])
             square[view.index] = np.square(gap).sum(axis=0)
-            seen[view.index] = np.isfinite(fit.survey.measured[view.index]).sum(axis=1)
+            seen[view.index] = view.components.sum(axis=1)
     return square, seen
 
 
@@ -113,7 +115,7 @@ def mixture_of(apart: RowsApart, square: Array, seen: Array, sigma: float) -> Mi
     ----------
     apart : equations of the doubtful rows.
     square, seen : (rows,) as :func:`squares_of` returns them.
-    sigma : noise level of positions, in units of the whitener.
+    sigma : noise level of these rows, in units of the whitener.
     """
     own = np.isfinite(square)
     own[apart.index] = False

@@ -49,7 +49,7 @@ def log_likelihood(fit: Fit, linear: Collapsed, whole: Whole | None, values: Arr
             design, gap = equations(part, rows.place, rows.at, zero)
             gaps = gap - np.tensordot(unknowns, design, axes=(1, 2))
             log = _log_normal(part, level, np.einsum("nmc,nmc->nm", gaps, gaps))
-            if mixture is not None and view.kind == "position":
+            if mixture is not None and view.kind == linear.statistics.apart.kind:
                 share, width = mixture[:, :1], mixture[:, 1:]
                 far = _log_normal(part, level / width[:, 0] ** 2, np.einsum("nmc,nmc->nm", gaps, gaps))
                 log = np.logaddexp(np.log1p(-share) + log, np.log(share) + far)

@@ -12,28 +12,31 @@ import numpy as np
 
 from errormodel.arrays import Array, Index, Mask
 from errormodel.chain import Chain
+from errormodel.exceptions import InputError
 from errormodel.machine import EffectSpec, Machine
 from identification.bayes.shape_parameters import ShapeInterpolation
 from identification.estimation.fit import placed
 from identification.estimation.result import Fit
 from identification.observation.assembly import Problem, build
-from identification.observation.models import Kind, PositionView, View
+from identification.observation.models import Kind, View
 from identification.observation.normal_equations import accumulate, design_rows, view_vector
 
 
 @dataclass(frozen=True)
 class RowsApart:
-    """Position rows that keep their own equations.
+    """Rows of one kind of observation that keep their own equations.
 
     Attributes
     ----------
-    design, gap : whitened M (m, 3, e) over the extended unknowns, and gap at zero parameters (m, 3).
+    design, gap : whitened M (m, components, e) over the extended unknowns, and gap at zero parameters (m, components).
     index : (m,) row numbers in the survey.
+    kind : of observation.
     """
 
     design: Array
     gap: Array
     index: Index
+    kind: Kind
 
     @property
     def seen(self) -> Array:
@@ -176,14 +179,15 @@ def gather(
 
     Parameters
     ----------
-    keep : (rows,) True for position rows that keep their own equations.
+    keep : (rows,) True for rows that keep their own equations, of the kind of observation that has outliers.
     share : what a row counts, below 1 where noise is correlated from row to row.
     """
     e = extended(fit, interpolations)
     problem, place, at = e.problem, e.place, e.at
+    kind = problem.views[0].kind if keep is None else kind_with_outliers(fit)
     keep = np.zeros(len(fit.survey), dtype=bool) if keep is None else keep
-    apart = [v.part(keep[v.index]) for v in problem.views if isinstance(v, PositionView)]
-    core = [v.part(~keep[v.index]) if isinstance(v, PositionView) else v for v in problem.views]
+    apart = [v.part(keep[v.index]) for v in problem.views if v.kind == kind]
+    core = [v.part(~keep[v.index]) if v.kind == kind else v for v in problem.views]
     zero = np.zeros(len(problem.chain.ids))
     sums = accumulate([v for v in core if len(v)], place, at, zero, at=at)
     kinds = tuple(sums)
@@ -192,20 +196,40 @@ def gather(
     square = share * np.array([s.square for s in sums.values()]) + 2 * slope @ at + np.einsum("kij,i,j", gram, at, at)
     return Statistics(
         e.names, e.places, e.shape, tuple(interpolations), kinds, gram, slope + gram @ at, square,
-        share * np.array([s.count for s in sums.values()]), _apart([v for v in apart if len(v)], place, at, zero),
+        share * np.array([s.count for s in sums.values()]), _apart(apart, place, at, zero),
         share,
     )  # fmt: skip
 
 
-def _apart(views: Sequence[PositionView], place: dict[str, int], at: Array, zero: Array) -> RowsApart:
+def kind_with_outliers(fit: Fit) -> Kind:
+    """The kind of observation among whose rows a robust posterior looks for outliers: positions, or the only kind.
+
+    Raises
+    ------
+    InputError
+        No position was measured, and readings are of several kinds.
+    """
+    kinds = dict.fromkeys(v.kind for v in fit.problem.views)
+    if "position" in kinds:
+        return "position"
+    if len(kinds) > 1:
+        found = f"readings of several kinds ({', '.join(kinds)}) and no position"
+        cure = "Fit with --robust or with --bayes: both together take outliers among rows of one kind"
+        raise InputError(f"{fit.survey.source}, --robust --bayes", found, cure)
+    return next(iter(kinds))
+
+
+def _apart(views: Sequence[View], place: dict[str, int], at: Array, zero: Array) -> RowsApart:
     """The equations of the rows that keep their own, at zero parameters."""
-    designs, gaps = [np.zeros((0, 3, len(place)))], [np.zeros((0, 3))]
-    for view in views:
+    components = len(views[0].outputs)
+    designs, gaps = [np.zeros((0, components, len(place)))], [np.zeros((0, components))]
+    own = [v for v in views if len(v)]
+    for view in own:
         design, gap = equations(view, place, at, zero)
         designs.append(design)
         gaps.append(gap)
-    index = np.concatenate([np.zeros(0, np.intp), *(v.index for v in views)])
-    return RowsApart(np.concatenate(designs), np.concatenate(gaps), index)
+    index = np.concatenate([np.zeros(0, np.intp), *(v.index for v in own)])
+    return RowsApart(np.concatenate(designs), np.concatenate(gaps), index, views[0].kind)
 
 
 def equations(view: View, place: dict[str, int], at: Array, zero: Array) -> tuple[Array, Array]:

@@ -66,7 +66,7 @@ def coordinates_of(fit: Fit, statistics: Statistics, prior: Prior) -> tuple[Coor
     out = []
     for k in free_kinds(fit, statistics):
         kind = statistics.kinds[k]
-        unit = "1" if kind in fit.solution.declared else "mm" if kind in ("position", "displacement") else "rad"
+        unit = "1" if kind in fit.solution.declared else "rad" if kind in fit.problem.angular else "mm"
         level = fit.solution.sigma[kind] * fit.inflation
         scale = (2 * max(statistics.count[k], 1.0)) ** -0.5
         out.append(Coordinate(f"noise.{kind}", unit, float(np.log(level)), scale, 1e-3 * level, 1e3 * level))

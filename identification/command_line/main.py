@@ -135,7 +135,7 @@ def plan(
 @command
 @click.argument("machine")
 @click.argument("points")
-@click.option("--parameters", type=FILE, help="YAML: parameters {id: value in mm, rad}, frame {translation, rotation}.")
+@click.option("--parameters", type=FILE, help="YAML: parameters {id: value}, frame, observations (mm, rad).")
 @click.option(
     "--noise", default="0", help="Standard deviation in mm, or 'instrument': that of the survey's instrument."
 )
@@ -164,7 +164,7 @@ def _count(text: str) -> int:
 
 def _noise(text: str, survey: Survey | None) -> float | Literal["instrument"]:
     if text == "instrument":
-        if survey is None or survey.instrument.type == "plain":
+        if survey is None or (survey.instrument.type == "plain" and not survey.observations):
             raise InputError("--noise instrument", "the survey names no instrument", "Add `instrument:` to survey.yaml")
         return "instrument"
     try:

@@ -84,6 +84,12 @@ def diagnose(machine: Machine, survey: Survey, progress: Progress = silent) -> D
     InputError
         The survey has nothing to fit, or no row with a measured position.
     """
+    if survey.observations:
+        readings = f"single readings ({', '.join(survey.observations)}), which the diagnosis does not take"
+        cure = (
+            "`errormodel fit` takes them; add effects to machine.yaml and compare the residuals, or diagnose positions"
+        )
+        raise InputError(str(survey.source), readings, cure)
     runs, lost, log = compared_runs(survey), list[Blunder](), DecisionLog()
     refuse_scaled_runs(runs)
     while len(lost) < MOST_BLUNDERS and (found := lost_zero(survey, runs, log)) is not None:

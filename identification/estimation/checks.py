@@ -14,11 +14,12 @@ from errormodel.chain import Chain
 from errormodel.exceptions import InputError, nearest
 from errormodel.serial_chain import ONLY_SERIAL
 from errormodel.survey import Survey
+from errormodel.survey_observations import observed
 from identification.estimation.least_squares import Solution, identifiable
 from identification.estimation.result import Fit, Spread
 from identification.observation.assembly import Problem
 from identification.observation.identifiability import Groups
-from identification.observation.models import PositionView, anywhere
+from identification.observation.models import anywhere
 
 LEAST_EQUATIONS_PER_GROUP = 2  # equations a group, of a robust fit
 FOREIGN_MACHINE_SHARE = 0.02  # of the machine's size: no error motions, but a blunder
@@ -95,6 +96,7 @@ def looked_over(fit: Fit) -> Fit:
     )  # nan where rows measured one component
     if other or (not fit.solution.groups.rank and another(fit.chain, fit.nominal)):
         raise InputError(str(fit.survey.source), "no parameter can be identified", far_off(fit.nominal))
+    _check_readings(fit)
     if not fit.problem.unknowns:
         found = "no parameter can be identified: machine.yaml declares no errors and the measuring frame is fixed"
         raise InputError(str(fit.survey.source), found, "Declare errors of shapes and joints in machine.yaml")
@@ -102,7 +104,7 @@ def looked_over(fit: Fit) -> Fit:
         found = "no parameter can be identified: nothing of what was measured depends on one"
         raise InputError(str(fit.survey.source), found, "Measure all over the travels, as `errormodel plan` says")
     fit = replace(fit, notes=(*fit.notes, *noise_notes(fit), *_beside(fit)))
-    volumetric = any(isinstance(v, PositionView) for v in fit.problem.views)  # who reads one joint means no other
+    volumetric = any(v.of_tool for v in fit.problem.views)  # who reads one joint means no other
     lost = out_of_reach(fit.problem, fit.solution)[1] if volumetric else []
     if not lost:
         return fit
@@ -122,6 +124,29 @@ def looked_over(fit: Fit) -> Fit:
         "fewer errors in machine.yaml"
     )
     return replace(fit, notes=(*fit.notes, note))
+
+
+def _check_readings(fit: Fit) -> None:
+    """Raise InputError where single readings lie further beside the nominal machine than errors of a machine go."""
+    if fit.readings is None:
+        return
+    names = observed(fit.survey.table)
+    for label, observation in fit.survey.observations.items():
+        own = names == label
+        length = observation.reading == "length"
+        limit = FOREIGN_MACHINE_SHARE * (fit.chain.size if length else 1.0)
+        gaps = np.abs(fit.readings.nominal[own & np.isfinite(fit.readings.nominal)])
+        if not len(gaps) or np.median(gaps) < limit:
+            continue
+        size = f"{np.median(gaps):.3g} {'mm' if length else 'rad'}"
+        found = (
+            f"half of the readings of '{label}' lie more than {size} beside the nominal machine, however it is set up"
+        )
+        cure = (
+            "Errors of a machine go less far: look for a wrong unit, sign, column, tool, known number of that "
+            "observation, or type"
+        )
+        raise InputError(f"{fit.survey.source}, observation {label}", found, cure)
 
 
 def noise_notes(fit: Fit) -> Iterator[str]:

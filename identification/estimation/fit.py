@@ -25,6 +25,7 @@ from identification.estimation.least_squares import Solution, solve
 from identification.estimation.motions import Motions, before_fit, motion_residuals
 from identification.estimation.noise import Noise, correlated
 from identification.estimation.outliers import sort_rows
+from identification.estimation.readings import Readings, reading_residuals
 from identification.estimation.result import Fit, Spread, TestFile, residuals_of
 from identification.estimation.robust import first_judgement, settle
 from identification.estimation.weights import Judgement
@@ -33,6 +34,7 @@ from identification.observation.frames import rotation_notes
 from identification.observation.models import MotionView, OrientationView, PositionView, View
 from identification.observation.normal_equations import accumulate, total
 from identification.observation.pose import IDENTITY, Pose
+from identification.observation.readings import ReadingView
 
 # Consecutive rows left out together in large surveys, a tenth of the rows in small ones; by judgement
 HELDOUT_BLOCK_ROWS = 600
@@ -98,6 +100,14 @@ def _fit(chain: Chain, survey: Survey, robust: bool, bounds: Mapping[str, PriorF
             motion_residuals(problem.views, place, solution.values, zero, len(rows)),
             left_out,
         ).without(problem.views, judged)
+    readings = None
+    if problem.readings:
+        left_out, _ = held_out(weighted, solution, len(rows), [b.id for b in at_bound], reading_residuals)
+        readings = Readings(
+            nominal_readings(problem, len(rows), judged),
+            reading_residuals(problem.views, place, solution.values, zero, len(rows)),
+            left_out,
+        ).without(problem.views, judged)
     sorting = None
     if judged is not None:
         sorting = sort_rows(rows, problem.views, judged, residuals, nominal_residuals)
@@ -110,17 +120,21 @@ def _fit(chain: Chain, survey: Survey, robust: bool, bounds: Mapping[str, PriorF
     fit = Fit(
         chain, rows, problem, solution, nominal, Spread.of(residuals), Spread.of(heldout), folds,
         residuals, nominal_residuals, heldout, notes=notes, sorting=sorting, at_bound=at_bound,
-        counted=weighted.views, motions=motions,
+        counted=weighted.views, motions=motions, readings=readings,
     )  # fmt: skip
     tests, more = [], []
     for test in survey.test:
         if np.isfinite(test.measured).any():
             tests.append(look_at(fit, test))
         else:
-            more.append(
-                f"{test.table['file'].iloc[0]} holds error motions only, each from a zero of its own: not judged here; "
-                "`errormodel thermal` does it where they drift"
+            name = test.table["file"].iloc[0]
+            what = "single readings" if survey.observations else "error motions"
+            cure = (
+                "predict their set-ups with `errormodel predict`"
+                if survey.observations
+                else ("`errormodel thermal` does it where they drift")
             )
+            more.append(f"{name} holds {what} only, each from a zero of its own: not judged here; {cure}")
     return replace(fit, tests=tuple(tests), notes=(*fit.notes, *more))
 
 
@@ -134,21 +148,29 @@ def anchored(
     """
     held = np.zeros(len(problem.chain.ids)) if held is None else held
     weighted = problem.views if judged is None else judged.weigh(problem.views)
-    positions = [v for v in weighted if isinstance(v, PositionView)]
+    points = [v for v in weighted if isinstance(v, PositionView) or (isinstance(v, ReadingView) and v.in_frame)]
     poses = dict(problem.frames)
     free = [c for label, pose in poses.items() for c in determined_columns(problem.chain, label, pose)]
     if free:
-        best = solve(problem.chain, positions, free, held, problem.declared & {"position"}).named()
+        free += dict.fromkeys(c for v in points if isinstance(v, ReadingView) for c in v.starts)
+        best = solve(problem.chain, points, free, held, problem.declared & {v.kind for v in points}).named()
         poses = {label: moved(problem.chain, pose, best, label) for label, pose in poses.items()}
-    views: list[View] = []
-    for view in problem.views:
-        if isinstance(view, PositionView | OrientationView) and poses:
-            label = next(la for la in poses if frame_columns(problem.chain, la)[0] == view.columns[0])
-            views.append(replace(view, pose=poses[label]))
-        else:
-            views.append(view)
-    out = replace(problem, views=tuple(views), frames=poses)
-    return out, residuals_of(views, {}, np.zeros(0), held, rows)
+    out = replace(placed(problem, poses), frames=poses)
+    return out, residuals_of(out.views, {}, np.zeros(0), held, rows)
+
+
+def nominal_readings(problem: Problem, rows: int, judged: Judgement | None) -> Array:
+    """Residuals (rows,) of readings of the machine without errors, the unknowns of the set-ups as they fit it best."""
+    zero = np.zeros(len(problem.chain.ids))
+    views = (
+        problem.readings if judged is None else [v for v in judged.weigh(problem.views) if isinstance(v, ReadingView)]
+    )
+    free = tuple(dict.fromkeys(c for v in problem.readings for c in v.starts))
+    if not free:
+        return reading_residuals(problem.views, {}, np.zeros(0), zero, rows)
+    best = solve(problem.chain, views, free, zero, problem.declared)
+    place = {name: k for k, name in enumerate(free)}
+    return reading_residuals(problem.views, place, best.values, zero, rows)
 
 
 def moved(chain: Chain, pose: Pose, values: dict[str, float], label: str) -> Pose:
@@ -239,11 +261,15 @@ def _positions(problem: Problem) -> tuple[PositionView, ...]:
 def placed(problem: Problem, poses: dict[str, Pose]) -> Problem:
     """The problem with its measuring frames at the given poses (by label)."""
     labels = {frame_columns(problem.chain, label)[0]: label for label in poses}
-    views = tuple(
-        replace(v, pose=poses[labels[v.columns[0]]]) if isinstance(v, PositionView | OrientationView) else v
-        for v in problem.views
-    )
-    return replace(problem, views=views)
+    views: list[View] = []
+    for view in problem.views:
+        if isinstance(view, PositionView | OrientationView) and poses:
+            views.append(replace(view, pose=poses[labels[view.columns[0]]]))
+        elif isinstance(view, ReadingView) and view.in_frame and poses:
+            views.append(view.placed(poses[labels[view.columns[0]]]))
+        else:
+            views.append(view)
+    return replace(problem, views=tuple(views))
 
 
 def _notes(survey: Survey, solution: Solution, noise: Noise | None, longest: int) -> tuple[str, ...]:

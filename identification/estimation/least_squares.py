@@ -120,7 +120,7 @@ def observed(
     place = {name: k for k, name in enumerate(unknowns)}
     factor, square = np.zeros((0, len(unknowns))), np.zeros(len(unknowns))
     for view in views:
-        level = chain.size if view.outputs[0] >= 3 else 1.0  # angles in mm at the machine's size
+        level = chain.size if view.turns else 1.0  # angles in mm at the machine's size
         most = max(RANK_SAMPLE_ROWS, 4 * len(unknowns))
         parts = (
             [view.part(slice(k, k + most)) for k in range(0, len(view), most)] if thorough else [sampled(view, most)]
@@ -148,7 +148,8 @@ class _Solver:
         self.chain, self.views, self.unknowns, self.declared, self.exact = chain, views, unknowns, declared, exact
         self.held = np.zeros(len(chain.ids)) if held is None else held
         if not exact:  # the gap does not change from pass to pass
-            self.views = [GapView.of(v, self.held) if v.whitener.ndim == 1 else v for v in views]
+            stored = [v.whitener.ndim == 1 and v.exact_columns == len(v.ids) for v in views]
+            self.views = [GapView.of(v, self.held) if own else v for own, v in zip(stored, views, strict=True)]
         self.taken = np.zeros(len(unknowns))
         self.place = {name: k for k, name in enumerate(unknowns)}
         self.sigma: dict[Kind, float] = {v.kind: 1.0 for v in views} | dict(levels or {})
@@ -161,7 +162,7 @@ class _Solver:
         seen = self.observed(thorough=False)
         # normal equations of positions need well-separated columns; for readings a triangular factor is used, down to
         # a smaller threshold
-        least = DEPENDENCE_TOLERANCE if any(v.kind == "position" for v in self.views) else 1e-5 * DEPENDENCE_TOLERANCE
+        least = DEPENDENCE_TOLERANCE if any(v.of_tool for v in self.views) else 1e-5 * DEPENDENCE_TOLERANCE
         groups = find_groups(*seen, least=least)
         if self.missed(groups, start):
             seen = self.observed(thorough=True)
@@ -244,11 +245,11 @@ class _Solver:
         one millimetre of it (at the end of the travel, with the longest lever) stays below the noise and less than a
         thousandth of it is observed: unmeasured motions show only through the tilt of the frame.
         """
-        if "position" not in sums or not sums["position"].count:
+        views = [v for v in self.views if v.of_tool and not v.turns and sums[v.kind].count]
+        if not views:
             return Floors()
-        views = [v for v in self.views if v.kind == "position"]
-        weight = np.sqrt(sum(map(weight_of, views)))
-        shift = self.sigma["position"] / weight  # standard uncertainty, mm, of a common shift of all rows
+        # standard uncertainty, mm, of a common shift of all rows
+        shift = float(sum(weight_of(v) / self.sigma[v.kind] ** 2 for v in views)) ** -0.5
         return Floors(direction=shift / (0.1 * self.chain.size), lever=min(1e-3, shift))
 
     def of_its_size(self, full: Array) -> Array:
@@ -353,7 +354,8 @@ class _Solver:
                 floor = 1e-30 * max(own.square, 1e-30)
                 self.sigma[kind] = float(np.sqrt(max(square, floor) / max(free, 1e-3)))
             # noise-free angles beside noisy positions would make the normal equations singular
-            reach = {kind: self.chain.size if kind in ("orientation", "angle") else 1.0 for kind in open_kinds}
+            turning = {v.kind for v in self.views if v.turns}
+            reach = {kind: self.chain.size if kind in turning else 1.0 for kind in open_kinds}
             least = LEAST_NOISE_RATIO * max((reach[kind] * self.sigma[kind] for kind in open_kinds), default=0.0)
             self.sigma |= {kind: max(self.sigma[kind], least / reach[kind]) for kind in open_kinds}
             if all(abs(self.sigma[k] / before[k] - 1) < 1e-6 for k in open_kinds):

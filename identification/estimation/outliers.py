@@ -14,7 +14,8 @@ from errormodel.exceptions import InputError
 from errormodel.survey import Survey
 from errormodel.survey_columns import MEASURED
 from identification.estimation.weights import Judgement
-from identification.observation.models import View
+from identification.observation.models import MotionView, View
+from identification.observation.readings import ReadingView
 
 
 @dataclass(frozen=True)
@@ -25,7 +26,7 @@ class Outlier:
     file: str
     row: int  # data row of the file, from 1
     run: str
-    what: str  # "position", "orientation", a component (mx my mz) or an error motion (dx ... ec)
+    what: str  # "position", "orientation", a component (mx my mz), an error motion (dx ... ec) or a reading
     distance_sigma: float  # of the whole row from the fit, in robust standard deviations
     residual_um: float  # length of the residual; NaN for angles and error motions
 
@@ -111,4 +112,6 @@ def sort_rows(
 
 def _kind(view: View) -> str:
     """Name of the observation for the list of outliers."""
-    return view.kind if view.kind in ("position", "orientation") else MOTIONS[view.outputs[0]]
+    if isinstance(view, ReadingView):
+        return f"{view.observation.reading} of {view.label}"
+    return MOTIONS[view.outputs[0]] if isinstance(view, MotionView) else view.kind

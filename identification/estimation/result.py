@@ -18,6 +18,7 @@ from identification.estimation.bounded import AtBound
 from identification.estimation.least_squares import Solution
 from identification.estimation.motions import Motions
 from identification.estimation.outliers import Outlier, Sorting
+from identification.estimation.readings import Readings
 from identification.observation.assembly import Problem
 from identification.observation.models import PositionView, View
 from identification.observation.normal_equations import view_vector
@@ -81,6 +82,7 @@ class Fit:
     notes: tuple[str, ...] = field(default=())
     posterior: Posterior | None = None
     motions: Motions | None = None
+    readings: Readings | None = None
     sorting: Sorting | None = None
     at_bound: tuple[AtBound, ...] = ()
     counted: tuple[View, ...] = ()

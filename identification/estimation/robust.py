@@ -115,7 +115,7 @@ class _Rows:
         floor: dict[Kind, float] = {}
         for view in views:
             weight = float(np.median(view.whitener[view.whitener > 0])) if (view.whitener > 0).any() else 1.0
-            reach = chain.size if view.kind in ("position", "displacement") else 1.0
+            reach = 1.0 if view.turns else chain.size
             floor[view.kind] = max(floor.get(view.kind, 0.0), RESIDUAL_ROUND_OFF_SHARE * reach * weight)
         held = np.zeros(len(chain.ids)) if held is None else held
         return cls(chain, tuple(views), tuple(unknowns), held, declared, floor)
@@ -177,7 +177,7 @@ def _gap(view: View, place: Mapping[str, int], values: Array, held: Array) -> Ar
     """Whitened residual (outputs, n) of a view at the given values."""
     p = view_vector(view, place, values, held)
     gap = np.hstack([view.whiten(part, g) for part, g in view.gaps(p)])
-    zeros = [c for c in view.columns[len(view.ids) :] if c in place]  # zeros of instruments are not in the chain
+    zeros = [c for c in view.columns[view.exact_columns :] if c in place]  # zeros of instruments are not in the chain
     if zeros:
         rows = design_rows(view, {c: k for k, c in enumerate(zeros)}, len(view))
         gap -= (rows @ values[[place[c] for c in zeros]]).reshape(gap.shape)

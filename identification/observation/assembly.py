@@ -18,9 +18,11 @@ from errormodel.conventions import MOTIONS, TRANSLATIONS
 from errormodel.exceptions import InputError
 from errormodel.machine import Joint
 from errormodel.survey_columns import SIGMA_COLUMNS
+from errormodel.survey_observations import is_unknown
 from identification.observation.frames import MACHINE_ERROR_SHARE, align, mean_rotation
 from identification.observation.models import Kind, MotionView, OrientationView, PositionView, View, fixed_tool
 from identification.observation.pose import IDENTITY, Pose
+from identification.observation.readings import ReadingView, placed_by_stations, reading_views, stated
 
 if TYPE_CHECKING:
     from errormodel.survey import Survey
@@ -47,6 +49,16 @@ class Problem:
     labels: Array
     declared: frozenset[Kind]
     mount: Array | None = None
+
+    @property
+    def readings(self) -> tuple[ReadingView, ...]:
+        """Views of single readings."""
+        return tuple(v for v in self.views if isinstance(v, ReadingView))
+
+    @property
+    def angular(self) -> frozenset[Kind]:
+        """Kinds of observation that are angles."""
+        return frozenset(v.kind for v in self.views if v.turns)
 
     def place(self) -> dict[str, int]:
         """Index of each unknown by name."""
@@ -113,7 +125,7 @@ def build(
     views: list[View] = []
     frames: dict[str, Pose] = {}
     free: list[str] = []
-    stated: set[bool] = set()  # whether positions of a frame have a standard uncertainty
+    sized: set[bool] = set()  # whether positions of a frame have a standard uncertainty
     seen = np.asarray(np.isfinite(survey.measured).any(axis=1))
     turned = _rotations(survey)
     channels = chain.columns(survey.table) if len(volumetric) else []
@@ -137,7 +149,7 @@ def build(
             free += frame_columns(chain, label)
         rest = (*own, *(i for i in chain.tool_ids if i not in own))
         whitener, known = _whitener(survey, index)
-        stated.add(known)
+        sized.add(known)
         position = PositionView(
             kind="position",
             chain=chain,
@@ -167,10 +179,10 @@ def build(
             views.append(angles)
             last = chain.kernel(exact, (), fixed, tuple(range(3, 12)))(angles.rows, p).reshape(3, 3, -1).T
             mounts.append(last.transpose(0, 2, 1) @ pose.rotation.T @ turned[here])
-    if len(stated) > 1:
+    if len(sized) > 1:
         found = "standard uncertainties in some measuring frames and none in others"
         raise InputError(str(survey.source), found, "Give sigma in every row or in none, or declare the instrument")
-    declared: frozenset[Kind] = frozenset({"position"} if True in stated and survey.sized else ())
+    declared: frozenset[Kind] = frozenset({"position"} if True in sized and survey.sized else ())
     if mounts:
         mount = mean_rotation(np.concatenate(mounts)) if mount is None else mount
         views = [replace(v, mount=mount) if isinstance(v, OrientationView) else v for v in views]
@@ -181,6 +193,14 @@ def build(
         free += zeros if views or survey.frame != "fixed" else []
         views += motion_views
         declared |= _stated(survey, motion_views)
+        if survey.frame != "fixed":
+            more = placed_by_stations(chain, survey, frames, labels)
+            frames |= more
+            free += [c for label in more for c in frame_columns(chain, label)]
+        readings = reading_views(chain, survey, frames, labels, {la: frame_columns(chain, la) for la in frames})
+        free += dict.fromkeys(c for v in readings for c in v.starts)
+        views += readings
+        declared |= stated(survey, readings)
     if not views:
         raise InputError(str(survey.source), "no row holds a measured value", "Give mx my mz in at least one row")
     return Problem(chain, tuple(views), (*free, *own), frames, labels, declared, mount)
@@ -326,14 +346,17 @@ def _stated(survey: Survey, views: Sequence[View]) -> frozenset[Kind]:
 
 
 def group_order(chain: Chain, unknowns: Sequence[str]) -> list[int]:
-    """Order in which unknowns may be the base of a group: link lengths, link angles, joints, zeros, frames, tool.
+    """Order in which unknowns may be the base of a group: set-ups, link lengths, link angles, joints, zeros, frames.
 
-    Measuring frames come late, so that a group with both is named after the machine's parameter.
+    Measuring frames come late, so that a group with both is named after the machine's parameter. Stations and the like
+    come first: what moves them all alike is the place of the machine among them, and its other groups are free of them.
     """
     joints = {e.name for e in chain.machine.elements if isinstance(e, Joint)}
 
     def rank(k: int) -> tuple[int, int]:
         name = unknowns[k]
+        if is_unknown(name):
+            return -1, k
         if name not in chain.index or name in chain.frame_ids or name in chain.tool_ids:
             return (3 if name.startswith("zero[") else 5 if name in chain.tool_ids else 4), k
         parameter = chain.parameters[chain.index[name]]

@@ -10,7 +10,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal, Self
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -19,9 +19,9 @@ from errormodel.chain import TOOL_CHANNELS, Chain, What
 from errormodel.kernel import KERNEL_BLOCK_ROWS, Kernel
 from identification.observation.pose import IDENTITY, Pose
 
-Kind = Literal[
-    "position", "orientation", "displacement", "angle"
-]  # each has its own noise level, where none is declared
+# Kind of observation: position, orientation, displacement, angle, or the type of an entry of observations:. Each has a
+# noise level of its own, where none is declared
+Kind = str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,7 +40,10 @@ class View(ABC):
     fixed : channels that are constant over all rows: folded into the kernels, which saves time.
     outputs : observed components: 0 to 2 translation, 3 to 5 rotation about x, y, z.
     what : kernel of the chain that gives the design.
+    of_tool : whether rows depend on the pose of the tool, and so on all elements; else on one joint alone.
     """
+
+    of_tool: ClassVar[bool] = True
 
     kind: Kind
     chain: Chain
@@ -71,6 +74,43 @@ class View(ABC):
             return np.ones((len(self), len(self.outputs)), dtype=bool)
         return np.asarray(np.abs(self.whitener).sum(axis=2) > 0)
 
+    @property
+    def turns(self) -> bool:
+        """Whether its values are angles, rad, and not lengths, mm."""
+        return self.outputs[0] >= 3
+
+    @property
+    def exact_columns(self) -> int:
+        """Number of leading columns that `gaps` takes at their values; the rest are offsets of the values."""
+        return len(self.ids)
+
+    def vector(self, unknowns: Mapping[str, int], values: Array, held: Array) -> Array:
+        """Scalars of the view's kernels: held values, replaced by `values` where a column is unknown."""
+        p = held.copy()
+        for identity, column in zip(self.ids, self.columns, strict=False):  # a motion view's zeros are not the chain's
+            if column in unknowns:
+                p[self.chain.index[identity]] = values[unknowns[column]]
+        return p
+
+    @property
+    def at_zero(self) -> Array:
+        """Scalars of the view's kernels on a machine without errors."""
+        return self.vector({}, np.zeros(0), np.zeros(len(self.chain.ids)))
+
+    def scattered(self, rng: np.random.Generator, poses: int) -> Self:
+        """The view with random poses over the full travels, as many as are asked for."""
+        more = self.part(np.arange(poses) % len(self))
+        joints = [rng.uniform(*j.travel, poses) for j in self.chain.machine.joints]
+        return replace(more, rows=as_rows(*joints, *more.rows[len(joints) :]))
+
+    def norms(self) -> Array:
+        """Norms (columns,) of the columns of M over its poses, mm or rad: root sum of the components' mean squares."""
+        n = len(self)
+        terms = self.chain.kernel("terms", self.ids, self.fixed)(self.rows, np.zeros(len(self.chain.ids)))
+        motions = terms.reshape(-1, 6, n)[: len(self.columns)]
+        shift, turn = (np.sqrt(np.square(m).sum(axis=1).mean(axis=1)) for m in (motions[:, :3], motions[:, 3:]))
+        return np.asarray(turn if self.turns else shift + self.chain.size * turn)
+
     def part(self, rows: Rows) -> Self:
         """The view with a subset of its rows."""
         return replace(
@@ -93,10 +133,7 @@ class View(ABC):
 
 def anywhere(view: View, poses: int) -> View:
     """The view with random poses over the full travels, and the tools, components and other channels of its rows."""
-    rng = np.random.default_rng(0)
-    more = view.part(np.arange(poses) % len(view))
-    joints = [rng.uniform(*j.travel, poses) for j in view.chain.machine.joints]
-    return replace(more, rows=as_rows(*joints, *more.rows[len(joints) :]))
+    return view.scattered(np.random.default_rng(0), poses)
 
 
 def fixed_tool(chain: Chain, rows: Sequence[Array]) -> dict[str, float]:
@@ -187,6 +224,8 @@ class MotionView(View):
 
     The last six columns are the instrument's zeros; only that of this motion (``outputs[0]``) has an effect.
     """
+
+    of_tool: ClassVar[bool] = False
 
     measured: Array  # (n,) mm or rad
     what: What = "terms"

@@ -15,6 +15,7 @@ from errormodel.kernel import Kernel
 from identification.observation.models import GapView, Kind, View, anywhere
 
 Selector = tuple[Index, Array]
+FULL_POSES = 200  # random poses that stand for the full travels
 RANK_SAMPLE_ROWS = 400  # rows of a view on which the rank is decided first, before all are checked: saves time
 
 
@@ -73,8 +74,8 @@ def accumulate(
         local = np.array([k for k, c in enumerate(view.columns) if c in unknowns], dtype=np.intp)
         places = np.array([unknowns[view.columns[k]] for k in local], dtype=np.intp)
         fresh = values if taken is None or not isinstance(view, GapView) else values - taken
-        linear = fresh[places] * (np.array([exact and k < len(view.ids) for k in local]) == 0)
-        p = view_vector(view, unknowns, values, held) if exact else held
+        linear = fresh[places] * (np.array([exact and k < view.exact_columns for k in local]) == 0)
+        p = view.vector(unknowns if exact else {}, values, held)
         here = None if at is None else view_vector(view, unknowns, at, held)
         own = _Task(view, local, linear if linear.any() else None, p, here, gram).run()
         whole = sums.setdefault(view.kind, Sums.zero(len(unknowns)))
@@ -97,12 +98,8 @@ def total(sums: Mapping[Kind, Sums], sigma: Mapping[Kind, float]) -> tuple[Array
 
 
 def view_vector(view: View, unknowns: Mapping[str, int], values: Array, held: Array) -> Array:
-    """The chain's parameters for a view: held values, replaced by `values` where a column is unknown."""
-    p = held.copy()
-    for identity, column in zip(view.ids, view.columns, strict=False):  # a motion view's zeros are not the chain's
-        if column in unknowns:
-            p[view.chain.index[identity]] = values[unknowns[column]]
-    return p
+    """Scalars of a view's kernels: held values, replaced by `values` where a column is unknown."""
+    return view.vector(unknowns, values, held)
 
 
 @dataclass(frozen=True)
@@ -187,14 +184,9 @@ def sampled(view: View, most: int) -> View:
 
 def full_norms(view: View, unknowns: Mapping[str, int]) -> Array:
     """Norms (unknowns,) of the view's columns for poses over the full travels and the longest lever."""
-    chain, poses = view.chain, 200
-    terms = chain.kernel("terms", view.ids, view.fixed)(anywhere(view, poses).rows, np.zeros(len(view.chain.ids)))
-    motions = terms.reshape(-1, 6, poses)[: len(view.columns)]
-    shift, turn = (np.sqrt(np.square(m).sum(axis=1).mean(axis=1)) for m in (motions[:, :3], motions[:, 3:]))
-    reach = shift + chain.size * turn if view.outputs[0] < 3 else turn
-    weight = np.sqrt(weight_of(view))
+    lengths = anywhere(view, FULL_POSES).norms() * np.sqrt(weight_of(view))
     out = np.zeros(len(unknowns))
-    for column, length in zip(view.columns, reach * weight, strict=True):
+    for column, length in zip(view.columns, lengths, strict=True):
         if column in unknowns:
             out[unknowns[column]] = length
     return out
@@ -212,7 +204,7 @@ def design_rows(view: View, unknowns: Mapping[str, int], most: int = RANK_SAMPLE
     local = np.array([k for k, c in enumerate(view.columns) if c in unknowns], dtype=np.intp)
     places = [unknowns[view.columns[k]] for k in local]
     selectors = selectors_of(kernel, len(view.outputs), local)
-    functions = kernel.functions(view.rows, np.zeros(len(view.chain.ids)))
+    functions = kernel.functions(view.rows, view.at_zero)
     design = _expanded(functions, selectors)
     out = np.zeros((len(view) * len(selectors), len(unknowns)))
     out[:, places] = view.whiten(slice(None), design).reshape(len(local), len(out)).T

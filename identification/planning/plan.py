@@ -18,8 +18,9 @@ from errormodel.channels import POINT_CHANNELS
 from errormodel.exceptions import InputError
 from errormodel.instruments.base import Instrument
 from errormodel.machine import Machine
-from errormodel.simulation import Truth, measured_at, outward
+from errormodel.simulation import measured_at, outward
 from errormodel.survey_columns import MEASURED
+from errormodel.truth import Truth
 from identification.diagnosis.linear.linear_model import set_up
 from identification.diagnosis.search.criteria import canonical_correlation
 from identification.estimation.fit import fit_machine

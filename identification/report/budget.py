@@ -31,7 +31,7 @@ def budget_part(analysis: Analysis) -> BudgetPart | None:
     budgets = analysis.budgets
     if not budgets.groups:
         return None
-    known = [e for e in analysis.estimates if e.kind not in ("frame", "zero")]
+    known = [e for e in analysis.estimates if e.kind not in ("frame", "zero", "observation")]
     rows = []
     for e in known[:MOST_BUDGET_GROUPS]:
         own = budgets.groups[e.number - 1]

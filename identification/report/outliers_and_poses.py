@@ -74,7 +74,7 @@ def gain_part(analysis: Analysis) -> GainPart | None:
     if gain.best is None or gain.poses is None:
         return None
     std = np.sqrt(np.diag(fit.solution.covariance)) * fit.inflation
-    own = [e for e in analysis.estimates if e.kind not in ("frame", "zero")]
+    own = [e for e in analysis.estimates if e.kind not in ("frame", "zero", "observation")]
     own.sort(key=lambda e: gain.best[e.number - 1] / std[e.number - 1])  # type: ignore[index]
     rows = []
     for e in own[:MOST_GAIN_GROUPS]:

@@ -16,6 +16,7 @@ from identification.results.correlations import correlation, strongest
 from identification.results.description import no_effect_reasons
 from identification.results.location_estimates import LocationEstimate
 from identification.results.parameter_table import ARCSEC_PER_URAD, Estimate, Kind, decimals, printed
+from identification.results.set_ups import set_ups
 
 GROUP_HEADINGS: dict[Kind, str] = {
     "member": "Structural members (constants)",
@@ -23,6 +24,7 @@ GROUP_HEADINGS: dict[Kind, str] = {
     "effect": "Effects",
     "frame": "Measuring frame and target",
     "zero": "Zeros of the instruments",
+    "observation": "Set-ups of the readings (relative to where the estimation starts)",
 }
 BARRED: tuple[Kind, ...] = ("member", "joint", "effect")  # kinds of groups whose values are drawn as bars
 MOST_PAIRS, CORRELATED = 12, 0.7  # pairs of groups that are listed: how many, and from which coefficient on
@@ -96,6 +98,36 @@ def motions(fit: Fit) -> list[list[str]]:
         ]
         for e in fit.motions.errors(fit.survey)
     ]
+
+
+def readings(fit: Fit) -> list[list[str]]:
+    """Cells of each observation of single readings: name, type and unit, nominal, fitted, held out, readings."""
+    if fit.readings is None:
+        return []
+    return [
+        [
+            f"{e.observation}: {e.type} / {e.unit.replace('u', 'µ', 1)}",
+            *(number(v, 2) for v in (e.nominal, e.fitted, e.heldout)),
+            str(e.n),
+        ]
+        for e in fit.readings.errors(fit.survey)
+    ]
+
+
+def of_set_ups(fit: Fit) -> list[list[str]]:
+    """Cells of each unknown of a set-up: name, value, standard uncertainty, unit; at most `MOST_FRAME_ROWS`."""
+    found = set_ups(fit)
+    out = [
+        [
+            v.id,
+            f"{v.value:.6g}" if v.unit == "rad" else number(v.value, 4),
+            three(v.std) if v.std else "not determined",
+            v.unit,
+        ]
+        for v in found[:MOST_FRAME_ROWS]
+    ]
+    more = len(found) - len(out)
+    return [*out, [f"and {more} more in fit.json", "", "", ""]] if more else out
 
 
 def counts(fit: Fit) -> dict[str, int]:
@@ -222,7 +254,7 @@ def noise(fit: Fit) -> list[list[str]]:
     out = []
     for kind, sums in fit.solution.sums.items():
         declared = kind in fit.solution.declared
-        factor, unit = (1e3, "µm") if kind in ("position", "displacement") else (1e6, "µrad")
+        factor, unit = (1e6, "µrad") if kind in fit.problem.angular else (1e3, "µm")
         sigma = fit.sigma_mm if kind == "position" else fit.solution.sigma[kind]
         how = "declared (the deviation is that of the residuals)" if declared else "estimated from the residuals"
         out.append([f"{kind}, one coordinate", str(sums.count), f"{three(factor * sigma)} {unit}", how])

@@ -56,6 +56,15 @@ def headline(fit: Fit) -> str:
         ]
         more = f"; and {len(sizes) - HEADLINE_MOTIONS} more" if len(sizes) > HEADLINE_MOTIONS else ""
         return f"Error motions fitted: {'; '.join(shown)}{more}."
+    if not fit.fitted.n and fit.readings is not None:
+        each = list(fit.readings.errors(fit.survey))
+        shown = [
+            f"{e.observation} {short(e.nominal)} → {short(e.fitted)} {e.unit.replace('u', 'µ', 1)} rms, held-out "
+            f"{short(e.heldout)}"
+            for e in each[:HEADLINE_MOTIONS]
+        ]
+        more = f"; and {len(each) - HEADLINE_MOTIONS} more" if len(each) > HEADLINE_MOTIONS else ""
+        return f"Readings fitted: {'; '.join(shown)}{more}."
     return (
         f"Geometry fitted: mean error {short(fit.nominal.mean_um)} → {short(fit.fitted.mean_um)} µm; "
         f"held-out {short(fit.heldout.mean_um)} µm."

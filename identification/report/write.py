@@ -47,6 +47,8 @@ def report(analysis: Analysis, diagnosed: Diagnosed | None = None, thermal: Ther
         head=head_of(fit.survey.record),
         results=tables.results(fit),
         motions=tables.motions(fit),
+        readings=tables.readings(fit),
+        set_ups=tables.of_set_ups(fit),
         pictures=pictures(analysis, short=diagnosed is not None),
         sections=tables.group_sections(analysis.estimates),
         location_errors=tables.location_rows(analysis.location_errors),

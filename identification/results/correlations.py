@@ -18,7 +18,7 @@ def correlation(analysis: Analysis) -> tuple[list[Estimate], Array]:
     """The groups shown and their correlation coefficients, (n, n)."""
     groups = analysis.estimates
     if len(groups) > MOST_CORRELATED_GROUPS:
-        groups = [e for e in groups if e.kind not in ("frame", "zero")]
+        groups = [e for e in groups if e.kind not in ("frame", "zero", "observation")]
     place = [e.number - 1 for e in groups]
     return groups, coefficients(analysis.fit.solution.covariance[np.ix_(place, place)])
 

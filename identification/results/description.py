@@ -12,6 +12,7 @@ from errormodel.chain import Chain
 from errormodel.channels import root
 from errormodel.machine import Machine
 from errormodel.simulation import random_points
+from errormodel.simulation_readings import with_nominal
 from errormodel.survey_columns import MEASURED
 from identification.estimation.least_squares import identifiable
 from identification.observation.assembly import build
@@ -127,6 +128,8 @@ def _random_table(chain: Chain) -> pd.DataFrame:
 def _as_if_measured(chain: Chain, survey: Survey) -> Survey:
     """Calibration rows of a survey; rows with commands only count as poses with all three coordinates measured."""
     rows = survey.fit if len(survey.fit) else survey
+    if rows.observations:
+        return replace(rows, table=with_nominal(chain, rows.table, rows.observations))
     if "joint" in rows.table or np.isfinite(rows.measured).any():
         return rows
     nominal = chain.kernel("nominal", outputs=(0, 1, 2))(chain.columns(rows.table))

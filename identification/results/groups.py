@@ -14,6 +14,7 @@ def groups_of(fit: Fit) -> list[dict[str, Any]]:
     """One entry a group: id of the base parameter, the group as a formula, value, standard uncertainty, unit."""
     s, chain = fit.solution, fit.chain
     std = np.sqrt(np.diag(s.covariance)) * fit.inflation
+    units = {c: unit for v in fit.problem.readings for c, unit in v.units.items()}
     out = []
     for k, j in enumerate(s.groups.base):
         name = s.unknowns[j]
@@ -31,7 +32,7 @@ def groups_of(fit: Fit) -> list[dict[str, Any]]:
                 "meaning": location.words if location else "",
                 "value": float(s.values[j]),
                 "std": float(std[k]),
-                "unit": known.unit if known else ("mm" if motion in ("dx", "dy", "dz") else "rad"),
+                "unit": known.unit if known else units.get(name) or ("mm" if motion in ("dx", "dy", "dz") else "rad"),
             }
         )
     return out

@@ -8,6 +8,7 @@ from math import floor, log10
 from typing import Any, Literal
 
 from errormodel.machine import Joint
+from errormodel.survey_observations import is_unknown
 from identification.estimation.result import Fit
 
 DISPLAY_UNITS: dict[str, tuple[float, str]] = {
@@ -37,7 +38,7 @@ def decimals(std: float) -> int:
     return min(max(0, 1 - floor(log10(std))), 4) if 0 < std < float("inf") else 3
 
 
-Kind = Literal["member", "joint", "effect", "frame", "zero"]
+Kind = Literal["member", "joint", "effect", "frame", "zero", "observation"]
 
 
 @dataclass(frozen=True)
@@ -50,7 +51,8 @@ class Estimate:
     id : base parameter of the group; `name` has an ellipsis if the group has further members.
     formula : the whole group; `symbol` : the ISO 230-1 name, if there is one; `meaning` : a location error in words.
     value, std : in `unit` (um, urad, um/m, urad/m); std is the standard uncertainty (k = 1).
-    kind : structural member, joint, effect, measuring frame (or a target's mount), or zero of an instrument.
+    kind : structural member, joint, effect, measuring frame (or a target's mount), zero of an instrument, or unknown of
+        a set-up.
     """
 
     number: int
@@ -78,7 +80,7 @@ def estimates(fit: Fit, groups: Sequence[Mapping[str, Any]]) -> list[Estimate]:
     out = []
     for number, p in enumerate(groups, start=1):
         factor, unit = printed(p["unit"])
-        kind: Kind = "zero" if p["id"].startswith("zero[") else "frame"
+        kind: Kind = "zero" if p["id"].startswith("zero[") else "observation" if is_unknown(p["id"]) else "frame"
         if p["id"] in fit.chain.index:
             known = fit.chain.parameters[fit.chain.index[p["id"]]]
             kind = "joint" if known.element in joints else "member" if known.element in members else "frame"

@@ -24,7 +24,7 @@ def predicted(stored: StoredFit, commands: Survey, progress: Progress = silent) 
         result = predict(stored, commands)
     table = outward(marred(commands.table, machine), machine)
     table = table.drop(columns=["file", "role", "row", *result.columns], errors="ignore").join(result)
-    turns = ("ea", "eb", "ec", "u_ea", "u_eb", "u_ec")
+    turns = ("ea", "eb", "ec", "u_ea", "u_eb", "u_ec", "angle", "u_angle")
     table.attrs["units"] = {name: "rad" if name in turns else "mm" for name in result.columns}
     table.attrs["notes"] = notes_on(stored, commands)
     return table

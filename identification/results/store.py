@@ -16,6 +16,8 @@ from errormodel.files import write_csv, write_text_atomic
 from errormodel.machine_file import write_machine
 from errormodel.simulation import outward
 from errormodel.survey import Survey
+from errormodel.survey_columns import OBSERVATION
+from errormodel.survey_observations import observed
 from identification.estimation.fit import moved
 from identification.estimation.motions import Motions
 from identification.estimation.result import Fit
@@ -25,6 +27,7 @@ from identification.results.correlations import correlations
 from identification.results.fit_file import SCHEMA
 from identification.results.json_text import dumps
 from identification.results.results_folder import ResultsFolder, whole
+from identification.results.set_ups import set_ups
 from identification.results.stored_fit import StoredFit, read_files
 from identification.uncertainty.further_poses import leverages
 from identification.uncertainty.measured_range import covered
@@ -68,6 +71,8 @@ def as_json(analysis: Analysis) -> dict[str, Any]:
         "fitted": asdict(fit.fitted),
         "heldout": asdict(fit.heldout) | {"blocks": fit.folds},
         "motions": [asdict(e) | {"unit": e.unit} for e in fit.motions.errors(fit.survey)] if fit.motions else [],
+        "readings": [asdict(e) for e in fit.readings.errors(fit.survey)] if fit.readings else [],
+        "observations": [v.as_json() for v in set_ups(fit)],
         "test": [
             {
                 "path": t.path,
@@ -155,6 +160,8 @@ def residual_table(fit: Fit) -> pd.DataFrame:
         tables.append(table)
     if fit.motions is not None:
         tables[0] = tables[0].join(_motion_columns(fit.motions))
+    if fit.readings is not None:
+        tables[0] = tables[0].join(_reading_columns(fit))
     tables[0]["leverage"] = leverages(fit)
     if fit.sorting is not None:
         tables[0]["distance_sigma"], tables[0]["weight"] = fit.sorting.distance, fit.sorting.weight
@@ -175,6 +182,22 @@ def _motion_columns(motions: Motions) -> Any:
             if np.isfinite(motions.nominal[:, k]).any():
                 factor, unit = (1e3, "um") if motion in TRANSLATIONS else (1e6, "urad")
                 columns[f"{name}_{motion}_{unit}"] = factor * values[:, k]
+    return pd.DataFrame(columns)
+
+
+def _reading_columns(fit: Fit) -> Any:
+    """Columns of single readings, um and urad: ``observation``, ``nominal_length_um``, ``heldout_angle_urad``."""
+    import pandas as pd
+
+    assert fit.readings is not None
+    names, r = observed(fit.survey.table), fit.readings
+    columns: dict[str, Any] = {OBSERVATION: names}
+    for reading, factor, unit in (("length", 1e3, "um"), ("angle", 1e6, "urad")):
+        labels = [label for label, o in fit.survey.observations.items() if o.reading == reading]
+        own = np.isin(names, labels)
+        if own.any():
+            for name, values in (("nominal", r.nominal), ("residual", r.fitted), ("heldout", r.heldout)):
+                columns[f"{name}_{reading}_{unit}"] = np.where(own, factor * values, np.nan)
     return pd.DataFrame(columns)
 
 

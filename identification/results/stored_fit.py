@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from errormodel.machine_file import read_machine
 from identification.estimation.result import Fit, Spread
 from identification.observation.pose import Pose
 from identification.results.fit_file import CURE, SCHEMA, check_fit, check_parameters
+from identification.results.set_ups import set_ups
 from identification.results.versions import read_json
 from identification.uncertainty.measured_range import covered
 
@@ -37,6 +38,8 @@ class StoredFit:
     frames: dict[str, Pose]  # alignments, which the small frame parameters follow
     test_frames: dict[str, dict[str, Pose]]  # the same for each test file
     data: dict[str, Any]
+    set_ups: dict[str, float] = field(default_factory=dict)  # unknown numbers of observations, mm and rad
+    free_reference: bool = False  # only readings were fitted, which do not show where the machine stands
 
     @property
     def fitted(self) -> Spread:
@@ -56,6 +59,8 @@ def stored(fit: Fit, groups: Sequence[Mapping[str, Any]]) -> StoredFit:
         frames=fit.problem.frames,
         test_frames={t.path: t.frames for t in fit.tests},
         data={"covered": covered(fit.chain, fit.survey.table)},
+        set_ups={v.id: v.value for v in set_ups(fit)},
+        free_reference=bool(fit.problem.readings) and not fit.problem.frames and fit.survey.frame != "fixed",
     )
 
 
@@ -80,6 +85,8 @@ def read_files(folder: Path) -> StoredFit:
             _poses(data["frame"]),
             {str(t["path"]): _poses(t.get("frame", [])) for t in data["test"]},
             data,
+            {str(v["id"]): float(v["value"]) for v in data.get("observations", [])},
+            bool(data.get("readings")) and not data["frame"] and data["frame_mode"] != "fixed",
         )
     except OSError as error:
         raise InputError(str(path), f"it cannot be read ({error.strerror})", CURE) from error
@@ -108,7 +115,7 @@ def _machine_of(folder: Path, base: tuple[str, ...]) -> Chain:
         raise InputError(str(path), "there is no such file", CURE)
     chain = Chain(read_machine(path))
     for identity in base:
-        if identity not in chain.index and not identity.startswith(("frame[", "zero[")):
+        if identity not in chain.index and not identity.startswith(("frame[", "zero[", "observation[")):
             found = f"the machine has no parameter '{identity}', which fit.json estimates"
             raise InputError(str(path), found, "Run the fit again")
     return chain

@@ -9,11 +9,13 @@ import numpy as np
 
 from errormodel.location_errors import named
 from identification.results.parameter_table import printed
+from identification.results.set_ups import set_ups
 from identification.results.terminal import table_lines
 
 if TYPE_CHECKING:
     from identification.diagnosis.results.findings import Alternative, Diagnosis
     from identification.estimation.motions import Motions
+    from identification.estimation.readings import Readings
     from identification.estimation.result import Fit, Spread
     from identification.results.analysis import Analysis
     from identification.results.description import Description
@@ -22,6 +24,7 @@ if TYPE_CHECKING:
     from identification.diagnosis.results.findings import Alternative, Diagnosis
 
 SHOWN = 12  # outliers
+SHOWN_SET_UPS = 24  # unknowns of set-ups
 
 
 def description_lines(description: Description) -> Iterator[str]:
@@ -52,15 +55,17 @@ def description_lines(description: Description) -> Iterator[str]:
         for name in description.split:
             yield f"  {name}"
     if description.with_frame is not None:
-        own = sum(not description.with_frame.ids[j].startswith("frame") for j in description.with_frame.base)
+        set_up = ("frame", "observation[")
+        own = sum(not description.with_frame.ids[j].startswith(set_up) for j in description.with_frame.base)
+        unknown = any(i.startswith(set_up[1]) for i in description.with_frame.ids)
+        what = "what is unknown of the set-ups" if unknown else "the measuring frame unknown"
+        each = [description.with_frame.members(k) for k in range(description.with_frame.rank)]
+        mixed = [k for k, m in enumerate(each) if len(m) > 1 and any(name.startswith(set_up) for name in m)]
         yield (
-            f"\nwith the measuring frame unknown: rank {description.with_frame.rank}, of which {own} groups hold "
-            "parameters of the machine; those that it shares:"
+            f"\nwith {what}: rank {description.with_frame.rank}, of which {own} groups hold "
+            f"parameters of the machine{'; those that it shares:' if mixed else ''}"
         )
-        for k in range(description.with_frame.rank):
-            members = description.with_frame.members(k)
-            if len(members) > 1 and any(m.startswith("frame") for m in members):
-                yield f"  {description.with_frame.name(k)}"
+        yield from (f"  {description.with_frame.name(k)}" for k in mixed)
 
 
 def fit_lines(analysis: Analysis) -> Iterator[str]:
@@ -71,13 +76,16 @@ def fit_lines(analysis: Analysis) -> Iterator[str]:
         yield from _spread_lines(fit)
     if fit.motions:
         yield from _motion_lines(fit, fit.motions)
+    if fit.readings:
+        yield from _reading_lines(fit, fit.readings)
     if not fit.fitted.n:
         yield from _level_lines(fit)
     if fit.inflation > 1:
         yield f"residuals exceed the declared uncertainty: standard uncertainties are multiplied by {fit.inflation:.2f}"
     yield from _outlier_lines(fit)
-    framed = [any(m.startswith(("frame.", "frame[", "zero[")) for m in p["members"]) for p in analysis.groups]
-    listed = [p for p, shared in zip(analysis.groups, framed, strict=True) if not shared and not p["meaning"]]
+    shared = ("frame.", "frame[", "zero[", "observation[")
+    framed = [any(m.startswith(shared) for m in p["members"]) for p in analysis.groups]
+    listed = [p for p, own in zip(analysis.groups, framed, strict=True) if not own and not p["meaning"]]
     listed.sort(key=lambda p: -abs(p["value"]) / p["std"] if p["std"] else -np.inf)
     yield "\nlargest in units of their uncertainty (all in parameters.csv)"
     rows = []
@@ -95,6 +103,7 @@ def fit_lines(analysis: Analysis) -> Iterator[str]:
         yield from table_lines(cells, "<>><<", indent=2)
     if any(framed):
         what = "the measuring frame" if fit.problem.frames else "the instrument's zeros"
+        what = "the set-ups of the observations" if fit.readings else what
         yield f"  and {sum(framed)} groups of, or shared with, {what}"
 
 
@@ -127,10 +136,37 @@ def _motion_lines(fit: Fit, motions: Motions) -> Iterator[str]:
     yield ""
 
 
+def _reading_lines(fit: Fit, readings: Readings) -> Iterator[str]:
+    """Sizes of single readings, each observation by itself, and the unknowns of the set-ups."""
+    rows = [["readings, rms", "", "nominal", "fitted", "held out", "n"]]
+    rows += [
+        [e.observation, f"{e.type}, {e.unit}", *(f"{v:.2f}" for v in (e.nominal, e.fitted, e.heldout)), str(e.n)]
+        for e in readings.errors(fit.survey)
+    ]
+    yield ""
+    yield from table_lines(rows, "<<>>>>", least=7)
+    found = set_ups(fit)
+    if found:
+        yield "\nset-ups (coordinates in the machine's reference)"
+        cells = [
+            [v.id, f"{v.value:.6g}" if v.unit == "rad" else f"{v.value:.4f}", _plus_minus(v.std), v.unit]
+            for v in found[:SHOWN_SET_UPS]
+        ]
+        yield from table_lines(cells, "<>><", indent=2)
+        if len(found) > SHOWN_SET_UPS:
+            yield f"  and {len(found) - SHOWN_SET_UPS} more in fit.json"
+    yield ""
+
+
+def _plus_minus(std: float | None) -> str:
+    """A standard uncertainty as printed, or that there is none."""
+    return "not determined" if std is None else f"+- {std:.2g}"
+
+
 def _level_lines(fit: Fit) -> Iterator[str]:
-    """Noise by kind of reading, where error motions were measured and no position."""
+    """Noise by kind of reading, where no position was measured."""
     for kind, sigma in fit.solution.sigma.items():
-        factor, unit = (1e3, "um") if kind == "displacement" else (1e6, "urad")
+        factor, unit = (1e6, "urad") if kind in fit.problem.angular else (1e3, "um")
         how = "as declared" if kind in fit.solution.declared else f"{factor * sigma:.3g} {unit} (from residuals)"
         yield f"noise of a reading, {kind}: {how}"
     yield f"{fit.solution.dof} degrees of freedom"

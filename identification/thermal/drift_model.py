@@ -19,8 +19,9 @@ from errormodel.effects.structure_drift import StructureDrift
 from errormodel.effects.travel import polynomials, scaled
 from errormodel.exceptions import InputError
 from errormodel.machine import EffectSpec, Machine, joint_of
-from errormodel.simulation import Truth, measured_at
+from errormodel.simulation import measured_at
 from errormodel.survey import Survey
+from errormodel.truth import Truth
 from identification.estimation.fit import fit_machine
 from identification.estimation.result import Fit
 from identification.runtime.progress import Progress, silent

@@ -26,8 +26,10 @@ from identification.estimation.result import Fit
 from identification.observation.assembly import marginal_whitener
 from identification.observation.models import PositionView
 from identification.observation.normal_equations import design_rows, total
+from identification.observation.readings import ReadingView
 from identification.results.stored_fit import StoredFit
 from identification.uncertainty.prediction import predict
+from identification.uncertainty.reading_prediction import rigid_parts
 
 COVERAGE_PROBABILITY = 0.95  # of the expanded uncertainty: convention
 WORST_POSE_CANDIDATES = 400  # random poses, half of them corners at most, among which the worst prediction is sought
@@ -83,7 +85,7 @@ class Budget:
 
 @dataclass(frozen=True)
 class Budgets:
-    """Budgets of the least certain prediction (None where no position was measured) and of each group, in order."""
+    """Budgets of the least certain prediction (None if error motions alone were read) and of each group, in order."""
 
     prediction: Budget | None
     groups: tuple[Budget, ...]
@@ -126,7 +128,8 @@ def budgets_of(fit: Fit, groups: Sequence[Mapping[str, Any]], stored: StoredFit)
     """
     effects = list(_effects(fit))
     each = tuple(combine(p["group"], p["unit"], [e.of_group(k) for e in effects]) for k, p in enumerate(groups))
-    return Budgets(_prediction(fit, stored, effects) if np.isfinite(fit.residuals).any() else None, each)
+    predicts = bool(np.isfinite(fit.residuals).any()) or fit.readings is not None
+    return Budgets(_prediction(fit, stored, effects) if predicts else None, each)
 
 
 @dataclass(frozen=True)
@@ -178,7 +181,7 @@ def _effects(fit: Fit) -> Iterator[_Effect]:
         known = not estimated and fit.inflation == 1
         dof = inf if known else _dof(fit)
         size = next((v for v in (fit.sigma_mm, *s.sigma.values()) if isfinite(v) and v > 0), 1.0)
-        unit = "mm" if any(v.kind in ("position", "displacement") for v in fit.problem.views) else "rad"
+        unit = "rad" if all(v.turns for v in fit.problem.views) else "mm"
         yield _Effect(Input(name, "B" if known else "A", "normal", size, unit, 0.0, dof), left)
     for entry in fit.survey.budget:
         if entry.acts != "prediction":
@@ -243,13 +246,13 @@ def _caused(fit: Fit) -> list[tuple[Input, Array]]:
 
 def _moved_by(fit: Fit, acts: str) -> Array:
     """``M'W d`` (p,), d the change of measured minus predicted values per unit of a systematic input."""
-    out = np.zeros(len(fit.solution.groups.base))
+    out = _readings_moved_by(fit, acts)
     p = fit.held
     for view, rows in _rows(fit):
         if acts == "scale":
             change = view.pose.rotation.T @ view.measured.T
         else:
-            step = SENSITIVITY_STEP if acts.startswith("T_") or acts == "load" else 1e-3
+            step = _step(acts)
             shifted = [c + step * (root(name) == acts) for name, c in zip(view.chain.channels, view.rows, strict=True)]
             other = replace(view, rows=as_rows(*shifted), fixed={k: v for k, v in view.fixed.items() if k != acts})
             here, there = (np.hstack([g for _, g in v.gaps(p)]) for v in (view, other))
@@ -257,6 +260,34 @@ def _moved_by(fit: Fit, acts: str) -> Array:
         white = view.whiten(slice(None), change) / fit.solution.sigma["position"]
         out += np.einsum("imp,im->p", rows, white)
     return out
+
+
+def _readings_moved_by(fit: Fit, acts: str) -> Array:
+    """The same of single readings: a scale acts on lengths as they were read, a position at both of two poses."""
+    base, place = fit.solution.groups.base, fit.problem.place()
+    out = np.zeros(len(base))
+    for view in fit.counted:
+        if not isinstance(view, ReadingView):
+            continue
+        if acts == "scale":
+            change = np.zeros(len(view)) if view.turns else view.measured
+        else:
+            step = _step(acts)
+            names = view.chain.channels * view.observation.poses
+            shifted = [c + step * (root(name) == acts) for name, c in zip(names, view.rows, strict=True)]
+            vector = view.vector(place, fit.solution.values, fit.held)
+            other = replace(view, rows=as_rows(*shifted))
+            here, there = (np.hstack([g for _, g in v.gaps(vector)])[0] for v in (view, other))
+            change = (there - here) / step
+        level = fit.solution.sigma[view.kind]
+        rows = design_rows(view, place, most=len(view))[:, base] / level
+        out += rows.T @ (view.whitener * change / level)
+    return out
+
+
+def _step(acts: str) -> float:
+    """Step of an input for its sensitivity: mm, rad, K or kg."""
+    return SENSITIVITY_STEP if acts.startswith("T_") or acts == "load" else 1e-3
 
 
 def _prediction(fit: Fit, stored: StoredFit, effects: Sequence[_Effect]) -> Budget:
@@ -276,7 +307,7 @@ def _prediction(fit: Fit, stored: StoredFit, effects: Sequence[_Effect]) -> Budg
     worst, axis = np.unravel_index(int(np.argmax(known)), known.shape)
     rows = as_rows(*(c[[worst]] for c in fit.chain.columns(table)))
     label = next(iter(fit.problem.frames), None)
-    row = _design(fit, rows, label)[:, axis]
+    row = _design(fit, rows, label, stored.free_reference)[:, axis]
     lines = [e.line(row) for e in effects]
     through = float(row @ (fit.solution.covariance * fit.inflation**2) @ row)
     unseen = float(known[worst, axis]) ** 2 - through
@@ -294,16 +325,22 @@ def _prediction(fit: Fit, stored: StoredFit, effects: Sequence[_Effect]) -> Budg
     return combine(f"predicted volumetric error along {'xyz'[axis]} at {pose}", "mm", lines)
 
 
-def _design(fit: Fit, rows: list[Array], label: str | None) -> Array:
-    """Change (p, 3) of the predicted position in the measuring frame, mm, per unit of each group, at one pose."""
+def _design(fit: Fit, rows: list[Array], label: str | None, free_reference: bool = False) -> Array:
+    """Change (p, 3) of the predicted position in the measuring frame, mm, per unit of each group, at one pose.
+
+    With a free reference, the motion of the machine as a whole is taken out, as in its predictions.
+    """
     chain, view = fit.chain, fit.problem.views[0]
-    columns = dict(zip(view.columns, view.ids, strict=False)) if isinstance(view, PositionView) else {}
+    columns = dict(zip(view.columns, view.ids, strict=False)) if view.of_tool else {}
     ids = [columns.get(fit.solution.unknowns[j], fit.solution.unknowns[j]) for j in fit.solution.groups.base]
     own = [k for k, i in enumerate(ids) if i in chain.index and i not in chain.tool_ids]
     out = np.zeros((len(ids), 3))
     design = chain.kernel("design", tuple(ids[k] for k in own), outputs=(0, 1, 2))(rows)
     turn = fit.problem.frames[label].rotation if label is not None else np.eye(3)
     out[own] = design.reshape(len(own), 3) @ turn.T
+    if free_reference:
+        rigid = chain.kernel("design", chain.frame_ids, outputs=(0, 1, 2))(rows).reshape(6, 3)
+        out[own] -= rigid_parts(chain, tuple(ids[k] for k in own)).T @ rigid
     return out
 
 

@@ -19,12 +19,17 @@ from identification.observation.frames import rotation_notes
 from identification.observation.pose import IDENTITY, Pose
 from identification.results.stored_fit import StoredFit
 from identification.uncertainty.measured_range import beyond_notes
+from identification.uncertainty.reading_prediction import predicted_readings, rigid_parts
 
 if TYPE_CHECKING:
     import pandas as pd
 
 PREDICTION_BLOCK_ROWS = 8192  # rows whose M is held at a time: limits the memory
 
+FREE_REFERENCE = (
+    "readings alone do not show where the machine stands: positions and errors are relative to the reference that its "
+    "own errors fit best over the travels, and a shift or rotation of all of it is not in their uncertainty"
+)
 # Standard deviation of an unidentified parameter by unit, where no identified one gives a scale; by judgement
 PLAUSIBLE_SIZES = {"mm": 0.02, "rad": 5e-5, "1": 5e-5, "rad/mm": 5e-8}
 
@@ -61,6 +66,8 @@ def predict(fit: StoredFit, points: Survey) -> pd.DataFrame:
     table = pd.DataFrame(out, columns=["mx", "my", "mz", "ex", "ey", "ez", "ux", "uy", "uz"], index=points.table.index)
     if "joint" in points.table:
         table[[*MOTIONS, *MOTION_UNCERTAINTIES]] = _motions(fit, points, channels)
+    if points.observations:
+        table = table.assign(**predicted_readings(fit, points, _variance))
     return table
 
 
@@ -87,7 +94,8 @@ def _labels(fit: StoredFit, points: Survey) -> Array:
 def notes(fit: StoredFit, points: Survey) -> tuple[str, ...]:
     """Notes on assumed rotations, rows in another run's frame, extrapolation, and assumed approach directions."""
     beyond = beyond_notes(fit.chain, fit.data.get("covered", {}), points.table)
-    return (*rotation_notes(fit.frames), *_unfitted(fit, points), *beyond, *_arrivals(fit, points))
+    free = (FREE_REFERENCE,) if fit.free_reference else ()
+    return (*rotation_notes(fit.frames), *_unfitted(fit, points), *free, *beyond, *_arrivals(fit, points))
 
 
 def _arrivals(fit: StoredFit, points: Survey) -> Iterator[str]:
@@ -129,6 +137,12 @@ def _predict_frame(fit: StoredFit, rows: list[Array], label: str | None) -> Arra
     design = chain.kernel("design", own, outputs=(0, 1, 2))(rows).reshape(len(own), 3, len(actual))
     design = np.einsum("ij,pjm->pim", pose.rotation, design)
     names = [columns[chain.index[i]] for i in own]
+    if fit.free_reference:
+        rigid = chain.kernel("design", chain.frame_ids, outputs=(0, 1, 2))(rows).reshape(6, 3, len(actual))
+        parts = rigid_parts(chain, own)
+        design = design - np.einsum("kim,kp->pim", rigid, parts)
+        shift = np.einsum("kim,k->mi", rigid, parts @ [p[chain.index[i]] for i in own])
+        error, measured = error - shift, measured - shift
     variance = _variance(fit, names, design)
     return np.hstack([measured, pose.apply(error) - pose.apply(nominal), np.sqrt(variance).T])
 

@@ -17,8 +17,9 @@ from errormodel.exceptions import InputError
 from errormodel.instruments.plain import Plain
 from errormodel.machine import EffectSpec, Machine
 from errormodel.machine_file import read_machine, write_machine
-from errormodel.simulation import Truth, measured_at
+from errormodel.simulation import measured_at
 from errormodel.survey import Survey
+from errormodel.truth import Truth
 from identification.estimation.fit import fit_machine
 from identification.estimation.result import Fit
 from tests.helpers.effect_battery import (

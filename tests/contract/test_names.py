@@ -19,6 +19,7 @@ from errormodel.controllers import registry as controllers
 from errormodel.effects import registry as effects
 from errormodel.formats.raw import raw_formats
 from errormodel.instruments import instruments
+from errormodel.observations import registry as observations
 
 ROOT = Path(__file__).resolve().parents[2]
 PRODUCT = [p for package in ("errormodel", "identification") for p in sorted((ROOT / package).rglob("*.py"))]
@@ -29,6 +30,7 @@ KINDS = {
     "instruments": instruments(),
     "joint_models": joint_models.registry(),
     "raw_formats": raw_formats(),
+    "observations": observations(),
 }
 # Where a name may stand outside its own file, and why.
 ALLOWED = {
@@ -115,7 +117,8 @@ def test_no_module_works_with_one_plug_in() -> None:
     assert seen == []
 
 
-BASES = ["effects/base.py", "controllers/base.py", "instruments/base.py", "formats/base.py", "joint_models/base.py"]
+KINDS_OF_FILES = ("effects", "controllers", "instruments", "formats", "joint_models", "observations")
+BASES = [f"{kind}/base.py" for kind in KINDS_OF_FILES]
 
 
 @pytest.mark.parametrize("base", BASES)

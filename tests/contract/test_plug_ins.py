@@ -21,6 +21,7 @@ HEADINGS = {
     "joint_models": "A joint error model",
     "controllers": "A controller",
     "instruments": "An instrument",
+    "observations": "An observation",
     "formats": "A format",
 }
 
@@ -121,6 +122,28 @@ def test_a_package_of_the_users_brings_a_raw_format(elsewhere: Path) -> None:
     assert "## level-list" in reference(elsewhere, "formats")
 
 
+def test_a_package_of_the_users_brings_an_observation(elsewhere: Path) -> None:
+    """Simulated, fitted with its zero, predicted, in the report and in the documentation."""
+    rows = [f"{x},{y},{z},G\n" for x in (-300, 0, 300) for y in (-150, 0, 150) for z in (150, 300, 450, 600)]
+    (elsewhere / "heights.csv").write_text("X,Y,Z,observation\n" + "".join(rows))
+    text = "errormodel: 1\nfiles: [{path: FILE}]\nobservations: {G: {type: height-gauge}}\n"
+    (elsewhere / "heights.yaml").write_text(text.replace("FILE", "heights.csv"))
+    (elsewhere / "heights_truth.yaml").write_text("parameters: {X.dz.2: 0.02}\nobservations: {G: {zero: 12.5}}\n")
+    words = ["--parameters", "heights_truth.yaml", "--noise", 0.001, "--out", "read.csv"]
+    run(elsewhere, "simulate", "vertical_three_axis", "heights.yaml", *words)
+    (elsewhere / "read.yaml").write_text(text.replace("FILE", "read.csv"))
+    run(elsewhere, "fit", "vertical_three_axis", "read.yaml", "--out", "heights")
+    fit = json.loads((elsewhere / "heights/fit.json").read_text())
+    (zero,) = fit["observations"]
+    assert abs(zero["value"] - 12.5) < 0.02  # the bow of X is a height too, where X stands still
+    bow = next(p for p in fit["parameters"] if p["id"] == "X.dz.2")
+    assert abs(bow["value"] - 0.02) < 4 * bow["std"]
+    assert "height-gauge" in (elsewhere / "heights/report.html").read_text()
+    run(elsewhere, "predict", "heights", "read.yaml", "--out", "heights_predicted.csv")
+    assert "length" in (elsewhere / "heights_predicted.csv").read_text().splitlines()[0]
+    assert "## height-gauge" in reference(elsewhere, "observations")
+
+
 def test_a_package_of_the_users_brings_a_joint_error_model(elsewhere: Path) -> None:
     """Described, drawn, simulated, fitted to the truth, reported, predicted, stored and in the documentation."""
     text = (ROOT / "machines/vertical_three_axis.yaml").read_text()
@@ -168,7 +191,7 @@ def test_a_package_of_the_users_brings_a_controller(elsewhere: Path) -> None:
 
 def test_the_contract_tests_run_over_what_a_package_brings(elsewhere: Path) -> None:
     """A user's own file is held to what the project's own files are held to."""
-    words = ("coupling-slip", "thread", "shop-table", "flat-probe", ".bar")
+    words = ("coupling-slip", "thread", "shop-table", "flat-probe", "height-gauge", ".bar")
     files = [*(ROOT / "tests/contract").glob("test_*.py"), *(ROOT / "tests").rglob("test_effects.py")]
     files += (ROOT / "tests").rglob("test_controllers.py")
     chosen = " or ".join(words)

@@ -15,8 +15,9 @@ from errormodel import channels as features
 from errormodel.chain import Chain
 from errormodel.machine import EffectSpec, Machine
 from errormodel.machine_file import machine_text, read_machine, resolve
-from errormodel.simulation import Truth, measured_at, random_points
+from errormodel.simulation import measured_at, random_points
 from errormodel.survey import read_survey
+from errormodel.truth import Truth
 from errormodel.yamlfile import parse
 from identification.results.description import describe
 from tests.helpers.commands import MILL, XYZ, done

@@ -13,8 +13,9 @@ from errormodel.chain import Chain
 from errormodel.instruments.base import Instrument
 from errormodel.instruments.plain import Plain
 from errormodel.machine import EffectSpec, Machine
-from errormodel.simulation import Truth, measured_at, random_points
+from errormodel.simulation import measured_at, random_points
 from errormodel.survey import Survey
+from errormodel.truth import Truth
 
 FRAME = (500.0, -200.0, 100.0), (0.1, 0.2, 0.5)  # of the instrument: mm, rad
 Shown = Sequence[tuple[EffectSpec, Sequence[float]]]  # effects and their first parameters

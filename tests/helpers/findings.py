@@ -14,8 +14,9 @@ from errormodel.effects.base import Effect
 from errormodel.instruments.plain import Plain
 from errormodel.machine import EffectSpec, Machine
 from errormodel.machine_file import read_machine
-from errormodel.simulation import Truth, measured_at, random_points
+from errormodel.simulation import measured_at, random_points
 from errormodel.survey import Survey
+from errormodel.truth import Truth
 
 NOISE = 0.003
 

@@ -15,8 +15,8 @@ from pathlib import Path
 from errormodel.chain import Chain
 from errormodel.exceptions import ErrorModelError
 from errormodel.machine_file import read_machine
-from errormodel.simulation import read_truth
 from errormodel.survey import read_survey
+from errormodel.truth import read_truth
 from identification.bayes.settings import read_priors
 from identification.compensation.rows import read_rows
 from identification.planning.setup import read_setup

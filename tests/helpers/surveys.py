@@ -14,8 +14,9 @@ from errormodel.chain import Chain
 from errormodel.instruments.base import Instrument
 from errormodel.instruments.plain import Plain
 from errormodel.machine import Machine, Vector
-from errormodel.simulation import Truth, measured_at, random_points
+from errormodel.simulation import measured_at, random_points
 from errormodel.survey import Survey
+from errormodel.truth import Truth
 from identification.estimation.result import Fit
 from identification.results.analysis import Analysis
 from identification.results.stored_fit import StoredFit

@@ -19,7 +19,8 @@ import pytest
 
 from errormodel.chain import Chain
 from errormodel.machine_file import read_machine
-from errormodel.simulation import Truth, measured_at
+from errormodel.simulation import measured_at
+from errormodel.truth import Truth
 from tests.proof import files, kinematics, machines, physics_beams, physics_drives, world
 from tests.proof.cases import make, write
 from tests.proof.catalogue import BUILDERS

@@ -13,7 +13,8 @@ import pytest
 from errormodel.chain import Chain
 from errormodel.conventions import MOTIONS
 from errormodel.machine_file import read_machine
-from errormodel.simulation import Truth, measured_at
+from errormodel.simulation import measured_at
+from errormodel.truth import Truth
 from identification.uncertainty.budget import Input, combine
 from tests.helpers import thermal_cmm as cmm
 

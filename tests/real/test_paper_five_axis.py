@@ -19,8 +19,9 @@ from errormodel.chain import Chain
 from errormodel.instruments.plain import Plain
 from errormodel.machine import Machine
 from errormodel.machine_file import read_machine
-from errormodel.simulation import Truth, measured_at, random_points
+from errormodel.simulation import measured_at, random_points
 from errormodel.survey import Survey
+from errormodel.truth import Truth
 from identification.estimation.fit import anchored
 from identification.estimation.least_squares import Solution, identifiable, solve
 from identification.estimation.result import Spread

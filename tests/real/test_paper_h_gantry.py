@@ -16,7 +16,8 @@ import pytest
 
 from errormodel.chain import Chain
 from errormodel.machine_file import read_machine
-from errormodel.simulation import Truth, measured_at
+from errormodel.simulation import measured_at
+from errormodel.truth import Truth
 from tests.helpers.commands import run
 
 FOLDER = Path(__file__).resolve().parents[2] / "machines" / "examples" / "h_gantry"

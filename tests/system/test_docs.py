@@ -12,9 +12,13 @@ import pytest
 from errormodel.controllers import registry as controllers
 from errormodel.effects import registry as effects
 from errormodel.instruments import instruments
+from errormodel.observations import registry as observations
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+KINDS = {
+    "effects": effects(), "controllers": controllers(), "instruments": instruments(), "observations": observations(),
+}  # fmt: skip
 MOST_LINES = 150  # of the README: a manual is a page of docs/
 
 
@@ -40,7 +44,7 @@ def test_the_readme_is_short() -> None:
 def test_pages_of_reference_have_all(tmp_path: Path) -> None:
     code = "import sys; sys.path.insert(0, 'docs'); import generate, pathlib; generate.write(pathlib.Path(sys.argv[1]))"
     subprocess.run([sys.executable, "-c", code, str(tmp_path)], cwd=ROOT, check=True)
-    for page, words in (("effects", effects()), ("controllers", controllers()), ("instruments", instruments())):
+    for page, words in KINDS.items():
         text = (tmp_path / f"{page}.md").read_text(encoding="utf-8")
         assert [word for word in words if not re.search(rf"^### ?{word}$|^## {word}$", text, re.MULTILINE)] == []
     keys = (tmp_path / "survey_keys.md").read_text(encoding="utf-8")

@@ -15,8 +15,9 @@ from scipy.spatial.transform import Rotation
 from errormodel.chain import Chain
 from errormodel.exceptions import InputError
 from errormodel.machine import Joint, Machine
-from errormodel.simulation import Truth, measured_at, outward, random_points
+from errormodel.simulation import measured_at, outward, random_points
 from errormodel.survey import read_survey
+from errormodel.truth import Truth
 from identification.estimation.fit import fit_machine
 from tests.helpers.chains import errors, machines
 from tests.helpers.commands import XYZ

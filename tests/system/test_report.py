@@ -23,8 +23,9 @@ from errormodel.chain import Chain
 from errormodel.files import write_csv, write_text_atomic
 from errormodel.machine import EffectSpec, Machine
 from errormodel.machine_file import read_machine
-from errormodel.simulation import Truth, measured_at, outward, random_points
+from errormodel.simulation import measured_at, outward, random_points
 from errormodel.survey import read_survey
+from errormodel.truth import Truth
 from identification.estimation.fit import fit_machine
 from identification.estimation.result import Fit, Spread
 from identification.plots.correlation import draw_correlation

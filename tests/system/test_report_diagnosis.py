@@ -18,8 +18,9 @@ from errormodel.files import write_csv
 from errormodel.instruments.plain import Plain
 from errormodel.machine import EffectSpec, Machine
 from errormodel.machine_file import read_machine
-from errormodel.simulation import Truth, measured_at, outward, random_points
+from errormodel.simulation import measured_at, outward, random_points
 from errormodel.survey import Survey, read_survey
+from errormodel.truth import Truth
 from identification.diagnosis.linear.linear_model import set_up
 from identification.diagnosis.pipeline import diagnose
 from identification.diagnosis.results.diagnosed import Diagnosed

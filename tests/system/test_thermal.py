@@ -19,8 +19,9 @@ from errormodel.channels import lagged
 from errormodel.exceptions import InputError
 from errormodel.machine import EffectSpec, Machine
 from errormodel.machine_file import read_machine
-from errormodel.simulation import Truth, measured_at
+from errormodel.simulation import measured_at
 from errormodel.survey import Survey, read_survey
+from errormodel.truth import Truth
 from identification.diagnosis.data_checks.temperature_sensors import faults
 from identification.report.thermal import POOR_TRANSFER_RATIO
 from identification.thermal.recordings import recordings

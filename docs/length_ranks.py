@@ -1,0 +1,204 @@
+"""What readings of lengths can identify of a machine, by rank: for the page of reference that is written from it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from errormodel.arrays import Array
+from errormodel.chain import Chain
+from errormodel.instruments.plain import Plain
+from errormodel.machine import Machine
+from errormodel.machine_file import read_machine
+from errormodel.observations import registry
+from errormodel.observations.base import Observation
+from errormodel.simulation import random_points
+from errormodel.simulation_readings import readings_at
+from errormodel.survey import Survey
+from errormodel.survey_observations import is_unknown
+from errormodel.truth import Truth
+from identification.observation.assembly import build
+from identification.observation.identifiability import find_groups
+from identification.observation.models import PositionView
+from identification.observation.normal_equations import design_rows, full_norms
+
+MACHINES = ("bridge_cmm", "vertical_three_axis", "trunnion_five_axis")
+POSES = 150
+SEEN = (
+    1e-7  # singular value of columns scaled to full travel from which a direction is seen; exact ones are below 1e-12
+)
+MOST_NAMES = 8
+
+
+@dataclass(frozen=True)
+class Rank:
+    """What a set-up sees of a machine: number of groups, and names of those that positions show and it does not."""
+
+    groups: int
+    unseen: list[str]
+
+
+def motions(names: list[str]) -> str:
+    """Error motions of some groups, each once, at most `MOST_NAMES`."""
+    each = list(dict.fromkeys(n.partition(" ")[0] for n in names))
+    more = f" and {len(each) - MOST_NAMES} more" if len(each) > MOST_NAMES else ""
+    return f"{', '.join(each[:MOST_NAMES])}{more}"
+
+
+def table() -> Iterator[tuple[str, list[Rank]]]:
+    """Rows of the table: a set-up in words, and what it sees of each of `MACHINES`."""
+    machines = [read_machine(name) for name in MACHINES]
+    whole = [_positions(m) for m in machines]
+    yield "all three coordinates (tracker), frame unknown", [Rank(len(w), []) for w in whole]
+    for words, made in CASES.items():
+        yield words, [_rank(m, made(m), w) for m, w in zip(machines, whole, strict=True)]
+
+
+def _entry(kind: str, **keys: Any) -> Observation:
+    return registry()[kind](type=kind, **keys)
+
+
+def _places(machine: Machine) -> Array:
+    """Four places around the machine, well apart, (4, 3) mm."""
+    chain = Chain(machine)
+    points = chain.kernel("nominal", outputs=(0, 1, 2))(chain.columns(_poses(machine, 0))).T
+    middle, half = (points.max(axis=0) + points.min(axis=0)) / 2, np.ptp(points, axis=0).max()
+    return np.asarray(
+        middle + half * np.array([[1.5, -1.1, -0.6], [-1.4, -1.0, -0.4], [0.2, 1.6, -0.5], [0.3, 0.4, 1.8]])
+    )
+
+
+def _poses(machine: Machine, seed: int, longer: bool = False) -> pd.DataFrame:
+    poses = random_points(machine, POSES, seed)
+    if longer:  # every other row with a target that lies elsewhere
+        poses.loc[::2, ["tool_x", "tool_y", "tool_z"]] = np.array(machine.tool) + np.array([70.0, 40.0, -80.0])
+    return poses
+
+
+def _stations(count: int, known: bool = False, longer: bool = False) -> Callable[[Machine], Survey]:
+    def made(machine: Machine) -> Survey:
+        entries, parts, values = {}, [], {}
+        for k, place in enumerate(_places(machine)[:count]):
+            label = "ABCD"[k]
+            keys: dict[str, Any] = (
+                {"station": place.tolist()} if known else {"near": place.tolist(), "dead_path": "unknown"}
+            )
+            entries[label] = _entry("station-distance", **keys)
+            values[label] = {} if known else dict(zip("xyz", place.tolist(), strict=True))
+            parts.append(_poses(machine, 0, longer).assign(observation=label))
+        return _survey(machine, pd.concat(parts, ignore_index=True), entries, "fixed" if known else "shared", values)
+
+    return made
+
+
+def _pairs(known: bool = True) -> Callable[[Machine], Survey]:
+    def made(machine: Machine) -> Survey:
+        start = _poses(machine, 1)[[j.name for j in machine.joints]].add_prefix("from_")
+        rows = _poses(machine, 0).join(start).assign(observation="bar")
+        return _survey(
+            machine, rows, {"bar": _entry("pose-distance", offset=0.0 if known else "unknown")}, "shared", {}
+        )
+
+    return made
+
+
+def _circles(known: bool) -> Callable[[Machine], Survey]:
+    def made(machine: Machine) -> Survey:
+        axes = [j for j in machine.joints if j.type == "prismatic"]
+        middle = _poses(machine, 0).iloc[:1].copy()
+        for j in machine.joints:
+            middle[j.name] = sum(j.travel) / 2 if j.type == "prismatic" else 0.0
+        angle = np.linspace(0, 2 * np.pi, 60, endpoint=False)
+        radius = 0.4 * min(j.travel[1] - j.travel[0] for j in axes)
+        parts, entries = [], {}
+        for one, other in ((0, 1), (1, 2), (2, 0)):
+            label = axes[one].name + axes[other].name
+            rows = pd.concat([middle] * len(angle), ignore_index=True).assign(observation=label)
+            rows[axes[one].name] += radius * np.cos(angle)
+            rows[axes[other].name] += radius * np.sin(angle)
+            parts.append(rows)
+            entries[label] = _entry("ballbar-circle", calibrated=radius if known else "unknown")
+        return _survey(machine, pd.concat(parts, ignore_index=True), entries, "shared", {})
+
+    return made
+
+
+CASES: dict[str, Callable[[Machine], Survey]] = {
+    "one station, unknown, dead path unknown": _stations(1),
+    "two such stations": _stations(2),
+    "three such stations": _stations(3),
+    "four such stations": _stations(4),
+    "four such stations, two targets on the spindle": _stations(4, longer=True),
+    "one station, known in the machine's own frame": _stations(1, known=True),
+    "three stations, known in the machine's own frame": _stations(3, known=True),
+    "calibrated distances between any two poses": _pairs(),
+    "the same, offset unknown": _pairs(known=False),
+    "ballbar circles in three planes, length calibrated": _circles(known=True),
+    "the same, length unknown": _circles(known=False),
+}
+
+
+def _survey(machine: Machine, rows: pd.DataFrame, entries: dict[str, Observation], frame: Any, values: Any) -> Survey:
+    """A survey with the readings of the machine without errors."""
+    rows = rows.assign(
+        mx=np.nan, my=np.nan, mz=np.nan, run="1", file="plan", role="fit", row=np.arange(1, len(rows) + 1)
+    )
+    read = readings_at(Chain(machine), rows, entries, Truth({}, set_ups=values), fixed=True)
+    return Survey(rows.assign(**read), frame, (), Plain(), Path("plan"), observations=entries)
+
+
+def _positions(machine: Machine) -> dict[str, Array]:
+    """Directions of the scaled parameters that positions in an unknown frame show, by names in words."""
+    poses = _poses(machine, 0)
+    chain = Chain(machine)
+    seen = chain.kernel("nominal", outputs=(0, 1, 2))(chain.columns(poses))
+    rows = poses.assign(mx=seen[0], my=seen[1], mz=seen[2], run="1", file="plan", role="fit", row=1)
+    directions = _seen(machine, Survey(rows, "shared", (), Plain(), Path("plan")))
+    # frames are taken out: groups of what is left, each named after its base parameter
+    groups = find_groups(directions, chain.machine_ids, np.ones(directions.shape[1]), range(directions.shape[1]))
+    out = {}
+    for k in range(groups.rank):
+        parameter = chain.parameters[chain.index[chain.machine_ids[groups.base[k]]]]
+        name = f"{parameter.symbol} ({parameter.id})" if parameter.symbol else parameter.id
+        row = groups.coefficients[k] * 1.0
+        out[name] = row / np.linalg.norm(row)
+    return out
+
+
+def _rank(machine: Machine, survey: Survey, whole: dict[str, Array]) -> Rank:
+    directions = _seen(machine, survey)
+    unseen = [name for name, row in whole.items() if np.linalg.norm(row - directions.T @ (directions @ row)) > 1e-4]
+    return Rank(len(directions), unseen)
+
+
+def _seen(machine: Machine, survey: Survey) -> Array:
+    """Orthonormal directions (rank, parameters) of the machine's scaled parameters that a survey shows.
+
+    Parameters are scaled to what each does to positions over the full travels. What frames and set-ups imitate is taken
+    out first.
+    """
+    chain = Chain(machine)
+    problem = build(chain, survey)
+    names, place = problem.unknowns, problem.place()
+    own = [place[i] for i in chain.machine_ids]
+    other = [k for k, n in enumerate(names) if is_unknown(n) or n in chain.frame_ids]
+    rows = np.vstack([design_rows(v, place, len(v)) for v in problem.views])
+    at = {i: k for k, i in enumerate(chain.machine_ids)}
+    whole = PositionView(
+        kind="position", chain=chain, ids=chain.machine_ids, columns=chain.machine_ids,
+        rows=chain.columns(_poses(machine, 0).assign(run="1")), whitener=np.ones(POSES), index=np.arange(POSES),
+        measured=np.zeros((POSES, 3)),
+    )  # fmt: skip
+    left = rows[:, own] / full_norms(whole, at)
+    if other:
+        norms = np.linalg.norm(rows[:, other], axis=0)
+        q, s, _ = np.linalg.svd(rows[:, other][:, norms > 0] / norms[norms > 0], full_matrices=False)
+        q = q[:, s > SEEN * s.max()]
+        left = left - q @ (q.T @ left)
+    _, s, v = np.linalg.svd(left, full_matrices=False)
+    return np.asarray(v[s > SEEN * s.max()])

@@ -1,0 +1,106 @@
+"""Rough place of a station from distances to known points, and the constant that the distances lack.
+
+Linear solution first (squares of the distances differ by a linear function of the station: S. Bancroft, IEEE Trans.
+Aerosp. Electron. Syst. 21 (1985) 56), then nonlinear least squares with a robust loss, from several starts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from errormodel.arrays import Array
+
+SAME_PLACE = 1e-3  # of the distance: solutions that lie closer together are one
+SAME_MISFIT = 3.0  # ratio of misfits up to which two places explain the lengths alike, by judgement
+FOREIGN = 0.02  # of the spread of the points: errors of a machine go less far
+ROUND_OFF = 1e-9  # of the distance: smaller misfits are the same
+FLAT = 1e-6  # smallest over largest spread of points below which they lie in a plane or on a line
+
+
+def located(
+    points: Array, readings: Array, known: Mapping[str, float], near: Sequence[float] | None = None
+) -> dict[str, float]:
+    """Unknown ones of a station's ``x y z`` (mm) and ``dead_path`` (mm), from nominal points.
+
+    Parameters
+    ----------
+    points : (n, 3) mm; readings : (n,) distance less dead path, mm.
+    known : the known ones, by name.
+    near : rough place; None: found from several starts.
+
+    Raises
+    ------
+    ValueError
+        Too few readings, or two places explain them alike.
+    """
+    names = [n for n in ("x", "y", "z", "dead_path") if n not in known]
+    if not names:
+        return {}
+    if len(readings) < len(names):
+        raise ValueError(
+            f"{len(readings)} readings for the {len(names)} unknowns {', '.join(names)}. Measure more from that place"
+        )
+    if names == ["dead_path"]:
+        station = np.array([known[n] for n in "xyz"])
+        return {"dead_path": float(np.median(np.linalg.norm(points - station, axis=1) - readings))}
+    if any(n in known for n in "xyz"):  # the schema gives all three or none
+        raise ValueError("a station of which one coordinate is known. Give all three or none")
+    fixed = known.get("dead_path")
+    starts = [np.array([*near, 0.0])] if near is not None else _starts(points, readings, fixed)
+    found = sorted((_refined(points, readings, fixed, s) for s in starts), key=lambda f: f[1])
+    (best, misfit), spread = found[0], float(np.ptp(points, axis=0).max())
+    if misfit > FOREIGN * spread:
+        raise ValueError(
+            f"lengths that fit a station nowhere: at best half of them are {misfit:.3g} mm off. Look for a wrong unit, "
+            "column, machine or dead path"
+        )
+    reach = float(np.abs(readings).max()) + spread
+    for other, its in found[1:] if near is None else ():
+        alike = its <= SAME_MISFIT * misfit + ROUND_OFF * reach
+        if alike and np.linalg.norm(other[:3] - best[:3]) > SAME_PLACE * reach:
+            one, two = (f"[{', '.join(f'{v:.0f}' for v in s[:3])}]" for s in (best, other))
+            raise ValueError(
+                f"lengths that fit a station at {one} and at {two} mm alike. Write near: with the one where it stood, "
+                "roughly"
+            )
+    return {n: float(best["xyz".index(n)] if n in "xyz" else best[3]) for n in names}
+
+
+def _starts(points: Array, readings: Array, dead_path: float | None) -> list[Array]:
+    """Places (x, y, z, dead path) to start from: the linear solution, and far ones on all sides."""
+    middle = points.mean(axis=0)
+    at = points - middle
+    out = []
+    spread = np.linalg.svd(at, compute_uv=False)
+    if spread[-1] > FLAT * spread[0] and len(points) >= 5:
+        whole = readings if dead_path is None else readings + dead_path
+        columns = [2 * at, np.ones((len(at), 1))] + ([2 * readings[:, None]] if dead_path is None else [])
+        # |p|^2 - r^2 = 2 p s + 2 r d + (d^2 - |s|^2), with r the reading, s the station, d the dead path
+        solved = np.linalg.lstsq(np.hstack(columns), (at**2).sum(axis=1) - whole**2, rcond=None)[0]
+        out.append(np.append(solved[:3] + middle, solved[4] if dead_path is None else dead_path))
+    far = float(np.median(np.abs(readings))) if dead_path is None else float(np.median(readings + dead_path))
+    far = max(far, float(np.ptp(points, axis=0).max()), 1.0)
+    ways = np.array([(i, j, k) for i in (-1, 0, 1) for j in (-1, 0, 1) for k in (-1, 0, 1) if i or j or k], dtype=float)
+    for way in ways / np.linalg.norm(ways, axis=1)[:, None]:
+        place = middle + far * way
+        lacking = float(np.median(np.linalg.norm(points - place, axis=1) - readings))
+        out.append(np.append(place, lacking if dead_path is None else dead_path))
+    return out
+
+
+def _refined(points: Array, readings: Array, dead_path: float | None, start: Array) -> tuple[Array, float]:
+    """The place (x, y, z, dead path) that a start leads to, and its misfit (median of the distances left, mm)."""
+    from scipy.optimize import least_squares
+
+    def left(x: Array) -> Array:
+        gap = np.linalg.norm(points - x[:3], axis=1) - readings
+        return np.asarray(gap - (x[3] if dead_path is None else dead_path))
+
+    x = start if dead_path is None else start[:3]
+    scale = max(float(np.median(np.abs(left(x)))), 1e-6)
+    for _ in range(2):  # the scale of the loss is known after the first
+        x = least_squares(left, x, x_scale="jac", loss="soft_l1", f_scale=scale, xtol=1e-13, ftol=1e-13).x
+        scale = max(3 * float(np.median(np.abs(left(x)))), 1e-6)
+    return np.append(x[:3], x[3] if dead_path is None else dead_path), float(np.median(np.abs(left(x))))
