@@ -1,0 +1,249 @@
+"""The real LinuxCNC, headless: configuration, one programme run through it, positions as HAL sampled them.
+
+It runs as the distribution installs it (``linuxcnc-uspace``), with simulated time where there is no realtime. A name
+space of its own keeps its shared memory, ports and processes apart, where the system allows one.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import shutil
+import signal
+import subprocess
+import tempfile
+import uuid
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from errormodel.controllers.setup import Setup
+from tests.helpers.chains import Array
+
+RUN_SECONDS = 40  # of one run of the controller; the usual ones take three to eight
+SPEED, ACCELERATION = 5000.0, 200_000.0  # mm/s (deg/s) and mm/s^2, so that a run takes seconds
+MARK = "ERRORMODEL_LINUXCNC_RUN"  # in the environment of every process of a run
+LOCK = Path("/tmp/linuxcnc.lock")  # LinuxCNC's own
+APART = ("unshare", "--pid", "--ipc", "--net", "--mount", "--fork", "--kill-child", "--mount-proc")
+
+
+def needed(*programs: str) -> None:
+    """Skip the test where LinuxCNC is not installed, or runs already."""
+    for program in ("linuxcnc", "halsampler", *programs):
+        if shutil.which(program) is None:
+            package = "linuxcnc-uspace-dev" if program == "halcompile" else "linuxcnc-uspace"
+            pytest.skip(f"{program} is not installed (package {package})")
+
+
+@dataclass(frozen=True)
+class Controller:
+    """A configuration: trivial kinematics, position loops closed in HAL, no homing moves.
+
+    Attributes
+    ----------
+    setup : letters, numbers and travels of the axes.
+    ini : lines of the joints' sections, by section, such as those of a file of screw errors.
+    hal : lines of HAL after the joints' own signals; it must drive ``motor-K`` for joints that `driven` names.
+    driven : letters of axes whose motor position comes from `hal`.
+    pins : further HAL pins of type float that are sampled.
+    """
+
+    setup: Setup
+    ini: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    hal: str = ""
+    driven: tuple[str, ...] = ()
+    pins: tuple[str, ...] = ()
+
+    @property
+    def letters(self) -> list[str]:
+        """Letters of the joints, by number."""
+        return [a.name for a in self.setup.ordered]
+
+    def ini_text(self) -> str:
+        parts = {
+            "EMC": ["VERSION = 1.1", "MACHINE = test", "DEBUG = 0"],
+            "DISPLAY": ["DISPLAY = ./display.py"],
+            "TASK": ["TASK = milltask", "CYCLE_TIME = 0.001"],
+            "RS274NGC": ["PARAMETER_FILE = test.var"],
+            "EMCMOT": ["EMCMOT = motmod", "COMM_TIMEOUT = 4.0", "SERVO_PERIOD = 1000000"],
+            "HAL": ["HALFILE = test.hal"],
+            "EMCIO": ["EMCIO = io", "CYCLE_TIME = 0.1", "TOOL_TABLE = test.tbl"],
+            "TRAJ": [
+                f"COORDINATES = {' '.join(self.letters)}", "LINEAR_UNITS = mm", "ANGULAR_UNITS = degree",
+                f"MAX_LINEAR_VELOCITY = {SPEED}", f"DEFAULT_LINEAR_VELOCITY = {SPEED}",
+            ],
+            "KINS": [f"KINEMATICS = trivkins coordinates={''.join(self.letters)}", f"JOINTS = {len(self.letters)}"],
+        }  # fmt: skip
+        for k, axis in enumerate(self.setup.ordered):
+            low, high = axis.travel
+            limits = [
+                f"MIN_LIMIT = {low - 0.01:.6f}", f"MAX_LIMIT = {high + 0.01:.6f}",
+                f"MAX_VELOCITY = {SPEED}", f"MAX_ACCELERATION = {ACCELERATION}",
+            ]  # fmt: skip
+            home = f"HOME = {(low + high) / 2:.6f}", f"HOME_OFFSET = {(low + high) / 2:.6f}"
+            parts[f"AXIS_{axis.name}"] = limits
+            parts[f"JOINT_{k}"] = [
+                f"TYPE = {'ANGULAR' if axis.rotary else 'LINEAR'}", *limits, *home, "HOME_SEQUENCE = 0",
+                "FERROR = 1", "MIN_FERROR = 1", *self.ini.get(f"JOINT_{k}", ()),
+            ]  # fmt: skip
+        return "\n".join("\n".join([f"[{name}]", *lines, ""]) for name, lines in parts.items())
+
+    def hal_text(self) -> str:
+        count = len(self.letters)
+        lines = [
+            "loadrt [KINS]KINEMATICS",
+            f"loadrt [EMCMOT]EMCMOT servo_period_nsec=[EMCMOT]SERVO_PERIOD num_joints={count}",
+            f"loadrt sampler depth=20000 cfg=sb{'ff' * count}{'f' * len(self.pins)}",
+            "addf motion-command-handler servo-thread",
+            "addf motion-controller servo-thread",
+            "net user-enable iocontrol.0.user-enable-out => iocontrol.0.emc-enable-in",
+            "net prepare iocontrol.0.tool-prepare => iocontrol.0.tool-prepared",
+            "net change iocontrol.0.tool-change => iocontrol.0.tool-changed",
+            "net line motion.program-line => sampler.0.pin.0",
+            "net still motion.in-position => sampler.0.pin.1",
+        ]
+        for k, letter in enumerate(self.letters):
+            lines.append(f"net position-{k} joint.{k}.pos-cmd => sampler.0.pin.{2 + 2 * k}")
+            if letter in self.driven:
+                lines.append(f"net motor-{k} => sampler.0.pin.{3 + 2 * k}")
+            else:
+                source = f"joint.{k}.motor-pos-cmd => joint.{k}.motor-pos-fb"
+                lines.append(f"net motor-{k} {source} sampler.0.pin.{3 + 2 * k}")
+        lines += [self.hal]
+        lines += [f"net sampled-{k} {pin} => sampler.0.pin.{2 + 2 * count + k}" for k, pin in enumerate(self.pins)]
+        return "\n".join([*lines, "addf sampler.0 servo-thread", ""])
+
+    def run(self, folder: Path, programme: str) -> Samples:
+        """Run a programme, and return what HAL sampled in every servo cycle.
+
+        Raises
+        ------
+        AssertionError
+            The controller refused something, or did not end in time.
+        """
+        files = {"test.ini": self.ini_text(), "test.hal": self.hal_text(), "test.tbl": "", "programme.ngc": programme}
+        for name, text in {**files, "seconds.txt": f"{RUN_SECONDS}"}.items():
+            (folder / name).write_text(text)
+        shutil.copy(Path(__file__).with_name("linuxcnc_display.py"), folder / "display.py")
+        (folder / "display.py").chmod(0o755)
+        with alone() as apart, tempfile.TemporaryDirectory() as sockets:
+            said = _controller(folder, sockets, apart)
+        found = folder / "errors.txt"
+        assert found.exists(), f"LinuxCNC did not start: {said[-3000:]}"
+        assert found.read_text() == "", f"{found.read_text()}\n{said[-3000:]}"
+        return Samples.of(folder, len(self.letters))
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Of n servo cycles: programme line, whether all axes stand, positions and motors (n, joints), other pins."""
+
+    line: Array
+    still: Array
+    position: Array
+    motor: Array
+    other: Array
+    pins: Mapping[str, str]  # of all HAL pins at the end
+
+    @classmethod
+    def of(cls, folder: Path, joints: int) -> Samples:
+        text = (folder / "samples.txt").read_text()
+        assert "overrun" not in text
+        data = np.array([line.split() for line in text.splitlines()], dtype=np.float64)
+        pins = [line.split() for line in (folder / "pins.txt").read_text().splitlines()]
+        both = data[:, 2 : 2 + 2 * joints]
+        values = {p[4]: p[3] for p in pins if len(p) > 4}
+        # an encoder that counts from where the axis stood at the start is no part of a correction
+        zero = [float(values[f"joint.{k}.motor-offset"]) for k in range(joints)]
+        return cls(data[:, 0], data[:, 1] > 0, both[:, ::2], both[:, 1::2] - zero, data[:, 2 + 2 * joints :], values)
+
+    def stops(self, wanted: Array) -> tuple[Array, Array]:
+        """Positions and motors (n, joints) at the end of the standstill at each of the wanted positions, in order.
+
+        Raises
+        ------
+        AssertionError
+            The programme did not stand there.
+        """
+        out, start = [], 0
+        for place in wanted:
+            here = self.still[start:] & (np.abs(self.position[start:] - place).max(axis=1) < 1e-6)
+            first = np.flatnonzero(here)
+            assert len(first), f"never stood at {place}"
+            after = np.flatnonzero(~here[first[0] :])
+            start += int(first[0] + (after[0] if len(after) else len(here) - first[0]))
+            out.append(start - 1)
+        return self.position[out], self.motor[out]
+
+
+def stop_programme(letters: Sequence[str], places: Array, dwell: float = 0.02) -> str:
+    """A programme that goes to each place (n, joints), mm and deg of the machine, and dwells there."""
+    lines = ["G21 G90 G94 G40 G49 G80"]
+    for place in places:
+        words = " ".join(f"{n}{v:.6f}" for n, v in zip(letters, place, strict=True))
+        lines += [f"G53 G0 {words}", f"G4 P{dwell}"]
+    return "\n".join([*lines, "M2", ""])
+
+
+@contextmanager
+def alone() -> Iterator[bool]:
+    """One controller at a time on this computer; yields whether it can have a name space of its own."""
+    with (Path(tempfile.gettempdir()) / "errormodel-linuxcnc.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if LOCK.exists():
+            pytest.skip(f"LinuxCNC runs on this computer already, or did not end well ({LOCK})")
+        try:
+            tried = shutil.which(APART[0]) and subprocess.run([*APART, "true"], capture_output=True, check=False)
+            yield bool(tried) and tried.returncode == 0
+        finally:
+            LOCK.unlink(missing_ok=True)
+
+
+def _controller(folder: Path, sockets: str, apart: bool) -> str:
+    """Run LinuxCNC in a folder until its display ends; what it printed."""
+    mark = uuid.uuid4().hex
+    own = {"HOME": str(folder), "RTAPI_FIFO_PATH": f"{sockets}/rtapi", MARK: mark, "DISPLAY": ""}
+    if os.getuid() == 0:  # rtapi_app does not serve root himself; `nobody` must get at its socket
+        own["RTAPI_UID"] = "65534"
+        Path(sockets).chmod(0o777)
+    script = "ip link set lo up 2>/dev/null; exec linuxcnc -r test.ini" if apart else "exec linuxcnc -r test.ini"
+    command = [*(APART if apart else ()), "sh", "-c", script]
+    env = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"} | own
+    log = folder / "log.txt"
+    with log.open("w") as out:
+        running = subprocess.Popen(
+            command, cwd=folder, env=env, stdin=subprocess.DEVNULL, stdout=out, stderr=out, start_new_session=True
+        )
+        try:
+            running.wait(RUN_SECONDS + 10)
+        except subprocess.TimeoutExpired:
+            out.write("no end in time\n")
+        finally:
+            running.kill()  # a name space dies with its first process
+            running.wait()
+            if not apart:
+                _end_all(mark)
+                subprocess.run(["halrun", "-U"], env=env, cwd=folder, capture_output=True, timeout=20, check=False)
+    return log.read_text(errors="replace")
+
+
+def left_behind(mark: str = "") -> list[int]:
+    """Processes of a run (of any run) that still live, known by the mark in their environment."""
+    wanted, out = f"{MARK}={mark}".encode(), []
+    for process in Path("/proc").glob("[0-9]*"):
+        try:
+            if any(v.startswith(wanted) for v in (process / "environ").read_bytes().split(b"\0")):
+                out.append(int(process.name))
+        except OSError:
+            continue  # it has ended, or is not ours
+    return out
+
+
+def _end_all(mark: str) -> None:
+    for process in left_behind(mark):
+        with suppress(ProcessLookupError):
+            os.kill(process, signal.SIGKILL)
