@@ -121,6 +121,7 @@ class Controller(Target):
     most_tables: ClassVar[int | None] = None
     bidirectional: ClassVar[bool] = False  # whether there are tables for each direction of travel
     linear_only: ClassVar[bool] = True  # whether linear axes only are corrected
+    follows_tool: ClassVar[bool] = False  # whether corrections follow the length of the tool
     most_points: ClassVar[int] = 10_000  # per axis
 
     @abstractmethod
@@ -222,12 +223,20 @@ class Controller(Target):
         out[:, setup.movers.index(output)] = 1.0
         return out
 
-    def emulate(self, tables: Tables, setup: Setup, q: Array, direction: Array | None = None) -> Array:
-        """Corrections (n, movers) in mm or deg at commands (n, axes), interpolated as the controller does."""
+    def emulate(
+        self, tables: Tables, setup: Setup, q: Array, direction: Array | None = None, longer: Array | None = None
+    ) -> Array:
+        """Corrections (n, movers) in mm or deg at commands (n, axes), interpolated as the controller does.
+
+        Parameters
+        ----------
+        direction : (n, axes) +-1, directions of approach; None: all positive.
+        longer : (n,) mm by which tools are longer than that of the tables; None: they are that one.
+        """
         sign = np.ones_like(q) if direction is None else direction
         out = np.zeros((len(q), len(setup.movers)))
         for table in tables:
-            out += table.at(setup, q, sign)[:, None] * self.influence(setup, table.term.output, q)
+            out += table.at(setup, q, sign, longer)[:, None] * self.influence(setup, table.term.output, q)
         return out
 
     def suits(self, setup: Setup) -> None:

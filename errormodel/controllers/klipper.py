@@ -40,7 +40,9 @@ class Klipper(Printer):
     comment: ClassVar[Comment | None] = HASH_COMMENT
     most_points: ClassVar[int] = 100
 
-    def emulate(self, tables: Tables, setup: Setup, q: Array, direction: Array | None = None) -> Array:
+    def emulate(
+        self, tables: Tables, setup: Setup, q: Array, direction: Array | None = None, longer: Array | None = None
+    ) -> Array:
         skew, mesh = skews_of(tables), heights_of(tables)
         xy, xz, yz = (-skew[k] for k in ("XY", "XZ", "YZ"))
         y, z = (q[:, setup.place(n)] if n in setup.names else np.zeros(len(q)) for n in "YZ")

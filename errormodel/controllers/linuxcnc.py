@@ -17,7 +17,7 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.controllers.base import Controller, header
-from errormodel.controllers.dialect import Dialect
+from errormodel.controllers.dialect import RS274, Dialect
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Tables, Term, check_increasing, check_points, merged, split
 from errormodel.controllers.text import Comment, Files, Lines
@@ -39,14 +39,7 @@ class LinuxCnc1(Controller):
     )
     first_number: ClassVar[int | None] = 0
     number_form: ClassVar[str] = "JOINT_{}"
-    dialect: ClassVar[Dialect | None] = Dialect(
-        suffix=".ngc",
-        comment=Comment("; "),
-        head=("G21 G90 G94 G40 G49 G80",),
-        move="G53 G1 {axis}{to:.3f} F{feed:g}",
-        end=("M2",),
-        source="NISTIR 6556, RS274/NGC 3.5.12 (G53 with G0 or G1, in each block), which LinuxCNC follows",
-    )
+    dialect: ClassVar[Dialect | None] = RS274
     most_points: ClassVar[int] = 256
     kind: ClassVar[int] = 1
 

@@ -13,6 +13,7 @@ from errormodel.controllers.grids import anchored_grid, even_grid
 from errormodel.exceptions import InputError, nearest
 from errormodel.machine import Vector
 
+FULL_TURN = 360.0  # deg
 MOST_LATTICE_NODES = 100_000  # nodes of a lattice over all axes, a bound on size and time; by judgement
 
 
@@ -35,6 +36,11 @@ class Axis:
     measured: tuple[float, float]
     along: Vector = (1.0, 0.0, 0.0)
     intervals: int = 16
+
+    @property
+    def turns(self) -> bool:
+        """Whether it goes round: its measured part is a full turn, of which both ends are the same place."""
+        return self.rotary and abs(self.measured[1] - self.measured[0] - FULL_TURN) < 1e-6
 
 
 @dataclass(frozen=True)
@@ -139,6 +145,13 @@ class Setup:
     def linear(self) -> tuple[str, ...]:
         """Linear axes that carry out corrections."""
         return tuple(m for m in self.movers if not self.axis(m).rotary)
+
+    @property
+    def along_tool(self) -> Vector:
+        """Direction in which a longer tool's tip lies, a unit vector in the last frame; zero if that is not known."""
+        length = float(np.linalg.norm(self.tool))
+        x, y, z = (float(v) / length if length else 0.0 for v in self.tool)
+        return x, y, z
 
     @property
     def watched(self) -> tuple[str, ...]:

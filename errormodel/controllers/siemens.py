@@ -217,7 +217,9 @@ class SiemensCec(Siemens):
         levers = {t.term.factor for t in tables if t.term.factor and " " not in t.term.factor}
         return {name: -float(q[0, setup.place(name)]) / 1000 for name in levers}
 
-    def emulate(self, tables: Tables, setup: Setup, q: Array, direction: Array | None = None) -> Array:
+    def emulate(
+        self, tables: Tables, setup: Setup, q: Array, direction: Array | None = None, longer: Array | None = None
+    ) -> Array:
         sign = np.ones_like(q) if direction is None else direction
         out = np.zeros((len(q), len(setup.movers)))
         for table in tables:

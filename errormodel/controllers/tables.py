@@ -21,6 +21,9 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
 
 
+LONGER = "tool"  # factor of a table per mm by which a tool is longer than that of the other tables
+
+
 @dataclass(frozen=True)
 class Term:
     """Structure of one table: the axes that it is a function of, and the axis that it corrects.
@@ -29,7 +32,8 @@ class Term:
     ----------
     output : the axis that it corrects, or an error parameter such as EXX.
     inputs, grids : axes that it is a function of, and its positions along each; empty: a single number.
-    factor : axis whose position multiplies the value; ``sin`` or ``cos`` before it: that function of a rotary axis.
+    factor : axis whose position multiplies the value; ``sin`` or ``cos`` before it: that function of a rotary axis;
+        `LONGER`: the length by which the tool exceeds that of the other tables, mm.
     direction : direction of travel of the first input that it applies to, +1 or -1; 0: both.
     zero : whether it must be zero at the reference point, where its inputs are (closest to) zero.
     """
@@ -49,12 +53,18 @@ class Term:
     def size(self) -> int:
         return int(np.prod(self.shape))
 
-    def weights(self, setup: Setup, q: Array, direction: Array) -> csr_matrix:
-        """Weights (n, size) of the values at positions (n, axes) with directions of approach (n, axes)."""
+    def weights(self, setup: Setup, q: Array, direction: Array, longer: Array | None = None) -> csr_matrix:
+        """Weights (n, size) of the values at positions (n, axes) with directions of approach (n, axes).
+
+        `longer` (n,): mm by which the tools are longer than that of the tables; None: they are that one.
+        """
         from scipy.sparse import diags
 
         w = hats(self.grids, q[:, [setup.place(i) for i in self.inputs]])
-        scale = factor(setup, self.factor, q)
+        if self.factor == LONGER:
+            scale = np.zeros(len(q)) if longer is None else longer
+        else:
+            scale = factor(setup, self.factor, q)
         if self.direction:
             scale = scale * (np.sign(direction[:, setup.place(self.inputs[0])]) == self.direction)
         out: csr_matrix = (diags(scale) @ w).tocsr()
@@ -79,9 +89,9 @@ class Table:
     term: Term
     values: Array
 
-    def at(self, setup: Setup, q: Array, direction: Array) -> Array:
-        """Corrections (n,) at positions (n, axes)."""
-        return np.asarray(self.term.weights(setup, q, direction) @ self.values.ravel())
+    def at(self, setup: Setup, q: Array, direction: Array, longer: Array | None = None) -> Array:
+        """Corrections (n,) at positions (n, axes) with tools longer by `longer` (n,), mm."""
+        return np.asarray(self.term.weights(setup, q, direction, longer) @ self.values.ravel())
 
 
 Tables = tuple[Table, ...]

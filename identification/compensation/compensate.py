@@ -18,7 +18,7 @@ from errormodel.controllers.base import Controller, Rewriter, Target, read_back,
 from errormodel.controllers.polarity_steps import check_of
 from errormodel.controllers.probing import Probing
 from errormodel.controllers.setup import Setup
-from errormodel.controllers.tables import Table, Tables
+from errormodel.controllers.tables import LONGER, Table, Tables, Term
 from errormodel.exceptions import InputError
 from errormodel.gcode.reading import Reading
 from errormodel.inputs import noted
@@ -282,8 +282,16 @@ def best_tables(controller: Controller, setup: Setup, volume: Volume) -> Tables:
 
     Structures are tried from the plainest on; a richer one replaces it only if it is clearly better.
     """
+    structures = controller.structures(setup)
+    longer = [t for t in structures[-1] if t.factor == LONGER]
+    if longer:  # both from the same nodes in the same frame, so that they hold together
+        return volume.followed([t for t in structures[-1] if t.factor != LONGER], longer, setup)
+    return _best_of(structures, controller, setup, volume)
+
+
+def _best_of(structures: list[list[Term]], controller: Controller, setup: Setup, volume: Volume) -> Tables:
     best: Tables = ()
-    for terms in controller.structures(setup):
+    for terms in structures:
         if sum(t.size for t in terms) > EXACT_LATTICE_VALUES:
             values = volume.nodes(terms, setup)
             if values is not None:

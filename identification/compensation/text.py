@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from textwrap import wrap
 
+from errormodel.controllers.base import Controller
 from errormodel.controllers.setup import Axis, Setup
 from identification.compensation.assessment import OTHER_TOOLS, Error, Figures
 from identification.compensation.result import Compensation, Stated
@@ -33,7 +34,7 @@ def compensation_lines(result: Compensation, folder: Path) -> Iterator[str]:
         if stated.label:
             yield _state(stated)
         for figures in stated.figures:
-            yield from figure_lines(figures, setup)
+            yield from figure_lines(figures, setup, isinstance(controller, Controller) and controller.follows_tool)
         yield from stated.notes
     if result.thermal:
         usual, files = result.usual, ", ".join(f for f in result.thermal.files if "/" not in f)
@@ -82,8 +83,8 @@ def _state(stated: Stated) -> str:
     return "at " + ", ".join(f"{k} = {v:.1f} {'s' if k == 'time' else 'degC'}" for k, v in stated.state.items())
 
 
-def figure_lines(figures: Figures, setup: Setup) -> Iterator[str]:
-    """A table of one set of poses."""
+def figure_lines(figures: Figures, setup: Setup, follows_tool: bool = False) -> Iterator[str]:
+    """A table of one set of poses; `follows_tool`: whether the tables follow the length of the tool."""
     yield f"{figures.poses:54} {'rms':>8} {'worst':>8}   um"
     rows = (
         ("before", figures.before),
@@ -97,7 +98,7 @@ def figure_lines(figures: Figures, setup: Setup) -> Iterator[str]:
     share = f"{100 * figures.removed():.1f} % of what can be removed" if better else "WORSE THAN WITHOUT THEM"
     share = "tables of this format take nothing away here" if idle else share
     yield f"  worst then at {worst_place(figures.after, setup)}; {share}"
-    if figures.poses.endswith(OTHER_TOOLS):
+    if figures.poses.endswith(OTHER_TOOLS) and not follows_tool:
         tip = " ".join(f"{v:g}" for v in setup.tool)
         tail = ", and only do harm with those: switch them off, or make a set for each" if not better else ""
         yield f"  no table turns with a tool: these are for the tip at {tip} (--tool){tail}"

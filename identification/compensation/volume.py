@@ -18,7 +18,7 @@ from errormodel.controllers.axes import axis_letters, wanted_axes
 from errormodel.controllers.grids import nodes
 from errormodel.controllers.probing import Gap
 from errormodel.controllers.setup import Axis, Setup
-from errormodel.controllers.tables import Term
+from errormodel.controllers.tables import Table, Tables, Term
 from errormodel.exceptions import InputError
 from identification.compensation.field import Field, directions_at_zero
 from identification.compensation.inverse import inverse, steps_towards
@@ -32,6 +32,7 @@ LEAST_MOVED_SHARE = 0.003  # of the travel: a joint that moved less counts as no
 MOST_VOLUME_CORNERS = 64  # corners of the volume in a sample: all those of six joints
 MOST_TIMES = 16  # times of a warm-up that get tables of their own; by judgement
 INTERPOLATION_SHARE = 0.005  # of the largest correction: permitted error of linear interpolation; by judgement
+LENGTH_STEP = 100.0  # mm of tool length over which corrections are differenced: angles are small, so it is linear
 # numbers of intervals to try along a joint, in ascending order
 INTERVAL_COUNTS = (1, 2, 3, 4, 6, 8, 10, 12, 16, 20, 24, 32, 40, 48, 64, 96, 128, 192, 256, 384, 512, 1024)
 
@@ -117,17 +118,37 @@ class Volume:
         reached, _ = inverse(self.field, inside, direction, self.target(inside, tool), tool)
         return q + (reached - inside)
 
-    def nodes(self, terms: Sequence[Term], setup: Setup) -> list[Array] | None:
-        """Corrections at the nodes of a lattice over all axes, of each term's shape; None for any other structure."""
+    def nodes(self, terms: Sequence[Term], setup: Setup, longer: float = 0.0) -> list[Array] | None:
+        """Corrections at the nodes of a lattice over all axes, of each term's shape; None for any other structure.
+
+        `longer`: mm by which the tool is longer than that of the machine.
+        """
         if any(t.inputs != setup.moving or t.grids != terms[0].grids or t.direction or t.factor for t in terms):
             return None
         mesh = nodes(terms[0].grids)
         q = np.tile(self.field.outward(self.low), (len(mesh), 1))
         q[:, [setup.place(i) for i in setup.moving]] = mesh
         inner = self.field.inward(q)
-        both = [inverse(self.field, inner, sign * np.ones_like(q), self.target(inner))[0] for sign in (1, -1)]
-        moved = self.field.outward((both[0] + both[1]) / 2 - inner)
+        tip = np.tile(np.asarray(setup.tool) + longer * np.asarray(setup.along_tool), (len(q), 1))
+        target = self.target(inner, tip)
+        sides = (1, -1) if self.field.reversing else (1,)
+        both = [inverse(self.field, inner, sign * np.ones_like(q), target, tip)[0] for sign in sides]
+        moved = self.field.outward(np.mean(both, axis=0) - inner)
         return [moved[:, setup.place(t.output)].reshape(t.shape) for t in terms]
+
+    def followed(self, terms: Sequence[Term], longer: Sequence[Term], setup: Setup) -> Tables:
+        """Corrections at the nodes of a lattice over all axes that moved, and their change per mm of tool length.
+
+        Raises
+        ------
+        ValueError
+            The terms are no such lattice.
+        """
+        usual, long = self.nodes(terms, setup), self.nodes(terms, setup, LENGTH_STEP)
+        if usual is None or long is None:
+            raise ValueError("terms that follow the length of the tool are on a lattice over all axes")
+        slopes = [(v - u) / LENGTH_STEP for u, v in zip(usual, long, strict=True)]
+        return tuple(Table(t, v) for t, v in zip((*terms, *longer), (*usual, *slopes), strict=True))
 
     def sample(self, setup: Setup, count: int, seed: int = 1) -> Sample:
         """Poses for the reduction: Sobol points and corners, each from both directions if the direction matters.

@@ -133,7 +133,16 @@ def gridded(controller: Controller, setup: Setup, change: Callable[[tuple[float,
     return tuple(Table(t, np.zeros(t.shape)) for t in new[: controller.most_tables])
 
 
-UNEVEN = ("linuxcnc-type0", "linuxcnc-type1", "heidenhain", "isg", "etalon", "csv")  # state every position
+# formats that state every position
+UNEVEN = (
+    "linuxcnc-type0",
+    "linuxcnc-type1",
+    "linuxcnc-3d",
+    "heidenhain",
+    "isg",
+    "etalon",
+    "csv",
+)
 
 
 @pytest.mark.parametrize("name", TABLED)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import fcntl
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -25,9 +26,10 @@ from errormodel.controllers.setup import Setup
 from tests.helpers.chains import Array
 
 RUN_SECONDS = 40  # of one run of the controller; the usual ones take three to eight
-SPEED, ACCELERATION = 5000.0, 200_000.0  # mm/s (deg/s) and mm/s^2, so that a run takes seconds
+SPEED, ACCELERATION = 20_000.0, 2_000_000.0  # mm/s (deg/s) and mm/s^2, so that a run takes seconds
 MARK = "ERRORMODEL_LINUXCNC_RUN"  # in the environment of every process of a run
 LOCK = Path("/tmp/linuxcnc.lock")  # LinuxCNC's own
+MODULES = Path("/usr/lib/linuxcnc/modules")
 APART = ("unshare", "--pid", "--ipc", "--net", "--mount", "--fork", "--kill-child", "--mount-proc")
 
 
@@ -47,16 +49,18 @@ class Controller:
     ----------
     setup : letters, numbers and travels of the axes.
     ini : lines of the joints' sections, by section, such as those of a file of screw errors.
-    hal : lines of HAL after the joints' own signals; it must drive ``motor-K`` for joints that `driven` names.
-    driven : letters of axes whose motor position comes from `hal`.
-    pins : further HAL pins of type float that are sampled.
+    hal : lines of HAL after the joints' own signals.
+    driven : signals of HAL that carry the motor positions of axes whose letters they have; `hal` makes them.
+    pins : further HAL pins that are sampled, with their types (``f`` float, ``s`` s32, ``b`` bit).
+    component : a component of HAL that `hal` loads.
     """
 
     setup: Setup
     ini: Mapping[str, Sequence[str]] = field(default_factory=dict)
     hal: str = ""
-    driven: tuple[str, ...] = ()
-    pins: tuple[str, ...] = ()
+    driven: Mapping[str, str] = field(default_factory=dict)
+    pins: Mapping[str, str] = field(default_factory=dict)
+    component: Path | None = None
 
     @property
     def letters(self) -> list[str]:
@@ -88,7 +92,7 @@ class Controller:
             parts[f"AXIS_{axis.name}"] = limits
             parts[f"JOINT_{k}"] = [
                 f"TYPE = {'ANGULAR' if axis.rotary else 'LINEAR'}", *limits, *home, "HOME_SEQUENCE = 0",
-                "FERROR = 1", "MIN_FERROR = 1", *self.ini.get(f"JOINT_{k}", ()),
+                "FERROR = 100", "MIN_FERROR = 100", *self.ini.get(f"JOINT_{k}", ()),
             ]  # fmt: skip
         return "\n".join("\n".join([f"[{name}]", *lines, ""]) for name, lines in parts.items())
 
@@ -97,7 +101,7 @@ class Controller:
         lines = [
             "loadrt [KINS]KINEMATICS",
             f"loadrt [EMCMOT]EMCMOT servo_period_nsec=[EMCMOT]SERVO_PERIOD num_joints={count}",
-            f"loadrt sampler depth=20000 cfg=sb{'ff' * count}{'f' * len(self.pins)}",
+            f"loadrt sampler depth=20000 cfg=sb{'ff' * count}{''.join(self.pins.values())}",
             "addf motion-command-handler servo-thread",
             "addf motion-controller servo-thread",
             "net user-enable iocontrol.0.user-enable-out => iocontrol.0.emc-enable-in",
@@ -107,9 +111,11 @@ class Controller:
             "net still motion.in-position => sampler.0.pin.1",
         ]
         for k, letter in enumerate(self.letters):
-            lines.append(f"net position-{k} joint.{k}.pos-cmd => sampler.0.pin.{2 + 2 * k}")
+            linked = re.search(rf"^net (\S+) .*\bjoint\.{k}\.pos-cmd\b", self.hal, re.MULTILINE)
+            position = linked[1] if linked else f"position-{k}"  # a pin has one signal
+            lines.append(f"net {position} joint.{k}.pos-cmd => sampler.0.pin.{2 + 2 * k}")
             if letter in self.driven:
-                lines.append(f"net motor-{k} => sampler.0.pin.{3 + 2 * k}")
+                lines.append(f"net {self.driven[letter]} => sampler.0.pin.{3 + 2 * k}")
             else:
                 source = f"joint.{k}.motor-pos-cmd => joint.{k}.motor-pos-fb"
                 lines.append(f"net motor-{k} {source} sampler.0.pin.{3 + 2 * k}")
@@ -131,7 +137,7 @@ class Controller:
         shutil.copy(Path(__file__).with_name("linuxcnc_display.py"), folder / "display.py")
         (folder / "display.py").chmod(0o755)
         with alone() as apart, tempfile.TemporaryDirectory() as sockets:
-            said = _controller(folder, sockets, apart)
+            said = _run("linuxcnc -r test.ini", folder, sockets, apart, RUN_SECONDS + 10, self.component)
         found = folder / "errors.txt"
         assert found.exists(), f"LinuxCNC did not start: {said[-3000:]}"
         assert found.read_text() == "", f"{found.read_text()}\n{said[-3000:]}"
@@ -180,6 +186,13 @@ class Samples:
         return self.position[out], self.motor[out]
 
 
+def halrun(folder: Path, script: str, component: Path | None = None, seconds: float = 20.0) -> str:
+    """What a script of HAL prints, without the controller."""
+    (folder / "test.hal").write_text(script)
+    with alone() as apart, tempfile.TemporaryDirectory() as sockets:
+        return _run("halrun -f test.hal", folder, sockets, apart, seconds, component)
+
+
 def stop_programme(letters: Sequence[str], places: Array, dwell: float = 0.02) -> str:
     """A programme that goes to each place (n, joints), mm and deg of the machine, and dwells there."""
     lines = ["G21 G90 G94 G40 G49 G80"]
@@ -203,23 +216,34 @@ def alone() -> Iterator[bool]:
             LOCK.unlink(missing_ok=True)
 
 
-def _controller(folder: Path, sockets: str, apart: bool) -> str:
-    """Run LinuxCNC in a folder until its display ends; what it printed."""
+def _run(program: str, folder: Path, sockets: str, apart: bool, seconds: float, component: Path | None = None) -> str:
+    """Run a program of LinuxCNC on the files of a folder until it ends; what it printed."""
+    run = Path(sockets) / "run"  # where every user gets at it
+    shutil.copytree(folder, run)
+    run.chmod(0o755)
+    before = "ip link set lo up 2>/dev/null"
+    if component is not None:  # LinuxCNC loads from one folder only: it gets a copy with the component in it
+        if not apart:
+            pytest.skip("a component can be loaded in a name space of its own only, which needs root")
+        shutil.copytree(MODULES, Path(sockets) / "modules")
+        shutil.copy(component, Path(sockets) / "modules")
+        before += f"; mount --bind {sockets}/modules {MODULES}"
     mark = uuid.uuid4().hex
-    own = {"HOME": str(folder), "RTAPI_FIFO_PATH": f"{sockets}/rtapi", MARK: mark, "DISPLAY": ""}
+    own = {"HOME": str(run), "CONFIG_DIR": str(run), "RTAPI_FIFO_PATH": f"{sockets}/rtapi", MARK: mark, "DISPLAY": ""}
     if os.getuid() == 0:  # rtapi_app does not serve root himself; `nobody` must get at its socket
         own["RTAPI_UID"] = "65534"
         Path(sockets).chmod(0o777)
-    script = "ip link set lo up 2>/dev/null; exec linuxcnc -r test.ini" if apart else "exec linuxcnc -r test.ini"
-    command = [*(APART if apart else ()), "sh", "-c", script]
+    command = ["sh", "-c", f"exec {program}"]
+    if apart:
+        command = [*APART, "sh", "-c", f"{before}; exec {program}"]
     env = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"} | own
     log = folder / "log.txt"
     with log.open("w") as out:
         running = subprocess.Popen(
-            command, cwd=folder, env=env, stdin=subprocess.DEVNULL, stdout=out, stderr=out, start_new_session=True
+            command, cwd=run, env=env, stdin=subprocess.DEVNULL, stdout=out, stderr=out, start_new_session=True
         )
         try:
-            running.wait(RUN_SECONDS + 10)
+            running.wait(seconds)
         except subprocess.TimeoutExpired:
             out.write("no end in time\n")
         finally:
@@ -227,7 +251,10 @@ def _controller(folder: Path, sockets: str, apart: bool) -> str:
             running.wait()
             if not apart:
                 _end_all(mark)
-                subprocess.run(["halrun", "-U"], env=env, cwd=folder, capture_output=True, timeout=20, check=False)
+                subprocess.run(["halrun", "-U"], env=env, cwd=run, capture_output=True, timeout=20, check=False)
+    for written in ("samples.txt", "errors.txt", "pins.txt"):
+        if (run / written).exists():
+            shutil.copy(run / written, folder)
     return log.read_text(errors="replace")
 
 

@@ -16,11 +16,11 @@ from errormodel.machine import EffectSpec
 from errormodel.machine_file import library, read_machine
 from identification.compensation import reduction
 from identification.compensation.advice import mechanical_advice
-from identification.compensation.assessment import assess, emulated
+from identification.compensation.assessment import Error, assess, emulated, nothing, remaining
 from identification.compensation.field import Field, movers_of
 from identification.compensation.inverse import CLOSED_MM, inverse
 from identification.compensation.reduction import leftover, reduce
-from identification.compensation.rows import held_out, read_rows
+from identification.compensation.rows import Rows, held_out, read_rows
 from identification.compensation.volume import Volume, levels
 from identification.estimation.fit import fit_machine
 from identification.results.store import load, save
@@ -216,3 +216,18 @@ def test_levels_are_states_that_were_there() -> None:
     assert all({*s} == {"T_a", "T_b"} for s in states)
     assert all(((table["T_a"] == s["T_a"]) & (table["T_b"] == s["T_b"])).any() for s in states)
     assert levels(table, ["T_c"]) == [{}]
+
+
+def test_a_lattice_that_follows_the_tool_holds_for_a_longer_one() -> None:
+    """Angles of the axes move a longer tool's tip further: a lattice for one tool does not know it."""
+    machine = read_machine("fork_head_five_axis")
+    volume = volume_of(machine, errors(Chain(machine), 1))
+    q, came = volume.poses(200, 3)
+    tip = np.tile(np.asarray(machine.tool) + np.array([0.0, 0.0, -80.0]), (len(q), 1))
+    rows = Rows(q, came, tip, np.zeros((len(q), 3)), np.full(len(q), "", dtype=object), "80 mm longer")
+    left = {}
+    for name in ("csv", "linuxcnc-3d"):
+        controller, tables, setup = tables_of(name, volume)
+        left[name] = Error.of(remaining(volume, emulated(controller, tables, setup, volume), rows), q).rms_um
+    before = Error.of(remaining(volume, nothing, rows), q).rms_um
+    assert left["linuxcnc-3d"] < 0.8 * left["csv"] < 0.8 * before, (left, before)
