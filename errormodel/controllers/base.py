@@ -31,6 +31,9 @@ from errormodel.gcode.reading import Reading
 MOST_MACHINE_NAME = 60
 
 
+EDGE_HOLDS = "beyond it the correction of its edge is held"
+
+
 class Target(ABC):
     """Target of a compensation. A new one is a class in a file of this package; the registry finds it."""
 
@@ -123,6 +126,7 @@ class Controller(Target):
     linear_only: ClassVar[bool] = True  # whether linear axes only are corrected
     follows_tool: ClassVar[bool] = False  # whether corrections follow the length of the tool
     most_points: ClassVar[int] = 10_000  # per axis
+    beyond: ClassVar[str] = EDGE_HOLDS  # what the correction is outside the measured region
 
     @abstractmethod
     def terms(self, setup: Setup) -> list[Term]:
@@ -277,7 +281,7 @@ def header(controller: Controller, setup: Setup, *more: str) -> list[str]:
     lines = [
         f"errormodel: {controller.title}",
         f"axes: {controller.legend(setup)}",
-        f"measured region: {region}; edge values hold beyond it",
+        f"measured region: {region}; {controller.beyond}",
     ]
     if setup.inverted:
         lines.append("SIGN TURNED ROUND (--invert)")

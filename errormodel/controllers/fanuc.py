@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -134,11 +134,33 @@ class FanucPitch(Fanuc):
     def terms(self, setup: Setup) -> list[Term]:
         # all available points are used, since the steps between them are limited
         curves = [
-            Term(m, (m,), (setup.grid(m, self.most_points, anchored=True, every=True),), zero=True)
+            Term(m, (m,), (setup.grid(m, self._most(setup, m), anchored=True, every=True),), zero=True)
             for m in setup.linear
             if m in setup.moving
         ]
         return [*curves, *shift_terms(curves)]
+
+    def _most(self, setup: Setup, name: str) -> int:
+        """Points that the measured part of an axis may have: the reference point must be one of the axis' points."""
+        low, high = setup.axis(name).measured
+        span, gap = high - low, max(low, -high, 0.0)
+        # two intervals are lost where a round step does not end at the ends
+        most = int((self.most_points - 3) * span / (span + gap)) if gap else self.most_points
+        if most < 2:
+            found = f"a machine zero {gap:.0f} mm from a measured part of {span:.0f} mm"
+            cure = "The reference point must be one of its points: measure a larger part of the travel"
+            raise InputError(f"--controller {self.name}, axis {name}", found, cure)
+        return most
+
+    @staticmethod
+    def _with_reference(table: Table, step: float) -> Table:
+        """The table with further points to the reference point, where it lies outside; its edge holds up to there."""
+        grid = np.asarray(table.term.grids[0])
+        before, behind = max(round(grid[0] / step), 0), max(-round(grid[-1] / step), 0)
+        if not before and not behind:
+            return table
+        new = spaced(float(grid[0]) - before * step, step, len(grid) + before + behind)
+        return Table(replace(table.term, grids=(new,)), np.pad(table.values, (before, behind), mode="edge"))
 
     def most_slope(self, setup: Setup, term: Term) -> float | None:
         if not term.inputs:
@@ -148,14 +170,16 @@ class FanucPitch(Fanuc):
 
     def write(self, tables: Tables, setup: Setup) -> dict[str, str]:
         unit, lines, start = self.unit(setup), list[str](), 0
-        for table in (t for t in tables if t.term.inputs):
-            term, axis = table.term, self.number(setup, table.term.output)
-            check_points(term, self.most_points)
-            step = even_step(term)
-            place = term.grids[0][0] / step
+        for bare in (t for t in tables if t.term.inputs):
+            axis, step = self.number(setup, bare.term.output), even_step(bare.term)
+            check_points(bare.term, self.most_points)
+            place = bare.term.grids[0][0] / step
             if abs(place - round(place)) > 1e-6:
-                found = f"positions from {term.grids[0][0]:g}, no whole multiple of the interval {step:g}"
-                raise InputError(f"table {term.output}", found, "The reference point 0 must be one of the points")
+                found = f"positions from {bare.term.grids[0][0]:g}, no whole multiple of the interval {step:g}"
+                raise InputError(f"table {bare.term.output}", found, "The reference point 0 must be one of the points")
+            table = self._with_reference(bare, step)
+            term, place = table.term, table.term.grids[0][0] / step
+            check_points(term, self.most_points)
             whole = np.rint(table.values / unit).astype(int)
             steps = np.diff(whole, prepend=0)
             if np.abs(steps[1:]).max(initial=0) > self.most_step:
@@ -178,16 +202,10 @@ class FanucPitch(Fanuc):
         return {"pitch.txt": self._tape(lines, setup, shift_lines(tables))}
 
     def about(self, tables: Tables, setup: Setup) -> list[str]:
-        outside = [
-            t.term.output for t in tables if t.term.inputs and not t.term.grids[0][0] <= 0 <= t.term.grids[0][-1]
+        return [
+            "the reference point of each axis is taken to be at its machine position 0 (parameter 1240): where it is "
+            "not, the numbers of 3620 shift by its distance over 3624"
         ]
-        lines = super().about(tables, setup)
-        if outside:
-            lines.append(
-                f"the machine zero of {', '.join(outside)} lies outside its table (3620 outside 3621 to 3622), "
-                "which the control may refuse: the reference point has to be one of the points"
-            )
-        return lines
 
     def read(self, files: Files, setup: Setup) -> Tables:
         name, text = one_file(files, ".txt")

@@ -48,6 +48,9 @@ class Pmac(Controller):
     backlash_parameter: ClassVar[str] = "I{number}86 (with I{number}85 above 0)"
     first_number: ClassVar[int | None] = 1
     number_form: ClassVar[str] = "#{}"
+    beyond: ClassVar[str] = (
+        "to the ends of the travel the correction of its edge is held; beyond the travel the tables roll over"
+    )
     most_points: ClassVar[int] = 1000
     most_tables: ClassVar[int | None] = 32
 

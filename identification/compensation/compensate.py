@@ -186,7 +186,7 @@ def _one_state(
     with progress("Judging what they leave"):
         figures = assess(volume, emulated(controller, back, setup, volume), held, seed)
         conditions = conditions_of(controller, setup, volume, back, seed)
-    check_size(conditions.largest_mm, allow_large)
+    check_size(conditions.largest, allow_large, what)
     return Stated(label, state, files, back, figures, conditions)
 
 

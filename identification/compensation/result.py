@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from errormodel.controllers import instead
 from errormodel.controllers.base import Controller, Target
 from errormodel.controllers.probing import Probing
 from errormodel.controllers.setup import Setup
@@ -78,10 +79,18 @@ class Compensation:
         return self.sets[len(self.sets) // 2]
 
     @property
+    def first(self) -> list[str]:
+        """What comes before everything else: why not to load the tables, and zero shifts to make first."""
+        stated = [s for s in self.sets if s.conditions is not None]
+        against = [w for s in stated if s.conditions and (w := s.conditions.against(instead()))]
+        shifts = [line for s in stated if s.conditions for line in shift_lines(s.label, s.tables, s.conditions)]
+        return [*dict.fromkeys(against), *shifts]
+
+    @property
     def checklist(self) -> list[str]:
         """Steps at the machine, in order; errors that the tables cannot represent come first."""
         usual, controller = self.usual, self.controller
-        before = [line for s in self.sets if s.conditions for line in shift_lines(s.label, s.tables, s.conditions)]
+        before = self.first
         if isinstance(controller, Controller) and usual.conditions:
             before += backlash_lines(controller, self.setup, usual.tables, usual.conditions)
             before += controller.about(usual.tables, self.setup)
@@ -127,6 +136,7 @@ class Compensation:
             },
             "probe": None if self.probing is None else asdict(self.probing) | {"files": list(self.probing.files)},
             "advice": [asdict(a) for a in self.advice],
+            "first": self.first,
             "checklist": self.checklist,
             "notes": list(self.notes),
         }

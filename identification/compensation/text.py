@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from textwrap import wrap
 
-from errormodel.controllers.base import Controller
+from errormodel.controllers.base import EDGE_HOLDS, Controller
 from errormodel.controllers.setup import Axis, Setup
 from identification.compensation.assessment import OTHER_TOOLS, Error, Figures
 from identification.compensation.result import Compensation, Stated
@@ -25,6 +25,9 @@ def compensation_lines(result: Compensation, folder: Path) -> Iterator[str]:
     yield f"axes: {controller.legend(setup)}" + ("" if setup.numbers else " (others: --axes)")
     if setup.inverted:
         yield "sign: turned round (--invert)"
+    for line in result.first:
+        yield ""
+        yield from wrap(line, TEXT_WIDTH)
     if result.advice:
         yield ""
         yield "adjust before compensating (largest first), then measure and fit again"
@@ -53,7 +56,8 @@ def compensation_lines(result: Compensation, folder: Path) -> Iterator[str]:
         yield f"  {'before':52} {rms:8.2f} {worst:8.2f}   um (rms, worst)"
         yield f"  {'with ' + ', '.join(result.probing.files):52} {rms_after:8.2f} {worst_after:8.2f}"
     yield ""
-    yield "region: what the survey covered; beyond it the correction of its edge is held"
+    beyond = controller.beyond if isinstance(controller, Controller) else EDGE_HOLDS
+    yield f"region: what the survey covered; {beyond}"
     yield from (f"  {line}" for line in region_lines(setup))
     if controller.doubt:
         yield ""
