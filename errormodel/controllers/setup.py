@@ -27,6 +27,8 @@ class Axis:
     travel, measured : ends of the travel, and of its surveyed part (mm or deg).
     along : direction of the joint at the machine's zero (unit vector in the reference's axes).
     intervals : number of equal intervals in which linear interpolation represents the errors along it.
+    centre : origin of its errors (of a rotary one: its centre) from the tool's tip, all axes at zero (mm, in the
+        reference's axes).
     """
 
     name: str
@@ -36,6 +38,7 @@ class Axis:
     measured: tuple[float, float]
     along: Vector = (1.0, 0.0, 0.0)
     intervals: int = 16
+    centre: Vector = (0.0, 0.0, 0.0)
 
     @property
     def turns(self) -> bool:

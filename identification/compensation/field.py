@@ -159,6 +159,13 @@ def directions_at_zero(machine: Machine, chain: Chain) -> Array:
     )
 
 
+def origins_at_zero(machine: Machine, chain: Chain) -> Array:
+    """Origins (joints, 3) of the joints' frames from the tool's tip, mm in the reference's axes, all joints at zero."""
+    frames = chain.frames({})
+    tip = frames[-1][:3, :3] @ np.asarray(machine.tool) + frames[-1][:3, 3]
+    return np.array([frames[k][:3, 3] - tip for k, e in enumerate(machine.elements) if isinstance(e, Joint)])
+
+
 def movers_of(chain: Chain) -> tuple[int, ...]:
     """Joints that carry out corrections: one linear joint per direction, the longest first.
 

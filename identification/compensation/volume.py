@@ -20,7 +20,7 @@ from errormodel.controllers.probing import Gap
 from errormodel.controllers.setup import Axis, Setup
 from errormodel.controllers.tables import Table, Tables, Term
 from errormodel.exceptions import InputError
-from identification.compensation.field import Field, directions_at_zero
+from identification.compensation.field import Field, directions_at_zero, origins_at_zero
 from identification.compensation.inverse import inverse, steps_towards
 from identification.compensation.reduction import Sample, frame_motion
 from identification.observation.pose import IDENTITY, Pose
@@ -225,7 +225,7 @@ class Volume:
         axes : letters and numbers given by the user (``X=1,Y=2``, see :mod:`errormodel.controllers.axes`).
         """
         field, machine = self.field, self.field.chain.machine
-        along = directions_at_zero(machine, field.chain)
+        along, centre = directions_at_zero(machine, field.chain), origins_at_zero(machine, field.chain)
         said = {} if axes is None else wanted_axes(axes, [j.name for j in machine.joints])
         letters, unsure = axis_letters(machine.joints, along, said)
         given = ((letter, said.get(j.name)) for letter, j in zip(letters, machine.joints, strict=True))
@@ -239,6 +239,7 @@ class Volume:
                 (float(self.low[k] * unit[k]), float(self.high[k] * unit[k])),
                 (float(along[k][0]), float(along[k][1]), float(along[k][2])),
                 self.intervals[k],
+                (float(centre[k][0]), float(centre[k][1]), float(centre[k][2])),
             )
             for k, j in enumerate(machine.joints)
         )  # fmt: skip
