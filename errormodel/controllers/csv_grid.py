@@ -22,6 +22,7 @@ class CsvGrid(Controller):
     name: ClassVar[str] = "csv"
     title: ClassVar[str] = "plain CSV grid over all axes"
     source: ClassVar[str] = "errormodel's own"
+    back: ClassVar[str] = "send the plain positions again"
     general: ClassVar[bool] = True
     comment: ClassVar[Comment | None] = None
     sign_known: ClassVar[bool] = True

@@ -37,6 +37,7 @@ class Klipper(Printer):
     name: ClassVar[str] = "klipper"
     title: ClassVar[str] = "Klipper (skew_correction, bed_mesh)"
     source: ClassVar[str] = "Klipper Config_Reference.md; bed_mesh.py, skew_correction.py"
+    back: ClassVar[str] = "SET_SKEW CLEAR=1 and BED_MESH_CLEAR; take the include and the start lines out, RESTART"
     comment: ClassVar[Comment | None] = HASH_COMMENT
     most_points: ClassVar[int] = 100
 

@@ -30,6 +30,7 @@ class LinuxCnc1(Controller):
     name: ClassVar[str] = "linuxcnc-type1"
     title: ClassVar[str] = "LinuxCNC COMP_FILE_TYPE = 1 (trims)"
     source: ClassVar[str] = "LinuxCNC docs/src/config/ini-config.adoc, src/emc/usr_intf/usrmotintf.cc"
+    back: ClassVar[str] = "take COMP_FILE and COMP_FILE_TYPE out of the INI file, put BACKLASH back, restart and home"
     bidirectional: ClassVar[bool] = True
     comment: ClassVar[Comment | None] = Comment("# ")
     sign_known: ClassVar[bool] = True

@@ -37,6 +37,9 @@ class LinuxCnc3d(Controller):
     name: ClassVar[str] = "linuxcnc-3d"
     title: ClassVar[str] = "LinuxCNC with errormodel's HAL component (lattice over all axes)"
     source: ClassVar[str] = "errormodel's own; pins of LinuxCNC's motion controller: man 9 motion"
+    back: ClassVar[str] = (
+        "setp errormodel-3d.enable 0 (the correction is ramped off); take out the HALFILE line and restart"
+    )
     comment: ClassVar[Comment | None] = Comment("# ")
     sign_known: ClassVar[bool] = True
     backlash_parameter: ClassVar[str] = "BACKLASH in [{axis}]"
@@ -152,7 +155,6 @@ class LinuxCnc3d(Controller):
             "take out COMP_FILE of the corrected joints; leave BACKLASH as it was during the survey",
             f"restart LinuxCNC and home: halcmd show pin {PREFIX} must say valid TRUE, and active TRUE after a second; "
             "'inhibit' holds the feed until then, and for good where the table is missing or damaged",
-            f"to take it back: setp {PREFIX}.enable 0 (the correction is ramped off), then remove the HALFILE line",
         ]
 
 

@@ -24,7 +24,7 @@ from errormodel.arrays import Array
 from errormodel.controllers.base import Controller, header
 from errormodel.controllers.dialect import Dialect
 from errormodel.controllers.grids import spaced
-from errormodel.controllers.setup import Setup
+from errormodel.controllers.setup import FULL_TURN, Axis, Setup
 from errormodel.controllers.tables import (
     Table,
     Tables,
@@ -116,6 +116,7 @@ class SiemensLec(Siemens):
     name: ClassVar[str] = "siemens-lec"
     title: ClassVar[str] = "Siemens Sinumerik leadscrew error compensation ($AA_ENC_COMP)"
     source: ClassVar[str] = "SINUMERIK Extended Functions 6FC5397-1BP40-3BA1, K3, p. 237-242"
+    back: ClassVar[str] = "MD32700 $MA_ENC_COMP_ENABLE = 0 and reset; reference the axes"
     most_points: ClassVar[int] = 1000
 
     def terms(self, setup: Setup) -> list[Term]:
@@ -174,6 +175,7 @@ class SiemensCec(Siemens):
     name: ClassVar[str] = "siemens-cec"
     title: ClassVar[str] = "Siemens Sinumerik cross error compensation ($AN_CEC), products of tables included"
     source: ClassVar[str] = "SINUMERIK Extended Functions 6FC5397-1BP40-3BA1, K3, p. 249-264; 840D sl p. 277"
+    back: ClassVar[str] = "MD32710 $MA_CEC_ENABLE = 0 and reset"
     doubt: ClassVar[str] = (
         "the sign of $AN_CEC (taken as that of $AA_ENC_COMP: a positive value moves the axis in minus direction), and "
         "that a table which only multiplies others does not act by itself while $SN_CEC_TABLE_ENABLE is 0 for it"
@@ -210,7 +212,13 @@ class SiemensCec(Siemens):
         count = len(tables) + levers
         return [
             f"{count} tables of $AN_CEC are needed: {len(tables)} corrections and {levers} that only multiply others. "
-            "An 840D sl has 2 a machine axis, an 828D has 8; compare MD18342, and the option for sag compensation"
+            "An 840D sl has 2 a machine axis, an 828D has 8; compare MD18342, and the option for sag compensation",
+            *(
+                f"{a.name} goes round: its tables are modulo ({a.measured[0]:g} to {a.measured[1]:g} deg), and it must "
+                "be a modulo axis of that range (MD30310, MD30330)"
+                for a in setup.ordered
+                if a.turns
+            ),
         ]
 
     def by_itself(self, tables: Tables, setup: Setup, q: Array) -> dict[str, float]:
@@ -228,7 +236,9 @@ class SiemensCec(Siemens):
             value = own.at(setup, q, sign)
             if term.factor:
                 x, lever = self._lever(setup, term.factor)
-                value = value * np.interp(q[:, setup.place(term.factor.rpartition(" ")[2])], x, lever)
+                turns = setup.axis(term.factor.rpartition(" ")[2]).turns
+                place = q[:, setup.place(term.factor.rpartition(" ")[2])]
+                value = value * np.interp(x[0] + np.mod(place - x[0], FULL_TURN) if turns else place, x, lever)
             out[:, setup.movers.index(term.output)] += value
         return out
 
@@ -244,31 +254,32 @@ class SiemensCec(Siemens):
             x, lever = self._lever(setup, name)
             axis = name.rpartition(" ")[2]
             lines.append(f"; table {t + 1} only multiplies others: {name}")
-            lines += self._table(t, x, lever, axis, axis, 0, 0)
+            lines += self._table(t, x, lever, setup.axis(axis), axis, 0, 0)
         for t, table in enumerate(tables, start=len(factors)):
             term = table.term
             check_points(term, self.most_points)
             even_step(term)
             multiply = number[term.factor] + 1 if term.factor else 0
             x = np.asarray(term.grids[0])
-            lines += self._table(t, x, -table.values, term.inputs[0], term.output, term.direction, multiply)
+            source = setup.axis(term.inputs[0])
+            lines += self._table(t, x, -table.values, source, term.output, term.direction, multiply)
         if len(tables) + len(factors) > 62:
             found = f"{len(tables) + len(factors)} tables, of which the control has 62"
             raise InputError("tables", found, "Leave some out")
         return {"NC_CEC.INI": "\n".join([*lines, "M17"]) + "\n"}
 
     @staticmethod
-    def _table(t: int, x: Array, values: Array, source: str, target: str, direction: int, multiply: int) -> list[str]:
+    def _table(t: int, x: Array, values: Array, source: Axis, target: str, direction: int, multiply: int) -> list[str]:
         return [
             *(f"$AN_CEC[{t},{k}]={v:.9f}" for k, v in enumerate(values)),
-            f"$AN_CEC_INPUT_AXIS[{t}]=({source}1)",
+            f"$AN_CEC_INPUT_AXIS[{t}]=({source.name}1)",
             f"$AN_CEC_OUTPUT_AXIS[{t}]=({target}1)",
             f"$AN_CEC_STEP[{t}]={(x[-1] - x[0]) / (len(x) - 1):.9g}",
             f"$AN_CEC_MIN[{t}]={x[0]:.9g}",
             f"$AN_CEC_MAX[{t}]={x[-1]:.9g}",
             f"$AN_CEC_DIRECTION[{t}]={direction}",
             f"$AN_CEC_MULT_BY_TABLE[{t}]={multiply}",
-            f"$AN_CEC_IS_MODULO[{t}]=0",
+            f"$AN_CEC_IS_MODULO[{t}]={int(source.turns)}",
         ]
 
     def read(self, files: Files, setup: Setup) -> Tables:

@@ -14,7 +14,7 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.controllers.grids import hats
-from errormodel.controllers.setup import Setup
+from errormodel.controllers.setup import FULL_TURN, Setup
 from errormodel.exceptions import InputError
 
 if TYPE_CHECKING:
@@ -60,7 +60,11 @@ class Term:
         """
         from scipy.sparse import diags
 
-        w = hats(self.grids, q[:, [setup.place(i) for i in self.inputs]])
+        places = q[:, [setup.place(i) for i in self.inputs]]
+        for k, axis in enumerate(map(setup.axis, self.inputs)):
+            if axis.turns:  # a turn further is the same place
+                places[:, k] = axis.measured[0] + np.mod(places[:, k] - axis.measured[0], FULL_TURN)
+        w = hats(self.grids, places)
         if self.factor == LONGER:
             scale = np.zeros(len(q)) if longer is None else longer
         else:

@@ -95,6 +95,7 @@ class Compensation:
             before += backlash_lines(controller, self.setup, usual.tables, usual.conditions)
             before += controller.about(usual.tables, self.setup)
         after = [REDATUM_STEP] if isinstance(controller, Controller) else []
+        after.append(f"to take it back: {controller.back}")
         return [*before, *self.states, *controller.checklist(self.setup), *after]
 
     def as_json(self) -> dict[str, Any]:
