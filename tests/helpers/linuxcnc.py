@@ -22,11 +22,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from errormodel.controllers.linuxcnc_3d import COMPONENT, PREFIX
 from errormodel.controllers.setup import Setup
 from tests.helpers.chains import Array
 
-RUN_SECONDS = 40  # of one run of the controller; the usual ones take three to eight
-SPEED, ACCELERATION = 20_000.0, 2_000_000.0  # mm/s (deg/s) and mm/s^2, so that a run takes seconds
+RUN_SECONDS = 90  # of one run of the controller at most; the usual ones take three to ten on an idle computer
+SPEED = 5000.0  # mm/s and deg/s, with forty times as much a second: a run over a mill's travels takes seconds
+ACCELERATE = 40.0
 MARK = "ERRORMODEL_LINUXCNC_RUN"  # in the environment of every process of a run
 LOCK = Path("/tmp/linuxcnc.lock")  # LinuxCNC's own
 MODULES = Path("/usr/lib/linuxcnc/modules")
@@ -53,6 +55,7 @@ class Controller:
     driven : signals of HAL that carry the motor positions of axes whose letters they have; `hal` makes them.
     pins : further HAL pins that are sampled, with their types (``f`` float, ``s`` s32, ``b`` bit).
     component : a component of HAL that `hal` loads.
+    speed : of every axis, mm/s or deg/s.
     """
 
     setup: Setup
@@ -61,11 +64,37 @@ class Controller:
     driven: Mapping[str, str] = field(default_factory=dict)
     pins: Mapping[str, str] = field(default_factory=dict)
     component: Path | None = None
+    speed: float = SPEED
 
     @property
     def letters(self) -> list[str]:
         """Letters of the joints, by number."""
         return [a.name for a in self.setup.ordered]
+
+    @classmethod
+    def of(
+        cls,
+        setup: Setup,
+        files: Mapping[str, str],
+        component: Path | None = None,
+        pins: Mapping[str, str] | None = None,
+        speed: float = SPEED,
+    ) -> Controller:
+        """The configuration of a person who follows the checklist of the files that `compensate` wrote."""
+        if "compensation.ini" in files:
+            return cls(setup, joint_sections(files["compensation.ini"]), speed=speed)
+        corrected = {m: f"{PREFIX}-{m}-out" for m in setup.movers}
+        # a drive that is where it was told to be
+        loops = [f"net {s} {PREFIX}.{m}.motor-out => {PREFIX}.{m}.feedback-in" for m, s in corrected.items()]
+        hal = "\n".join([files[f"{COMPONENT}.hal"], *loops])
+        return cls(setup, hal=hal, driven=corrected, pins=pins or {}, component=component, speed=speed)
+
+    def stands(self, folder: Path, places: Array, dwell: float = 0.02) -> tuple[Array, Array, Samples]:
+        """Positions and motors (n, axes) in the setup's order at the places (n, joints), and all samples."""
+        samples = self.run(folder, stop_programme(self.letters, places, dwell))
+        order = [self.letters.index(a.name) for a in self.setup.axes]
+        position, motor = samples.stops(places)
+        return position[:, order], motor[:, order], samples
 
     def ini_text(self) -> str:
         parts = {
@@ -78,7 +107,7 @@ class Controller:
             "EMCIO": ["EMCIO = io", "CYCLE_TIME = 0.1", "TOOL_TABLE = test.tbl"],
             "TRAJ": [
                 f"COORDINATES = {' '.join(self.letters)}", "LINEAR_UNITS = mm", "ANGULAR_UNITS = degree",
-                f"MAX_LINEAR_VELOCITY = {SPEED}", f"DEFAULT_LINEAR_VELOCITY = {SPEED}",
+                f"MAX_LINEAR_VELOCITY = {self.speed}", f"DEFAULT_LINEAR_VELOCITY = {self.speed}",
             ],
             "KINS": [f"KINEMATICS = trivkins coordinates={''.join(self.letters)}", f"JOINTS = {len(self.letters)}"],
         }  # fmt: skip
@@ -86,7 +115,7 @@ class Controller:
             low, high = axis.travel
             limits = [
                 f"MIN_LIMIT = {low - 0.01:.6f}", f"MAX_LIMIT = {high + 0.01:.6f}",
-                f"MAX_VELOCITY = {SPEED}", f"MAX_ACCELERATION = {ACCELERATION}",
+                f"MAX_VELOCITY = {self.speed}", f"MAX_ACCELERATION = {ACCELERATE * self.speed}",
             ]  # fmt: skip
             home = f"HOME = {(low + high) / 2:.6f}", f"HOME_OFFSET = {(low + high) / 2:.6f}"
             parts[f"AXIS_{axis.name}"] = limits
@@ -184,6 +213,29 @@ class Samples:
             start += int(first[0] + (after[0] if len(after) else len(here) - first[0]))
             out.append(start - 1)
         return self.position[out], self.motor[out]
+
+
+def joint_sections(text: str) -> dict[str, list[str]]:
+    """Lines of each section of ``compensation.ini``, as a person copies them into the INI file."""
+    out: dict[str, list[str]] = {}
+    for line in text.splitlines():
+        if line.startswith("["):
+            out[line.strip("[]")] = []
+        elif not line.startswith("#"):
+            out[list(out)[-1]].append(line)
+    return out
+
+
+def built(folder: Path) -> Path:
+    """The component of the 3-D tables as LinuxCNC's own tool builds it, without a warning."""
+    source = Path(__file__).parents[2] / "errormodel/controllers/linuxcnc_3d.c"
+    shutil.copy(source, folder / f"{COMPONENT}.c")
+    done = subprocess.run(
+        ["halcompile", "--compile", f"{COMPONENT}.c"], cwd=folder, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert "warning" not in done.stderr + done.stdout
+    return folder / f"{COMPONENT}.so"
 
 
 def halrun(folder: Path, script: str, component: Path | None = None, seconds: float = 20.0) -> str:

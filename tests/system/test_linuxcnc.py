@@ -24,7 +24,7 @@ from identification.estimation.fit import fit_machine
 from identification.results.store import load, save
 from tests.helpers.chains import Array, errors
 from tests.helpers.commands import MILL
-from tests.helpers.linuxcnc import Controller, left_behind, needed, stop_programme
+from tests.helpers.linuxcnc import Controller, left_behind, needed
 from tests.helpers.surveys import measured, positions, survey
 
 pytestmark = pytest.mark.usefixtures("few_poses")
@@ -61,17 +61,6 @@ def worn(tmp_path_factory: pytest.TempPathFactory) -> Worn:
     return Worn(Field(chain, chain.vector(p), movers_of(chain)), folder)
 
 
-def joint_sections(text: str) -> dict[str, list[str]]:
-    """Lines of each section of ``compensation.ini``, as a person copies them into the INI file."""
-    out: dict[str, list[str]] = {}
-    for line in text.splitlines():
-        if line.startswith("["):
-            out[line.strip("[]")] = []
-        elif not line.startswith("#"):
-            out[list(out)[-1]].append(line)
-    return out
-
-
 def ends_and_middle(result: Compensation, count: int) -> Array:
     """Random places over the travels, and each axis to both its ends, approached from both sides; (n, axes)."""
     rng = np.random.default_rng(5)
@@ -106,12 +95,12 @@ def test_screw_tables_move_the_motors_of_the_real_controller_as_claimed(name: st
     (stated,) = result.sets
     for file, text in stated.files.items():
         (tmp_path / file).write_text(text)
-    linuxcnc = Controller(result.setup, joint_sections(stated.files["compensation.ini"]))
+    linuxcnc = Controller.of(result.setup, stated.files)
     places = ends_and_middle(result, 30)
-    position, motor = linuxcnc.run(tmp_path, stop_programme(linuxcnc.letters, places)).stops(places)
-    chain_order = [linuxcnc.letters.index(a.name) for a in result.setup.axes]
-    q, moved = position[:, chain_order], (motor - position)[:, chain_order]
-    came = came_from(places, (places[0] + places[8]) / 2)[:, chain_order]
+    q, motor, _ = linuxcnc.stands(tmp_path, places)
+    moved = motor - q
+    order = [linuxcnc.letters.index(a.name) for a in result.setup.axes]
+    came = came_from(places, (places[0] + places[8]) / 2)[:, order]
     controller = target(name)
     assert isinstance(controller, controllers.Controller)
     claimed = controller.emulate(stated.tables, result.setup, q, came)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
-import subprocess
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +10,7 @@ import numpy as np
 import pytest
 
 from errormodel.chain import Chain
-from errormodel.controllers.linuxcnc_3d import LinuxCnc3d
+from errormodel.controllers.linuxcnc_3d import PREFIX, LinuxCnc3d
 from errormodel.controllers.setup import Axis, Setup
 from errormodel.controllers.tables import LONGER, Table, Tables
 from errormodel.machine_file import read_machine
@@ -21,11 +19,11 @@ from identification.compensation.rows import Rows
 from identification.compensation.volume import Volume
 from tests.helpers.chains import Array, errors
 from tests.helpers.compensation import tables_of, volume_of
-from tests.helpers.linuxcnc import Controller, halrun, needed, stop_programme
+from tests.helpers.linuxcnc import Controller, built, halrun, needed
 from tests.helpers.setups import plain_setup
 
-PREFIX = "errormodel-3d"
 WRITTEN = 1e-6  # mm: seven digits behind the point in the table, six in a sample of HAL
+FAST = 20_000.0  # mm/s: travels of metres
 LARGEST_CYCLE_US = 20.0  # of a servo cycle of 1 ms
 
 
@@ -33,15 +31,7 @@ LARGEST_CYCLE_US = 20.0  # of a servo cycle of 1 ms
 def component(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The component as LinuxCNC's own tool builds it."""
     needed("halcompile")
-    folder = tmp_path_factory.mktemp("component")
-    source = Path(__file__).parents[2] / "errormodel/controllers/linuxcnc_3d.c"
-    shutil.copy(source, folder / "errormodel_3d.c")
-    built = subprocess.run(
-        ["halcompile", "--compile", "errormodel_3d.c"], cwd=folder, capture_output=True, text=True, check=False
-    )
-    assert built.returncode == 0, built.stderr
-    assert "warning" not in built.stderr + built.stdout
-    return folder / "errormodel_3d.so"
+    return built(tmp_path_factory.mktemp("component"))
 
 
 def left_by(volume: Volume, q: Array, motors: Array | None) -> Error:
@@ -59,20 +49,14 @@ def test_the_real_controller_leaves_what_the_lattice_leaves(name: str, component
     files = target.write(tables, setup)
     for file, text in files.items():
         (tmp_path / file).write_text(text)
-    corrected = {m: f"{PREFIX}-{m}-out" for m in setup.movers}
-    # a drive that is where it was told to be
-    loops = [f"net {s} {PREFIX}.{m}.motor-out => {PREFIX}.{m}.feedback-in" for m, s in corrected.items()]
     pins = {f"{PREFIX}.share": "f", f"{PREFIX}.time": "s"} | {f"{PREFIX}.{m}.correction": "f" for m in setup.movers}
-    hal = "\n".join([files["errormodel_3d.hal"], *loops])
-    linuxcnc = Controller(setup, hal=hal, driven=corrected, pins=pins, component=component)
+    linuxcnc = Controller.of(setup, files, component, pins, FAST)
     ends = np.array([a.travel for a in setup.ordered])
     rng = np.random.default_rng(3)
-    places = rng.uniform(ends[:, 0], ends[:, 1], (40, len(ends))).round(4)
+    places = rng.uniform(ends[:, 0], ends[:, 1], (25, len(ends))).round(4)
     places[:2] = ends.T.round(4)
-    samples = linuxcnc.run(tmp_path, stop_programme(linuxcnc.letters, places, 0.05))
-    position, motor = samples.stops(places)
-    order = [linuxcnc.letters.index(a.name) for a in setup.axes]
-    q, moved = position[:, order], (motor - position)[:, order]
+    q, motor, samples = linuxcnc.stands(tmp_path, places, 0.05)
+    moved = motor - q
     movers = [setup.place(m) for m in setup.movers]
     claimed = target.emulate(target.read(files, setup), setup, q)
     np.testing.assert_allclose(moved[:, movers], claimed, atol=WRITTEN)
