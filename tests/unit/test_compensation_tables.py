@@ -140,7 +140,8 @@ def test_error_is_removed_as_well_as_each_structure_allows() -> None:
     case = Case.of(MILL, 100)
     for name, full in (("isg", True), ("csv", True), ("heidenhain", False)):
         line = judged(case, name)
-        assert line.after.rms_um <= 1.05 * line.best.rms_um, line
+        # on its own sample at most MOST_RMS_INCREASE is given up for the worst pose; these are others
+        assert line.after.rms_um <= (1.01 + reduction.MOST_RMS_INCREASE) * line.best.rms_um, line
         assert line.of_ideal >= (0.97 if full else 0.2), line
 
 
