@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache
 from typing import ClassVar
 
@@ -26,12 +27,30 @@ from errormodel.exceptions import InputError, nearest
 from errormodel.gcode.divide import Correct
 from errormodel.gcode.programme import Corrected
 from errormodel.gcode.reading import Reading
+from errormodel.machine import Vector
 
 # characters of a machine's name in a comment, which leaves room for the rest of the line
 MOST_MACHINE_NAME = 60
 
 
 EDGE_HOLDS = "beyond it the correction of its edge is held"
+
+
+@dataclass(frozen=True)
+class Line:
+    """A rotary axis as it lies: actual minus nominal, all axes at zero, in the reference's axes.
+
+    Attributes
+    ----------
+    shift, tilt : across the axis, mm and rad; `along` : its nominal direction.
+    side : ``table`` if it carries the workpiece, ``head`` if it carries the tool, empty between linear axes.
+    """
+
+    axis: str
+    shift: Vector
+    tilt: Vector
+    along: Vector
+    side: str
 
 
 class Target(ABC):
@@ -170,6 +189,13 @@ class Controller(Target):
     def about(self, tables: Tables, setup: Setup) -> list[str]:
         """Checklist lines about these tables, such as how many the control must hold."""
         return []
+
+    def describe(self, lines: Sequence[Line], setup: Setup) -> list[str]:
+        """Steps that put rotary axes as they lie into the controller's kinematic description."""
+        return [
+            "where the kinematic description of this control takes these values is not public, or not known here: "
+            "give them to whoever maintains it"
+        ]
 
     def own_check(self, setup: Setup, tables: Tables) -> dict[str, str] | None:
         """Files of a check other than that with an indicator, by name; None: the usual check."""

@@ -19,7 +19,7 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.controllers import instead
-from errormodel.controllers.base import Controller, header
+from errormodel.controllers.base import Controller, Line, header
 from errormodel.controllers.dialect import Dialect
 from errormodel.controllers.grids import spaced
 from errormodel.controllers.setup import Setup
@@ -100,6 +100,29 @@ class Fanuc(Controller):
     def backlash_value(self, setup: Setup, axis: str, size: float) -> str:
         unit = self.unit(setup)
         return f"{round(size / unit):+d} detection units of {1000 * unit:g} um"
+
+    def describe(self, lines: Sequence[Line], setup: Setup) -> list[str]:
+        """Changes of the vectors of tool centre point control (A-79348E p. 74-84, A-78712E p. 61-62)."""
+        heads, tables = ([x for x in lines if x.side == side] for side in ("head", "table"))
+        at = {x.axis: np.array(x.shift) for x in lines}
+        made: dict[str, Array] = {}
+        if tables:
+            first = tables[-1]  # the one that carries the other
+            made["19700 to 19702 (position of the rotary table)"] = at[first.axis]
+            if len(tables) == 2:
+                made["19703 to 19705 (first to second table axis)"] = at[tables[0].axis] - at[first.axis]
+        if heads:
+            last = heads[-1]
+            made["19709 to 19711 (tool axis to rotary axis)"] = at[last.axis]
+            if len(heads) == 2:
+                made["19712 to 19714 (second to first tool axis)"] = at[heads[0].axis] - at[last.axis]
+        if not made or len(heads) + len(tables) != len(lines):
+            return super().describe(lines, setup)
+        return [
+            "parameters of tool centre point control on a 30i (machine unit; older ones count in 0.001 mm): add x y z",
+            *(f"  {k}: {' '.join(f'{v + 0.0:+.4f}' for v in value)}" for k, value in made.items()),
+            "no public source has a parameter for the tilt of an axis: its part stays; the sign is to be tested",
+        ]
 
     def unit(self, setup: Setup) -> float:
         """Detection unit, mm."""

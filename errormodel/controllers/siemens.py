@@ -21,7 +21,7 @@ from typing import ClassVar
 import numpy as np
 
 from errormodel.arrays import Array
-from errormodel.controllers.base import Controller, header
+from errormodel.controllers.base import Controller, Line, header
 from errormodel.controllers.dialect import Dialect
 from errormodel.controllers.grids import spaced
 from errormodel.controllers.setup import FULL_TURN, Axis, Setup
@@ -106,6 +106,45 @@ class Siemens(Controller):
 
     def address(self, setup: Setup, name: str) -> str:
         return f"{name}1"
+
+    def describe(self, lines: Sequence[Line], setup: Setup) -> list[str]:
+        """Changes of the vectors of a swivel data set or 5-axis transformation (6FC5397-1DP40, IM9, 22.6 and 21.7)."""
+        heads, tables = ([x for x in lines if x.side == side] for side in ("head", "table"))
+        at = {x.axis: np.array(x.shift) for x in lines}
+        if len(heads) == 2 and not tables:
+            first, second = heads
+            made = {"I2": at[first.axis] - at[second.axis], "I3": at[second.axis]}
+            made["I1"] = -(made["I2"] + made["I3"])
+            numbers = {"I1": "1 to 3", "I2": "4 to 6", "I3": "15 to 17"}
+        elif len(tables) == 2 and not heads:
+            second, first = tables
+            made = {"I2": at[first.axis], "I3": at[second.axis] - at[first.axis]}
+            made["I4"] = -(made["I2"] + made["I3"])
+            numbers = {"I2": "4 to 6", "I3": "15 to 17", "I4": "18 to 20"}
+        elif len(heads) == 1 and len(tables) == 1:
+            (first,), (second,) = heads, tables
+            made = {"I2": at[first.axis], "I1": -at[first.axis], "I3": at[second.axis], "I4": -at[second.axis]}
+            numbers = {"I1": "1 to 3", "I2": "4 to 6", "I3": "15 to 17", "I4": "18 to 20"}
+        elif len(lines) == 1 and lines[0].side == "table":
+            first = second = tables[0]
+            made, numbers = {"I2": at[first.axis], "I4": -at[first.axis]}, {"I2": "4 to 6", "I4": "18 to 20"}
+        else:
+            return super().describe(lines, setup)
+        out = [
+            f"swivel data of {first.axis} as rotary axis 1" + (f" and {second.axis} as 2" if second != first else "")
+            + ", $TC_CARR of the data set n (as fine offsets $TC_CARR41 to 60), or the MD24500 to MD24572 of the "
+            "transformation; with a kinematic chain ($NK_) the offset elements of these axes. Add, in mm x y z:"
+        ]  # fmt: skip
+        out += [f"  {k} ($TC_CARR{numbers[k]}): {' '.join(f'{v + 0.0:+.4f}' for v in made[k])}" for k in sorted(made)]
+        for name, one in dict.fromkeys([("V1 ($TC_CARR7 to 9)", first), ("V2 ($TC_CARR10 to 12)", second)]):
+            if name[1] == "2" and second == first:
+                continue
+            turn = np.cross(one.tilt, one.along)
+            out.append(
+                f"  {name}: {' '.join(f'{v + 0.0:+.7f}' for v in turn)} (for a vector of length 1 along "
+                f"{' '.join(f'{v:+g}' for v in one.along)}; the other signs where the control has it the other way)"
+            )
+        return [*out, "the closing vector only where the head or table cannot be changed; the sign is to be tested"]
 
 
 class SiemensLec(Siemens):

@@ -18,6 +18,7 @@ from identification.compensation.conditions import (
     backlash_lines,
     shift_lines,
 )
+from identification.compensation.rotary_axes import Kinematics
 
 SCHEMA = "errormodel.compensation/1"
 # last step of the checklist
@@ -60,6 +61,7 @@ class Compensation:
     thermal : the controller's own temperature compensation; None: it has none.
     probing : correction of a probe's readings; None: not asked for.
     advice : mechanical adjustments to make first.
+    rotary : constant errors of the rotary axes; None: there are none.
     states : state of the machine that the tables are for, and residual errors in other states.
     """
 
@@ -72,6 +74,7 @@ class Compensation:
     advice: list[Advice]
     notes: tuple[str, ...]
     states: tuple[str, ...] = ()
+    rotary: Kinematics | None = None
 
     @property
     def usual(self) -> Stated:
@@ -84,7 +87,8 @@ class Compensation:
         stated = [s for s in self.sets if s.conditions is not None]
         against = [w for s in stated if s.conditions and (w := s.conditions.against(instead()))]
         shifts = [line for s in stated if s.conditions for line in shift_lines(s.label, s.tables, s.conditions)]
-        return [*dict.fromkeys(against), *shifts]
+        rotary = [self.rotary.first()] if self.rotary and (self.rotary.asked or self.rotary.worth) else []
+        return [*dict.fromkeys(against), *rotary, *shifts]
 
     @property
     def checklist(self) -> list[str]:
@@ -138,6 +142,7 @@ class Compensation:
             "probe": None if self.probing is None else asdict(self.probing) | {"files": list(self.probing.files)},
             "advice": [asdict(a) for a in self.advice],
             "first": self.first,
+            "rotary_axes": None if self.rotary is None else self.rotary.as_json(),
             "checklist": self.checklist,
             "notes": list(self.notes),
         }
