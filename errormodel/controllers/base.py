@@ -19,7 +19,7 @@ from errormodel.arrays import Array
 from errormodel.controllers.dialect import Dialect
 from errormodel.controllers.probing import Gap, Probing
 from errormodel.controllers.setup import Axis, Setup
-from errormodel.controllers.tables import Table, Tables, Term
+from errormodel.controllers.tables import LONGER, Table, Tables, Term
 from errormodel.controllers.text import Comment, Files, printable
 from errormodel.controllers.thermal import States, Thermal
 from errormodel.discovery import by_word, classes
@@ -308,7 +308,7 @@ def header(controller: Controller, setup: Setup, *more: str) -> list[str]:
     lines = [
         f"errormodel: {controller.title}",
         f"axes: {controller.legend(setup)}",
-        f"measured region: {region}; {controller.beyond}",
+        f"measured region (mm, deg): {region}; {controller.beyond}",
     ]
     if setup.inverted:
         lines.append("SIGN TURNED ROUND (--invert)")
@@ -353,6 +353,22 @@ def instead(kind: type[Target] | None = None) -> str:
     kind : `Controller` or `Rewriter`, to have those only.
     """
     return " or ".join(n for n, k in registry().items() if k.general and (kind is None or issubclass(k, kind)))
+
+
+def richer(controller: Controller, setup: Setup) -> list[str]:
+    """Other formats of the same control (the same first word) whose tables depend on more axes at once."""
+
+    def reach(kind: Controller) -> int:
+        try:
+            kind.suits(setup)
+            terms = kind.structures(setup)[-1]
+        except InputError:
+            return 0
+        return max((len({*t.inputs, t.output, t.factor.rpartition(" ")[2]} - {"", LONGER}) for t in terms), default=0)
+
+    family, own = controller.name.partition("-")[0], reach(controller)
+    kinds = [k() for n, k in registry().items() if n.partition("-")[0] == family]
+    return [k.name for k in kinds if isinstance(k, Controller) and reach(k) > own]
 
 
 def target(name: str) -> Target:

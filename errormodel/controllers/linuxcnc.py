@@ -96,6 +96,7 @@ class LinuxCnc1(Controller):
     def checklist(self, setup: Setup) -> list[str]:
         return [
             "copy the .comp files beside the INI file and the lines of compensation.ini into its [JOINT_n] sections",
+            "the files are in mm and degrees: [TRAJ] LINEAR_UNITS must be mm (where it is inch, do not load them)",
             "compare the joint numbers above with those of the axes on this machine ([TRAJ] COORDINATES, [KINS])",
             "BACKLASH of these joints is ignored where a COMP_FILE is given: take it out",
             "restart LinuxCNC (a reload in the same session appends to the table), home, then check with an indicator",

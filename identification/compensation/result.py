@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from errormodel.controllers import instead
-from errormodel.controllers.base import Controller, Target
+from errormodel.controllers.base import Controller, Target, richer
 from errormodel.controllers.probing import Probing
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Table, Tables
@@ -85,10 +85,13 @@ class Compensation:
     def first(self) -> list[str]:
         """What comes before everything else: why not to load the tables, and zero shifts to make first."""
         stated = [s for s in self.sets if s.conditions is not None]
-        against = [w for s in stated if s.conditions and (w := s.conditions.against(instead()))]
+        more = richer(self.controller, self.setup) if isinstance(self.controller, Controller) else []
+        other = " or ".join([*more, instead()])
+        against = [w for s in stated if s.conditions and (w := s.conditions.against(other))]
         shifts = [line for s in stated if s.conditions for line in shift_lines(s.label, s.tables, s.conditions)]
         rotary = [self.rotary.first()] if self.rotary and (self.rotary.asked or self.rotary.worth) else []
-        return [*dict.fromkeys(against), *rotary, *shifts]
+        ordered = [*rotary, *shifts] if self.rotary and self.rotary.asked else [*shifts, *rotary]
+        return [*dict.fromkeys(against), *ordered]
 
     @property
     def checklist(self) -> list[str]:

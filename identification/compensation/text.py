@@ -32,6 +32,9 @@ def compensation_lines(result: Compensation, folder: Path) -> Iterator[str]:
         yield ""
         yield "adjust before compensating (largest first), then measure and fit again"
         yield from (f"  {n}. {a.line()}" for n, a in enumerate(result.advice, start=1))
+    if result.rotary and result.rotary.asked:
+        yield ""
+        yield "all figures: with the rotary axes described as they lie"
     for stated in result.sets:
         yield ""
         if stated.label:
@@ -59,6 +62,8 @@ def compensation_lines(result: Compensation, folder: Path) -> Iterator[str]:
     beyond = controller.beyond if isinstance(controller, Controller) else EDGE_HOLDS
     yield f"region: what the survey covered; {beyond}"
     yield from (f"  {line}" for line in region_lines(setup))
+    if isinstance(controller, Controller):
+        yield "lengths in the files are metric: load them into a control that is set to mm, not inches"
     if controller.doubt:
         yield ""
         yield from wrap(f"not certain from public sources: {controller.doubt}", TEXT_WIDTH, subsequent_indent="  ")

@@ -244,7 +244,7 @@ def test_tables_that_do_more_harm_than_good_are_advised_against(tmp_path: Path) 
     save(fit_machine(machine, survey(positions(measured(machine, p, 100, 1, noise=1 * UM)))), tmp_path / "fit")
     said = {n: done("compensate", tmp_path / "fit", "--controller", n, "--out", tmp_path / n).out for n in TWO}
     assert "DO NOT LOAD THESE TABLES" in said["linuxcnc-type1"]
-    assert "--controller csv or gcode" in said["linuxcnc-type1"]
+    assert "--controller linuxcnc-3d or csv or gcode" in " ".join(said["linuxcnc-type1"].split())
     assert said["linuxcnc-type1"].index("DO NOT LOAD") < said["linuxcnc-type1"].index("after these tables")
     assert "DO NOT LOAD" not in said["csv"]
     written = json.loads((tmp_path / "linuxcnc-type1/compensation.json").read_text())
