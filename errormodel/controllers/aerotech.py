@@ -73,6 +73,7 @@ class Aerotech1d(Aerotech):
     name: ClassVar[str] = "aerotech-1d"
     title: ClassVar[str] = "Aerotech axis calibration, one-dimensional (.cal)"
     source: ClassVar[str] = "help.aerotech.com/automation1/Content/Axis-Calibration.htm"
+    back: ClassVar[str] = "remove the file under Configure > Calibration and reset (Automation1), CALDISABLE (A3200)"
     doubt: ClassVar[str] = "the sign (taken as a correction that is added; NEGCOR turns it round)"
 
     def terms(self, setup: Setup) -> list[Term]:
@@ -118,6 +119,9 @@ class Aerotech2d(Aerotech):
     name: ClassVar[str] = "aerotech-2d"
     title: ClassVar[str] = "Aerotech axis calibration, two-dimensional (.cal)"
     source: ClassVar[str] = Aerotech1d.source
+    back: ClassVar[str] = (
+        "remove the file under Configure > Calibration 2D and reset (Automation1), CALDISABLE 2D (A3200)"
+    )
     doubt: ClassVar[str] = (
         "the sign (taken as a correction that is added; NEGCOR turns it round), that tables of several pairs of axes "
         "may move the same axis, and the sign of OFFSETROW and OFFSETCOL (taken as minus the first position)"

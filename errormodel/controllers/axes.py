@@ -87,6 +87,13 @@ def directions_at_zero(machine: Machine, chain: Chain) -> Array:
     )
 
 
+def origins_at_zero(machine: Machine, chain: Chain) -> Array:
+    """Origins (joints, 3) of the joints' frames from the tool's tip, mm in the reference's axes, all joints at zero."""
+    frames = chain.frames({})
+    tip = frames[-1][:3, :3] @ np.asarray(machine.tool) + frames[-1][:3, 3]
+    return np.array([frames[k][:3, 3] - tip for k, e in enumerate(machine.elements) if isinstance(e, Joint)])
+
+
 def axis_letters(
     joints: Sequence[Joint], along: Array, wanted: Mapping[str, Wanted]
 ) -> tuple[list[str], tuple[str, ...]]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache
 from typing import ClassVar
 
@@ -18,7 +19,7 @@ from errormodel.arrays import Array
 from errormodel.controllers.dialect import Dialect
 from errormodel.controllers.probing import Gap, Probing
 from errormodel.controllers.setup import Axis, Setup
-from errormodel.controllers.tables import Table, Tables, Term
+from errormodel.controllers.tables import LONGER, Table, Tables, Term
 from errormodel.controllers.text import Comment, Files, printable
 from errormodel.controllers.thermal import States, Thermal
 from errormodel.discovery import by_word, classes
@@ -26,9 +27,30 @@ from errormodel.exceptions import InputError, nearest
 from errormodel.gcode.divide import Correct
 from errormodel.gcode.programme import Corrected
 from errormodel.gcode.reading import Reading
+from errormodel.machine import Vector
 
 # characters of a machine's name in a comment, which leaves room for the rest of the line
 MOST_MACHINE_NAME = 60
+
+
+EDGE_HOLDS = "beyond it the correction of its edge is held"
+
+
+@dataclass(frozen=True)
+class Line:
+    """A rotary axis as it lies: actual minus nominal, all axes at zero, in the reference's axes.
+
+    Attributes
+    ----------
+    shift, tilt : across the axis, mm and rad; `along` : its nominal direction.
+    side : ``table`` if it carries the workpiece, ``head`` if it carries the tool, empty between linear axes.
+    """
+
+    axis: str
+    shift: Vector
+    tilt: Vector
+    along: Vector
+    side: str
 
 
 class Target(ABC):
@@ -37,6 +59,7 @@ class Target(ABC):
     name: ClassVar[str]  # word for --controller
     title: ClassVar[str]
     source: ClassVar[str]  # where grammar and sign come from
+    back: ClassVar[str] = "take the files out again, and restore what was backed up"  # how to undo it
     doubt: ClassVar[str] = ""  # what no public source says; empty: nothing
     general: ClassVar[bool] = False  # holds any error of any machine: messages name it where another cannot
 
@@ -121,7 +144,9 @@ class Controller(Target):
     most_tables: ClassVar[int | None] = None
     bidirectional: ClassVar[bool] = False  # whether there are tables for each direction of travel
     linear_only: ClassVar[bool] = True  # whether linear axes only are corrected
+    follows_tool: ClassVar[bool] = False  # whether corrections follow the length of the tool
     most_points: ClassVar[int] = 10_000  # per axis
+    beyond: ClassVar[str] = EDGE_HOLDS  # what the correction is outside the measured region
 
     @abstractmethod
     def terms(self, setup: Setup) -> list[Term]:
@@ -164,6 +189,13 @@ class Controller(Target):
     def about(self, tables: Tables, setup: Setup) -> list[str]:
         """Checklist lines about these tables, such as how many the control must hold."""
         return []
+
+    def describe(self, lines: Sequence[Line], setup: Setup) -> list[str]:
+        """Steps that put rotary axes as they lie into the controller's kinematic description."""
+        return [
+            "where the kinematic description of this control takes these values is not public, or not known here: "
+            "give them to whoever maintains it"
+        ]
 
     def own_check(self, setup: Setup, tables: Tables) -> dict[str, str] | None:
         """Files of a check other than that with an indicator, by name; None: the usual check."""
@@ -222,12 +254,20 @@ class Controller(Target):
         out[:, setup.movers.index(output)] = 1.0
         return out
 
-    def emulate(self, tables: Tables, setup: Setup, q: Array, direction: Array | None = None) -> Array:
-        """Corrections (n, movers) in mm or deg at commands (n, axes), interpolated as the controller does."""
+    def emulate(
+        self, tables: Tables, setup: Setup, q: Array, direction: Array | None = None, longer: Array | None = None
+    ) -> Array:
+        """Corrections (n, movers) in mm or deg at commands (n, axes), interpolated as the controller does.
+
+        Parameters
+        ----------
+        direction : (n, axes) +-1, directions of approach; None: all positive.
+        longer : (n,) mm by which tools are longer than that of the tables; None: they are that one.
+        """
         sign = np.ones_like(q) if direction is None else direction
         out = np.zeros((len(q), len(setup.movers)))
         for table in tables:
-            out += table.at(setup, q, sign)[:, None] * self.influence(setup, table.term.output, q)
+            out += table.at(setup, q, sign, longer)[:, None] * self.influence(setup, table.term.output, q)
         return out
 
     def suits(self, setup: Setup) -> None:
@@ -268,7 +308,7 @@ def header(controller: Controller, setup: Setup, *more: str) -> list[str]:
     lines = [
         f"errormodel: {controller.title}",
         f"axes: {controller.legend(setup)}",
-        f"measured region: {region}; edge values hold beyond it",
+        f"measured region (mm, deg): {region}; {controller.beyond}",
     ]
     if setup.inverted:
         lines.append("SIGN TURNED ROUND (--invert)")
@@ -313,6 +353,22 @@ def instead(kind: type[Target] | None = None) -> str:
     kind : `Controller` or `Rewriter`, to have those only.
     """
     return " or ".join(n for n, k in registry().items() if k.general and (kind is None or issubclass(k, kind)))
+
+
+def richer(controller: Controller, setup: Setup) -> list[str]:
+    """Other formats of the same control (the same first word) whose tables depend on more axes at once."""
+
+    def reach(kind: Controller) -> int:
+        try:
+            kind.suits(setup)
+            terms = kind.structures(setup)[-1]
+        except InputError:
+            return 0
+        return max((len({*t.inputs, t.output, t.factor.rpartition(" ")[2]} - {"", LONGER}) for t in terms), default=0)
+
+    family, own = controller.name.partition("-")[0], reach(controller)
+    kinds = [k() for n, k in registry().items() if n.partition("-")[0] == family]
+    return [k.name for k in kinds if isinstance(k, Controller) and reach(k) > own]
 
 
 def target(name: str) -> Target:

@@ -6,17 +6,14 @@ from typing import ClassVar
 
 import numpy as np
 
-from errormodel.controllers import instead
-from errormodel.controllers.base import Controller, Rewriter
+from errormodel.controllers.base import Controller
 from errormodel.controllers.dialect import Dialect
 from errormodel.controllers.grids import nodes
-from errormodel.controllers.setup import MOST_LATTICE_NODES, Setup
+from errormodel.controllers.lattices import lattice_terms
+from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Table, Tables, Term, check_increasing, check_points
 from errormodel.controllers.text import Comment, Files, Lines, one_file
 from errormodel.exceptions import InputError
-
-# intervals needed over intervals given: linear interpolation errors grow with its square; by judgement
-MOST_COARSENING = 4
 
 
 class CsvGrid(Controller):
@@ -25,6 +22,7 @@ class CsvGrid(Controller):
     name: ClassVar[str] = "csv"
     title: ClassVar[str] = "plain CSV grid over all axes"
     source: ClassVar[str] = "errormodel's own"
+    back: ClassVar[str] = "send the plain positions again"
     general: ClassVar[bool] = True
     comment: ClassVar[Comment | None] = None
     sign_known: ClassVar[bool] = True
@@ -35,18 +33,7 @@ class CsvGrid(Controller):
     most_points: ClassVar[int] = 200
 
     def terms(self, setup: Setup) -> list[Term]:
-        names = setup.moving
-        grids = setup.lattice(names, self.most_points, MOST_LATTICE_NODES)
-        coarse = any(
-            MOST_COARSENING * (len(g) - 1) < setup.axis(n).intervals for n, g in zip(names, grids, strict=True)
-        )
-        if setup.points is None and (coarse or np.prod([len(g) for g in grids]) > MOST_LATTICE_NODES):
-            raise InputError(
-                f"--controller {self.name}",
-                f"a grid over {len(names)} axes that follows the errors needs more than {MOST_LATTICE_NODES} nodes",
-                f"Use --controller {instead(Rewriter)}, which needs no grid, or survey a smaller part of the travels",
-            )
-        return [Term(m, names, grids) for m in setup.movers]
+        return lattice_terms(self, setup)
 
     def quantum(self, setup: Setup) -> float:
         return 1e-7

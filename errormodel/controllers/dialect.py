@@ -68,3 +68,13 @@ class Dialect:
             lines.append(self.move.format(axis=move.axis, to=move.to, feed=move.feed))
         lines += named(self.end)
         return "\n".join(f"{self.block.format(n=n)}{line}" for n, line in enumerate(lines)) + "\n"
+
+
+RS274 = Dialect(
+    suffix=".ngc",
+    comment=Comment("; "),
+    head=("G21 G90 G94 G40 G49 G80",),
+    move="G53 G1 {axis}{to:.3f} F{feed:g}",
+    end=("M2",),
+    source="NISTIR 6556, RS274/NGC 3.5.12 (G53 with G0 or G1, in each block)",
+)

@@ -22,7 +22,7 @@ from errormodel.controllers.tables import Table, Tables, Term, check_points, eve
 from errormodel.controllers.text import Comment, Files, Lines, one_file
 from errormodel.exceptions import InputError
 
-M556 = re.compile(r"^M556 S1000 X([-.\d]+) Y([-.\d]+) Z([-.\d]+)", re.MULTILINE)
+M556 = re.compile(r"^M556 S1000 X(-?\d[.\d]*) Y(-?\d[.\d]*) Z(-?\d[.\d]*)", re.MULTILINE)
 # header of a height map, version 2
 HEIGHT_MAP_KEYS = "axis0,axis1,min0,max0,min1,max1,radius,spacing0,spacing1,num0,num1"
 MOST_MAP_POINTS = 441  # points of a height map on boards with little memory
@@ -34,6 +34,9 @@ class Duet(Printer):
     name: ClassVar[str] = "duet"
     title: ClassVar[str] = "Duet / RepRapFirmware (height map, M556)"
     source: ClassVar[str] = "Duet3D/RepRapFirmware src/Movement/BedProbing/Grid.cpp, src/Movement/Move.cpp"
+    back: ClassVar[str] = (
+        "M556 S1000 X0 Y0 Z0 and G29 S2; take M556 out of config.g and G29 S1 out of the start programmes"
+    )
     comment: ClassVar[Comment | None] = Comment("; ")
     most_points: ClassVar[int] = 21
 

@@ -17,7 +17,7 @@ from errormodel.controllers.isg import SIGN_DOUBT, Kernel, configuration
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Table, Tables, Term, check_increasing, check_points
 from errormodel.controllers.text import Files, Lines
-from errormodel.controllers.volumetric import ISO_MOTIONS
+from errormodel.controllers.volumetric import ISO_MOTIONS, KINEMATIC
 from errormodel.exceptions import InputError
 
 SECTION_LINE = re.compile(r"\[(\w+)\]")
@@ -29,11 +29,14 @@ class Etalon(Kernel):
     name: ClassVar[str] = "etalon"
     title: ClassVar[str] = "ETALON exchange format (Beckhoff TF5280 / ISG kernel)"
     source: ClassVar[str] = "infosys.beckhoff.com TF5280: 296430091"
+    back: ClassVar[str] = "#VOLCOMP OFF [ID0]; take vol_comp[0] out of the start-up list and restart"
     doubt: ClassVar[str] = SIGN_DOUBT
     most_points: ClassVar[int] = 2000
 
     def write(self, tables: Tables, setup: Setup) -> dict[str, str]:
         lines = header(self, setup)
+        for name, value in self.kinematics(setup).items():
+            lines += [f"[{name}]", f"VALUE = {value:.9g}"]
         for table in tables:
             check_points(table.term, self.most_points)
             check_increasing(table.term)
@@ -57,6 +60,8 @@ class Etalon(Kernel):
                 section = match[1]
             elif line.upper().startswith("VALUE"):
                 value = lines.numbers(number, line.split("=")[1], 1)
+                if KINEMATIC.fullmatch(section):
+                    continue
                 out.append(_table(lines, number, section, [[0.0, *value]], setup))
             elif line.startswith("Gridpoints"):
                 rows = []

@@ -12,14 +12,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.controllers import instead
-from errormodel.controllers.base import Controller, header
+from errormodel.controllers.base import Controller, Line, header
 from errormodel.controllers.dialect import Dialect
 from errormodel.controllers.grids import spaced
 from errormodel.controllers.setup import Setup
@@ -101,6 +101,29 @@ class Fanuc(Controller):
         unit = self.unit(setup)
         return f"{round(size / unit):+d} detection units of {1000 * unit:g} um"
 
+    def describe(self, lines: Sequence[Line], setup: Setup) -> list[str]:
+        """Changes of the vectors of tool centre point control (A-79348E p. 74-84, A-78712E p. 61-62)."""
+        heads, tables = ([x for x in lines if x.side == side] for side in ("head", "table"))
+        at = {x.axis: np.array(x.shift) for x in lines}
+        made: dict[str, Array] = {}
+        if tables:
+            first = tables[-1]  # the one that carries the other
+            made["19700 to 19702 (position of the rotary table)"] = at[first.axis]
+            if len(tables) == 2:
+                made["19703 to 19705 (first to second table axis)"] = at[tables[0].axis] - at[first.axis]
+        if heads:
+            last = heads[-1]
+            made["19709 to 19711 (tool axis to rotary axis)"] = at[last.axis]
+            if len(heads) == 2:
+                made["19712 to 19714 (second to first tool axis)"] = at[heads[0].axis] - at[last.axis]
+        if not made or len(heads) + len(tables) != len(lines):
+            return super().describe(lines, setup)
+        return [
+            "parameters of tool centre point control on a 30i (machine unit; older ones count in 0.001 mm): add x y z",
+            *(f"  {k}: {' '.join(f'{v + 0.0:+.4f}' for v in value)}" for k, value in made.items()),
+            "no public source has a parameter for the tilt of an axis: its part stays; the sign is to be tested",
+        ]
+
     def unit(self, setup: Setup) -> float:
         """Detection unit, mm."""
         return setup.resolution or 0.001
@@ -124,6 +147,7 @@ class FanucPitch(Fanuc):
     name: ClassVar[str] = "fanuc-pitch"
     title: ClassVar[str] = "FANUC stored pitch error compensation (parameters 3620-3624, data from N10000)"
     source: ClassVar[str] = "FANUC B-63330EN p. 25; cnc.wiki/en/fanuc-pitch-error-compensation"
+    back: ClassVar[str] = "read the parameters that were backed up (3620 to 3624 and all points) and switch off and on"
     doubt: ClassVar[str] = (
         "the sign (taken as a correction, added to the command), the range of an increment (taken as -7 to 7 detection "
         "units) and the first point's number (taken as N10000 for point 0)"
@@ -134,11 +158,33 @@ class FanucPitch(Fanuc):
     def terms(self, setup: Setup) -> list[Term]:
         # all available points are used, since the steps between them are limited
         curves = [
-            Term(m, (m,), (setup.grid(m, self.most_points, anchored=True, every=True),), zero=True)
+            Term(m, (m,), (setup.grid(m, self._most(setup, m), anchored=True, every=True),), zero=True)
             for m in setup.linear
             if m in setup.moving
         ]
         return [*curves, *shift_terms(curves)]
+
+    def _most(self, setup: Setup, name: str) -> int:
+        """Points that the measured part of an axis may have: the reference point must be one of the axis' points."""
+        low, high = setup.axis(name).measured
+        span, gap = high - low, max(low, -high, 0.0)
+        # two intervals are lost where a round step does not end at the ends
+        most = int((self.most_points - 3) * span / (span + gap)) if gap else self.most_points
+        if most < 2:
+            found = f"a machine zero {gap:.0f} mm from a measured part of {span:.0f} mm"
+            cure = "The reference point must be one of its points: measure a larger part of the travel"
+            raise InputError(f"--controller {self.name}, axis {name}", found, cure)
+        return most
+
+    @staticmethod
+    def _with_reference(table: Table, step: float) -> Table:
+        """The table with further points to the reference point, where it lies outside; its edge holds up to there."""
+        grid = np.asarray(table.term.grids[0])
+        before, behind = max(round(grid[0] / step), 0), max(-round(grid[-1] / step), 0)
+        if not before and not behind:
+            return table
+        new = spaced(float(grid[0]) - before * step, step, len(grid) + before + behind)
+        return Table(replace(table.term, grids=(new,)), np.pad(table.values, (before, behind), mode="edge"))
 
     def most_slope(self, setup: Setup, term: Term) -> float | None:
         if not term.inputs:
@@ -148,14 +194,16 @@ class FanucPitch(Fanuc):
 
     def write(self, tables: Tables, setup: Setup) -> dict[str, str]:
         unit, lines, start = self.unit(setup), list[str](), 0
-        for table in (t for t in tables if t.term.inputs):
-            term, axis = table.term, self.number(setup, table.term.output)
-            check_points(term, self.most_points)
-            step = even_step(term)
-            place = term.grids[0][0] / step
+        for bare in (t for t in tables if t.term.inputs):
+            axis, step = self.number(setup, bare.term.output), even_step(bare.term)
+            check_points(bare.term, self.most_points)
+            place = bare.term.grids[0][0] / step
             if abs(place - round(place)) > 1e-6:
-                found = f"positions from {term.grids[0][0]:g}, no whole multiple of the interval {step:g}"
-                raise InputError(f"table {term.output}", found, "The reference point 0 must be one of the points")
+                found = f"positions from {bare.term.grids[0][0]:g}, no whole multiple of the interval {step:g}"
+                raise InputError(f"table {bare.term.output}", found, "The reference point 0 must be one of the points")
+            table = self._with_reference(bare, step)
+            term, place = table.term, table.term.grids[0][0] / step
+            check_points(term, self.most_points)
             whole = np.rint(table.values / unit).astype(int)
             steps = np.diff(whole, prepend=0)
             if np.abs(steps[1:]).max(initial=0) > self.most_step:
@@ -178,16 +226,10 @@ class FanucPitch(Fanuc):
         return {"pitch.txt": self._tape(lines, setup, shift_lines(tables))}
 
     def about(self, tables: Tables, setup: Setup) -> list[str]:
-        outside = [
-            t.term.output for t in tables if t.term.inputs and not t.term.grids[0][0] <= 0 <= t.term.grids[0][-1]
+        return [
+            "the reference point of each axis is taken to be at its machine position 0 (parameter 1240): where it is "
+            "not, the numbers of 3620 shift by its distance over 3624"
         ]
-        lines = super().about(tables, setup)
-        if outside:
-            lines.append(
-                f"the machine zero of {', '.join(outside)} lies outside its table (3620 outside 3621 to 3622), "
-                "which the control may refuse: the reference point has to be one of the points"
-            )
-        return lines
 
     def read(self, files: Files, setup: Setup) -> Tables:
         name, text = one_file(files, ".txt")
@@ -225,6 +267,7 @@ class Fanuc3d(Fanuc):
     name: ClassVar[str] = "fanuc-3d"
     title: ClassVar[str] = "FANUC three-dimensional error compensation (lattice)"
     source: ClassVar[str] = "FANUC A-79351E p. 3 (trilinear over eight corners)"
+    back: ClassVar[str] = "read the parameters that were backed up, and switch off and on"
     doubt: ClassVar[str] = (
         "parameter numbers from 10800 (axes, points, reference, magnification, interval), the order of the points "
         "(the axis of N10800 fastest; from N11000 on, at each point a value for each axis, in the order of N10800 on) "

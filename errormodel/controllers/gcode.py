@@ -29,6 +29,7 @@ class GCode(Rewriter):
     name: ClassVar[str] = "gcode"
     title: ClassVar[str] = "corrected G-code or CSV of commands (controllers without tables)"
     source: ClassVar[str] = "NIST IR 6556 (RS274/NGC); manuals of LinuxCNC, FANUC 30i, Marlin, Klipper"
+    back: ClassVar[str] = "run the plain programme"
     general: ClassVar[bool] = True
 
     def quantum(self, setup: Setup) -> float:

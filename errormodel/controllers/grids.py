@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
 
 NICE_STEPS = (1.0, 2.0, 2.5, 5.0)  # steps of a grid times a power of ten, so that positions have few digits
+# numbers of intervals of a full turn in degrees whose step has at most four decimals
+TURN_INTERVALS = tuple(n for n in range(2, 1441, 2) if (360 * 10**4) % n == 0)
 
 
 def nice_step(least: float) -> float:
@@ -43,6 +45,15 @@ def even_grid(low: float, high: float, intervals: int) -> tuple[float, ...]:
     first = np.floor(low / unit + 1e-10)
     step = max(np.ceil((high / unit - first) / intervals - 1e-10), 1.0)
     return tuple(float(round((first + k * step) * unit, max(-figures, 0))) for k in range(intervals + 1))
+
+
+def turn_grid(low: float, intervals: int) -> tuple[float, ...]:
+    """Positions (deg) from `low` round to the same place again, in steps of few digits.
+
+    In the least even number of intervals that is not below `intervals`, so that a grid from -180 has one at 0.
+    """
+    count = next(n for n in TURN_INTERVALS if n >= min(intervals, TURN_INTERVALS[-1]))
+    return spaced(low, 360.0 / count, count + 1)
 
 
 def spaced(low: float, step: float, count: int) -> tuple[float, ...]:

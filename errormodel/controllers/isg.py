@@ -25,12 +25,13 @@ from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Table, Tables, Term, check_increasing, check_points
 from errormodel.controllers.text import Comment, Files, Lines, one_file
 from errormodel.controllers.thermal import Growth, States, Thermal, sign_program, thermal
-from errormodel.controllers.volumetric import Volumetric
+from errormodel.controllers.volumetric import KINEMATIC, Volumetric
 from errormodel.exceptions import InputError
 
 SIGN_DOUBT = (
     "the sign of the parameters (taken as errors, actual minus nominal; `negate XYZ` in the list turns them round) and "
-    "the point an angle's lever is counted from (taken as the axis' own frame with the tool tip as in machine.yaml)"
+    "the point an angle's lever is counted from (taken as machine zero, P0X P0Y P0Z, for linear axes and as the centre "
+    "PXC PYC PZC for a rotary one)"
 )
 
 LIST_COMMENT = Comment("# ")
@@ -85,6 +86,22 @@ class Kernel(Volumetric):
         source="infosys.beckhoff.com tf5200_programming_manual 208517515 (#MCS ON: offsets and transformations off)",
     )
 
+    def about(self, tables: Tables, setup: Setup) -> list[str]:
+        tip = " ".join(f"{v:g}" for v in setup.tool)
+        lines = [
+            "levers: the file states P0X P0Y P0Z = 0; nothing else on the control may set them, nor IDX IDY IDZ. They "
+            f"are those of the tool's tip at {tip} (--tool): N0X N0Y N0Z, which make the kernel add the tool's length, "
+            "must not be set"
+        ]
+        centres = [a.name for a in setup.ordered if a.rotary and a.name in self.measured(setup)]
+        if centres:
+            lines.append(
+                f"centres of {', '.join(centres)} (PXC ...) stand in the file, from where the tip is with all axes at "
+                "zero: compare them with the control's kinematics; workpiece_axes 0 counts every axis as one that "
+                "moves the tool, as errormodel does"
+            )
+        return lines
+
     def backlash_value(self, setup: Setup, axis: str, size: float) -> str:
         unit = "0.0001 deg" if setup.axis(axis).rotary else "0.1 um"
         return f"{round(1e4 * size):+d} (in {unit})"
@@ -112,6 +129,7 @@ class Isg(Kernel):
     name: ClassVar[str] = "isg"
     title: ClassVar[str] = "Beckhoff TF5280 / ISG kernel volumetric compensation (ISG_CSV)"
     source: ClassVar[str] = "infosys.beckhoff.com TF5280: 296423819, 296429067, 296390283"
+    back: ClassVar[str] = "#VOLCOMP OFF [ID0]; take vol_comp[0] out of the start-up list and restart"
     doubt: ClassVar[str] = SIGN_DOUBT
     most_points: ClassVar[int] = 2000
 
@@ -142,10 +160,11 @@ class Isg(Kernel):
                 check_points(table.term, self.most_points, axis)
                 check_increasing(table.term, axis)
             groups.setdefault((table.term.inputs, table.term.grids), []).append(table)
-        lines = header(self, setup)
-        for k, group in enumerate(groups.values()):
+        constants = self.kinematics(setup)
+        lines = [*header(self, setup), " ".join(constants), " ".join(f"{v:.9g}" for v in constants.values())]
+        for group in groups.values():
             term = group[0].term
-            lines += ["#"] if k else []
+            lines.append("#")
             lines.append(" ".join([*term.inputs, *(t.term.output for t in group)]))
             values = np.column_stack([t.values.ravel() for t in group])
             lines += [
@@ -153,7 +172,7 @@ class Isg(Kernel):
                 for q, e in zip(nodes(term.grids), values, strict=True)
             ]
         text = "\n".join(lines) + "\n"
-        count = sum(t.term.size for t in tables)
+        count = sum(t.term.size for t in tables) + len(constants)
         start = (
             f"{LIST_COMMENT.line('start-up list')}\nvol_comp[0].file_name vol_comp_0.lis\n"
             f"vol_comp[0].max_records {count}\n"
@@ -172,7 +191,7 @@ class Isg(Kernel):
         start, rows = 0, list[list[float]]()
 
         def close() -> None:
-            if head:
+            if head and not all(map(KINEMATIC.fullmatch, head)):
                 out.extend(_block(lines, start, head, rows))
 
         for number, line in lines.lines:

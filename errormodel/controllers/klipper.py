@@ -37,10 +37,13 @@ class Klipper(Printer):
     name: ClassVar[str] = "klipper"
     title: ClassVar[str] = "Klipper (skew_correction, bed_mesh)"
     source: ClassVar[str] = "Klipper Config_Reference.md; bed_mesh.py, skew_correction.py"
+    back: ClassVar[str] = "SET_SKEW CLEAR=1 and BED_MESH_CLEAR; take the include and the start lines out, RESTART"
     comment: ClassVar[Comment | None] = HASH_COMMENT
     most_points: ClassVar[int] = 100
 
-    def emulate(self, tables: Tables, setup: Setup, q: Array, direction: Array | None = None) -> Array:
+    def emulate(
+        self, tables: Tables, setup: Setup, q: Array, direction: Array | None = None, longer: Array | None = None
+    ) -> Array:
         skew, mesh = skews_of(tables), heights_of(tables)
         xy, xz, yz = (-skew[k] for k in ("XY", "XZ", "YZ"))
         y, z = (q[:, setup.place(n)] if n in setup.names else np.zeros(len(q)) for n in "YZ")

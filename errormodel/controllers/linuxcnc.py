@@ -17,7 +17,7 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.controllers.base import Controller, header
-from errormodel.controllers.dialect import Dialect
+from errormodel.controllers.dialect import RS274, Dialect
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Tables, Term, check_increasing, check_points, merged, split
 from errormodel.controllers.text import Comment, Files, Lines
@@ -30,6 +30,7 @@ class LinuxCnc1(Controller):
     name: ClassVar[str] = "linuxcnc-type1"
     title: ClassVar[str] = "LinuxCNC COMP_FILE_TYPE = 1 (trims)"
     source: ClassVar[str] = "LinuxCNC docs/src/config/ini-config.adoc, src/emc/usr_intf/usrmotintf.cc"
+    back: ClassVar[str] = "take COMP_FILE and COMP_FILE_TYPE out of the INI file, put BACKLASH back, restart and home"
     bidirectional: ClassVar[bool] = True
     comment: ClassVar[Comment | None] = Comment("# ")
     sign_known: ClassVar[bool] = True
@@ -39,14 +40,7 @@ class LinuxCnc1(Controller):
     )
     first_number: ClassVar[int | None] = 0
     number_form: ClassVar[str] = "JOINT_{}"
-    dialect: ClassVar[Dialect | None] = Dialect(
-        suffix=".ngc",
-        comment=Comment("; "),
-        head=("G21 G90 G94 G40 G49 G80",),
-        move="G53 G1 {axis}{to:.3f} F{feed:g}",
-        end=("M2",),
-        source="NISTIR 6556, RS274/NGC 3.5.12 (G53 with G0 or G1, in each block), which LinuxCNC follows",
-    )
+    dialect: ClassVar[Dialect | None] = RS274
     most_points: ClassVar[int] = 256
     kind: ClassVar[int] = 1
 
@@ -102,6 +96,7 @@ class LinuxCnc1(Controller):
     def checklist(self, setup: Setup) -> list[str]:
         return [
             "copy the .comp files beside the INI file and the lines of compensation.ini into its [JOINT_n] sections",
+            "the files are in mm and degrees: [TRAJ] LINEAR_UNITS must be mm (where it is inch, do not load them)",
             "compare the joint numbers above with those of the axes on this machine ([TRAJ] COORDINATES, [KINS])",
             "BACKLASH of these joints is ignored where a COMP_FILE is given: take it out",
             "restart LinuxCNC (a reload in the same session appends to the table), home, then check with an indicator",

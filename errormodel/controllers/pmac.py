@@ -40,6 +40,7 @@ class Pmac(Controller):
     name: ClassVar[str] = "pmac"
     title: ClassVar[str] = "Delta Tau PMAC / Turbo PMAC position compensation (DEFINE COMP)"
     source: ClassVar[str] = "Turbo PMAC software reference, DEFINE COMP, p. 302-305"
+    back: ClassVar[str] = "I51=0; #n DELETE COMP for each table, SAVE"
     doubt: ClassVar[str] = "the sign of the entries (taken as a correction, added to the commanded position)"
     comment: ClassVar[Comment | None] = Comment("; ")
     sign_known: ClassVar[bool] = False
@@ -48,6 +49,9 @@ class Pmac(Controller):
     backlash_parameter: ClassVar[str] = "I{number}86 (with I{number}85 above 0)"
     first_number: ClassVar[int | None] = 1
     number_form: ClassVar[str] = "#{}"
+    beyond: ClassVar[str] = (
+        "to the ends of the travel the correction of its edge is held; beyond the travel the tables roll over"
+    )
     most_points: ClassVar[int] = 1000
     most_tables: ClassVar[int | None] = 32
 

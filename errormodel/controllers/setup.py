@@ -9,10 +9,12 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.controllers.axes import in_order
-from errormodel.controllers.grids import anchored_grid, even_grid
+from errormodel.controllers.grids import anchored_grid, even_grid, turn_grid
 from errormodel.exceptions import InputError, nearest
 from errormodel.machine import Vector
 
+FULL_TURN = 360.0  # deg
+MOST_TURN_POINTS = 361  # positions of a full turn where a format would take more; by judgement
 MOST_LATTICE_NODES = 100_000  # nodes of a lattice over all axes, a bound on size and time; by judgement
 
 
@@ -26,6 +28,8 @@ class Axis:
     travel, measured : ends of the travel, and of its surveyed part (mm or deg).
     along : direction of the joint at the machine's zero (unit vector in the reference's axes).
     intervals : number of equal intervals in which linear interpolation represents the errors along it.
+    centre : origin of its errors (of a rotary one: its centre) from the tool's tip, all axes at zero (mm, in the
+        reference's axes).
     """
 
     name: str
@@ -35,6 +39,12 @@ class Axis:
     measured: tuple[float, float]
     along: Vector = (1.0, 0.0, 0.0)
     intervals: int = 16
+    centre: Vector = (0.0, 0.0, 0.0)
+
+    @property
+    def turns(self) -> bool:
+        """Whether it goes round: its measured part is a full turn, of which both ends are the same place."""
+        return self.rotary and abs(self.measured[1] - self.measured[0] - FULL_TURN) < 1e-6
 
 
 @dataclass(frozen=True)
@@ -141,6 +151,13 @@ class Setup:
         return tuple(m for m in self.movers if not self.axis(m).rotary)
 
     @property
+    def along_tool(self) -> Vector:
+        """Direction in which a longer tool's tip lies, a unit vector in the last frame; zero if that is not known."""
+        length = float(np.linalg.norm(self.tool))
+        x, y, z = (float(v) / length if length else 0.0 for v in self.tool)
+        return x, y, z
+
+    @property
     def watched(self) -> tuple[str, ...]:
         """The linear axes that carry out corrections, in the controller's order."""
         return tuple(a.name for a in self.ordered if a.name in self.linear)
@@ -152,6 +169,9 @@ class Setup:
         `every` there are as many as permitted.
         """
         axis, make = self.axis(name), anchored_grid if anchored else even_grid
+        if axis.turns and (self.points is None or self.points <= most):
+            least = axis.intervals if self.points is None else self.points - 1
+            return _turn(axis, most) if every else _turn(axis, min(least, most - 1), most)
         if self.points is None:
             wanted = most - 1 if every else axis.intervals * (2 if anchored else 1)
             return make(*axis.measured, max(1, min(wanted, most - 1)))
@@ -173,11 +193,21 @@ class Setup:
         while self.points is None and np.prod([len(g) for g in grids]) > nodes and share > 0.02:
             share *= 0.95
             grids = tuple(
-                even_grid(*axis.measured, max(min(2, axis.intervals), round(share * min(axis.intervals, most - 1))))
+                _turn(axis, count, most) if axis.turns else even_grid(*axis.measured, count)
                 for axis in map(self.axis, names)
+                for count in [max(min(2, axis.intervals), round(share * min(axis.intervals, most - 1)))]
             )
         count = int(np.prod([len(g) for g in grids]))
         if self.points is not None and count > MOST_LATTICE_NODES:
             found = f"{self.points} points on {len(names)} axes are {count} nodes, more than {MOST_LATTICE_NODES}"
             raise InputError("--points", found, "Ask for fewer points")
         return grids
+
+
+def _turn(axis: Axis, intervals: int, most: int = MOST_TURN_POINTS) -> tuple[float, ...]:
+    """Positions of an axis round a full turn, at most `most` of them."""
+    grid = turn_grid(axis.measured[0], intervals)
+    while len(grid) > most and intervals > 1:
+        intervals -= 1
+        grid = turn_grid(axis.measured[0], intervals)
+    return grid

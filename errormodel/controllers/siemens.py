@@ -21,10 +21,10 @@ from typing import ClassVar
 import numpy as np
 
 from errormodel.arrays import Array
-from errormodel.controllers.base import Controller, header
+from errormodel.controllers.base import Controller, Line, header
 from errormodel.controllers.dialect import Dialect
 from errormodel.controllers.grids import spaced
-from errormodel.controllers.setup import Setup
+from errormodel.controllers.setup import FULL_TURN, Axis, Setup
 from errormodel.controllers.tables import (
     Table,
     Tables,
@@ -107,6 +107,45 @@ class Siemens(Controller):
     def address(self, setup: Setup, name: str) -> str:
         return f"{name}1"
 
+    def describe(self, lines: Sequence[Line], setup: Setup) -> list[str]:
+        """Changes of the vectors of a swivel data set or 5-axis transformation (6FC5397-1DP40, IM9, 22.6 and 21.7)."""
+        heads, tables = ([x for x in lines if x.side == side] for side in ("head", "table"))
+        at = {x.axis: np.array(x.shift) for x in lines}
+        if len(heads) == 2 and not tables:
+            first, second = heads
+            made = {"I2": at[first.axis] - at[second.axis], "I3": at[second.axis]}
+            made["I1"] = -(made["I2"] + made["I3"])
+            numbers = {"I1": "1 to 3", "I2": "4 to 6", "I3": "15 to 17"}
+        elif len(tables) == 2 and not heads:
+            second, first = tables
+            made = {"I2": at[first.axis], "I3": at[second.axis] - at[first.axis]}
+            made["I4"] = -(made["I2"] + made["I3"])
+            numbers = {"I2": "4 to 6", "I3": "15 to 17", "I4": "18 to 20"}
+        elif len(heads) == 1 and len(tables) == 1:
+            (first,), (second,) = heads, tables
+            made = {"I2": at[first.axis], "I1": -at[first.axis], "I3": at[second.axis], "I4": -at[second.axis]}
+            numbers = {"I1": "1 to 3", "I2": "4 to 6", "I3": "15 to 17", "I4": "18 to 20"}
+        elif len(lines) == 1 and lines[0].side == "table":
+            first = second = tables[0]
+            made, numbers = {"I2": at[first.axis], "I4": -at[first.axis]}, {"I2": "4 to 6", "I4": "18 to 20"}
+        else:
+            return super().describe(lines, setup)
+        out = [
+            f"swivel data of {first.axis} as rotary axis 1" + (f" and {second.axis} as 2" if second != first else "")
+            + ", $TC_CARR of the data set n (as fine offsets $TC_CARR41 to 60), or the MD24500 to MD24572 of the "
+            "transformation; with a kinematic chain ($NK_) the offset elements of these axes. Add, in mm x y z:"
+        ]  # fmt: skip
+        out += [f"  {k} ($TC_CARR{numbers[k]}): {' '.join(f'{v + 0.0:+.4f}' for v in made[k])}" for k in sorted(made)]
+        for name, one in dict.fromkeys([("V1 ($TC_CARR7 to 9)", first), ("V2 ($TC_CARR10 to 12)", second)]):
+            if name[1] == "2" and second == first:
+                continue
+            turn = np.cross(one.tilt, one.along)
+            out.append(
+                f"  {name}: {' '.join(f'{v + 0.0:+.7f}' for v in turn)} (for a vector of length 1 along "
+                f"{' '.join(f'{v:+g}' for v in one.along)}; the other signs where the control has it the other way)"
+            )
+        return [*out, "the closing vector only where the head or table cannot be changed; the sign is to be tested"]
+
 
 class SiemensLec(Siemens):
     """Leadscrew error compensation, ``$AA_ENC_COMP``."""
@@ -116,6 +155,7 @@ class SiemensLec(Siemens):
     name: ClassVar[str] = "siemens-lec"
     title: ClassVar[str] = "Siemens Sinumerik leadscrew error compensation ($AA_ENC_COMP)"
     source: ClassVar[str] = "SINUMERIK Extended Functions 6FC5397-1BP40-3BA1, K3, p. 237-242"
+    back: ClassVar[str] = "MD32700 $MA_ENC_COMP_ENABLE = 0 and reset; reference the axes"
     most_points: ClassVar[int] = 1000
 
     def terms(self, setup: Setup) -> list[Term]:
@@ -174,6 +214,7 @@ class SiemensCec(Siemens):
     name: ClassVar[str] = "siemens-cec"
     title: ClassVar[str] = "Siemens Sinumerik cross error compensation ($AN_CEC), products of tables included"
     source: ClassVar[str] = "SINUMERIK Extended Functions 6FC5397-1BP40-3BA1, K3, p. 249-264; 840D sl p. 277"
+    back: ClassVar[str] = "MD32710 $MA_CEC_ENABLE = 0 and reset"
     doubt: ClassVar[str] = (
         "the sign of $AN_CEC (taken as that of $AA_ENC_COMP: a positive value moves the axis in minus direction), and "
         "that a table which only multiplies others does not act by itself while $SN_CEC_TABLE_ENABLE is 0 for it"
@@ -210,14 +251,22 @@ class SiemensCec(Siemens):
         count = len(tables) + levers
         return [
             f"{count} tables of $AN_CEC are needed: {len(tables)} corrections and {levers} that only multiply others. "
-            "An 840D sl has 2 a machine axis, an 828D has 8; compare MD18342, and the option for sag compensation"
+            "An 840D sl has 2 a machine axis, an 828D has 8; compare MD18342, and the option for sag compensation",
+            *(
+                f"{a.name} goes round: its tables are modulo ({a.measured[0]:g} to {a.measured[1]:g} deg), and it must "
+                "be a modulo axis of that range (MD30310, MD30330)"
+                for a in setup.ordered
+                if a.turns
+            ),
         ]
 
     def by_itself(self, tables: Tables, setup: Setup, q: Array) -> dict[str, float]:
         levers = {t.term.factor for t in tables if t.term.factor and " " not in t.term.factor}
         return {name: -float(q[0, setup.place(name)]) / 1000 for name in levers}
 
-    def emulate(self, tables: Tables, setup: Setup, q: Array, direction: Array | None = None) -> Array:
+    def emulate(
+        self, tables: Tables, setup: Setup, q: Array, direction: Array | None = None, longer: Array | None = None
+    ) -> Array:
         sign = np.ones_like(q) if direction is None else direction
         out = np.zeros((len(q), len(setup.movers)))
         for table in tables:
@@ -226,7 +275,9 @@ class SiemensCec(Siemens):
             value = own.at(setup, q, sign)
             if term.factor:
                 x, lever = self._lever(setup, term.factor)
-                value = value * np.interp(q[:, setup.place(term.factor.rpartition(" ")[2])], x, lever)
+                turns = setup.axis(term.factor.rpartition(" ")[2]).turns
+                place = q[:, setup.place(term.factor.rpartition(" ")[2])]
+                value = value * np.interp(x[0] + np.mod(place - x[0], FULL_TURN) if turns else place, x, lever)
             out[:, setup.movers.index(term.output)] += value
         return out
 
@@ -242,31 +293,32 @@ class SiemensCec(Siemens):
             x, lever = self._lever(setup, name)
             axis = name.rpartition(" ")[2]
             lines.append(f"; table {t + 1} only multiplies others: {name}")
-            lines += self._table(t, x, lever, axis, axis, 0, 0)
+            lines += self._table(t, x, lever, setup.axis(axis), axis, 0, 0)
         for t, table in enumerate(tables, start=len(factors)):
             term = table.term
             check_points(term, self.most_points)
             even_step(term)
             multiply = number[term.factor] + 1 if term.factor else 0
             x = np.asarray(term.grids[0])
-            lines += self._table(t, x, -table.values, term.inputs[0], term.output, term.direction, multiply)
+            source = setup.axis(term.inputs[0])
+            lines += self._table(t, x, -table.values, source, term.output, term.direction, multiply)
         if len(tables) + len(factors) > 62:
             found = f"{len(tables) + len(factors)} tables, of which the control has 62"
             raise InputError("tables", found, "Leave some out")
         return {"NC_CEC.INI": "\n".join([*lines, "M17"]) + "\n"}
 
     @staticmethod
-    def _table(t: int, x: Array, values: Array, source: str, target: str, direction: int, multiply: int) -> list[str]:
+    def _table(t: int, x: Array, values: Array, source: Axis, target: str, direction: int, multiply: int) -> list[str]:
         return [
             *(f"$AN_CEC[{t},{k}]={v:.9f}" for k, v in enumerate(values)),
-            f"$AN_CEC_INPUT_AXIS[{t}]=({source}1)",
+            f"$AN_CEC_INPUT_AXIS[{t}]=({source.name}1)",
             f"$AN_CEC_OUTPUT_AXIS[{t}]=({target}1)",
             f"$AN_CEC_STEP[{t}]={(x[-1] - x[0]) / (len(x) - 1):.9g}",
             f"$AN_CEC_MIN[{t}]={x[0]:.9g}",
             f"$AN_CEC_MAX[{t}]={x[-1]:.9g}",
             f"$AN_CEC_DIRECTION[{t}]={direction}",
             f"$AN_CEC_MULT_BY_TABLE[{t}]={multiply}",
-            f"$AN_CEC_IS_MODULO[{t}]=0",
+            f"$AN_CEC_IS_MODULO[{t}]={int(source.turns)}",
         ]
 
     def read(self, files: Files, setup: Setup) -> Tables:

@@ -14,11 +14,14 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.controllers.grids import hats
-from errormodel.controllers.setup import Setup
+from errormodel.controllers.setup import FULL_TURN, Setup
 from errormodel.exceptions import InputError
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
+
+
+LONGER = "tool"  # factor of a table per mm by which a tool is longer than that of the other tables
 
 
 @dataclass(frozen=True)
@@ -29,7 +32,8 @@ class Term:
     ----------
     output : the axis that it corrects, or an error parameter such as EXX.
     inputs, grids : axes that it is a function of, and its positions along each; empty: a single number.
-    factor : axis whose position multiplies the value; ``sin`` or ``cos`` before it: that function of a rotary axis.
+    factor : axis whose position multiplies the value; ``sin`` or ``cos`` before it: that function of a rotary axis;
+        `LONGER`: the length by which the tool exceeds that of the other tables, mm.
     direction : direction of travel of the first input that it applies to, +1 or -1; 0: both.
     zero : whether it must be zero at the reference point, where its inputs are (closest to) zero.
     """
@@ -49,12 +53,22 @@ class Term:
     def size(self) -> int:
         return int(np.prod(self.shape))
 
-    def weights(self, setup: Setup, q: Array, direction: Array) -> csr_matrix:
-        """Weights (n, size) of the values at positions (n, axes) with directions of approach (n, axes)."""
+    def weights(self, setup: Setup, q: Array, direction: Array, longer: Array | None = None) -> csr_matrix:
+        """Weights (n, size) of the values at positions (n, axes) with directions of approach (n, axes).
+
+        `longer` (n,): mm by which the tools are longer than that of the tables; None: they are that one.
+        """
         from scipy.sparse import diags
 
-        w = hats(self.grids, q[:, [setup.place(i) for i in self.inputs]])
-        scale = factor(setup, self.factor, q)
+        places = q[:, [setup.place(i) for i in self.inputs]]
+        for k, axis in enumerate(map(setup.axis, self.inputs)):
+            if axis.turns:  # a turn further is the same place
+                places[:, k] = axis.measured[0] + np.mod(places[:, k] - axis.measured[0], FULL_TURN)
+        w = hats(self.grids, places)
+        if self.factor == LONGER:
+            scale = np.zeros(len(q)) if longer is None else longer
+        else:
+            scale = factor(setup, self.factor, q)
         if self.direction:
             scale = scale * (np.sign(direction[:, setup.place(self.inputs[0])]) == self.direction)
         out: csr_matrix = (diags(scale) @ w).tocsr()
@@ -79,9 +93,9 @@ class Table:
     term: Term
     values: Array
 
-    def at(self, setup: Setup, q: Array, direction: Array) -> Array:
-        """Corrections (n,) at positions (n, axes)."""
-        return np.asarray(self.term.weights(setup, q, direction) @ self.values.ravel())
+    def at(self, setup: Setup, q: Array, direction: Array, longer: Array | None = None) -> Array:
+        """Corrections (n,) at positions (n, axes) with tools longer by `longer` (n,), mm."""
+        return np.asarray(self.term.weights(setup, q, direction, longer) @ self.values.ravel())
 
 
 Tables = tuple[Table, ...]

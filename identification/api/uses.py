@@ -166,6 +166,7 @@ def compensate(
     axes: str | None = None,
     invert: bool = False,
     allow_large: bool = False,
+    kinematics: bool = False,
     seed: int = 0,
     progress: Progress = silent,
 ) -> CompensationResult:
@@ -198,7 +199,9 @@ def compensate(
     invert : bool
         Write the other sign, where the check of signs showed that the control wants it.
     allow_large : bool
-        Write corrections beyond 1 mm, too.
+        Write corrections beyond 1 mm, or 10 mm in a metre, too.
+    kinematics : bool
+        Put constant errors of rotary axes into the control's kinematic description, and what remains into the tables.
     seed : int
     progress : callable
         Called with the name of each long part; returns a context manager around it.
@@ -225,7 +228,7 @@ def compensate(
         return CompensationResult(
             stage(
                 folder, controller, points, resolution, path, probe, tool, seed, progress, reading, axes=axes,
-                invert=invert, allow_large=allow_large,
+                invert=invert, allow_large=allow_large, kinematics=kinematics,
             )
         )  # fmt: skip
 

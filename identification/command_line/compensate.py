@@ -38,7 +38,10 @@ if TYPE_CHECKING:
 @click.option(
     "--invert", is_flag=True, help="Write the other sign: where the check in sign_test showed that it is wanted."
 )
-@click.option("--allow-large", is_flag=True, help="Write corrections beyond 1 mm, too.")
+@click.option("--allow-large", is_flag=True, help="Write corrections beyond 1 mm, or 10 mm in a metre, too.")
+@click.option(
+    "--kinematics", is_flag=True, help="Constant errors of rotary axes into kinematics.txt, tables for what remains."
+)
 def compensate(
     folder: Path | None,
     name: str,
@@ -54,6 +57,7 @@ def compensate(
     axes: str | None,
     invert: bool,
     allow_large: bool,
+    kinematics: bool,
     seed: int,
 ) -> None:
     """Write a controller's tables from the FOLDER of a fit, and show by emulation what they leave over."""
@@ -72,7 +76,8 @@ def compensate(
         raise InputError("--resolution", f"{resolution:g} mm", "Write the least increment in mm, such as 0.001")
     result = api.compensate(
         folder, name, points=points, resolution=resolution, program=program, dialect=dialect, offsets=offsets, at=after,
-        probe=probe, tool=tool, axes=axes, invert=invert, allow_large=allow_large, seed=seed, progress=working,
+        probe=probe, tool=tool, axes=axes, invert=invert, allow_large=allow_large, kinematics=kinematics, seed=seed,
+        progress=working,
     )  # fmt: skip
     show_notes(result.notes)
     result.write(out)

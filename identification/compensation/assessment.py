@@ -66,7 +66,8 @@ def emulated(controller: Controller, tables: Tables, setup: Setup, volume: Volum
 
     def correct(q: Array, direction: Array, tool: Array | None) -> Array:
         out = q.copy()
-        out[:, movers] += controller.emulate(tables, setup, field.outward(q), direction) * unit
+        longer = None if tool is None else (tool - np.asarray(setup.tool)) @ np.asarray(setup.along_tool)
+        out[:, movers] += controller.emulate(tables, setup, field.outward(q), direction, longer) * unit
         return out
 
     return correct

@@ -18,13 +18,13 @@ from errormodel.controllers.base import Controller, Rewriter, Target, read_back,
 from errormodel.controllers.polarity_steps import check_of
 from errormodel.controllers.probing import Probing
 from errormodel.controllers.setup import Setup
-from errormodel.controllers.tables import Table, Tables
+from errormodel.controllers.tables import LONGER, Table, Tables, Term
 from errormodel.exceptions import InputError
 from errormodel.gcode.reading import Reading
 from errormodel.inputs import noted
 from errormodel.machine import Vector
 from identification.compensation.advice import mechanical_advice
-from identification.compensation.assessment import Correct, assess, emulated
+from identification.compensation.assessment import Correct, assess, emulated, left, nothing
 from identification.compensation.conditions import (
     check_size,
     conditions_of,
@@ -35,6 +35,7 @@ from identification.compensation.read_motions import known_at_tip, motion_rows, 
 from identification.compensation.reduction import leftover, reduce
 from identification.compensation.result import Compensation, Own, Stated
 from identification.compensation.reversal import reversals
+from identification.compensation.rotary_axes import Kinematics, described, lines_of
 from identification.compensation.rows import Rows, held_out, joints_read, read_rows
 from identification.compensation.text import COMMON_FILES
 from identification.compensation.volume import Volume, levels
@@ -65,6 +66,7 @@ def compensate(
     axes: str | None = None,
     invert: bool = False,
     allow_large: bool = False,
+    kinematics: bool = False,
 ) -> Compensation:
     """Compute the tables of a controller for the machine that was fitted into `folder`.
 
@@ -80,6 +82,8 @@ def compensate(
     axes : letters and numbers of the joints on the controller, ``X=1,Y=2``; None: the usual ones.
     invert : whether the files get the other sign, because the check showed that the control wants it.
     allow_large : whether corrections beyond 1 mm are written.
+    kinematics : whether the controller's kinematic description takes the constant errors of rotary axes, and the tables
+        what remains.
 
     Raises
     ------
@@ -103,6 +107,12 @@ def compensate(
     volume = Volume.of(field, table, fit.frame_mode != "fixed", turns=read is None)
     with progress("Following the errors along each axis"):
         setup, notes = volume.setup(points, resolution, axes)
+    rotary = _rotary_axes(controller, volume, setup, seed, kinematics) if read is None else None
+    plain = volume
+    if rotary is not None and kinematics:
+        field = described(field, setup, rotary.lines)
+        volume = replace(volume, field=field)
+        setup = volume.setup(points, resolution, axes)[0]
     letters = {a.joint: a.name for a in setup.axes}
     by_axis = None if read is None else {a.name: read.get(a.joint, ()) for a in setup.axes}
     setup = replace(setup, probe=probe, inverted=invert, reversals=reversals(field, letters), read=by_axis)
@@ -140,6 +150,9 @@ def compensate(
         )
     else:
         said = state_lines(replace(volume, field=field.at(usual.state)), table, loose, volume.ideal, seed)
+    if rotary is not None and kinematics and isinstance(controller, Controller):
+        bare = left(plain, emulated(controller, usual.tables, setup, plain), seed).rms_um
+        rotary = replace(rotary, tables_alone_um=bare)
     advice = mechanical_advice(volume, usual.figures[0].before.rms_um)
     return Compensation(
         controller,
@@ -151,7 +164,29 @@ def compensate(
         advice,
         (*notes, *rotation_notes(fit.frames), *_notes(volume, setup, held is not None, read)),
         said,
+        rotary,
     )
+
+
+def _rotary_axes(controller: Target, volume: Volume, setup: Setup, seed: int, asked: bool) -> Kinematics | None:
+    """Rotary axes as they lie, and what that is worth; None: there are none, or nothing that describes them.
+
+    Raises
+    ------
+    InputError
+        They are asked for where there are none, or of a target that corrects the commands themselves.
+    """
+    if not isinstance(controller, Controller):
+        if asked:
+            raise InputError("--kinematics", f"{controller.title} corrects the commands themselves", "Leave it out")
+        return None
+    lines = lines_of(volume, setup)
+    if not lines:
+        if asked:
+            raise InputError("--kinematics", "no rotary joint moved in the survey", "Leave it out")
+        return None
+    known = replace(volume, field=described(volume.field, setup, lines))
+    return Kinematics(lines, left(volume, nothing, seed).rms_um, left(known, nothing, seed).rms_um, asked)
 
 
 def _probing(controller: Target, setup: Setup, volume: Volume) -> Probing:
@@ -186,7 +221,7 @@ def _one_state(
     with progress("Judging what they leave"):
         figures = assess(volume, emulated(controller, back, setup, volume), held, seed)
         conditions = conditions_of(controller, setup, volume, back, seed)
-    check_size(conditions.largest_mm, allow_large)
+    check_size(conditions.largest, allow_large, what)
     return Stated(label, state, files, back, figures, conditions)
 
 
@@ -282,8 +317,16 @@ def best_tables(controller: Controller, setup: Setup, volume: Volume) -> Tables:
 
     Structures are tried from the plainest on; a richer one replaces it only if it is clearly better.
     """
+    structures = controller.structures(setup)
+    longer = [t for t in structures[-1] if t.factor == LONGER]
+    if longer:  # both from the same nodes in the same frame, so that they hold together
+        return volume.followed([t for t in structures[-1] if t.factor != LONGER], longer, setup)
+    return _best_of(structures, controller, setup, volume)
+
+
+def _best_of(structures: list[list[Term]], controller: Controller, setup: Setup, volume: Volume) -> Tables:
     best: Tables = ()
-    for terms in controller.structures(setup):
+    for terms in structures:
         if sum(t.size for t in terms) > EXACT_LATTICE_VALUES:
             values = volume.nodes(terms, setup)
             if values is not None:

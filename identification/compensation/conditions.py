@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from errormodel.arrays import Array
 from errormodel.controllers.base import Controller
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Tables
 from errormodel.exceptions import InputError
-from identification.compensation.assessment import Correct, emulated, fresh_rows, left
+from identification.compensation.assessment import Correct, emulated, fresh_rows, left, nothing, remaining
 from identification.compensation.reversal import left_to_parameters, reversal_lines, with_backlash
 from identification.compensation.volume import Volume, best_frame
 from identification.observation.pose import Pose
@@ -25,8 +26,27 @@ if TYPE_CHECKING:
     import pandas as pd
 
 PLAUSIBLE_MM = 1.0  # mm: a larger correction is taken for a mistake in the survey; by judgement
+# mm/mm: a steeper correction is taken for one, too; ten times the squareness of a poor machine; by judgement
+PLAUSIBLE_SLOPE = 0.01
+PLAUSIBLE_TURN = 50.0  # mm of travel that count as one degree in that; by judgement
+SLOPE_STEP_SHARE = 0.01  # of the measured travel, over which slopes are taken; by judgement
+# Tables that take away less of the rms error, or make more of the poses worse by WORSE_UM and WORSE_SHARE of their
+# error, do more harm than good; by judgement
+LEAST_REMOVED_SHARE, MOST_WORSE_SHARE = 0.2, 0.1
+WORSE_UM, WORSE_SHARE = 1.0, 0.1
 CHANNEL_UNITS = {"time": "s", "feed": "mm/min", "load": "kg"}  # display units of channels
 REPORTED_SHARE = 0.05  # of the residual RMS: smaller differences are not reported; by judgement
+
+
+@dataclass(frozen=True)
+class Largest:
+    """Largest correction of a linear joint over the volume (mm), its largest slope (mm per mm or deg), and where."""
+
+    mm: float
+    joint: str
+    place: str
+    slope: float
+    along: str
 
 
 @dataclass(frozen=True)
@@ -38,16 +58,31 @@ class Conditions:
     left_um : with the zero shifts made and the backlash parameters as they were during the survey.
     unshifted_um : without the zero shifts; None: there are none.
     parameters_um : with the backlash parameters set; None: there is nothing to set.
-    largest_mm : largest correction of a linear joint, mm.
+    before_um : without tables.
+    worse_share : share of the poses that the tables make worse.
+    largest : largest correction and slope of a linear joint, and where.
     """
 
     left_um: float
     unshifted_um: float | None
     parameters_um: float | None
-    largest_mm: float
+    before_um: float
+    worse_share: float
+    largest: Largest
 
     def as_json(self) -> dict[str, Any]:
         return asdict(self)
+
+    def against(self, instead: str) -> str:
+        """Why these tables should not be loaded, and what to use; empty: nothing speaks against them."""
+        removed = 1 - self.left_um / self.before_um if self.before_um > 0 else 0.0
+        if removed >= LEAST_REMOVED_SHARE and self.worse_share <= MOST_WORSE_SHARE:
+            return ""
+        return (
+            f"DO NOT LOAD THESE TABLES: this format takes away {100 * max(removed, 0.0):.0f} % of the rms error "
+            f"({self.before_um:.1f} um before, {self.left_um:.1f} after) and makes {100 * self.worse_share:.0f} % of "
+            f"the poses worse; --controller {instead} can take away the rest"
+        )
 
 
 def conditions_of(controller: Controller, setup: Setup, volume: Volume, tables: Tables, seed: int) -> Conditions:
@@ -58,23 +93,56 @@ def conditions_of(controller: Controller, setup: Setup, volume: Volume, tables: 
     found = left_to_parameters(controller, setup, tables)
     bare = left(volume, emulated(controller, kept, setup, volume), seed).rms_um if len(kept) < len(tables) else None
     set_up = left(volume, with_backlash(correct, setup, found, volume.field), seed).rms_um if found else None
-    return Conditions(promised, bare, set_up, largest(volume, correct, seed))
+    return Conditions(
+        promised, bare, set_up, left(volume, nothing, seed).rms_um, _worse(volume, correct, seed),
+        largest(volume, setup, correct, seed),
+    )  # fmt: skip
 
 
-def largest(volume: Volume, correct: Correct, seed: int) -> float:
-    """Largest correction of a linear joint over the volume, mm."""
+def _worse(volume: Volume, correct: Correct, seed: int) -> float:
+    """Share of the poses whose error grows by more than `WORSE_UM` and `WORSE_SHARE` of it."""
     rows = fresh_rows(volume, seed)
-    moved = np.abs(correct(rows.q, rows.direction, None) - rows.q)[:, np.logical_not(volume.field.rotary)]
-    return float(moved.max(initial=0.0))
+    before, after = (1e3 * np.linalg.norm(remaining(volume, c, rows), axis=1) for c in (nothing, correct))
+    return float(np.mean(after > (1 + WORSE_SHARE) * before + WORSE_UM))
 
 
-def check_size(size: float, allowed: bool) -> None:
-    """Raise InputError where a correction (mm) is implausibly large, unless the user allows it."""
-    if size > PLAUSIBLE_MM and not allowed:
+def largest(volume: Volume, setup: Setup, correct: Correct, seed: int) -> Largest:
+    """Largest correction of a linear joint over the volume, and its largest slope along any joint."""
+    rows, field = fresh_rows(volume, seed), volume.field
+    linear = np.logical_not(field.rotary)
+
+    def moved(q: Array) -> Array:
+        return np.where(linear, correct(q, rows.direction, None) - q, 0.0)
+
+    here = moved(rows.q)
+    pose, joint = np.unravel_index(int(np.argmax(np.abs(here))), here.shape)
+    slope, along = 0.0, field.joints[0].name
+    for k, other in enumerate(field.joints):
+        step = SLOPE_STEP_SHARE * (volume.high[k] - volume.low[k])
+        if step > 0:
+            q = rows.q.copy()
+            q[:, k] += np.where(q[:, k] + step <= volume.high[k], step, -step)
+            scale = PLAUSIBLE_TURN if field.rotary[k] else 1.0
+            steep = float(np.abs(moved(q) - here).max()) / float(np.degrees(step) if field.rotary[k] else step) / scale
+            slope, along = max((slope, along), (steep, other.name))
+    where = field.outward(rows.q)[pose]
+    place = " ".join(f"{a.joint}={v:.1f}" for a, v in zip(setup.axes, where, strict=True))
+    return Largest(float(np.abs(here[pose, joint])), field.joints[joint].name, place, slope, along)
+
+
+def check_size(found: Largest, allowed: bool, what: str) -> None:
+    """Raise InputError where a correction is implausibly large or steep, unless the user allows it."""
+    if found.mm > PLAUSIBLE_MM and not allowed:
         raise InputError(
-            "compensate",
-            f"corrections of up to {size:.3g} mm, which controls neither limit nor watch",
+            f"compensate, {what}, joint {found.joint} at {found.place}",
+            f"corrections of up to {found.mm:.3g} mm, which controls neither limit nor watch",
             f"Look for a wrong unit or sign in the survey; --allow-large writes corrections beyond {PLAUSIBLE_MM:g} mm",
+        )
+    if found.slope > PLAUSIBLE_SLOPE and not allowed:
+        raise InputError(
+            f"compensate, {what}, along joint {found.along}",
+            f"corrections that change by up to {1e3 * found.slope:.3g} mm in a metre, which is no machine's geometry",
+            f"Look for a blunder in the survey; --allow-large writes slopes beyond {1e3 * PLAUSIBLE_SLOPE:g} mm/m, too",
         )
 
 

@@ -6,7 +6,7 @@ Commands in mm and rad (controllers: mm and deg), points in mm in the axes of th
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Literal
 
@@ -36,12 +36,15 @@ class Field:
     chain, values : the kinematic chain, and its parameters without those of frame, tool and instrument.
     movers : columns of the joints that carry out corrections.
     state : value of every channel that is neither joint, tool nor direction (temperatures, feed, time).
+    description : (joints, 6) small displacements (mm, rad, in the joints' frames) of rotary axes of the nominal
+        machine, which a controller's kinematic description holds; empty: none.
     """
 
     chain: Chain
     values: Array
     movers: tuple[int, ...]
     state: Mapping[str, float] = field(default_factory=dict)
+    description: tuple[tuple[float, ...], ...] = ()
 
     @classmethod
     def of(cls, fit: StoredFit, table: pd.DataFrame) -> Field:
@@ -69,12 +72,12 @@ class Field:
 
     def at(self, state: Mapping[str, float]) -> Field:
         """The same machine in another state."""
-        return Field(self.chain, self.values, self.movers, {**self.state, **state})
+        return replace(self, state={**self.state, **state})
 
     def of_joints(self, names: Collection[str]) -> Field:
         """The same machine with the errors of these joints only."""
         own = np.array([p.element in names for p in self.chain.parameters])
-        return Field(self.chain, np.where(own, self.values, 0.0), self.movers, self.state)
+        return replace(self, values=np.where(own, self.values, 0.0))
 
     @cached_property
     def reversing(self) -> frozenset[str]:
@@ -111,19 +114,39 @@ class Field:
 
     def nominal(self, q: Array, tool: Array | None = None) -> Array:
         """Nominal positions (n, 3), mm."""
-        return self.chain.kernel("nominal", outputs=(0, 1, 2))(self.rows(q, np.ones_like(q), tool)).T
+        out: Array = self.chain.kernel("nominal", outputs=(0, 1, 2))(self.rows(q, np.ones_like(q), tool)).T
+        for k, motion in enumerate(self.description):
+            if any(motion):
+                out = np.asarray(out + self.displaced(q, k, tool) @ np.array(motion), np.float64)
+        return out
+
+    def displaced(self, q: Array, k: int, tool: Array | None = None) -> Array:
+        """Motion of the tip (n, 3, 6) per mm or rad by which the axis of rotary joint `k` lies elsewhere."""
+        from scipy.spatial.transform import Rotation
+
+        levers = self.levers(q, tool)[0][:, :, 6 * k : 6 * k + 6]
+        axis = np.asarray(self.joints[k].axis, np.float64)
+        turn = Rotation.from_rotvec(q[:, k, None] * axis).as_matrix()
+        turned = np.concatenate([levers[:, :, :3] @ turn, levers[:, :, 3:] @ turn], axis=2)
+        return np.asarray(levers - turned, np.float64)
+
+    @cached_property
+    def turns_at_zero(self) -> Array:
+        """Rotations (joints, 3, 3) of the joints' frames in the reference, all joints at zero."""
+        frames, machine = self.chain.frames({}), self.chain.machine
+        return np.array([frames[k][:3, :3] for k, e in enumerate(machine.elements) if isinstance(e, Joint)])
 
     def jacobian(self, q: Array, direction: Array, tool: Array | None = None) -> Array:
         """Actual motion of the tip (n, 3, movers) per mm or rad of each mover."""
         slope = _slope(self.chain, "actual")(self.rows(q, direction, tool), self.values)
         return slope.reshape(len(self.joints), 3, -1).transpose(2, 1, 0)[:, :, list(self.movers)]
 
-    def levers(self, q: Array) -> tuple[Array, Array]:
+    def levers(self, q: Array, tool: Array | None = None) -> tuple[Array, Array]:
         """Motion of the tip per mm or rad of the six error motions of each joint, and per mm or deg of each joint.
 
         Shapes (n, 3, 6 joints) and (n, 3, joints), in mm.
         """
-        rows = self.rows(q, np.ones_like(q))
+        rows = self.rows(q, np.ones_like(q), tool)
         names = self.chain.element_names
         columns = [6 * names.index(j.name) + m for j in self.joints for m in range(6)]
         every = self.chain.kernel("levers", outputs=(0, 1, 2))(rows).reshape(-1, 3, len(q))

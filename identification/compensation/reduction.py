@@ -221,7 +221,27 @@ class _Task:
         motions = self.design[:, sum(t.size for t in self.terms) :]
         held = csr_matrix(vstack([self.equal, motions.T @ self.design]))
         ball = Ball.of(self.least, self.gram.toarray(), held, self.moves())
-        return least_worst(self.design, self.errors, ball, self.slopes, self._room)
+        bends = self._bends()
+        limits = Slopes(
+            csr_matrix(vstack([self.slopes.rows, bends.rows])), np.concatenate([self.slopes.bounds, bends.bounds])
+        )
+        return least_worst(self.design, self.errors, ball, limits, self._room)
+
+    def _bends(self) -> Slopes:
+        """Second differences of curves over one axis, none larger than the curve's largest by least squares.
+
+        Otherwise a curve would run away in its last interval for the sake of one pose in a corner, and that value would
+        hold beyond.
+        """
+        now, start = np.abs(self.kinks @ self.least), 0
+        rows, bounds = list[int](), list[float]()
+        for term in self.terms:
+            count = _kink_count(term)
+            if len(term.grids) == 1 and count:
+                rows += range(start, start + count)
+                bounds += [float(now[start : start + count].max())] * count
+            start += count
+        return Slopes(self.kinks[rows], np.array(bounds))
 
     def moves(self) -> csr_matrix | None:
         """Basis (size, m) of departures from least squares, on coarser grids; None: any departure."""
@@ -257,7 +277,7 @@ class _Task:
 
 
 def _limits(controller: Controller, setup: Setup, terms: Sequence[Term], scale: Array) -> tuple[csr_matrix, Slopes]:
-    """Equality constraints (tables that are zero at the reference point), and slopes with their bounds."""
+    """Equality constraints (zero at the reference point, one value at both ends of a turn), slopes and their bounds."""
     from scipy.sparse import coo_matrix, csr_matrix, diags, vstack
 
     start, total = 0, len(scale)
@@ -270,6 +290,7 @@ def _limits(controller: Controller, setup: Setup, terms: Sequence[Term], scale: 
             full[0, [setup.place(i) for i in term.inputs]] = at
             row = term.weights(setup, full, np.full_like(full, float(term.direction or 1)))
             zero.append(csr_matrix((row.data, row.indices + start, row.indptr), shape=(1, total)))
+        zero += _closed(setup, term, start, total)
         bound = controller.most_slope(setup, term)
         index = start + np.arange(term.size).reshape(term.shape)
         for axis, grid in enumerate(term.grids if bound is not None else ()):
@@ -289,6 +310,30 @@ def _limits(controller: Controller, setup: Setup, terms: Sequence[Term], scale: 
         start += term.size
     scaled = [(vstack([csr_matrix((0, total)), *rows]) @ diags(scale)).tocsr() for rows in (zero, steep)]
     return scaled[0], Slopes(scaled[1], np.concatenate(bounds))
+
+
+def _closed(setup: Setup, term: Term, start: int, total: int) -> list[csr_matrix]:
+    """Differences of a table's values at both ends of axes that go round, which are the same place."""
+    from scipy.sparse import coo_matrix
+
+    index = start + np.arange(term.size).reshape(term.shape)
+    out = []
+    for axis, name in enumerate(term.inputs):
+        if setup.axis(name).turns and len(term.grids[axis]) > 2:
+            ends = np.moveaxis(index, axis, 0)
+            first, last = ends[0].ravel(), ends[-1].ravel()
+            rows, ones = np.arange(len(first)), np.ones(len(first))
+            matrix = coo_matrix(
+                (np.concatenate([ones, -ones]), (np.tile(rows, 2), np.concatenate([first, last]))),
+                shape=(len(first), total),
+            )
+            out.append(matrix.tocsr())
+    return out
+
+
+def _kink_count(term: Term) -> int:
+    """Number of second differences along all grids of a term."""
+    return sum(max(n - 2, 0) * (term.size // n) for n in term.shape)
 
 
 def _kinks(terms: Sequence[Term], scale: Array) -> csr_matrix:

@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from errormodel.controllers.base import Controller, Target
+from errormodel.controllers import instead
+from errormodel.controllers.base import Controller, Target, richer
 from errormodel.controllers.probing import Probing
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Table, Tables
@@ -17,6 +18,7 @@ from identification.compensation.conditions import (
     backlash_lines,
     shift_lines,
 )
+from identification.compensation.rotary_axes import Kinematics
 
 SCHEMA = "errormodel.compensation/1"
 # last step of the checklist
@@ -59,6 +61,7 @@ class Compensation:
     thermal : the controller's own temperature compensation; None: it has none.
     probing : correction of a probe's readings; None: not asked for.
     advice : mechanical adjustments to make first.
+    rotary : constant errors of the rotary axes; None: there are none.
     states : state of the machine that the tables are for, and residual errors in other states.
     """
 
@@ -71,6 +74,7 @@ class Compensation:
     advice: list[Advice]
     notes: tuple[str, ...]
     states: tuple[str, ...] = ()
+    rotary: Kinematics | None = None
 
     @property
     def usual(self) -> Stated:
@@ -78,14 +82,27 @@ class Compensation:
         return self.sets[len(self.sets) // 2]
 
     @property
+    def first(self) -> list[str]:
+        """What comes before everything else: why not to load the tables, and zero shifts to make first."""
+        stated = [s for s in self.sets if s.conditions is not None]
+        more = richer(self.controller, self.setup) if isinstance(self.controller, Controller) else []
+        other = " or ".join([*more, instead()])
+        against = [w for s in stated if s.conditions and (w := s.conditions.against(other))]
+        shifts = [line for s in stated if s.conditions for line in shift_lines(s.label, s.tables, s.conditions)]
+        rotary = [self.rotary.first()] if self.rotary and (self.rotary.asked or self.rotary.worth) else []
+        ordered = [*rotary, *shifts] if self.rotary and self.rotary.asked else [*shifts, *rotary]
+        return [*dict.fromkeys(against), *ordered]
+
+    @property
     def checklist(self) -> list[str]:
         """Steps at the machine, in order; errors that the tables cannot represent come first."""
         usual, controller = self.usual, self.controller
-        before = [line for s in self.sets if s.conditions for line in shift_lines(s.label, s.tables, s.conditions)]
+        before = self.first
         if isinstance(controller, Controller) and usual.conditions:
             before += backlash_lines(controller, self.setup, usual.tables, usual.conditions)
             before += controller.about(usual.tables, self.setup)
         after = [REDATUM_STEP] if isinstance(controller, Controller) else []
+        after.append(f"to take it back: {controller.back}")
         return [*before, *self.states, *controller.checklist(self.setup), *after]
 
     def as_json(self) -> dict[str, Any]:
@@ -127,6 +144,8 @@ class Compensation:
             },
             "probe": None if self.probing is None else asdict(self.probing) | {"files": list(self.probing.files)},
             "advice": [asdict(a) for a in self.advice],
+            "first": self.first,
+            "rotary_axes": None if self.rotary is None else self.rotary.as_json(),
             "checklist": self.checklist,
             "notes": list(self.notes),
         }

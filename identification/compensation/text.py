@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from textwrap import wrap
 
+from errormodel.controllers.base import EDGE_HOLDS, Controller
 from errormodel.controllers.setup import Axis, Setup
 from identification.compensation.assessment import OTHER_TOOLS, Error, Figures
 from identification.compensation.result import Compensation, Stated
@@ -24,16 +25,22 @@ def compensation_lines(result: Compensation, folder: Path) -> Iterator[str]:
     yield f"axes: {controller.legend(setup)}" + ("" if setup.numbers else " (others: --axes)")
     if setup.inverted:
         yield "sign: turned round (--invert)"
+    for line in result.first:
+        yield ""
+        yield from wrap(line, TEXT_WIDTH)
     if result.advice:
         yield ""
         yield "adjust before compensating (largest first), then measure and fit again"
         yield from (f"  {n}. {a.line()}" for n, a in enumerate(result.advice, start=1))
+    if result.rotary and result.rotary.asked:
+        yield ""
+        yield "all figures: with the rotary axes described as they lie"
     for stated in result.sets:
         yield ""
         if stated.label:
             yield _state(stated)
         for figures in stated.figures:
-            yield from figure_lines(figures, setup)
+            yield from figure_lines(figures, setup, isinstance(controller, Controller) and controller.follows_tool)
         yield from stated.notes
     if result.thermal:
         usual, files = result.usual, ", ".join(f for f in result.thermal.files if "/" not in f)
@@ -52,8 +59,11 @@ def compensation_lines(result: Compensation, folder: Path) -> Iterator[str]:
         yield f"  {'before':52} {rms:8.2f} {worst:8.2f}   um (rms, worst)"
         yield f"  {'with ' + ', '.join(result.probing.files):52} {rms_after:8.2f} {worst_after:8.2f}"
     yield ""
-    yield "region: what the survey covered; beyond it the correction of its edge is held"
+    beyond = controller.beyond if isinstance(controller, Controller) else EDGE_HOLDS
+    yield f"region: what the survey covered; {beyond}"
     yield from (f"  {line}" for line in region_lines(setup))
+    if isinstance(controller, Controller):
+        yield "lengths in the files are metric: load them into a control that is set to mm, not inches"
     if controller.doubt:
         yield ""
         yield from wrap(f"not certain from public sources: {controller.doubt}", TEXT_WIDTH, subsequent_indent="  ")
@@ -82,8 +92,8 @@ def _state(stated: Stated) -> str:
     return "at " + ", ".join(f"{k} = {v:.1f} {'s' if k == 'time' else 'degC'}" for k, v in stated.state.items())
 
 
-def figure_lines(figures: Figures, setup: Setup) -> Iterator[str]:
-    """A table of one set of poses."""
+def figure_lines(figures: Figures, setup: Setup, follows_tool: bool = False) -> Iterator[str]:
+    """A table of one set of poses; `follows_tool`: whether the tables follow the length of the tool."""
     yield f"{figures.poses:54} {'rms':>8} {'worst':>8}   um"
     rows = (
         ("before", figures.before),
@@ -97,7 +107,7 @@ def figure_lines(figures: Figures, setup: Setup) -> Iterator[str]:
     share = f"{100 * figures.removed():.1f} % of what can be removed" if better else "WORSE THAN WITHOUT THEM"
     share = "tables of this format take nothing away here" if idle else share
     yield f"  worst then at {worst_place(figures.after, setup)}; {share}"
-    if figures.poses.endswith(OTHER_TOOLS):
+    if figures.poses.endswith(OTHER_TOOLS) and not follows_tool:
         tip = " ".join(f"{v:g}" for v in setup.tool)
         tail = ", and only do harm with those: switch them off, or make a set for each" if not better else ""
         yield f"  no table turns with a tool: these are for the tip at {tip} (--tool){tail}"

@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from errormodel.arrays import Array
-from errormodel.controllers.axes import axis_letters, directions_at_zero, wanted_axes
+from errormodel.controllers.axes import axis_letters, directions_at_zero, origins_at_zero, wanted_axes
 from errormodel.controllers.grids import nodes
 from errormodel.controllers.probing import Gap
-from errormodel.controllers.setup import Axis, Setup
-from errormodel.controllers.tables import Term
+from errormodel.controllers.setup import FULL_TURN, Axis, Setup
+from errormodel.controllers.tables import Table, Tables, Term
 from errormodel.exceptions import InputError
 from identification.compensation.field import Field
 from identification.compensation.inverse import inverse, steps_towards
@@ -27,11 +27,16 @@ from identification.observation.pose import IDENTITY, Pose
 
 if TYPE_CHECKING:
     import pandas as pd
+    from numpy.typing import NDArray
 
 LEAST_MOVED_SHARE = 0.003  # of the travel: a joint that moved less counts as not surveyed; by judgement
 MOST_VOLUME_CORNERS = 64  # corners of the volume in a sample: all those of six joints
 MOST_TIMES = 16  # times of a warm-up that get tables of their own; by judgement
 INTERPOLATION_SHARE = 0.005  # of the largest correction: permitted error of linear interpolation; by judgement
+LENGTH_STEP = 100.0  # mm of tool length over which corrections are differenced: angles are small, so it is linear
+TURN = 2 * np.pi
+TURN_SLACK = 1e-4  # rad by which a travel may differ from a full turn: that of degrees with two decimals
+COVERED_TURN = 0.95  # of a turn that a survey must cover for the axis to count as measured all round; by judgement
 # numbers of intervals to try along a joint, in ascending order
 INTERVAL_COUNTS = (1, 2, 3, 4, 6, 8, 10, 12, 16, 20, 24, 32, 40, 48, 64, 96, 128, 192, 256, 384, 512, 1024)
 
@@ -74,7 +79,17 @@ class Volume:
             found = "no joint moved in the survey of this fit: there is nowhere to correct"
             raise InputError("residuals.csv", found, "Measure along the travels, as `errormodel plan` says")
         middle = np.median(q, axis=0)
+        # a rotary axis that goes round: what the survey left out of its turn lies between what it saw
+        round_ = (
+            field.rotary & (np.abs(np.ptp(travel, axis=1) - TURN) < TURN_SLACK) & (high - low > COVERED_TURN * TURN)
+        )
+        low, high = np.where(round_, travel[:, 0], low), np.where(round_, travel[:, 0] + TURN, high)
         return cls(field, np.where(still, middle, low), np.where(still, middle, high), free, turns=turns)
+
+    @cached_property
+    def turning(self) -> NDArray[np.bool_]:
+        """Whether each joint goes round: its region is a full turn, of which both ends are the same place."""
+        return np.logical_and(self.field.rotary, np.abs(self.high - self.low - TURN) < TURN_SLACK)
 
     def clamp(self, q: Array) -> Array:
         """Nearest command inside the volume: commands outside are corrected as its boundary is."""
@@ -117,17 +132,43 @@ class Volume:
         reached, _ = inverse(self.field, inside, direction, self.target(inside, tool), tool)
         return q + (reached - inside)
 
-    def nodes(self, terms: Sequence[Term], setup: Setup) -> list[Array] | None:
-        """Corrections at the nodes of a lattice over all axes, of each term's shape; None for any other structure."""
+    def nodes(self, terms: Sequence[Term], setup: Setup, longer: float = 0.0) -> list[Array] | None:
+        """Corrections at the nodes of a lattice over all axes, of each term's shape; None for any other structure.
+
+        `longer`: mm by which the tool is longer than that of the machine.
+        """
         if any(t.inputs != setup.moving or t.grids != terms[0].grids or t.direction or t.factor for t in terms):
             return None
         mesh = nodes(terms[0].grids)
         q = np.tile(self.field.outward(self.low), (len(mesh), 1))
         q[:, [setup.place(i) for i in setup.moving]] = mesh
         inner = self.field.inward(q)
-        both = [inverse(self.field, inner, sign * np.ones_like(q), self.target(inner))[0] for sign in (1, -1)]
-        moved = self.field.outward((both[0] + both[1]) / 2 - inner)
-        return [moved[:, setup.place(t.output)].reshape(t.shape) for t in terms]
+        tip = np.tile(np.asarray(setup.tool) + longer * np.asarray(setup.along_tool), (len(q), 1))
+        target = self.target(inner, tip)
+        sides = (1, -1) if self.field.reversing else (1,)
+        both = [inverse(self.field, inner, sign * np.ones_like(q), target, tip)[0] for sign in sides]
+        moved = self.field.outward(np.mean(both, axis=0) - inner)
+        out = [moved[:, setup.place(t.output)].reshape(t.shape) for t in terms]
+        for axis, name in enumerate(setup.moving):
+            if setup.axis(name).turns:  # both ends are the same place
+                for values in out:
+                    ends = np.moveaxis(values, axis, 0)
+                    ends[0] = ends[-1] = (ends[0] + ends[-1]) / 2
+        return out
+
+    def followed(self, terms: Sequence[Term], longer: Sequence[Term], setup: Setup) -> Tables:
+        """Corrections at the nodes of a lattice over all axes that moved, and their change per mm of tool length.
+
+        Raises
+        ------
+        ValueError
+            The terms are no such lattice.
+        """
+        usual, long = self.nodes(terms, setup), self.nodes(terms, setup, LENGTH_STEP)
+        if usual is None or long is None:
+            raise ValueError("terms that follow the length of the tool are on a lattice over all axes")
+        slopes = [(v - u) / LENGTH_STEP for u, v in zip(usual, long, strict=True)]
+        return tuple(Table(t, v) for t, v in zip((*terms, *longer), (*usual, *slopes), strict=True))
 
     def sample(self, setup: Setup, count: int, seed: int = 1) -> Sample:
         """Poses for the reduction: Sobol points and corners, each from both directions if the direction matters.
@@ -192,6 +233,12 @@ class Volume:
 
         return gap
 
+    def _measured(self, k: int) -> tuple[float, float]:
+        """Ends of the region of a joint, mm or deg; of one that goes round exactly a turn."""
+        unit = 180 / np.pi if self.field.rotary[k] else 1.0
+        low, high = float(self.low[k] * unit), float(self.high[k] * unit)
+        return (round(low, 4), round(low, 4) + FULL_TURN) if self.turning[k] else (low, high)
+
     def setup(
         self, points: int | None, resolution: float | None, axes: str | None = None
     ) -> tuple[Setup, tuple[str, ...]]:
@@ -204,7 +251,7 @@ class Volume:
         axes : letters and numbers given by the user (``X=1,Y=2``, see :mod:`errormodel.controllers.axes`).
         """
         field, machine = self.field, self.field.chain.machine
-        along = directions_at_zero(machine, field.chain)
+        along, centre = directions_at_zero(machine, field.chain), origins_at_zero(machine, field.chain)
         said = {} if axes is None else wanted_axes(axes, [j.name for j in machine.joints])
         letters, unsure = axis_letters(machine.joints, along, said)
         given = ((letter, said.get(j.name)) for letter, j in zip(letters, machine.joints, strict=True))
@@ -215,9 +262,10 @@ class Volume:
             Axis(
                 letters[k], j.name, j.type == "rotary",
                 (float(travel[k, 0] * unit[k]), float(travel[k, 1] * unit[k])),
-                (float(self.low[k] * unit[k]), float(self.high[k] * unit[k])),
+                self._measured(k),
                 (float(along[k][0]), float(along[k][1]), float(along[k][2])),
                 self.intervals[k],
+                (float(centre[k][0]), float(centre[k][1]), float(centre[k][2])),
             )
             for k, j in enumerate(machine.joints)
         )  # fmt: skip

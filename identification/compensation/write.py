@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from errormodel.controllers.base import Controller
 from errormodel.files import write_bytes_atomic, write_text_atomic
 from identification.compensation.result import Compensation
+from identification.compensation.rotary_axes import DESCRIPTION, description_text
 from identification.compensation.text import COMMON_FILES, compensation_lines
 from identification.results.json_text import dumps
+from identification.results.terminal import one_line
 
 
 def write_compensation(result: Compensation, folder: Path) -> None:
@@ -18,6 +21,10 @@ def write_compensation(result: Compensation, folder: Path) -> None:
     for more in (result.thermal, result.probing):
         for name, text in (more.files if more else {}).items():
             write_text_atomic(text, folder / name)
+    if result.rotary and result.rotary.asked and isinstance(result.controller, Controller):
+        heading = [f"errormodel: {one_line(result.setup.machine)}, for {result.controller.title}"]
+        steps = result.controller.describe(result.rotary.lines, result.setup)
+        write_text_atomic(description_text(result.rotary, heading, steps), folder / DESCRIPTION)
     for name, text in result.tests.items():
         write_text_atomic(text, folder / "sign_test" / name)
     *lines, _, _ = compensation_lines(result, Path())  # the last two name the folder, which may be moved

@@ -23,6 +23,7 @@ END = [400.0, 300.0, -50.0]  # there the axis stands OUT too far
 FILES = {
     "linuxcnc-type0": (r"^400\.0+ (\S+)", 400 + OUT),  # where it really was
     "linuxcnc-type1": (r"^400\.0+ (\S+)", -OUT),  # the trim takes it back
+    "linuxcnc-3d": (r"^(-0\.010+)$", -OUT),  # a correction, added to what goes to the motor
     "siemens-lec": (r"COMP\[0,1,X1\]=(\S+)", OUT),  # a positive value moves the axis in minus direction
     "siemens-cec": (r"CEC\[0,1\]=(\S+)", OUT),
     "heidenhain": (r"^1 +400\.0+ +(\S+)", OUT),

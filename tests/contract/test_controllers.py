@@ -133,7 +133,16 @@ def gridded(controller: Controller, setup: Setup, change: Callable[[tuple[float,
     return tuple(Table(t, np.zeros(t.shape)) for t in new[: controller.most_tables])
 
 
-UNEVEN = ("linuxcnc-type0", "linuxcnc-type1", "heidenhain", "isg", "etalon", "csv")  # state every position
+# formats that state every position
+UNEVEN = (
+    "linuxcnc-type0",
+    "linuxcnc-type1",
+    "linuxcnc-3d",
+    "heidenhain",
+    "isg",
+    "etalon",
+    "csv",
+)
 
 
 @pytest.mark.parametrize("name", TABLED)
@@ -209,6 +218,21 @@ def test_duet_refuses_more_points_than_the_board_holds() -> None:
     grid = tuple(np.linspace(0, 300, 22).round(6).tolist())
     with pytest.raises(InputError, match="22 points"):
         tabled("duet").write((Table(Term("Z", ("X", "Y"), (grid, grid)), np.zeros((22, 22))),), plain_setup())
+
+
+@pytest.mark.parametrize("low", [120.0, -620.0])
+def test_fanuc_has_the_reference_point_among_the_points(low: float) -> None:
+    """Machine zero outside the travel: the edge holds up to there, and 3620 lies between 3621 and 3622."""
+    plain = plain_setup()
+    x = replace(plain.axis("X"), travel=(low, low + 500.0), measured=(low, low + 500.0))
+    setup = replace(plain, axes=(x, *plain.axes[1:]))
+    controller, tables, files = written("fanuc-pitch", setup)
+    number = {k: int(v) for k, v in re.findall(r"N(362[0-2])A1P(-?\d+)", files["pitch.txt"])}
+    assert number["3621"] <= number["3620"] <= number["3622"]
+    assert number["3622"] - number["3621"] < controller.most_points
+    q = np.array([[x, 0.0, -100.0] for x in np.linspace(low - 50.0, low + 550.0, 40)])
+    before, after = (controller.emulate(t, setup, q) for t in (tables, controller.read(files, setup)))
+    assert np.abs(after - before).max() <= controller.quantum(setup)
 
 
 def test_fanuc_increments_add_up_within_one_unit() -> None:

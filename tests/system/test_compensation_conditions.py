@@ -32,6 +32,7 @@ UM = 1e-3
 pytestmark = pytest.mark.usefixtures("few_poses")
 LAG, SMALL, GROWTH = -12 * UM, -4 * UM, -10 * UM  # X stays 12 um behind; Y 4 um at one end, 14 at the other
 WARM = 30 * UM
+TWO = ("linuxcnc-type1", "csv")
 
 
 @pytest.fixture(scope="module")
@@ -210,6 +211,7 @@ def test_corrections_larger_than_a_machines_errors_are_refused_unless_asked_for(
         assert (result.code, result.err.count("\n")) == (2, 1)
         assert re.search(r"corrections of up to [\d.]+ mm", result.err)
         assert "--allow-large" in result.err
+        assert re.search(r"joint [XYZ] at X=", result.err)  # which one, and where
         assert not (tmp_path / "o").exists()
         done("compensate", tmp_path / "fit", "--controller", name, "--allow-large", "--out", tmp_path / name)
 
@@ -233,3 +235,18 @@ def test_the_other_sign_is_refused_where_the_sign_is_public(worn: Path, tmp_path
     data = [json.loads((tmp_path / k / "compensation.json").read_text()) for k in "ab"]
     assert data[0]["sets"][0]["figures"] == data[1]["sets"][0]["figures"]
     assert (data[0]["inverted"], data[1]["inverted"]) == (False, True)
+
+
+def test_tables_that_do_more_harm_than_good_are_advised_against(tmp_path: Path) -> None:
+    """A mill that is not straight: tables of each axis over its own position can take nothing of that away."""
+    machine = read_machine(MILL)
+    p = Chain(machine).vector({"X.dy.2": 30 * UM, "Y.dx.2": 20 * UM})
+    save(fit_machine(machine, survey(positions(measured(machine, p, 100, 1, noise=1 * UM)))), tmp_path / "fit")
+    said = {n: done("compensate", tmp_path / "fit", "--controller", n, "--out", tmp_path / n).out for n in TWO}
+    assert "DO NOT LOAD THESE TABLES" in said["linuxcnc-type1"]
+    assert "--controller linuxcnc-3d or csv or gcode" in " ".join(said["linuxcnc-type1"].split())
+    assert said["linuxcnc-type1"].index("DO NOT LOAD") < said["linuxcnc-type1"].index("after these tables")
+    assert "DO NOT LOAD" not in said["csv"]
+    written = json.loads((tmp_path / "linuxcnc-type1/compensation.json").read_text())
+    assert written["first"][0].startswith("DO NOT LOAD")
+    assert "DO NOT LOAD" in checklist(tmp_path / "linuxcnc-type1")[0]

@@ -16,6 +16,7 @@ from errormodel.machine_file import read_machine
 from identification.compensation import minimax
 from identification.compensation.field import Field, movers_of
 from identification.compensation.inverse import CLOSED_MM, inverse
+from identification.compensation.minimax import Slopes
 from identification.compensation.reduction import Sample, _Task, leftover, reduce
 from identification.compensation.volume import Volume
 from tests.helpers.chains import Array, errors
@@ -56,8 +57,10 @@ def test_a_play_that_tables_cannot_hold_asks_for_few_programmes(monkeypatch: pyt
     sample = volume.sample(setup, 3000)
     tables = reduce(controller, setup, controller.structures(setup)[1], sample)
     assert 1 <= len(asked) <= 10  # 16 rounds and more, with 600 poses, where sides are drawn by chance
-    assert max(asked) < 400
-    assert leftover(controller, setup, tables, sample) < 1.03 * PLAY / 2  # no table without sides can do better than 1
+    assert max(asked) < 500  # scalars of a programme's constraints; thousands where every pose is active
+    # no table without sides can do better than half the play; the search ends this close to what it knows to be best
+    gap = 1 + minimax.BOUND_GAP_SHARE + minimax.DISTANCE_PRICE
+    assert leftover(controller, setup, tables, sample) < gap * PLAY / 2
 
 
 def test_a_table_without_sides_is_that_of_the_mean_of_both() -> None:
@@ -93,12 +96,14 @@ def test_the_last_value_runs_away_less_than_where_every_value_is_free(monkeypatc
     for free in (False, True):
         if free:
             monkeypatch.setattr(_Task, "moves", lambda task: None)
+            monkeypatch.setattr(_Task, "_bends", lambda task: Slopes(task.kinks[:0], np.zeros(0)))
         tables = reduce(controller, setup, terms, sample)
         bends = [np.abs(np.diff(t.values, 2)) for t in tables if t.term.size >= 6]
         ends.append(max(max(b[0], b[-1]) / b[1:-1].max() for b in bends))
         worst.append(leftover(controller, setup, tables, sample))
     assert ends[0] < 0.5 * ends[1]
-    assert worst[0] < 1.05 * worst[1]  # what that costs
+    assert ends[0] < 1.01  # the bend at an end is not larger than that within, but for the solver's accuracy
+    assert worst[0] < 1.1 * worst[1]  # what that costs
 
 
 def test_the_inverse_takes_its_derivative_once(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,11 +17,11 @@ from errormodel.machine import EffectSpec
 from errormodel.machine_file import library, read_machine
 from identification.compensation import reduction
 from identification.compensation.advice import mechanical_advice
-from identification.compensation.assessment import assess, emulated
+from identification.compensation.assessment import Error, assess, emulated, nothing, remaining
 from identification.compensation.field import Field, movers_of
 from identification.compensation.inverse import CLOSED_MM, inverse
 from identification.compensation.reduction import leftover, reduce
-from identification.compensation.rows import held_out, read_rows
+from identification.compensation.rows import Rows, held_out, read_rows
 from identification.compensation.volume import Volume, levels
 from identification.estimation.fit import fit_machine
 from identification.results.store import load, save
@@ -139,7 +140,8 @@ def test_error_is_removed_as_well_as_each_structure_allows() -> None:
     case = Case.of(MILL, 100)
     for name, full in (("isg", True), ("csv", True), ("heidenhain", False)):
         line = judged(case, name)
-        assert line.after.rms_um <= 1.05 * line.best.rms_um, line
+        # on its own sample at most MOST_RMS_INCREASE is given up for the worst pose; these are others
+        assert line.after.rms_um <= (1.01 + reduction.MOST_RMS_INCREASE) * line.best.rms_um, line
         assert line.of_ideal >= (0.97 if full else 0.2), line
 
 
@@ -216,3 +218,53 @@ def test_levels_are_states_that_were_there() -> None:
     assert all({*s} == {"T_a", "T_b"} for s in states)
     assert all(((table["T_a"] == s["T_a"]) & (table["T_b"] == s["T_b"])).any() for s in states)
     assert levels(table, ["T_c"]) == [{}]
+
+
+def test_a_lattice_that_follows_the_tool_holds_for_a_longer_one() -> None:
+    """Angles of the axes move a longer tool's tip further: a lattice for one tool does not know it."""
+    machine = read_machine("fork_head_five_axis")
+    volume = volume_of(machine, errors(Chain(machine), 1))
+    q, came = volume.poses(200, 3)
+    tip = np.tile(np.asarray(machine.tool) + np.array([0.0, 0.0, -80.0]), (len(q), 1))
+    rows = Rows(q, came, tip, np.zeros((len(q), 3)), np.full(len(q), "", dtype=object), "80 mm longer")
+    left = {}
+    for name in ("csv", "linuxcnc-3d"):
+        controller, tables, setup = tables_of(name, volume)
+        left[name] = Error.of(remaining(volume, emulated(controller, tables, setup, volume), rows), q).rms_um
+    before = Error.of(remaining(volume, nothing, rows), q).rms_um
+    assert left["linuxcnc-3d"] < 0.8 * left["csv"] < 0.8 * before, (left, before)
+
+
+def turntable(part: tuple[float, float]) -> Volume:
+    """A trunnion of which the survey covered that part of the table's turn."""
+    machine = read_machine("trunnion_five_axis")
+    volume = volume_of(machine, errors(Chain(machine), 2))
+    rng = np.random.default_rng(0)
+    q = rng.uniform(volume.low, volume.high, (400, len(volume.low)))
+    q[:2, 0], q[2:, 0] = 2 * np.pi * np.array(part), rng.uniform(*(2 * np.pi * np.array(part)), 398)
+    table = pd.DataFrame(q, columns=[j.name for j in machine.joints])
+    return Volume.of(volume.field, table, True)
+
+
+@pytest.mark.parametrize("name", ["isg", "csv", "siemens-cec", "heidenhain", "aerotech-2d", "linuxcnc-3d"])
+def test_a_table_that_goes_round_is_alike_at_both_ends_of_its_turn(name: str) -> None:
+    """A survey never reaches 0 and 360 deg themselves, which are one place: there must be no jump."""
+    controller, tables, setup = tables_of(name, turntable((0.0005, 0.9992)))
+    tables = controller.read(controller.write(tables, setup), setup)
+    axis = setup.axis("C")
+    assert axis.turns
+    assert axis.measured == (0.0, 360.0)
+    q = np.tile([[(a.measured[0] + a.measured[1]) / 2 for a in setup.axes]], (4, 1))
+    q[:, setup.place("C")] = [0.0, 360.0, 359.9999, 720.0]
+    moved = controller.emulate(tables, setup, q)
+    np.testing.assert_allclose(moved - moved[0], 0.0, atol=2e-6)  # written with six digits behind the point
+    if name == "siemens-cec":
+        text = "\n".join(controller.write(tables, setup).values())
+        numbers = re.findall(r"CEC_INPUT_AXIS\[(\d+)\]=\(C1\)", text)
+        assert numbers == re.findall(r"CEC_IS_MODULO\[(\d+)\]=1", text)
+        assert numbers
+
+
+def test_a_part_of_a_turn_does_not_go_round() -> None:
+    _, _, setup = tables_of("csv", turntable((0.1, 0.8)))
+    assert not setup.axis("C").turns

@@ -1,0 +1,33 @@
+"""Corrections on a lattice over all axes that moved, which represents any error that depends on their positions."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from errormodel.controllers.base import Controller, Rewriter, instead
+from errormodel.controllers.setup import MOST_LATTICE_NODES, Setup
+from errormodel.controllers.tables import Term
+from errormodel.exceptions import InputError
+
+# intervals needed over intervals given: linear interpolation errors grow with its square; by judgement
+MOST_COARSENING = 4
+
+
+def lattice_terms(controller: Controller, setup: Setup) -> list[Term]:
+    """One table of each correcting axis, all on the same lattice.
+
+    Raises
+    ------
+    InputError
+        A lattice that follows the errors has too many nodes.
+    """
+    names = setup.moving
+    grids = setup.lattice(names, controller.most_points, MOST_LATTICE_NODES)
+    coarse = any(MOST_COARSENING * (len(g) - 1) < setup.axis(n).intervals for n, g in zip(names, grids, strict=True))
+    if setup.points is None and (coarse or np.prod([len(g) for g in grids]) > MOST_LATTICE_NODES):
+        raise InputError(
+            f"--controller {controller.name}",
+            f"a grid over {len(names)} axes that follows the errors needs more than {MOST_LATTICE_NODES} nodes",
+            f"Use --controller {instead(Rewriter)}, which needs no grid, or survey a smaller part of the travels",
+        )
+    return [Term(m, names, grids) for m in setup.movers]
