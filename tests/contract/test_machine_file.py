@@ -199,7 +199,7 @@ def test_refusals_name_file_line_key_and_cure(old: str, new: str, line: int, key
         ("errormodel: 1\nchain: [{shape: A}]\n", "chain", ["no joint", "Add"]),
         (PLAIN + "errors:\n", "errors", ["nothing", "shapes: all"]),
         (PLAIN + "errors: {joints: {harmonic: 1}}\n", "errors.joints.harmonic", ["prismatic", "Write"]),
-        (PLAIN.replace("500", "1e306") + "units: {length: m}\n", "chain[1].travel", ["1e+306", "size"]),
+        (PLAIN.replace("500", "1e306") + "units: {length: m}\n", "chain[1].travel[2]", ["1e+306", "Write travel"]),
     ],
 )
 def test_more_refusals(text: str, key: str, words: list[str]):

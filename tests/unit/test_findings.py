@@ -265,7 +265,7 @@ def test_a_blunder_is_told_by_held_out_errors() -> None:
         return nullcontext()
 
     result = diagnose(machine, survey, progress)
-    assert len(stages) == 5
+    assert len(stages) == 6
     (finding,) = result.diagnosis.findings
     assert finding.effect == "axis-blunder"
     assert finding.heldout_rms_um.after == pytest.approx(NOISE * 1e3 * math.sqrt(3), rel=0.4)
