@@ -36,7 +36,6 @@ from errormodel.survey_file import BudgetEntry, FileEntry, Frame, Refit, SurveyF
 from errormodel.survey_gaps import filled
 from errormodel.survey_observations import check_observations
 from errormodel.survey_plausibility import check_sizes
-from errormodel.survey_raw import RawTable, open_entry
 from errormodel.survey_record import RecordForm
 from errormodel.survey_travels import travel_notes
 from errormodel.yamlfile import Document
@@ -171,21 +170,13 @@ def read_survey(source: Path | str | pd.DataFrame, machine: Machine, measured: b
     else:
         path = Path(source)
         form, document, folder = read_form(path)
-        opened = [
-            (
-                entry,
-                [open_entry(entry, folder, machine, form.logs)]
-                if entry.format
-                else open_tables(folder / entry.path, entry.path),
-            )
-            for entry in form.files
-        ]
+        opened = [(entry, _opened(entry, form, folder, machine)) for entry in form.files]
     check_map(
         document, machine, form.columns, [table for entry, tables in opened if not entry.format for table in tables]
     )
     notes: dict[str, None] = {}  # in order, and each once
     parts: list[Part] = []
-    forms = [_own_form(form, tables[0]) for _, tables in opened]
+    forms = [_own_form(form, entry, tables[0]) for entry, tables in opened]
     plans = [
         [plan_columns(table, machine, own.columns, measured) for table in tables]
         for (_, tables), own in zip(opened, forms, strict=True)
@@ -225,11 +216,18 @@ def _name(path: Path) -> str:
     return path.name if path.name not in ("", "..") else path.resolve().name
 
 
-def _own_form(form: SurveyForm, table: Table) -> SurveyForm:
+def _opened(entry: FileEntry, form: SurveyForm, folder: Path, machine: Machine) -> list[Table]:
+    if not entry.format:
+        return open_tables(folder / entry.path, entry.path)
+    from errormodel.survey_raw import open_entry
+
+    return [open_entry(entry, folder, machine, form.logs)]
+
+
+def _own_form(form: SurveyForm, entry: FileEntry, table: Table) -> SurveyForm:
     """The settings of one file: a raw file has columns and units of its own, and is converted already."""
-    if not isinstance(table, RawTable):
-        return form
-    return form.model_copy(update={"columns": {}, "units": SurveyUnits(**table.units)})
+    units = getattr(table, "units", None) if entry.format else None
+    return form if units is None else form.model_copy(update={"columns": {}, "units": SurveyUnits(**units)})
 
 
 def _side_notes(table: pd.DataFrame, machine: Machine, frame: Frame) -> Iterator[str]:

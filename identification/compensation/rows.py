@@ -24,8 +24,7 @@ from errormodel.machine import Machine
 from errormodel.survey import Survey
 from identification.observation.assembly import frame_labels
 from identification.observation.pose import IDENTITY, Pose
-from identification.results.fit_file import CURE
-from identification.results.stored_fit import StoredFit
+from identification.results.stored_fit import CURE, StoredFit
 
 if TYPE_CHECKING:
     import pandas as pd

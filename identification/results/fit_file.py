@@ -13,8 +13,6 @@ from errormodel.chain import Chain
 from errormodel.exceptions import InputError
 from errormodel.yamlfile import Keys, Number, Vector3, dotted, shown
 
-SCHEMA = "errormodel.fit/1"
-CURE = "Give the folder that `errormodel fit ... --out DIR` wrote"
 INSTRUMENT_MEMBER = re.compile(r"(frame(\[.*\])?|zero\[.*\])\.(d[xyz]|e[abc])", re.DOTALL)  # no parameter of a chain
 
 NotNegative = Annotated[Number, Field(ge=0)]

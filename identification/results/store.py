@@ -24,11 +24,10 @@ from identification.estimation.result import Fit
 from identification.observation.pose import Pose
 from identification.results.analysis import Analysis
 from identification.results.correlations import correlations
-from identification.results.fit_file import SCHEMA
 from identification.results.json_text import dumps
 from identification.results.results_folder import ResultsFolder, whole
 from identification.results.set_ups import set_ups
-from identification.results.stored_fit import StoredFit, read_files
+from identification.results.stored_fit import SCHEMA, StoredFit, read_files
 from identification.uncertainty.further_poses import leverages
 from identification.uncertainty.measured_range import covered
 

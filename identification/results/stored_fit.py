@@ -16,11 +16,12 @@ from errormodel.inputs import noted
 from errormodel.machine_file import read_machine
 from identification.estimation.result import Fit, Spread
 from identification.observation.pose import Pose
-from identification.results.fit_file import CURE, SCHEMA, check_fit, check_parameters
 from identification.results.set_ups import set_ups
 from identification.results.versions import read_json
 from identification.uncertainty.measured_range import covered
 
+SCHEMA = "errormodel.fit/1"
+CURE = "Give the folder that `errormodel fit ... --out DIR` wrote"
 CORRELATION_MARGIN = 1e-6  # rounding errors of a covariance, relative; far above those of a product of matrices
 
 
@@ -66,6 +67,8 @@ def stored(fit: Fit, groups: Sequence[Mapping[str, Any]]) -> StoredFit:
 
 def read_files(folder: Path) -> StoredFit:
     """Read the files of a fit: without the manifest and the lock of `identification.results.store.load`."""
+    from identification.results.fit_file import check_fit, check_parameters
+
     path = noted(folder / "fit.json")
     try:
         data = read_json(path, SCHEMA, CURE)

@@ -360,4 +360,5 @@ def test_what_was_replaced_is_said(tmp_path: Path) -> None:
     assert f"replaced the tables of linuxcnc-type0 in {tmp_path / 't'}" in said
     done("diagnose", MILL, tmp_path / "s.csv", "--out", tmp_path / "d")
     said = done("fit", MILL, tmp_path / "s.csv", "--out", tmp_path / "d").err
-    assert f"replaced the results of `errormodel diagnose` in {tmp_path / 'd'}: decisions.csv, diagnosis.json are gone" in said
+    gone = "decisions.csv, diagnosis.json are gone"
+    assert f"replaced the results of `errormodel diagnose` in {tmp_path / 'd'}: {gone}" in said
