@@ -283,7 +283,7 @@ def joint_models() -> Iterator[str]:
 def formats() -> Iterator[str]:
     """Every format of survey tables with its suffixes."""
     from errormodel.formats import SUFFIXES, module_of
-    from errormodel.formats.raw import raw_formats
+    from errormodel.raw_formats.base import raw_formats
 
     yield "# Formats of survey tables"
     yield ""

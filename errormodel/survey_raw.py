@@ -18,9 +18,9 @@ from errormodel.arrays import Array, Index
 from errormodel.conventions import MOTIONS
 from errormodel.exceptions import InputError, nearest
 from errormodel.formats.data_frame import FrameTable
-from errormodel.formats.raw import Asked, RawFile, Recording, format_of, open_raw
-from errormodel.formats.unit_words import unit_word
 from errormodel.machine import Machine
+from errormodel.raw_formats.base import Asked, RawFile, Recording, format_of, open_raw
+from errormodel.raw_formats.unit_words import unit_word
 from errormodel.survey_columns import (
     MEASURED,
     ORIENTATION,

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from errormodel.exceptions import InputError
-from errormodel.formats.raw import Asked, format_of, open_raw
 from errormodel.machine import Machine
+from errormodel.raw_formats.base import Asked, format_of, open_raw
 
 if TYPE_CHECKING:
     from identification.sources import AnySurvey

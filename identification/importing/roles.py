@@ -9,9 +9,9 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Literal
 
-from errormodel.formats.raw import Recording
-from errormodel.formats.sensor_names import sensor_of
 from errormodel.machine import Machine
+from errormodel.raw_formats.base import Recording
+from errormodel.raw_formats.sensor_names import sensor_of
 from errormodel.survey_columns import MEASURED, is_survey_column
 from errormodel.survey_raw import LABELS, READ_BACK
 

@@ -12,8 +12,8 @@ import numpy as np
 
 from errormodel.conventions import MOTIONS
 from errormodel.exceptions import InputError
-from errormodel.formats.raw import RawFile, Recording, format_of, open_raw
 from errormodel.machine import Machine
+from errormodel.raw_formats.base import RawFile, Recording, format_of, open_raw
 from errormodel.survey_columns import MEASURED
 from errormodel.survey_file import RawEntry
 from errormodel.survey_raw import read_raw, with_map

@@ -17,9 +17,9 @@ import pytest
 from errormodel import formats, joint_models
 from errormodel.controllers import registry as controllers
 from errormodel.effects import registry as effects
-from errormodel.formats.raw import raw_formats
 from errormodel.instruments import instruments
 from errormodel.observations import registry as observations
+from errormodel.raw_formats.base import raw_formats
 
 ROOT = Path(__file__).resolve().parents[2]
 PRODUCT = [p for package in ("errormodel", "identification") for p in sorted((ROOT / package).rglob("*.py"))]

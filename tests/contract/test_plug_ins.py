@@ -23,6 +23,7 @@ HEADINGS = {
     "instruments": "An instrument",
     "observations": "An observation",
     "formats": "A format",
+    "raw_formats": "A raw format",
 }
 
 
@@ -44,9 +45,7 @@ def elsewhere(tmp_path_factory: pytest.TempPathFactory) -> Path:
     lines = []
     for group, heading in HEADINGS.items():
         (folder / f"shop_{group}.py").write_text(example(heading))
-        more = "raw = shop_raw\n" if group == "formats" else ""
-        lines.append(f"[errormodel.{group}]\nmine = shop_{group}\n{more}")
-    (folder / "shop_raw.py").write_text(example("A raw format"))
+        lines.append(f"[errormodel.{group}]\nmine = shop_{group}\n")
     (info / "entry_points.txt").write_text("\n".join(lines))
     return folder
 
@@ -109,7 +108,7 @@ def test_a_package_of_the_users_brings_a_raw_format(elsewhere: Path) -> None:
     """Recognised by its content, and in the documentation."""
     (elsewhere / "level.lvl").write_text("SHOP LEVEL 3\nA1 1,5 2,5\nA2 -0,5 3,25\n")
     program = (
-        "from pathlib import Path; from errormodel.formats.raw import *; "
+        "from pathlib import Path; from errormodel.raw_formats.base import *; "
         "raw = open_raw(Path('level.lvl'), 'level.lvl'); kind = format_of(raw); "
         "print(kind.name, *kind.read(raw, Asked()).frame['w_tilt_x_arcsec'])"
     )

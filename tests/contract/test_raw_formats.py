@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from errormodel import read_machine
 from errormodel.exceptions import InputError
-from errormodel.formats.raw import Asked, Recording, format_of, open_raw, raw_formats
+from errormodel.raw_formats.base import Asked, Recording, format_of, open_raw, raw_formats
 from tests.helpers.raw_files import read_back
 
 MILL = read_machine("vertical_three_axis")

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from errormodel.formats.raw import Asked, Recording, format_of, open_raw
 from errormodel.machine import Machine
+from errormodel.raw_formats.base import Asked, Recording, format_of, open_raw
 
 ENCODINGS = ("utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "cp1252")
 DELIMITERS = (",", ";", "\t", "|", " ")

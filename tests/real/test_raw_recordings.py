@@ -10,8 +10,8 @@ import pandas as pd
 import pytest
 
 from errormodel.exceptions import InputError
-from errormodel.formats.raw import Asked, Recording, format_of, open_raw
 from errormodel.machine import Basis, Joint, Machine
+from errormodel.raw_formats.base import Asked, Recording, format_of, open_raw
 from identification import fit, import_survey
 
 X, Y, Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)

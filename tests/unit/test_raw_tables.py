@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from errormodel.exceptions import InputError
-from errormodel.formats.raw import Asked, decoded, format_of, open_raw
+from errormodel.raw_formats.base import Asked, decoded, format_of, open_raw
 from tests.helpers.raw_files import DELIMITERS, ENCODINGS, Style, read_back, written
 
 NAMES, UNITS = ("Achse X", "east", "Δ", "flow"), ("mm", "µm", "deg", "°C")

@@ -6,10 +6,10 @@ import re
 from dataclasses import replace
 
 from errormodel.exceptions import InputError
-from errormodel.formats.raw import Asked, DateOrder, RawFile, RawFormat, Recording
-from errormodel.formats.table_columns import DATES_CURE, renamed, table_of_text
-from errormodel.formats.table_columns import columns_of as plain_columns
-from errormodel.formats.unit_words import quantity_of_unit, unit_word
+from errormodel.raw_formats.base import Asked, DateOrder, RawFile, RawFormat, Recording
+from errormodel.raw_formats.table_columns import DATES_CURE, renamed, table_of_text
+from errormodel.raw_formats.table_columns import columns_of as plain_columns
+from errormodel.raw_formats.unit_words import quantity_of_unit, unit_word
 
 _AXES = re.compile(r"AXES\s*=\s*(\w+)\s*:\s*([^()]*)\(([^()]*)\)", re.IGNORECASE)
 _FRAME = re.compile(r"Relative to Coordinate Frame\s*'([^']*)'", re.IGNORECASE)

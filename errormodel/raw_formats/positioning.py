@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from numpy.typing import NDArray
 
-    from errormodel.formats.raw import Asked
+    from errormodel.raw_formats.base import Asked
 
 DEVIATION = "deviation"  # column of readings whose error motion only the user knows
 ALONG_COSINE = 0.9999  # of a joint's axis with x, y or z, from which a reading along it is one error motion

@@ -13,8 +13,8 @@ from dataclasses import replace
 import numpy as np
 
 from errormodel.exceptions import InputError
-from errormodel.formats.raw import Asked, RawFile, RawFormat, Recording, joint_names
-from errormodel.formats.table_columns import columns_of, numbers, renamed
+from errormodel.raw_formats.base import Asked, RawFile, RawFormat, Recording, joint_names
+from errormodel.raw_formats.table_columns import columns_of, numbers, renamed
 
 _JOINT = re.compile(r"(?:j|joint|axis|a|q|theta)_?(\d)", re.IGNORECASE)
 

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from errormodel.exceptions import InputError
-from errormodel.formats.orientation import rotation_vectors
-from errormodel.formats.raw import Asked, RawFile, RawFormat, Recording
-from errormodel.formats.table_columns import columns_of, numbers, renamed
+from errormodel.raw_formats.base import Asked, RawFile, RawFormat, Recording
+from errormodel.raw_formats.orientation import rotation_vectors
+from errormodel.raw_formats.table_columns import columns_of, numbers, renamed
 
 COVERAGE = 2.0  # k of U(95) for a normal distribution, as the instrument states it
 _AIR = {"temperature": "T_air", "pressure": "w_pressure_mbar", "humidity": "w_humidity_percent"}

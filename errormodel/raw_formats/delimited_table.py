@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from errormodel.exceptions import InputError
-from errormodel.formats.raw import Asked, RawFile, RawFormat, Recording
-from errormodel.formats.table_columns import columns_of
+from errormodel.raw_formats.base import Asked, RawFile, RawFormat, Recording
+from errormodel.raw_formats.table_columns import columns_of
 
 
 class DelimitedTable(RawFormat):

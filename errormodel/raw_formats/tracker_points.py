@@ -8,9 +8,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 from errormodel.exceptions import InputError
-from errormodel.formats.layout import Layout
-from errormodel.formats.raw import Asked, RawFile, RawFormat, Recording
-from errormodel.formats.table_columns import columns_of, renamed, table_of_text
+from errormodel.raw_formats.base import Asked, RawFile, RawFormat, Recording
+from errormodel.raw_formats.layout import Layout
+from errormodel.raw_formats.table_columns import columns_of, renamed, table_of_text
 
 LARGEST_NUMBER = 1e6  # of a point that is numbered
 

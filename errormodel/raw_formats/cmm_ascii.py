@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from errormodel.exceptions import InputError
-from errormodel.formats.raw import Asked, RawFile, RawFormat, Recording
-from errormodel.formats.table_columns import columns_of, numbers
+from errormodel.raw_formats.base import Asked, RawFile, RawFormat, Recording
+from errormodel.raw_formats.table_columns import columns_of, numbers
 
 _FEATURE, _AXIS = ("feature", "name", "element", "characteristic", "id"), ("axis", "ax", "coordinate")
 _MEASURED, _NOMINAL = ("meas", "measured", "actual", "act"), ("nominal", "nom")

@@ -6,7 +6,7 @@ import io
 from dataclasses import replace
 
 from errormodel.exceptions import InputError
-from errormodel.formats.raw import Asked, RawFile, RawFormat, Recording
+from errormodel.raw_formats.base import Asked, RawFile, RawFormat, Recording
 
 _ZIP, _OLD = b"PK\x03\x04", b"\xd0\xcf\x11\xe0"  # of xlsx and ods, of xls
 _SHEET = (b"xl/workbook", b"spreadsheet")  # a name of a part of the archive, a type in it
@@ -36,7 +36,7 @@ class Spreadsheet(RawFormat):
             sheets = [(name, book.get_sheet_by_name(name).to_python()) for name in book.sheet_names]
         except (CalamineError, ValueError, OSError) as error:
             raise InputError(raw.name, f"not a readable spreadsheet: {error}", "Save it again, or as CSV") from error
-        from errormodel.formats.raw import format_of
+        from errormodel.raw_formats.base import format_of
 
         for name, rows in sheets:
             text = "\n".join("\t".join(_cell(c) for c in row) for row in rows)

@@ -15,8 +15,8 @@ from functools import lru_cache
 
 from errormodel.exceptions import InputError
 from errormodel.formats.base import NO_VALUE_WORDS
-from errormodel.formats.dates import looks_like_time
-from errormodel.formats.unit_words import bracketed, is_unit_word, unit_word
+from errormodel.raw_formats.dates import looks_like_time
+from errormodel.raw_formats.unit_words import bracketed, is_unit_word, unit_word
 
 COMMENT = re.compile(r"\s*(//|#|%|!|\*|;)")
 DELIMITERS = {"\t": "tabs", ";": "semicolons", "|": "bars", ",": "commas", " ": "blanks"}

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from errormodel.exceptions import InputError
-from errormodel.formats.raw import Asked, RawFile, RawFormat, Recording
+from errormodel.raw_formats.base import Asked, RawFile, RawFormat, Recording
 
 if TYPE_CHECKING:
     import pandas as pd

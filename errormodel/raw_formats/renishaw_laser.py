@@ -13,8 +13,8 @@ import numpy as np
 
 from errormodel.conventions import MOTIONS, unit_of
 from errormodel.exceptions import InputError
-from errormodel.formats.positioning import DEVIATION, joint_for, motion_rows
-from errormodel.formats.raw import Asked, RawFile, RawFormat, Recording
+from errormodel.raw_formats.base import Asked, RawFile, RawFormat, Recording
+from errormodel.raw_formats.positioning import DEVIATION, joint_for, motion_rows
 
 _ENVIRONMENT = {"air temp": "T_air", "mat temp 1": "T_material_1", "mat temp 2": "T_material_2",
                 "mat temp 3": "T_material_3"}  # fmt: skip

@@ -5,10 +5,10 @@ from __future__ import annotations
 import re
 
 from errormodel.exceptions import InputError
-from errormodel.formats.layout import Layout
-from errormodel.formats.raw import Asked, RawFile, RawFormat, Recording
-from errormodel.formats.sensor_names import sensor_of
-from errormodel.formats.table_columns import columns_of, renamed
+from errormodel.raw_formats.base import Asked, RawFile, RawFormat, Recording
+from errormodel.raw_formats.layout import Layout
+from errormodel.raw_formats.sensor_names import sensor_of
+from errormodel.raw_formats.table_columns import columns_of, renamed
 
 _TIME = re.compile(r"(time|date|clock|stamp|zeit|datum|uhrzeit|elapsed|seconds|no|nr|#|index|sample)", re.IGNORECASE)
 

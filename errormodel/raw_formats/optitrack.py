@@ -12,9 +12,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from errormodel.exceptions import InputError
-from errormodel.formats.orientation import rotation_vectors
-from errormodel.formats.raw import Asked, RawFile, RawFormat, Recording
-from errormodel.formats.unit_words import quantity_of_unit, unit_word
+from errormodel.raw_formats.base import Asked, RawFile, RawFormat, Recording
+from errormodel.raw_formats.orientation import rotation_vectors
+from errormodel.raw_formats.unit_words import quantity_of_unit, unit_word
 
 _AXES = ("X", "Y", "Z")
 

@@ -8,9 +8,9 @@ import numpy as np
 
 from errormodel.conventions import MOTIONS, unit_of
 from errormodel.exceptions import InputError
-from errormodel.formats.positioning import joint_for, motion_rows
-from errormodel.formats.raw import Asked, RawFile, RawFormat, Recording
-from errormodel.formats.table_columns import columns_of, numbers
+from errormodel.raw_formats.base import Asked, RawFile, RawFormat, Recording
+from errormodel.raw_formats.positioning import joint_for, motion_rows
+from errormodel.raw_formats.table_columns import columns_of, numbers
 from errormodel.units import Quantity, is_unit, to_internal
 
 _TARGET = re.compile(r"target(position|pos|no)?|nominal(position)?|setpoint")

@@ -11,9 +11,9 @@ import re
 import numpy as np
 
 from errormodel.exceptions import InputError
-from errormodel.formats.raw import Asked, RawFile, RawFormat, Recording
-from errormodel.formats.table_columns import columns_of, numbers
-from errormodel.formats.unit_words import unit_word
+from errormodel.raw_formats.base import Asked, RawFile, RawFormat, Recording
+from errormodel.raw_formats.table_columns import columns_of, numbers
+from errormodel.raw_formats.unit_words import unit_word
 from errormodel.units import factor, is_unit, to_internal
 
 _ANGLE = re.compile(r"angle|theta|phi|position\(deg\)", re.IGNORECASE)

@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 
 from errormodel.exceptions import InputError
-from errormodel.formats.layout import Layout
-from errormodel.formats.raw import Asked, RawFile, RawFormat, Recording, joint_names
-from errormodel.formats.table_columns import columns_of, table_of_text
+from errormodel.raw_formats.base import Asked, RawFile, RawFormat, Recording, joint_names
+from errormodel.raw_formats.layout import Layout
+from errormodel.raw_formats.table_columns import columns_of, table_of_text
 
 TARGETS = (3, 2, 4)  # reflectors on a flange, the usual number first
 RIGID = 1e-3  # of the distance between two reflectors: so well it stays over the rows; by judgement

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from errormodel.exceptions import InputError
 from errormodel.formats.base import as_numbers, words_note
-from errormodel.formats.dates import Times, looks_like_time, times_of
 from errormodel.formats.digit_groups import ungrouped
-from errormodel.formats.layout import DELIMITERS, Layout
-from errormodel.formats.raw import Asked, RawFile, Recording
+from errormodel.raw_formats.base import Asked, RawFile, Recording
+from errormodel.raw_formats.dates import Times, looks_like_time, times_of
+from errormodel.raw_formats.layout import DELIMITERS, Layout
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -1,7 +1,7 @@
 """A file as an instrument wrote it: its bytes, its text in whatever encoding, and the interface of raw formats.
 
 A raw format is one class in one file of this package, or of a package from outside by the entry point
-``errormodel.formats``. It recognises files by their content, whatever their suffix, and hands out columns with units.
+``errormodel.raw_formats``. It recognises files by their content, whatever their suffix, and returns columns and units.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 
 from errormodel.discovery import by_word, classes
 from errormodel.exceptions import InputError, nearest
-from errormodel.formats.layout import Layout, find_layout
 from errormodel.inputs import noted
+from errormodel.raw_formats.layout import Layout, find_layout
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -186,7 +186,7 @@ class RawFormat(ABC):
 @lru_cache(maxsize=1)
 def raw_formats() -> dict[str, type[RawFormat]]:
     """All raw formats by their names."""
-    kinds = classes("errormodel.formats", RawFormat)  # type: ignore[type-abstract]
+    kinds = classes("errormodel.raw_formats", RawFormat)  # type: ignore[type-abstract]
     return by_word((kind.name, kind) for kind in kinds)
 
 
