@@ -68,6 +68,11 @@ class _LocationError(_Part):
     members: dict[str, Number]
 
 
+class _SetUp(_Part):
+    id: str
+    unit: str
+
+
 class FitFile(_Part):
     """The keys of ``fit.json`` that prediction, compensation and monitoring use."""
 
@@ -81,6 +86,7 @@ class FitFile(_Part):
     location_errors: list[_LocationError] = []
     covered: dict[str, Annotated[list[Number], Field(min_length=2, max_length=2)]] = {}
     robust: bool = False
+    observations: list[_SetUp] = []
 
 
 def check_fit(path: Path, data: dict[str, Any]) -> None:
@@ -113,12 +119,14 @@ def check_parameters(path: Path, data: Mapping[str, Any], chain: Chain) -> None:
     InputError
         About the first that is not.
     """
+    units = {str(o["id"]): str(o["unit"]) for o in data.get("observations", ())}  # of set-ups' unknowns
     for p in data["parameters"]:
         where = f"{path}, parameter '{p['id']}'"
-        unknown = next((m for m in p["members"] if m not in chain.index and not INSTRUMENT_MEMBER.fullmatch(m)), None)
+        foreign = (m for m in p["members"] if m not in chain.index and m not in units)
+        unknown = next((m for m in foreign if not INSTRUMENT_MEMBER.fullmatch(m)), None)
         if unknown is not None:
             raise InputError(where, f"the member '{unknown}', which the machine does not have", "Run the fit again")
-        unit = unit_of_parameter(p["id"], chain)
+        unit = units.get(p["id"]) or unit_of_parameter(p["id"], chain)
         if p["unit"] != unit:
             raise InputError(where, f"the unit '{p['unit']}', where the machine's is {unit}", "Run the fit again")
     if data["fitted"]["n"] and not data["frame"] and data["frame_mode"] != "fixed":
