@@ -311,11 +311,11 @@ def standards() -> Iterator[str]:
     """Every standard of tests: what it is, and what it needs."""
     import sys
 
-    from identification.standards import registry
+    from identification.iso_standards import registry
 
     yield from ("# Standards of tests", "")
     yield (
-        "Each is one file of `identification/standards/`, and a word of `errormodel iso`. How they are used: "
+        "Each is one file of `identification/iso_standards/`, and a word of `errormodel iso`. How they are used: "
         "[standards and certificates](../standards.md)."
     )
     for number, kind in registry().items():

@@ -235,7 +235,7 @@ def thermal(machine: AnyMachine, survey: AnySurvey, *, progress: Progress = sile
         The survey holds no such recordings, or no second cycle.
     """
     from identification.results.thermal_result import ThermalResult
-    from identification.thermal.drift_model import thermal as stage
+    from identification.thermal_drift.drift_model import thermal as stage
 
     model = machine_of(machine)
     return ThermalResult(stage(model, survey_of(survey, model, progress), progress))

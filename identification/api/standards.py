@@ -11,9 +11,9 @@ from identification.sources import AnyMachine, AnySurvey, machine_of, survey_of
 
 if TYPE_CHECKING:
     from errormodel.survey_record import Rule
+    from identification.iso_standards.base import Evaluation, Standard
+    from identification.iso_standards.fitted import FittedMachine
     from identification.results.evaluation_result import EvaluationResult
-    from identification.standards.base import Evaluation, Standard
-    from identification.standards.fitted import FittedMachine
 
 ALL = "all"
 
@@ -69,7 +69,7 @@ def standards() -> dict[str, str]:
     dict
         What each is, and what it is evaluated from, by its name.
     """
-    from identification.standards import registry
+    from identification.iso_standards import registry
 
     words = {(True, True): "survey or fit", (True, False): "survey", (False, True): "fit"}
     return {name: f"{kind.title} [{words[kind.takes()]}]" for name, kind in registry().items()}
@@ -86,9 +86,9 @@ def _evaluated(
     from errormodel.exceptions import InputError
     from errormodel.survey_record import limit_of
     from identification.conformity.decision import check_names, conformity
+    from identification.iso_standards import registry
+    from identification.iso_standards import standards as named
     from identification.results.evaluation_result import EvaluationResult
-    from identification.standards import registry
-    from identification.standards import standards as named
 
     wanted = [kind() for kind in registry().values()] if standard == ALL else named(standard)
     given = {}
@@ -150,9 +150,9 @@ def _model(source: AnyMachine) -> FittedMachine:
     """
     from errormodel.exceptions import InputError
     from errormodel.survey_record import RecordForm
+    from identification.iso_standards.fitted import FittedMachine
     from identification.results.results_folder import whole
     from identification.results.stored_fit import read_files
-    from identification.standards.fitted import FittedMachine
 
     if not isinstance(source, str | Path) or not Path(source).is_dir():
         found = "no folder of a fit, and no survey beside it"

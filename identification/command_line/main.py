@@ -293,12 +293,19 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except MemoryError:
         _fail(NO_MEMORY)
     except (ImportError, RuntimeError) as error:
-        if not any(words in str(error) for words in NO_MEMORY_WORDS):
+        if not _from_lack_of_memory(error):
             raise
         _fail(NO_MEMORY)
     except OSError as error:  # a full disk, a device that fails
         place = "the output" if error.filename is None else str(error.filename)
         _fail(f"{place}: {error.strerror}. Nothing was put in place; free space there, or give --out another", code=1)
+
+
+def _from_lack_of_memory(error: BaseException | None) -> bool:
+    """Whether an error, or what caused it, says that memory is short."""
+    if error is None:
+        return False
+    return any(words in str(error) for words in NO_MEMORY_WORDS) or _from_lack_of_memory(error.__cause__)
 
 
 def _fail(message: str, code: int = 2) -> None:

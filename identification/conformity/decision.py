@@ -15,7 +15,7 @@ from typing import Any, Literal
 
 from errormodel.exceptions import InputError, nearest
 from errormodel.survey_record import Limit, Rule
-from identification.standards.base import COVERAGE_FACTOR, Quantity
+from identification.iso_standards.base import COVERAGE_FACTOR, Quantity
 
 GUARD_FACTOR = 1.65  # standard uncertainties: 95 % of a normal distribution lie below its mean + 1.645
 Verdict = Literal["passes", "fails", "cannot be decided"]

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from identification.conformity.decision import RULES, Conformity, Judgement
+from identification.iso_standards.base import Quantity, rounded
 from identification.results.parameter_table import decimals, printed
-from identification.standards.base import Quantity, rounded
 
 if TYPE_CHECKING:
     from identification.results.evaluation_result import EvaluationResult

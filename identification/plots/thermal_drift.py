@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 from errormodel.conventions import unit_of
 from identification.plots import style
 from identification.results.parameter_table import printed
-from identification.thermal.drift_model import Thermal
-from identification.thermal.selection import centred
+from identification.thermal_drift.drift_model import Thermal
+from identification.thermal_drift.selection import centred
 
 DRIFT_COLUMNS = 3  # panels in a row
 DRIFT_ROW_IN = 1.75  # inches: height of a row

@@ -13,8 +13,8 @@ from identification.report.pictures import Picture, picture
 from identification.report.record_head import head_of
 
 if TYPE_CHECKING:
+    from identification.iso_standards.base import Evaluation, Quantity, Sheet
     from identification.results.evaluation_result import EvaluationResult
-    from identification.standards.base import Evaluation, Quantity, Sheet
 
 FIRST_PAGE_ROWS = 12  # quantities of the first page, which is one sheet of paper
 SIGNS: dict[Verdict, str] = {"passes": "✓", "fails": "✗", "cannot be decided": "?"}

@@ -10,7 +10,7 @@ from identification.plots.thermal_drift import draw_thermal_drift
 from identification.report.pictures import Picture, picture
 from identification.report.tables import number
 from identification.results.parameter_table import printed
-from identification.thermal.drift_model import MotionResult, Thermal
+from identification.thermal_drift.drift_model import MotionResult, Thermal
 
 # times the noise: a larger error on another cycle means that the model does not transfer; by judgement
 POOR_TRANSFER_RATIO = 3.0

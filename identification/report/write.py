@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from identification.report.diagnosis import DiagnosisPart
     from identification.report.posterior import PosteriorPart
     from identification.report.thermal import ThermalPart
-    from identification.thermal.drift_model import Thermal
+    from identification.thermal_drift.drift_model import Thermal
 
 
 def write_report(

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from errormodel.survey_record import RecordForm
-    from identification.standards.base import Evaluation
+    from identification.iso_standards.base import Evaluation
 
 SCHEMA = "errormodel.iso/1"
 COLUMNS = ("standard", "name", "words", "value", "expanded", "unit", "basis")

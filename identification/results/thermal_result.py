@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-    from identification.thermal.drift_model import Thermal
+    from identification.thermal_drift.drift_model import Thermal
 
 MOTION = ("joint", "motion", "symbol", "drift", "stepwise", "lagged", "noise", "rows")
 
@@ -54,7 +54,7 @@ class ThermalResult(FitResult):
         return ThermalPlots(self.analysis, self.thermal)
 
     def summary(self) -> str:
-        from identification.thermal.text import thermal_lines
+        from identification.thermal_drift.text import thermal_lines
 
         return "\n".join(thermal_lines(self.thermal))
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import doctest
 import inspect
 import json
+import pkgutil
 import re
 import subprocess
 import sys
@@ -248,3 +249,10 @@ def test_what_is_printed_is_what_the_command_line_prints(survey: pd.DataFrame, t
     said = done("compensate", tmp_path / "fit", "--controller", "linuxcnc-type1", "--out", tmp_path / "tables").out
     assert tables.summary(tmp_path / "tables") in said
     assert [line.split()[0] for line in done("compensate", "--controller", "list").out.splitlines()] == [*controllers()]
+
+
+def test_no_package_has_the_name_of_a_function() -> None:
+    """The import of a package would put it in the function's place."""
+    for package in (errormodel, identification):
+        inside = {module.name for module in pkgutil.iter_modules(package.__path__)}
+        assert not inside & set(package.__all__)

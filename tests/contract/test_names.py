@@ -39,7 +39,7 @@ ALLOWED = {
     "errormodel/effects/eccentricity.py": {"harmonic"},  # its own key, the number of the harmonic
     "errormodel/effects/wobble.py": {"harmonic"},  # the same
     "errormodel/effects/tracker_drift.py": {"warm-up"},  # of a tracker, in its source
-    "identification/thermal/recordings.py": {"warm-up"},  # a phase of a recording
+    "identification/thermal_drift/recordings.py": {"warm-up"},  # a phase of a recording
     "identification/planning/setup.py": {"cmm"},  # an example in the description of a key
     "errormodel/survey_file.py": {"cmm"},  # the same
     "errormodel/machine_file.py": {"ram-sag", "first-order"},  # the same, and what joints without an entry have

@@ -64,7 +64,7 @@ def test_command_line_starts_without_heavy_imports():
             ["fit", "machines/examples/gantry", "machines/examples/gantry/survey.csv"],
             {
                 "identification.diagnosis.pipeline",
-                "identification.thermal.drift_model",
+                "identification.thermal_drift.drift_model",
                 "multiprocessing",
                 "cvxpy",
                 "emcee",

@@ -10,9 +10,10 @@ import pytest
 
 from errormodel.exceptions import InputError
 from identification import standards
-from identification.standards import registry, standard
+from identification.iso_standards import registry, standard
 
 ROOT = Path(__file__).resolve().parents[2]
+PACKAGE = "identification.iso_standards"
 
 
 @pytest.mark.parametrize("number", registry())
@@ -38,6 +39,6 @@ def test_no_module_imports_one_standard() -> None:
     seen = []
     for path in [*(ROOT / "errormodel").rglob("*.py"), *(ROOT / "identification").rglob("*.py")]:
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("identification.standards."):
-                seen += [f"{path.name}: {node.module}" for f in files if node.module == f"identification.standards.{f}"]
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(f"{PACKAGE}."):
+                seen += [f"{path.name}: {node.module}" for f in files if node.module == f"{PACKAGE}.{f}"]
     assert seen == []

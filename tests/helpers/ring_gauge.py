@@ -14,8 +14,8 @@ from errormodel.conventions import MOTIONS
 from errormodel.machine import Machine
 from errormodel.survey import read_survey
 from identification.results.analysis import Analysis
-from identification.thermal.drift_model import Thermal, thermal
-from identification.thermal.stepwise import stepwise
+from identification.thermal_drift.drift_model import Thermal, thermal
+from identification.thermal_drift.stepwise import stepwise
 from identification.uncertainty.prediction import predict
 from tests.helpers import thermal_cmm as cmm
 

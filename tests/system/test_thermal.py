@@ -24,9 +24,9 @@ from errormodel.survey import Survey, read_survey
 from errormodel.truth import Truth
 from identification.diagnosis.data_checks.temperature_sensors import faults
 from identification.report.thermal import POOR_TRANSFER_RATIO
-from identification.thermal.recordings import recordings
-from identification.thermal.selection import centred, choose
-from identification.thermal.stepwise import stepwise
+from identification.thermal_drift.recordings import recordings
+from identification.thermal_drift.selection import centred, choose
+from identification.thermal_drift.stepwise import stepwise
 from tests.helpers import thermal_cmm as cmm
 from tests.helpers.commands import done, run
 from tests.helpers.pages import Page

@@ -8,7 +8,7 @@ import pytest
 from errormodel.exceptions import InputError
 from errormodel.survey_record import limit_of
 from identification.conformity.decision import conformity, judged
-from identification.standards.base import Quantity
+from identification.iso_standards.base import Quantity
 
 
 def quantity(value: float, expanded: float | None = 0.002, name: str = "A", length: float | None = None) -> Quantity:

@@ -11,10 +11,10 @@ from scipy.optimize import linprog, minimize
 
 from errormodel.arrays import Array
 from errormodel.survey_record import UncertaintyRecord
-from identification.standards.iso_230_2 import annex_a
-from identification.standards.iso_230_4 import centred, minimum_zone
-from identification.standards.reference_lines import LINES, straightened, straightness
-from identification.standards.targets import Axis, axis_of
+from identification.iso_standards.iso_230_2 import annex_a
+from identification.iso_standards.iso_230_4 import centred, minimum_zone
+from identification.iso_standards.reference_lines import LINES, straightened, straightness
+from identification.iso_standards.targets import Axis, axis_of
 
 # A published ISO 230-2 report with its readings (mm): motion system test of slit 11358, axis 1, 3 November 2021,
 # European Spallation Source (public repository ecmc_bifrost_slits_sat): five targets, five cycles, both ways.

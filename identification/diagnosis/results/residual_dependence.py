@@ -91,6 +91,10 @@ def dependence_of(linear: LinearModel, sigma_um: float, log: DecisionLog = UNREC
     keep = np.isin(index, some)
     bases = {name: values[index] for name, values in _channels(linear, rows)}
     residual, basis = (a[: len(index)][keep] for a in (linear.residual, linear.basis))
+    norms = np.linalg.norm(basis, axis=0)
+    basis = orthonormal_basis(basis[:, norms > 0] / norms[norms > 0])  # over the rows that are kept
+    if len(residual) - basis.shape[1] < FEWEST_ROWS:
+        return None
     functions = {name: values[keep] for name, values in bases.items()}
     p_value, channels = _tested(residual, basis, index[keep], functions, FIRST_RESAMPLES)
     if p_value < FIRST_P_VALUE:
@@ -159,7 +163,7 @@ def _tested(
     scale = float(np.median(np.abs(residual))) / 0.6745
     if scale <= 0 or not bases:
         return 1.0, ()
-    q = orthonormal_basis(basis[:, np.abs(basis).max(axis=0) > 0])
+    q = orthonormal_basis(basis)
     clipped = np.clip(residual / scale, -CLIP, CLIP)
     clipped -= q @ (q.T @ clipped)
     series = [slice(a, b) for a, b in pairwise(series_edges(index))]

@@ -19,8 +19,8 @@ from errormodel.machine import Joint, Machine
 from errormodel.survey_record import RecordForm
 from identification.compensation.field import Field
 from identification.compensation.rows import read_rows
+from identification.iso_standards.base import Quantity
 from identification.results.stored_fit import StoredFit
-from identification.standards.base import Quantity
 from identification.uncertainty.prediction import unidentified
 
 DRAWS = 400  # of the covariance: the standard uncertainty is then known to 3.5 % (1 / sqrt(2 draws))

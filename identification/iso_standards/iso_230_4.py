@@ -18,9 +18,9 @@ import numpy as np
 from errormodel.arrays import Array, Index
 from errormodel.chain import Chain
 from errormodel.exceptions import InputError
-from identification.standards.base import Chart, Evaluation, Quantity, Standard, spread, text
-from identification.standards.fitted import FittedMachine
-from identification.standards.series import DRAWS, SAME_POSITION, measured_points
+from identification.iso_standards.base import Chart, Evaluation, Quantity, Standard, spread, text
+from identification.iso_standards.fitted import FittedMachine
+from identification.iso_standards.series import DRAWS, SAME_POSITION, measured_points
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -1,7 +1,7 @@
 """Stepwise regression on temperatures at each position, with a polynomial through the positions.
 
 After "Synthesization of Thermally Induced Errors in Coordinate Measuring Machines", equations (5) to (8). It is the
-benchmark for the method that the command uses (`identification.thermal.selection`).
+benchmark for the method that the command uses (`identification.thermal_drift.selection`).
 """
 
 from __future__ import annotations

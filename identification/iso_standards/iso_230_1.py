@@ -18,10 +18,10 @@ from errormodel.arrays import Array
 from errormodel.chain import Chain
 from errormodel.conventions import ROTATIONS, TRANSLATIONS, Motion, iso_symbol
 from errormodel.location_errors import ALIGNED_COSINE, ROTATION_LETTERS, one_of_each_pair
-from identification.standards.base import Chart, Evaluation, Quantity, Sheet, Standard, shown_unit, spread, text
-from identification.standards.fitted import FittedMachine
-from identification.standards.reference_lines import LEAST_SQUARES, LINES, least_squares, straightened, straightness
-from identification.standards.series import DRAWS, SAME_POSITION, Series, series_of
+from identification.iso_standards.base import Chart, Evaluation, Quantity, Sheet, Standard, shown_unit, spread, text
+from identification.iso_standards.fitted import FittedMachine
+from identification.iso_standards.reference_lines import LEAST_SQUARES, LINES, least_squares, straightened, straightness
+from identification.iso_standards.series import DRAWS, SAME_POSITION, Series, series_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

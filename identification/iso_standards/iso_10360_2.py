@@ -17,8 +17,8 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.exceptions import InputError
-from identification.standards.base import Chart, Evaluation, Quantity, Sheet, Standard, spread, text
-from identification.standards.fitted import FittedMachine
+from identification.iso_standards.base import Chart, Evaluation, Quantity, Sheet, Standard, spread, text
+from identification.iso_standards.fitted import FittedMachine
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

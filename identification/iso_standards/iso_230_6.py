@@ -17,10 +17,10 @@ import numpy as np
 from errormodel.arrays import Array, Index, Mask
 from errormodel.chain import Chain
 from errormodel.machine import Joint
-from identification.standards.base import Evaluation, Quantity, Standard, spread
-from identification.standards.fitted import FittedMachine
-from identification.standards.series import DRAWS, SAME_POSITION, measured_points, sides_of
-from identification.standards.targets import Axis, as_json, axis_of, chart, of_readings, sheet
+from identification.iso_standards.base import Evaluation, Quantity, Standard, spread
+from identification.iso_standards.fitted import FittedMachine
+from identification.iso_standards.series import DRAWS, SAME_POSITION, measured_points, sides_of
+from identification.iso_standards.targets import Axis, as_json, axis_of, chart, of_readings, sheet
 
 if TYPE_CHECKING:
     from errormodel.machine import Machine

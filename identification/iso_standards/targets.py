@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from errormodel.arrays import Array
-from identification.standards.base import Chart, Sheet, shown_unit, text
-from identification.standards.series import SAME_POSITION
+from identification.iso_standards.base import Chart, Sheet, shown_unit, text
+from identification.iso_standards.series import SAME_POSITION
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

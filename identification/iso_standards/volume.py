@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from errormodel.arrays import Array
-from identification.standards.base import COVERAGE_FACTOR, Chart, Evaluation, Quantity, Sheet, Standard, spread
-from identification.standards.fitted import FittedMachine
+from identification.iso_standards.base import COVERAGE_FACTOR, Chart, Evaluation, Quantity, Sheet, Standard, spread
+from identification.iso_standards.fitted import FittedMachine
 from identification.uncertainty.budget import UNIDENTIFIED_LINE
 
 if TYPE_CHECKING:

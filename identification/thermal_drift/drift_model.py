@@ -25,9 +25,9 @@ from errormodel.truth import Truth
 from identification.estimation.fit import fit_machine
 from identification.estimation.result import Fit
 from identification.runtime.progress import Progress, silent
-from identification.thermal.recordings import Drift, Recordings, recordings
-from identification.thermal.selection import centred, choose
-from identification.thermal.stepwise import stepwise
+from identification.thermal_drift.recordings import Drift, Recordings, recordings
+from identification.thermal_drift.selection import centred, choose
+from identification.thermal_drift.stepwise import stepwise
 
 # Time constants of the lags, s: shortest, ratio and longest of a geometric series; zero lag is tried as well. By
 # judgement: minutes for a spindle or screw to hours for a casting
@@ -119,7 +119,8 @@ def thermal(machine: Machine, survey: Survey, progress: Progress = silent) -> Th
     Raises
     ------
     InputError
-        The recordings are not usable (`identification.thermal.recordings`), or the machine has a thermal model already.
+        The recordings are not usable (`identification.thermal_drift.recordings`), or the machine has a thermal model
+        already.
     """
     if any(e.effect == StructureDrift.effect and e.options.get("std") for e in machine.effects):
         found = f"{StructureDrift.effect} with std: the machine has a thermal model already"

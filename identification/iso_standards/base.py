@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from errormodel.machine import Machine
     from errormodel.survey import Survey
-    from identification.standards.fitted import FittedMachine
+    from identification.iso_standards.fitted import FittedMachine
 
 COVERAGE_FACTOR = 2.0  # of the expanded uncertainties, as ISO 230 states them
 

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from errormodel.survey_record import UncertaintyRecord
-from identification.standards.base import Evaluation, Quantity, Standard, spread
-from identification.standards.fitted import FittedMachine
-from identification.standards.series import Series, series_of
-from identification.standards.targets import WORDS, Axis, as_json, axis_of, chart, of_readings, sheet
+from identification.iso_standards.base import Evaluation, Quantity, Standard, spread
+from identification.iso_standards.fitted import FittedMachine
+from identification.iso_standards.series import Series, series_of
+from identification.iso_standards.targets import WORDS, Axis, as_json, axis_of, chart, of_readings, sheet
 
 if TYPE_CHECKING:
     from errormodel.machine import Machine

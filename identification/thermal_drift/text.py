@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from errormodel.conventions import unit_of
 from identification.results.parameter_table import printed
-from identification.thermal.drift_model import MotionResult, Thermal
+from identification.thermal_drift.drift_model import MotionResult, Thermal
 
 TEMPERATURES_SHOWN = 3  # per error motion, the first that were selected
 

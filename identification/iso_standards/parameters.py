@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from identification.standards.base import Evaluation, Quantity, Standard
-from identification.standards.fitted import FittedMachine
+from identification.iso_standards.base import Evaluation, Quantity, Standard
+from identification.iso_standards.fitted import FittedMachine
 
 
 class Parameters(Standard):

@@ -1,7 +1,7 @@
 """Standards of tests: a plug-in registry, one class a file of this package, found by its ``number``.
 
 A standard takes a survey, a fitted model, or both, and returns quantities with their uncertainties, tables and charts.
-Other distributions add classes by the entry point group ``identification.standards``.
+Other distributions add classes by the entry point group ``identification.iso_standards``.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from functools import cache
 
 from errormodel.discovery import by_word, classes
 from errormodel.exceptions import InputError, nearest
-from identification.standards.base import Standard
+from identification.iso_standards.base import Standard
 
 
 @cache
