@@ -47,13 +47,16 @@ def even_grid(low: float, high: float, intervals: int) -> tuple[float, ...]:
     return tuple(float(round((first + k * step) * unit, max(-figures, 0))) for k in range(intervals + 1))
 
 
-def turn_grid(low: float, intervals: int) -> tuple[float, ...]:
+def turn_grid(low: float, intervals: int, anchored: bool = False) -> tuple[float, ...]:
     """Positions (deg) from `low` round to the same place again, in steps of few digits.
 
-    In the least even number of intervals that is not below `intervals`, so that a grid from -180 has one at 0.
+    In the least even number of intervals that is not below `intervals`, so that a grid from -180 has one at 0;
+    `anchored` ones are multiples of their step wherever they start, and none where no step is.
     """
-    count = next(n for n in TURN_INTERVALS if n >= min(intervals, TURN_INTERVALS[-1]))
-    return spaced(low, 360.0 / count, count + 1)
+    least = min(intervals, TURN_INTERVALS[-1])
+    counts = (n for n in TURN_INTERVALS if n >= least)
+    count = next((n for n in counts if not anchored or abs(low * n / 360 - round(low * n / 360)) < 1e-9), 0)
+    return spaced(low, 360.0 / count, count + 1) if count else ()
 
 
 def spaced(low: float, step: float, count: int) -> tuple[float, ...]:

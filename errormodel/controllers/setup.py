@@ -171,7 +171,9 @@ class Setup:
         axis, make = self.axis(name), anchored_grid if anchored else even_grid
         if axis.turns and (self.points is None or self.points <= most):
             least = axis.intervals if self.points is None else self.points - 1
-            return _turn(axis, most) if every else _turn(axis, min(least, most - 1), most)
+            grid = _turn(axis, most, anchored=anchored) if every else _turn(axis, min(least, most - 1), most, anchored)
+            if grid:
+                return grid
         if self.points is None:
             wanted = most - 1 if every else axis.intervals * (2 if anchored else 1)
             return make(*axis.measured, max(1, min(wanted, most - 1)))
@@ -204,10 +206,10 @@ class Setup:
         return grids
 
 
-def _turn(axis: Axis, intervals: int, most: int = MOST_TURN_POINTS) -> tuple[float, ...]:
-    """Positions of an axis round a full turn, at most `most` of them."""
-    grid = turn_grid(axis.measured[0], intervals)
+def _turn(axis: Axis, intervals: int, most: int = MOST_TURN_POINTS, anchored: bool = False) -> tuple[float, ...]:
+    """Positions of an axis round a full turn, at most `most` of them; none where no `anchored` ones are that few."""
+    grid = turn_grid(axis.measured[0], intervals, anchored)
     while len(grid) > most and intervals > 1:
         intervals -= 1
-        grid = turn_grid(axis.measured[0], intervals)
-    return grid
+        grid = turn_grid(axis.measured[0], intervals, anchored)
+    return grid if len(grid) <= most or not anchored else ()

@@ -16,6 +16,7 @@ from errormodel.chain import Chain
 from errormodel.controllers import target
 from errormodel.controllers.axes import AXIS_LETTERS, axis_letters, wanted_axes
 from errormodel.controllers.base import Controller
+from errormodel.controllers.grids import turn_grid
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Table, Tables, Term
 from errormodel.exceptions import InputError
@@ -244,3 +245,16 @@ def test_wrong_axes_end_with_2_and_write_nothing(text: str, bridge: Path, tmp_pa
     assert (result.code, result.err.count("\n")) == (2, 1)
     assert "--axes" in result.err
     assert not (tmp_path / "o").exists()
+
+
+@given(st.integers(-360, 0), st.integers(1, 200))
+def test_a_full_turn_may_be_counted_from_zero(low: int, intervals: int) -> None:
+    """Controls whose tables count from the motor's zero need multiples of the step."""
+    grid = np.array(turn_grid(float(low), intervals, anchored=True))
+    if len(grid):
+        assert (grid[0], grid[-1]) == (low, pytest.approx(low + 360, abs=1e-6))
+        assert len(grid) > intervals
+        step = grid[1] - grid[0]
+        np.testing.assert_allclose(grid / step, np.round(grid / step), atol=1e-6)
+    for turn in (-180.0, -90.0, 0.0):
+        assert len(turn_grid(turn, intervals, anchored=True)) > 0
