@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from itertools import pairwise, product
 
 import numpy as np
@@ -25,8 +24,7 @@ CORRELATION_LENGTHS_ROWS = (2.0, 6.0, 20.0, 60.0, 200.0)  # rows over which the 
 CORRELATED_VARIANCE_RATIOS = (0.1, 0.4, 1.5, 6.0)  # variance of the correlated part over that of the white part
 FEWEST_NOISE_ROWS = 30  # rows below which correlation is not estimated, by judgement
 RESIDUAL_ROUND_OFF_SHARE = 1e-10  # of the machine's size: smaller residuals are round-off, not noise
-# by which correlated noise must exceed white noise: odds of 100 to 1; of 900 white surveys the most had 3.9
-LEAST_LOG_LIKELIHOOD_GAIN = 4.6
+LEAST_LOG_LIKELIHOOD_GAIN = 8.0  # by which correlated noise must exceed white noise (natural logarithm), by judgement
 MOST_NOISE_ROWS = 4000  # longer surveys are represented by this many rows from their middle: limits the time
 
 
@@ -34,8 +32,8 @@ MOST_NOISE_ROWS = 4000  # longer surveys are represented by this many rows from 
 class Noise:
     """Sum of white noise of variance 1 and first-order autoregressive noise of variance `part`.
 
-    The correlation of the latter falls to 1/e over `length` rows. The sum is an ARMA(1,1) process: differences with the
-    autoregressive coefficient have a tridiagonal covariance. Series are in the order of the rows.
+    The correlation of the latter falls to 1/e over `length` rows. The sum is an ARMA(1,1) process: a filter of two
+    coefficients turns it into innovations. Series are in the order of the rows.
     """
 
     length: float
@@ -46,49 +44,47 @@ class Noise:
         """Autoregressive coefficient: correlation of the correlated part from row to row."""
         return float(np.exp(-1 / self.length))
 
-    def whitened(self, columns: Array, edges: Index) -> Array:
-        """Series (k, N), each part between two `edges` by itself, multiplied by the inverse root of the covariance.
+    @property
+    def moving(self) -> float:
+        """Moving-average coefficient, from the first autocovariance."""
+        phi = self.kept
+        ratio = phi / (1 + phi**2 + self.part * (1 - phi**2))
+        return float((1 - np.sqrt(1 - 4 * ratio**2)) / (2 * ratio))
 
-        Noise of this model becomes white with variance 1. Values behind the last edge stay as they are.
+    @property
+    def news(self) -> float:
+        """Variance of an innovation over the variance of the process."""
+        return self.kept / self.moving / (1 + self.part)
+
+    def whitened(self, columns: Array, edges: Index) -> Array:
+        """Innovations of series (k, N), each part between two `edges` by itself, scaled to one common variance.
+
+        Values behind the last edge stay as they are.
         """
         out = columns.copy()
         for a, b in pairwise(edges):
-            out[:, a + 1 : b] -= self.kept * columns[:, a : b - 1]
-            out[:, a:b] = _forward(self._root(int(b - a)), out[:, a:b])
+            change = columns[:, a:b].copy()
+            change[:, 1:] -= self.kept * columns[:, a : b - 1]
+            out[:, a:b] = _recursion(change, self.moving)
+            out[:, a] *= np.sqrt(self.news)  # the first row has the variance of the process
         return out
-
-    def log_determinant(self, edges: Index) -> float:
-        """Logarithm of the determinant of the covariance's root, over all series between two `edges`."""
-        return float(sum(np.log(self._root(int(b - a))[0]).sum() for a, b in pairwise(edges)))
-
-    def _root(self, n: int) -> Array:
-        """Cholesky factor, bands (2, n), of the covariance of y[0] and y[i] - phi y[i-1], which is tridiagonal."""
-        return _cholesky(self.kept, self.part, n)
 
     def spread(self, columns: Array, edges: Index) -> Array:
         """Product of series (k, N) and the correlation matrix of the noise."""
         out = columns / (1 + self.part)
         for a, b in pairwise(edges):
-            bands = np.vstack([np.ones(b - a), np.full(b - a, -self.kept)])
-            before = _forward(bands, columns[:, a:b])
-            after = _forward(bands, columns[:, a:b][:, ::-1])[:, ::-1]
+            before = _recursion(columns[:, a:b], self.kept)
+            after = _recursion(columns[:, a:b][:, ::-1], self.kept)[:, ::-1]
             out[:, a:b] += self.part / (1 + self.part) * (before + after - columns[:, a:b])
         return out
 
 
-@lru_cache(maxsize=256)
-def _cholesky(kept: float, part: float, n: int) -> Array:
-    from scipy.linalg import cholesky_banded
-
-    first, others = 1 + part, 1 + kept**2 + part * (1 - kept**2)
-    return np.asarray(cholesky_banded(np.array([[first, *[others] * (n - 1)], [-kept] * n]), lower=True))
-
-
-def _forward(bands: Array, series: Array) -> Array:
-    """Solution of the lower bidiagonal system of `bands` (2, n) for each of the series (k, n)."""
+def _recursion(series: Array, kept: float) -> Array:
+    """Recursion ``y[i] = kept y[i-1] + x[i]`` along series (k, n), solved as a bidiagonal system."""
     from scipy.linalg.lapack import dtbtrs
 
-    solved, _ = dtbtrs(bands, series.T, uplo="L")
+    bands = np.vstack([np.ones(series.shape[1]), np.full(series.shape[1], -kept)])
+    solved, _ = dtbtrs(bands, series.T, uplo="L", diag="U")
     return np.asarray(solved).T
 
 
@@ -110,18 +106,17 @@ def likeliest(residual: Array, design: Array, edges: Index) -> tuple[Noise | Non
     free = len(residual) - len(design)
     square = float(residual @ residual)
     best, least, variance = None, np.inf, square / free
-    both = np.vstack([design, residual])
     for noise in (None, *noises()):
-        white = both if noise is None else noise.whitened(both, edges)
-        triangle = np.abs(np.diag(np.linalg.qr(white.T, mode="r")))
+        both = np.vstack([design, residual])
+        both = both if noise is None else noise.whitened(both, edges)
+        triangle = np.abs(np.diag(np.linalg.qr(both.T, mode="r")))
         minus = free * float(np.log(triangle[-1])) + float(np.log(triangle[:-1]).sum())
-        if noise is not None:
-            # prior: uniform in the logarithm of the length; a length like that of the run is hardly seen in residuals
-            minus += noise.log_determinant(edges) + LEAST_LOG_LIKELIHOOD_GAIN + float(np.log(noise.length))
+        # prior: uniform in the logarithm of the length; a length like that of the run is hardly visible in residuals
+        minus += 0.0 if noise is None else LEAST_LOG_LIKELIHOOD_GAIN + float(np.log(noise.length))
         if minus < least:
-            part = 0.0 if noise is None else noise.part
-            # whitened residuals underestimate noise beyond the grid: the variance is at least that of the residual
-            best, least, variance = noise, minus, max(float(triangle[-1]) ** 2 * (1 + part), square) / free
+            news = 1.0 if noise is None else noise.news
+            # innovations underestimate noise beyond the grid: the variance is at least that of the residual
+            best, least, variance = noise, minus, max(float(triangle[-1]) ** 2 / news, square) / free
     return best, variance
 
 
