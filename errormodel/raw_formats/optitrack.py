@@ -89,7 +89,7 @@ def _bodies(heads: Sequence[Sequence[str]]) -> dict[str, dict[tuple[str, str], i
     out: dict[str, dict[str, dict[tuple[str, str], int]]] = {"rigid body": {}, "marker": {}}
     for place in range(2, len(axes)):
         kind = types[place].lower() if place < len(types) else ""
-        if kind in out and place < len(kinds):
+        if kind in out and place < min(len(names), len(kinds)):
             out[kind].setdefault(names[place], {})[kinds[place], axes[place]] = place
     found = out["rigid body"] or out["marker"]
     return {name: places for name, places in found.items() if all(("Position", a) in places for a in _AXES)}

@@ -91,9 +91,9 @@ def _sections(raw: RawFile) -> tuple[dict[str, str], list[float], list[tuple[int
         where = f"{raw.name}, line {number}"
         if section == "TARGET DATA" and reading == "targets":
             targets += [_number(where, word) for word in line.split()]
-        elif section == "DEVIATIONS" and (cells := line.split()) and cells[0].lstrip("-").isdigit():
-            if len(cells) != 3:
-                raise InputError(where, f"{len(cells)} cells", "Run, target and deviation stand in each line")
+        elif section == "DEVIATIONS" and (cells := line.split()) and cells[0].removeprefix("-").isdecimal():
+            if len(cells) != 3 or not cells[1].isdecimal():
+                raise InputError(where, f"'{line.strip()}'", "Run, target and deviation stand in each line")
             rows.append((int(cells[0]), int(cells[1]), _number(where, cells[2])))
             lines.append(number)
     return keys, targets, rows, lines
