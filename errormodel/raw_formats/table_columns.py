@@ -131,13 +131,16 @@ def numbers(recording: Recording, name: str, where: str) -> NDArray[np.float64]:
     Raises
     ------
     InputError
-        It holds text.
+        It holds text, or an infinite number.
     """
     column = recording.frame[name]
     if column.dtype.kind != "f":
         text = next((str(c) for c in column if str(c).strip()), "")
         raise InputError(f"{where}, column {name}", f"'{text}' is not a number", "Give the file as it was written")
-    return column.to_numpy(dtype=np.float64)
+    values = column.to_numpy(dtype=np.float64)
+    if np.isinf(values).any():
+        raise InputError(f"{where}, column {name}", "an infinite number", "Give the file as it was written")
+    return values
 
 
 def renamed(recording: Recording, names: dict[str, str], notes: Sequence[str] = ()) -> Recording:
