@@ -55,6 +55,8 @@ class BallbarTrace(RawFormat):
         angle = next(n for n in names if _ANGLE.fullmatch(n))
         head = "\n".join((*(raw.layout.preamble if raw.layout else ()), *(raw.layout.comments if raw.layout else ())))
         unit = recording.units.get(angle, "deg")
+        if not is_unit(unit, "angle"):
+            raise InputError(f"{raw.name}, column {angle}", f"the unit '{unit}'", "State its unit: deg or rad")
         turned = np.unwrap(to_internal(numbers(recording, angle, raw.name), unit, "angle"))
         reading = next((n for n in names if _DEVIATION.fullmatch(n)), None)
         nominal = _NOMINAL.search(head)
