@@ -14,6 +14,7 @@ from itertools import pairwise, product
 import numpy as np
 
 from errormodel.arrays import Array, Index
+from errormodel.chain import Chain
 from identification.estimation.least_squares import Solution
 from identification.observation.assembly import Problem
 from identification.observation.models import PositionView
@@ -88,6 +89,11 @@ def _recursion(series: Array, kept: float) -> Array:
     return np.asarray(solved).T
 
 
+def is_round_off(chain: Chain, sigma: float) -> bool:
+    """Whether residuals of a standard deviation `sigma` (mm) are rounding errors of the computation."""
+    return sigma < RESIDUAL_ROUND_OFF_SHARE * chain.size
+
+
 def series_edges(rows: Index) -> Index:
     """First observation of each series (one component of one view) and the end of the last, by the rows (N,)."""
     return np.concatenate([[0], np.flatnonzero(np.diff(rows) <= 0) + 1, [len(rows)]])
@@ -141,11 +147,7 @@ def correlated(problem: Problem, solution: Solution) -> tuple[Solution, Noise | 
     views = [v for v in problem.views if isinstance(v, PositionView)]
     base, place = solution.groups.base, problem.place()
     rows = sum(len(v) for v in views)
-    if (
-        rows < FEWEST_NOISE_ROWS
-        or not len(base)
-        or solution.sigma["position"] < RESIDUAL_ROUND_OFF_SHARE * problem.chain.size
-    ):
+    if rows < FEWEST_NOISE_ROWS or not len(base) or is_round_off(problem.chain, solution.sigma["position"]):
         return solution, None
     share = min(1.0, MOST_NOISE_ROWS / rows)
     level, zero = solution.sigma["position"], np.zeros(len(problem.chain.ids))

@@ -5,8 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 
+import identification
+from errormodel import simulate
 from errormodel.exceptions import InputError
 from errormodel.machine_file import read_machine
 from identification.diagnosis.pipeline import diagnose
@@ -32,3 +35,12 @@ def test_nothing_is_found_where_nothing_is(name: str, channels: bool, grid: bool
         assert diagnosis.verdict == "adequate", [f.statement for f in diagnosis.findings]
         assert not diagnosis.findings
         assert diagnosis.noise_um == pytest.approx(5.0, rel=0.12)
+
+
+@pytest.mark.parametrize("repeats", [1, 5])
+def test_a_simulation_without_noise_has_nothing_in_it(repeats: int) -> None:
+    """Rounding errors are neither a tracker's noise nor effects, of which there would be no end."""
+    once = simulate("vertical_three_axis", 120 // repeats)
+    result = identification.diagnose("vertical_three_axis", pd.concat([once] * repeats, ignore_index=True))
+    assert result.verdict == "adequate"
+    assert result.findings.empty

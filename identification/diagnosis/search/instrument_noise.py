@@ -23,6 +23,7 @@ from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.linear.residual_rows import by_rows
 from identification.diagnosis.search.candidates import Candidates
 from identification.diagnosis.search.scoring import DETECT
+from identification.estimation.noise import is_round_off
 from identification.estimation.result import Fit
 
 if TYPE_CHECKING:
@@ -53,6 +54,9 @@ def tracker_noise(
     """
     if not isinstance(survey.instrument, Plain) or any(name in survey.table for name in SIGMA_COLUMNS):
         log.add("points-for-noise", "passed", "instrument", beside="the survey names the instrument or its uncertainty")
+        return None
+    if is_round_off(fit.chain, fit.solution.sigma["position"]):
+        log.add("points-for-noise", "passed", "instrument", beside="the residuals are round-off")
         return None
     cleared = _cleared(linear, candidates)
     if cleared is None:
