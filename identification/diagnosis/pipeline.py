@@ -61,13 +61,12 @@ from identification.diagnosis.search.candidates import Candidates, Ranked, enoug
 from identification.diagnosis.search.conditional_evidence import in_correlated_noise
 from identification.diagnosis.search.forward_selection import forward_select
 from identification.diagnosis.search.instrument_noise import station_notes, tracker_noise
-from identification.diagnosis.search.model import EffectModel, replayed
+from identification.diagnosis.search.model import EffectModel
 from identification.diagnosis.search.model_comparison import compare_alternatives
 from identification.diagnosis.search.scoring import Step
 from identification.diagnosis.together import together
 from identification.estimation.checks import noise_notes
 from identification.estimation.fit import fit_machine
-from identification.estimation.noise import is_round_off
 from identification.estimation.result import Fit
 from identification.observation.normal_equations import design_rows
 from identification.runtime.progress import Progress, silent
@@ -216,10 +215,7 @@ def _explained(fit: Fit, survey: Survey, changes: Sequence[Effect], progress: Pr
         survey, fit = seen, fit_machine(fit.chain.machine, seen)
         linear, candidates = _tried(fit, progress, log)
     scores = candidates.scores(linear)
-    if is_round_off(fit.chain, fit.sigma_mm):  # effects that follow rounding errors would be found without end
-        selected = replayed(linear, ())
-    else:
-        selected = forward_select(linear, candidates, progress, log=log)
+    selected = forward_select(linear, candidates, progress, log=log)
     chosen = compare_alternatives(selected, candidates, progress, log)
     model, witnessed = apply_witnesses(in_correlated_noise(chosen, log), log)
     effects = [*changes, *(s.effect for s in model.steps)]

@@ -24,6 +24,7 @@ from errormodel.survey import Survey
 from identification.diagnosis.data_checks.temperature_sensors import dead_sensors
 from identification.diagnosis.linear.orthonormal_basis import orthonormal_basis
 from identification.diagnosis.linear.random_effects import EXACT, RandomEffects
+from identification.estimation.noise import RESIDUAL_ROUND_OFF_SHARE
 from identification.estimation.result import Fit
 from identification.observation.models import PositionView
 from identification.observation.normal_equations import design_rows, view_vector
@@ -47,6 +48,7 @@ class LinearModel:
     levers : element -> (6, N) whitened effect of each motion of the element.
     table : channel -> (N,) its value at each observation.
     index : (N,) the survey's row of each observation.
+    round_off : a residual sum of squares that rounding errors make.
     """
 
     chain: Chain
@@ -56,6 +58,7 @@ class LinearModel:
     table: dict[str, Array]
     index: Index
     scene: Scene
+    round_off: float = 0.0
 
     @property
     def size(self) -> int:
@@ -70,6 +73,11 @@ class LinearModel:
     def square(self) -> float:
         """Residual sum of squares."""
         return max(float(self.residual @ self.residual), EXACT)
+
+    @property
+    def exact(self) -> bool:
+        """Whether nothing but rounding errors is left: what follows these would be found without end."""
+        return self.square <= self.round_off
 
     def channel(self, name: str) -> Array:
         """A channel at each observation, (N,)."""
@@ -240,7 +248,9 @@ def set_up(fit: Fit, most: int = MOST_ROWS) -> LinearModel:
     dead = dead_sensors(fit.survey)
     seen_columns = _scene_columns(fit.survey, table, chain, dead)
     scene = Scene(chain.machine, seen_columns, _stations(fit), fit.survey.motions_of, dead)
-    return LinearModel(chain, residual - q @ (q.T @ residual), q, arms_of, _Lazy(table, rows[live]), rows[live], scene)
+    left = residual - q @ (q.T @ residual)
+    round_off = len(left) * (RESIDUAL_ROUND_OFF_SHARE * chain.size / max(fit.sigma_mm, 1e-300)) ** 2
+    return LinearModel(chain, left, q, arms_of, _Lazy(table, rows[live]), rows[live], scene, round_off)
 
 
 def _stations(fit: Fit) -> tuple[Vector, ...]:

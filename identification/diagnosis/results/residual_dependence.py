@@ -85,7 +85,7 @@ def dependence_of(linear: LinearModel, sigma_um: float, log: DecisionLog = UNREC
     """
     index = linear.index
     rows = np.unique(index)
-    if len(rows) < FEWEST_ROWS:
+    if len(rows) < FEWEST_ROWS or linear.exact:
         return None
     some = rows[np.linspace(0, len(rows) - 1, min(len(rows), MOST_ROWS)).astype(int)]
     keep = np.isin(index, some)

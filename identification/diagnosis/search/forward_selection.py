@@ -71,7 +71,7 @@ def forward_select(
         log.add("search-from", "added", step.effect)
         candidates = candidates.joined(Candidates.of(linear, list(forms(linear, step.effect))))
     seen = {_causes(model)}
-    while len(model.steps) < MOST_STEPS:
+    while len(model.steps) < MOST_STEPS and not model.linear.exact:
         log.begin(len(model.steps))
         last = model.steps[-1].effect if model.steps else None
         with progress(
