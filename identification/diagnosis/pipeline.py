@@ -166,7 +166,7 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
     if bad.any():
         findings.append(_outlier_finding(bad, mended, fit))
     with progress("Testing what is left"):
-        dependence = dependence_of(model.linear, 1e3 * final.sigma_mm, log)
+        dependence = dependence_of(model.linear, 1e3 * found.before.sigma_mm, log)
     verdict = judge(final, bool(findings), dependence, log)
     unusable = (f"{name} drives nothing: {reason}" for name, reason in dead.items())
     baseline = next((b for b in fits if b is not None), mended)

@@ -387,7 +387,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "dependence-of-residuals": Rule(
             VERDICT, "p-value", "What is left is unexplained if one or two recorded channels predict it.",
-            _in("results.residual_dependence", "LEAST_P_VALUE"),
+            _in("results.residual_dependence", "LEAST_P_VALUE", "LEAST_SHARE"),
         ),
     }
 )  # fmt: skip

@@ -33,6 +33,7 @@ FIRST_RESAMPLES, FIRST_P_VALUE = 39, 0.05  # a quick look, which ends nearly all
 ENDS = 0.04  # of the rows: circular shifts by less leave the residual where it was
 SIGN_BLOCK_ROWS = 4  # rows that share a random sign
 ORDERS, ORDERS_OF_PAIR = 5, 4  # cosines of a channel: waves of down to 0.4 and 0.5 of its range
+LEAST_SHARE = 0.01  # of the held-out variance: what predicts less changes no prediction
 CLIP = 3.0  # robust standard deviations: no single row decides
 
 
@@ -242,4 +243,5 @@ def _predicted(linear: LinearModel, functions: Array) -> tuple[str, float]:
         columns[:, :seen] = lever * functions.T
         if lever.any() and (after := heldout_rms(linear.with_columns(columns)) ** 2) < min(before, least):
             best, least = axis, after
-    return best, before - least if best else 0.0
+    share = before - least
+    return (best, share) if best and share > LEAST_SHARE * before else ("", 0.0)
