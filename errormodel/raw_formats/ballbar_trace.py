@@ -20,10 +20,11 @@ _ANGLE = re.compile(r"angle|theta|phi|position\(deg\)", re.IGNORECASE)
 _DEVIATION = re.compile(r"(radial)?\s*(deviation|error)|delta\s*r(adius)?|dr", re.IGNORECASE)
 _RADIUS = re.compile(r"(measured\s*)?(radius|length|r)", re.IGNORECASE)
 _NOMINAL = re.compile(
-    r"(?:nominal\s*)?(?:test\s*)?(?:ballbar\s*)?(?:radius|length)\s*[:=,;\t]?\s*([\d.]+)\s*(mm|inch|in)?", re.IGNORECASE
+    r"(?:nominal\s*)?(?:test\s*)?(?:ballbar\s*)?(?:radius|length)\s*[:=,;\t]?\s*(\d+(?:\.\d*)?)\s*(mm|inch|in)?",
+    re.IGNORECASE,
 )
 _PLANE = re.compile(r"(?:plane|test\s*plane)\s*[:=,;\t]?\s*(XY|YZ|ZX|XZ|ZY|YX)\b", re.IGNORECASE)
-_FEED = re.compile(r"feed(?:\s*rate)?\s*[:=,;\t]?\s*([\d.]+)", re.IGNORECASE)
+_FEED = re.compile(r"feed(?:\s*rate)?\s*[:=,;\t]?\s*(\d+(?:\.\d*)?)", re.IGNORECASE)
 
 
 class BallbarTrace(RawFormat):
@@ -35,10 +36,7 @@ class BallbarTrace(RawFormat):
 
     @classmethod
     def recognises(cls, raw: RawFile) -> bool:
-        try:
-            table = raw.layout
-        except InputError:
-            return False
+        table = raw.clear_layout
         if table is None or not table.named or not 2 <= len(table.names) <= 5:
             return False
         names = [n.strip() for n in table.names]

@@ -125,6 +125,14 @@ class RawFile:
         return None if self.text is None else find_layout(self.lines)
 
     @property
+    def clear_layout(self) -> Layout | None:
+        """The table in its text, or None where there is none or its rows do not agree."""
+        try:
+            return self.layout
+        except InputError:
+            return None
+
+    @property
     def notes(self) -> tuple[str, ...]:
         """How the bytes were read as text, where that is worth a note."""
         name = ENCODING_NAMES.get(self.encoding, self.encoding)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from errormodel.exceptions import InputError
 from errormodel.raw_formats.base import Asked, RawFile, RawFormat, Recording
 from errormodel.raw_formats.table_columns import columns_of, numbers
 
@@ -29,10 +28,7 @@ class CmmAscii(RawFormat):
 
     @classmethod
     def recognises(cls, raw: RawFile) -> bool:
-        try:
-            table = raw.layout
-        except InputError:
-            return False
+        table = raw.clear_layout
         if table is None or not table.named:
             return False
         names = {n.lower(): n for n in table.names}

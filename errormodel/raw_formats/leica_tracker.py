@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from errormodel.exceptions import InputError
 from errormodel.raw_formats.base import Asked, RawFile, RawFormat, Recording
 from errormodel.raw_formats.orientation import rotation_vectors
 from errormodel.raw_formats.table_columns import columns_of, numbers, renamed
@@ -30,10 +29,7 @@ class LeicaTracker(RawFormat):
 
     @classmethod
     def recognises(cls, raw: RawFile) -> bool:
-        try:
-            table = raw.layout
-        except InputError:
-            return False
+        table = raw.clear_layout
         if table is None or not table.named:
             return False
         keys = {_key(n) for n in table.names}

@@ -50,10 +50,7 @@ class PositioningTest(RawFormat):
 
     @classmethod
     def recognises(cls, raw: RawFile) -> bool:
-        try:
-            table = raw.layout
-        except InputError:
-            return False
+        table = raw.clear_layout
         if table is None or not table.named:
             return False
         found = _places([*table.names])

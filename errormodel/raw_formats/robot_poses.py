@@ -12,7 +12,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from errormodel.exceptions import InputError
 from errormodel.raw_formats.base import Asked, RawFile, RawFormat, Recording, joint_names
 from errormodel.raw_formats.table_columns import columns_of, numbers, renamed
 
@@ -34,10 +33,7 @@ class RobotPoses(RawFormat):
 
     @classmethod
     def recognises(cls, raw: RawFile) -> bool:
-        try:
-            table = raw.layout
-        except InputError:
-            return False
+        table = raw.clear_layout
         return table is not None and table.named and bool(_joints([*table.names]))
 
     @classmethod

@@ -28,10 +28,7 @@ class RobotTargets(RawFormat):
 
     @classmethod
     def recognises(cls, raw: RawFile) -> bool:
-        try:
-            table = raw.layout
-        except InputError:
-            return False
+        table = raw.clear_layout
         if table is None or table.named or len(table.names) < 7:
             return False
         return all(table.numeric(k) for k in range(len(table.names))) and _count(_values(table)) > 0

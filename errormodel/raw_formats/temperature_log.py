@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 
-from errormodel.exceptions import InputError
 from errormodel.raw_formats.base import Asked, RawFile, RawFormat, Recording
 from errormodel.raw_formats.layout import Layout
 from errormodel.raw_formats.sensor_names import sensor_of
@@ -22,10 +21,7 @@ class TemperatureLog(RawFormat):
 
     @classmethod
     def recognises(cls, raw: RawFile) -> bool:
-        try:
-            table = raw.layout
-        except InputError:
-            return False
+        table = raw.clear_layout
         if table is None or not table.named:
             return False
         sensors = [n for n, u in zip(table.names, table.units, strict=True) if sensor_of(n, u)]

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from errormodel.exceptions import InputError
 from errormodel.raw_formats.base import Asked, RawFile, RawFormat, Recording
 from errormodel.raw_formats.layout import Layout
 from errormodel.raw_formats.table_columns import columns_of, renamed, table_of_text
@@ -25,10 +24,7 @@ class TrackerPoints(RawFormat):
 
     @classmethod
     def recognises(cls, raw: RawFile) -> bool:
-        try:
-            table = raw.layout
-        except InputError:
-            return False
+        table = raw.clear_layout
         if table is None or table.named or "spatialanalyzer" in " ".join(raw.lines[:20]).lower():
             return False
         width = len(table.names)
