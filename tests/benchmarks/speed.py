@@ -27,10 +27,9 @@ import numpy as np
 if __package__ in (None, ""):  # started as a file
     sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from tests.benchmarks.alternatives import RIVALS, competent_numpy, stacked_numpy
-
 from tests.benchmarks import five_axis, ours, timing
 from tests.benchmarks.five_axis import Array
+from tests.benchmarks.rivals import RIVALS, competent_numpy, stacked_numpy
 
 Row = dict[str, Any]
 CHECKED = 20  # poses on which M is compared with 60 digits
@@ -178,7 +177,7 @@ def main() -> None:
     parser.add_argument("--no-memory", action="store_true", help="skip the separate runs that take the peak memory")
     parser.add_argument("--json", type=Path, help="write all figures there")
     options = parser.parse_args()
-    names, parts = [n for n in options.alternatives.split(",") if n], options.parts.split(",")
+    names, parts = [n for n in options.rivals.split(",") if n], options.parts.split(",")
     if unknown := sorted({*names} - {*RIVALS}):
         parser.error(f"no rival {', '.join(unknown)}; there are {', '.join(RIVALS)}")
 

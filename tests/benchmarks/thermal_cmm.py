@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from errormodel.machine_file import read_machine
-from identification.thermal import drift_model, selection
+from identification.thermal_drift import drift_model, selection
 from tests.helpers.ring_gauge import ring_errors, thermal_model
 
 FIRST = 101  # no seed that anything was tried on

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ast
+import importlib
+import importlib.util
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
@@ -178,3 +180,33 @@ def test_the_first_notebook_needs_two_import_lines() -> None:
     tree = ast.parse((ROOT / "notebooks/01_first_fit.py").read_text(encoding="utf-8"))
     own = [n for n in tree.body if isinstance(n, ast.ImportFrom) and str(n.module).partition(".")[0] in PACKAGES]
     assert [n.module for n in own] == list(PACKAGES)
+
+
+def absent(tree: ast.Module) -> list[str]:
+    """What a file imports from the project, or from its tests, and is not there."""
+    missing = []
+    for module, name in sorted(set(imported(tree))):
+        if module.partition(".")[0] not in (*PACKAGES, "tests"):
+            continue
+        try:
+            there = hasattr(importlib.import_module(module), name or "__name__")
+            there = there or importlib.util.find_spec(f"{module}.{name}") is not None
+        except ModuleNotFoundError as error:
+            # A rival that a benchmark measures against, or an extra, may be absent.
+            there = (error.name or "").partition(".")[0] not in (*PACKAGES, "tests")
+        if not there:
+            missing.append(f"{module} {name}".rstrip())
+    return missing
+
+
+@pytest.mark.parametrize("file", sorted((ROOT / "tests/benchmarks").glob("*.py")), ids=lambda f: f.stem)
+def test_a_benchmark_imports_what_is_there(file: Path) -> None:
+    """Nothing else in the test suite runs them."""
+    assert not absent(ast.parse(file.read_text(encoding="utf-8")))
+
+
+def test_an_absent_import_is_found() -> None:
+    gone = (
+        "from identification.thermal import a\nfrom identification import thermal\nfrom identification import nothing"
+    )
+    assert absent(ast.parse(gone)) == ["identification nothing", "identification.thermal a"]
