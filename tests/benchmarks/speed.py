@@ -3,7 +3,7 @@
     python -m tests.benchmarks.speed
     python -m tests.benchmarks.speed --poses 100000 1000000 --rivals numpy,sympy-blocks --json out.json
 
-The rivals are the optional dependencies ``linear``; one that is not installed is left out and said so. Nothing printed
+The rivals are the optional dependencies ``bench``; one that is not installed is left out and said so. Nothing printed
 is stored anywhere: all figures are of this run on this machine.
 """
 
