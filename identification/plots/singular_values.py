@@ -30,11 +30,7 @@ def draw_singular_values(fit: Fit) -> Figure:
                   label=f"not identifiable: {int((~kept).sum())}")  # fmt: skip
     limit = threshold(groups)
     axes.axhline(limit, color=style.INK, lw=1.1, ls="--")
-    why = (
-        "below the line: hidden by the noise"
-        if limit > DEPENDENCE_TOLERANCE
-        else "below the line: not identifiable in these poses"
-    )
+    hidden = "hidden by the noise" if limit > DEPENDENCE_TOLERANCE else "not identifiable in these poses"
     there = axes.get_yaxis_transform()
     axes.text(
         0.012, limit, f"below the line: {hidden}", transform=there, size=style.SMALL_TEXT, color=style.INK, va="bottom"
