@@ -50,6 +50,7 @@ class Parameter:
     symbol : ISO 230-1 symbol, or "".
     prior : standard deviation of a zero-mean prior, or None.
     low : physical lower bound.
+    size : how large it physically is, of an effect's parameter (one standard deviation); infinite of others.
     """
 
     id: str
@@ -60,6 +61,7 @@ class Parameter:
     symbol: str
     prior: float | None = None
     low: float = -math.inf
+    size: float = math.inf
 
     @property
     def source(self) -> str:
@@ -102,7 +104,9 @@ class Chain:
                     identity += "'"
                 symbol = conventions.iso_symbol(name, term.motion) if joint else ""
                 parameters.append(
-                    Parameter(identity, name, term.motion, term.label, term.unit, symbol, term.prior, term.low)
+                    Parameter(
+                        identity, name, term.motion, term.label, term.unit, symbol, term.prior, term.low, term.size
+                    )
                 )
                 self._columns.append((place, term))
                 if number is not None:
@@ -131,7 +135,8 @@ class Chain:
             column = column_of(term.motion)
             label = f"{spec.effect}-{term.label}" if term.label else spec.effect
             prior = term.size if effect.random else None
-            out.append((term.element, Term(next(iter(term.motion)), label, term.unit, column, prior, term.low)))
+            own = Term(next(iter(term.motion)), label, term.unit, column, prior, term.low, term.size)
+            out.append((term.element, own))
         return out
 
     def _symbol(self, name: str) -> ca.SX:

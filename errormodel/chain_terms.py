@@ -28,6 +28,7 @@ class Term:
     column: ca.SX  # (6, 1): dx dy dz ea eb ec
     prior: float | None = None  # standard deviation about zero that is known beforehand, in the unit
     low: float = -math.inf  # the least that physics allows
+    size: float = math.inf  # how large it physically is (one standard deviation)
 
 
 def constant_terms(motions: tuple[Motion, ...]) -> list[Term]:

@@ -46,6 +46,8 @@ def fit_machine(
     robust: bool = False,
     bounds: Mapping[str, PriorForm] | None = None,
     document: Document | None = None,
+    *,
+    effect_sizes: float | None = None,
 ) -> Fit:
     """Fit all parameters, frames and noise levels to the survey's fit rows, and evaluate its test files.
 
@@ -53,6 +55,8 @@ def fit_machine(
     ----------
     robust : estimate robustly: outliers get weight zero and are listed.
     bounds : the user's bounds by parameter name, in place of physical ones; `document`: their file, for messages.
+    effect_sizes : standard deviation of a normal prior about zero of the parameters of effects, in units of their
+        physical sizes; None: no prior.
 
     Returns
     -------
@@ -66,10 +70,17 @@ def fit_machine(
         parameter, or (robust) most rows are outliers.
     """
     with threadpool_limits(1, "blas"):  # blocks are small: one thread is fastest
-        return _fit(Chain(machine), survey, robust, bounds or {}, document)
+        return _fit(Chain(machine), survey, robust, bounds or {}, document, effect_sizes)
 
 
-def _fit(chain: Chain, survey: Survey, robust: bool, bounds: Mapping[str, PriorForm], document: Document | None) -> Fit:
+def _fit(
+    chain: Chain,
+    survey: Survey,
+    robust: bool,
+    bounds: Mapping[str, PriorForm],
+    document: Document | None,
+    effect_sizes: float | None,
+) -> Fit:
     rows = survey.fit
     if not len(rows):
         raise InputError(str(survey.source), "no file has role: fit", "Give at least one file the role fit")
@@ -81,7 +92,8 @@ def _fit(chain: Chain, survey: Survey, robust: bool, bounds: Mapping[str, PriorF
         judged = first_judgement(chain, problem.views, problem.unknowns, None, problem.declared)
     problem, nominal_residuals = anchored(problem, len(rows), judged=judged)
     if judged is None:
-        solution, weighted = solve(chain, problem.views, problem.unknowns, declared=problem.declared), problem
+        solution = solve(chain, problem.views, problem.unknowns, declared=problem.declared, effect_sizes=effect_sizes)
+        weighted = problem
     else:
         solution, judged = settle(chain, problem.views, problem.unknowns, None, problem.declared, judged)
         weighted = replace(problem, views=judged.weigh(problem.views))

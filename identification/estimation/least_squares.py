@@ -90,6 +90,7 @@ def solve(
     *,
     exact: bool = True,
     levels: Mapping[Kind, float] | None = None,
+    effect_sizes: float | None = None,
 ) -> Solution:
     """Estimate the unknowns from the views.
 
@@ -101,9 +102,12 @@ def solve(
     exact : bool
         False solves the linear model ``gap = M values`` only.
     levels : noise level of each kind in units of its whitener; None: 1 where declared, else estimated.
+    effect_sizes : standard deviation of a normal prior about zero of the parameters of effects, in units of their
+        physical sizes; None: no prior. What the data leave open of an effect is not extrapolated with it.
     """
     with threadpool_limits(1, "blas"):  # blocks are small: one thread is fastest
-        return _Solver(chain, views, tuple(unknowns), held, declared, exact, levels).run()
+        beforehand = known_beforehand(chain, unknowns, effect_sizes)
+        return _Solver(chain, views, tuple(unknowns), held, declared, exact, levels, beforehand).run()
 
 
 def identifiable(
@@ -144,6 +148,7 @@ class _Solver:
         declared: frozenset[Kind],
         exact: bool,
         levels: Mapping[Kind, float] | None,
+        beforehand: Array,
     ) -> None:
         self.chain, self.views, self.unknowns, self.declared, self.exact = chain, views, unknowns, declared, exact
         self.held = np.zeros(len(chain.ids)) if held is None else held
@@ -154,7 +159,7 @@ class _Solver:
         self.place = {name: k for k, name in enumerate(unknowns)}
         self.sigma: dict[Kind, float] = {v.kind: 1.0 for v in views} | dict(levels or {})
         self.known = declared if levels is None else frozenset(levels)
-        self.precision = known_beforehand(chain, unknowns)
+        self.precision = beforehand
         self.relinearised = False
 
     def run(self) -> Solution:
@@ -362,10 +367,15 @@ class _Solver:
                 break
 
 
-def known_beforehand(chain: Chain, unknowns: Sequence[str]) -> Array:
+def known_beforehand(chain: Chain, unknowns: Sequence[str], effect_sizes: float | None) -> Array:
     """Precision (unknowns,) of the normal priors about zero: 1/variance, 0 where there is none."""
-    priors = [chain.parameters[chain.index[u]].prior if u in chain.index else None for u in unknowns]
-    return np.array([0.0 if p is None else p**-2 for p in priors])
+    out = np.zeros(len(unknowns))
+    for k, name in enumerate(unknowns):
+        if name in chain.index:
+            parameter = chain.parameters[chain.index[name]]
+            wide = np.inf if effect_sizes is None else effect_sizes * parameter.size
+            out[k] = (wide if parameter.prior is None else parameter.prior) ** -2
+    return out
 
 
 def scaled_solve(gram: Array, slope: Array) -> Array:

@@ -205,7 +205,7 @@ def _least_distances(
     left = aims
     for _ in range(1 + (len(scale) > 1)):  # the scales of several kinds need a first fit
         weights = [np.full(d.size, 1 / scale[v.kind]) for v, d in zip(views, gaps, strict=True)]
-        values = _smallest_sum(views, designs, aims, weights, known_beforehand(chain, unknowns)[base])
+        values = _smallest_sum(views, designs, aims, weights, known_beforehand(chain, unknowns, None)[base])
         left = [a - (m @ values).reshape(a.shape) for a, m in zip(aims, designs, strict=True)]
         scale = _typical(views, [np.linalg.norm(g, axis=0) for g in left])
     return [r + (g - a) for r, g, a in zip(left, gaps, aims, strict=True)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from errormodel.effects.unnamed import Unnamed
 from errormodel.machine import Machine
 from identification.diagnosis.decisions.log import DecisionLog
 from identification.diagnosis.results.effect_size import Whole
@@ -12,7 +13,6 @@ from identification.diagnosis.search.candidates import SIZES
 from identification.estimation.bounded import CONTRADICTED_SIGMA
 from identification.estimation.result import Fit
 
-NAMELESS = "unnamed"
 # times the usual size: three standard deviations of the widest of the prior distributions of sizes
 IMPOSSIBLE = CONTRADICTED_SIGMA * max(SIZES)
 
@@ -46,7 +46,7 @@ def _nameless(finding: Finding, reason: str, machine: Machine) -> Finding:
     form = f"{finding.effect} of {finding.where}"
     return replace(
         finding,
-        effect=NAMELESS,
+        effect=Unnamed.effect,
         statement=(
             f"An effect without a name at {finding.where}. It follows the form of a {form}, but is none: {reason}. "
             f"As that form it reads: {finding.statement}"
