@@ -1,7 +1,7 @@
 """Tables of Denavit-Hartenberg parameters, as CSV and as YAML, for both conventions.
 
-A row is a joint with ``a``, ``alpha``, ``d``, ``theta`` (its offset: what is added to the commanded position) and, where two
-axes are nearly parallel, ``beta``. A row of type ``fixed`` has no joint: a base, or a tool.
+A row is a joint with ``a``, ``alpha``, ``d``, ``theta`` (its offset: what is added to the commanded position) and, where
+two axes are nearly parallel, ``beta``. A row of type ``fixed`` has no joint: a base, or a tool.
 """
 
 from __future__ import annotations
@@ -162,8 +162,8 @@ def _rows_of_csv(raw: RawFile) -> tuple[list[Row], str]:
         kind = _type(where, str(frame["type"][k]) if "type" in frame else "rotary")
         values = {key: _number(frame, key, k) * scale[key] for key in KEYS}
         low, high = (_number(frame, key, k, math.nan) for key in ("low", "high"))
-        unit = length["d"] if kind == "prismatic" else angle["theta"]
-        travel = None if math.isnan(low) or math.isnan(high) else (low * unit, high * unit)
+        per_unit = length["d"] if kind == "prismatic" else angle["theta"]
+        travel = None if math.isnan(low) or math.isnan(high) else (low * per_unit, high * per_unit)
         name = frame["joint"][k] if "joint" in frame else ""
         name = f"J{name:g}" if isinstance(name, float) and not math.isnan(name) else str(name)
         rows.append(Row("" if name == "nan" else name.strip(), kind, values, travel, where))
@@ -182,13 +182,12 @@ def _type(where: str, word: str) -> str:
     return JOINT_TYPES[word.strip().lower()]
 
 
-def _described(
-    where: str, rows: Sequence[Row], name: str, convention: Convention, notes: Iterable[str]
-) -> Description:
+def _described(where: str, rows: Sequence[Row], name: str, convention: Convention, notes: Iterable[str]) -> Description:
     """The chain: joints about or along z, and members ``Z X`` between them, whichever way the rows are cut."""
     if all(row.type == "fixed" for row in rows):
         raise InputError(where, "no joint", "Write at least one row of type rotary or prismatic")
-    said, numbered = list(notes), []
+    said = list(notes)
+    numbered: list[Row] = []
     for row in rows:
         own = row.name or ("" if row.type == "fixed" else f"J{sum(r.type != 'fixed' for r in numbered) + 1}")
         numbered.append(replace(row, name=own))
@@ -271,7 +270,12 @@ def table_text(machine: Machine, convention: Convention, suffix: str, heading: s
 def _yaml_lines(machine: Machine, convention: str, rows: Sequence[Row], keys: Sequence[str]) -> list[str]:
     import json
 
-    lines = [f"convention: {convention}", f"name: {json.dumps(machine.name)}", "units: {length: mm, angle: deg}", "rows:"]
+    lines = [
+        f"convention: {convention}",
+        f"name: {json.dumps(machine.name)}",
+        "units: {length: mm, angle: deg}",
+        "rows:",
+    ]
     for row in rows:
         cells = [f"{k}: {_written(k, row.values[k])}" for k in keys]
         travel = [f"travel: [{', '.join(_travel(row))}]"] if row.travel else []
@@ -289,5 +293,5 @@ def _written(key: str, value: float) -> str:
     """A number in mm or degrees with all its digits, without an exponent that a YAML reader takes for text."""
     from errormodel.machine_file import in_degrees
 
-    number = value if key in LENGTHS else in_degrees(value)
+    number = round(value, 12) if key in LENGTHS else in_degrees(value)  # beyond are roundings: a millionth of a pm
     return np.format_float_positional(number + 0.0, trim="-")

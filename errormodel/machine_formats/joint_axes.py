@@ -1,12 +1,13 @@
 """Joint axes of a chain as screws about z and x in turn, from which all Denavit-Hartenberg conventions are cut.
 
-A chain is ``Z0 X0 Z1 X1 ... Zn Xn Z(n+1)`` with ``Z = Rz(theta) Tz(d)`` along a joint's axis, to which the joint's position
-is added, and ``X = Tx(a) Rx(alpha)`` along the common normal to the next axis. Axes that are parallel but for errors have no
-useful common normal: its foot runs away along them. There ``X = Tx(a) Rx(alpha) Ry(beta)`` with d = 0, of Hayati and
-Mirmirani, "Improving the absolute positioning accuracy of robot manipulators", J. Robotic Systems 2 (1985) 397-413.
+A chain is ``Z0 X0 Z1 X1 ... Zn Xn Z(n+1)`` with ``Z = Rz(theta) Tz(d)`` along a joint's axis, to which the joint's
+position is added, and ``X = Tx(a) Rx(alpha)`` along the common normal to the next axis. Axes that are parallel but for
+errors have no useful common normal: its foot runs away along them. There ``X = Tx(a) Rx(alpha) Ry(beta)`` with d = 0, of
+Hayati and Mirmirani, "Improving the absolute positioning accuracy of robot manipulators", J. Robotic Systems 2 (1985)
+397-413.
 
-The standard convention takes ``Zi Xi`` together (Denavit and Hartenberg 1955, Paul 1981), the modified one ``X(i-1) Zi``
-(Craig 1986).
+The standard convention takes ``Zi Xi`` together (Denavit and Hartenberg 1955, Paul 1981), the modified one
+``X(i-1) Zi`` (Craig 1986).
 """
 
 from __future__ import annotations

@@ -11,6 +11,13 @@ import numpy as np
 from errormodel.arrays import Array, rotation_matrix
 from errormodel.machine import Joint, Machine, Shape, Vector
 
+MM_PER_M = 1000.0
+
+
+def in_metres(length: float) -> float:
+    """A length (mm) in m, without what rounding has left: a hundredth of a picometre."""
+    return round(length / MM_PER_M, 14) + 0.0
+
 
 @dataclass(frozen=True)
 class Links:

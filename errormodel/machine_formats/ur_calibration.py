@@ -16,6 +16,8 @@ from errormodel.machine import Joint, Machine, Shape
 from errormodel.machine_formats.base import Description, Extras, MachineFormat, Part, Written
 from errormodel.machine_formats.joint_axes import AlongZ, screws
 from errormodel.machine_formats.transforms import (
+    MM_PER_M,
+    in_metres,
     inverse,
     links_of,
     rpy_angles,
@@ -32,7 +34,6 @@ JOINTS = (
     "shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint",
 )  # fmt: skip
 TRAVEL = 2 * math.pi  # rad either way, of every joint of these arms
-MM_PER_M = 1000.0
 ALONG = 0.5  # cosine of the angle between the last axis and the last frame's z, above which z is meant to be the axis
 
 
@@ -63,8 +64,8 @@ class UrCalibration(MachineFormat):
     """Six transformations, each followed by a joint about its z axis: m and rad, in the arm's Base.
 
     Roll, pitch and yaw are those of a URDF, since ur_description puts them there (``Rz(yaw) Ry(pitch) Rx(roll)``). The
-    last frame is the flange (tool0): what lies behind the last axis, across and tilted, is no part of the file but of the
-    tool centre point.
+    last frame is the flange (tool0): what lies behind the last axis, across and tilted, is no part of the file but of
+    the tool centre point.
     """
 
     name: ClassVar = "ur-calibration"
@@ -100,7 +101,7 @@ class UrCalibration(MachineFormat):
         lines = [f"# {extras.heading}"] if extras.heading else []
         lines.append("kinematics:")
         for member, own in zip(MEMBERS, fixed, strict=True):
-            x, y, z = (v / MM_PER_M for v in vector(own[:3, 3]))
+            x, y, z = (in_metres(v) for v in vector(own[:3, 3]))
             numbers = dict(zip(("x", "y", "z", "roll", "pitch", "yaw"), (x, y, z, *rpy_angles(own)), strict=True))
             lines += [f"  {member}:", *(f"    {key}: {value!r}" for key, value in numbers.items())]
         body = "\n".join(lines[1:] if extras.heading else lines)
@@ -115,8 +116,8 @@ def _six(machine: Machine) -> tuple[list[Array], Array]:
     along_z, along_x = screws(links)
     frame, fixed = np.eye(4), []
     last = links.fixed[0]
-    for own in links.fixed[1:]:
-        last = last @ own
+    for member in links.fixed[1:]:
+        last = last @ member
     for k in range(len(JOINTS)):
         before = along_z[0].matrix @ along_x[0].matrix if k == 0 else along_x[k].matrix
         own = along_z[k + 1]
@@ -147,7 +148,7 @@ def _notes(machine: Machine, end: Array, extras: Extras) -> list[str]:
         )
     if not extras.identity:
         notes.append(
-            "the driver compares hash with the robot's own and says so where they differ; --hash writes the robot's, as "
-            "its extracted calibration has it"
+            "the driver compares hash with the robot's own and says so where they differ; --hash writes the robot's, "
+            "as its extracted calibration has it"
         )
     return notes

@@ -16,11 +16,18 @@ from errormodel.conventions import TOOL
 from errormodel.exceptions import InputError, nearest
 from errormodel.machine import Joint, Machine, Shape
 from errormodel.machine_formats.base import Description, Extras, MachineFormat, Part, Written, identifiers
-from errormodel.machine_formats.transforms import links_of, rpy_angles, rpy_matrix, shape_of, transform
+from errormodel.machine_formats.transforms import (
+    MM_PER_M,
+    in_metres,
+    links_of,
+    rpy_angles,
+    rpy_matrix,
+    shape_of,
+    transform,
+)
 from errormodel.machine_formats.xml_text import Element, parse_xml
 from errormodel.raw_formats.base import RawFile
 
-MM_PER_M = 1000.0
 TYPES = {"revolute": "rotary", "continuous": "rotary", "prismatic": "prismatic"}
 AXIS_TOLERANCE = 0.01  # of the length of an axis, beyond which its digits are no rounding; by judgement
 ROUNDED_AXIS = 1e-6  # of the length of an axis: a difference that is worth a note
@@ -150,7 +157,9 @@ def _path(name: str, robot: Element, part: Part) -> tuple[list[Element], str]:
         raise InputError(name, found, "Say with --tip which link is the end of the chain, and with --base its begin")
     way = _ancestors(name, tip, above)
     if base not in way or base == tip:
-        found = f"the link '{base}' is not on the way from '{tip}' to the root ({', '.join(way[1:]) or 'the root itself'})"
+        found = (
+            f"the link '{base}' is not on the way from '{tip}' to the root ({', '.join(way[1:]) or 'the root itself'})"
+        )
         raise InputError("--base", found, "Give a link of that way")
     path = [above[link] for link in reversed(way[: way.index(base)])]
     _check_path(name, path)
@@ -280,7 +289,7 @@ def _head(name: str, kind: str, parent: str, child: str) -> list[str]:
 
 
 def _origin_text(fixed: Array) -> str:
-    offset = [v / MM_PER_M for v in fixed[:3, 3].tolist()]
+    offset = [in_metres(v) for v in fixed[:3, 3].tolist()]
     return f'    <origin xyz="{_numbers(offset)}" rpy="{_numbers(rpy_angles(fixed[:3, :3]))}"/>'
 
 

@@ -1,4 +1,4 @@
-"""XML as plain elements with their lines. Document types and entities are refused: nothing expands, nothing is fetched."""
+"""XML as plain elements with their lines; document types and entities are refused, so that nothing expands."""
 
 from __future__ import annotations
 
