@@ -60,13 +60,15 @@ def screws(links: Links) -> tuple[list[AlongZ], list[AlongX]]:
     """
     lines = _axes(links)
     frame, along_z, along_x = np.eye(4), list[AlongZ](), list[AlongX]()
-    for point, direction in lines:
+    end = _end(links)
+    for k, (point, direction) in enumerate(lines):
         here = inverse(frame)
-        z, x = _to_next(here[:3, :3] @ point + here[:3, 3], here[:3, :3] @ direction)
+        last = here[:3, :3] @ end[:3, :3] if k == len(lines) - 1 else None
+        z, x = _to_next(here[:3, :3] @ point + here[:3, 3], here[:3, :3] @ direction, last)
         along_z.append(z)
         along_x.append(x)
         frame = frame @ z.matrix @ x.matrix
-    rest = inverse(frame) @ _end(links)
+    rest = inverse(frame) @ end
     along_z.append(AlongZ(_dusted(math.atan2(rest[1, 0], rest[0, 0]), SAME_SINE), _dusted(rest[2, 3], SAME_MM)))
     return along_z, along_x
 
@@ -93,8 +95,12 @@ def _axes(links: Links) -> list[tuple[Array, Array]]:
     return found
 
 
-def _to_next(point: Array, direction: Array) -> tuple[AlongZ, AlongX]:
-    """From the z axis to a line, both in the same frame."""
+def _to_next(point: Array, direction: Array, last: Array | None) -> tuple[AlongZ, AlongX]:
+    """From the z axis to a line, both in the same frame.
+
+    `last` : orientation of the last frame, where the line is its z axis and `point` its origin. Along a parallel axis
+    that frame is then reached by theta and d of the last joint, as published tables have it.
+    """
     x, y, z = direction.tolist()
     sine = math.hypot(x, y)
     if sine > NEAR:
@@ -103,11 +109,13 @@ def _to_next(point: Array, direction: Array) -> tuple[AlongZ, AlongX]:
         a, d = float(point @ normal), float(point[2]) - reach * z
         theta = math.atan2(normal[1], normal[0])
     else:
-        foot = point - direction * (point[2] / z)
-        a, d = math.hypot(foot[0], foot[1]), 0.0
-        theta = math.atan2(foot[1], foot[0]) if a > SAME_MM else 0.0
+        d = 0.0 if last is None else float(point[2])
+        foot = point - direction * ((point[2] - d) / z)
+        a = math.hypot(foot[0], foot[1])
+        alike = 0.0 if last is None else math.atan2(last[1, 0], last[0, 0])
+        theta = math.atan2(foot[1], foot[0]) if a > SAME_MM else alike
     theta, a = _dusted(theta, SAME_SINE), _dusted(a, SAME_MM)
-    if theta > math.pi / 2 or theta <= -math.pi / 2:
+    if (theta > math.pi / 2 or theta <= -math.pi / 2) and (a or last is None):
         theta, a = theta - math.copysign(math.pi, theta), -a + 0.0
     seen = turn(2, theta).T @ direction
     beta = math.asin(max(-1.0, min(1.0, float(seen[0])))) if sine <= NEAR else 0.0
