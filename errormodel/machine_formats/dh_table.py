@@ -1,7 +1,7 @@
 """Tables of Denavit-Hartenberg parameters, as CSV and as YAML, for both conventions.
 
-A row is a joint with ``a``, ``alpha``, ``d``, ``theta`` (its offset: what is added to the commanded position) and, where
-two axes are nearly parallel, ``beta``. A row of type ``fixed`` has no joint: a base, or a tool.
+A row is a joint with ``a``, ``alpha``, ``d``, ``theta`` (its offset: what is added to the commanded position) and,
+where two axes are nearly parallel, ``beta``. A row of type ``fixed`` has no joint: a base, or a tool.
 """
 
 from __future__ import annotations
@@ -230,21 +230,17 @@ def _joint(row: Row, name: str, notes: list[str]) -> Joint:
 
 def rows_of(machine: Machine, convention: Convention) -> list[Row]:
     """Rows of a machine's table; those of a base and a tool only where they are not the identity."""
-    links = links_of(machine)
-    along_z, along_x = screws(links)
-    if convention == "standard":
-        pairs = [*zip(along_z[:-1], along_x, strict=True), (along_z[-1], AlongX())]
-        kinds: list[Joint | None] = [None, *links.joints, None]
-    else:
-        pairs = [(along_z[0], AlongX()), *zip(along_z[1:], along_x, strict=True)]
-        kinds = [None, *links.joints, None]
-    rows = []
-    for joint, (z, x) in zip(kinds, pairs, strict=True):
-        values = {"a": x.a, "alpha": x.alpha, "d": z.d, "theta": z.theta, "beta": x.beta}
-        if joint is not None:
-            rows.append(Row(joint.name, joint.type, values, joint.travel))
+    rows: list[Row] = []
+    before = AlongX()
+    for screw in screws(links_of(machine)):
+        x = screw.x if convention == "standard" else before
+        before = screw.x
+        values = {"a": x.a, "alpha": x.alpha, "d": screw.z.d, "theta": screw.z.theta, "beta": x.beta}
+        if screw.joint is not None:
+            rows.append(Row(screw.joint.name, screw.joint.type, values, screw.joint.travel))
         elif any(values.values()):
-            rows.append(Row("tool" if rows else "base", "fixed", values))
+            moving = any(row.travel for row in rows)
+            rows.append(Row("tool" if moving else "base", "fixed", values))
     return rows
 
 

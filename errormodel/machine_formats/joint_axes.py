@@ -2,9 +2,9 @@
 
 A chain is ``Z0 X0 Z1 X1 ... Zn Xn Z(n+1)`` with ``Z = Rz(theta) Tz(d)`` along a joint's axis, to which the joint's
 position is added, and ``X = Tx(a) Rx(alpha)`` along the common normal to the next axis. Axes that are parallel but for
-errors have no useful common normal: its foot runs away along them. There ``X = Tx(a) Rx(alpha) Ry(beta)`` with d = 0, of
-Hayati and Mirmirani, "Improving the absolute positioning accuracy of robot manipulators", J. Robotic Systems 2 (1985)
-397-413.
+errors have no useful common normal: its foot runs away along them. There ``X = Tx(a) Rx(alpha) Ry(beta)`` with d = 0,
+of Hayati and Mirmirani, "Improving the absolute positioning accuracy of robot manipulators", J. Robotic Systems 2
+(1985) 397-413.
 
 The standard convention takes ``Zi Xi`` together (Denavit and Hartenberg 1955, Paul 1981), the modified one
 ``X(i-1) Zi`` (Craig 1986).
@@ -18,11 +18,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from errormodel.arrays import Array
+from errormodel.machine import Joint
 from errormodel.machine_formats.transforms import Links, inverse, transform, turn
 
 # sine of the angle between two axes below which they are taken as parallel but for errors. Their common normal would
 # lie up to 1/NEAR times their distance away; errors of arms are some mrad. By judgement.
 NEAR = 0.05
+SMALL_MM = 1.0  # from an axis: below, an error and no dimension; by judgement
 SAME_MM = 1e-9  # of two points: rounding of a metre
 SAME_SINE = 1e-13  # of two directions: rounding
 
@@ -52,25 +54,49 @@ class AlongX:
         return transform((self.a, 0.0, 0.0), turn(0, self.alpha) @ turn(1, self.beta))
 
 
-def screws(links: Links) -> tuple[list[AlongZ], list[AlongX]]:
-    """``Z0 ... Z(n+1)`` and ``X0 ... Xn`` of a chain with n joints.
+@dataclass(frozen=True)
+class Screw:
+    """``Z X`` of a joint, or of the base or the tool, which have none."""
+
+    joint: Joint | None
+    z: AlongZ
+    x: AlongX
+
+
+def screws(links: Links) -> list[Screw]:
+    """``Z0 X0 ... Z(n+1)`` of a chain with n joints: the base, the joints, the tool.
 
     Of the two directions of each common normal that with the smaller angle theta is taken, so that a table reads as its
-    machine's zero pose. A slide has a direction and no place: its axis is laid through the next one.
+    machine's zero pose. A slide has a direction and no place: its axis is laid through the next one. Where the first
+    axis lies beside the reference by an error, or the last frame beside the last axis, the direction of that error is
+    turned back behind it, so that the joint's own theta stays what it is.
     """
-    lines = _axes(links)
-    frame, along_z, along_x = np.eye(4), list[AlongZ](), list[AlongX]()
-    end = _end(links)
-    for k, (point, direction) in enumerate(lines):
-        here = inverse(frame)
-        last = here[:3, :3] @ end[:3, :3] if k == len(lines) - 1 else None
-        z, x = _to_next(here[:3, :3] @ point + here[:3, 3], here[:3, :3] @ direction, last)
-        along_z.append(z)
-        along_x.append(x)
+    lines, end = _axes(links), _end(links)
+    frame, out = np.eye(4), list[Screw]()
+
+    def step(joint: Joint | None, z: AlongZ, x: AlongX) -> None:
+        nonlocal frame
+        out.append(Screw(joint, z, x))
         frame = frame @ z.matrix @ x.matrix
+
+    for k, (point, direction) in enumerate(lines):
+        joint, last = (links.joints[k - 1] if k else None), k == len(links.joints)
+        here = inverse(frame)
+        turned = here[:3, :3] @ end[:3, :3] if last else None
+        z, x = _to_next(here[:3, :3] @ point + here[:3, 3], here[:3, :3] @ direction, turned)
+        aside = SAME_MM < abs(x.a) < SMALL_MM and abs(math.sin(x.alpha)) < NEAR
+        if last and aside and turned is not None:
+            step(joint, AlongZ(math.atan2(turned[1, 0], turned[0, 0]), z.d), AlongX())
+            here = inverse(frame)
+            z, x = _to_next(here[:3, :3] @ point + here[:3, 3], here[:3, :3] @ direction, here[:3, :3] @ end[:3, :3])
+            joint = None  # the error of the last frame is none of the joint's
+        step(joint, z, x)
+        if len(out) == 1 and aside:
+            step(None, AlongZ(-z.theta), AlongX())
     rest = inverse(frame) @ end
-    along_z.append(AlongZ(_dusted(math.atan2(rest[1, 0], rest[0, 0]), SAME_SINE), _dusted(rest[2, 3], SAME_MM)))
-    return along_z, along_x
+    theta = _dusted(math.atan2(rest[1, 0], rest[0, 0]), SAME_SINE)
+    step(None, AlongZ(theta, _dusted(rest[2, 3], SAME_MM)), AlongX())
+    return out
 
 
 def _end(links: Links) -> Array:

@@ -113,20 +113,21 @@ class UrCalibration(MachineFormat):
 def _six(machine: Machine) -> tuple[list[Array], Array]:
     """The six transformations, and what remains from the flange to the machine's last frame."""
     links = links_of(machine)
-    along_z, along_x = screws(links)
-    frame, fixed = np.eye(4), []
+    frame, fixed, before = np.eye(4), list[Array](), np.eye(4)
     last = links.fixed[0]
     for member in links.fixed[1:]:
         last = last @ member
-    for k in range(len(JOINTS)):
-        before = along_z[0].matrix @ along_x[0].matrix if k == 0 else along_x[k].matrix
-        own = along_z[k + 1]
-        if k == len(JOINTS) - 1:  # the flange stands where the last frame does, seen along the axis
+    for screw in screws(links):
+        own = screw.z
+        if screw.joint is None:
+            before = before @ screw.z.matrix @ screw.x.matrix
+            continue
+        if screw.joint is links.joints[-1]:  # the flange stands where the last frame does, seen along the axis
             rest = inverse(frame @ before) @ last
             theta = math.atan2(rest[1, 0], rest[0, 0]) if rest[2, 2] > ALONG else own.theta
             own = AlongZ(theta, float(rest[2, 3]))
         fixed.append(before @ own.matrix)
-        frame = frame @ fixed[-1]
+        frame, before = frame @ fixed[-1], screw.x.matrix
     return fixed, inverse(frame) @ last
 
 

@@ -18,6 +18,7 @@ from errormodel import formats, joint_models
 from errormodel.controllers import registry as controllers
 from errormodel.effects import registry as effects
 from errormodel.instruments import instruments
+from errormodel.machine_formats.base import registry as machine_formats
 from errormodel.observations import registry as observations
 from errormodel.raw_formats.base import raw_formats
 
@@ -30,6 +31,7 @@ KINDS = {
     "instruments": instruments(),
     "joint_models": joint_models.registry(),
     "raw_formats": raw_formats(),
+    "machine_formats": machine_formats(),
     "observations": observations(),
 }
 # Where a name may stand outside its own file, and why.
@@ -117,7 +119,9 @@ def test_no_module_works_with_one_plug_in() -> None:
     assert seen == []
 
 
-KINDS_OF_FILES = ("effects", "controllers", "instruments", "formats", "joint_models", "observations")
+KINDS_OF_FILES = (
+    "effects", "controllers", "instruments", "formats", "joint_models", "observations", "machine_formats",
+)  # fmt: skip
 BASES = [f"{kind}/base.py" for kind in KINDS_OF_FILES]
 
 
