@@ -65,6 +65,22 @@ class Extras:
     identity: str = ""
 
 
+@dataclass(frozen=True)
+class Template:
+    """A description that is to be kept, but for its geometry.
+
+    Attributes
+    ----------
+    raw : the file.
+    part : the chain in it that is meant.
+    nominal : the machine that was made of it, without errors.
+    """
+
+    raw: RawFile
+    part: Part
+    nominal: Machine
+
+
 class MachineFormat(ABC):
     """What is common to the formats of descriptions.
 
@@ -112,6 +128,17 @@ class MachineFormat(ABC):
         InputError
             The format cannot hold such a machine.
         """
+
+    @classmethod
+    def rewrite(cls, machine: Machine, template: Template) -> Written:
+        """The text of a file with the nominal geometry of a machine in place of its own.
+
+        Raises
+        ------
+        InputError
+            The format holds nothing but geometry, or the file is of another machine.
+        """
+        raise InputError("--into", f"{cls.title} holds nothing that is to be kept", "Leave --into out")
 
 
 @lru_cache(maxsize=1)

@@ -15,21 +15,24 @@ from errormodel.arrays import Array
 from errormodel.conventions import TOOL
 from errormodel.exceptions import InputError, nearest
 from errormodel.machine import Joint, Machine, Shape
-from errormodel.machine_formats.base import Description, Extras, MachineFormat, Part, Written, identifiers
+from errormodel.machine_formats.base import Description, Extras, MachineFormat, Part, Template, Written, identifiers
 from errormodel.machine_formats.transforms import (
     MM_PER_M,
-    in_metres,
+    Links,
+    inverse,
     links_of,
     rpy_angles,
     rpy_matrix,
     shape_of,
     transform,
 )
+from errormodel.machine_formats.urdf_origins import numbers, origin_attributes, with_origins
 from errormodel.machine_formats.xml_text import Element, parse_xml
 from errormodel.raw_formats.base import RawFile
 
 TYPES = {"revolute": "rotary", "continuous": "rotary", "prismatic": "prismatic"}
 AXIS_TOLERANCE = 0.01  # of the length of an axis, beyond which its digits are no rounding; by judgement
+SAME_AXIS, SAME_PLACE = 1e-9, 1e-6  # of the same machine, through its file: rounding
 ROUNDED_AXIS = 1e-6  # of the length of an axis: a difference that is worth a note
 
 
@@ -88,19 +91,69 @@ class Urdf(MachineFormat):
             kind = "prismatic" if joint.type == "prismatic" else "revolute"
             lines += [
                 *_head(joint.name, kind, names[k], names[k + 1]),
-                _origin_text(fixed),
-                f'    <axis xyz="{_numbers(joint.axis)}"/>',
+                f"    <origin {origin_attributes(fixed)}/>",
+                f'    <axis xyz="{numbers(joint.axis)}"/>',
                 f'    <limit lower="{low!r}" upper="{high!r}" effort="0" velocity="0"/>',
                 "  </joint>",
             ]
-        lines += [*_head(f"{names[-2]}_joint", "fixed", names[-3], names[-2]), _origin_text(links.fixed[-1])]
+        lines += [
+            *_head(f"{names[-2]}_joint", "fixed", names[-3], names[-2]),
+            f"    <origin {origin_attributes(links.fixed[-1])}/>",
+        ]
         lines += ["  </joint>", *_head(f"{names[-1]}_joint", "fixed", names[-2], names[-1])]
-        lines += [_origin_text(transform(machine.tool)), "  </joint>", "</robot>", ""]
+        lines += [f"    <origin {origin_attributes(transform(machine.tool))}/>", "  </joint>", "</robot>", ""]
         notes = (
             f"the functional point of machine.yaml is the link {names[-1]}, the last frame {names[-2]}",
             "effort and velocity of the limits are 0, since nothing is known of them",
         )
         return Written("\n".join(lines), notes, transform([-v for v in machine.tool]))
+
+    @classmethod
+    def rewrite(cls, machine: Machine, template: Template) -> Written:
+        raw, links, before = template.raw, links_of(machine), links_of(template.nominal)
+        own = links_of(Machine("template", cls.read(raw, template.part).elements))
+        _check_same(raw.name, own, before)
+        path, _ = _path(raw.name, parse_xml(raw), template.part)
+        moving = [k for k, joint in enumerate(path) if joint.attributes["type"] != "fixed"]
+        origins, start = [], 0
+        for k, fixed in zip(moving, links.fixed[:-1], strict=True):
+            between = _product(raw.name, path[start:k])
+            origins.append((path[k], inverse(between) @ fixed))
+            start = k + 1
+        if start < len(path):
+            origins.append((path[start], links.fixed[-1] @ inverse(_product(raw.name, path[start + 1 :]))))
+            return Written(with_origins(raw.text or "", origins))
+        last, end = path[moving[-1]].attributes["name"], links.fixed[-1]
+        notes: tuple[str, ...] = ()
+        if not np.array_equal(end, np.eye(4)):
+            place, turned = (", ".join(f"{v:.7g}" for v in three) for three in (end[:3, 3] / MM_PER_M, rpy_angles(end)))
+            notes = (f"behind '{last}' hangs no fixed joint: xyz {place}, rpy {turned} (m, rad) is not in the file",)
+        return Written(with_origins(raw.text or "", origins), notes, end)
+
+
+def _product(name: str, joints: Sequence[Element]) -> Array:
+    """The origins of joints, one after the other."""
+    out = np.eye(4)
+    for joint in joints:
+        out = out @ _origin(name, joint)
+    return out
+
+
+def _check_same(name: str, own: Links, machine: Links) -> None:
+    """Raise InputError where a machine was not made of this file: its joints would mean others."""
+    cure = "Give the URDF that `errormodel machine` made the machine of, with the same --base and --tip"
+    kinds = [[j.type for j in links.joints] for links in (own, machine)]
+    if kinds[0] != kinds[1]:
+        found = f"a chain of {', '.join(kinds[0])} joints, where the machine has {', '.join(kinds[1])}"
+        raise InputError(f"--into {name}", found, cure)
+    for joint, other in zip(own.joints, machine.joints, strict=True):
+        if not np.allclose(joint.axis, other.axis, rtol=0, atol=SAME_AXIS):
+            raise InputError(f"--into {name}", f"another axis of {joint.name} than that of {other.name}", cure)
+    for k, (one, two) in enumerate(zip(own.fixed, machine.fixed, strict=True)):
+        if np.abs(one - two).max() > SAME_PLACE:
+            place = f"behind {own.joints[k - 1].name}" if k else "before the first joint"
+            found = f"what lies {place} is not what the nominal machine has there, by {np.abs(one - two).max():.3g}"
+            raise InputError(f"--into {name}", found, cure)
 
 
 def _check_expanded(raw: RawFile, robot: Element) -> None:
@@ -286,12 +339,3 @@ def _head(name: str, kind: str, parent: str, child: str) -> list[str]:
         f"    <parent link={quoteattr(parent)}/>",
         f"    <child link={quoteattr(child)}/>",
     ]
-
-
-def _origin_text(fixed: Array) -> str:
-    offset = [in_metres(v) for v in fixed[:3, 3].tolist()]
-    return f'    <origin xyz="{_numbers(offset)}" rpy="{_numbers(rpy_angles(fixed[:3, :3]))}"/>'
-
-
-def _numbers(values: Sequence[float]) -> str:
-    return " ".join(repr(float(v) + 0.0) for v in values)

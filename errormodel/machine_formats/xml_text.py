@@ -15,12 +15,13 @@ MOST_ELEMENTS = 200_000  # by judgement: the largest published descriptions have
 
 @dataclass(frozen=True)
 class Element:
-    """An element: its tag, attributes, line (from 1) and the elements in it."""
+    """An element: its tag, attributes, line (from 1), the elements in it, and its first byte in UTF-8."""
 
     tag: str
     attributes: Mapping[str, str]
     line: int
     children: list[Element] = field(default_factory=list)
+    start: int = 0
 
     def all(self, tag: str) -> Iterator[Element]:
         """The elements directly in it that have that tag."""
@@ -60,7 +61,7 @@ def parse_xml(raw: RawFile) -> Element:
                 f"more than {DEEPEST} levels or {MOST_ELEMENTS} elements",
                 "Give the description of one machine",
             )
-        element = Element(tag, attributes, parser.CurrentLineNumber)
+        element = Element(tag, attributes, parser.CurrentLineNumber, start=parser.CurrentByteIndex)
         stack[-1].children.append(element)
         stack.append(element)
 

@@ -65,6 +65,9 @@ def export(
     *,
     suffix: str = "",
     identity: str = "",
+    into: str | Path | None = None,
+    base: str = "",
+    tip: str = "",
     seed: int = 0,
     progress: Progress = silent,
 ) -> ExportResult:
@@ -84,6 +87,10 @@ def export(
         Of the file, such as ``".yaml"``, where a format has several forms.
     identity : str
         The format's own identifier, where it has one: the hash of a robot.
+    into : str, Path or None
+        The robot's own description: the text is this file with other origins of its joints, and all else as it is.
+    base, tip : str
+        Links of `into` between which the chain lies, as for `import_machine`.
     seed : int
         Of the random poses.
     progress : callable
@@ -100,12 +107,15 @@ def export(
         There is no such format, or it cannot hold this machine.
     """
     from errormodel.machine import Machine
+    from errormodel.machine_formats.base import Part
     from identification.machine_export.export import Exported, exported
     from identification.results.export_result import ExportResult
     from identification.sources import machine_of
 
+    kept = None if into is None else Path(into)
+
     def made(place: Path | Machine) -> Exported:
-        return exported(place, format, suffix, identity, seed, progress)
+        return exported(place, format, suffix, identity, kept, Part(base, tip), seed, progress)
 
     if isinstance(source, Machine):
         return ExportResult(made(source))

@@ -63,7 +63,19 @@ def machine(
 @click.option("--format", "form", default="", help="Format to write; 'export list' names them all.")
 @click.option("--out", type=OUT_FILE, help="File to write; of tables .csv or .yaml.")
 @click.option("--hash", "identity", default="", help="The robot's own identifier, where the format has one.")
-def export(source: str, form: str, out: OutputFile | None, identity: str, seed: int) -> None:
+@click.option("--into", type=FILE, help="The robot's own URDF: OUT is this file with other origins of its joints.")
+@click.option("--base", default="", help="First link of the chain in --into. [default: its root]")
+@click.option("--tip", default="", help="Last link of the chain in --into. [default: its only end]")
+def export(
+    source: str,
+    form: str,
+    out: OutputFile | None,
+    identity: str,
+    into: Path | None,
+    base: str,
+    tip: str,
+    seed: int,
+) -> None:
     """Describe the calibrated machine in the folder DIR of a fit, or the nominal MACHINE, in a format of others.
 
     The file is read back and compared with the machine. What it cannot hold is said, with its size.
@@ -74,11 +86,16 @@ def export(source: str, form: str, out: OutputFile | None, identity: str, seed: 
         for known, what in api.machine_formats().items():
             say(f"{known:16} {what}")
         return
+    if into is None and (base or tip):
+        raise InputError(
+            "--base" if base else "--tip", "no --into, whose links it names", "Leave it out, or give --into"
+        )
     if not form or out is None:
         missing = "--format" if not form else "--out"
         raise InputError("export", f"{missing} is missing", "Write export DIR --format NAME --out FILE")
     result = api.export(
-        source, form, suffix=out.path.suffix.lower(), identity=identity, seed=seed, progress=working
+        source, form, suffix=out.path.suffix.lower(), identity=identity, into=into, base=base, tip=tip, seed=seed,
+        progress=working,
     )  # fmt: skip
     show_notes(result.notes)
     result.write(out)

@@ -11,8 +11,8 @@ from errormodel.arrays import Array
 from errormodel.chain import Chain
 from errormodel.exceptions import ErrorModelError
 from errormodel.machine import Machine
-from errormodel.machine_formats.base import Extras, MachineFormat, Part, described, format_named, nominal
-from errormodel.raw_formats.base import RawFile
+from errormodel.machine_formats.base import Extras, MachineFormat, Part, Template, described, format_named, nominal
+from errormodel.raw_formats.base import RawFile, open_raw
 from identification.compensation.field import Field
 from identification.compensation.rows import joints_read, read_rows
 from identification.compensation.volume import Volume
@@ -52,6 +52,8 @@ def exported(
     name: str,
     suffix: str,
     identity: str = "",
+    into: Path | None = None,
+    part: Part | None = None,
     seed: int = 0,
     progress: Progress = silent,
 ) -> Exported:
@@ -63,6 +65,7 @@ def exported(
     name : word of the format.
     suffix : of the file, where a format has several forms.
     identity : the format's own identifier, where it has one.
+    into : a description that is kept but for its geometry; `part` : the chain in it that is meant.
 
     Raises
     ------
@@ -70,15 +73,20 @@ def exported(
         There is no such format, it cannot hold this machine, or the folder holds no fit.
     """
     kind = format_named(name)
+    template = None if into is None else open_raw(into, str(into))
     known = None if isinstance(source, Machine) else _of_fit(source, progress)
     machine = nominal(source) if isinstance(source, Machine) else known.machine if known else None
     assert machine is not None
     what = "calibrated" if known else "nominal"
     heading = f"errormodel: {what} geometry of {' '.join(machine.name.split())}"
     with progress("Writing and reading it back"):
-        written = kind.write(machine, suffix, Extras(heading, identity))
+        if template is None:
+            written = kind.write(machine, suffix, Extras(heading, identity))
+        else:
+            before = machine if known is None else known.nominal
+            written = kind.rewrite(machine, Template(template, part or Part(), before))
         end = np.eye(4) if written.end is None else written.end
-        read_back = compared(kind, machine, written.text, suffix, end, seed)
+        read_back = compared(kind, machine, written.text, suffix, end, seed, part if template else None)
     return Exported(kind, machine, written.text, written.notes, read_back, known)
 
 
@@ -94,7 +102,7 @@ def _of_fit(folder: Path, progress: Progress) -> Calibrated:
 
 
 def compared(
-    kind: type[MachineFormat], machine: Machine, text: str, suffix: str, end: Array, seed: int
+    kind: type[MachineFormat], machine: Machine, text: str, suffix: str, end: Array, seed: int, part: Part | None = None
 ) -> tuple[float, float]:
     """Largest difference, mm and rad, between a machine and what a format's reader makes of its text.
 
@@ -104,7 +112,7 @@ def compared(
         They differ: the text must not be used.
     """
     raw = RawFile(Path(f"written{suffix}"), f"what was written for --format {kind.name}", text.encode())
-    back = replace(machine, elements=described(raw, kind.name, Part()).elements, tool=(0.0, 0.0, 0.0))
+    back = replace(machine, elements=described(raw, kind.name, part or Part()).elements, tool=(0.0, 0.0, 0.0))
     low, high = np.array([j.travel for j in machine.joints]).T
     q = np.random.default_rng(seed).uniform(low, high, (READ_BACK_POSES, len(low)))
     one, other = Chain(machine), Chain(back)

@@ -49,12 +49,14 @@ class Calibrated:
     Attributes
     ----------
     machine : without error motions and effects; in the reference of the fit.
+    nominal : the same before the fit.
     before : error of the nominal machine over the measured volume, after the best frame where that is free.
     left : the same of this machine.
     beyond : what no constant is, by name, with the root mean square of its own effect at the functional point, um.
     """
 
     machine: Machine
+    nominal: Machine
     before: Spread
     left: Spread
     beyond: Mapping[str, float]
@@ -75,7 +77,7 @@ def calibrated(field: Field, volume: Volume, tool_errors: Mapping[str, float]) -
         machine = _nearest(field, volume, machine)
     judged = volume.poses(POSES, OTHER_SEED)
     left = [_left(field, judged, other, volume.free) for other in (before, machine)]
-    return Calibrated(machine, left[0], left[1], _contributions(field, judged, rest))
+    return Calibrated(machine, before, left[0], left[1], _contributions(field, judged, rest))
 
 
 def _places(chain: Chain) -> list[tuple[object, str]]:
