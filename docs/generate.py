@@ -346,8 +346,8 @@ def standards() -> Iterator[str]:
 
 def survey_keys() -> Iterator[str]:
     """Keys of ``survey.yaml``, and the columns of its tables."""
-    from errormodel.survey_file import SurveyForm
-    from errormodel.survey_record import (
+    from errormodel.surveys.file import SurveyForm
+    from errormodel.surveys.record import (
         AmbientRecord,
         InstrumentRecord,
         MachineRecord,

@@ -17,8 +17,8 @@ from errormodel.files import write_bytes_atomic
 from errormodel.inputs import running
 from errormodel.machine import Machine
 from errormodel.survey import Survey, read_survey
-from errormodel.survey_file import SURVEY_FILE
-from errormodel.survey_raw import PAIR_COLUMNS
+from errormodel.surveys.file import SURVEY_FILE
+from errormodel.surveys.raw import PAIR_COLUMNS
 from identification.importing.geometry import Nominal
 from identification.importing.nearest import find_pairing
 from identification.importing.pairing import NEAREST, Pairs, middles, pair, points_of

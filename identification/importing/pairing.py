@@ -9,7 +9,7 @@ import numpy as np
 from errormodel.arrays import Array, Index
 from errormodel.chain import Chain
 from errormodel.exceptions import InputError
-from errormodel.survey_columns import MEASURED
+from errormodel.surveys.columns import MEASURED
 from identification.importing.dwells import Dwells, find_dwells
 from identification.importing.geometry import Nominal, fitted_targets, turns_tool
 from identification.importing.matching import NAMED, Matched, by_name, by_order, by_time, common_names

@@ -14,9 +14,9 @@ from errormodel.conventions import MOTIONS
 from errormodel.exceptions import InputError
 from errormodel.machine import Machine
 from errormodel.raw_formats.base import RawFile, Recording, format_of, open_raw
-from errormodel.survey_columns import MEASURED
-from errormodel.survey_file import RawEntry
-from errormodel.survey_raw import read_raw, with_map
+from errormodel.surveys.columns import MEASURED
+from errormodel.surveys.file import RawEntry
+from errormodel.surveys.raw import read_raw, with_map
 from identification.importing.roles import Kind, roles, unused
 
 FOLDER = "raw"  # of a survey, for the files as they came

@@ -43,7 +43,7 @@ ALLOWED = {
     "errormodel/effects/tracker_drift.py": {"warm-up"},  # of a tracker, in its source
     "identification/thermal_drift/recordings.py": {"warm-up"},  # a phase of a recording
     "identification/planning/setup.py": {"cmm"},  # an example in the description of a key
-    "errormodel/survey_file.py": {"cmm"},  # the same
+    "errormodel/surveys/file.py": {"cmm"},  # the same
     "errormodel/machine_file.py": {"ram-sag", "first-order"},  # the same, and what joints without an entry have
     "identification/command_line/main.py": {"plain"},  # what a survey has that names no instrument
 }
@@ -82,7 +82,7 @@ def test_no_module_has_the_name_of_one_plug_in(kind: str) -> None:
 
 def test_no_module_of_surveys_has_the_suffix_of_one_format() -> None:
     """Other files may be of the same type (tables of a controller, clouds of points): those are no surveys."""
-    surveys = [p for p in PRODUCT if p.name.startswith("survey") or p.parent.name == "formats"]
+    surveys = [p for p in PRODUCT if p.name == "survey.py" or p.parent.name in ("surveys", "formats")]
     assert len(surveys) > 5
     own = {suffix: Path(formats.module_of(suffix).__file__ or "") for suffix in formats.SUFFIXES}
     seen = [

@@ -21,7 +21,7 @@ from errormodel.formats.data_frame import FrameTable
 from errormodel.machine import Machine
 from errormodel.raw_formats.base import Asked, RawFile, Recording, format_of, open_raw
 from errormodel.raw_formats.unit_words import unit_word
-from errormodel.survey_columns import (
+from errormodel.surveys.columns import (
     MEASURED,
     ORIENTATION,
     SIGMA_COLUMNS,
@@ -30,7 +30,7 @@ from errormodel.survey_columns import (
     quantity_of,
     unit_of_column,
 )
-from errormodel.survey_file import FileEntry, LogEntry, RawEntry, SurveyUnits
+from errormodel.surveys.file import FileEntry, LogEntry, RawEntry, SurveyUnits
 from errormodel.units import UNIT_EXAMPLES, is_unit, to_internal
 
 if TYPE_CHECKING:
