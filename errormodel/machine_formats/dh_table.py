@@ -42,6 +42,7 @@ JOINT_TYPES = {
     "rotary": "rotary", "revolute": "rotary", "r": "rotary", "prismatic": "prismatic", "p": "prismatic",
     "fixed": "fixed",
 }  # fmt: skip
+LARGEST = 1e9  # mm or rad: beyond all robots, and small enough to compute with
 DEFAULT_TRAVEL = (-180.0, 180.0)  # degrees, of a rotary joint that states none
 
 
@@ -189,6 +190,9 @@ def _described(where: str, rows: Sequence[Row], name: str, convention: Conventio
     said = list(notes)
     numbered: list[Row] = []
     for row in rows:
+        for key, value in (*row.values.items(), *(("travel", v) for v in row.travel or ())):
+            if not abs(value) < LARGEST:  # nor infinite
+                raise InputError(f"{row.where}, {key}", f"{value:g}", "Write a number of a robot's size")
         own = row.name or ("" if row.type == "fixed" else f"J{sum(r.type != 'fixed' for r in numbered) + 1}")
         numbered.append(replace(row, name=own))
     moving = [row.name for row in numbered if row.type != "fixed"]

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from errormodel import library
 from errormodel.exceptions import InputError
@@ -71,6 +74,8 @@ WRONG: dict[str, tuple[str, str, tuple[str, ...]]] = {
     "a column": (
         "dh", "a,alpha,d,theta,gamma\n1,90,2,0,0\n1,90,2,0,0\n", ("column gamma", "no parameter", "a, alpha, beta, d")
     ),
+    "infinite": ("dh", "a,alpha,d,theta\n1,90,inf,0\n1,90,2,0\n", ("line 2, d", "inf", "robot's size")),
+    "huge": ("", TABLE.replace("d: 2", "d: 1e12"), ("line 3, d", "1e+12", "robot's size")),
     "a unit": ("dh", "a [deg],alpha,d,theta\n1,90,2,0\n1,90,2,0\n", ("column a", "the unit 'deg'", "length")),
     "a joint type": ("dh", "type,a,alpha,d,theta\nscrew,1,90,2,0\nrotary,1,90,2,0\n", ("line 2, type", "'screw'")),
     "twice": ("dh", "joint,a,alpha,d,theta\nA,1,90,2,0\nA,1,90,2,0\n", ("two joints 'A'",)),
@@ -171,3 +176,30 @@ def test_what_was_read_with_a_doubt_is_noted(tmp_path: Path) -> None:
     machine = read_machine(tmp_path / "t.yaml")
     assert machine.shapes[0].offset == (100.0, 0.0, 200.0)
     assert [j.name for j in machine.joints] == ["J1", "J2"]
+
+
+WHOLE = [
+    robot(ONE, joint("J2", "arm", "left", "prismatic", '<origin xyz="0 1 2" rpy="1 2 3"/><axis xyz="0 1 0"/>')),
+    UR,
+    TABLE,
+    "# convention: modified\n" + ROBOTS["UR10"].csv(),
+    "# convention: standard\n" + ROBOTS["Stanford arm"].csv(),
+]
+SCRAPS = ["", "0", "-1", "1e400", "nan", "inf", '"', "<", ">", "&", "{", "[", "]", "}", ":", ",", ";", "\n", "\t", "é"]
+
+
+@settings(max_examples=60)
+@given(st.data())
+def test_a_damaged_description_is_read_or_refused(data: st.DataObject) -> None:
+    """Whatever a file has become: a machine of finite numbers, or a sentence; never an error of a library."""
+    text = data.draw(st.sampled_from(WHOLE))
+    for _ in range(data.draw(st.integers(1, 3))):
+        first = data.draw(st.integers(0, len(text)))
+        last = first + data.draw(st.sampled_from([0, 1, 2, 5, 20]))
+        text = text[:first] + data.draw(st.sampled_from(SCRAPS)) + text[last:]
+    try:
+        machine = read_text(text)
+    except InputError:  # a sentence
+        return
+    assert all(np.isfinite([*s.offset, *s.rotation]).all() for s in machine.shapes)
+    assert all(np.isfinite([*j.axis, *j.travel]).all() for j in machine.joints)
