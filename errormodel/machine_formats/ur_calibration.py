@@ -103,11 +103,17 @@ class UrCalibration(MachineFormat):
         for member, own in zip(MEMBERS, fixed, strict=True):
             x, y, z = (in_metres(v) for v in vector(own[:3, 3]))
             numbers = dict(zip(("x", "y", "z", "roll", "pitch", "yaw"), (x, y, z, *rpy_angles(own)), strict=True))
-            lines += [f"  {member}:", *(f"    {key}: {value!r}" for key, value in numbers.items())]
+            lines += [f"  {member}:", *(f"    {key}: {_number(value)}" for key, value in numbers.items())]
         body = "\n".join(lines[1:] if extras.heading else lines)
         identity = extras.identity or f"errormodel_{hashlib.sha256(body.encode()).hexdigest()[:16]}"
         lines.append(f"  hash: {identity}")
         return Written("\n".join(lines) + "\n", tuple(_notes(machine, end, extras)), end)
+
+
+def _number(value: float) -> str:
+    """A number that YAML 1.1 takes for one too, as the readers of ROS are: 1e-05 without a point is a text there."""
+    text = repr(value)
+    return text if "." in text else text.replace("e", ".0e")
 
 
 def _six(machine: Machine) -> tuple[list[Array], Array]:

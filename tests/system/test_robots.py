@@ -15,6 +15,7 @@ from pytransform3d.urdf import UrdfTransformManager
 from errormodel import read_machine, simulate
 from errormodel.machine import EffectSpec
 from errormodel.machine_file import write_machine
+from errormodel.machine_formats.base import Extras, registry
 from identification import export, fit, import_machine, machine_formats, save
 from tests.helpers.commands import done, run, tree, write
 from tests.helpers.robots import ROBOTS, frames, positions, read_text
@@ -25,6 +26,8 @@ TRUTH = {
     "L1.dx": -0.4, "L1.ea": 3e-4, "L2.dx": -0.9, "L2.ea": 4e-4, "L2.eb": 3e-4, "L3.dx": 0.5, "L3.ec": -6e-4,
     "L4.dy": -0.3, "L4.ea": 5e-4, "L5.dz": 0.2, "L5.ec": -7e-4,
 }  # fmt: skip
+
+READY = read_text(ROBOTS["UR5e"].csv(), "dh")
 
 
 @pytest.fixture(scope="module")
@@ -116,6 +119,7 @@ def test_a_calibration_file_is_what_the_driver_reads(arm: Path, tmp_path: Path) 
     assert list(found) == list(nominal)
     for member, place in nominal.items():
         assert list(found[member]) == ["x", "y", "z", "roll", "pitch", "yaw"]
+        assert all(isinstance(v, float) for v in found[member].values())
         assert np.abs(np.array([found[member][k] for k in "xyz"]) - place).max() < 2e-3, member
     turned = {"shoulder": 0, "upper_arm": np.pi / 2, "forearm": 0, "wrist_1": 0, "wrist_2": np.pi / 2}
     for member, roll in turned.items():
@@ -124,6 +128,15 @@ def test_a_calibration_file_is_what_the_driver_reads(arm: Path, tmp_path: Path) 
     back = import_machine(tmp_path / "c.yaml")
     assert [s.name for s in back.machine.shapes] == [*nominal, "flange"]
     assert back.machine.joints[2].name == "elbow_joint"
+
+
+def test_numbers_of_a_calibration_file_are_numbers_to_old_readers_too() -> None:
+    """In YAML 1.1 an exponent without a point is a text: 1e-05."""
+    elements = tuple(replace(s, offset=(0.01, 0.0, 0.0)) if s.name == "L3" else s for s in READY.elements)
+    text = registry()["ur-calibration"].write(replace(READY, elements=elements), ".yaml", Extras()).text
+    found = yaml.safe_load(text)["kinematics"]
+    assert "e-05" in text
+    assert all(isinstance(v, float) for m, own in found.items() if m != "hash" for v in own.values())
 
 
 def test_the_same_fit_gives_the_same_bytes_and_nothing_is_written_over(arm: Path, tmp_path: Path) -> None:

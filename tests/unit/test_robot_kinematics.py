@@ -11,6 +11,7 @@ import re
 
 import numpy as np
 import pytest
+import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pytransform3d.urdf import UrdfTransformManager
@@ -120,6 +121,37 @@ def test_an_arm_whose_own_calibration_has_members_of_439_m_gets_members_of_its_s
         same(frames(back, q) @ end, expected)
         assert max(abs(v) for s in back.shapes for v in s.offset) < 620, form  # mm; the upper arm of a UR10e: 612.7
     assert "beta [deg]" in registry()["dh"].write(machine, ".csv", Extras()).text
+
+
+UR30 = """kinematics:
+  shoulder: {x: 0, y: 0, z: 0.23630000000000001, roll: -0, pitch: 0, yaw: -0}
+  upper_arm: {x: 0, y: 0, z: 0, roll: 1.570796327, pitch: 0, yaw: -0}
+  forearm: {x: -0.637, y: 0, z: 0, roll: -0, pitch: 0, yaw: -0}
+  wrist_1: {x: -0.5037, y: 0, z: 0.20100000000000001, roll: -0, pitch: 0, yaw: -0}
+  wrist_2: {x: 0, y: -0.1593, z: 0, roll: 1.570796327, pitch: 0, yaw: -0}
+  wrist_3: {x: 0, y: 0.15429999999999999, z: -3.1647459019915597e-11, roll: 1.5707963265897931,
+            pitch: 3.1415926535897931, yaw: 3.1415926535897931}
+  hash: calib_4890363823803256388
+"""  # config/ur30/default_kinematics.yaml of Universal_Robots_ROS2_Description
+
+
+def test_a_file_of_the_maker_is_read_and_comes_back_as_it_was() -> None:
+    """Against the maker's table of the same arm; its angles have ten digits, which are kept (1e-10 rad)."""
+    machine = read_text(UR30)
+    quarter = math.degrees(1.570796327)
+    table = Table("", (0, -637, -503.7, 0, 0, 0), (quarter, 0, 0, quarter, -quarter, 0),
+                  (236.3, 0, 0, 201, 159.3, 154.3), (0,) * 6)  # fmt: skip
+    q = positions(machine.joints, POSES)
+    same(frames(machine, q), product(table, q))
+    text = registry()["ur-calibration"].write(machine, ".yaml", Extras("", "calib_4890363823803256388")).text
+    one, two = (yaml.safe_load(t)["kinematics"] for t in (UR30, text))
+    assert one.pop("hash") == two.pop("hash")
+    for member, own in one.items():
+        assert [two[member][k] for k in "xyz"] == pytest.approx([own[k] for k in "xyz"], abs=1e-10), (
+            member
+        )  # m: its own digits
+        before, after = (rpy_matrix([link[member][k] for k in ("roll", "pitch", "yaw")]) for link in (one, two))
+        assert np.abs(before - after).max() < 1e-12, member
 
 
 @settings(max_examples=60)
