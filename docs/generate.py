@@ -25,6 +25,7 @@ def write(folder: Path) -> list[Path]:
         "lengths.md": lengths(),
         "joint_models.md": joint_models(),
         "formats.md": formats(),
+        "machine_formats.md": machine_formats(),
         "standards.md": standards(),
         "machine_keys.md": machine_keys(),
         "survey_keys.md": survey_keys(),
@@ -300,6 +301,20 @@ def formats() -> Iterator[str]:
         yield from (f"## {name}", "", inspect.getdoc(kind) or "", "", f"Source: {kind.source}; {tried}.", "")
 
 
+def machine_formats() -> Iterator[str]:
+    """Every format of descriptions of machines."""
+    from errormodel.machine_formats.base import registry
+
+    yield from ("# Formats of robot descriptions", "")
+    yield (
+        "What `errormodel machine` reads and `errormodel export` writes. Each is one class in "
+        "`errormodel/machine_formats/`. How they are used: [robots](../robots.md)."
+    )
+    for name, kind in registry().items():
+        title = f"{kind.title[2].upper()}{kind.title[3:]}."
+        yield from ("", f"## {name}", "", title, "", inspect.getdoc(kind) or "", "", f"Source: {kind.source}.")
+
+
 def machine_keys() -> Iterator[str]:
     """Keys of ``machine.yaml``."""
     from errormodel.machine_file import MachineForm
@@ -332,8 +347,8 @@ def standards() -> Iterator[str]:
 
 def survey_keys() -> Iterator[str]:
     """Keys of ``survey.yaml``, and the columns of its tables."""
-    from errormodel.survey_file import SurveyForm
-    from errormodel.survey_record import (
+    from errormodel.surveys.file import SurveyForm
+    from errormodel.surveys.record import (
         AmbientRecord,
         InstrumentRecord,
         MachineRecord,

@@ -20,7 +20,7 @@ from errormodel.observations.base import Observation
 from errormodel.simulation import random_points
 from errormodel.simulation_readings import readings_at
 from errormodel.survey import Survey
-from errormodel.survey_observations import is_unknown
+from errormodel.surveys.observations import is_unknown
 from errormodel.truth import Truth
 from identification.observation.assembly import build
 from identification.observation.identifiability import find_groups

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from errormodel.exceptions import InputError
 from errormodel.machine import Machine
 from errormodel.serial_chain import directions
-from errormodel.survey_columns import MEASURED, TOOL_COLUMNS
+from errormodel.surveys.columns import MEASURED, TOOL_COLUMNS
 
 Array = NDArray[np.float64]
 

@@ -369,14 +369,14 @@ def _laid_out(value: Any, levels: int) -> Any:
 
 def _written(element: Joint | Shape) -> dict[str, Any]:
     if isinstance(element, Joint):
-        travel = element.travel if element.type == "prismatic" else [_degrees(q) for q in element.travel]
+        travel = element.travel if element.type == "prismatic" else [in_degrees(q) for q in element.travel]
         axis = _written_axis(element.axis)
         block: dict[str, Any] = {"joint": element.name, "type": element.type, "axis": axis, "travel": travel}
         block |= {"drives": list(element.drives)} if element.drives else {}
         return block | ({"spacing": element.spacing} if element.spacing else {})
     entry: dict[str, Any] = {"shape": element.name, "offset": element.offset}
     if any(element.rotation):
-        entry["rotation"] = [_degrees(r) for r in element.rotation]
+        entry["rotation"] = [in_degrees(r) for r in element.rotation]
     return entry
 
 
@@ -388,7 +388,7 @@ def _written_axis(axis: Vector) -> str | Vector:
     return axis
 
 
-def _degrees(angle: float) -> float:
+def in_degrees(angle: float) -> float:
     """Shortest number of degrees that is the same angle (rad) in floating point: a right angle is written as 90."""
     degrees = math.degrees(angle)
     short = float(f"{degrees:.12g}")

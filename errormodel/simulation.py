@@ -17,7 +17,7 @@ from errormodel.conventions import MOTIONS
 from errormodel.exceptions import InputError, nearest
 from errormodel.instruments.base import Instrument
 from errormodel.machine import Machine, Vector
-from errormodel.survey_columns import MEASURED, ORIENTATION, first_pose
+from errormodel.surveys.columns import MEASURED, ORIENTATION, first_pose
 from errormodel.truth import Truth, read_truth
 
 if TYPE_CHECKING:
@@ -160,7 +160,7 @@ def simulate(
     from errormodel.machine_file import read_machine
     from errormodel.simulation_readings import readings_at
     from errormodel.survey import Survey, read_survey
-    from errormodel.survey_observations import observed
+    from errormodel.surveys.observations import observed
 
     model = machine if isinstance(machine, Machine) else read_machine(machine)
     survey: Survey | None = None

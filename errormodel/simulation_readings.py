@@ -12,8 +12,8 @@ from errormodel.chain import Chain
 from errormodel.exceptions import InputError, nearest
 from errormodel.observation_kernel import kernels_of
 from errormodel.observations.base import Observation
-from errormodel.survey_columns import OBSERVATION
-from errormodel.survey_observations import Group, groups, observed
+from errormodel.surveys.columns import OBSERVATION
+from errormodel.surveys.observations import Group, groups, observed
 from errormodel.truth import Truth
 
 if TYPE_CHECKING:

@@ -20,8 +20,8 @@ from errormodel.formats.base import Table
 from errormodel.instruments.base import Instrument
 from errormodel.machine import Machine
 from errormodel.observations.base import Observation
-from errormodel.survey_checks import Part, read_part, run_labels
-from errormodel.survey_columns import (
+from errormodel.surveys.checks import Part, read_part, run_labels
+from errormodel.surveys.columns import (
     MEASURED,
     MOTION_UNCERTAINTIES,
     ORIENTATION,
@@ -32,12 +32,12 @@ from errormodel.survey_columns import (
     check_units,
     plan_columns,
 )
-from errormodel.survey_file import BudgetEntry, FileEntry, Frame, Refit, SurveyForm, SurveyUnits, read_form
-from errormodel.survey_gaps import filled
-from errormodel.survey_observations import check_observations
-from errormodel.survey_plausibility import check_sizes
-from errormodel.survey_record import RecordForm
-from errormodel.survey_travels import travel_notes
+from errormodel.surveys.file import BudgetEntry, FileEntry, Frame, Refit, SurveyForm, SurveyUnits, read_form
+from errormodel.surveys.gaps import filled
+from errormodel.surveys.observations import check_observations
+from errormodel.surveys.plausibility import check_sizes
+from errormodel.surveys.record import RecordForm
+from errormodel.surveys.travels import travel_notes
 from errormodel.yamlfile import Document
 
 Array = NDArray[np.float64]
@@ -219,7 +219,7 @@ def _name(path: Path) -> str:
 def _opened(entry: FileEntry, form: SurveyForm, folder: Path, machine: Machine) -> list[Table]:
     if not entry.format:
         return open_tables(folder / entry.path, entry.path)
-    from errormodel.survey_raw import open_entry
+    from errormodel.surveys.raw import open_entry
 
     return [open_entry(entry, folder, machine, form.logs)]
 

@@ -1,8 +1,9 @@
 """Inference on top of ``errormodel``: what a survey says of a machine, and how sure it is.
 
-Public functions, as on the command line: `import_survey`, `check`, `template`, `describe`, `plan`, `fit`, `diagnose`,
-`thermal`, `register`, `predict`, `explain`, `monitor`, `compensate`, `controllers`, `iso`, `standards`, `load` and
-`save`. They are imported when they are first asked for, so that ``import identification`` costs nothing.
+Public functions, as on the command line: `import_machine`, `import_survey`, `check`, `template`, `describe`, `plan`,
+`fit`, `diagnose`, `thermal`, `register`, `predict`, `explain`, `monitor`, `compensate`, `controllers`, `export`,
+`machine_formats`, `iso`, `standards`, `load` and `save`. They are imported when they are first asked for, so that
+``import identification`` costs nothing.
 """
 
 from __future__ import annotations
@@ -18,10 +19,13 @@ if TYPE_CHECKING:
         describe,
         diagnose,
         explain,
+        export,
         fit,
+        import_machine,
         import_survey,
         iso,
         load,
+        machine_formats,
         monitor,
         plan,
         predict,
@@ -39,10 +43,13 @@ __all__ = [
     "describe",
     "diagnose",
     "explain",
+    "export",
     "fit",
+    "import_machine",
     "import_survey",
     "iso",
     "load",
+    "machine_formats",
     "monitor",
     "plan",
     "predict",

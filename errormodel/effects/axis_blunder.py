@@ -14,7 +14,7 @@ from errormodel.arrays import Array
 from errormodel.effects.base import FIXED, Channels, Effect, EffectTerm
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.machine import Machine
-from errormodel.survey_columns import MEASURED, TOOL_COLUMNS
+from errormodel.surveys.columns import MEASURED, TOOL_COLUMNS
 
 if TYPE_CHECKING:
     import pandas as pd

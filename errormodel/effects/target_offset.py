@@ -13,7 +13,7 @@ from errormodel.effects.ops import absolute, fmax, fmin
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.machine import Machine, Vector
 
-TOOL_COLUMNS = ("tool_x", "tool_y", "tool_z")  # columns of the functional point, as in `errormodel.survey_columns`
+TOOL_COLUMNS = ("tool_x", "tool_y", "tool_z")  # columns of the functional point, as in `errormodel.surveys.columns`
 SAME_TOOL_MM = 0.05  # sum of coordinate differences, mm, below which two functional points are one tool; by judgement
 MOST_TOOLS = 12  # most different tools; more are positions of a probe and not a set of tools; by judgement
 

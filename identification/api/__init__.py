@@ -4,6 +4,7 @@ Machines are given as a `Machine`, a file, a name of the library or a dict; surv
 DataFrame. All are in the units of their files: mm, degrees for rotary joints, s, degC.
 """
 
+from identification.api.descriptions import export, import_machine, machine_formats
 from identification.api.models import describe, diagnose, fit, plan, register, thermal
 from identification.api.preparing import check, import_survey, template
 from identification.api.standards import iso, standards
@@ -16,10 +17,13 @@ __all__ = [
     "describe",
     "diagnose",
     "explain",
+    "export",
     "fit",
+    "import_machine",
     "import_survey",
     "iso",
     "load",
+    "machine_formats",
     "monitor",
     "plan",
     "predict",

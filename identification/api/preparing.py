@@ -96,8 +96,8 @@ def import_survey(
         dwells, log_offset,
     )  # fmt: skip
     with progress("Reading and joining"):
-        told = None if commands is None else Path(commands)
-        return ImportResult(import_files(machine_of(machine), paths, told, wishes, seed))
+        command_file = None if commands is None else Path(commands)
+        return ImportResult(import_files(machine_of(machine), paths, command_file, wishes, seed))
 
 
 def check(machine: AnyMachine, survey: AnySurvey, *, progress: Progress = silent) -> CheckResult:

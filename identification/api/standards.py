@@ -10,7 +10,7 @@ from identification.runtime.progress import Progress, silent
 from identification.sources import AnyMachine, AnySurvey, machine_of, survey_of
 
 if TYPE_CHECKING:
-    from errormodel.survey_record import Rule
+    from errormodel.surveys.record import Rule
     from identification.iso_standards.base import Evaluation, Standard
     from identification.iso_standards.fitted import FittedMachine
     from identification.results.evaluation_result import EvaluationResult
@@ -84,7 +84,7 @@ def _evaluated(
     progress: Progress,
 ) -> EvaluationResult:
     from errormodel.exceptions import InputError
-    from errormodel.survey_record import limit_of
+    from errormodel.surveys.record import limit_of
     from identification.conformity.decision import check_names, conformity
     from identification.iso_standards import registry
     from identification.iso_standards import standards as named
@@ -149,7 +149,7 @@ def _model(source: AnyMachine) -> FittedMachine:
         That is no folder of a fit.
     """
     from errormodel.exceptions import InputError
-    from errormodel.survey_record import RecordForm
+    from errormodel.surveys.record import RecordForm
     from identification.iso_standards.fitted import FittedMachine
     from identification.results.results_folder import whole
     from identification.results.stored_fit import read_files

@@ -260,6 +260,7 @@ from identification.command_line import compensate as cli_compensate  # noqa: E4
 from identification.command_line import explain as cli_explain  # noqa: E402, F401
 from identification.command_line import importing as cli_importing  # noqa: E402, F401
 from identification.command_line import iso as cli_iso  # noqa: E402, F401
+from identification.command_line import machine_files as cli_machine_files  # noqa: E402, F401
 from identification.command_line import monitor as cli_monitor  # noqa: E402, F401
 from identification.command_line import register as cli_register  # noqa: E402, F401
 from identification.command_line import rerun as cli_rerun  # noqa: E402, F401

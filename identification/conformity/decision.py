@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from errormodel.exceptions import InputError, nearest
-from errormodel.survey_record import Limit, Rule
+from errormodel.surveys.record import Limit, Rule
 from identification.iso_standards.base import COVERAGE_FACTOR, Quantity
 
 GUARD_FACTOR = 1.65  # standard uncertainties: 95 % of a normal distribution lie below its mean + 1.645

@@ -14,7 +14,7 @@ from errormodel.chain import Chain
 from errormodel.exceptions import InputError, nearest
 from errormodel.serial_chain import ONLY_SERIAL
 from errormodel.survey import Survey
-from errormodel.survey_observations import observed
+from errormodel.surveys.observations import observed
 from identification.estimation.least_squares import Solution, identifiable
 from identification.estimation.result import Fit, Spread
 from identification.observation.assembly import Problem

@@ -17,6 +17,7 @@ from threadpoolctl import threadpool_limits
 from errormodel.arrays import Array, Index
 from errormodel.chain import Chain
 from errormodel.kernel import KERNEL_BLOCK_ROWS
+from identification.estimation.normal_priors import known_beforehand
 from identification.observation.assembly import group_order
 from identification.observation.identifiability import DEPENDENCE_TOLERANCE, Floors, Groups, find_groups
 from identification.observation.models import GapView, Kind, View
@@ -365,17 +366,6 @@ class _Solver:
             self.sigma |= {kind: max(self.sigma[kind], least / reach[kind]) for kind in open_kinds}
             if all(abs(self.sigma[k] / before[k] - 1) < 1e-6 for k in open_kinds):
                 break
-
-
-def known_beforehand(chain: Chain, unknowns: Sequence[str], effect_sizes: float | None) -> Array:
-    """Precision (unknowns,) of the normal priors about zero: 1/variance, 0 where there is none."""
-    out = np.zeros(len(unknowns))
-    for k, name in enumerate(unknowns):
-        if name in chain.index:
-            parameter = chain.parameters[chain.index[name]]
-            wide = np.inf if effect_sizes is None else effect_sizes * parameter.size
-            out[k] = (wide if parameter.prior is None else parameter.prior) ** -2
-    return out
 
 
 def scaled_solve(gram: Array, slope: Array) -> Array:

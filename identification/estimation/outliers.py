@@ -12,7 +12,7 @@ from errormodel.arrays import Array
 from errormodel.conventions import MOTIONS
 from errormodel.exceptions import InputError
 from errormodel.survey import Survey
-from errormodel.survey_columns import MEASURED
+from errormodel.surveys.columns import MEASURED
 from identification.estimation.weights import Judgement
 from identification.observation.models import MotionView, View
 from identification.observation.readings import ReadingView

@@ -12,7 +12,7 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.survey import Survey
-from errormodel.survey_observations import observed
+from errormodel.surveys.observations import observed
 from identification.estimation.weights import Judgement
 from identification.observation.models import View
 from identification.observation.readings import ReadingView

@@ -19,12 +19,12 @@ from errormodel.chain import Chain
 from identification.estimation.least_squares import (
     Solution,
     identifiable,
-    known_beforehand,
     scaled_inverse,
     scaled_solve,
     solve,
 )
 from identification.estimation.noise import RESIDUAL_ROUND_OFF_SHARE
+from identification.estimation.normal_priors import known_beforehand
 from identification.estimation.weights import Judgement, judge
 from identification.observation.models import Kind, View
 from identification.observation.normal_equations import accumulate, design_rows, sampled, total, view_vector

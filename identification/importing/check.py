@@ -11,7 +11,7 @@ from errormodel.channels import direction
 from errormodel.conventions import MOTIONS
 from errormodel.machine import Joint, Machine
 from errormodel.survey import Survey
-from errormodel.survey_columns import ORIENTATION, SIGMA_COLUMNS
+from errormodel.surveys.columns import ORIENTATION, SIGMA_COLUMNS
 from identification.importing.proof import Proof, prove
 from identification.importing.text import proof_lines
 from identification.results.description import Description, describe

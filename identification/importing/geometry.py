@@ -131,7 +131,7 @@ def _frame_turn(turns: Array, measured: Array, label: Index) -> Array | None:
     if len(pairs) < 3:
         return None
     seen = np.array([Rotation.align_vectors(about[i], about[j])[0].as_rotvec() for i, j in pairs])
-    told = Rotation.from_matrix(np.array([flange[i] @ flange[j].T for i, j in pairs])).as_rotvec()
-    if np.linalg.matrix_rank(told, tol=1e-2) < 2:
+    commanded = Rotation.from_matrix(np.array([flange[i] @ flange[j].T for i, j in pairs])).as_rotvec()
+    if np.linalg.matrix_rank(commanded, tol=1e-2) < 2:
         return None
-    return np.asarray(Rotation.align_vectors(seen, told)[0].as_matrix())
+    return np.asarray(Rotation.align_vectors(seen, commanded)[0].as_matrix())

@@ -17,8 +17,8 @@ from errormodel.files import write_bytes_atomic
 from errormodel.inputs import running
 from errormodel.machine import Machine
 from errormodel.survey import Survey, read_survey
-from errormodel.survey_file import SURVEY_FILE
-from errormodel.survey_raw import PAIR_COLUMNS
+from errormodel.surveys.file import SURVEY_FILE
+from errormodel.surveys.raw import PAIR_COLUMNS
 from identification.importing.geometry import Nominal
 from identification.importing.nearest import find_pairing
 from identification.importing.pairing import NEAREST, Pairs, middles, pair, points_of
@@ -78,24 +78,24 @@ def import_files(
     twice = [name for name in names if names.count(name) > 1]
     if twice:
         raise InputError(twice[0], "two files of one name", "Give them different names: they are kept in one folder")
-    told = None if commands is None else open_source(commands, machine, "commands", wishes)
-    sources = [open_source(path, machine, "whole" if told is None else "measured", wishes) for path in raws]
+    commanded = None if commands is None else open_source(commands, machine, "commands", wishes)
+    sources = [open_source(path, machine, "whole" if commanded is None else "measured", wishes) for path in raws]
     chain = Chain(machine)
     points = [s for s in sources if s.what == "points"]
     motions = [s for s in sources if s.what == "motions"]
     logs = [s for s in sources if s.what == "log"]
     if not points and not motions:
         raise InputError(str(raws[0]), "nothing measured in it but channels of a log", "Give the measured file too")
-    if told is None:
+    if commanded is None:
         for source in points:
             _refuse_no_commands(source, machine)
-    pairs = [pair(source, told, chain, wishes, seed) for source in points]
-    aligned = [_places(source, own, told, chain) for source, own in zip(points, pairs, strict=True)]
+    pairs = [pair(source, commanded, chain, wishes, seed) for source in points]
+    aligned = [_places(source, own, commanded, chain) for source, own in zip(points, pairs, strict=True)]
     for source, (nominal, measured) in zip(points, aligned, strict=True):
         refuse_unit(nominal, measured, source.raw.name)
         refuse_partial(nominal, measured, source.raw.name)
     frame = _frame(points, aligned, chain)
-    files = _files(points, motions, logs, pairs, told, frame, wishes)
+    files = _files(points, motions, logs, pairs, commanded, frame, wishes)
     with tempfile.TemporaryDirectory() as folder, running(None):
         for name, data in files.items():
             write_bytes_atomic(data, Path(folder) / name)
@@ -103,8 +103,8 @@ def import_files(
     try:
         proof = prove(machine, survey, any(p.averaged for p in pairs), len(points) > 0)
     except InputError as error:
-        raise _with_nearest(error, points, pairs, aligned, told, chain, seed) from error
-    everything = (*points, *motions, *logs, *([told] if told else []))
+        raise _with_nearest(error, points, pairs, aligned, commanded, chain, seed) from error
+    everything = (*points, *motions, *logs, *([commanded] if commanded else []))
     left = tuple(f"{s.raw.path.name}: columns not used: {', '.join(s.left)}" for s in everything if s.left)
     return Imported(
         machine, files, everything, (*pairs, *[None] * (len(everything) - len(pairs))), survey, proof, frame,
@@ -112,9 +112,9 @@ def import_files(
     )  # fmt: skip
 
 
-def _places(source: SourceFile, own: Pairs, told: SourceFile | None, chain: Chain) -> Both:
+def _places(source: SourceFile, own: Pairs, commanded: SourceFile | None, chain: Chain) -> Both:
     """Nominal and measured points of the readings of a file, each (n, 3) in mm."""
-    table = (told or source).recording.frame.iloc[own.command]
+    table = (commanded or source).recording.frame.iloc[own.command]
     nominal = Nominal(chain, table)
     tool = np.tile(np.asarray(chain.machine.tool, dtype=np.float64), (len(own), 1))
     frame = source.recording.frame
@@ -129,12 +129,12 @@ def _places(source: SourceFile, own: Pairs, told: SourceFile | None, chain: Chai
 
 def _with_nearest(
     error: InputError, points: Sequence[SourceFile], pairs: Sequence[Pairs], aligned: Sequence[Both],
-    told: SourceFile | None, chain: Chain, seed: int,
+    commanded: SourceFile | None, chain: Chain, seed: int,
 ) -> InputError:  # fmt: skip
     """A refusal, with what the nearest commands would give where another way of joining was used."""
-    if told is None or len(points) != 1 or pairs[0].how == NEAREST or pairs[0].targets:
+    if commanded is None or len(points) != 1 or pairs[0].how == NEAREST or pairs[0].targets:
         return error
-    path = Nominal(chain, told.recording.frame).points(np.asarray(chain.machine.tool, dtype=np.float64))
+    path = Nominal(chain, commanded.recording.frame).points(np.asarray(chain.machine.tool, dtype=np.float64))
     measured = aligned[0][1]
     found = find_pairing(path, measured, seed) if np.isfinite(measured).all() else None
     if found is None or found.ways > 1:
@@ -174,16 +174,16 @@ def _miss(nominal: np.ndarray, measured: np.ndarray) -> float:
 
 def _files(
     points: Sequence[SourceFile], motions: Sequence[SourceFile], logs: Sequence[SourceFile], pairs: Sequence[Pairs],
-    told: SourceFile | None, frame: str, wishes: Wishes,
+    commanded: SourceFile | None, frame: str, wishes: Wishes,
 ) -> dict[str, bytes]:  # fmt: skip
     """Files of the survey's folder: the raw ones as they came, the map, and the pairs."""
-    files = {s.entry.path: s.raw.data for s in (*points, *motions, *logs, *([told] if told else []))}
+    files = {s.entry.path: s.raw.data for s in (*points, *motions, *logs, *([commanded] if commanded else []))}
     entries: list[dict[str, Any]] = []
     for number, (source, own) in enumerate(zip(points, pairs, strict=True), start=1):
         entry = _plain(source)
-        if told is not None:
-            entry["commands"] = _plain(told)
-        if told is not None or own.averaged or len(own) < source.rows:
+        if commanded is not None:
+            entry["commands"] = _plain(commanded)
+        if commanded is not None or own.averaged or len(own) < source.rows:
             name = "pairs.csv" if len(points) == 1 else f"pairs_{number}.csv"
             entry["pairs"] = name
             rows = np.column_stack([own.command, own.first, own.last]) + 1

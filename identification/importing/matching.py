@@ -68,7 +68,7 @@ def by_order(count: int, commands: int, nominal: Array, measured: Array) -> Matc
     ----------
     count, commands : numbers of readings and commands.
     nominal : (commands, 3) mm.
-    measured : (count, 3) mm, by which several readings a command and several passes are told apart.
+    measured : (count, 3) mm, by which several readings a command and several passes are distinguished.
     """
     rows = np.arange(count)
     if count == commands:
@@ -89,14 +89,14 @@ def _misfit(nominal: Array, measured: Array) -> float:
 
 
 def by_time(
-    path: Array, told: Array, points: Array, when: Array, middle: Array, *, same_clock: bool, name: str
+    path: Array, command_times: Array, points: Array, when: Array, middle: Array, *, same_clock: bool, name: str
 ) -> Matched:
     """The command that was in force in the middle of each reading, after the offset of the clocks.
 
     Parameters
     ----------
     path : (m, 3) nominal points at the commands, mm.
-    told : (m,) s, their times.
+    command_times : (m,) s, their times.
     points : (n, 3) mm, all measured points in the order of recording.
     when : (n,) s, their times.
     middle : (k,) s, of the readings.
@@ -108,42 +108,42 @@ def by_time(
     InputError
         Times are missing or not in order, or no offset brings the recordings together.
     """
-    if np.isnan(told).any() or (np.diff(told) < 0).any():
-        row = int(np.argmax(np.isnan(told) | (np.diff(told, prepend=told[0]) < 0)))
+    if np.isnan(command_times).any() or (np.diff(command_times) < 0).any():
+        row = int(np.argmax(np.isnan(command_times) | (np.diff(command_times, prepend=command_times[0]) < 0)))
         raise InputError(
             f"{name}, row {row + 1}", "a time that is missing or earlier than the one before", "Join by order"
         )
-    if len(told) > DENSE * len(middle):
-        offset = speed_offset(path, told, points, when)
+    if len(command_times) > DENSE * len(middle):
+        offset = speed_offset(path, command_times, points, when)
         if offset is None:
             raise InputError(name, "its motions and those measured do not resemble each other in time", "Join by order")
-        at = np.searchsorted(told, middle - offset, side="right") - 1
-        inside = (middle - offset >= told[0]) & (middle - offset <= told[-1])
+        at = np.searchsorted(command_times, middle - offset, side="right") - 1
+        inside = (middle - offset >= command_times[0]) & (middle - offset <= command_times[-1])
         return Matched(np.where(inside, np.clip(at, 0, None), -1), "time", offset)
-    offset = 0.0 if same_clock else _listed_offset(told, middle)
-    gap = float(np.median(np.diff(told))) if len(told) > 1 else np.inf
-    nearest = np.abs((middle - offset)[:, None] - told).argmin(axis=1)
-    far = np.abs(middle - offset - told[nearest]) > NEAR_IN_TIME * gap
+    offset = 0.0 if same_clock else _listed_offset(command_times, middle)
+    gap = float(np.median(np.diff(command_times))) if len(command_times) > 1 else np.inf
+    nearest = np.abs((middle - offset)[:, None] - command_times).argmin(axis=1)
+    far = np.abs(middle - offset - command_times[nearest]) > NEAR_IN_TIME * gap
     if same_clock and far.mean() > 0.5:  # dates of two clocks, one of them in another zone or set wrongly
-        offset = _listed_offset(told, middle)
-        nearest = np.abs((middle - offset)[:, None] - told).argmin(axis=1)
-        far = np.abs(middle - offset - told[nearest]) > NEAR_IN_TIME * gap
+        offset = _listed_offset(command_times, middle)
+        nearest = np.abs((middle - offset)[:, None] - command_times).argmin(axis=1)
+        far = np.abs(middle - offset - command_times[nearest]) > NEAR_IN_TIME * gap
     return Matched(np.where(far, -1, nearest), "time", offset)
 
 
-def _listed_offset(told: Array, middle: Array) -> float:
+def _listed_offset(command_times: Array, middle: Array) -> float:
     """Offset that brings most readings to a command, from all differences between the first and any."""
-    gap = float(np.median(np.diff(told))) if len(told) > 1 else 1.0
+    gap = float(np.median(np.diff(command_times))) if len(command_times) > 1 else 1.0
     best, most = 0.0, -1
     for first in middle[:5]:
-        for offset in first - told:
-            near = np.abs((middle - offset)[:, None] - told).min(axis=1) < 0.25 * gap
+        for offset in first - command_times:
+            near = np.abs((middle - offset)[:, None] - command_times).min(axis=1) < 0.25 * gap
             if near.sum() > most:
                 best, most = float(offset), int(near.sum())
     return best
 
 
-def speed_offset(path: Array, told: Array, points: Array, when: Array) -> float | None:
+def speed_offset(path: Array, command_times: Array, points: Array, when: Array) -> float | None:
     """How far (s) the measuring clock is ahead of the controller's, from the speeds of the two paths.
 
     A speed is the same in every frame. The correlation of both gives the offset to an interval of the slower clock, the
@@ -153,10 +153,10 @@ def speed_offset(path: Array, told: Array, points: Array, when: Array) -> float 
 
     good = np.isfinite(points).all(axis=1) & np.isfinite(when)
     points, when = points[good], when[good]
-    step = max(float(np.median(np.diff(told))), float(np.median(np.diff(when))))
-    longest = max(float(np.ptp(told)), float(np.ptp(when)))
+    step = max(float(np.median(np.diff(command_times))), float(np.median(np.diff(when))))
+    longest = max(float(np.ptp(command_times)), float(np.ptp(when)))
     step = max(step, longest / GRID)
-    one, other = _speed(path, told, step), _speed(points, when, step)
+    one, other = _speed(path, command_times, step), _speed(points, when, step)
     if one.std() == 0 or other.std() == 0:
         return None
     a, b = one - one.mean(), other - other.mean()
@@ -166,8 +166,8 @@ def speed_offset(path: Array, told: Array, points: Array, when: Array) -> float 
     at = int(np.argmax(share))
     if share[at] < 0.3:
         return None
-    rough = (at - (len(a) - 1)) * step + float(when[0] - told[0])
-    return _refined(path, told, points, when, rough, 2 * step)
+    rough = (at - (len(a) - 1)) * step + float(when[0] - command_times[0])
+    return _refined(path, command_times, points, when, rough, 2 * step)
 
 
 def _speed(points: Array, when: Array, step: float) -> Array:
@@ -176,17 +176,17 @@ def _speed(points: Array, when: Array, step: float) -> Array:
     return np.diff(np.interp(grid, when, way)) if len(grid) > 2 else np.zeros(1)
 
 
-def _refined(path: Array, told: Array, points: Array, when: Array, rough: float, width: float) -> float:
+def _refined(path: Array, command_times: Array, points: Array, when: Array, rough: float, width: float) -> float:
     """The offset within `width` of a rough one at which the paths lie on each other best (golden section)."""
     every = slice(None, None, max(1, len(points) // 2000))
     own, at = points[every], when[every]
 
     def miss(offset: float) -> float:
         clock = at - offset
-        inside = (clock >= told[0]) & (clock <= told[-1])
+        inside = (clock >= command_times[0]) & (clock <= command_times[-1])
         if inside.sum() < 4:
             return np.inf
-        reached = np.column_stack([np.interp(clock[inside], told, path[:, k]) for k in range(3)])
+        reached = np.column_stack([np.interp(clock[inside], command_times, path[:, k]) for k in range(3)])
         return float(
             np.mean(np.linalg.norm(own[inside] - align(reached, own[inside], rounds=3).apply(reached), axis=1))
         )

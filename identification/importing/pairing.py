@@ -9,7 +9,7 @@ import numpy as np
 from errormodel.arrays import Array, Index
 from errormodel.chain import Chain
 from errormodel.exceptions import InputError
-from errormodel.survey_columns import MEASURED
+from errormodel.surveys.columns import MEASURED
 from identification.importing.dwells import Dwells, find_dwells
 from identification.importing.geometry import Nominal, fitted_targets, turns_tool
 from identification.importing.matching import NAMED, Matched, by_name, by_order, by_time, common_names
@@ -130,9 +130,9 @@ def _match(
     points: Array, wishes: Wishes, seed: int,
 ) -> tuple[Matched, list[str]]:  # fmt: skip
     """The way of joining that was asked for, or the first of name, time, order and nearest that works."""
-    own, told = source.recording.frame, commands.recording.frame
-    names = "point" in own and "point" in told
-    clocks = "time" in own and "time" in told
+    own, commanded = source.recording.frame, commands.recording.frame
+    names = "point" in own and "point" in commanded
+    clocks = "time" in own and "time" in commanded
     how = wishes.match
     path = nominal.points(np.asarray(chain.machine.tool))
     if how == "name" and not names:
@@ -140,9 +140,9 @@ def _match(
         option = "--columns" if lacking is source else "--command-columns"
         raise InputError(lacking.raw.name, "no names of points", f"Say which column they are: {option} point=..")
     if names and how in ("auto", "name"):
-        share = common_names([own["point"].iloc[k] for k in first], list(told["point"]))
+        share = common_names([own["point"].iloc[k] for k in first], list(commanded["point"]))
         if how == "name" or share >= NAMED:
-            return by_name([own["point"].iloc[k] for k in first], list(told["point"])), []
+            return by_name([own["point"].iloc[k] for k in first], list(commanded["point"])), []
     if how == "time" and not clocks:
         lacking = source if "time" not in own else commands
         raise InputError(lacking.raw.name, "no time", "Say which column it is with --columns time=.., or join by order")

@@ -16,7 +16,7 @@ from errormodel.effects.clock_offset import ClockOffset
 from errormodel.exceptions import InputError
 from errormodel.machine import Machine
 from errormodel.survey import Survey
-from errormodel.survey_columns import MEASURED
+from errormodel.surveys.columns import MEASURED
 from identification.diagnosis.data_checks.blunder import FEWEST, Points, groups, misses, sheet
 from identification.diagnosis.data_checks.checks import find_blunders
 
@@ -230,19 +230,19 @@ def _follows(chain: Chain, survey: Survey) -> tuple[str, ...]:
         rotary = joint.type == "rotary"
         difference = survey.table[name].to_numpy(dtype=np.float64)
         good: Mask = np.isfinite(difference)
-        told = _left(chain, survey, None, good)
+        by_commands = _left(chain, survey, None, good)
         moved = survey.table[joint.name].to_numpy(dtype=np.float64) + (np.radians(difference) if rotary else difference)
         read = _left(chain, survey, (joint.name, moved), good)
         size = float(np.sqrt(np.mean(difference[good] ** 2))) if good.any() else 0.0
         unit = "deg" if rotary else "mm"
         text = f"{joint.name} was read back {size:.3g} {unit} rms from its command: "
-        if min(told, read) <= 0 or max(told, read) < 1.02 * min(told, read):
+        if min(by_commands, read) <= 0 or max(by_commands, read) < 1.02 * min(by_commands, read):
             out.append(text + "the measurements do not tell which of the two they follow; the commands are used")
         else:
-            which = "commands" if told < read else "positions read back"
-            text += f"the measurements follow the {which} ({1e3 * min(told, read):.1f} um rms, with the other "
-            text += f"{1e3 * max(told, read):.1f} um)"
-            if read < told:
+            which = "commands" if by_commands < read else "positions read back"
+            text += f"the measurements follow the {which} ({1e3 * min(by_commands, read):.1f} um rms, with the other "
+            text += f"{1e3 * max(by_commands, read):.1f} um)"
+            if read < by_commands:
                 text += f"; to fit these, say --columns {joint.name}=.. the column that was read back"
             out.append(text)
     return tuple(out)

@@ -12,8 +12,8 @@ from typing import Literal
 from errormodel.machine import Machine
 from errormodel.raw_formats.base import Recording
 from errormodel.raw_formats.sensor_names import sensor_of
-from errormodel.survey_columns import MEASURED, is_survey_column
-from errormodel.survey_raw import LABELS, READ_BACK
+from errormodel.surveys.columns import MEASURED, is_survey_column
+from errormodel.surveys.raw import LABELS, READ_BACK
 
 Kind = Literal["measured", "commands", "whole"]
 

@@ -14,9 +14,9 @@ from errormodel.conventions import MOTIONS
 from errormodel.exceptions import InputError
 from errormodel.machine import Machine
 from errormodel.raw_formats.base import RawFile, Recording, format_of, open_raw
-from errormodel.survey_columns import MEASURED
-from errormodel.survey_file import RawEntry
-from errormodel.survey_raw import read_raw, with_map
+from errormodel.surveys.columns import MEASURED
+from errormodel.surveys.file import RawEntry
+from errormodel.surveys.raw import read_raw, with_map
 from identification.importing.roles import Kind, roles, unused
 
 FOLDER = "raw"  # of a survey, for the files as they came
@@ -121,10 +121,10 @@ def open_source(path: Path, machine: Machine, kind: Kind, wishes: Wishes) -> Sou
         The file cannot be read, or a column or unit that was named is not there.
     """
     raw = open_raw(path, str(path))
-    told = kind == "commands"
-    asked = wishes.command_format if told else wishes.format
-    given = wishes.command_columns if told else wishes.columns
-    units = wishes.command_units if told else wishes.units
+    of_commands = kind == "commands"
+    asked = wishes.command_format if of_commands else wishes.format
+    given = wishes.command_columns if of_commands else wishes.columns
+    units = wishes.command_units if of_commands else wishes.units
     form = format_of(raw, asked)
     plain = RawEntry(
         path=str(path), format=form.name, dates=wishes.dates, joint=wishes.joint,

@@ -16,7 +16,7 @@ from errormodel.arrays import Array
 from errormodel.chain import Chain
 from errormodel.exceptions import InputError
 from errormodel.machine import Joint, Machine
-from errormodel.survey_record import RecordForm
+from errormodel.surveys.record import RecordForm
 from identification.compensation.field import Field
 from identification.compensation.rows import read_rows
 from identification.iso_standards.base import Quantity

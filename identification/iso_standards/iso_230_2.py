@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from errormodel.survey_record import UncertaintyRecord
+from errormodel.surveys.record import UncertaintyRecord
 from identification.iso_standards.base import Evaluation, Quantity, Standard, spread
 from identification.iso_standards.fitted import FittedMachine
 from identification.iso_standards.series import Series, series_of

@@ -18,7 +18,7 @@ from errormodel.channels import passes
 from errormodel.conventions import ROTATIONS, TRANSLATIONS
 from errormodel.machine import Joint, Machine
 from errormodel.survey import Survey
-from errormodel.survey_columns import MOTION_UNCERTAINTIES, SIGMA_COLUMNS
+from errormodel.surveys.columns import MOTION_UNCERTAINTIES, SIGMA_COLUMNS
 from identification.observation.assembly import frame_labels
 from identification.observation.frames import align
 from identification.observation.pose import IDENTITY, Pose

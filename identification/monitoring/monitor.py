@@ -15,7 +15,7 @@ import numpy as np
 from errormodel.arrays import Array
 from errormodel.exceptions import InputError
 from errormodel.survey import Survey
-from errormodel.survey_record import RecordForm
+from errormodel.surveys.record import RecordForm
 from identification.diagnosis.data_checks.checks import find_blunders
 from identification.diagnosis.data_checks.duplicates_and_clock import RESETS
 from identification.estimation.fit import fit_machine

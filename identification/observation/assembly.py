@@ -17,8 +17,8 @@ from errormodel.chain import Chain, What
 from errormodel.conventions import MOTIONS, TRANSLATIONS
 from errormodel.exceptions import InputError
 from errormodel.machine import Joint
-from errormodel.survey_columns import SIGMA_COLUMNS
-from errormodel.survey_observations import is_unknown
+from errormodel.surveys.columns import SIGMA_COLUMNS
+from errormodel.surveys.observations import is_unknown
 from identification.observation.frames import MACHINE_ERROR_SHARE, align, mean_rotation
 from identification.observation.models import Kind, MotionView, OrientationView, PositionView, View, fixed_tool
 from identification.observation.pose import IDENTITY, Pose

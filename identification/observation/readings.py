@@ -15,7 +15,7 @@ from errormodel.kernel import Kernel
 from errormodel.observation_kernel import kernels_of
 from errormodel.observations.base import Observation
 from errormodel.survey import Survey
-from errormodel.survey_observations import Group, groups
+from errormodel.surveys.observations import Group, groups
 from identification.observation.frames import align
 from identification.observation.models import View
 from identification.observation.pose import IDENTITY, Pose

@@ -19,7 +19,7 @@ from errormodel.exceptions import InputError
 from errormodel.instruments.base import Instrument
 from errormodel.machine import Machine
 from errormodel.simulation import measured_at, outward
-from errormodel.survey_columns import MEASURED
+from errormodel.surveys.columns import MEASURED
 from errormodel.truth import Truth
 from identification.diagnosis.linear.linear_model import set_up
 from identification.diagnosis.search.criteria import canonical_correlation

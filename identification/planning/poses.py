@@ -17,7 +17,7 @@ from errormodel.channels import root
 from errormodel.exceptions import InputError
 from errormodel.instruments.base import Instrument
 from errormodel.instruments.plain import Plain
-from errormodel.survey_columns import MEASURED, SIGMA_COLUMNS
+from errormodel.surveys.columns import MEASURED, SIGMA_COLUMNS
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -16,7 +16,7 @@ from errormodel.exceptions import InputError, nearest
 from errormodel.instruments.base import LARGEST_SIGMA, LEAST_SIGMA, Instrument
 from errormodel.instruments.plain import Plain
 from errormodel.machine import Joint, Machine
-from errormodel.survey_file import AnyInstrument
+from errormodel.surveys.file import AnyInstrument
 from errormodel.yamlfile import Document, FileModel, Number, Vector3, VersionedModel
 
 Range = Annotated[list[Number], Field(min_length=2, max_length=2)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 from errormodel import __version__
-from errormodel.survey_record import RecordForm
+from errormodel.surveys.record import RecordForm
 from identification.conformity.decision import RULES, Verdict
 from identification.conformity.text import amount, cells, headline
 from identification.report.page import page

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from errormodel.survey_record import RecordForm
+from errormodel.surveys.record import RecordForm
 
 
 class Head(NamedTuple):

@@ -13,7 +13,7 @@ from errormodel.channels import root
 from errormodel.machine import Machine
 from errormodel.simulation import random_points
 from errormodel.simulation_readings import with_nominal
-from errormodel.survey_columns import MEASURED
+from errormodel.surveys.columns import MEASURED
 from identification.estimation.least_squares import identifiable
 from identification.observation.assembly import build
 from identification.observation.identifiability import Groups

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-    from errormodel.survey_record import RecordForm
+    from errormodel.surveys.record import RecordForm
     from identification.iso_standards.base import Evaluation
 
 SCHEMA = "errormodel.iso/1"
@@ -79,7 +79,7 @@ class EvaluationResult:
     @property
     def missing(self) -> tuple[str, ...]:
         """What the block ``test:`` lacks for a certificate, as keys."""
-        from errormodel.survey_record import RecordForm
+        from errormodel.surveys.record import RecordForm
 
         missing = (RecordForm() if self.record is None else self.record).missing()
         return tuple(name for name in missing if name != "tolerance" or not self.conformity.judgements)

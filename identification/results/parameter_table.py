@@ -8,7 +8,7 @@ from math import floor, log10
 from typing import Any, Literal
 
 from errormodel.machine import Joint
-from errormodel.survey_observations import is_unknown
+from errormodel.surveys.observations import is_unknown
 from identification.estimation.result import Fit
 
 DISPLAY_UNITS: dict[str, tuple[float, str]] = {

@@ -16,8 +16,8 @@ from errormodel.files import write_csv, write_text_atomic
 from errormodel.machine_file import write_machine
 from errormodel.simulation import outward
 from errormodel.survey import Survey
-from errormodel.survey_columns import OBSERVATION
-from errormodel.survey_observations import observed
+from errormodel.surveys.columns import OBSERVATION
+from errormodel.surveys.observations import observed
 from identification.estimation.fit import moved
 from identification.estimation.motions import Motions
 from identification.estimation.result import Fit

@@ -21,7 +21,7 @@ from errormodel.arrays import Array, as_rows
 from errormodel.channels import root
 from errormodel.simulation import random_points
 from errormodel.survey import Survey
-from errormodel.survey_file import BudgetEntry
+from errormodel.surveys.file import BudgetEntry
 from identification.estimation.result import Fit
 from identification.observation.assembly import marginal_whitener
 from identification.observation.models import PositionView

@@ -13,7 +13,7 @@ import numpy as np
 from errormodel.arrays import Array, as_rows
 from errormodel.conventions import MOTIONS
 from errormodel.survey import Survey
-from errormodel.survey_columns import MOTION_UNCERTAINTIES
+from errormodel.surveys.columns import MOTION_UNCERTAINTIES
 from identification.observation.assembly import frame_columns, frame_labels
 from identification.observation.frames import rotation_notes
 from identification.observation.pose import IDENTITY, Pose

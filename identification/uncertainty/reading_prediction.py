@@ -15,7 +15,7 @@ from errormodel.chain import TOOL_CHANNELS, Chain
 from errormodel.exceptions import InputError
 from errormodel.observation_kernel import kernels_of
 from errormodel.survey import Survey
-from errormodel.survey_observations import Group, groups
+from errormodel.surveys.observations import Group, groups
 from identification.observation.assembly import frame_columns, frame_labels
 from identification.observation.readings import known_in_frame
 from identification.results.stored_fit import StoredFit

@@ -15,7 +15,7 @@ import numpy as np
 from errormodel.machine import Machine
 from errormodel.machine_file import read_machine
 from errormodel.survey import Survey
-from errormodel.survey_observations import is_unknown
+from errormodel.surveys.observations import is_unknown
 from identification.estimation.fit import fit_machine
 from tests.helpers.lengths import Array, distances, entry, standardised, survey, truth
 

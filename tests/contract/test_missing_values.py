@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from errormodel.formats.base import NO_VALUE_WORDS
 from errormodel.machine_file import read_machine
 from errormodel.survey import Survey, read_survey
-from errormodel.survey_missing_values import PLACEHOLDER_NINES, without_nines, zeros
+from errormodel.surveys.missing_values import PLACEHOLDER_NINES, without_nines, zeros
 from tests.helpers.commands import MILL, XYZ, done, run, write
 
 AWAY = "errormodel: 1\nparameters: {}\nframe: {translation: [2500, -1800, 400], rotation: [2, -3, 40]}\n"

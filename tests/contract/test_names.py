@@ -18,6 +18,7 @@ from errormodel import formats, joint_models
 from errormodel.controllers import registry as controllers
 from errormodel.effects import registry as effects
 from errormodel.instruments import instruments
+from errormodel.machine_formats.base import registry as machine_formats
 from errormodel.observations import registry as observations
 from errormodel.raw_formats.base import raw_formats
 
@@ -30,6 +31,7 @@ KINDS = {
     "instruments": instruments(),
     "joint_models": joint_models.registry(),
     "raw_formats": raw_formats(),
+    "machine_formats": machine_formats(),
     "observations": observations(),
 }
 # Where a name may stand outside its own file, and why.
@@ -41,7 +43,7 @@ ALLOWED = {
     "errormodel/effects/tracker_drift.py": {"warm-up"},  # of a tracker, in its source
     "identification/thermal_drift/recordings.py": {"warm-up"},  # a phase of a recording
     "identification/planning/setup.py": {"cmm"},  # an example in the description of a key
-    "errormodel/survey_file.py": {"cmm"},  # the same
+    "errormodel/surveys/file.py": {"cmm"},  # the same
     "errormodel/machine_file.py": {"ram-sag", "first-order"},  # the same, and what joints without an entry have
     "identification/command_line/main.py": {"plain"},  # what a survey has that names no instrument
 }
@@ -80,7 +82,7 @@ def test_no_module_has_the_name_of_one_plug_in(kind: str) -> None:
 
 def test_no_module_of_surveys_has_the_suffix_of_one_format() -> None:
     """Other files may be of the same type (tables of a controller, clouds of points): those are no surveys."""
-    surveys = [p for p in PRODUCT if p.name.startswith("survey") or p.parent.name == "formats"]
+    surveys = [p for p in PRODUCT if p.name == "survey.py" or p.parent.name in ("surveys", "formats")]
     assert len(surveys) > 5
     own = {suffix: Path(formats.module_of(suffix).__file__ or "") for suffix in formats.SUFFIXES}
     seen = [
@@ -117,7 +119,9 @@ def test_no_module_works_with_one_plug_in() -> None:
     assert seen == []
 
 
-KINDS_OF_FILES = ("effects", "controllers", "instruments", "formats", "joint_models", "observations")
+KINDS_OF_FILES = (
+    "effects", "controllers", "instruments", "formats", "joint_models", "observations", "machine_formats",
+)  # fmt: skip
 BASES = [f"{kind}/base.py" for kind in KINDS_OF_FILES]
 
 

@@ -24,6 +24,7 @@ HEADINGS = {
     "observations": "An observation",
     "formats": "A format",
     "raw_formats": "A raw format",
+    "machine_formats": "A format of robot descriptions",
 }
 
 
@@ -119,6 +120,17 @@ def test_a_package_of_the_users_brings_a_raw_format(elsewhere: Path) -> None:
     )  # fmt: skip
     assert done.stdout.split() == ["level-list", "1.5", "-0.5"], done.stderr
     assert "## level-list" in reference(elsewhere, "formats")
+
+
+def test_a_package_of_the_users_brings_a_format_of_robots(elsewhere: Path) -> None:
+    """Recognised by its content, written from a machine and read back, and in the documentation."""
+    (elsewhere / "arm.lst").write_text("SHOP ARM\nA 0 0 1 0 0 400\nB 0 1 0 300 0 50\n")
+    said = run(elsewhere, "machine", "arm.lst", "--out", "arm.yaml")
+    assert "A (rotary), B (rotary)" in said
+    run(elsewhere, "export", "arm.yaml", "--format", "arm-list", "--out", "again.lst")
+    assert (elsewhere / "again.lst").read_text() == (elsewhere / "arm.lst").read_text()
+    assert "arm-list" in run(elsewhere, "export", "list")
+    assert "## arm-list" in reference(elsewhere, "machine_formats")
 
 
 def test_a_package_of_the_users_brings_an_observation(elsewhere: Path) -> None:

@@ -18,7 +18,7 @@ from errormodel.instruments.laser_tracker import LaserTracker
 from errormodel.machine import Machine
 from errormodel.machine_file import read_machine
 from errormodel.survey import Survey, read_survey
-from errormodel.survey_file import BudgetEntry
+from errormodel.surveys.file import BudgetEntry
 from identification.estimation.fit import fit_machine
 from identification.estimation.result import Fit
 from identification.results.analysis import Analysis

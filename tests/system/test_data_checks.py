@@ -19,9 +19,9 @@ from errormodel.machine import Joint, Machine
 from errormodel.machine_file import read_machine
 from errormodel.simulation import random_points
 from errormodel.survey import Survey
-from errormodel.survey_columns import MEASURED
-from errormodel.survey_file import SurveyUnits
-from errormodel.survey_plausibility import check_sizes
+from errormodel.surveys.columns import MEASURED
+from errormodel.surveys.file import SurveyUnits
+from errormodel.surveys.plausibility import check_sizes
 from identification.diagnosis.data_checks.approach_direction import contrary_sides
 from identification.diagnosis.data_checks.checks import find_blunders
 from identification.diagnosis.pipeline import diagnose

@@ -12,12 +12,14 @@ import pytest
 from errormodel.controllers import registry as controllers
 from errormodel.effects import registry as effects
 from errormodel.instruments import instruments
+from errormodel.machine_formats.base import registry as machine_formats
 from errormodel.observations import registry as observations
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 KINDS = {
     "effects": effects(), "controllers": controllers(), "instruments": instruments(), "observations": observations(),
+    "machine_formats": machine_formats(),
 }  # fmt: skip
 MOST_LINES = 150  # of the README: a manual is a page of docs/
 

@@ -262,7 +262,7 @@ def test_what_cannot_be_is_refused() -> None:
 
 def test_the_budget_of_a_prediction_adds_up_and_knows_the_scale_of_lengths() -> None:
     """The combined uncertainty is the predicted one; a common scale of all lengths is one of the machine's scales."""
-    from errormodel.survey_file import BudgetEntry
+    from errormodel.surveys.file import BudgetEntry
     from identification.results.analysis import Analysis
 
     rng = np.random.default_rng(15)

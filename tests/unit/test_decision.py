@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from errormodel.exceptions import InputError
-from errormodel.survey_record import limit_of
+from errormodel.surveys.record import limit_of
 from identification.conformity.decision import conformity, judged
 from identification.iso_standards.base import Quantity
 

@@ -10,7 +10,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.optimize import linprog, minimize
 
 from errormodel.arrays import Array
-from errormodel.survey_record import UncertaintyRecord
+from errormodel.surveys.record import UncertaintyRecord
 from identification.iso_standards.iso_230_2 import annex_a
 from identification.iso_standards.iso_230_4 import centred, minimum_zone
 from identification.iso_standards.reference_lines import LINES, straightened, straightness

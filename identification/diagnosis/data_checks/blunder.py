@@ -13,7 +13,7 @@ from errormodel.chain import Chain
 from errormodel.conventions import INSTRUMENT
 from errormodel.effects.axis_blunder import AxisBlunder
 from errormodel.survey import Survey
-from errormodel.survey_columns import MEASURED
+from errormodel.surveys.columns import MEASURED
 from identification.observation.assembly import frame_labels
 from identification.observation.frames import MACHINE_ERROR_SHARE, align
 from identification.observation.pose import IDENTITY, Pose

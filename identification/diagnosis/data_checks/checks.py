@@ -15,7 +15,7 @@ from errormodel.arrays import Mask
 from errormodel.chain import Chain
 from errormodel.machine import Machine
 from errormodel.survey import Survey
-from errormodel.survey_columns import MEASURED
+from errormodel.surveys.columns import MEASURED
 from identification.diagnosis.data_checks.blunder import Blunder
 from identification.diagnosis.data_checks.columns import wrong_column
 from identification.diagnosis.data_checks.duplicates_and_clock import copied_rows, set_clock

@@ -17,7 +17,7 @@ from errormodel.chain import Chain
 from errormodel.effects.axis_blunder import AxisBlunder, Table
 from errormodel.machine import Joint, Machine
 from errormodel.survey import Survey
-from errormodel.survey_columns import MEASURED, TOOL_COLUMNS
+from errormodel.surveys.columns import MEASURED, TOOL_COLUMNS
 from identification.diagnosis.data_checks.blunder import FEWEST, Blunder, Points, Sheet, groups, sheet
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
 from identification.observation.frames import MACHINE_ERROR_SHARE

@@ -13,7 +13,7 @@ from errormodel.chain import Chain
 from errormodel.effects.clock_offset import ClockOffset
 from errormodel.exceptions import InputError
 from errormodel.survey import Survey
-from errormodel.survey_columns import MEASURED, TOOL_COLUMNS
+from errormodel.surveys.columns import MEASURED, TOOL_COLUMNS
 from identification.diagnosis.data_checks.blunder import Blunder, groups, listed
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
 from identification.observation.frames import MACHINE_ERROR_SHARE

@@ -18,7 +18,7 @@ from errormodel.effects.clock_offset import ClockOffset
 from errormodel.exceptions import InputError
 from errormodel.machine import Machine
 from errormodel.survey import Survey
-from errormodel.survey_columns import MEASURED
+from errormodel.surveys.columns import MEASURED
 from identification.diagnosis.data_checks.blunder import FEWEST, Blunder, Points, groups, listed, misses, sheet
 from identification.diagnosis.data_checks.checks import find_blunders
 from identification.diagnosis.data_checks.duplicates_and_clock import copied_rows

@@ -14,7 +14,7 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.exceptions import InputError
-from errormodel.survey_columns import MEASURED
+from errormodel.surveys.columns import MEASURED
 from identification.diagnosis.linear.orthonormal_basis import orthonormal_basis
 from identification.estimation.result import Fit
 from identification.observation.models import PositionView

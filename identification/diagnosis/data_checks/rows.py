@@ -16,7 +16,7 @@ from errormodel.chain import Chain
 from errormodel.conventions import FRAME, INSTRUMENT
 from errormodel.exceptions import InputError
 from errormodel.survey import Survey
-from errormodel.survey_columns import MEASURED, ORIENTATION
+from errormodel.surveys.columns import MEASURED, ORIENTATION
 from identification.diagnosis.data_checks.blunder import Blunder, Points, groups, sheet
 from identification.diagnosis.data_checks.columns import Changes, mended, single_changes
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog

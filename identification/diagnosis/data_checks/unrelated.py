@@ -14,7 +14,7 @@ from errormodel.exceptions import InputError
 from errormodel.machine import Joint
 from errormodel.serial_chain import ONLY_SERIAL
 from errormodel.survey import Survey
-from errormodel.survey_columns import MEASURED
+from errormodel.surveys.columns import MEASURED
 from identification.diagnosis.data_checks.blunder import Points, Sheet, groups, sheet
 from identification.diagnosis.data_checks.columns import BETTER, TWO, Changes, mended, outside_travels, single_changes
 from identification.diagnosis.data_checks.rows import FEWEST

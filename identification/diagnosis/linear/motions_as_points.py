@@ -23,7 +23,7 @@ from errormodel.effects.base import axis_motion
 from errormodel.effects.unnamed import Unnamed
 from errormodel.machine import EffectSpec, Joint, Machine
 from errormodel.survey import Survey
-from errormodel.survey_columns import MEASURED, MOTION_UNCERTAINTIES, SIGMA_COLUMNS
+from errormodel.surveys.columns import MEASURED, MOTION_UNCERTAINTIES, SIGMA_COLUMNS
 from identification.runtime.progress import Progress
 
 ASIDE = 5000.0  # mm: far enough that the noise of a component is that of the angle that it shows

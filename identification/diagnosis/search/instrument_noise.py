@@ -17,7 +17,7 @@ from errormodel.arrays import Array
 from errormodel.instruments.laser_tracker import LaserTracker
 from errormodel.instruments.plain import Plain
 from errormodel.survey import Survey
-from errormodel.survey_columns import SIGMA_COLUMNS
+from errormodel.surveys.columns import SIGMA_COLUMNS
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.linear.residual_rows import by_rows

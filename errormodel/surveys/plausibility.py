@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 from errormodel.conventions import MOTIONS, TRANSLATIONS
 from errormodel.exceptions import InputError
 from errormodel.machine import Joint, Machine
-from errormodel.survey_columns import MEASURED, TOOL_COLUMNS, unit_of_column
+from errormodel.surveys.columns import MEASURED, TOOL_COLUMNS, unit_of_column
 from errormodel.units import factor
 
 if TYPE_CHECKING:
-    from errormodel.survey_file import SurveyUnits
+    from errormodel.surveys.file import SurveyUnits
 
 Array = NDArray[np.float64]
 

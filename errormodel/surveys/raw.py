@@ -21,7 +21,7 @@ from errormodel.formats.data_frame import FrameTable
 from errormodel.machine import Machine
 from errormodel.raw_formats.base import Asked, RawFile, Recording, format_of, open_raw
 from errormodel.raw_formats.unit_words import unit_word
-from errormodel.survey_columns import (
+from errormodel.surveys.columns import (
     MEASURED,
     ORIENTATION,
     SIGMA_COLUMNS,
@@ -30,7 +30,7 @@ from errormodel.survey_columns import (
     quantity_of,
     unit_of_column,
 )
-from errormodel.survey_file import FileEntry, LogEntry, RawEntry, SurveyUnits
+from errormodel.surveys.file import FileEntry, LogEntry, RawEntry, SurveyUnits
 from errormodel.units import UNIT_EXAMPLES, is_unit, to_internal
 
 if TYPE_CHECKING:
@@ -193,8 +193,8 @@ def open_entry(entry: FileEntry, folder: Path, machine: Machine, logs: Sequence[
         table = with_log(table, measured.dated, recording, log, entry.path)
     said = bool(entry.sha256)  # an import that took the file in said how it was read
     notes = () if said else (*measured.notes, *(n for r in (commands, *read) if r is not None for n in r.notes))
-    told = {} if commands is None else commands.units
-    units = {n: u for n, u in {**told, **measured.units}.items() if u and n in table}
+    command_units = {} if commands is None else commands.units
+    units = {n: u for n, u in {**command_units, **measured.units}.items() if u and n in table}
     return replace(as_table(table, measured.dated, entry.path, lines, machine), notes=notes, units=units)
 
 
@@ -230,15 +230,15 @@ def joined(
         frame = averaged(frame, pairs[:, 1] - 1, pairs[:, 2] - 1)
         lines = tuple(lines[k] for k in pairs[:, 1] - 1) if lines else ()
     if commands is not None and pairs is not None:
-        told = commands.frame.iloc[pairs[:, 0] - 1].reset_index(drop=True)
-        joints = [n for j in machine.joints for n in j.columns if n in told]
+        commanded = commands.frame.iloc[pairs[:, 0] - 1].reset_index(drop=True)
+        joints = [n for j in machine.joints for n in j.columns if n in commanded]
         for joint in joints:
             if joint in frame and f"{READ_BACK}{joint}" not in frame:
                 frame = frame.rename(columns={joint: f"{READ_BACK}{joint}"})
         skip = {*MEASURED, *ORIENTATION, *SIGMA_COLUMNS, "time", *LABELS}
-        for column in told:
+        for column in commanded:
             if str(column) not in skip and column not in frame:
-                frame[column] = told[column]
+                frame[column] = commanded[column]
     for own in machine.joints:
         read = f"{READ_BACK}{own.name}"
         if read in frame and own.name in frame:

@@ -21,7 +21,7 @@ from errormodel.files import without_apostrophes
 from errormodel.formats.base import Table, as_numbers
 from errormodel.instruments.base import LARGEST_SIGMA, LEAST_SIGMA
 from errormodel.machine import Machine
-from errormodel.survey_columns import (
+from errormodel.surveys.columns import (
     FIRST_POSE,
     LENGTH_COLUMNS,
     MEASURED,
@@ -37,12 +37,12 @@ from errormodel.survey_columns import (
     quantity_of,
     unit_of_column,
 )
-from errormodel.survey_missing_values import below_absolute_zero, without_nines, zeros
+from errormodel.surveys.missing_values import below_absolute_zero, without_nines, zeros
 from errormodel.units import to_internal
 from errormodel.yamlfile import shown
 
 if TYPE_CHECKING:
-    from errormodel.survey_file import SurveyUnits
+    from errormodel.surveys.file import SurveyUnits
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -13,7 +13,7 @@ from errormodel.instruments.base import Instrument, Positive
 from errormodel.instruments.plain import Plain
 from errormodel.observations import registry as observations
 from errormodel.observations.base import Observation
-from errormodel.survey_record import RecordForm
+from errormodel.surveys.record import RecordForm
 from errormodel.units import UnitsBlock
 from errormodel.yamlfile import Document, FileModel, Vector3, VersionedModel, load, validate
 
@@ -38,7 +38,7 @@ class SurveyUnits(UnitsBlock):
     motions are in rad, feeds in mm/min and payloads in kg unless their column is named.
     """
 
-    model_config = ConfigDict(extra="allow")  # units of columns, which `errormodel.survey_columns.check_units` checks
+    model_config = ConfigDict(extra="allow")  # units of columns, which `errormodel.surveys.columns.check_units` checks
 
     time: str = Field("s", description="a unit of time, such as s, ms, min or h")
     temperature: str = Field("degC", description="a unit of temperature, such as degC, K or degF")

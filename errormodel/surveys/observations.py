@@ -11,7 +11,7 @@ import numpy as np
 from errormodel.arrays import Array, Index, Mask, as_rows
 from errormodel.exceptions import InputError, nearest
 from errormodel.observations.base import Observation
-from errormodel.survey_columns import OBSERVATION, READINGS, TOOL_COLUMNS, first_pose
+from errormodel.surveys.columns import OBSERVATION, READINGS, TOOL_COLUMNS, first_pose
 
 if TYPE_CHECKING:
     import pandas as pd

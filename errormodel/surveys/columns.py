@@ -16,7 +16,7 @@ from errormodel.units import INTERNAL_UNITS, UNIT_EXAMPLES, Quantity, is_unit
 from errormodel.yamlfile import Document, shown
 
 if TYPE_CHECKING:
-    from errormodel.survey_file import SurveyUnits
+    from errormodel.surveys.file import SurveyUnits
 
 MEASURED = ("mx", "my", "mz")  # measured point in the measuring frame, mm
 ORIENTATION = ("mrx", "mry", "mrz")  # measured rotation vector in the measuring frame, rad

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from errormodel.conventions import MOTIONS
 from errormodel.formats.base import spoken
-from errormodel.survey_columns import MEASURED, ORIENTATION
+from errormodel.surveys.columns import MEASURED, ORIENTATION
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
