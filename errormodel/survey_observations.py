@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -80,11 +80,15 @@ def observed(table: pd.DataFrame) -> Array:
 def start_of(table: pd.DataFrame, machine: Machine) -> pd.DataFrame:
     """The table at the first of two poses: columns ``from_<joint>`` and ``from_tool_x ...`` in place of the others."""
     names = [*(j.name for j in machine.joints), *TOOL_COLUMNS]
-    values = {n: table[first_pose(n)].fillna(table[n]) for n in names if first_pose(n) in table}
+    values: dict[str, Any] = {n: table[first_pose(n)].fillna(table[n]) for n in names if first_pose(n) in table}
     for joint in machine.joints:  # the side of arrival is that at the second pose, unless it is stated
         side = direction(table, joint.name)
         name = f"dir_{joint.name}"
-        own = table[first_pose(name)].to_numpy(dtype=np.float64) if first_pose(name) in table else np.full_like(side, np.nan)
+        own = (
+            table[first_pose(name)].to_numpy(dtype=np.float64)
+            if first_pose(name) in table
+            else np.full_like(side, np.nan)
+        )
         values[name] = np.where(np.isnan(own), side, own)
     return table.assign(**values)
 

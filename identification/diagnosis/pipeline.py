@@ -30,7 +30,7 @@ from identification.diagnosis.decisions.log import DecisionLog
 from identification.diagnosis.linear.linear_model import LEAST_RUN, MOST_ROWS, LinearModel, set_up, unused_runs
 from identification.diagnosis.linear.motions_as_points import as_points, carried
 from identification.diagnosis.linear.residual_rows import heldout_um, views_of
-from identification.diagnosis.linear.row_residuals import noise_mm, spread, vectors
+from identification.diagnosis.linear.row_residuals import by_observation, noise_mm, spread, vectors
 from identification.diagnosis.results.diagnosed import Diagnosed
 from identification.diagnosis.results.effect_size import Amount, whole_of
 from identification.diagnosis.results.findings import (
@@ -184,6 +184,8 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
             *contrary_sides(survey, log),
             *verdict.notes,
         ),
+        by_observation(baseline, final),
+        final.fitted.n > 0 or not final.problem.readings,
     )
     return Diagnosed(diagnosis, baseline, final, model, found.ranking, log=log)
 

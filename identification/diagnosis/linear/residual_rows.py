@@ -23,7 +23,7 @@ def views_of(fit: Fit, linear: LinearModel) -> Iterator[PositionView | ReadingVi
 
 
 def by_rows(fit: Fit, linear: LinearModel, values: Array) -> Iterator[tuple[PositionView | ReadingView, Array]]:
-    """Values (N,) of the linear model's observations as (m, 3) a view, NaN where nothing was measured; (m, 1) of readings."""
+    """Values (N,) of the linear model's observations as (m, 3) a view, (m, 1) of readings; NaN where not measured."""
     first = 0
     for part in views_of(fit, linear):
         last = first + part.count
@@ -65,4 +65,5 @@ def _unwhitened(part: PositionView | ReadingView, white: Array) -> Array:
     white = np.nan_to_num(white)
     if part.whitener.ndim == 1:
         return np.asarray(white / part.whitener[:, None])
-    return np.einsum("mij,mj->mi", np.linalg.pinv(part.whitener), white)
+    gap: Array = np.einsum("mij,mj->mi", np.linalg.pinv(part.whitener), white)
+    return gap

@@ -6,6 +6,8 @@ no length; they count where nothing else was read, at a metre's distance, where 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from errormodel.arrays import Array
@@ -50,6 +52,48 @@ def spread(fit: Fit, heldout: bool = False) -> Spread:
     if fit.readings is None:
         return fit.heldout if heldout else fit.fitted
     return Spread.of(vectors(fit, heldout))
+
+
+@dataclass(frozen=True)
+class ReadingSizes:
+    """Sizes of what a diagnosis leaves of one observation, in `unit` (um or urad).
+
+    Attributes
+    ----------
+    noise : standard uncertainty of a reading, from the residuals, or as declared.
+    before, after : root mean square residual of the machine as given, and with the findings.
+    heldout_before, heldout_after : the same of blocks of rows that were left out of the fit.
+    n : number of readings.
+    """
+
+    observation: str
+    type: str
+    unit: str
+    noise: float
+    before: float
+    after: float
+    heldout_before: float
+    heldout_after: float
+    n: int
+
+
+def by_observation(before: Fit, after: Fit) -> tuple[ReadingSizes, ...]:
+    """Sizes of each observation in two fits of the same rows."""
+    if before.readings is None or after.readings is None:
+        return ()
+    whiteners: dict[str, list[Array]] = {}
+    for view in after.problem.readings:
+        whiteners.setdefault(view.label, []).append(view.whitener)
+    first = {e.observation: e for e in before.readings.errors(before.survey)}
+    out = []
+    for e in after.readings.errors(after.survey):
+        one = first.get(e.observation, e)
+        level = after.solution.sigma[e.type] * float(np.sqrt(np.mean(np.concatenate(whiteners[e.observation]) ** -2.0)))
+        noise = (1e6 if e.unit == "urad" else 1e3) * level
+        out.append(
+            ReadingSizes(e.observation, e.type, e.unit, noise, one.fitted, e.fitted, one.heldout, e.heldout, e.n)
+        )
+    return tuple(out)
 
 
 def _arm(fit: Fit) -> float:

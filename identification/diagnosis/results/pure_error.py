@@ -49,8 +49,9 @@ class Repeats:
             if self.misfit
             else "which is as much as the residuals hold"
         )
+        what = "coordinate" if self.points else "reading"
         return (
-            f"{self.poses} poses were visited again ({self.count} rows): one {'coordinate' if self.points else 'reading'} repeats to {self.sigma_um:.2f} "
+            f"{self.poses} poses were visited again ({self.count} rows): one {what} repeats to {self.sigma_um:.2f} "
             f"um, {words}"
         )
 

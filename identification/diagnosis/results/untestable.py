@@ -56,7 +56,9 @@ def unseen(scene: Scene, scores: Scores, found: Collection[Effect], log: Decisio
             part, expected_delta_chi2 = least.get(variant, (None, np.inf))
             if part is None and variant in proposed:
                 log.add("not-in-readings", "not considered", effects[0], beside=" ".join(scene.readings))
-                reasons.setdefault(f"none of the readings ({', '.join(scene.readings)}) depends on it", []).append(where)
+                reasons.setdefault(f"none of the readings ({', '.join(scene.readings)}) depends on it", []).append(
+                    where
+                )
             elif part is None:
                 lacks = _missing(effects, scene)
                 log.add("not-recorded", "not considered", effects[0], beside=lacks)
