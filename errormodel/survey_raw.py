@@ -23,6 +23,7 @@ from errormodel.raw_formats.base import Asked, RawFile, Recording, format_of, op
 from errormodel.raw_formats.unit_words import unit_word
 from errormodel.survey_columns import (
     MEASURED,
+    OBSERVATION,
     ORIENTATION,
     SIGMA_COLUMNS,
     TOOL_COLUMNS,
@@ -75,7 +76,7 @@ def mapped(entry: RawEntry, folder: Path, machine: Machine) -> Recording:
 
 def read_raw(raw: RawFile, entry: RawEntry, machine: Machine) -> Recording:
     """A raw file under the names of its format."""
-    asked = Asked(machine, entry.dates, entry.joint, tuple(entry.offsets), tuple(entry.at), entry.dialect)
+    asked = Asked(machine, entry.dates, entry.joint, tuple(entry.offsets), tuple(entry.at), entry.dialect, entry.circle)
     return format_of(raw, entry.format).opened(raw, asked)
 
 
@@ -189,6 +190,8 @@ def open_entry(entry: FileEntry, folder: Path, machine: Machine, logs: Sequence[
         _check_pairs(entry, pairs, 0, len(commands.frame), entry.commands.path)
     read = [mapped(log, folder, machine) for log in logs]
     table, lines = joined(measured, commands, pairs, entry.targets, machine, entry.path)
+    if entry.observation:
+        table[OBSERVATION] = entry.observation
     for log, recording in zip(logs, read, strict=True):
         table = with_log(table, measured.dated, recording, log, entry.path)
     said = bool(entry.sha256)  # an import that took the file in said how it was read
