@@ -60,7 +60,7 @@ class CommandedCircle(FileModel):
         missing = [name for name in joints if name not in self.centre]
         if missing:
             raise InputError(
-                f"{where}, centre", f"no position of {missing[0]}", "Give that of every joint, as X0,Y0,Z300"
+                f"{where}, centre", f"no position of {missing[0]}", "Give that of every joint, as X=0,Y=0,Z=300"
             )
         size = self.radius or radius
         if not np.isfinite(size):

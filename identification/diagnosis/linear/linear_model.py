@@ -279,13 +279,11 @@ def set_up(fit: Fit, most: int = MOST_ROWS) -> LinearModel:
 
 def _arms(view: PositionView | ReadingView) -> Array:
     """Change (6 * elements, outputs, n) of what a view observes by each motion of each element; mm, rad."""
-    chain = view.chain
-    if isinstance(view, PositionView):
-        arms = chain.kernel("levers", (), view.fixed, (0, 1, 2))(view.rows, np.zeros(len(chain.ids)))
-        return arms.reshape(-1, 3, len(view))
     arms = view.levers()
+    if isinstance(view, PositionView):
+        return arms
     # a circle's own plane leaves rounding errors of what acts across it
-    return np.where(np.abs(arms) > ROUNDED_LEVER * max(1.0, chain.size), arms, 0.0)
+    return np.where(np.abs(arms) > ROUNDED_LEVER * max(1.0, view.chain.size), arms, 0.0)
 
 
 def _by_pose(levers: list[Array], count: int) -> tuple[list[Array], list[Array]]:
