@@ -20,6 +20,7 @@ from errormodel.exceptions import InputError, nearest
 from errormodel.formats.data_frame import FrameTable
 from errormodel.machine import Machine
 from errormodel.raw_formats.base import Asked, RawFile, Recording, format_of, open_raw
+from errormodel.raw_formats.direction_words import sides
 from errormodel.raw_formats.unit_words import unit_word
 from errormodel.survey_columns import (
     MEASURED,
@@ -139,6 +140,8 @@ def _check_units(entry: RawEntry, columns: Mapping[str, Any]) -> None:
 def _converted(entry: RawEntry, machine: Machine, name: str, column: Any, stated: str) -> Any:
     """A column in the unit that a survey's table has by default."""
     quantity = quantity_of(name.removeprefix(READ_BACK), machine)
+    if name.startswith("dir_") and column.dtype.kind != "f":
+        return sides(column, lambda row: f"{entry.path}, row {row + 1}, column {name}")
     if quantity is None or column.dtype.kind != "f":
         return column
     usual = unit_of_column(name.removeprefix(READ_BACK), quantity, SurveyUnits())
