@@ -23,6 +23,7 @@ class BallbarCircle(Observation):
     type: Literal["ballbar-circle"] = "ballbar-circle"
     anywhere: ClassVar[bool] = False
     point: ClassVar[tuple[str, ...]] = ("x", "y", "z")
+    trace: ClassVar[str] = "circle"
     example: ClassVar[dict[str, Any]] = {"calibrated": 150.0013}
     source: ClassVar[str] = "ISO 230-4:2005, circular tests; W. Knapp, Annals of the CIRP 32 (1983) 465"
     sees: ClassVar[str] = (
@@ -37,6 +38,11 @@ class BallbarCircle(Observation):
         description="[x, y, z] of the fixed ball in the measuring frame in mm, unknown (near the centre of the "
         "commanded circle), or per-run",
     )
+
+    @classmethod
+    def traced(cls, reach: float) -> dict[str, Any]:
+        """The length that the file's deviations are from stands for the calibrated one."""
+        return {"calibrated": reach}
 
     def quantities(self) -> tuple[Quantity, ...]:
         return (*coordinates(self.centre), quantity("calibrated", "mm", self.calibrated))

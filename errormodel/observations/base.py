@@ -71,6 +71,7 @@ class Observation(FileModel, ABC):
     poses : number of commands that a reading depends on; with two, the first is in the columns ``from_<joint>``.
     anywhere : whether the set-up allows readings at any pose; else the poses are bound to a circle, a line, a face.
     point : names of three quantities that are a point of the measuring frame where they are known; empty: none.
+    trace : kind of raw trace that holds its readings, such as ``circle``; empty: none.
     example : keys of an example, besides ``type``.
     source : where the model is from.
     sees : what it shows and what not, in a sentence.
@@ -80,6 +81,7 @@ class Observation(FileModel, ABC):
     poses: ClassVar[int] = 1
     anywhere: ClassVar[bool] = True
     point: ClassVar[tuple[str, ...]] = ()
+    trace: ClassVar[str] = ""
     example: ClassVar[dict[str, Any]] = {}
     source: ClassVar[str] = ""
     sees: ClassVar[str] = ""
@@ -137,6 +139,11 @@ class Observation(FileModel, ABC):
             return None
         a, b = self.sigma
         return np.asarray(np.hypot(a, b * readings))
+
+    @classmethod
+    def traced(cls, reach: float) -> dict[str, Any]:
+        """Keys of the entry for a raw trace of deviations from a length (mm)."""
+        return {}
 
     @property
     def free(self) -> tuple[Quantity, ...]:

@@ -10,6 +10,7 @@ import re
 
 import numpy as np
 
+from errormodel.arrays import Array
 from errormodel.exceptions import InputError
 from errormodel.raw_formats.base import Asked, RawFile, RawFormat, Recording
 from errormodel.raw_formats.table_columns import columns_of, numbers
@@ -55,7 +56,7 @@ class BallbarTrace(RawFormat):
         unit = recording.units.get(angle, "deg")
         if not is_unit(unit, "angle"):
             raise InputError(f"{raw.name}, column {angle}", f"the unit '{unit}'", "State its unit: deg or rad")
-        turned = np.unwrap(to_internal(numbers(recording, angle, raw.name), unit, "angle"))
+        turned: Array = np.unwrap(to_internal(numbers(recording, angle, raw.name), unit, "angle"))
         reading = next((n for n in names if _DEVIATION.fullmatch(n)), None)
         nominal = _NOMINAL.search(head)
         if reading is not None:
@@ -71,14 +72,39 @@ class BallbarTrace(RawFormat):
         else:
             reading = next(n for n in names if _RADIUS.fullmatch(n))
             length = to_internal(numbers(recording, reading, raw.name), recording.units.get(reading, "mm"), "length")
-        table = pd.DataFrame({"angle": np.degrees(turned), "length": length})
-        side = np.sign(np.gradient(turned)) if len(turned) > 1 else np.ones(len(turned))
-        table["side"] = side
-        for pattern, name in ((_PLANE, "plane"), (_FEED, "feed")):
-            match = pattern.search(head)
-            if match:
-                table[name] = match[1].upper() if name == "plane" else float(match[1])
+        side = _sides(turned)
+        stated = {
+            name: match[1].upper() for name, p in (("plane", _PLANE), ("feed", _FEED)) if (match := p.search(head))
+        }
+        notes = (*recording.notes, f"{len(length)} lengths from {length.min():.4f} to {length.max():.4f} mm")
+        reach = float("nan") if nominal is None else float(nominal[1]) * factor(unit_word(nominal[2] or "mm"), "length")
+        if asked.circle is None or asked.machine is None:
+            table = pd.DataFrame({"angle": np.degrees(turned), "length": length, "side": side})
+            if "plane" in stated:
+                table["plane"] = stated["plane"]
+        else:
+            circle = asked.circle
+            table = circle.commands(asked.machine, turned, side, stated.get("plane", ""), reach, raw.name)
+            reach = reach if np.isfinite(reach) else float(circle.radius or np.nan)
+            table["length"] = length - reach
+        if "feed" in stated:
+            table["feed"] = float(stated["feed"])
         if "time" in frame:
             table["time"] = frame["time"]
-        notes = (f"{len(table)} lengths from {length.min():.4f} to {length.max():.4f} mm",)
-        return Recording(table, {"angle": "deg", "length": "mm"}, recording.lines, (*recording.notes, *notes))
+        units = {"angle": "deg", "length": "mm"}
+        return Recording(
+            table, {k: u for k, u in units.items() if k in table}, recording.lines, notes, recording.dated,
+            trace="circle", reach=reach,
+        )  # fmt: skip
+
+
+def _sides(angle: Array) -> Array:
+    """1 where the angle grows, else -1, (n,); where the bar turns back, as it goes on."""
+    if len(angle) < 2:
+        return np.ones(len(angle))
+    steps = np.sign(np.diff(angle, prepend=2 * angle[0] - angle[1]))
+    moving = np.flatnonzero(steps)
+    if not len(moving):
+        return np.ones(len(angle))
+    following = moving[np.minimum(np.searchsorted(moving, np.arange(len(angle))), len(moving) - 1)]
+    return np.asarray(steps[following])

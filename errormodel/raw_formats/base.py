@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from errormodel.machine import Machine
+    from errormodel.raw_formats.commanded_circle import CommandedCircle
 
 DateOrder = Literal["", "day-first", "month-first"]
 
@@ -54,6 +55,8 @@ class Asked:
     joint : str
         The joint that the file is about, where it has one joint only.
     offsets, at, dialect : of a programme, as for ``compensate``.
+    circle : CommandedCircle or None
+        The circle that was run, of a trace without coordinates.
     """
 
     machine: Machine | None = None
@@ -62,6 +65,7 @@ class Asked:
     offsets: tuple[str, ...] = ()
     at: tuple[str, ...] = ()
     dialect: str = "auto"
+    circle: CommandedCircle | None = None
 
 
 @dataclass(frozen=True)
@@ -82,6 +86,10 @@ class Recording:
         How the file was read.
     dated : bool
         Whether the column ``time`` is in seconds since 1970; else it is in seconds from any zero.
+    trace : str
+        Kind of trace (`errormodel.observations.base.Observation.trace`) whose readings it holds; empty: none.
+    reach : float
+        Length in mm that the readings of a trace are deviations from.
     """
 
     frame: pd.DataFrame
@@ -89,6 +97,8 @@ class Recording:
     lines: tuple[int, ...] = ()
     notes: tuple[str, ...] = ()
     dated: bool = False
+    trace: str = ""
+    reach: float = float("nan")
 
 
 @dataclass(frozen=True)

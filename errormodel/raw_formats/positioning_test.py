@@ -9,6 +9,7 @@ import numpy as np
 from errormodel.conventions import MOTIONS, unit_of
 from errormodel.exceptions import InputError
 from errormodel.raw_formats.base import Asked, RawFile, RawFormat, Recording
+from errormodel.raw_formats.direction_words import sides
 from errormodel.raw_formats.positioning import joint_for, motion_rows
 from errormodel.raw_formats.table_columns import columns_of, numbers
 from errormodel.units import Quantity, is_unit, to_internal
@@ -19,10 +20,6 @@ _DEVIATION = re.compile(r"(position)?(deviation|error|dev)")
 _CYCLE = re.compile(r"cycle|run|pass|series|repeat")
 _SIDE = re.compile(r"dir(ection)?|approach|side")
 _UNIT = re.compile(r"_(mm|um|inch|deg|arcsec|urad|rad)$")
-_PLUS = frozenset(("+", "+1", "1", "1.0", "forward", "fwd", "positive", "pos", "up", "f"))
-_MINUS = frozenset(
-    ("-", "-1", "-1.0", "\u2013", "backward", "reverse", "rev", "bwd", "negative", "neg", "down", "b", "r")
-)
 
 
 def _places(names: list[str]) -> dict[str, str]:
@@ -80,7 +77,8 @@ class PositioningTest(RawFormat):
             reading = to_internal(actual, stated, quantity) - to_internal(target, unit, quantity)
         side = np.full(len(frame), np.nan)
         if "side" in found:
-            side = _sides(raw, [str(c) for c in frame[found["side"]]], found["side"], table.lines)
+            name = found["side"]
+            side = sides(frame[name], lambda row: f"{raw.name}, line {table.lines[row]}, column {name}")
         run = (
             [f"{c:g}" if isinstance(c, float) else str(c) for c in frame[found["cycle"]]]
             if "cycle" in found
@@ -90,16 +88,3 @@ class PositioningTest(RawFormat):
         rows = motion_rows(joint, np.degrees(position) if usual == "deg" else position, reading, own, run, side)
         units = {joint.name: usual} | {name: unit_of(name) for name in MOTIONS if name in rows}
         return Recording(rows, units, table.lines, (*table.notes, f"readings of {joint.name} along its axis"))
-
-
-def _sides(raw: RawFile, cells: list[str], name: str, lines: tuple[int, ...]) -> np.ndarray:
-    out = np.array(
-        [1.0 if c.strip().lower() in _PLUS else -1.0 if c.strip().lower() in _MINUS else np.nan for c in cells]
-    )
-    if np.isnan(out).any():
-        row = int(np.argmax(np.isnan(out)))
-        where = f"{raw.name}, line {lines[row]}, column {name}"
-        raise InputError(
-            where, f"'{cells[row]}' as a direction", "Directions are + and -, 1 and -1, forward and reverse"
-        )
-    return out

@@ -13,6 +13,7 @@ from errormodel.instruments.base import Instrument, Positive
 from errormodel.instruments.plain import Plain
 from errormodel.observations import registry as observations
 from errormodel.observations.base import Observation
+from errormodel.raw_formats.commanded_circle import CommandedCircle
 from errormodel.surveys.record import RecordForm
 from errormodel.units import UnitsBlock
 from errormodel.yamlfile import Document, FileModel, Vector3, VersionedModel, load, validate
@@ -65,6 +66,10 @@ class RawEntry(FileModel):
     offsets: list[str] = Field([], description='of a programme, as --offset of compensate, such as ["G54=X0,Y0,Z300"]')
     at: list[str] = Field([], description='of a programme, as --at of compensate, such as ["start=X0,Y0,Z0"]')
     dialect: str = Field("auto", description="of a programme: auto, iso, fanuc or printer")
+    circle: CommandedCircle | None = Field(
+        None, description="of a trace of a bar's length over its angle: the circle that was commanded"
+    )
+    observation: str = Field("", description="of a trace: the entry of observations: that its readings are of")
 
 
 class LogEntry(RawEntry):

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from errormodel.arrays import Array, Index, Mask, as_rows
+from errormodel.channels import direction
 from errormodel.exceptions import InputError, nearest
 from errormodel.observations.base import Observation
 from errormodel.surveys.columns import OBSERVATION, READINGS, TOOL_COLUMNS, first_pose
@@ -49,12 +50,14 @@ class Group:
         return any(q.per_run for q in self.observation.free if q.name == name)
 
     def channels(self, chain: Chain, table: pd.DataFrame) -> list[Array]:
-        """Channels of the chain at each pose of the rows, the last pose first: each (n,), mm and rad."""
-        own = table.iloc[self.index].reset_index(drop=True)
-        out = chain.columns(own)
+        """Channels of the chain at each pose of the rows, the first pose first: each (n,), mm and rad.
+
+        They are those of all rows of the table: what a joint did before a row, other instruments may have read.
+        """
+        out = chain.columns(table)
         if self.observation.poses > 1:
-            out = [*chain.columns(start_of(own, chain.machine)), *out]
-        return as_rows(*out)
+            out = [*chain.columns(start_of(table, chain.machine)), *out]
+        return as_rows(*(c[self.index] for c in out))
 
 
 def unknown_name(label: str, run: str, name: str) -> str:
@@ -77,10 +80,16 @@ def observed(table: pd.DataFrame) -> Array:
 def start_of(table: pd.DataFrame, machine: Machine) -> pd.DataFrame:
     """The table at the first of two poses: columns ``from_<joint>`` and ``from_tool_x ...`` in place of the others."""
     names = [*(j.name for j in machine.joints), *TOOL_COLUMNS]
-    values = {n: table[first_pose(n)].fillna(table[n]) for n in names if first_pose(n) in table}
-    sides = [f"dir_{j.name}" for j in machine.joints]
-    # the side of arrival is that at the second pose, unless it is stated
-    values |= {n: table[first_pose(n)] for n in sides if first_pose(n) in table}
+    values: dict[str, Any] = {n: table[first_pose(n)].fillna(table[n]) for n in names if first_pose(n) in table}
+    for joint in machine.joints:  # the side of arrival is that at the second pose, unless it is stated
+        side = direction(table, joint.name)
+        name = f"dir_{joint.name}"
+        own = (
+            table[first_pose(name)].to_numpy(dtype=np.float64)
+            if first_pose(name) in table
+            else np.full_like(side, np.nan)
+        )
+        values[name] = np.where(np.isnan(own), side, own)
     return table.assign(**values)
 
 

@@ -20,9 +20,11 @@ from errormodel.exceptions import InputError, nearest
 from errormodel.formats.data_frame import FrameTable
 from errormodel.machine import Machine
 from errormodel.raw_formats.base import Asked, RawFile, Recording, format_of, open_raw
+from errormodel.raw_formats.direction_words import sides
 from errormodel.raw_formats.unit_words import unit_word
 from errormodel.surveys.columns import (
     MEASURED,
+    OBSERVATION,
     ORIENTATION,
     SIGMA_COLUMNS,
     TOOL_COLUMNS,
@@ -75,7 +77,7 @@ def mapped(entry: RawEntry, folder: Path, machine: Machine) -> Recording:
 
 def read_raw(raw: RawFile, entry: RawEntry, machine: Machine) -> Recording:
     """A raw file under the names of its format."""
-    asked = Asked(machine, entry.dates, entry.joint, tuple(entry.offsets), tuple(entry.at), entry.dialect)
+    asked = Asked(machine, entry.dates, entry.joint, tuple(entry.offsets), tuple(entry.at), entry.dialect, entry.circle)
     return format_of(raw, entry.format).opened(raw, asked)
 
 
@@ -138,6 +140,8 @@ def _check_units(entry: RawEntry, columns: Mapping[str, Any]) -> None:
 def _converted(entry: RawEntry, machine: Machine, name: str, column: Any, stated: str) -> Any:
     """A column in the unit that a survey's table has by default."""
     quantity = quantity_of(name.removeprefix(READ_BACK), machine)
+    if name.startswith("dir_") and column.dtype.kind != "f":
+        return sides(column, lambda row: f"{entry.path}, row {row + 1}, column {name}")
     if quantity is None or column.dtype.kind != "f":
         return column
     usual = unit_of_column(name.removeprefix(READ_BACK), quantity, SurveyUnits())
@@ -189,6 +193,8 @@ def open_entry(entry: FileEntry, folder: Path, machine: Machine, logs: Sequence[
         _check_pairs(entry, pairs, 0, len(commands.frame), entry.commands.path)
     read = [mapped(log, folder, machine) for log in logs]
     table, lines = joined(measured, commands, pairs, entry.targets, machine, entry.path)
+    if entry.observation:
+        table[OBSERVATION] = entry.observation
     for log, recording in zip(logs, read, strict=True):
         table = with_log(table, measured.dated, recording, log, entry.path)
     said = bool(entry.sha256)  # an import that took the file in said how it was read

@@ -35,6 +35,10 @@ def import_survey(
     dialect: str = "auto",
     dwells: bool = True,
     log_offset: float = 0.0,
+    centre: Mapping[str, float] | None = None,
+    plane: str = "",
+    radius: float | None = None,
+    start: float = 0.0,
     seed: int = 0,
     progress: Progress = silent,
 ) -> ImportResult:
@@ -65,6 +69,11 @@ def import_survey(
         Whether dwells are looked for in a continuous log, and averaged.
     log_offset : float
         Seconds to add to the times of a log of temperatures.
+    centre : dict or None
+        Of traces of a ballbar: commanded position (mm, degrees) of every joint at the centre of the circle.
+    plane, radius, start : str, float or None, float
+        Of traces of a ballbar, where the file does not state them: plane such as ``"XY"`` (angles count from the first
+        axis to the second), commanded radius (mm), degrees to add to the angles.
     seed : int
         Of the search for the nearest commands.
     progress : callable
@@ -81,7 +90,7 @@ def import_survey(
         A file cannot be read, or what was measured does not follow the commands: then it says what fits instead.
     """
     from identification.importing.importing import import_files
-    from identification.importing.sources import Wishes, parse_columns
+    from identification.importing.sources import Wishes, circle_of, parse_columns
     from identification.results.import_result import ImportResult
 
     def mapping(given: Mapping[str, str] | str | Sequence[str], option: str) -> dict[str, str]:
@@ -89,11 +98,12 @@ def import_survey(
             return dict(given)
         return parse_columns([given] if isinstance(given, str) else given, option)
 
+    circle = circle_of(centre, plane, radius, start)
     paths = [Path(files)] if isinstance(files, str | Path) else [Path(f) for f in files]
     wishes = Wishes(
         mapping(columns, "--columns"), mapping(command_columns, "--command-columns"), dict(units or {}),
         dict(command_units or {}), format, command_format, dates, joint, tuple(offsets), tuple(at), dialect, match,
-        dwells, log_offset,
+        dwells, log_offset, circle,
     )  # fmt: skip
     with progress("Reading and joining"):
         command_file = None if commands is None else Path(commands)

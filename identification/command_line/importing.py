@@ -54,6 +54,10 @@ if TYPE_CHECKING:
 @click.option("--at", "after", multiple=True, help="Where axes stand in a programme: start=X0,Y0 or G28=Z0 (mm, deg).")
 @click.option("--no-dwells", is_flag=True, help="Every row is a reading: no dwells are looked for.")
 @click.option("--log-offset", type=float, default=0.0, help="Seconds to add to the times of a temperature log.")
+@click.option("--centre", multiple=True, metavar="JOINT=..,...", help="Of a ballbar's circle: X=0,Y=0,Z=300 (mm, deg).")
+@click.option("--plane", default="", help="Of a ballbar's circle, such as XY. [default: as the file says]")
+@click.option("--radius", type=float, help="Of a ballbar's circle, mm. [default: as the file says]")
+@click.option("--start", type=float, default=0.0, help="Degrees to add to the angles of a ballbar's file.")
 def import_(
     raw: tuple[Path, ...],
     machine: str,
@@ -73,6 +77,10 @@ def import_(
     after: tuple[str, ...],
     no_dwells: bool,
     log_offset: float,
+    centre: tuple[str, ...],
+    plane: str,
+    radius: float | None,
+    start: float,
     seed: int,
 ) -> None:
     """Take in RAW files as instruments wrote them, join them with their commands, and prove the join.
@@ -87,7 +95,8 @@ def import_(
         units=_pairs(units, "--units"), command_columns=command_columns,
         command_units=_pairs(command_units, "--command-units"), format=form, command_format=command_format,
         dates=dates or "", joint=joint, offsets=offsets, at=after, dialect=dialect, dwells=not no_dwells,
-        log_offset=log_offset, seed=seed, progress=working,
+        log_offset=log_offset, centre=_positions(centre), plane=plane, radius=radius, start=start, seed=seed,
+        progress=working,
     )  # fmt: skip
     show_notes(result.notes)
     result.save(out)
@@ -103,6 +112,19 @@ def _pairs(texts: tuple[str, ...], option: str) -> dict[str, str]:
         if not equal or not name or not unit or name in out:
             raise InputError(option, f"'{part}'", "Write each once, such as mx=m or length=inch")
         out[name] = unit
+    return out
+
+
+def _positions(texts: tuple[str, ...]) -> dict[str, float] | None:
+    """Positions of joints, such as ``X=0,Y=0,Z=300``; None where none are given."""
+    if not texts:
+        return None
+    out = {}
+    for name, text in _pairs(texts, "--centre").items():
+        try:
+            out[name] = float(text)
+        except ValueError as error:
+            raise InputError("--centre", f"'{name}={text}'", "Write numbers, such as X=0,Y=0,Z=300") from error
     return out
 
 

@@ -12,6 +12,7 @@ from errormodel.effects.base import Effect
 from errormodel.exceptions import InputError
 from errormodel.machine import EffectSpec, Machine
 from errormodel.survey import Survey
+from errormodel.surveys.observations import groups
 from identification.diagnosis.data_checks.approach_direction import contrary_sides
 from identification.diagnosis.data_checks.blunder import Blunder, listed, misses
 from identification.diagnosis.data_checks.checks import MOST_BLUNDERS, find_blunders, without
@@ -29,6 +30,7 @@ from identification.diagnosis.decisions.log import DecisionLog
 from identification.diagnosis.linear.linear_model import LEAST_RUN, MOST_ROWS, LinearModel, set_up, unused_runs
 from identification.diagnosis.linear.motions_as_points import as_points, carried
 from identification.diagnosis.linear.residual_rows import heldout_um, views_of
+from identification.diagnosis.linear.row_residuals import by_observation, noise_mm, spread, vectors
 from identification.diagnosis.results.diagnosed import Diagnosed
 from identification.diagnosis.results.effect_size import Amount, whole_of
 from identification.diagnosis.results.findings import (
@@ -66,7 +68,7 @@ from identification.diagnosis.search.model import EffectModel
 from identification.diagnosis.search.model_comparison import compare_alternatives
 from identification.diagnosis.search.scoring import Step
 from identification.diagnosis.together import together
-from identification.estimation.checks import noise_notes
+from identification.estimation.checks import check_readings, noise_notes
 from identification.estimation.fit import fit_machine
 from identification.estimation.result import Fit
 from identification.observation.normal_equations import design_rows
@@ -85,12 +87,6 @@ def diagnose(machine: Machine, survey: Survey, progress: Progress = silent) -> D
     InputError
         The survey has nothing to fit, or no row with a measured position.
     """
-    if survey.observations:
-        readings = f"single readings ({', '.join(survey.observations)}), which the diagnosis does not take"
-        cure = (
-            "`errormodel fit` takes them; add effects to machine.yaml and compare the residuals, or diagnose positions"
-        )
-        raise InputError(str(survey.source), readings, cure)
     runs, lost, log = compared_runs(survey), list[Blunder](), DecisionLog()
     refuse_scaled_runs(runs)
     while len(lost) < MOST_BLUNDERS and (found := lost_zero(survey, runs, log)) is not None:
@@ -123,9 +119,9 @@ def _with_lost_zeros(diagnosed: Diagnosed, lost: Sequence[Blunder], notes: tuple
 
 def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silent, read: bool = False) -> Diagnosed:
     """The diagnosis of measured positions; `read`: they stand for error motions, in which no column can be wrong."""
-    if not np.isfinite(survey.fit.measured).any():
-        nothing = "no row to fit has a measured position or error motion, which the diagnosis works on"
-        cure = "Add rows with mx my mz, or about a joint's error motions (joint, dx ... ec)"
+    if not np.isfinite(survey.fit.measured).any() and not any(groups(survey.fit.table, survey.observations)):
+        nothing = "no row to fit has a measured position, reading or error motion, which the diagnosis works on"
+        cure = "Add rows with mx my mz, of observations (length, angle), or about error motions (joint, dx ... ec)"
         raise InputError(str(survey.source), nothing, cure)
     blunders, log = [], DecisionLog()
     if not read:
@@ -135,6 +131,7 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
         before = [_try(machine, s) for s in (survey, *(b.survey for b in blunders))[: len(blunders)]]
         survey = blunders[-1].survey if blunders else survey
         mended = fit_machine(machine, survey)
+        check_readings(mended)
         if not read:
             refuse_turned_head(mended)
             refuse_unstated_rotation(mended)
@@ -167,13 +164,13 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
     if bad.any():
         findings.append(_outlier_finding(bad, mended, fit))
     with progress("Testing what is left"):
-        dependence = dependence_of(model.linear, 1e3 * found.before.sigma_mm, log)
+        dependence = dependence_of(model.linear, 1e3 * noise_mm(found.before), log, 3 if final.fitted.n else 1)
     verdict = judge(final, bool(findings), dependence, log)
     unusable = (f"{name} drives nothing: {reason}" for name, reason in dead.items())
     baseline = next((b for b in fits if b is not None), mended)
     diagnosis = Diagnosis(
         verdict.word,
-        1e3 * final.sigma_mm,
+        1e3 * noise_mm(final),
         _summary(baseline),
         _summary(final),
         tuple(findings),
@@ -188,6 +185,8 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
             *contrary_sides(survey, log),
             *verdict.notes,
         ),
+        by_observation(baseline, final),
+        final.fitted.n > 0 or not final.problem.readings,
     )
     return Diagnosed(diagnosis, baseline, final, model, found.ranking, log=log)
 
@@ -286,8 +285,8 @@ def _extended(machine: Machine, effects: list[Effect]) -> Machine:
 def _summary(fit: Fit) -> dict[str, float | None]:
     s = fit.solution
     return {
-        "rms_um": fit.fitted.rms_um,
-        "heldout_rms_um": fit.heldout.rms_um,
+        "rms_um": spread(fit).rms_um,
+        "heldout_rms_um": spread(fit, heldout=True).rms_um,
         "reduced_chi2": s.chi2 / s.dof if s.dof > 0 else None,
     }
 
@@ -346,13 +345,14 @@ def _moved(before: Fit, linear: LinearModel, columns: Array, values: Array) -> d
     designs = []
     for part in views_of(before, linear):
         rows = design_rows(part, place, most=len(part))[:, base]
-        designs.append(rows[part.components.T.ravel()])  # component by component
-    design = np.vstack(designs) / before.solution.sigma["position"]
+        # component by component
+        designs.append(rows[part.components.T.ravel()] / before.solution.sigma[part.kind])
+    design = np.vstack(designs)
     return moved_by(design, [before.solution.unknowns[j] for j in base], columns, values)
 
 
 def _blunder_finding(blunder: Blunder, before: Fit | None, after: Fit | None) -> Finding:
-    errors = [fit.heldout.rms_um if fit else float("nan") for fit in (before, after)]
+    errors = [spread(fit, heldout=True).rms_um if fit else float("nan") for fit in (before, after)]
     text = f"{blunder.text[0].upper()}{blunder.text[1:]}{blunder.mended}{misses(blunder)}"
     return Finding(
         effect=blunder.effect,
@@ -371,7 +371,8 @@ def _blunder_finding(blunder: Blunder, before: Fit | None, after: Fit | None) ->
 
 def _outlier_finding(bad: Mask, baseline: Fit, fit: Fit) -> Finding:
     rows = [int(r) for r in baseline.survey.table["row"].to_numpy()[bad]]
-    largest = 1e3 * float(np.sqrt(np.nansum(np.square(baseline.residuals[bad]), axis=1).max()))
+    far = np.nansum(np.square(vectors(baseline)[bad]), axis=1)
+    largest = 1e3 * float(np.sqrt(far.max()))
     return Finding(
         effect="outliers",
         where="instrument",
@@ -382,9 +383,9 @@ def _outlier_finding(bad: Mask, baseline: Fit, fit: Fit) -> Finding:
         parameters=[Amount("rows", float(len(rows)), 0.0, "")],
         probability=0.99,
         p_value=0.0,
-        heldout_rms_um=HeldOut(baseline.heldout.rms_um, fit.heldout.rms_um),
+        heldout_rms_um=HeldOut(spread(baseline, heldout=True).rms_um, spread(fit, heldout=True).rms_um),
         next_measurement="measure these rows again",
         brief=f"{len(rows)} rows left out as outliers",
-        size_um=1e3 * float(np.sqrt(np.mean(np.nansum(baseline.residuals[bad] ** 2, axis=1)))),
+        size_um=1e3 * float(np.sqrt(np.mean(far))),
         rows=rows,
     )

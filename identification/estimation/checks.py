@@ -96,7 +96,7 @@ def looked_over(fit: Fit) -> Fit:
     )  # nan where rows measured one component
     if other or (not fit.solution.groups.rank and another(fit.chain, fit.nominal)):
         raise InputError(str(fit.survey.source), "no parameter can be identified", far_off(fit.nominal))
-    _check_readings(fit)
+    check_readings(fit)
     if not fit.problem.unknowns:
         found = "no parameter can be identified: machine.yaml declares no errors and the measuring frame is fixed"
         raise InputError(str(fit.survey.source), found, "Declare errors of shapes and joints in machine.yaml")
@@ -126,7 +126,7 @@ def looked_over(fit: Fit) -> Fit:
     return replace(fit, notes=(*fit.notes, note))
 
 
-def _check_readings(fit: Fit) -> None:
+def check_readings(fit: Fit) -> None:
     """Raise InputError where single readings lie further beside the nominal machine than errors of a machine go."""
     if fit.readings is None:
         return

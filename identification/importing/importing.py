@@ -25,6 +25,7 @@ from identification.importing.pairing import NEAREST, Pairs, middles, pair, poin
 from identification.importing.partial import refuse_partial
 from identification.importing.proof import Proof, prove, refuse_unit
 from identification.importing.sources import SourceFile, Wishes, open_source
+from identification.importing.traces import Trace, traces_of
 from identification.observation.frames import MACHINE_ERROR_SHARE, align
 
 Both: TypeAlias = tuple[Array, Array]  # nominal and measured points
@@ -43,6 +44,7 @@ class Imported:
     pairs : of each measured file.
     survey : as it is read from these files.
     proof : that what was measured belongs to its commands.
+    traces : of a bar along a circle, among the sources.
     notes : what needs attention.
     """
 
@@ -54,6 +56,7 @@ class Imported:
     proof: Proof
     frame: str
     notes: tuple[str, ...]
+    traces: tuple[Trace, ...] = ()
 
 
 def import_files(
@@ -84,7 +87,8 @@ def import_files(
     points = [s for s in sources if s.what == "points"]
     motions = [s for s in sources if s.what == "motions"]
     logs = [s for s in sources if s.what == "log"]
-    if not points and not motions:
+    traces = traces_of(sources)
+    if not points and not motions and not traces:
         raise InputError(str(raws[0]), "nothing measured in it but channels of a log", "Give the measured file too")
     if commanded is None:
         for source in points:
@@ -95,7 +99,7 @@ def import_files(
         refuse_unit(nominal, measured, source.raw.name)
         refuse_partial(nominal, measured, source.raw.name)
     frame = _frame(points, aligned, chain)
-    files = _files(points, motions, logs, pairs, commanded, frame, wishes)
+    files = _files(points, motions, traces, logs, pairs, commanded, frame, wishes)
     with tempfile.TemporaryDirectory() as folder, running(None):
         for name, data in files.items():
             write_bytes_atomic(data, Path(folder) / name)
@@ -104,11 +108,11 @@ def import_files(
         proof = prove(machine, survey, any(p.averaged for p in pairs), len(points) > 0)
     except InputError as error:
         raise _with_nearest(error, points, pairs, aligned, commanded, chain, seed) from error
-    everything = (*points, *motions, *logs, *([commanded] if commanded else []))
+    everything = (*points, *motions, *(t.source for t in traces), *logs, *([commanded] if commanded else []))
     left = tuple(f"{s.raw.path.name}: columns not used: {', '.join(s.left)}" for s in everything if s.left)
     return Imported(
         machine, files, everything, (*pairs, *[None] * (len(everything) - len(pairs))), survey, proof, frame,
-        tuple(dict.fromkeys((*left, *survey.notes))),
+        tuple(dict.fromkeys((*left, *survey.notes))), tuple(traces),
     )  # fmt: skip
 
 
@@ -173,11 +177,12 @@ def _miss(nominal: np.ndarray, measured: np.ndarray) -> float:
 
 
 def _files(
-    points: Sequence[SourceFile], motions: Sequence[SourceFile], logs: Sequence[SourceFile], pairs: Sequence[Pairs],
-    commanded: SourceFile | None, frame: str, wishes: Wishes,
+    points: Sequence[SourceFile], motions: Sequence[SourceFile], traces: Sequence[Trace], logs: Sequence[SourceFile],
+    pairs: Sequence[Pairs], commanded: SourceFile | None, frame: str, wishes: Wishes,
 ) -> dict[str, bytes]:  # fmt: skip
     """Files of the survey's folder: the raw ones as they came, the map, and the pairs."""
-    files = {s.entry.path: s.raw.data for s in (*points, *motions, *logs, *([commanded] if commanded else []))}
+    read = (*points, *motions, *(t.source for t in traces), *logs, *([commanded] if commanded else []))
+    files = {s.entry.path: s.raw.data for s in read}
     entries: list[dict[str, Any]] = []
     for number, (source, own) in enumerate(zip(points, pairs, strict=True), start=1):
         entry = _plain(source)
@@ -193,7 +198,10 @@ def _files(
             entry["targets"] = {name: list(place) for name, place in own.targets.items()}
         entries.append(entry)
     entries += [_plain(source) for source in motions]
+    entries += [_plain(t.source) | {"observation": t.label} for t in traces]
     block: dict[str, Any] = {"errormodel": 1, "files": entries}
+    if traces:
+        block["observations"] = {t.label: t.entry for t in traces}
     if logs:
         block["logs"] = [_plain(s) | ({"offset": wishes.log_offset} if wishes.log_offset else {}) for s in logs]
     block["frame"] = frame

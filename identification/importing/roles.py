@@ -11,6 +11,7 @@ from typing import Literal
 
 from errormodel.machine import Machine
 from errormodel.raw_formats.base import Recording
+from errormodel.raw_formats.direction_words import HEADINGS
 from errormodel.raw_formats.sensor_names import sensor_of
 from errormodel.surveys.columns import MEASURED, is_survey_column
 from errormodel.surveys.raw import LABELS, READ_BACK
@@ -116,7 +117,17 @@ def roles(recording: Recording, machine: Machine, kind: Kind, given: Mapping[str
             take(joint.name, command or own or "")
         if read and (joint.name in out or joint.name in names or kind == "commands"):
             take(f"{READ_BACK}{joint.name}" if joint.name in out or joint.name in names else joint.name, read)
+    side = next((n for n in names if n not in used and re.fullmatch(HEADINGS, _bare(n))), None)
+    moving = [j for j in machine.joints if _moves(recording, out.get(j.name, j.name))]
+    if side is not None and len(moving) == 1:  # of several joints, no one knows whose direction it is
+        take(f"dir_{moving[0].name}", side)
     return {ours: theirs for ours, theirs in out.items() if ours != theirs}
+
+
+def _moves(recording: Recording, name: str) -> bool:
+    """Whether a column of numbers has different ones."""
+    column = recording.frame.get(name)
+    return column is not None and column.dtype.kind == "f" and column.dropna().nunique() > 1
 
 
 def _around(bare: str, words: tuple[str, ...]) -> Iterator[str]:

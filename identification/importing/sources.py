@@ -14,6 +14,7 @@ from errormodel.conventions import MOTIONS
 from errormodel.exceptions import InputError
 from errormodel.machine import Machine
 from errormodel.raw_formats.base import RawFile, Recording, format_of, open_raw
+from errormodel.raw_formats.commanded_circle import CommandedCircle
 from errormodel.surveys.columns import MEASURED
 from errormodel.surveys.file import RawEntry
 from errormodel.surveys.raw import read_raw, with_map
@@ -21,7 +22,7 @@ from identification.importing.roles import Kind, roles, unused
 
 FOLDER = "raw"  # of a survey, for the files as they came
 
-What = Literal["points", "motions", "log", "commands"]
+What = Literal["points", "motions", "readings", "log", "commands"]
 
 
 @dataclass(frozen=True)
@@ -37,6 +38,7 @@ class Wishes:
     match : "auto", "name", "order", "nearest" or "time".
     dwell : whether dwells are looked for in a continuous log.
     log_offset : s to add to the times of a log.
+    circle : the circle that was commanded, of traces without coordinates.
     """
 
     columns: Mapping[str, str] = field(default_factory=dict)
@@ -53,6 +55,7 @@ class Wishes:
     match: str = "auto"
     dwell: bool = True
     log_offset: float = 0.0
+    circle: CommandedCircle | None = None
 
 
 @dataclass(frozen=True)
@@ -108,6 +111,27 @@ def parse_columns(texts: Sequence[str], option: str) -> dict[str, str]:
     return out
 
 
+def circle_of(
+    centre: Mapping[str, float] | None, plane: str, radius: float | None, start: float
+) -> CommandedCircle | None:
+    """The circle that the user states; None where no centre is given.
+
+    Raises
+    ------
+    InputError
+        Something is said of a circle without its centre, or a value is none.
+    """
+    if centre is None:
+        if plane or radius is not None or start:
+            raise InputError("--plane, --radius, --start", "no centre of the circle", "Give --centre X=..,Y=..,Z=..")
+        return None
+    try:
+        return CommandedCircle(centre=dict(centre), plane=plane, radius=radius, start=start)
+    except ValueError as error:
+        found = f"plane {plane or 'of the file'}, radius {radius}, start {start}"
+        raise InputError("--centre", found, "Write --plane XY, --radius above 0 in mm, --start in degrees") from error
+
+
 def open_source(path: Path, machine: Machine, kind: Kind, wishes: Wishes) -> SourceFile:
     """Read a raw file, find its columns, and say what it holds.
 
@@ -129,8 +153,11 @@ def open_source(path: Path, machine: Machine, kind: Kind, wishes: Wishes) -> Sou
     plain = RawEntry(
         path=str(path), format=form.name, dates=wishes.dates, joint=wishes.joint,
         offsets=list(wishes.offsets), at=list(wishes.at), dialect=wishes.dialect,
+        circle=None if commanded else wishes.circle,
     )  # fmt: skip
     recording = read_raw(raw, plain, machine)
+    if not recording.trace:
+        plain = plain.model_copy(update={"circle": None})
     names = [str(n) for n in recording.frame]
     own = {ours: _placed(path, theirs, names) for ours, theirs in given.items()}
     found = roles(recording, machine, kind, own)
@@ -171,9 +198,14 @@ def _what(path: Path, recording: Recording, machine: Machine, kind: Kind) -> Wha
         return "motions"
     if any(m in names for m in MEASURED):
         return "points"
-    if {"angle", "length"} <= {*names}:
+    if recording.trace and len(joints) == len(machine.joints):
+        return "readings"
+    if recording.trace:
         found = f"{len(frame)} lengths of a bar over its angle, and no coordinates"
-        raise InputError(str(path), found, "Import files with coordinates; lengths are no part of a survey of points")
+        centre = ",".join(f"{j.name}=.." for j in machine.joints)
+        raise InputError(
+            str(path), found, f"Say where the machine stood at the centre of the circle: --centre {centre}"
+        )
     if "deviation" in names:
         found = "deviations of which it does not say what they are of"
         raise InputError(str(path), found, "Say it with --columns, such as --columns dy=deviation, and --units dy=um")

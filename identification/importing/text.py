@@ -10,8 +10,17 @@ from errormodel.survey import Survey
 from identification.importing.importing import Imported
 from identification.importing.pairing import counted
 from identification.importing.proof import FEWEST_PROVED, Proof
+from identification.importing.sources import What
+from identification.importing.traces import trace_lines
 
 LISTED = 6  # rows in a line
+WORDS: dict[What, str] = {
+    "points": "measured",
+    "motions": "error motions",
+    "readings": "lengths of a bar",
+    "log": "log",
+    "commands": "commands",
+}
 MINUTE = 120.0  # s: longer offsets are said in minutes
 
 
@@ -23,7 +32,7 @@ def import_lines(imported: Imported) -> list[str]:
 def _read(imported: Imported) -> Iterator[str]:
     for source in imported.sources:
         frame = source.recording.frame
-        what = {"points": "measured", "motions": "error motions", "log": "log", "commands": "commands"}[source.what]
+        what = WORDS[source.what]
         yield f"{source.raw.path.name}: {source.title}, {counted(len(frame), 'row')} ({what})"
         columns = source.entry.columns
         if columns:
@@ -64,6 +73,7 @@ def _seconds(offset: float) -> str:
 
 def _fits(imported: Imported) -> Iterator[str]:
     proof, survey = imported.proof, imported.survey
+    yield from trace_lines(imported.traces)
     if len(proof.rows):
         yield from proof_lines(proof, survey)
     else:

@@ -158,6 +158,11 @@ class PositionView(View):
         for part, functions in kernel.blocks(self.rows, p):
             yield part, self.pose.invert(self.measured[part]).T - kernel.expand(functions)
 
+    def levers(self) -> Array:
+        """Displacement (6 * elements, 3, n) by each motion of each element at zero errors, mm."""
+        arms = self.chain.kernel("levers", (), self.fixed, self.outputs)(self.rows, np.zeros(len(self.chain.ids)))
+        return arms.reshape(-1, 3, len(self))
+
     def whiten(self, part: slice, vectors: Array) -> Array:
         if self.whitener.ndim == 1:
             return vectors * self.whitener[part]

@@ -1,9 +1,10 @@
 """Optimal experimental designs with vector observations: information, predicted variance, and exchange of poses.
 
-Candidate pose i gives the block ``X_i`` (3, r) of whitened rows, in a basis in which all candidates together have the
-information I. A design is a multiset of candidates; ``C = (sum X_i' X_i)^-1``. Criteria are D (determinant of C) and
-the largest predicted variance in the volume. Sources: V. V. Fedorov, *Theory of Optimal Experiments*, 1972; R. D. Cook
-& C. J. Nachtsheim, Technometrics 22 (1980) 315, for the exchange pose by pose.
+Candidate pose i gives the block ``X_i`` (c, r) of whitened rows, one a reading (three coordinates, lengths), in a basis
+in which all candidates together have the information I. A design is a multiset of candidates;
+``C = (sum X_i' X_i)^-1``. Criteria are D (determinant of C) and the largest predicted variance in the volume. Sources:
+V. V. Fedorov, *Theory of Optimal Experiments*, 1972; R. D. Cook & C. J. Nachtsheim, Technometrics 22 (1980) 315, for
+the exchange pose by pose.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ class Space:
 
     Attributes
     ----------
-    X : (n, 3, r) whitened rows of each candidate pose.
+    X : (n, c, r) whitened rows of each candidate pose: three coordinates, single readings, or both.
     V : (m, 3, r) rows of each pose of the volume at which predictions are wanted, mm.
     """
 
@@ -38,6 +39,11 @@ class Space:
     def rank(self) -> int:
         """Number of identifiable groups r."""
         return int(self.X.shape[2])
+
+    @property
+    def components(self) -> int:
+        """Number of readings at a pose, c."""
+        return int(self.X.shape[1])
 
     def covariance(self, chosen: Index) -> Array:
         """Covariance C (r, r) of a design."""
@@ -88,8 +94,8 @@ class Design:
     def __init__(self, space: Space, chosen: Index) -> None:
         self.space, self.chosen = space, chosen
         self.C = space.covariance(chosen)
-        self.P = _times(space.X, self.C)  # (n, 3, r)
-        self.S = _outer(self.P, space.X)  # (n, 3, 3): X_j C X_j'
+        self.P = _times(space.X, self.C)  # (n, c, r)
+        self.S = _outer(self.P, space.X)  # (n, c, c): X_j C X_j'
         self.value = float(np.linalg.slogdet(self.C)[1])
 
     def improved(self, k: int) -> Self:
@@ -112,32 +118,35 @@ class Design:
 
     def least(self) -> Index:
         """Positions in the design, in ascending order of the loss of determinant without the pose."""
-        left = np.linalg.slogdet(np.eye(3) * (1 + 1e-12) - self.S[self.chosen])[1]
+        left = np.linalg.slogdet(np.eye(self.space.components) * (1 + 1e-12) - self.S[self.chosen])[1]
         return np.argsort(-left, kind="stable")
 
     def gains(self, i: int) -> Array:
         """Increase (n,) of log det information by each candidate, added to the design without candidate i."""
-        return np.asarray(np.log(_adjoint(np.eye(3) + self.without(i)[1])[1]))
+        return np.asarray(np.log(_adjoint(np.eye(self.space.components) + self.without(i)[1])[1]))
 
     def without(self, i: int) -> tuple[Array, Array]:
-        """``X_j C X_i' G`` and ``X_j C_i X_j'``, (n, 3, 3) each, with ``C_i`` that of the design without i."""
+        """``X_j C X_i' G`` and ``X_j C_i X_j'``, (n, c, c) each, with ``C_i`` that of the design without i."""
         A = _times(self.P, self.space.X[i].T)
-        AG = _times(A, np.linalg.inv(np.eye(3) * (1 + 1e-12) - self.S[i]))
+        AG = _times(A, np.linalg.inv(np.eye(self.space.components) * (1 + 1e-12) - self.S[i]))
         return AG, self.S + _outer(AG, A)
 
 
 def _times(stack: Array, matrix: Array) -> Array:
-    """``stack @ matrix`` for a stack (n, 3, m), as one matrix product."""
+    """``stack @ matrix`` for a stack (n, c, m), as one matrix product."""
     return np.asarray((stack.reshape(-1, len(matrix)) @ matrix).reshape(*stack.shape[:2], -1))
 
 
 def _outer(one: Array, two: Array) -> Array:
-    """``one two'`` for stacks (n, 3, m)."""
+    """``one two'`` for stacks (n, c, m)."""
     return np.asarray(np.einsum("nam,nbm->nab", one, two))
 
 
 def _adjoint(a: Array) -> tuple[Array, Array]:
-    """Adjugates (n, 3, 3) and determinants (n,) of symmetric matrices, written out for speed."""
+    """Adjugates (n, c, c) and determinants (n,) of positive definite matrices; of three rows written out for speed."""
+    if a.shape[1] != 3:
+        determinant = np.linalg.det(a)
+        return np.asarray(determinant[:, None, None] * np.linalg.inv(a)), np.asarray(determinant)
     out = np.empty_like(a)
     for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)):
         (b, c), (d, e) = ((i + 1) % 3, (i + 2) % 3), ((j + 1) % 3, (j + 2) % 3)
@@ -165,7 +174,7 @@ class Fair(Design):
         A, S = self.without(i)
         T = _outer(_times(self.PK, self.P[i].T), A)
         W = self.Q + T + T.transpose(0, 2, 1) + _outer(_times(A, self.Q[i]), A)
-        adjoint, determinant = _adjoint(np.eye(3) + S)
+        adjoint, determinant = _adjoint(np.eye(self.space.components) + S)
         return np.asarray(np.einsum("nab,nab->n", adjoint, W) / determinant)
 
 

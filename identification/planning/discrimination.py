@@ -20,7 +20,7 @@ SWAP_POSES_TRIED = 24  # poses tried in one exchange, those with the smallest lo
 
 @dataclass(frozen=True)
 class Pair:
-    """Whitened columns (n, 3, k) of two effects at all candidates; `shown` is to be distinguished from `beside`."""
+    """Whitened columns (n, c, k) of two effects at all candidates; `shown` is to be distinguished from `beside`."""
 
     shown: Array
     beside: Array

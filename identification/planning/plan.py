@@ -21,7 +21,7 @@ from errormodel.machine import Machine
 from errormodel.simulation import measured_at, outward
 from errormodel.surveys.columns import MEASURED
 from errormodel.truth import Truth
-from identification.diagnosis.linear.linear_model import set_up
+from identification.diagnosis.linear.linear_model import MOST_ROWS, set_up
 from identification.diagnosis.search.criteria import canonical_correlation
 from identification.estimation.fit import fit_machine
 from identification.estimation.result import Fit
@@ -31,6 +31,7 @@ from identification.planning.design import Design, Space, exchange, rounded
 from identification.planning.discrimination import Pair, told_apart
 from identification.planning.poses import as_survey
 from identification.planning.power import INDISTINGUISHABLE_CORRELATION, Verdict, classes, verdicts
+from identification.planning.readings import with_noise
 from identification.planning.run_order import arranged, revisits
 from identification.planning.setup import Setup
 from identification.planning.weights import optimal_weights
@@ -186,7 +187,7 @@ def _plan(
         walked = chosen[np.lexsort(stage.positions[chosen].T[::-1])]  # joint by joint, as in a usual program
         plain, _ = _verdicts(stage, stage.table.iloc[walked], seed)
     with progress("Telling effects apart"):
-        repeat = revisits(count, space.rank)
+        repeat = revisits(count, space.rank, space.components)
         pairs = _pairs(stage, plain, seed)
         chosen = told_apart(space, without(space, chosen, repeat), pairs, INDISTINGUISHABLE_CORRELATION)
         rows = chosen[_arranged(stage, chosen, repeat, seed)]
@@ -229,7 +230,7 @@ def optimal(space: Space, count: int, worst: bool) -> tuple[Index, float]:
     weights, ceiling = optimal_weights(space, worst)
     chosen = exchange(space, rounded(weights, count), worst=False)
     if not shows_all(space, chosen):
-        more = range(max(count, space.rank // 3) + 1, count + space.rank + 1)
+        more = range(max(count, space.rank // space.components) + 1, count + space.rank + 1)
         least = next((n for n in more if shows_all(space, exchange(space, rounded(weights, n), worst=False))), more[-1])
         found = f"no {count} poses show all {space.rank} identifiable groups, measuring frame included"
         raise InputError("--points", found, f"Plan at least {least}, better {2 * least}")
@@ -238,7 +239,8 @@ def optimal(space: Space, count: int, worst: bool) -> tuple[Index, float]:
 
 def shows_all(space: Space, chosen: Index) -> bool:
     """Whether a design has a degree of freedom left and identifies every combination of the groups."""
-    return 3 * len(chosen) > space.rank and bool(np.linalg.eigvalsh(space.covariance(chosen))[-1] < UNOBSERVED_VARIANCE)
+    left = space.components * len(chosen) > space.rank
+    return left and bool(np.linalg.eigvalsh(space.covariance(chosen))[-1] < UNOBSERVED_VARIANCE)
 
 
 def without(space: Space, chosen: Index, number: int) -> Index:
@@ -276,6 +278,8 @@ def _noise_only(stage: Stage, table: pd.DataFrame, seed: int) -> Fit:
     """Fit of a simulated survey of the nominal machine with noise only."""
     machine = stage.chain.machine
     survey = as_survey(stage.chain, stage.setup, table.reset_index(drop=True), stage.noise)
+    if survey.observations:
+        return fit_machine(machine, with_noise(stage.chain, stage.setup, survey, stage.noise, seed))
     seen = measured_at(machine, survey.table, Truth({}), stage.noise, seed)
     names = list(MEASURED)
     return fit_machine(machine, replace(survey, table=survey.table.assign(**{n: seen[n] for n in names})))
@@ -283,10 +287,9 @@ def _noise_only(stage: Stage, table: pd.DataFrame, seed: int) -> Fit:
 
 def _arranged(stage: Stage, chosen: Index, repeat: int, seed: int) -> Index:
     """Run order of the chosen poses with the repeated ones."""
-    view = stage.view.part(chosen)
-    chain = stage.chain
-    arms = chain.kernel("levers", (), view.fixed, (0, 1, 2))(view.rows, np.zeros(len(chain.ids)))
-    arms = view.whiten(slice(None), arms.reshape(-1, 3, len(view))).transpose(0, 2, 1)  # (6 elements, n, 3)
+    chain, views = stage.chain, [v.part(chosen) for v in stage.views]
+    parts = [v.whiten(slice(None), v.levers()) for v in views]
+    arms = np.concatenate(parts, axis=1).transpose(0, 2, 1)  # (6 elements, n, c)
     places = {name: 6 * k for k, name in enumerate(chain.element_names)}
     levers = []
     for joint in chain.machine.joints:
@@ -306,14 +309,14 @@ def _pairs(stage: Stage, found: list[Verdict], seed: int) -> list[Pair]:
             open_.append((shown, rival))
     if not open_:
         return []
-    linear = set_up(_noise_only(stage, stage.table, seed))
-    n = len(stage.table)
-    if linear.size != 3 * n:  # some component is not measured anywhere
+    n, c = len(stage.table), stage.space.components
+    linear = set_up(_noise_only(stage, stage.table, seed), MOST_ROWS * max(len(stage.views), 1))
+    if linear.size != c * n:  # some component is not measured anywhere
         return []
     columns = [tuple(linear.columns(e)[0] for e in pair) for pair in open_]
     best = [canonical_correlation(linear, *pair) for pair in columns]  # with all candidate poses
     order = [k for k in np.argsort(best, kind="stable") if best[k] < INDISTINGUISHABLE_CORRELATION]
-    return [Pair(*(c.reshape(-1, 3, n).transpose(2, 1, 0) for c in columns[k])) for k in order[:MOST_EFFECT_PAIRS]]
+    return [Pair(*(own.reshape(-1, c, n).transpose(2, 1, 0) for own in columns[k])) for k in order[:MOST_EFFECT_PAIRS]]
 
 
 def _second_tool(table: pd.DataFrame, machine: Machine) -> tuple[pd.DataFrame, str]:

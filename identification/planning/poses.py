@@ -175,4 +175,9 @@ def as_survey(chain: Chain, setup: Setup, table: pd.DataFrame, noise: Instrument
         instrument = noise
     else:
         table[list(SIGMA_COLUMNS)] = noise
-    return Survey(table, setup.frame, ("frame",), instrument, Path("plan"))
+    survey = Survey(table, setup.frame, ("frame",), instrument, Path("plan"))
+    if not setup.observations:
+        return survey
+    from identification.planning.readings import read_by
+
+    return read_by(chain, setup, survey, noise)

@@ -13,10 +13,13 @@ ORDERS_PER_BATCH = 100  # orders scored together
 ORDER_BATCHES = 40  # batches of random exchanges: limits the time
 
 
-def revisits(count: int, rank: int) -> int:
-    """Number of the `count` rows that repeat the first ones: a twentieth, at least two, none where rows are scarce."""
+def revisits(count: int, rank: int, components: int = 3) -> int:
+    """Number of the `count` rows that repeat the first ones: a twentieth, at least two, none where rows are scarce.
+
+    Each gives so many `components`, readings.
+    """
     wanted = max(2, count // 20)
-    return wanted if 3 * (count - wanted) >= 2 * rank else 0
+    return wanted if components * (count - wanted) >= 2 * rank else 0
 
 
 def directions(positions: Array) -> Array:
@@ -35,10 +38,10 @@ def arranged(X: Array, positions: Array, levers: Array, shifts: Array, repeat: i
 
     Parameters
     ----------
-    X : (n, 3, r) whitened rows of the poses.
+    X : (n, c, r) whitened rows of the poses.
     positions : (n, joints), mm and rad.
-    levers : (joints, n, 3) whitened motion of the functional point per unit along (about) each joint's axis.
-    shifts : (3, n, 3) whitened motion per unit shift of the reference along x, y, z.
+    levers : (joints, n, c) whitened motion of the functional point per unit along (about) each joint's axis.
+    shifts : (3, n, c) whitened motion per unit shift of the reference along x, y, z.
     """
     n = len(X)
     rng = np.random.default_rng([seed, 2])
@@ -49,7 +52,7 @@ def arranged(X: Array, positions: Array, levers: Array, shifts: Array, repeat: i
     rows = whole(np.arange(n)[None])[0]
     q, _ = np.linalg.qr(X[rows].reshape(-1, X.shape[2]))
     # the basis is taken per pose: both visits of a repeated pose have the same rows
-    basis = q.reshape(len(rows), 3, -1)[:n]
+    basis = q.reshape(len(rows), X.shape[1], -1)[:n]
     moved = np.concatenate([levers, shifts])
     inner = np.einsum("jni,nir->jnr", moved, basis)
     square = np.square(moved).sum(axis=2)

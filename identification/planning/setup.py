@@ -16,7 +16,7 @@ from errormodel.exceptions import InputError, nearest
 from errormodel.instruments.base import LARGEST_SIGMA, LEAST_SIGMA, Instrument
 from errormodel.instruments.plain import Plain
 from errormodel.machine import Joint, Machine
-from errormodel.surveys.file import AnyInstrument
+from errormodel.surveys.file import AnyInstrument, AnyObservation
 from errormodel.yamlfile import Document, FileModel, Number, Vector3, VersionedModel
 
 Range = Annotated[list[Number], Field(min_length=2, max_length=2)]
@@ -53,6 +53,10 @@ class Setup(VersionedModel):
     avoid: list[Box] = Field([], description="boxes such as [{x: [-50, 50], y: [-50, 50], z: [0, 400]}], mm")
     sight: Sight | None = Field(None, description="a block such as {station: [2000, 0, 500]}")
     instrument: AnyInstrument = Field(Plain(), description="a block such as {type: cmm, sigma: [1e-3, 2e-6]}")
+    observations: dict[str, AnyObservation] = Field(
+        {}, description="single readings of every pose, as in survey.yaml, such as {A: {type: .., near: [0, -900, 0]}}"
+    )
+    coordinates: bool = Field(False, description="beside observations: whether three coordinates are measured as well")
     frame: Literal["shared", "fixed"] = Field("shared", description="shared (unknown) or fixed (the machine's own)")
     pace: Annotated[Number, Field(gt=0)] = Field(60.0, description="seconds a pose takes, such as 60")
     sensors: list[Sensor] = Field(["T_machine"], description="temperatures that will be logged, such as [T_bed]")

@@ -15,8 +15,10 @@ def plan_lines(plan: Plan) -> Iterator[str]:
     """Lines on rank and uncertainty, then on detectable, indistinguishable and invisible effects with their needs."""
     n = len(plan.table)
     yield plan.chain.machine.name
+    set_up = any(name.startswith("observation[") for name in plan.groups.ids)
+    what = "what is unknown of the set-ups" if set_up else "the measuring frame"
     yield (
-        f"{n} rows, {len(plan.chain.machine_ids)} parameters; with the measuring frame rank {plan.groups.rank}, "
+        f"{n} rows, {len(plan.chain.machine_ids)} parameters; with {what} rank {plan.groups.rank}, "
         f"condition {plan.groups.condition:.3g}"
     )
     if plan.repeated:

@@ -37,7 +37,7 @@ def optimal_weights(space: Space, worst: bool) -> tuple[Array, float]:
         picked = _picked(space, weights, leverage)
         X = space.X[picked]
         P = (X @ C).reshape(-1, space.rank)
-        cross = (P @ X.reshape(-1, space.rank).T).reshape(len(X), 3, len(X), 3)
+        cross = (P @ X.reshape(-1, space.rank).T).reshape(len(X), space.components, len(X), space.components)
         curve = np.square(cross).sum(axis=(1, 3))
         goal = _quadratic(weights[picked], curve, [np.zeros(1), -leverage[None, picked]])
         weights = _line_search(weights, picked, goal, lambda w: -_log_det(space, w))
@@ -58,7 +58,7 @@ def _fairest(space: Space, weights: Array) -> Array:
         X = space.X[picked]
         P = (X @ C).reshape(-1, space.rank)
         slope = np.array([-np.square(P @ v.T).reshape(len(X), -1).sum(axis=1) for v in space.V[near]])
-        cross = (P @ X.reshape(-1, space.rank).T).reshape(len(X), 3, len(X), 3)
+        cross = (P @ X.reshape(-1, space.rank).T).reshape(len(X), space.components, len(X), space.components)
         curve = np.square(cross).sum(axis=(1, 3)) / space.rank  # per unit of log variance
         goal = _quadratic(weights[picked], curve, [np.log(variances[near]), slope / variances[near, None]])
         before = weights

@@ -11,6 +11,7 @@ from math import log10
 import numpy as np
 
 from errormodel.conventions import unit_of
+from identification.diagnosis.linear.row_residuals import noise_mm, vectors
 from identification.diagnosis.results.diagnosed import Diagnosed, numbered
 from identification.diagnosis.results.findings import Alternative, Finding, Untestable
 from identification.diagnosis.results.headline import headline
@@ -106,13 +107,12 @@ def _count(count: int) -> str:
 
 def _heldout(diagnosed: Diagnosed) -> str:
     diagnosis = diagnosed.diagnosis
-    seen = np.isfinite(np.vstack([p.final.residuals for p in diagnosed.parts or (diagnosed,)]))
+    seen = np.isfinite(np.vstack([vectors(p.final) for p in diagnosed.parts or (diagnosed,)]))
     rows = max(int(seen.any(axis=1).sum()), 1)
     noise = diagnosis.noise_um * float(np.sqrt(seen.sum() / rows))
     before, after = (s["heldout_rms_um"] for s in (diagnosis.baseline, diagnosis.final))
-    what = (
-        "the declared noise" if "position" in diagnosed.final.solution.declared else "noise, as the residuals show it,"
-    )
+    declared = diagnosed.final.solution.declared & {"position", *(r.type for r in diagnosis.readings)}
+    what = "the declared noise" if declared else "noise, as the residuals show it,"
     text = f"{short(_value(after))} µm rms, of which {what} makes {short(noise)} µm"
     if diagnosis.findings and before != after:  # a corrected table was used by the first fit already
         text = f"{short(_value(before))} µm rms without the findings, {text.replace(' µm rms', ' µm rms with them', 1)}"
@@ -214,6 +214,7 @@ def _amount(name: str, value: float, std: float | None, unit: str) -> list[str]:
 
 def _unit(diagnosed: Diagnosed, name: str) -> str:
     units = {p.id: p.unit for p in diagnosed.model.start.chain.parameters}
+    units |= {name: unit for view in diagnosed.final.problem.readings for name, unit in view.units.items()}
     motion = name.rsplit(".", 1)[-1]
     return units.get(name) or (unit_of(motion) if motion in ("dx", "dy", "dz", "ea", "eb", "ec") else "1")
 
@@ -247,7 +248,7 @@ def _pictures(diagnosed: Diagnosed, count: int, evidence: Evidence) -> list[Pict
     )
     return [
         picture(
-            partial(draw_residuals_along_driver, evidence, final.sigma_mm),
+            partial(draw_residuals_along_driver, evidence, noise_mm(final)),
             f"Residuals in the direction in which {evidence.symbol} moves the tip, against {driver}{split}: on the "
             "left of a fit of everything but this finding (the geometry has taken what it can of it), on the right "
             f"with it. Dots are rows, at most {MOST_DRIVER_DOTS}; marks are means of bins with their "

@@ -125,9 +125,10 @@ class DiagnosisPlots(FitPlots):
 
     def finding(self, number: int) -> Figure:
         """Residuals along the driver of a finding, by its number from 1: without it and with it."""
+        from identification.diagnosis.linear.row_residuals import noise_mm
         from identification.plots.residuals_along_driver import draw_residuals_along_driver
 
-        return draw_residuals_along_driver(self._evidence(number), self._fit.sigma_mm)
+        return draw_residuals_along_driver(self._evidence(number), noise_mm(self._fit))
 
     def effect(self, number: int) -> Figure:
         """What a finding, by its number from 1, adds to the machine's motions, with two standard uncertainties."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,15 +13,13 @@ from identification.results.set_ups import set_ups
 from identification.results.terminal import table_lines
 
 if TYPE_CHECKING:
+    from identification.diagnosis.linear.row_residuals import ReadingSizes
     from identification.diagnosis.results.findings import Alternative, Diagnosis
     from identification.estimation.motions import Motions
     from identification.estimation.readings import Readings
     from identification.estimation.result import Fit, Spread
     from identification.results.analysis import Analysis
     from identification.results.description import Description
-
-if TYPE_CHECKING:
-    from identification.diagnosis.results.findings import Alternative, Diagnosis
 
 SHOWN = 12  # outliers
 SHOWN_SET_UPS = 24  # unknowns of set-ups
@@ -194,8 +192,10 @@ def diagnosis_lines(diagnosis: Diagnosis) -> Iterator[str]:
 
     before, after = (_held_out(s) for s in (diagnosis.baseline, diagnosis.final))
     yield headline(diagnosis)
-    yield f"verdict: {diagnosis.verdict}; noise of one coordinate {diagnosis.noise_um:.2f} um"
+    what = "coordinate" if diagnosis.points else "reading"
+    yield f"verdict: {diagnosis.verdict}; noise of one {what} {diagnosis.noise_um:.2f} um"
     yield f"held out: {before} um rms before, {after} um after"
+    yield from _observation_lines(diagnosis.readings)
     if diagnosis.unexplained:
         yield f"left over: {diagnosis.unexplained}"
     for number, finding in enumerate(diagnosis.findings, start=1):
@@ -208,6 +208,23 @@ def diagnosis_lines(diagnosis: Diagnosis) -> Iterator[str]:
         yield "\ncannot be seen in this survey"
         for item in diagnosis.untestable:
             yield f"  {item.effect}: {item.reason}"
+
+
+def _observation_lines(readings: Sequence[ReadingSizes]) -> Iterator[str]:
+    """What is left of single readings without the findings and with them, each observation by itself."""
+    if not readings:
+        return
+    head = ["readings, rms left out of the fit", "", "before", "after", "noise", "n"]
+    sizes = [
+        [
+            r.observation,
+            f"{r.type}, {r.unit}",
+            *(f"{v:.2f}" for v in (r.heldout_before, r.heldout_after, r.noise)),
+            str(r.n),
+        ]
+        for r in readings
+    ]
+    yield from table_lines([head, *sizes], "<<>>>>", least=7)
 
 
 def comparison(other: Alternative) -> Iterator[str]:

@@ -13,7 +13,6 @@ from errormodel.chain import Chain
 from errormodel.exceptions import InputError
 from errormodel.machine_file import read_machine
 from identification.diagnosis.data_checks.gate import passed
-from identification.diagnosis.pipeline import diagnose
 from identification.estimation.fit import fit_machine
 from identification.results.set_ups import set_ups
 from identification.uncertainty.prediction import predict
@@ -256,8 +255,6 @@ def test_what_cannot_be_is_refused() -> None:
     elsewhere = survey(MACHINE, table[table["observation"] == "A"], {"A": far}, "fixed")
     with pytest.raises(InputError, match="beside the nominal machine"):
         passed(MACHINE, elsewhere, lambda: fit_machine(MACHINE, elsewhere))
-    with pytest.raises(InputError, match="single readings"):
-        diagnose(MACHINE, survey(MACHINE, table, entries))
 
 
 def test_the_budget_of_a_prediction_adds_up_and_knows_the_scale_of_lengths() -> None:

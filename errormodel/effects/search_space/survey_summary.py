@@ -27,6 +27,7 @@ class Scene:
     stations : possible stations of the instrument in the reference's axes, mm.
     motions_of : the one joint whose error motions were measured, if so; no other element can then cause them.
     unusable : temperature sensors that are left out of the columns, each with the reason.
+    readings : types of single readings in the survey, such as distances; empty where there are none.
     """
 
     machine: Machine
@@ -34,6 +35,7 @@ class Scene:
     stations: tuple[Vector, ...] = ((0.0, 0.0, 0.0),)
     motions_of: str = ""
     unusable: Mapping[str, str] = field(default_factory=dict)
+    readings: tuple[str, ...] = ()
 
     @cached_property
     def all_motions(self) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from errormodel.arrays import Array, Mask
+from errormodel.surveys.observations import observed
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
 from identification.estimation.result import Fit
 
@@ -18,7 +19,17 @@ CHANCE = 0.02  # rows of a survey that noise with such tails throws as far as wh
 
 def gross_rows(fit: Fit, log: DecisionLog = UNRECORDED) -> Mask:
     """Mask (n,) of rows whose residual vector is longer than the noise, with the tails it has, ever makes one."""
-    residuals = fit.residuals
+    gross = _gross(fit, fit.residuals, log)
+    if fit.readings is not None:
+        names = observed(fit.survey.table)
+        for label in fit.survey.observations:  # each has a noise of its own
+            own = np.where(names == label, fit.readings.fitted, np.nan)
+            gross |= _gross(fit, own[:, None], log)
+    return gross
+
+
+def _gross(fit: Fit, residuals: Array, log: DecisionLog) -> Mask:
+    """The same of residuals (n, k), NaN where not measured: three coordinates, or one reading, of the same noise."""
     measured = np.isfinite(residuals).sum(axis=1)
     seen = measured > 0
     if not seen.any():

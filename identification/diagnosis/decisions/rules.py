@@ -366,6 +366,9 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             "An effect of which the geometry leaves, at its usual size, less than the noise cannot be seen.",
             _in("results.untestable", "HARDLY", "MOSTLY"),
         ),
+        "not-in-readings": Rule(
+            UNTESTABLE, "", "Lengths and angles that do not depend on what an effect moves cannot show it."
+        ),
         "unresolved-positions": Rule(
             UNTESTABLE, "", "An effect that repeats between the positions measured looks like another one."
         ),

@@ -21,19 +21,24 @@ from errormodel.effects.base import Effect, EffectTerm
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.machine import Vector
 from errormodel.survey import Survey
+from errormodel.surveys.observations import start_of
 from identification.diagnosis.data_checks.temperature_sensors import dead_sensors
+from identification.diagnosis.linear.first_poses import FirstPoses
 from identification.diagnosis.linear.orthonormal_basis import orthonormal_basis
 from identification.diagnosis.linear.random_effects import EXACT, RandomEffects
+from identification.diagnosis.linear.row_residuals import noise_mm
 from identification.estimation.noise import RESIDUAL_ROUND_OFF_SHARE
 from identification.estimation.result import Fit
 from identification.observation.models import PositionView
 from identification.observation.normal_equations import design_rows, view_vector
+from identification.observation.readings import ReadingView
 
 MOST_ROWS = 2500  # of a survey: more are thinned out
 MOST_RUNS = 12  # labels; more are no runs of one survey
 MOST_STATIONS = 3
 UNSEEN = 1e-9  # of a column's length squared: less than this of it the basis has not spanned by rounding only
 LEAST_RUN = 8  # rows of a run that may differ
+ROUNDED_LEVER = 1e-12  # of the machine's size (of 1, if that is larger): less of a reading's lever is rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +54,7 @@ class LinearModel:
     table : channel -> (N,) its value at each observation.
     index : (N,) the survey's row of each observation.
     round_off : a residual sum of squares that rounding errors make.
+    first : the first poses of observations that have two; `levers` and `table` are those of the second.
     """
 
     chain: Chain
@@ -59,6 +65,7 @@ class LinearModel:
     index: Index
     scene: Scene
     round_off: float = 0.0
+    first: FirstPoses | None = None
 
     @property
     def size(self) -> int:
@@ -100,7 +107,12 @@ class LinearModel:
         one = effects[0]
         if len(effects) > 1:
             one = one.model_copy(update={one.shape: np.array([[getattr(e, one.shape)] for e in effects])})
-        return one.terms(self.channel, self.chain.machine)
+        return one.terms(self.channel if self.first is None else self._at_all_poses, self.chain.machine)
+
+    def _at_all_poses(self, name: str) -> Array:
+        """A channel at each observation, and behind them at the first poses."""
+        assert self.first is not None
+        return np.concatenate([self.table[name], self.first.table[name]])
 
     def fill(self, terms: Sequence[EffectTerm], out: NDArray[np.floating[Any]], scaled: bool = False) -> None:
         """Write the whitened columns of some terms (k) into `out` (n, k, N + ties), in units of their size if `scaled`.
@@ -109,8 +121,12 @@ class LinearModel:
         """
         seen, kind = len(self.index), out.dtype
         out[:, :, seen:] = 0.0
+        first = self.first
         for k, term in enumerate(terms):
             levers, own = self.levers[term.element], out[:, k, :seen]
+            if first is not None:  # both poses side by side, and then that of the first added
+                levers = np.hstack([levers, first.levers[term.element]])
+                own = np.zeros((len(out), levers.shape[1]), kind)
             for n, (motion, value) in enumerate(term.motion.items()):
                 lever = levers[MOTIONS.index(motion)] * (term.size if scaled else 1.0)
                 parts = lever.astype(kind, copy=False), np.asarray(value, kind)
@@ -118,6 +134,9 @@ class LinearModel:
                     own += np.multiply(*parts)
                 else:
                     np.multiply(*parts, out=own)
+            if first is not None:
+                own[:, first.at] += own[:, seen:]
+                out[:, k, :seen] = own[:, :seen]
 
     def project(self, columns: Array) -> Array:
         """Columns (k, N + ties) without what the basis spans."""
@@ -218,19 +237,21 @@ def set_up(fit: Fit, most: int = MOST_ROWS) -> LinearModel:
     points = chain.kernel("nominal", outputs=(0, 1, 2))(chain.columns(fit.survey.table))
     table = _Channels(fit.survey, points)
     residuals, designs, levers, index = [], [], [], []
-    views = [v for v in problem.views if isinstance(v, PositionView)]
+    views = [v for v in problem.views if isinstance(v, PositionView | ReadingView)]
     total = sum(len(v) for v in views)
     if total > most:
         views = [v.part(np.unique(np.linspace(0, len(v) - 1, most * len(v) // total).astype(int))) for v in views]
-    level = solution.sigma["position"]  # 1 where the survey declares its noise
     for view in views:
+        level = solution.sigma[view.kind]  # 1 where the survey declares its noise
         gap = np.hstack([view.whiten(p, g) for p, g in view.gaps(view_vector(view, place, solution.values, zero))])
-        arms = chain.kernel("levers", (), view.fixed, (0, 1, 2))(view.rows, zero)
-        arms = view.whiten(slice(None), arms.reshape(-1, 3, len(view)))
+        arms = view.whiten(slice(None), _arms(view))
         residuals.append(gap.ravel() / level)
         designs.append(design_rows(view, place, most=len(view))[:, base] / level)
         levers.append(arms.reshape(len(arms), -1) / level)
-        index.append(np.tile(view.index, 3))
+        index.append(np.tile(view.index, len(view.outputs)))
+    firsts: list[Array] = []  # levers at the first of two poses
+    if any(v.observation.poses > 1 for v in problem.readings):
+        levers, firsts = _by_pose(levers, 6 * len(chain.element_names))
     design, stacked = np.vstack(designs), np.hstack(levers)
     rows = np.concatenate(index)
     live = np.abs(design).max(axis=1, initial=0.0) + np.abs(stacked).max(axis=0) > 0  # components that were measured
@@ -245,12 +266,39 @@ def set_up(fit: Fit, most: int = MOST_ROWS) -> LinearModel:
     names = chain.element_names
     # a member called "frame" goes before the measuring frame, as in the chain
     arms_of = {n: stacked[6 * k : 6 * k + 6][:, live] for k, n in enumerate(names)}
+    first = _first_poses(fit, np.hstack(firsts)[:, live], rows[live]) if firsts else None
     dead = dead_sensors(fit.survey)
     seen_columns = _scene_columns(fit.survey, table, chain, dead)
-    scene = Scene(chain.machine, seen_columns, _stations(fit), fit.survey.motions_of, dead)
+    read = tuple(dict.fromkeys(v.kind for v in problem.readings))
+    scene = Scene(chain.machine, seen_columns, _stations(fit), fit.survey.motions_of, dead, read)
     left = residual - q @ (q.T @ residual)
-    round_off = len(left) * (RESIDUAL_ROUND_OFF_SHARE * chain.size / max(fit.sigma_mm, 1e-300)) ** 2
-    return LinearModel(chain, left, q, arms_of, _Lazy(table, rows[live]), rows[live], scene, round_off)
+    noise = noise_mm(fit)
+    round_off = len(left) * (RESIDUAL_ROUND_OFF_SHARE * chain.size / max(noise, 1e-300)) ** 2
+    return LinearModel(chain, left, q, arms_of, _Lazy(table, rows[live]), rows[live], scene, round_off, first)
+
+
+def _arms(view: PositionView | ReadingView) -> Array:
+    """Change (6 * elements, outputs, n) of what a view observes by each motion of each element; mm, rad."""
+    arms = view.levers()
+    if isinstance(view, PositionView):
+        return arms
+    # a circle's own plane leaves rounding errors of what acts across it
+    return np.where(np.abs(arms) > ROUNDED_LEVER * max(1.0, view.chain.size), arms, 0.0)
+
+
+def _by_pose(levers: list[Array], count: int) -> tuple[list[Array], list[Array]]:
+    """Levers of each view at the only or the second pose, and at the first one (zero where there is but one)."""
+    return [a[:count] for a in levers], [a[count:] if len(a) > count else np.zeros_like(a) for a in levers]
+
+
+def _first_poses(fit: Fit, arms: Array, rows: Index) -> FirstPoses:
+    """The first poses of observations with levers (6 * elements, N) there, and with rows (N,) of the survey."""
+    at = np.flatnonzero(arms.any(axis=0))
+    chain = fit.chain
+    survey = replace(fit.survey, table=start_of(fit.survey.table, chain.machine))
+    table = _Channels(survey, chain.kernel("nominal", outputs=(0, 1, 2))(chain.columns(survey.table)))
+    levers = {n: arms[6 * k : 6 * k + 6, at] for k, n in enumerate(chain.element_names)}
+    return FirstPoses(at, levers, _Lazy(table, rows[at]))
 
 
 def _stations(fit: Fit) -> tuple[Vector, ...]:

@@ -24,6 +24,7 @@ from errormodel.effects.unnamed import Unnamed
 from errormodel.machine import EffectSpec, Joint, Machine
 from errormodel.survey import Survey
 from errormodel.surveys.columns import MEASURED, MOTION_UNCERTAINTIES, SIGMA_COLUMNS
+from errormodel.surveys.observations import groups
 from identification.runtime.progress import Progress
 
 ASIDE = 5000.0  # mm: far enough that the noise of a component is that of the angle that it shows
@@ -58,9 +59,14 @@ class Carried:
 
 
 def carried(machine: Machine, survey: Survey) -> list[Carried]:
-    """A survey of error motions only, joint by joint; none where positions were measured."""
+    """A survey of error motions only, joint by joint; none where positions were measured, or lengths or angles."""
     table = survey.fit.table
-    if "joint" not in table or not len(table) or survey.fit.measured.size - np.isnan(survey.fit.measured).sum():
+    if (
+        any(groups(table, survey.observations))
+        or "joint" not in table
+        or not len(table)
+        or survey.fit.measured.size - np.isnan(survey.fit.measured).sum()
+    ):
         return []
     return [
         part

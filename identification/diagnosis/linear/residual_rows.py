@@ -8,38 +8,62 @@ import numpy as np
 
 from errormodel.arrays import Array
 from identification.diagnosis.linear.linear_model import LinearModel
+from identification.diagnosis.linear.row_residuals import counts
 from identification.diagnosis.search.criteria import cross_validation_residuals
 from identification.estimation.result import Fit
 from identification.observation.models import PositionView
+from identification.observation.readings import ReadingView
 
 
-def views_of(fit: Fit, linear: LinearModel) -> Iterator[PositionView]:
+def views_of(fit: Fit, linear: LinearModel) -> Iterator[PositionView | ReadingView]:
     """The rows of each view of the fit that the linear model holds."""
     for view in fit.problem.views:
-        if isinstance(view, PositionView) and (own := np.isin(view.index, linear.index)).any():
+        if isinstance(view, PositionView | ReadingView) and (own := np.isin(view.index, linear.index)).any():
             yield view.part(own)
 
 
-def by_rows(fit: Fit, linear: LinearModel, values: Array) -> Iterator[tuple[PositionView, Array]]:
-    """Values (N,) of the linear model's observations as (m, 3) a view, NaN where nothing was measured."""
+def by_rows(fit: Fit, linear: LinearModel, values: Array) -> Iterator[tuple[PositionView | ReadingView, Array]]:
+    """Values (N,) of the linear model's observations as (m, 3) a view, (m, 1) of readings; NaN where not measured."""
     first = 0
     for part in views_of(fit, linear):
         last = first + part.count
-        out = np.full((3, len(part)), np.nan)
+        out = np.full((len(part.outputs), len(part)), np.nan)
         out[part.components.T] = values[first:last]  # component by component
         first = last
         yield part, out.T
 
 
 def heldout_um(fit: Fit, linear: LinearModel) -> float:
-    """Root mean square of the 3-D residual of blocks of rows, each predicted without it, um."""
+    """Root mean square of the rows' residuals, in blocks that are each predicted without it, um.
+
+    The 3-D residual of points, the gap of lengths (`row_residuals`).
+    """
+    if fit.readings is not None:
+        return _of_readings(fit, linear)
     square, count = 0.0, 0
     for part, left in by_rows(fit, linear, cross_validation_residuals(linear)):
-        white = np.nan_to_num(left)
-        if part.whitener.ndim == 1:
-            gap = white / part.whitener[:, None]
-        else:
-            gap = np.einsum("mij,mj->mi", np.linalg.pinv(part.whitener), white)
-        square += float(np.sum(gap**2))
+        square += float(np.sum(_unwhitened(part, left) ** 2))
         count += len(part)
     return 1e3 * fit.solution.sigma["position"] * float(np.sqrt(square / count))
+
+
+def _of_readings(fit: Fit, linear: LinearModel) -> float:
+    """The same where lengths or angles are among the rows; a row with a point and a length counts once."""
+    square = np.zeros(len(fit.survey))
+    seen = np.zeros(len(fit.survey), dtype=bool)
+    for part, left in by_rows(fit, linear, cross_validation_residuals(linear)):
+        factor = counts(part, fit) if isinstance(part, ReadingView) else 1.0
+        if factor:
+            gap = factor * fit.solution.sigma[part.kind] * _unwhitened(part, left)
+            square[part.index] += np.sum(gap**2, axis=1)
+            seen[part.index] = True
+    return 1e3 * float(np.sqrt(square[seen].mean()))
+
+
+def _unwhitened(part: PositionView | ReadingView, white: Array) -> Array:
+    """Whitened residuals (m, outputs), NaN where not measured, in mm or rad."""
+    white = np.nan_to_num(white)
+    if part.whitener.ndim == 1:
+        return np.asarray(white / part.whitener[:, None])
+    gap: Array = np.einsum("mij,mj->mi", np.linalg.pinv(part.whitener), white)
+    return gap

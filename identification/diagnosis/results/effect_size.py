@@ -13,6 +13,7 @@ from errormodel.conventions import FRAME, MOTIONS, Motion, unit_of
 from errormodel.effects.base import Effect
 from identification.estimation.result import Fit
 from identification.observation.models import PositionView
+from identification.observation.readings import ReadingView
 
 MOST_ROWS = 2000
 
@@ -127,15 +128,19 @@ def _rms(vectors: Array) -> float:
 
 
 def _seen(final: Fit, ids: tuple[str, ...]) -> tuple[dict[tuple[str, Motion], Array], dict[tuple[str, Motion], Array]]:
-    """Motions (k, n) per unit of each parameter, and levers (3, n) of those motions, at most `MOST_ROWS` rows."""
+    """Motions (k, n) per unit of each parameter, and levers (3, n) of those motions, at most `MOST_ROWS` rows.
+
+    Of a reading, at its last pose: an effect's size is that at the tip, whatever was read there.
+    """
     chain = final.chain
     motions: dict[tuple[str, Motion], list[Array]] = {}
     levers: dict[tuple[str, Motion], list[Array]] = {}
     elements = [chain.parameters[chain.index[i]].element for i in ids]
-    views = [v for v in final.problem.views if isinstance(v, PositionView)]
+    views = [v for v in final.problem.views if isinstance(v, PositionView | ReadingView)]
     share = min(1.0, MOST_ROWS / max(sum(len(v) for v in views), 1))
     for view in views:
         rows = view.part(np.unique(np.linspace(0, len(view) - 1, max(int(share * len(view)), 1)).astype(int))).rows
+        rows = rows[-len(chain.channels) :]
         terms = chain.kernel("terms", ids, view.fixed)(rows).reshape(-1, 6, len(rows[0]))
         arms = chain.kernel("levers", (), view.fixed, (0, 1, 2))(rows).reshape(-1, 6, 3, len(rows[0]))
         for element in dict.fromkeys(elements):

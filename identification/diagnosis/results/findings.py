@@ -13,6 +13,7 @@ from errormodel.effects import registry
 from errormodel.effects.base import Effect
 from identification.diagnosis.decisions.log import DecisionLog, named
 from identification.diagnosis.linear.linear_model import LinearModel
+from identification.diagnosis.linear.row_residuals import ReadingSizes
 from identification.diagnosis.results.effect_size import Amount
 from identification.diagnosis.results.residual_dependence import Dependence
 from identification.diagnosis.search.scoring import FORM, Step
@@ -100,7 +101,7 @@ class Untestable:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """All that ``diagnosis.json`` holds."""
+    """All that ``diagnosis.json`` holds; `points`: whether the noise is that of a coordinate, not of a reading."""
 
     verdict: str
     noise_um: float
@@ -111,14 +112,18 @@ class Diagnosis:
     unexplained: str | None = None
     dependence: Dependence | None = None
     notes: tuple[str, ...] = field(default=())
+    readings: tuple[ReadingSizes, ...] = ()
+    points: bool = True
 
     def as_json(self) -> dict[str, Any]:
+        readings = {"readings": [asdict(r) for r in self.readings]} if self.readings else {}
         return {
             "schema": "errormodel.diagnosis/1",
             "verdict": self.verdict,
             "noise_um": self.noise_um,
             "baseline": self.baseline,
             "final": self.final,
+            **readings,
             "findings": [f.as_json() for f in self.findings],
             "untestable": [asdict(u) for u in self.untestable],
             "unexplained": self.unexplained,

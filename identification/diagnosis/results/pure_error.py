@@ -7,9 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from errormodel.arrays import Array, Index
+from errormodel.surveys.observations import start_of
+from identification.diagnosis.linear.row_residuals import vectors
 from identification.estimation.result import Fit
 from identification.observation.models import PositionView
 from identification.observation.normal_equations import view_vector
+from identification.observation.readings import ReadingView
 
 SAME_LENGTH, SAME_ANGLE = 0.02, 2e-5  # mm, rad: commands as near as that are one pose; the model takes out the rest
 LEAST = 10  # repeats, below which they say nothing
@@ -27,6 +30,7 @@ class Repeats:
     ratio : variance of the fit's residuals over that of the repeats, in units of each row's uncertainty.
     p_value : chance of as much lack of fit by noise alone: F test, with degrees of freedom for the noise's tails.
     misfit : whether residuals are more than repeats explain.
+    points : whether points were measured; else readings.
     """
 
     poses: int
@@ -35,6 +39,7 @@ class Repeats:
     ratio: float
     p_value: float
     misfit: bool
+    points: bool = True
 
     @property
     def text(self) -> str:
@@ -44,8 +49,9 @@ class Repeats:
             if self.misfit
             else "which is as much as the residuals hold"
         )
+        what = "coordinate" if self.points else "reading"
         return (
-            f"{self.poses} poses were visited again ({self.count} rows): one coordinate repeats to {self.sigma_um:.2f} "
+            f"{self.poses} poses were visited again ({self.count} rows): one {what} repeats to {self.sigma_um:.2f} "
             f"um, {words}"
         )
 
@@ -56,20 +62,19 @@ def repeats_of(fit: Fit) -> Repeats | None:
     Rows that stay at a pose are one visit, of which the first counts: readings in a row share most of what is noise.
     Times, temperatures and sides of arrival may differ between visits, so that the scatter is noise at most.
     """
-    pose = _poses(fit)
-    white, index = whitened(fit)
+    white, index, what = whitened(fit)
+    pose = _alike(_poses(fit)[index], what)
     order = np.argsort(index, kind="stable")
-    rows = index[order]
-    visit = np.concatenate([[True], np.diff(pose[rows]) != 0]) if len(rows) else np.zeros(0, dtype=bool)
+    visit = np.concatenate([[True], np.diff(pose[order]) != 0]) if len(order) else np.zeros(0, dtype=bool)
     first = order[visit]
-    _, group, counts = np.unique(pose[index[first]], return_inverse=True, return_counts=True)
+    _, group, counts = np.unique(pose[first], return_inverse=True, return_counts=True)
     again = counts[group] > 1
     first, group = first[again], group[again]
     count, poses = int(again.sum() - (counts > 1).sum()), int((counts > 1).sum())
     if count < LEAST:
         return None
     within, dof = _within(white[first], group)
-    scatter, _ = _within(1e3 * fit.residuals[index[first]], group)
+    scatter, measured = _within(1e3 * _of_what(vectors(fit)[index[first]], what[first]), group)
     seen = np.isfinite(white)
     square, pure = float(np.nansum(white**2)), float(np.nansum(within**2))
     s = fit.solution
@@ -86,23 +91,43 @@ def repeats_of(fit: Fit) -> Repeats | None:
     freedom = rest / (1 + tails * rest / int(seen.sum())), dof / (1 + tails * dof / m)
     p_value = float(fdtrc(*freedom, (square - pure) / rest / (pure / dof)))
     misfit = ratio > MISFIT_RATIO and p_value < MISFIT_P
-    return Repeats(poses, count, float(np.sqrt(np.nansum(scatter**2) / dof)), float(ratio), p_value, misfit)
+    sigma = float(np.sqrt(np.nansum(scatter**2) / max(measured, 1)))
+    return Repeats(poses, count, sigma, float(ratio), p_value, misfit, bool(np.isfinite(fit.residuals).any()))
 
 
-def whitened(fit: Fit) -> tuple[Array, Index]:
-    """Position residuals (m, 3) in units of their declared uncertainty (mm where none is), NaN where not measured.
+def whitened(fit: Fit) -> tuple[Array, Index, Index]:
+    """Residuals (m, 3) of points in units of their declared uncertainty (mm where none is), NaN where not measured.
 
-    With the row of the survey that each belongs to, (m,).
+    With the row of the survey that each belongs to, (m,). Where there are single readings, all are in units of the
+    noise, a reading in the first column; the last (m,) is the number of its observation, 0 for a point.
     """
     s, zero, place = fit.solution, np.zeros(len(fit.chain.ids)), fit.problem.place()
-    parts, index = [np.zeros((0, 3))], [np.zeros(0, dtype=np.intp)]
+    parts, index, what = [np.zeros((0, 3))], [np.zeros(0, dtype=np.intp)], [np.zeros(0, dtype=np.intp)]
+    labels = list(dict.fromkeys(v.label for v in fit.problem.readings))
     for view in fit.problem.views:
-        if not isinstance(view, PositionView):
+        if not isinstance(view, PositionView | ReadingView):
             continue
         gap = np.hstack([view.whiten(p, g) for p, g in view.gaps(view_vector(view, place, s.values, zero))]).T
-        parts.append(np.where(view.components, gap, np.nan))
+        own = np.where(view.components, gap, np.nan)
+        if isinstance(view, ReadingView):
+            own = np.hstack([own, np.full((len(own), 2), np.nan)])
+        parts.append(own / s.sigma[view.kind] if labels else own)
         index.append(view.index)
-    return np.vstack(parts), np.concatenate(index)
+        what.append(np.full(len(view), 1 + labels.index(view.label) if isinstance(view, ReadingView) else 0))
+    return np.vstack(parts), np.concatenate(index), np.concatenate(what)
+
+
+def _alike(pose: Index, what: Index) -> Index:
+    """A number (m,) for each different pose and observation."""
+    return pose if not what.any() else pose + (int(pose.max()) + 1) * what
+
+
+def _of_what(residuals: Array, what: Index) -> Array:
+    """Residuals of rows (m, 3 or 4) without those that are of another observation of the row."""
+    if residuals.shape[1] > 3:
+        return np.where(np.arange(4) == 3, np.where(what[:, None] > 0, residuals, np.nan),
+                        np.where(what[:, None] == 0, residuals, np.nan))  # fmt: skip
+    return residuals
 
 
 def _poses(fit: Fit) -> Index:
@@ -110,15 +135,18 @@ def _poses(fit: Fit) -> Index:
     joints = fit.chain.machine.joints
     steps = [SAME_LENGTH if j.type == "prismatic" else SAME_ANGLE for j in joints]
     commands = np.hstack([fit.survey.commands([j.name for j in joints]) / steps, fit.survey.tool / SAME_LENGTH])
+    if any(v.observation.poses > 1 for v in fit.problem.readings):
+        start = start_of(fit.survey.table, fit.chain.machine)
+        commands = np.hstack([commands, start[[j.name for j in joints]].to_numpy(dtype=np.float64) / steps])
     return np.asarray(np.unique(np.rint(commands), axis=0, return_inverse=True)[1]).reshape(-1)
 
 
 def _within(values: Array, group: Index) -> tuple[Array, int]:
-    """Deviations (m, 3) from the mean of each group, component by component, and their degrees of freedom."""
+    """Deviations (m, k) from the mean of each group, component by component, and their degrees of freedom."""
     _, group = np.unique(group, return_inverse=True)
     size = int(group.max()) + 1
     out, dof = np.empty_like(values), 0
-    for k in range(3):
+    for k in range(values.shape[1]):
         seen = np.isfinite(values[:, k])
         count = np.bincount(group, seen, size)
         mean = np.bincount(group, np.where(seen, values[:, k], 0.0), size) / np.maximum(count, 1)

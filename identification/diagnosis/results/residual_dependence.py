@@ -76,13 +76,16 @@ def _words(channel: str) -> str:
     return f"the direction of {channel[4:]}" if channel.startswith("dir_") else channel
 
 
-def dependence_of(linear: LinearModel, sigma_um: float, log: DecisionLog = UNRECORDED) -> Dependence | None:
+def dependence_of(
+    linear: LinearModel, sigma_um: float, log: DecisionLog = UNRECORDED, components: int = 3
+) -> Dependence | None:
     """What the residual of a linear model depends on; None where it is independent of all channels.
 
     Parameters
     ----------
     linear : geometry and all findings fitted.
     sigma_um : standard deviation of one whitened observation, um.
+    components : observations of a row: three coordinates, or one reading.
     """
     index = linear.index
     rows = np.unique(index)
@@ -116,7 +119,7 @@ def dependence_of(linear: LinearModel, sigma_um: float, log: DecisionLog = UNREC
     axis, share = _predicted(linear, _joined(_of(bases, channels)))
     if not axis:  # what does not predict rows that were left out is of no use
         return None
-    return Dependence(channels, p_value, axis, sigma_um * float(np.sqrt(3 * share)))
+    return Dependence(channels, p_value, axis, sigma_um * float(np.sqrt(components * share)))
 
 
 def _channels(linear: LinearModel, rows: Index) -> Iterator[tuple[str, Array]]:

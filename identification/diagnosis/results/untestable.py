@@ -43,6 +43,7 @@ def unseen(scene: Scene, scores: Scores, found: Collection[Effect], log: Decisio
         if kind.empirical or not kind.traits().physical:
             continue
         possible: dict[Variant, list[Effect]] = {}
+        proposed = set(map(variant_of, kind.proposals(scene))) if scene.readings else set()
         for effect in kind.proposals(full_scene(scene)):
             if scene.shows(effect.where):
                 possible.setdefault(variant_of(effect), []).append(effect)
@@ -53,13 +54,22 @@ def unseen(scene: Scene, scores: Scores, found: Collection[Effect], log: Decisio
                 continue
             where = variant[1] if not both else f"{variant[1]} {'as it changes' if variant[2] else 'if constant'}"
             part, expected_delta_chi2 = least.get(variant, (None, np.inf))
-            if part is None:
+            if part is None and variant in proposed:
+                log.add("not-in-readings", "not considered", effects[0], beside=" ".join(scene.readings))
+                reasons.setdefault(f"none of the readings ({', '.join(scene.readings)}) depends on it", []).append(
+                    where
+                )
+            elif part is None:
                 lacks = _missing(effects, scene)
                 log.add("not-recorded", "not considered", effects[0], beside=lacks)
                 reasons.setdefault(lacks, []).append(where)
             elif expected_delta_chi2 < HARDLY and part > MOSTLY:
                 log.add("below-noise", "not considered", effects[0], float(expected_delta_chi2), HARDLY)
                 reason = "what the geometry leaves of it at its usual size stays within the noise"
+                reasons.setdefault(reason, []).append(where)
+            elif scene.readings and expected_delta_chi2 < HARDLY:
+                log.add("below-noise", "not considered", effects[0], float(expected_delta_chi2), HARDLY)
+                reason = "at its usual size it changes what was read by less than the noise"
                 reasons.setdefault(reason, []).append(where)
             elif part > ABSORBED:
                 log.add("hidden-by-geometry", "not considered", effects[0], float(part), ABSORBED)

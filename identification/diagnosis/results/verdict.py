@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog, Outcome
+from identification.diagnosis.linear.row_residuals import spread, vectors
 from identification.diagnosis.results.pure_error import MISFIT_P, MISFIT_RATIO, repeats_of, whitened
 from identification.diagnosis.results.residual_dependence import Dependence
 from identification.estimation.result import Fit
@@ -46,7 +47,7 @@ def judge(final: Fit, found: bool, dependence: Dependence | None = None, log: De
             MISFIT_RATIO,
             beside=f"p = {repeats.p_value:.2g}",
         )
-    elif "position" in s.declared and s.dof > 0:
+    elif _declared(final) and s.dof > 0:
         word = "found" if declared else "passed"
         log.add("lack-of-fit-by-declared-uncertainty", word, "residuals", s.chi2 / s.dof, MISFIT_RATIO)
     if repeats is not None:
@@ -69,9 +70,9 @@ def judge(final: Fit, found: bool, dependence: Dependence | None = None, log: De
 
 def largest(fit: Fit) -> str:
     """Where the residuals are largest, in words."""
-    white, index = whitened(fit)
+    white, index, _ = whitened(fit)
     square = np.nanmean(white**2, axis=1)
-    length = 1e3 * np.sqrt(np.nansum(fit.residuals[index] ** 2, axis=1))
+    length = 1e3 * np.sqrt(np.nansum(vectors(fit)[index] ** 2, axis=1))
     table = fit.survey.table
     joints = {j.name: j for j in fit.chain.machine.joints}
     best, words = CLEAR, "it is spread evenly over positions and time"
@@ -99,13 +100,18 @@ def _exceeds_declared(fit: Fit) -> bool:
     from scipy.special import chdtrc
 
     s = fit.solution
-    if "position" not in s.declared or s.dof <= 0:
+    if not _declared(fit) or s.dof <= 0:
         return False
     return bool(chdtrc(s.dof, s.chi2) < MISFIT_P and s.chi2 / s.dof > MISFIT_RATIO)
 
 
+def _declared(fit: Fit) -> bool:
+    """Whether the uncertainty of points or readings is stated."""
+    return bool(fit.solution.declared & {"position", *(v.kind for v in fit.problem.readings)})
+
+
 def _length(fit: Fit) -> float:
-    """Root mean square of the 3-D residual, um, for the degrees of freedom that the fit has left."""
+    """Root mean square of the rows' residuals, um, for the degrees of freedom that the fit has left."""
     s = fit.solution
     count = sum(x.count for x in s.sums.values())
-    return fit.fitted.rms_um * float(np.sqrt(count / max(s.dof, 1)))
+    return spread(fit).rms_um * float(np.sqrt(count / max(s.dof, 1)))

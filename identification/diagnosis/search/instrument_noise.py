@@ -25,6 +25,7 @@ from identification.diagnosis.search.candidates import Candidates
 from identification.diagnosis.search.scoring import DETECT
 from identification.estimation.noise import is_round_off
 from identification.estimation.result import Fit
+from identification.observation.models import PositionView
 
 if TYPE_CHECKING:
     from scipy.optimize import OptimizeResult
@@ -54,6 +55,9 @@ def tracker_noise(
     """
     if not isinstance(survey.instrument, Plain) or any(name in survey.table for name in SIGMA_COLUMNS):
         log.add("points-for-noise", "passed", "instrument", beside="the survey names the instrument or its uncertainty")
+        return None
+    if "position" not in fit.solution.sigma:
+        log.add("points-for-noise", "passed", "instrument", beside="no point was measured")
         return None
     if is_round_off(fit.chain, fit.solution.sigma["position"]):
         log.add("points-for-noise", "passed", "instrument", beside="the residuals are round-off")
@@ -90,6 +94,8 @@ def _cleared(linear: LinearModel, candidates: Candidates) -> LinearModel | None:
 def _triples(fit: Fit, linear: LinearModel) -> Iterator[tuple[Array, Array]]:
     """Points and residuals (m, 3) in the axes of their measuring frame, of rows with three components."""
     for part, white in by_rows(fit, linear, linear.residual[: len(linear.index)]):
+        if not isinstance(part, PositionView):
+            continue
         whole = np.isfinite(white).all(axis=1)
         # without a missing component a view is whitened in the reference's axes
         turn = part.pose.rotation.T if part.whitener.ndim == 1 else np.eye(3)

@@ -1,0 +1,37 @@
+"""Words for the direction in which a joint arrives at a position, as files have them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+import numpy as np
+
+from errormodel.arrays import Array
+from errormodel.exceptions import InputError
+
+_PLUS = frozenset(("+", "+1", "1", "1.0", "forward", "fwd", "positive", "pos", "up", "f"))
+_MINUS = frozenset(
+    ("-", "-1", "-1.0", "\u2013", "\u2212", "backward", "reverse", "rev", "bwd", "negative", "neg", "down", "b", "r")
+)
+HEADINGS = r"dir(ection)?|approach(direction)?|sense|richtung"
+
+
+def sides(cells: Iterable[object], where: Callable[[int], str]) -> Array:
+    """1 for a joint that arrives from smaller positions, -1 from larger ones, (n,).
+
+    Parameters
+    ----------
+    cells : what stands in the rows; `where`: place of a row in the file, for messages.
+
+    Raises
+    ------
+    InputError
+        A cell is neither.
+    """
+    words = [str(c).strip().lower() for c in cells]
+    out = np.array([1.0 if w in _PLUS else -1.0 if w in _MINUS else np.nan for w in words])
+    if np.isnan(out).any():
+        row = int(np.argmax(np.isnan(out)))
+        found = f"'{words[row]}' as a direction"
+        raise InputError(where(row), found, "Directions are + and -, 1 and -1, forward and reverse")
+    return out
