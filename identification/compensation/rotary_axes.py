@@ -22,7 +22,7 @@ from errormodel.controllers.axes import directions_at_zero
 from errormodel.controllers.base import Line
 from errormodel.controllers.setup import Setup
 from identification.compensation.field import Field
-from identification.compensation.reduction import frame_motion
+from identification.compensation.sample import frame_motion
 from identification.compensation.volume import Volume
 
 POSES = 1024  # of the least squares; a power of two, for Sobol points

@@ -14,10 +14,12 @@ from errormodel.controllers.base import Controller
 from errormodel.machine import EffectSpec
 from errormodel.machine_file import read_machine
 from identification.compensation import minimax
+from identification.compensation.designs import Design
 from identification.compensation.field import Field, movers_of
 from identification.compensation.inverse import CLOSED_MM, inverse
 from identification.compensation.minimax import Slopes
-from identification.compensation.reduction import Sample, _Task, leftover, reduce
+from identification.compensation.reduction import _Task, leftover, reduce
+from identification.compensation.sample import Sample
 from identification.compensation.volume import Volume
 from tests.helpers.chains import Array, errors
 from tests.helpers.commands import MILL
@@ -95,8 +97,8 @@ def test_the_last_value_runs_away_less_than_where_every_value_is_free(monkeypatc
     ends, worst = [], []
     for free in (False, True):
         if free:
-            monkeypatch.setattr(_Task, "moves", lambda task: None)
-            monkeypatch.setattr(_Task, "_bends", lambda task: Slopes(task.kinks[:0], np.zeros(0)))
+            monkeypatch.setattr(Design, "moves", lambda design: None)
+            monkeypatch.setattr(_Task, "_bends", lambda task: Slopes(task.design.kinks[:0], np.zeros(0)))
         tables = reduce(controller, setup, terms, sample)
         bends = [np.abs(np.diff(t.values, 2)) for t in tables if t.term.size >= 6]
         ends.append(max(max(b[0], b[-1]) / b[1:-1].max() for b in bends))
