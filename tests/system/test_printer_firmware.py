@@ -1,7 +1,7 @@
 """Files of printers in the firmwares' own code, whose sources are taken from a path: they are not in the project.
 
-``ERRORMODEL_KLIPPER`` and ``ERRORMODEL_MARLIN`` name checkouts of Klipper3d/klipper and MarlinFirmware/Marlin. Klipper's
-modules are executed; of Marlin's planner the one function of the skew is compiled.
+``ERRORMODEL_KLIPPER`` and ``ERRORMODEL_MARLIN`` name checkouts of Klipper3d/klipper and MarlinFirmware/Marlin. Modules
+of Klipper are executed; of Marlin's planner the one function of the skew is compiled.
 """
 
 from __future__ import annotations
