@@ -44,6 +44,7 @@ class Line:
     ----------
     shift, tilt : across the axis, mm and rad; `along` : its nominal direction.
     side : ``table`` if it carries the workpiece, ``head`` if it carries the tool, empty between linear axes.
+    at : the point of the axis that is shifted by `shift`, from the tool's tip, mm: a tilt shifts others otherwise.
     """
 
     axis: str
@@ -51,6 +52,13 @@ class Line:
     tilt: Vector
     along: Vector
     side: str
+    at: Vector = (0.0, 0.0, 0.0)
+
+    @property
+    def slope(self) -> Vector:
+        """Further shift per mm along the axis, by its tilt."""
+        (a, b, c), (x, y, z) = self.tilt, self.along
+        return (b * z - c * y, c * x - a * z, a * y - b * x)
 
 
 class Target(ABC):

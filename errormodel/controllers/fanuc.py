@@ -121,6 +121,7 @@ class Fanuc(Controller):
         return [
             "parameters of tool centre point control on a 30i (machine unit; older ones count in 0.001 mm): add x y z",
             *(f"  {k}: {' '.join(f'{v + 0.0:+.4f}' for v in value)}" for k, value in made.items()),
+            "the vectors are taken to end at the points of the axes that are named above (a tilt shifts others)",
             "no public source has a parameter for the tilt of an axis: its part stays; the sign is to be tested",
         ]
 

@@ -42,7 +42,7 @@ class GCode(Rewriter):
     def positions(self, name: str, text: str, setup: Setup, reading: Reading | None = None) -> Array:
         if name.lower().endswith(".csv"):
             return self._table(name, text, setup)[1]
-        steps = Source.of(name, text, reading or Reading()).steps(setup)
+        steps = Source.of(name, text, reading or Reading()).without_cycles(setup).steps(setup)
         ends = [s.q for s in steps if s.path is not None]
         return np.vstack(ends) if ends else np.zeros((0, len(setup.axes)))
 

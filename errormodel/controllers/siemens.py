@@ -144,6 +144,7 @@ class Siemens(Controller):
                 f"  {name}: {' '.join(f'{v + 0.0:+.7f}' for v in turn)} (for a vector of length 1 along "
                 f"{' '.join(f'{v:+g}' for v in one.along)}; the other signs where the control has it the other way)"
             )
+        out.append("the vectors are taken to end at the points of the axes that are named above (a tilt shifts others)")
         return [*out, "the closing vector only where the head or table cannot be changed; the sign is to be tested"]
 
 

@@ -19,7 +19,8 @@ _FOR_ALL = {
     "G4": "one line", "G28": "one line",
 }  # fmt: skip
 _MILLING = _FOR_ALL | {
-    "G80": MOTION, "G93": "feed mode", "G94": "feed mode", "G95": "feed mode", "G40": "cutter radius",
+    "G80": MOTION, **dict.fromkeys(("G73", "G81", "G82", "G83", "G85", "G89"), MOTION),
+    "G93": "feed mode", "G94": "feed mode", "G95": "feed mode", "G40": "cutter radius",
     "G43": "tool length", "G49": "tool length", **dict.fromkeys(ORIGINS, "work offset"),
     "G61": "path", "G64": "path", "G97": "spindle", "G98": "return", "G99": "return",
     "G30": "one line", "G53": "one line", "G69": "rotation",
@@ -38,6 +39,7 @@ _PRINTING_M = dict.fromkeys(_QUIET.split(), "printer") | {"M17": "motors", "M18"
 STOP_CODES = frozenset(_STOPS)  # carried out after the block's motion: NIST IR 6556, table 8
 END_CODES = frozenset({"M2", "M30"})  # end of the programme
 PLANES = {"G17": ("X", "Y", "I", "J", "K"), "G18": ("Z", "X", "K", "I", "J"), "G19": ("Y", "Z", "J", "K", "I")}
+PECK_CYCLES = frozenset({"G73", "G83"})
 EXACT_STOPS = frozenset({"G9", "G61", "G61.1"})  # an exact stop at the end of every block
 
 _ROTATED = "Write the programme without rotation, scaling and mirroring"

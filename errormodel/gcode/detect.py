@@ -34,7 +34,7 @@ DIALECT_MARKS = {
         r"^\s*%\s*$|^\s*[O:]\d+|" + _WORD.format(r"G0*(4[0-9]|5[3-9]|6[14]|73|76|8[1-9]|9[3-9])(\.\d)?") + r"|"
         + _WORD.format(r"M0*(6|19|30|98|99)")
     ),
-    "iso": re.compile(_WORD.format(r"G(8|61\.1|64|59\.[1-3]|90\.1|91\.1)") + r"|^\s*O<|#<"),
+    "iso": re.compile(_WORD.format(r"G(8|61\.1|64|59\.[1-3]|90\.1|91\.1)") + r"|^\s*/?\s*O\s*(<|\d+\s*[A-Z])|#<"),
     "fanuc": re.compile(r"^\s*O\d+\s*$|" + _WORD.format(r"G0*(9|15|67)")),
 }  # fmt: skip
 TRAILING_POINT = re.compile(r"[XYZABCUVWIJKR][-+]?\d+\.(?!\d)")

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 FIELDS = {
     MOTION: "motion", "plane": "plane", "distance": "distance", "arc distance": "arc", "units": "units",
     "feed mode": "feed", "work offset": "origin", "path": "path",
+    "return": "back",
 }  # fmt: skip
 COORDINATES = "IJKR"
 
@@ -40,13 +41,14 @@ class Codes:
         return code in self.all
 
 
-def check(block: Block, dialect: Dialect, axes: Sequence[str], stated: Collection[str]) -> Codes:
+def check(block: Block, dialect: Dialect, axes: Sequence[str], stated: Collection[str], also: str = "") -> Codes:
     """Codes of a block whose words are all understood.
 
     Parameters
     ----------
     axes : letters of the machine's axes.
     stated : commands after which the user stated the positions of the axes; they are permitted as well.
+    also : further letters, those of a canned cycle.
 
     Raises
     ------
@@ -81,7 +83,7 @@ def check(block: Block, dialect: Dialect, axes: Sequence[str], stated: Collectio
     if dialect.printer and block.has("T") and block.words[0].letter == "T":
         event = next((t for t in (block.words[0].code, "T") if t in stated), "T")
     codes = Codes(groups, event)
-    _letters(block, dialect, axes, codes)
+    _letters(block, dialect, axes, codes, also)
     _belong(block, dialect, axes, codes)
     return codes
 
@@ -108,9 +110,9 @@ def _one_command(block: Block) -> None:
         block.refuse("two commands in one line", "Write a line for each")
 
 
-def _letters(block: Block, dialect: Dialect, axes: Sequence[str], codes: Codes) -> None:
+def _letters(block: Block, dialect: Dialect, axes: Sequence[str], codes: Codes, also: str) -> None:
     free = dialect.printer and (block.words[0].letter == "M" or bool(codes.event))
-    extras = "".join(v for k, v in dialect.extras.items() if k in codes)
+    extras = "".join(v for k, v in dialect.extras.items() if k in codes) + also
     seen = set()
     for word in block.words:
         letter = word.letter
@@ -135,7 +137,13 @@ def _letters(block: Block, dialect: Dialect, axes: Sequence[str], codes: Codes) 
             known = letter in "XYZABCUVW"
             found = f"{word}, and the machine has no axis {letter}" if known else f"{word} is not understood here"
             block.refuse(found, "Take it out" if known else f"Take it out, or give --dialect (this is {dialect.title})")
-        elif dialect.points and letter in COORDINATES and word.value and "." not in word.text:
+        elif (
+            dialect.points
+            and letter in COORDINATES
+            and (letter == "R" or not also)
+            and word.value
+            and "." not in word.text
+        ):
             _pointless(block, str(word))
 
 

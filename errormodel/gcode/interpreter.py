@@ -54,7 +54,7 @@ class Interpreter:
                 continue
             if ended:
                 block.refuse(f"it is behind the programme's end (line {ended.number})", "Take it out")
-            yield self._step(block, code)
+            yield self.step(block, code)
             if END_CODES & {*block.codes("M")} and not self.dialect.printer:
                 ended = block
 
@@ -72,7 +72,27 @@ class Interpreter:
                 out[self.setup.place(letter)] = value
         return out
 
-    def _step(self, block: Block, codes: Codes) -> Step:
+    def modes_of(self, codes: Codes) -> Modes:
+        """Modal state behind the codes of the next block."""
+        return grammar.modes_behind(self.modes, codes)
+
+    def programme_position(self, block: Block, letter: str) -> float:
+        """Where an axis stands, in the units of the programme and from its origin.
+
+        Raises
+        ------
+        InputError
+            It is not known.
+        """
+        k = self.columns.get(letter)
+        if k is None:
+            block.refuse(f"the machine has no axis {letter}", "Write lines")
+        if not np.isfinite(self.q[k]):
+            self._unknown(block, self.q, (k,))
+        return float((self.q[k] - self._shift(block)[k]) / self._unit(k))
+
+    def step(self, block: Block, codes: Codes) -> Step:
+        """Execute the next block; `codes` are those that `grammar.check` found in it."""
         self.modes = grammar.modes_behind(self.modes, codes)
         if block.has("F"):
             self.feed_of = self.modes.feed
@@ -146,7 +166,7 @@ class Interpreter:
 
     def _move(self, block: Block, named: tuple[int, ...]) -> Step:
         modes, own = self.modes, "G53" in block.codes("G")
-        if modes.motion in ("", "G80"):
+        if modes.motion not in ("G0", "G1", "G2", "G3"):
             block.refuse("positions without G0, G1, G2 or G3", "Write how it moves")
         if modes.motion in ("G0", "G1"):
             grammar.no_path_words(block)

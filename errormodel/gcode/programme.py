@@ -7,7 +7,7 @@ corrected says so in a comment before its first command, and is not corrected ag
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,8 +15,10 @@ from errormodel.arrays import Array
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.text import Comment
 from errormodel.exceptions import InputError
+from errormodel.gcode.calls import written_out
 from errormodel.gcode.check import Deviation, checked
 from errormodel.gcode.codes import Dialect
+from errormodel.gcode.cycles import CYCLES, CycleWriter
 from errormodel.gcode.detect import dialect_of
 from errormodel.gcode.divide import Correct
 from errormodel.gcode.interpreter import Interpreter
@@ -37,10 +39,12 @@ class Source:
     dialect: Dialect
     blocks: list[Block]
     reading: Reading
+    calls: int = 0  # that were written out
+    holes: int = 0  # of canned cycles that were written out
 
     @classmethod
     def of(cls, name: str, text: str, reading: Reading) -> Source:
-        """Parse a programme's text.
+        """Parse a programme's text; calls of its subprogrammes are written out.
 
         Raises
         ------
@@ -52,7 +56,30 @@ class Source:
         dialect = dialect_of(reading.dialect, raw)
         if not any(b.text.strip() for b in raw):
             raise InputError(name, "the programme is empty", "Give a programme")
-        return cls(name, dialect, _blocks(raw, dialect), reading)
+        raw, calls = written_out(raw, dialect)
+        return cls(name, dialect, _blocks(raw, dialect), reading, calls)
+
+    def without_cycles(self, setup: Setup) -> Source:
+        """The programme with its canned cycles written out as single moves.
+
+        Raises
+        ------
+        InputError
+            A cycle is not certain, or depends on whether optional blocks are carried out.
+        """
+        if not any(c in CYCLES for b in self.blocks for c in b.codes("G")):
+            return self
+        found = []
+        for switch in (True, False) if self.switched else (True,):
+            writer = CycleWriter(Interpreter(self.dialect, setup, self.reading, self.blocks))
+            parts = [[b] if b.optional and not switch else writer.block(b) for b in self.blocks]
+            found.append((parts, writer.count))
+        (parts, holes), other = found[0], found[-1][0]
+        for block, one, two in zip(self.blocks, parts, other, strict=True):
+            if not block.optional and [b.text for b in one] != [b.text for b in two]:
+                what = "a canned cycle that depends on whether an optional block above is carried out"
+                block.refuse(what, "Take the '/' away, or write the cycle as single moves")
+        return replace(self, blocks=[b for part in parts for b in part], holes=holes)
 
     def steps(self, setup: Setup, optional: bool = True) -> list[Step]:
         """Steps of the blocks.
@@ -96,7 +123,7 @@ def corrected(name: str, text: str, setup: Setup, correct: Correct, reading: Rea
     """
     if any(len(n) > 1 for n in setup.names):
         raise InputError(name, f"axes {', '.join(setup.names)} are no letters of G-code", "Give a CSV of commands")
-    source = Source.of(name, text, reading)
+    source = Source.of(name, text, reading).without_cycles(setup)
     for block in source.blocks:
         if any(MARK in c.lower() for c in block.comments):
             block.refuse("a programme that compensate wrote: it is corrected already", "Give the plain one")
@@ -104,9 +131,10 @@ def corrected(name: str, text: str, setup: Setup, correct: Correct, reading: Rea
         _once(source, setup, correct, figures, switch) for switch in ((True, False) if source.switched else (True,))
     ]
     steps, lines, deviation = runs[0]
+    last = 0
     for block, with_, without in zip(source.blocks, lines, runs[-1][1], strict=True):
+        last = block.number if block.optional else last
         if not block.optional and with_ != without:
-            last = max((b.number for b in source.blocks if b.optional and b.number < block.number), default=0)
             found = f"this block depends on whether the optional block in line {last} is carried out"
             block.refuse(found, "Name all axes in a rapid behind the optional block, or take its '/' away")
     if any(part != [b.text] for part, b in zip(lines, source.blocks, strict=True)):
@@ -186,6 +214,10 @@ def _notes(source: Source, steps: Sequence[Step], setup: Setup) -> tuple[str, ..
     if not steps[0].modes.origin and not source.reading.offsets:
         granted.append("positions of the axes (no work offset)")
     out = [f"{source.name}: taken for granted, since it does not say: {', '.join(granted)}"] if granted else []
+    if source.calls or source.holes:
+        out.append(
+            f"{source.name}: {source.calls} calls and {source.holes} holes of cycles are written out as single lines"
+        )
     stated = [
         f"{name or 'the work offset'} {' '.join(f'{k}{v:g}' for k, v in place.items())}"
         for name, place in source.reading.offsets.items()

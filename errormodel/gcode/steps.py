@@ -29,6 +29,7 @@ class Modes:
     origin: str = ""
     tool: str = ""
     path: str = ""
+    back: str = ""  # where canned cycles return to
 
     @property
     def absolute(self) -> bool:

@@ -30,6 +30,7 @@ from identification.compensation.conditions import (
     conditions_of,
     state_lines,
 )
+from identification.compensation.designs import Designs
 from identification.compensation.field import Field
 from identification.compensation.read_motions import known_at_tip, motion_rows, notes_on_motions
 from identification.compensation.reduction import leftover, reduce
@@ -122,13 +123,15 @@ def compensate(
     states = levels(table, channels)
     if len(states) > 1 and volume.free:
         volume = replace(volume, pose=replace(volume, field=field.at(states[len(states) // 2])).frame)
-    sets = []
+    sets, designs = [], Designs(len(states))
     for state in states:
         here = replace(volume, field=field.at(state))
         label = re.sub(r"[^\w.-]", "_", "_".join(f"{k}_{v:.1f}" for k, v in state.items()), flags=re.ASCII)
         what = f"{controller.title}{f', {label}' if label else ''}"
         if isinstance(controller, Controller):
-            sets.append(_one_state(controller, setup, here, held, label, state, seed, allow_large, what, progress))
+            sets.append(
+                _one_state(controller, setup, here, held, label, state, seed, allow_large, what, designs, progress)
+            )
         elif isinstance(controller, Rewriter):
             with progress(f"Commands for {what}"):
                 sets.append(_rewritten(controller, setup, here, held, label, state, source, reading, seed))
@@ -205,10 +208,11 @@ def _one_state(
     seed: int,
     allow_large: bool,
     what: str,
+    designs: Designs,
     progress: Progress,
 ) -> Stated:
     with progress(f"Tables for {what}"):
-        tables = best_tables(controller, setup, volume)
+        tables = best_tables(controller, setup, volume, designs)
     if setup.read is not None and not any(
         np.abs(t.values).max(initial=0.0) > controller.quantum(setup) for t in tables
     ):
@@ -312,21 +316,27 @@ def _source(controller: Target, path: Path | None, reading: Reading | None) -> t
         raise InputError(str(path), f"it cannot be read ({error})", "Give a programme as plain text") from error
 
 
-def best_tables(controller: Controller, setup: Setup, volume: Volume) -> Tables:
+def best_tables(controller: Controller, setup: Setup, volume: Volume, designs: Designs | None = None) -> Tables:
     """Tables of the structure with the smallest largest error; for a fine lattice, the exact corrections at its nodes.
 
-    Structures are tried from the plainest on; a richer one replaces it only if it is clearly better.
+    Structures are tried from the plainest on; a richer one replaces it only if it is clearly better. The first of
+    the states of a machine (`designs`) decides for all.
     """
     structures = controller.structures(setup)
     longer = [t for t in structures[-1] if t.factor == LONGER]
     if longer:  # both from the same nodes in the same frame, so that they hold together
         return volume.followed([t for t in structures[-1] if t.factor != LONGER], longer, setup)
-    return _best_of(structures, controller, setup, volume)
+    return _best_of(structures, controller, setup, volume, designs or Designs())
 
 
-def _best_of(structures: list[list[Term]], controller: Controller, setup: Setup, volume: Volume) -> Tables:
+def _best_of(
+    structures: list[list[Term]], controller: Controller, setup: Setup, volume: Volume, designs: Designs
+) -> Tables:
     best: Tables = ()
-    for terms in structures:
+    chosen = 0
+    for rank, terms in enumerate(structures):
+        if designs.rank not in (None, rank):
+            continue
         if sum(t.size for t in terms) > EXACT_LATTICE_VALUES:
             values = volume.nodes(terms, setup)
             if values is not None:
@@ -335,12 +345,13 @@ def _best_of(structures: list[list[Term]], controller: Controller, setup: Setup,
         sample = volume.sample(
             setup, int(np.clip(TABLES_PER_SAMPLE / max(len(terms), 1), 1, MOST_SAMPLES)) * SAMPLE_POSES
         )
-        tables = reduce(controller, setup, terms, sample, controller.most_tables)
-        left, before = leftover(controller, setup, tables, sample), leftover(controller, setup, (), sample)
-        if not best or left < RICHER_SHARE * leftover(controller, setup, best, sample):
-            best = tables
+        tables = reduce(controller, setup, terms, sample, controller.most_tables, designs)
+        left, before = (leftover(controller, setup, t, sample, designs) for t in (tables, ()))
+        if not best or left < RICHER_SHARE * leftover(controller, setup, best, sample, designs):
+            best, chosen = tables, rank
         if left < SUFFICIENT_SHARE * before:
             break
+    designs.rank = chosen
     return best
 
 

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 MOST_EXCHANGES = 25  # rounds of the exchange method; by judgement
 POSES_PER_EXCHANGE = 40  # poses that a round adds; by judgement
 BOUND_GAP_SHARE = 0.03  # of the lower bound: a solution this close to it is accepted; the last per cent take most time
+SOLVER_ACCURACY = 1e-4  # relative, of a programme's objective: far below BOUND_GAP_SHARE
 SLOPE_EXCESS_SHARE = 0.0005  # of a slope's bound: smaller violations are accepted; by judgement
 DISTANCE_PRICE = 0.02  # penalty at the boundary of the ball, as a share of the largest error; by judgement
 
@@ -48,25 +49,32 @@ class Ball:
     root : (size, size) lower triangular Cholesky factor of the Gram matrix.
     held : (size, k) orthonormal directions of `z` that equality constraints exclude.
     span : (size, m) orthonormal directions that `z` may take beyond those that the slopes need; None: all.
+    through : (size, m) changes of `x` by the directions of `span`.
     """
 
     start: Array
     root: Array
     held: Array
     span: Array | None = None
+    through: Array | None = None
 
     @classmethod
-    def of(cls, start: Array, gram: Array, equal: csr_matrix, moves: csr_matrix | None = None) -> Ball:
+    def of(cls, start: Array, root: Array, equal: csr_matrix, moves: csr_matrix | None = None) -> Ball:
         """Build the ball; `moves` (size, m) spans the permitted changes of `x`; None: any change."""
-        from scipy.linalg import cholesky
+        from scipy.linalg import solve_triangular
 
-        free = cls(start, cholesky(gram, lower=True), np.zeros((len(start), 0)))
+        free = cls(start, root, np.zeros((len(start), 0)))
         held = np.linalg.qr(free.seen(equal).T)[0]
         if moves is None:
             return cls(start, free.root, held)
         z = free.root.T @ moves.toarray()
         both = np.linalg.qr(np.hstack([held, z / np.maximum(np.linalg.norm(z, axis=0), 1e-300)]))[0]
-        return cls(start, free.root, held, both[:, held.shape[1] :])
+        span = both[:, held.shape[1] :]
+        return cls(start, free.root, held, span, solve_triangular(root, span, lower=True, trans="T"))
+
+    def seen_along(self, rows: csr_matrix) -> Array:
+        """Linear functions (k, size) of `x`, expressed as functions (k, m) of the directions of `span`, or of all."""
+        return self.seen(rows) if self.through is None else np.asarray(rows @ self.through, np.float64)
 
     def seen(self, rows: csr_matrix) -> Array:
         """Linear functions (k, size) of `x`, expressed as functions (k, size) of `z`."""
@@ -81,7 +89,14 @@ class Ball:
         return np.asarray(self.start + solve_triangular(self.root, z, lower=True, trans="T"), np.float64)
 
 
-def least_worst(design: csr_matrix, errors: Array, ball: Ball, slopes: Slopes, room: Callable[[Array], float]) -> Array:
+def least_worst(
+    design: csr_matrix,
+    errors: Array,
+    ball: Ball,
+    slopes: Slopes,
+    room: Callable[[Array], float],
+    work: float = np.inf,
+) -> Array:
     """Values whose largest error over the poses is smallest.
 
     Parameters
@@ -90,10 +105,13 @@ def least_worst(design: csr_matrix, errors: Array, ball: Ball, slopes: Slopes, r
     ball : neighbourhood of the least-squares solution.
     slopes : linear functions of the values, and their bounds.
     room : permitted increase of the sum of squares over that of its argument, the least-squares `x` within the slopes.
+    work : permitted sum over the rounds of rows times unknowns, to which their time is nearly proportional; at least
+        two rounds are carried out.
 
     Returns
     -------
-    (size,) values; the least-squares solution within the slopes if the solver finds nothing better.
+    (size,) values, the best that was found within the work; the least-squares solution within the slopes if the solver
+    finds nothing better.
     """
     nearest = _within_slopes(ball, slopes)
     start, n = ball.at(nearest), len(errors) // 3
@@ -102,7 +120,12 @@ def least_worst(design: csr_matrix, errors: Array, ball: Ball, slopes: Slopes, r
     task = _Near(ball, nearest, np.sqrt(square), DISTANCE_PRICE * float(length.max()) / max(square, 1e-300))
     best, least, bound = start, task.objective(length, nearest), 0.0
     asked, steep = np.argsort(-length)[:POSES_PER_EXCHANGE], _beyond(slopes, start, np.zeros(0, dtype=np.intp))
-    for _ in range(MOST_EXCHANGES):
+    columns = len(ball.start) if ball.span is None else ball.span.shape[1]
+    for done in range(MOST_EXCHANGES):
+        rows = 3 * len(asked) + len(steep)
+        work -= rows * min(rows, columns)
+        if work < 0 and done > 1:
+            break
         poses = np.concatenate([asked + k * n for k in range(3)])
         now = errors[poses] + design[poses] @ start, slopes.rows[steep] @ start
         found = task.programme(design[poses], slopes.rows[steep], now, slopes.bounds[steep])
@@ -183,17 +206,16 @@ class _Near:
 
         cp: Any = cvxpy
         span, count = self.ball.span, len(now[0])
-        rows = self.ball.seen(vstack([design, steep]).tocsr())
-        seen = rows if span is None else rows @ span
+        seen = self.ball.seen_along(vstack([design, steep]).tocsr())
         # directions that no row depends on stay unchanged, except that z may approach the least-squares solution
         home = self.nearest if span is None else span.T @ self.nearest
         basis, factor = np.linalg.qr(np.column_stack([seen.T, home]) if home.any() else seen.T)
-        factor, here = factor[:, : len(rows)], basis.T @ home
+        factor, here = factor[:, : len(seen)], basis.T @ home
         rest = max(float(self.nearest @ self.nearest - here @ here), 0.0)
         u, worst = cp.Variable(basis.shape[1]), cp.Variable()
         moved, rules = factor.T @ u, []
-        if basis.shape[1] == len(rows):  # separate unknowns for the bounded quantities keep the programme sparse
-            moved = cp.Variable(len(rows))
+        if basis.shape[1] == len(seen):  # separate unknowns for the bounded quantities keep the programme sparse
+            moved = cp.Variable(len(seen))
             rules = [moved == factor.T @ u]
         residual = cp.reshape(now[0] + moved[:count], (3, count // 3), order="C")
         away = u + here
@@ -212,7 +234,7 @@ def _optimum(problem: Any, x: Any) -> Array | None:
     import cvxpy as cp
 
     try:
-        optimise(problem)
+        optimise(problem, SOLVER_ACCURACY)
     except cp.error.SolverError:
         return None
     return None if x.value is None or not np.isfinite(x.value).all() else np.asarray(x.value)

@@ -22,7 +22,7 @@ from errormodel.controllers.axes import directions_at_zero
 from errormodel.controllers.base import Line
 from errormodel.controllers.setup import Setup
 from identification.compensation.field import Field
-from identification.compensation.reduction import frame_motion
+from identification.compensation.sample import frame_motion
 from identification.compensation.volume import Volume
 
 POSES = 1024  # of the least squares; a power of two, for Sobol points
@@ -51,8 +51,9 @@ def lines_of(volume: Volume, setup: Setup) -> tuple[Line, ...]:
     for n, k in enumerate(moved):
         motion = bases[k] @ found[4 * n : 4 * n + 4]
         shift, tilt = turn[k] @ motion[:3], turn[k] @ motion[3:]
-        name = next(a.name for a in setup.axes if a.joint == field.joints[k].name)
-        out.append(Line(name, tuple(shift.tolist()), tuple(tilt.tolist()), tuple(along[k].tolist()), _side(field, k)))
+        axis = next(a for a in setup.axes if a.joint == field.joints[k].name)
+        moved_by, turned_by, way = (tuple(v.tolist()) for v in (shift, tilt, along[k]))
+        out.append(Line(axis.name, moved_by, turned_by, way, _side(field, k), axis.centre))
     return tuple(out)
 
 
@@ -128,6 +129,13 @@ def description_text(found: Kinematics, heading: Sequence[str], steps: Sequence[
         )
         side = {"table": "carries the workpiece", "head": "carries the tool"}.get(one.side, "between linear axes")
         lines.append(f"axis {one.axis} ({side}): shift {shift or 'none'}; tilt {tilt or 'none'}")
+        place = " ".join(f"{v + 0.0:.3f}" for v in one.at)
+        slope = " ".join(f"{1000 * v + 0.0:+.4f}" for v in one.slope)
+        way = " ".join(f"{v + 0.0:g}" for v in one.along)
+        lines.append(f"    the shift is that of its point {place} (mm from the tip, all axes at zero); 1000 mm farther")
+        lines.append(
+            f"    along {way} it is {slope} mm more: where the control's vectors end elsewhere, add that share"
+        )
     lines += [
         "",
         f"error over the volume: {found.before_um:.2f} um rms without, {found.left_um:.2f} with this alone",

@@ -22,7 +22,7 @@ from errormodel.controllers.tables import Table, Tables, Term
 from errormodel.exceptions import InputError
 from identification.compensation.field import Field
 from identification.compensation.inverse import inverse, steps_towards
-from identification.compensation.reduction import Sample, frame_motion
+from identification.compensation.sample import Sample, frame_motion
 from identification.observation.pose import IDENTITY, Pose
 
 if TYPE_CHECKING:

@@ -153,7 +153,7 @@ def open_source(path: Path, machine: Machine, kind: Kind, wishes: Wishes) -> Sou
     plain = RawEntry(
         path=str(path), format=form.name, dates=wishes.dates, joint=wishes.joint,
         offsets=list(wishes.offsets), at=list(wishes.at), dialect=wishes.dialect,
-        circle=None if commanded else wishes.circle,
+        circle=None if of_commands else wishes.circle,
     )  # fmt: skip
     recording = read_raw(raw, plain, machine)
     if not recording.trace:

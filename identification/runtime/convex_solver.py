@@ -9,8 +9,10 @@ if TYPE_CHECKING:
     import cvxpy
 
 
-def optimise(problem: cvxpy.Problem) -> None:
+def optimise(problem: cvxpy.Problem, accuracy: float | None = None) -> None:
     """Solve in place; where there is no answer the variables' values are None.
+
+    `accuracy` is the relative one of the objective; None: the solver's own.
 
     Raises
     ------
@@ -19,6 +21,7 @@ def optimise(problem: cvxpy.Problem) -> None:
     """
     import cvxpy as cp
 
+    settings = {} if accuracy is None else dict.fromkeys(("tol_gap_rel", "tol_gap_abs", "tol_ktratio"), accuracy)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # of an inexact answer
-        problem.solve(solver=cp.CLARABEL)  # type: ignore[no-untyped-call]
+        problem.solve(solver=cp.CLARABEL, **settings)  # type: ignore[no-untyped-call]

@@ -38,6 +38,7 @@ FILES = {
     "fanuc-3d": (r"N11021P(-?\d+)", -1000 * OUT),  # x, y and z of eight points: x of the last
     "duet": (r"(-?0\.010)$", -OUT),  # added to Z
     "klipper": (r"(-?0\.010000)$", -OUT),
+    "marlin": (r"^M852 I(\S+)", OUT / END[1]),  # the firmware takes Y times I off X
 }
 
 
@@ -49,6 +50,8 @@ def tables_for(name: str) -> Tables:
         return (Table(Term("X", ("X",), (NODES[0],)), np.array([0.0, -OUT / 2, -OUT])),)
     if name in ("duet", "klipper"):
         return (Table(Term("Z", ("X", "Y"), NODES), np.pad([[-OUT]], ((2, 0), (2, 0)))),)
+    if name == "marlin":
+        return (Table(Term("X", (), (), factor="Y"), np.array(-1000 * OUT / END[1])),)
     if name == "aerotech-2d":
         return (Table(Term("X", ("X", "Y"), LATTICE[:2]), np.pad([[-OUT]], ((1, 0), (1, 0)))),)
     if name == "fanuc-3d":

@@ -127,7 +127,9 @@ def test_every_controller_declares_what_is_its_own(name: str) -> None:
 def gridded(controller: Controller, setup: Setup, change: Callable[[tuple[float, ...]], tuple[float, ...]]) -> Tables:
     """Tables of zeros for all terms over the first axis that has a table, its positions changed."""
     terms = controller.structures(setup)[-1]
-    first = next(t.inputs[0] for t in terms if t.inputs)
+    first = next((t.inputs[0] for t in terms if t.inputs), "")
+    if not first:
+        pytest.skip("skew alone: no tables over positions")
     grids = [tuple(change(g) if i == first else g for i, g in zip(t.inputs, t.grids, strict=True)) for t in terms]
     new = [replace(t, grids=g) for t, g in zip(terms, grids, strict=True)]
     return tuple(Table(t, np.zeros(t.shape)) for t in new[: controller.most_tables])

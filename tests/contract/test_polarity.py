@@ -21,7 +21,7 @@ from tests.helpers.controller_files import tables_and_setup
 from tests.helpers.setups import filled, plain_setup, setups
 
 TABLED = sorted(n for n, kind in registry().items() if issubclass(kind, Controller))
-INDICATED = [n for n in TABLED if n not in ("csv", "duet", "klipper")]
+INDICATED = [n for n in TABLED if n not in ("csv", "duet", "klipper", "marlin")]
 few = settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 
 AXIS, NUMBER, FEED = r"(?P<axis>[XYZ])", r"(?P<to>[-+]?\d+\.\d{3})", r"F(?P<feed>\d+)"

@@ -127,7 +127,7 @@ def execute(
                 tool = ""
             elif g in (0, 1, 2, 3):
                 motion = int(g)
-            elif g in (4, 28, 92, 53, 40, 80, 64, 61):
+            elif g in (4, 28, 92, 53, 40, 80, 64, 61, 98, 99):
                 done.append(Event("word", f"G{g:g}"))
             else:
                 raise AssertionError(f"G{g:g}")

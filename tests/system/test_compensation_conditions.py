@@ -114,7 +114,7 @@ def test_tables_for_each_direction_say_that_they_hold_the_backlash(
     assert json.loads((tmp_path / "compensation.json").read_text())["sets"][0]["conditions"]["parameters_um"] is None
 
 
-@pytest.mark.parametrize("name", ["klipper", "duet"])
+@pytest.mark.parametrize("name", ["klipper", "duet", "marlin"])
 def test_where_nothing_holds_backlash_it_is_said_to_stay(name: str, worn: Path, tmp_path: Path) -> None:
     done("compensate", worn, "--controller", name, "--out", tmp_path)
     steps = [s for s in checklist(tmp_path) if "backlash of" in s]

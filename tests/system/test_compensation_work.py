@@ -13,11 +13,14 @@ from errormodel.controllers import target
 from errormodel.controllers.base import Controller
 from errormodel.machine import EffectSpec
 from errormodel.machine_file import read_machine
-from identification.compensation import minimax
+from identification.compensation import minimax, reduction
+from identification.compensation.compensate import best_tables
+from identification.compensation.designs import Design, Designs
 from identification.compensation.field import Field, movers_of
 from identification.compensation.inverse import CLOSED_MM, inverse
 from identification.compensation.minimax import Slopes
-from identification.compensation.reduction import Sample, _Task, leftover, reduce
+from identification.compensation.reduction import _Task, leftover, reduce
+from identification.compensation.sample import Sample
 from identification.compensation.volume import Volume
 from tests.helpers.chains import Array, errors
 from tests.helpers.commands import MILL
@@ -63,6 +66,51 @@ def test_a_play_that_tables_cannot_hold_asks_for_few_programmes(monkeypatch: pyt
     assert leftover(controller, setup, tables, sample) < gap * PLAY / 2
 
 
+def test_states_of_a_machine_with_the_same_poses_share_their_designs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Errors differ from state to state, poses and tables do not: the second state factors no matrix again."""
+    made = list[int]()
+    of = Design.of.__func__  # type: ignore[attr-defined]
+
+    def counted(cls: type[Design], *given: Any) -> Design:
+        made.append(1)
+        return of(cls, *given)  # type: ignore[no-any-return]
+
+    monkeypatch.setattr(Design, "of", classmethod(counted))
+    volume, controller, designs = worn(0.0), controller_of("siemens-cec"), Designs(2)
+    setup = volume.setup(8, None)[0]
+    warm = replace(volume, field=replace(volume.field, values=1.5 * volume.field.values))
+    found, counts = [], []
+    for state in (volume, warm):
+        found.append(best_tables(controller, setup, state, designs))
+        counts.append(len(made))
+    assert counts[0] > 0
+    assert counts[1] == counts[0]
+    alone = best_tables(controller, setup, warm, Designs(2))
+    assert [t.term for t in alone] == [t.term for t in found[1]]
+    for one, other in zip(alone, found[1], strict=True):
+        np.testing.assert_allclose(one.values, other.values, atol=1e-9)
+
+
+def test_programmes_end_where_their_work_is_done(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is found by then is no worse than least squares, and close to what all rounds find."""
+    volume, controller = worn(0.0), controller_of("aerotech-1d")
+    setup = volume.setup(None, None)[0]
+    sample = volume.sample(setup, 1000)
+    worst, rounds = {}, list[int]()
+    programme = minimax._Near.programme
+    monkeypatch.setattr(minimax._Near, "programme", lambda *given: (rounds.append(1), programme(*given))[1])
+    for work in (1.0, np.inf):
+        rounds.clear()
+        monkeypatch.setattr(reduction, "MOST_WORK", work)
+        tables = reduce(controller, setup, controller.terms(setup), sample)
+        worst[work] = leftover(controller, setup, tables, sample)
+        assert len(rounds) == 2 if work == 1.0 else len(rounds) >= 2
+    monkeypatch.setattr(_Task, "best", lambda task, work: task.least)
+    least = leftover(controller, setup, reduce(controller, setup, controller.terms(setup), sample), sample)
+    assert worst[np.inf] <= worst[1.0] * (1 + minimax.BOUND_GAP_SHARE)
+    assert worst[1.0] <= least * (1 + 1e-6)
+
+
 def test_a_table_without_sides_is_that_of_the_mean_of_both() -> None:
     """The tables of a mill with play are those of the same mill without, for a format that knows no sides."""
     controller = controller_of("aerotech-1d")
@@ -95,8 +143,8 @@ def test_the_last_value_runs_away_less_than_where_every_value_is_free(monkeypatc
     ends, worst = [], []
     for free in (False, True):
         if free:
-            monkeypatch.setattr(_Task, "moves", lambda task: None)
-            monkeypatch.setattr(_Task, "_bends", lambda task: Slopes(task.kinks[:0], np.zeros(0)))
+            monkeypatch.setattr(Design, "moves", lambda design: None)
+            monkeypatch.setattr(_Task, "_bends", lambda task: Slopes(task.design.kinks[:0], np.zeros(0)))
         tables = reduce(controller, setup, terms, sample)
         bends = [np.abs(np.diff(t.values, 2)) for t in tables if t.term.size >= 6]
         ends.append(max(max(b[0], b[-1]) / b[1:-1].max() for b in bends))

@@ -1,0 +1,268 @@
+"""Design of a reduction to tables: what each table value does at the poses, limits of the format, and factors of both.
+
+Nothing here depends on the errors: states of a machine (temperatures, times) whose poses are the same share it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from errormodel.arrays import Array
+from errormodel.controllers.base import Controller
+from errormodel.controllers.grids import hats, nodes
+from errormodel.controllers.setup import Setup
+from errormodel.controllers.tables import Term
+from identification.compensation.minimax import Ball, Slopes
+from identification.compensation.sample import Sample
+
+if TYPE_CHECKING:
+    from scipy.sparse import csc_matrix, csr_matrix
+
+MOST_CONE_VALUES = 5000  # table values: larger problems get the least-squares solution only, for time
+RIDGE_WEIGHT = 1e-8  # penalty on scaled values, so that values without poses are determined
+KINK_WEIGHT = 0.1  # penalty on second differences: values with few poses continue their neighbours straight
+# A curve leaves least squares in at most so many straight pieces, of two intervals at least, though in no fewer than
+# LEAST_CURVE_PIECES: otherwise the last value alone would follow the pose in the corner. By judgement.
+CURVE_PIECES = 8
+LEAST_CURVE_PIECES = 3
+# pieces of a lattice along an axis with two directions of approach: nearly all poses are then active
+LATTICE_PIECES = 2
+
+
+@dataclass(frozen=True)
+class Design:
+    """The tables in scaled values: a pose's error changes by ``matrix @ x``, all x rows, then y, then z.
+
+    Attributes
+    ----------
+    terms : tables whose values `x` holds one after the other, followed by the frame's motions.
+    matrix : (3 n, size).
+    scale : (size,) values of unit effect.
+    equal : linear functions that must be zero; `slopes` : bounds of others, per mm; `kinks` : second differences.
+    sides : 2 where the poses have two directions of approach.
+    """
+
+    terms: tuple[Term, ...]
+    matrix: csr_matrix
+    scale: Array
+    equal: csr_matrix
+    slopes: Slopes
+    kinks: csr_matrix
+    sides: int
+
+    @classmethod
+    def of(cls, controller: Controller, setup: Setup, columns: Mapping[Term, csr_matrix], sample: Sample) -> Design:
+        from scipy.sparse import csr_matrix, diags, hstack
+
+        terms = tuple(columns)
+        frame = csr_matrix(-sample.frame.transpose(1, 0, 2).reshape(sample.errors.size, -1))
+        matrix = hstack([*columns.values(), frame], format="csr")
+        size = np.sqrt(np.asarray(matrix.multiply(matrix).sum(axis=0)).ravel())
+        # a value that hardly any pose depends on keeps the scale of the others: its neighbours determine it
+        scale = 1 / np.maximum(size, 0.03 * np.median(size[size > 0]) if (size > 0).any() else 1.0)
+        equal, slopes = _limits(controller, setup, terms, scale)
+        return cls(terms, (matrix @ diags(scale)).tocsr(), scale, equal, slopes, _kinks(terms, scale), sample.sides)
+
+    @cached_property
+    def gram(self) -> csc_matrix:
+        """Gram matrix of the design, with the penalties."""
+        from scipy.sparse import csc_matrix, identity
+
+        slight = RIDGE_WEIGHT * identity(self.matrix.shape[1]) + KINK_WEIGHT * self.kinks.T @ self.kinks
+        return csc_matrix(self.matrix.T @ self.matrix + slight)
+
+    @cached_property
+    def ball(self) -> Ball:
+        """Neighbourhood of zero in which the minimax solution is sought about the least-squares one."""
+        from scipy.linalg import cholesky
+        from scipy.sparse import csr_matrix, vstack
+
+        # the frame stays that of least squares, since errors are assessed after it
+        motions = self.matrix[:, sum(t.size for t in self.terms) :]
+        held = csr_matrix(vstack([self.equal, motions.T @ self.matrix]))
+        root = cholesky(self.gram.toarray(), lower=True)
+        return Ball.of(np.zeros(len(self.scale)), root, held, self.moves())
+
+    @cached_property
+    def _factor(self) -> object:
+        """Factors of the gram matrix with the equality constraints."""
+        from scipy.linalg import lu_factor
+        from scipy.sparse import csc_matrix, hstack, identity, vstack
+        from scipy.sparse.linalg import splu
+
+        size, rows = self.matrix.shape[1], self.equal.shape[0]
+        below = hstack([self.equal, csc_matrix(-1e-12 * identity(rows))])
+        full = csc_matrix(vstack([hstack([self.gram, self.equal.T]), below]))
+        return lu_factor(full.toarray()) if size <= MOST_CONE_VALUES else splu(full)  # nearly full: dense is faster
+
+    def least(self, errors: Array) -> Array:
+        """Least-squares solution (size,) for errors (3 n,), with the equality constraints."""
+        from scipy.linalg import lu_solve
+
+        size, rows = self.matrix.shape[1], self.equal.shape[0]
+        goal = np.concatenate([-self.matrix.T @ errors, np.zeros(rows)])
+        factor = self._factor
+        x: Array = lu_solve(factor, goal) if isinstance(factor, tuple) else factor.solve(goal)  # type: ignore[attr-defined]
+        return x[:size]
+
+    def moves(self) -> csr_matrix | None:
+        """Basis (size, m) of departures from least squares, on coarser grids; None: any departure."""
+        from scipy.sparse import block_diag, diags, identity
+
+        coarse = [self._coarse(t) for t in self.terms]
+        if all(c == t.grids for c, t in zip(coarse, self.terms, strict=True)):
+            return None
+        parts = [hats(c, nodes(t.grids)) if c else identity(1) for c, t in zip(coarse, self.terms, strict=True)]
+        frame = identity(len(self.scale) - sum(t.size for t in self.terms))
+        return (diags(1 / self.scale) @ block_diag([*parts, frame])).tocsr()
+
+    def _coarse(self, term: Term) -> tuple[tuple[float, ...], ...]:
+        if len(term.grids) > 1 and self.sides == 1:
+            return term.grids
+        out = []
+        for grid in term.grids:
+            most = len(grid) - 1
+            pieces = (
+                min(CURVE_PIECES, max(most // 2, LEAST_CURVE_PIECES), most)
+                if len(term.grids) == 1
+                else min(LATTICE_PIECES, most)
+            )
+            at = np.unique(np.rint(np.linspace(0, most, pieces + 1)).astype(int))
+            out.append(tuple(grid[k] for k in at))
+        return tuple(out)
+
+
+@dataclass
+class Designs:
+    """What the states of one machine share; designs and columns are made anew where the poses are others.
+
+    Attributes
+    ----------
+    states : how many there are.
+    rank : of the structure of tables that the first state decided for; None before.
+    """
+
+    states: int = 1
+    rank: int | None = None
+    poses: Sample | None = None
+    columns: dict[Term, csr_matrix] = field(default_factory=dict)
+    designs: dict[tuple[Term, ...], Design] = field(default_factory=dict)
+
+    def column(self, controller: Controller, setup: Setup, term: Term, sample: Sample) -> csr_matrix:
+        """(3 n, size): motion of the tip along x, then y, then z, per unit of each value."""
+        self._of(sample)
+        if term not in self.columns:
+            self.columns[term] = _column(controller, setup, term, sample)
+        return self.columns[term]
+
+    def design(self, controller: Controller, setup: Setup, terms: Sequence[Term], sample: Sample) -> Design:
+        key = tuple(terms)
+        columns = {t: self.column(controller, setup, t, sample) for t in terms}
+        if key not in self.designs:
+            self.designs[key] = Design.of(controller, setup, columns, sample)
+        return self.designs[key]
+
+    def _of(self, sample: Sample) -> None:
+        if self.poses is sample:
+            return
+        if self.poses is None or not self.poses.moves_as(sample):
+            self.columns, self.designs = {}, {}
+        self.poses = sample
+
+
+def _column(controller: Controller, setup: Setup, term: Term, sample: Sample) -> csr_matrix:
+    """(3 n, size): motion of the tip along x, then y, then z, per unit of each value."""
+    from scipy.sparse import csr_matrix, diags, vstack
+
+    weights = term.weights(setup, sample.q, sample.direction)
+    tip = np.einsum("nim,nm->ni", sample.motion, controller.influence(setup, term.output, sample.q))
+    return csr_matrix(vstack([diags(tip[:, k]) @ weights for k in range(3)]))
+
+
+def _limits(controller: Controller, setup: Setup, terms: Sequence[Term], scale: Array) -> tuple[csr_matrix, Slopes]:
+    """Equality constraints (zero at the reference point, one value at both ends of a turn), slopes and their bounds."""
+    from scipy.sparse import coo_matrix, csr_matrix, diags, vstack
+
+    start, total = 0, len(scale)
+    zero: list[csr_matrix] = []
+    steep, bounds = [csr_matrix((0, total))], [np.zeros(0)]
+    for term in terms:
+        if term.zero:
+            at = np.array([[min(max(0.0, g[0]), g[-1]) for g in term.grids]])
+            full = np.zeros((1, len(setup.axes)))
+            full[0, [setup.place(i) for i in term.inputs]] = at
+            row = term.weights(setup, full, np.full_like(full, float(term.direction or 1)))
+            zero.append(csr_matrix((row.data, row.indices + start, row.indptr), shape=(1, total)))
+        zero += _closed(setup, term, start, total)
+        bound = controller.most_slope(setup, term)
+        index = start + np.arange(term.size).reshape(term.shape)
+        for axis, grid in enumerate(term.grids if bound is not None else ()):
+            lower = np.moveaxis(index, axis, 0)[:-1].reshape(len(grid) - 1, -1)
+            upper = np.moveaxis(index, axis, 0)[1:].reshape(len(grid) - 1, -1)
+            rows = np.arange(lower.size)
+            step = np.repeat(np.diff(grid), lower.shape[1])
+            matrix = coo_matrix(
+                (
+                    np.concatenate([-1 / step, 1 / step]),
+                    (np.tile(rows, 2), np.concatenate([lower.ravel(), upper.ravel()])),
+                ),
+                shape=(lower.size, total),
+            )
+            steep.append(matrix.tocsr())
+            bounds.append(np.full(lower.size, bound))
+        start += term.size
+    scaled = [(vstack([csr_matrix((0, total)), *rows]) @ diags(scale)).tocsr() for rows in (zero, steep)]
+    return scaled[0], Slopes(scaled[1], np.concatenate(bounds))
+
+
+def _closed(setup: Setup, term: Term, start: int, total: int) -> list[csr_matrix]:
+    """Differences of a table's values at both ends of axes that go round, which are the same place."""
+    from scipy.sparse import coo_matrix
+
+    index = start + np.arange(term.size).reshape(term.shape)
+    out = []
+    for axis, name in enumerate(term.inputs):
+        if setup.axis(name).turns and len(term.grids[axis]) > 2:
+            ends = np.moveaxis(index, axis, 0)
+            first, last = ends[0].ravel(), ends[-1].ravel()
+            rows, ones = np.arange(len(first)), np.ones(len(first))
+            matrix = coo_matrix(
+                (np.concatenate([ones, -ones]), (np.tile(rows, 2), np.concatenate([first, last]))),
+                shape=(len(first), total),
+            )
+            out.append(matrix.tocsr())
+    return out
+
+
+def kink_count(term: Term) -> int:
+    """Number of second differences along all grids of a term."""
+    return sum(max(n - 2, 0) * (term.size // n) for n in term.shape)
+
+
+def _kinks(terms: Sequence[Term], scale: Array) -> csr_matrix:
+    """Second differences along every grid, in units of the median effect of the values."""
+    from scipy.sparse import coo_matrix, csr_matrix, vstack
+
+    total, start = len(scale), 0
+    parts = [csr_matrix((0, total))]
+    for term in terms:
+        own = scale[start : start + term.size]
+        middle = float(np.median(own))
+        index = start + np.arange(term.size).reshape(term.shape)
+        for axis, grid in enumerate(term.grids):
+            if len(grid) < 3:
+                continue
+            slabs = np.moveaxis(index, axis, 0).reshape(len(grid), -1)
+            three = [slabs[k : len(grid) - 2 + k].ravel() for k in range(3)]
+            rows = np.tile(np.arange(len(three[0])), 3)
+            value = np.concatenate([f * np.ones(len(three[0])) for f in (1.0, -2.0, 1.0)])
+            columns = np.concatenate(three)
+            shape = (len(three[0]), total)
+            parts.append(coo_matrix((value * scale[columns] / middle, (rows, columns)), shape).tocsr())
+        start += term.size
+    return vstack(parts).tocsr()
