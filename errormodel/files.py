@@ -56,6 +56,16 @@ def replacing(path: Path | str) -> Iterator[Path]:
             part.unlink(missing_ok=True)
 
 
+def clear_parts(path: Path) -> None:
+    """Remove what killed processes left of writing `path`; for those that hold the lock of its folder."""
+    # a part is written through a part of its own
+    left = re.compile(r"\.+" + re.escape(path.stem) + r"(\.(\d+|part)){2,}" + re.escape(path.suffix))
+    for old in path.parent.iterdir():
+        if left.fullmatch(old.name):
+            with suppress(OSError):  # a system that does not remove open files
+                old.unlink()
+
+
 def write_text_atomic(text: str, path: Path | str) -> None:
     r"""Write UTF-8 text with ``\n`` line ends on every system, so that the same input gives the same bytes."""
     with replacing(path) as part:

@@ -13,7 +13,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from errormodel.exceptions import InputError
-from errormodel.files import locked, plain_mode, replacing, sha256, unwritable, write_csv, write_text_atomic
+from errormodel.files import (
+    clear_parts,
+    locked,
+    plain_mode,
+    replacing,
+    sha256,
+    unwritable,
+    write_csv,
+    write_text_atomic,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -82,6 +91,8 @@ class OutputFile:
         except OSError as error:
             raise unwritable(self.path, error) from error
         with locked(self.path.parent), replacing(self.path) as part:
+            for path in (self.path, self.path.parent / RECORD_NAME):
+                clear_parts(path)
             yield part
             self.check()
             with suppress(InputError):  # in a foreign folder: the file is then not replaced again
