@@ -2,7 +2,8 @@
 
     python -m tests.benchmarks.kills [COUNT] [COMMAND ...]
 
-COUNT kills of each command, 200 unless told: half at file operations, the others at moments. Linux and macOS.
+COUNT kills of each command, 200 unless told: half at file operations, the others at moments; and disks that are full at
+various files. For Linux; with OMP_NUM_THREADS=1, since processes are forked.
 """
 
 from __future__ import annotations

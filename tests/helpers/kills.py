@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 import random
+import resource
 import shutil
 import signal
 import sqlite3
@@ -26,6 +27,7 @@ from tests.helpers.commands import MILL, done, run, tree
 WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT
 OPERATIONS = {"os.rename", "os.remove", "os.mkdir", "os.rmdir", "os.link", "os.chmod", "os.truncate", "sqlite3.connect"}
 RECORDS = (".errormodel.sha256", ".errormodel.lock")  # lists of the files that were written: of any state
+KNOWN = b", which the history has already"  # what `monitor` says of a cycle that a killed run had taken in
 PATIENCE_S = 300.0  # s that a command may take on a busy computer
 
 
@@ -88,7 +90,7 @@ def prepare(place: Path) -> None:
 
 
 def forked(
-    words: tuple[object, ...], place: Path, at: int | None = None, after: float | None = None
+    words: tuple[object, ...], place: Path, at: int | None = None, after: float | None = None, full: int | None = None
 ) -> tuple[int, int]:
     """Run a command in `place` in a process of its own.
 
@@ -96,6 +98,7 @@ def forked(
     ----------
     at : kill it before its `at`-th operation on a file of the place, from 1.
     after : kill it after so many seconds.
+    full : bytes from which writing a file fails, as on a full disk.
 
     Returns
     -------
@@ -107,6 +110,8 @@ def forked(
         os.close(reading)
         code = 70
         try:
+            if full is not None:
+                resource.setrlimit(resource.RLIMIT_FSIZE, (full, full))
             code = _run_counted(words, place, at, writing)
         finally:
             os._exit(code)
@@ -165,7 +170,7 @@ def state(place: Path) -> dict[str, object]:
                 with closing(sqlite3.connect(place / name)) as history:  # which takes back what was not committed
                     out[name] = history.execute("select number, digest, status from cycles").fetchall()
         elif file not in RECORDS:
-            out[name] = content
+            out[name] = content.replace(KNOWN, b"")
     return out
 
 
@@ -206,7 +211,7 @@ def faults(case: Case, place: Path, old: dict[str, object], new: dict[str, objec
 
 
 def killed(name: str, prepared: Path, count: int, seed: int = 0) -> Iterator[tuple[str, list[str]]]:
-    """Kill a case `count` times: at file operations drawn without replacement, and at moments.
+    """Kill a case `count` times, at file operations drawn without replacement and at moments; before, full disks.
 
     Yields
     ------
@@ -228,7 +233,15 @@ def killed(name: str, prepared: Path, count: int, seed: int = 0) -> Iterator[tup
         new = state(place)
         assert old != new, f"{name}: both commands give the same"
         steps = rng.sample(range(1, operations + 1), min(operations, -(-count // 2)))
+        sizes = sorted({len(c) - 1 for n, c in new.items() if isinstance(c, bytes) and old.get(n) != c})
         moments = [rng.uniform(0, duration) for _ in range(count - len(steps))]
+        for size in sizes[:: -(-len(sizes) // count)]:
+            shutil.rmtree(place)
+            shutil.copytree(before, place)
+            code, _ = forked(case.second, place, full=size)
+            wrong = [] if code in (1, 2) else [f"exit code {code}"]
+            wrong += ["it leaves something"] if case.whole and state(place) != old else []
+            yield f"{name}, full from {size} bytes", [*wrong, *faults(case, place, old, new)]
         for at, after in [*((k, None) for k in sorted(steps)), *((None, t) for t in moments)]:
             shutil.rmtree(place)
             shutil.copytree(before, place)
