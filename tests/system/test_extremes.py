@@ -149,3 +149,18 @@ def test_many_rows_at_nearly_one_pose(tmp_path: Path) -> None:
         assert (parameters["value"].abs() <= 5 * parameters["std"]).all()
     else:
         refused(ended)
+
+
+@pytest.mark.parametrize("digits", [0, 6])
+def test_fifty_readings_at_one_pose_test_nothing(digits: int, tmp_path: Path) -> None:
+    """With or without scatter, coarse copies among them: that nothing was found is not called a result."""
+    machine = "errormodel: 1\nchain:\n  - {joint: X, type: prismatic, axis: x, travel: [0, 500]}\ntool: [0, 0, -50]\n"
+    write(tmp_path / "m.yaml", machine + "errors: {shapes: none, joints: first-order}\n")
+    rng = np.random.default_rng(0)
+    readings = (np.array([250.0, 0.0, -50.0]) + rng.normal(0, 0.002, (50, 3))).round(digits)
+    pd.DataFrame({"X": 250.0, **dict(zip(XYZ, readings.T, strict=True))}).to_csv(tmp_path / "s.csv", index=False)
+    said = done("diagnose", tmp_path / "m.yaml", tmp_path / "s.csv", "--out", tmp_path / "d").out
+    assert "Nothing could be tested: no joint moved between the rows" in said
+    assert "the model and the noise explain" not in said
+    assert "Nothing could be tested" in (tmp_path / "d/report.html").read_text(encoding="utf-8")
+    done("explain", tmp_path / "d")
