@@ -17,16 +17,14 @@ import click
 
 from errormodel import __version__
 from errormodel.exceptions import InputError
-from errormodel.files import impossible_on_windows
 from errormodel.inputs import Run, check_readable, is_unicode, running
-from identification.results.output_file import OutputFile
+from identification.results.output_file import OutputFile, check_name
 from identification.results.results_folder import ResultsFolder
 from identification.results.terminal import one_line
 
 if TYPE_CHECKING:
     from errormodel import Machine
 
-WINDOWS = sys.platform == "win32"
 FOLDER = click.Path(path_type=Path, file_okay=False)  # to read
 FILE = click.Path(path_type=Path, dir_okay=False)
 ANY = click.Path(path_type=Path)
@@ -47,9 +45,7 @@ class _Out(click.Path):
             found = f"{os.fsencode(value)!r}, a name that is not UTF-8"
             raise InputError(str(param.opts[0] if param else "--out"), found, "Give a name in UTF-8")
         path = Path(os.fsdecode(super().convert(value, param, ctx)))
-        reasons = map(impossible_on_windows, path.relative_to(path.anchor).parts) if WINDOWS else ()
-        if reason := next(filter(None, reasons), None):
-            raise InputError(str(path), reason, "Give another name")
+        check_name(path)
         return self.make(path)
 
 

@@ -7,6 +7,7 @@ by ``sha256sum``. Files are identified by content: one that was changed since is
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -27,6 +28,7 @@ from errormodel.files import (
 if TYPE_CHECKING:
     import pandas as pd
 
+WINDOWS = sys.platform == "win32"
 RECORD_NAME = ".errormodel.sha256"  # list of written files with digests, in the same folder
 RECORD_LINE = re.compile(r"([0-9a-f]{64})  (.+)")  # digest and name, as written by sha256sum
 CURE = "Give another name, or move that file away"
@@ -113,6 +115,13 @@ class OutputFile:
         """Write a table (see `replaced`)."""
         with self.replaced() as part:
             write_csv(frame, part)
+
+
+def check_name(path: Path) -> None:
+    """Check that this system can have a file or folder of this name; InputError where it cannot."""
+    reasons = map(impossible_on_windows, path.relative_to(path.anchor).parts) if WINDOWS else ()
+    if reason := next(filter(None, reasons), None):
+        raise InputError(str(path), reason, "Give another name")
 
 
 def same(one: Path, other: Path) -> bool:

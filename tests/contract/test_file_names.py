@@ -10,7 +10,7 @@ import pytest
 from errormodel.controllers import registry
 from errormodel.controllers.base import Controller
 from errormodel.files import impossible_on_windows
-from identification.command_line import console
+from identification.results import output_file
 from tests.helpers import importing
 from tests.helpers.commands import MILL, done, run, tree, write
 
@@ -63,7 +63,7 @@ def test_names_that_windows_has(name: str, possible: bool) -> None:
 @pytest.mark.parametrize("name", ["aux.csv", "results/con/p.csv", "p.csv."])
 def test_such_an_output_is_refused_there(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(console, "WINDOWS", True)
+    monkeypatch.setattr(output_file, "WINDOWS", True)
     ended = run("simulate", MILL, 5, "--out", name)
     assert ended.code == 2
     assert "Windows" in ended.err
