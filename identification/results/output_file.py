@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 from errormodel.exceptions import InputError
 from errormodel.files import (
     clear_parts,
+    impossible_on_windows,
     locked,
     plain_mode,
     replacing,
