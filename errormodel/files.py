@@ -23,6 +23,9 @@ LOCK_WAIT_SECONDS = 60.0  # s to wait for another process that holds the lock; b
 LOCK_FILE = ".errormodel.lock"  # name of the lock file, on systems where a folder itself cannot be locked
 UNWRITABLE_CURE = "Give a place that can be written to"  # correction in messages about files that cannot be written
 FORMULA = re.compile(r"\s*'*\s*[=+\-@]")  # what a spreadsheet may run, and what would read back as such
+# names that Windows keeps for devices, whatever their suffix; characters that it has no names with
+_DEVICE = re.compile(r"(con|prn|aux|nul|com[0-9¹²³]|lpt[0-9¹²³]|conin\$|conout\$)\s*(\..*)?", re.IGNORECASE)
+_FORBIDDEN = re.compile(r'[<>:"|?*\x00-\x1f]')
 QUOTED_FORMULA = r"^'(?=\s*'*\s*[=+\-@])"  # the apostrophe before it
 
 
@@ -54,6 +57,16 @@ def replacing(path: Path | str) -> Iterator[Path]:
     finally:
         with suppress(OSError):  # where the folder cannot be written to, there is no file to remove
             part.unlink(missing_ok=True)
+
+
+def clear_parts(path: Path) -> None:
+    """Remove what killed processes left of writing `path`; for those that hold the lock of its folder."""
+    # a part is written through a part of its own
+    left = re.compile(r"\.+" + re.escape(path.stem) + r"(\.(\d+|part)){2,}" + re.escape(path.suffix))
+    for old in path.parent.iterdir():
+        if left.fullmatch(old.name):
+            with suppress(OSError):  # a system that does not remove open files
+                old.unlink()
 
 
 def write_text_atomic(text: str, path: Path | str) -> None:
@@ -142,6 +155,17 @@ def flush(path: Path) -> None:
             raise
     finally:
         os.close(handle)
+
+
+def impossible_on_windows(name: str) -> str | None:
+    """Why Windows cannot have a file or folder of this name, in words; None where it can."""
+    if _DEVICE.fullmatch(name):
+        return "a name that Windows keeps for a device"
+    if name.strip(".") and name != name.rstrip(". "):
+        return "a name that ends with a point or a space, which Windows takes away"
+    if found := _FORBIDDEN.search(name):
+        return f"a name with {found[0]!r}, which Windows does not allow"
+    return None
 
 
 def sha256(path: Path) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
@@ -11,12 +12,13 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-EMPTY_CELLS = ("", "NaN", "nan", "NAN", "NA", "N/A", "null")  # cells without a value, as pyarrow recognises them
+EMPTY_CELLS = ("", "NaN", "nan", "NAN", "NA", "N/A", "null")  # cells without a value, as most programmes write them
 DASH_CELLS = ("-", "--", "---", "----", "\u2013", "\u2014")  # hyphens and dashes that stand for no value
 # all words for no value, in lower case
 NO_VALUE_WORDS = frozenset(
     word.lower() for word in (*EMPTY_CELLS, *DASH_CELLS, "n.a.", "none", "nil", "#N/A", "#NA", "#NV")
 )
+_NO_DECIMAL = re.compile(r"[^-+.0-9eE \t]")  # what does not occur in a decimal number
 LISTED_ROWS = 12  # most row numbers in a note; by judgement
 
 
@@ -71,8 +73,31 @@ def as_numbers(text: pd.Series[str], decimal_comma: bool = False) -> tuple[NDArr
     empty = text.str.lower().isin(NO_VALUE_WORDS).to_numpy(dtype=bool)
     if decimal_comma:
         text = text.str.replace(r"^([^.,]*),([^.,]*)$", r"\1.\2", regex=True)
-    values = pd.to_numeric(text.mask(empty), errors="coerce").to_numpy(dtype=np.float64, na_value=np.nan)
+    values = np.array([np.nan if no else _number(cell) for cell, no in zip(text, empty, strict=True)], dtype=np.float64)
     return values, np.isnan(values) & ~empty
+
+
+def decimal_numbers(cells: Sequence[str]) -> NDArray[np.float64]:
+    """The floats nearest to decimal numbers, NaN for empty cells.
+
+    Raises
+    ------
+    ValueError
+        A cell is no decimal number.
+    """
+    if _NO_DECIMAL.search("".join(cells)):
+        raise ValueError
+    if "" in cells:
+        cells = [cell or "nan" for cell in cells]
+    return np.fromiter(map(float, cells), np.float64, len(cells))
+
+
+def _number(cell: str) -> float:
+    """A cell as a number, infinite ones among them; NaN if it is none."""
+    try:
+        return float(cell) if cell.isascii() and "_" not in cell else np.nan
+    except ValueError:
+        return np.nan
 
 
 def words_note(name: str, text: pd.Series[str]) -> str | None:

@@ -5,13 +5,18 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from errormodel.exceptions import InputError
-from errormodel.formats.base import EMPTY_CELLS, NO_VALUE_WORDS, Table, as_numbers, words_note
+from errormodel.formats.base import NO_VALUE_WORDS, Table, as_numbers, decimal_numbers, words_note
 from errormodel.formats.digit_groups import ungrouped
 
 if TYPE_CHECKING:
@@ -23,6 +28,9 @@ SUFFIXES = (".csv", ".txt", ".tsv", ".dat")  # file suffixes of this format
 _DELIMITER_WORDS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars"}
 AS_IT_IS = ", or take it in as it is with `errormodel import`"  # of a file as an instrument or a program wrote it
 _HEADER_BYTES = 1 << 18  # bytes within which the header must end
+_PART_CELLS = 100_000  # cells that are read at a time: some MB
+_COMMA_TO_POINT = str.maketrans({",": ".", ".": "?"})  # a point in a number with decimal commas makes it none
+_NOT_UTF8 = re.compile("[\udc80-\udcff]")  # what stands for a byte that is not UTF-8
 
 
 @dataclass(frozen=True)
@@ -34,29 +42,20 @@ class CsvTable(Table):
 
     def read(self, numbers: Collection[str], texts: Collection[str]) -> tuple[pd.DataFrame, tuple[str, ...]]:
         import pandas as pd
-        import pyarrow as pa
 
         comma = self.delimiter != ","  # a decimal comma is distinguishable from the delimiter
-        place = {name: str(i) for i, name in enumerate(self.columns)}
         notes = [] if not comma else [f"columns separated by {_DELIMITER_WORDS[self.delimiter]}"]
         frame: dict[str, pd.Series[Any]] = {}
         words: list[str | None] = []
         for decimal in (".", ",") if comma else (".",):
-            try:
-                arrow = self._arrow({place[n] for n in numbers}, {place[n] for n in texts}, decimal)
-            except pa.ArrowInvalid:
-                continue
-            frame = {n: pd.Series(arrow[place[n]].to_numpy()) for n in numbers}
-            words = self._words({n: place[n] for n in numbers if frame[n].hasnans})
-            break
-        else:  # some cell is no number, or some line is blank: read all as text and convert columns of numbers
+            found = self._plain(numbers, texts, decimal)
+            if found is not None:
+                frame, words = found
+                break
+        else:  # some cell is no number: take all as text and convert columns of numbers
             decimal = "."
-            self._check_utf8()
-            try:
-                arrow = self._arrow(set(), {place[n] for n in (*numbers, *texts)}, decimal, self._if_not_blank)
-            except pa.ArrowInvalid as error:
-                raise self._ragged(error) from error
-            cells = ungrouped({n: pd.Series(arrow[place[n]].to_pandas(), dtype="str") for n in numbers})
+            frame = self._texts([*numbers, *texts])
+            cells = ungrouped({n: frame[n] for n in numbers})
             if cells.ambiguous is not None:
                 raise self._ambiguous(*cells.ambiguous, str(cells.columns[cells.ambiguous[0]][cells.ambiguous[1]]))
             if cells.separators:
@@ -70,25 +69,58 @@ class CsvTable(Table):
                     decimal = ","
         if decimal == ",":
             notes.append("decimal commas")
-        frame |= {n: pd.Series(arrow[place[n]].to_pandas(), dtype="str").str.strip() for n in texts}
         return pd.DataFrame(frame), (*notes, *(word for word in words if word))
 
-    def _words(self, place: dict[str, str]) -> list[str | None]:
-        """Notes on words for no value in columns of numbers with gaps; `place` gives their positions by name."""
-        import pandas as pd
-        import pyarrow as pa
-        import pyarrow.compute as pc
+    def _plain(
+        self, numbers: Collection[str], texts: Collection[str], decimal: str
+    ) -> tuple[dict[str, pd.Series[Any]], list[str | None]] | None:
+        """Columns, and notes on words for no value; None if a cell of `numbers` is neither a number nor such a word.
 
-        if not place:
-            return []
-        arrow = self._arrow(set(), set(place.values()), ".")
-        out = []
-        for name, number in place.items():
-            column = arrow[number].combine_chunks()
-            lower = pc.utf8_lower(pc.utf8_trim_whitespace(column))
-            rows = pc.indices_nonzero(pc.is_in(lower, pa.array(sorted(NO_VALUE_WORDS - {""}))))
-            out.append(words_note(name, pd.Series(column.take(rows).to_pylist(), rows.to_numpy(), dtype="str")))
-        return out
+        A part of the file at a time, since cells as Python objects take much memory.
+        """
+        import pandas as pd
+
+        values: dict[str, list[NDArray[np.float64]]] = {n: [] for n in numbers}
+        strings: dict[str, list[str]] = {n: [] for n in texts}
+        said: dict[str, dict[int, str]] = {n: {} for n in numbers}  # words for no value, by row
+        place = {name: k for k, name in enumerate(self.columns)}
+        above = 0
+        for rows in self._parts():
+            columns = list(zip(*rows, strict=True))
+            for name in numbers:
+                written = columns[place[name]]
+                cells = list(written)
+                if decimal == ",":
+                    cells = [c.translate(_COMMA_TO_POINT) for c in cells]
+                try:
+                    own = decimal_numbers(cells)
+                except ValueError:
+                    empty = [k for k, cell in enumerate(written) if cell.strip().lower() in NO_VALUE_WORDS]
+                    said[name] |= {above + k: written[k] for k in empty}
+                    for k in empty:
+                        cells[k] = ""
+                    try:
+                        own = decimal_numbers(cells)
+                    except ValueError:
+                        return None
+                values[name].append(own)
+            for name in texts:
+                strings[name] += [cell.strip() for cell in columns[place[name]]]
+            above += len(rows)
+        notes = [words_note(n, pd.Series(list(w.values()), list(w), dtype="str")) for n, w in said.items() if w]
+        frame: dict[str, pd.Series[Any]] = {n: pd.Series(np.concatenate(v)) for n, v in values.items()}
+        return frame | {n: pd.Series(self._decoded(v), dtype="str") for n, v in strings.items()}, notes
+
+    def _texts(self, names: Sequence[str]) -> dict[str, pd.Series[Any]]:
+        """Columns as text, without surrounding blanks."""
+        import pandas as pd
+
+        cells: dict[str, list[str]] = {n: [] for n in names}
+        for rows in self._parts():
+            for name, own in cells.items():
+                place = self.columns.index(name)
+                own += [row[place].strip() for row in rows]
+        return {n: pd.Series(self._decoded(own), dtype="str") for n, own in cells.items()}
 
     def line(self, row: int) -> int | None:
         for number, (line, _) in enumerate(self._records()):
@@ -96,46 +128,58 @@ class CsvTable(Table):
                 return line
         return None
 
-    def _arrow(self, numbers: Collection[str], texts: Collection[str], decimal: str, ragged: Any = None) -> Any:
-        """Read the wanted columns by position (``"0"``, ``"1"``, ...); ArrowInvalid if a cell does not fit its type."""
-        import pyarrow as pa
-        from pyarrow import csv as arrow
+    def _parts(self) -> Iterator[list[list[str]]]:
+        """Rows, some thousand at a time, each with as many fields as the header.
 
-        with self.path.open("rb") as file:
-            quoted = b'"' in file.read(_HEADER_BYTES)
-        return arrow.read_csv(
-            self.path,
-            arrow.ReadOptions(column_names=[str(i) for i in range(len(self.columns))], skip_rows=self.skip),
-            arrow.ParseOptions(
-                delimiter=self.delimiter,
-                newlines_in_values=quoted,
-                invalid_row_handler=ragged,
-            ),
-            arrow.ConvertOptions(
-                column_types=dict.fromkeys(numbers, pa.float64()) | dict.fromkeys(texts, pa.string()),
-                include_columns=[*numbers, *texts],
-                null_values=EMPTY_CELLS,
-                strings_can_be_null=False,
-                decimal_point=decimal,
-            ),
-        )
+        Raises
+        ------
+        InputError
+            A row has another number of fields, or there is none.
+        """
+        width, empty = len(self.columns), True
+        count = max(1, _PART_CELLS // width)
+        with self._rows() as reader:
+            while part := list(islice(reader, count)):
+                if any(len(fields) != width for fields in part):
+                    part = [fields for fields in part if not self._blank(fields)]
+                    if any(len(fields) != width for fields in part):
+                        raise self._ragged()
+                if part:
+                    empty = False
+                    yield part
+        if empty:
+            raise InputError(self.name, "no rows below the header", "Give a row a pose")
 
-    def _if_not_blank(self, row: Any) -> str:
-        return "error" if row.text.strip(f" \t\r\n{self.delimiter}") else "skip"
+    @contextmanager
+    def _rows(self) -> Iterator[Any]:
+        """Reader of the rows below the header; bytes that are not UTF-8 become halves of characters."""
+        with self.path.open(encoding="utf-8-sig", errors="surrogateescape", newline="") as file:
+            reader = csv.reader(file, delimiter=self.delimiter)
+            try:
+                while reader.line_num < self.skip and next(reader, None) is not None:
+                    pass
+                yield reader
+            except csv.Error as error:
+                where, cure = f"{self.name}, line {reader.line_num}", "Write it again as plain CSV"
+                raise InputError(where, f"not readable as CSV: {error}", cure) from error
+
+    def _blank(self, fields: list[str]) -> bool:
+        return len(fields) != len(self.columns) and not "".join(fields).strip()
 
     def _records(self) -> Iterator[tuple[int, list[str]]]:
-        """Line and fields of every data row, without blank lines, as in `_arrow`."""
-        with self.path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
-            reader = csv.reader(file, delimiter=self.delimiter)
-            last = 0
-            try:
-                for fields in reader:
-                    line, last = last + 1, reader.line_num
-                    blank = len(fields) != len(self.columns) and not "".join(fields).strip()
-                    if last > self.skip and not blank:
-                        yield line, fields
-            except csv.Error:
-                return
+        """Line and fields of every data row."""
+        with self._rows() as reader:
+            last = self.skip
+            for fields in reader:
+                line, last = last + 1, reader.line_num
+                if not self._blank(fields):
+                    yield line, fields
+
+    def _decoded(self, cells: list[str]) -> list[str]:
+        """The cells; InputError where the file is not UTF-8."""
+        if any(map(_NOT_UTF8.search, cells)):
+            self._check_utf8()
+        return cells
 
     def _check_utf8(self) -> None:
         with self.path.open("rb") as file:
@@ -153,20 +197,15 @@ class CsvTable(Table):
             self.cell(row, column), found, f"Write {plain} without a separator, or one decimal sign in the whole file"
         )
 
-    def _ragged(self, error: Exception) -> InputError:
-        """Error for text that is no table: most likely the first row of another length."""
-        row = 0
-        for row, (line, fields) in enumerate(self._records(), start=1):
-            if len(fields) != len(self.columns):
-                found = f"{len(fields)} fields where the header has {len(self.columns)}"
-                cure = "Give every row one field a column, empty where there is no value"
-                if self.delimiter == "," and len(fields) > len(self.columns):
-                    cure += "; if commas are decimal signs, separate the columns with semicolons"
-                return InputError(f"{self.name}, row {row} (line {line})", found, cure)
-        if row == 0:
-            return InputError(self.name, "no rows below the header", "Give a row a pose")
-        reason = str(error).splitlines()[0]
-        return InputError(self.name, f"not readable as CSV: {reason}", "Write it again as plain CSV")
+    def _ragged(self) -> InputError:
+        """Error for the first row with another number of fields than the header."""
+        rows = enumerate(self._records(), start=1)
+        row, line, count = next((k, at, len(f)) for k, (at, f) in rows if len(f) != len(self.columns))
+        found = f"{count} fields where the header has {len(self.columns)}"
+        cure = "Give every row one field a column, empty where there is no value"
+        if self.delimiter == "," and count > len(self.columns):
+            cure += "; if commas are decimal signs, separate the columns with semicolons"
+        return InputError(f"{self.name}, row {row} (line {line})", found, cure)
 
 
 def open_table(path: Path, name: str) -> Table:

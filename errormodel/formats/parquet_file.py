@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from errormodel.exceptions import InputError
+from errormodel.extras import optional
 from errormodel.formats.base import Table, as_numbers, words_note
 
 if TYPE_CHECKING:
@@ -20,14 +21,13 @@ class ParquetTable(Table):
 
     def read(self, numbers: Collection[str], texts: Collection[str]) -> tuple[pd.DataFrame, tuple[str, ...]]:
         import pandas as pd
-        import pyarrow as pa
-        import pyarrow.parquet as pq
 
+        pa, pq = _pyarrow(self.name)
         try:
             arrow = pq.read_table(self.path, columns=[*numbers, *texts])
         except (pa.ArrowException, OSError) as error:
             raise _broken(self.name, error) from error
-        frame = pd.DataFrame({n: _column(arrow[n], number=n in numbers) for n in (*numbers, *texts)})
+        frame = pd.DataFrame({n: _column(pa, arrow[n], number=n in numbers) for n in (*numbers, *texts)})
         written = [n for n in numbers if pa.types.is_string(arrow[n].type) or pa.types.is_large_string(arrow[n].type)]
         notes = (words_note(n, pd.Series(arrow[n].to_pandas(), dtype="str")) for n in written)
         return frame, tuple(note for note in notes if note)
@@ -35,9 +35,7 @@ class ParquetTable(Table):
 
 def open_table(path: Path, name: str) -> Table:
     """Read the column names of a Parquet file."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
+    pa, pq = _pyarrow(name)
     try:
         names = pq.read_schema(path).names
     except (pa.ArrowException, OSError) as error:
@@ -45,14 +43,18 @@ def open_table(path: Path, name: str) -> Table:
     return ParquetTable(path, name, tuple(n for n in names if not n.startswith("__index_level_")))
 
 
+def _pyarrow(name: str) -> tuple[Any, Any]:
+    what, instead = "a Parquet file", "give a CSV file"
+    return optional("pyarrow", name, what, instead), optional("pyarrow.parquet", name, what, instead)
+
+
 def _broken(name: str, error: Exception) -> InputError:
     reason = str(error).splitlines()[0]
     return InputError(name, f"not a readable Parquet file: {reason}", "Write it again as Parquet, or give a CSV file")
 
 
-def _column(column: Any, number: bool) -> pd.Series[Any]:
+def _column(pa: Any, column: Any, number: bool) -> pd.Series[Any]:
     import pandas as pd
-    import pyarrow as pa
 
     kind = column.type
     if number and (pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind)):

@@ -6,6 +6,7 @@ import io
 from dataclasses import replace
 
 from errormodel.exceptions import InputError
+from errormodel.extras import optional
 from errormodel.raw_formats.base import Asked, RawFile, RawFormat, Recording
 
 _ZIP, _OLD = b"PK\x03\x04", b"\xd0\xcf\x11\xe0"  # of xlsx and ods, of xls
@@ -26,15 +27,11 @@ class Spreadsheet(RawFormat):
 
     @classmethod
     def read(cls, raw: RawFile, asked: Asked) -> Recording:
+        calamine = optional("python_calamine", raw.name, "a spreadsheet", "save the sheet as CSV")
         try:
-            from python_calamine import CalamineError, CalamineWorkbook
-        except ImportError as error:
-            cure = "Install it with: pip install 'errormodel[xlsx]'; or save the sheet as CSV"
-            raise InputError(raw.name, "a spreadsheet, for which python-calamine is needed", cure) from error
-        try:
-            book = CalamineWorkbook.from_filelike(io.BytesIO(raw.data))
+            book = calamine.CalamineWorkbook.from_filelike(io.BytesIO(raw.data))
             sheets = [(name, book.get_sheet_by_name(name).to_python()) for name in book.sheet_names]
-        except (CalamineError, ValueError, OSError) as error:
+        except (calamine.CalamineError, ValueError, OSError) as error:
             raise InputError(raw.name, f"not a readable spreadsheet: {error}", "Save it again, or as CSV") from error
         from errormodel.raw_formats.base import format_of
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from errormodel import __version__
 from errormodel.arrays import Array
+from errormodel.extras import optional
 from errormodel.files import replacing
 from identification.bayes.posterior import Posterior
 from identification.estimation.result import Fit
@@ -61,19 +62,19 @@ def as_tree(fit: Fit, posterior: Posterior) -> DataTree:
 
     Raises
     ------
-    ImportError
+    InputError
         xarray, which ArviZ stands on, is not installed.
     """
     import tempfile
 
-    try:
-        from xarray import open_datatree
-    except ImportError as error:
-        raise ImportError("ArviZ is needed to hold a posterior: pip install errormodel[arviz]") from error
+    open_datatree = optional(
+        "xarray", "posterior", "an xarray.DataTree", "read posterior.nc, which `save` writes"
+    ).open_datatree
     with tempfile.TemporaryDirectory() as folder:
         write_netcdf(fit, posterior, Path(folder) / "posterior.nc")
         with open_datatree(Path(folder) / "posterior.nc", engine="h5netcdf") as tree:
-            return tree.load()
+            loaded: DataTree = tree.load()
+            return loaded
 
 
 def _variables(

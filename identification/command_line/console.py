@@ -18,7 +18,7 @@ import click
 from errormodel import __version__
 from errormodel.exceptions import InputError
 from errormodel.inputs import Run, check_readable, is_unicode, running
-from identification.results.output_file import OutputFile
+from identification.results.output_file import OutputFile, check_name
 from identification.results.results_folder import ResultsFolder
 from identification.results.terminal import one_line
 
@@ -44,7 +44,9 @@ class _Out(click.Path):
         if not is_unicode(os.fsdecode(value)):
             found = f"{os.fsencode(value)!r}, a name that is not UTF-8"
             raise InputError(str(param.opts[0] if param else "--out"), found, "Give a name in UTF-8")
-        return self.make(Path(os.fsdecode(super().convert(value, param, ctx))))
+        path = Path(os.fsdecode(super().convert(value, param, ctx)))
+        check_name(path)
+        return self.make(path)
 
 
 OUT_FILE = _Out(OutputFile, dir_okay=False)

@@ -25,7 +25,7 @@ from identification.estimation.least_squares import (
 )
 from identification.estimation.noise import RESIDUAL_ROUND_OFF_SHARE
 from identification.estimation.normal_priors import known_beforehand
-from identification.estimation.weights import Judgement, judge
+from identification.estimation.weights import Judgement, judge, no_majority
 from identification.observation.models import Kind, View
 from identification.observation.normal_equations import accumulate, design_rows, sampled, total, view_vector
 from identification.runtime.convex_solver import optimise
@@ -161,7 +161,10 @@ class _Rows:
             level, common = None if moving else judged.sigma, judged.common if sharply else None
             judged = judge(self.views, self.gaps(values), used, self.floor, level, common)
             levels = self.levels(judged)
-            sums = accumulate(judged.weigh(self.views), self.place, values, self.held)
+            weighed = judged.weigh(self.views)
+            if not weighed:
+                raise no_majority()
+            sums = accumulate(weighed, self.place, values, self.held)
             gram, slope = total(sums, levels)
             gram, slope = gram + hold, slope - hold @ values
             step, inverse = scaled_solve(gram[pick], slope[base]), scaled_inverse(gram[pick])

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from errormodel.arrays import Array, Index, Mask
+from errormodel.exceptions import InputError
 from identification.estimation.bisquare import BY_DISTANCE, Pull, Scale, normal, pull, usual
 from identification.estimation.mixture import Outliers
 from identification.observation.models import Kind, PositionView, View
@@ -127,6 +128,8 @@ def judge(
             live = sum(float(p.live.sum()) for p in pulls)
             expected = sum(float(expect[m] @ p.live) for (_, m, _), p in zip(rows, pulls, strict=True))
             square = sum(float(p.along.sum()) for p in pulls) / max(expected * _left(live, used[kind]), 1e-300)
+            if square < 0:  # no slope of a weight is left: all rows lie beyond those that count
+                raise no_majority()
             if start is None or abs(square - 1) < NOISE_LEVEL_TOLERANCE or level * np.sqrt(square) <= floor[kind]:
                 break
             level *= float(np.sqrt(square))
@@ -137,6 +140,12 @@ def judge(
             out = p.out | (wrong >= 0)
             judged[k] = Judged(p.distance, factor * p.trace / m, out, wrong, p.mixed, p.roots(factor))
     return replace(found, views=tuple(judged[k] for k in range(len(views))))
+
+
+def no_majority() -> InputError:
+    """Error for a robust fit that found no rows to stand on: some lie so far off that they turn its first frame."""
+    found = "no fit was found near which most rows lie"
+    return InputError("--robust", found, "Fit without it, which names rows that lie far off, and leave those out")
 
 
 def _common(rows: Sequence[tuple[Array, Index, Array | None]], level: float, before: Outliers | None) -> Outliers:

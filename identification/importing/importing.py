@@ -78,7 +78,8 @@ def import_files(
         A file cannot be read, or what was measured does not follow the commands: then it says what fits instead.
     """
     names = [p.name for p in (*raws, *([commands] if commands else []))]
-    twice = [name for name in names if names.count(name) > 1]
+    folded = [name.casefold() for name in names]  # two that differ in case only are one on Windows and macOS
+    twice = [name for name in names if folded.count(name.casefold()) > 1]
     if twice:
         raise InputError(twice[0], "two files of one name", "Give them different names: they are kept in one folder")
     commanded = None if commands is None else open_source(commands, machine, "commands", wishes)

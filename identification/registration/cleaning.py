@@ -9,11 +9,13 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from errormodel.arrays import Array, Index, Mask
 from errormodel.exceptions import InputError
+from errormodel.extras import optional
 
 OUTLIER_NEIGHBOURS = 8  # neighbours of the outlier test
 OUTLIER_SIGMA = 3.0  # standard deviations of the mean distance to the neighbours: larger ones are outliers
@@ -80,6 +82,11 @@ def _unordered(points: Array, lines: Lines) -> bool:
     return bool(np.any(np.diff(y)[~lines.first[1:]] != 0))
 
 
+def point_cloud_library() -> Any:
+    """The module small_gicp; InputError where it is not installed."""
+    return optional("small_gicp", "register", "a comparison of point clouds")
+
+
 def clean(points: Array, name: str) -> Array:
     """Points (n, 3) of the artefact's surface.
 
@@ -105,8 +112,7 @@ def clean(points: Array, name: str) -> Array:
 
 def _lonely(points: Array) -> Mask:
     """Statistical outliers by the mean distance to their neighbours."""
-    import small_gicp
-
+    small_gicp = point_cloud_library()
     threads = os.cpu_count() or 1
     tree = small_gicp.KdTree(points, num_threads=threads)
     _, squared = tree.batch_knn_search(points, OUTLIER_NEIGHBOURS + 1, num_threads=threads)

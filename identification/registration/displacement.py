@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from errormodel.arrays import Array
+from identification.registration.cleaning import point_cloud_library
 from identification.registration.surface import CHUNK_POINTS, Surface, inliers
 
 COARSE_STAGES_MM = ((4.0, 1.0), (2.0, 0.5))  # voxel size and thinning of the coarse stages, mm; by judgement
@@ -74,8 +75,7 @@ def displacement(cold: Array, surface: Surface, warm: Array) -> Displacement | N
 
 
 def _coarse(cold: Array, warm: Array) -> Array:
-    import small_gicp
-
+    small_gicp = point_cloud_library()
     matrix = np.eye(4)
     for voxel, thinned in COARSE_STAGES_MM:
         source, _ = small_gicp.preprocess_points(warm, downsampling_resolution=thinned, num_neighbors=12)

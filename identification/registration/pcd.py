@@ -8,6 +8,7 @@ from typing import BinaryIO
 
 from errormodel.arrays import Array
 from errormodel.exceptions import InputError
+from errormodel.extras import optional
 from identification.registration.refusals import too_short, unreadable
 
 LZF_RATIO = 132  # bytes from one byte of LZF at most: two or three bytes repeat up to 264
@@ -33,12 +34,11 @@ def read_pcd(path: Path, name: str) -> dict[str, Array]:
     InputError
         The file is not a PCD, or holds fewer points than its header announces.
     """
-    from pypcd4.pypcd4 import PointCloud
-
+    pypcd4 = optional("pypcd4.pypcd4", name, "a point cloud in PCD", "save it as PLY or XYZ")
     try:
         with path.open("rb") as file:
             promised = _promised(file, name, path.stat().st_size)
-        cloud = PointCloud.from_path(path)
+        cloud = pypcd4.PointCloud.from_path(path)
         data = {field: cloud.numpy((field,))[:, 0] for field in cloud.fields if field in "xyz"}
     except InputError:
         raise

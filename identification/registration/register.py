@@ -13,7 +13,7 @@ from errormodel.arrays import Array
 from errormodel.conventions import MOTIONS
 from errormodel.exceptions import InputError, nearest
 from errormodel.yamlfile import Document
-from identification.registration.cleaning import clean
+from identification.registration.cleaning import clean, point_cloud_library
 from identification.registration.displacement import Displacement, displacement
 from identification.registration.folders import clouds_in, labels, time_in
 from identification.registration.form import Profiler, read_profiler
@@ -70,6 +70,7 @@ def register(cold: Path, warm: Sequence[Path], profiler: Path, progress: Progres
     """
     import pandas as pd
 
+    point_cloud_library()  # before any work
     form, document = read_profiler(profiler)
     runs, times, notes = labels(warm), *_times(form, document, warm)
     count = len(form.positions)

@@ -120,7 +120,7 @@ class FitResult:
         ------
         InputError
             The fit has no posterior.
-        ImportError
+        InputError
             ArviZ is not installed (``pip install errormodel[arviz]``); ``posterior.nc`` of `save` needs none.
         """
         from errormodel.exceptions import InputError

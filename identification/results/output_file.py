@@ -7,17 +7,29 @@ by ``sha256sum``. Files are identified by content: one that was changed since is
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from errormodel.exceptions import InputError
-from errormodel.files import locked, plain_mode, replacing, sha256, unwritable, write_csv, write_text_atomic
+from errormodel.files import (
+    clear_parts,
+    impossible_on_windows,
+    locked,
+    plain_mode,
+    replacing,
+    sha256,
+    unwritable,
+    write_csv,
+    write_text_atomic,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
 
+WINDOWS = sys.platform == "win32"
 RECORD_NAME = ".errormodel.sha256"  # list of written files with digests, in the same folder
 RECORD_LINE = re.compile(r"([0-9a-f]{64})  (.+)")  # digest and name, as written by sha256sum
 CURE = "Give another name, or move that file away"
@@ -82,6 +94,8 @@ class OutputFile:
         except OSError as error:
             raise unwritable(self.path, error) from error
         with locked(self.path.parent), replacing(self.path) as part:
+            for path in (self.path, self.path.parent / RECORD_NAME):
+                clear_parts(path)
             yield part
             self.check()
             with suppress(InputError):  # in a foreign folder: the file is then not replaced again
@@ -102,6 +116,13 @@ class OutputFile:
         """Write a table (see `replaced`)."""
         with self.replaced() as part:
             write_csv(frame, part)
+
+
+def check_name(path: Path) -> None:
+    """Check that this system can have a file or folder of this name; InputError where it cannot."""
+    reasons = map(impossible_on_windows, path.relative_to(path.anchor).parts) if WINDOWS else ()
+    if reason := next(filter(None, reasons), None):
+        raise InputError(str(path), reason, "Give another name")
 
 
 def same(one: Path, other: Path) -> bool:

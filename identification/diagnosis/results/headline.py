@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from identification.diagnosis.results.findings import Diagnosis, Finding
 from identification.diagnosis.results.statements import SURE
+from identification.diagnosis.results.verdict import AT_ONE_POSE
 
 VERDICTS = {
     "adequate": "Nothing was found: the model and the noise explain what was measured.",
@@ -16,6 +17,8 @@ MOST = 3  # findings by name
 
 def headline(diagnosis: Diagnosis) -> str:
     """The findings by name and size, and whether more than noise is left; one sentence."""
+    if diagnosis.verdict == "adequate" and AT_ONE_POSE in diagnosis.notes:
+        return f"Nothing could be tested: {AT_ONE_POSE}."
     names = [_named(f) for f in diagnosis.findings]
     if len(names) > MOST + 1:
         names[MOST:] = [f"{len(names) - MOST} more"]

@@ -14,6 +14,7 @@ from identification.estimation.result import Fit
 
 BINS = 8  # of each channel, in which to look for where most is left over
 LEAST_ROWS = 12  # of a bin
+AT_ONE_POSE = "no joint moved between the rows: they say nothing of the machine's error motions"
 CLEAR = 4.0  # standard deviations by which a bin must stand out to be named
 
 
@@ -60,12 +61,22 @@ def judge(final: Fit, found: bool, dependence: Dependence | None = None, log: De
             )
     elif declared:
         reason = f"the declared uncertainty lets expect {_length(final) / np.sqrt(s.chi2 / s.dof):.1f}"
+    if not found and _at_one_pose(final):
+        notes.append(AT_ONE_POSE)
     if not reason and dependence is None:
         return Verdict("explained" if found else "adequate", None, tuple(notes))
     text = f"{_length(final):.1f} um rms where {reason}; {largest(final)}" if reason else ""
     if dependence is not None:
         text = "; ".join(filter(None, (text, dependence.text)))
     return Verdict("partly-explained" if found else "unexplained", text, tuple(notes))
+
+
+def _at_one_pose(fit: Fit) -> bool:
+    """Whether all rows have the same command: no error motion and no cause that moves with a joint can show."""
+    table = fit.survey.table
+    names = [j.name for j in fit.chain.machine.joints]
+    names += [f"from_{name}" for name in names]
+    return all(table[name].nunique() <= 1 for name in names if name in table)
 
 
 def largest(fit: Fit) -> str:

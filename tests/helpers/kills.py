@@ -1,0 +1,250 @@
+"""Commands that write, killed at a file operation or at a moment, and what must hold then.
+
+A command runs in a process forked from this one, where everything is imported already. It is killed (SIGKILL, as by the
+system or by a power failure without its effect on the disk) just before its n-th operation on a file of the place, or
+after a time.
+"""
+
+from __future__ import annotations
+
+import os
+import random
+import resource
+import shutil
+import signal
+import sqlite3
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+
+from tests.helpers import importing
+from tests.helpers.commands import MILL, done, run, tree
+
+WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT
+OPERATIONS = {"os.rename", "os.remove", "os.mkdir", "os.rmdir", "os.link", "os.chmod", "os.truncate", "sqlite3.connect"}
+RECORDS = (".errormodel.sha256", ".errormodel.lock")  # lists of the files that were written: of any state
+KNOWN = b", which the history has already"  # what `monitor` says of a cycle that a killed run had taken in
+PATIENCE_S = 300.0  # s that a command may take on a busy computer
+
+
+@dataclass(frozen=True)
+class Case:
+    """A command, and the one before it whose results it replaces.
+
+    Attributes
+    ----------
+    first, second : words
+    target : str
+        The file or folder that both write.
+    whole : bool
+        Whether the target changes as a whole; otherwise each of its files does.
+    """
+
+    first: tuple[object, ...]
+    second: tuple[object, ...]
+    target: str
+    whole: bool = True
+
+
+SURVEYS = ("one.csv", "two.csv")
+
+
+def _each(target: str, words: Callable[[str, str], tuple[object, ...]], whole: bool = True) -> Case:
+    """The same command of two surveys and their fits."""
+    one, two = (words(survey, survey.removesuffix(".csv")) for survey in SURVEYS)
+    return Case((*one, "--out", target), (*two, "--out", target), target, whole)
+
+
+CASES = {
+    "fit": _each("fitted", lambda survey, _: ("fit", MILL, survey)),
+    "bayes": _each("posterior", lambda survey, _: ("fit", MILL, survey, "--robust", "--bayes")),
+    "diagnose": _each("found", lambda survey, _: ("diagnose", MILL, survey)),
+    "predict": _each("p.csv", lambda _, fit: ("predict", fit, "one.csv")),
+    "compensate": _each("tables", lambda _, fit: ("compensate", fit, "--controller", "csv", "--points", 4)),
+    "iso": _each("certificate", lambda _, fit: ("iso", "parameters", fit)),
+    "import": _each(
+        "taken",
+        lambda survey, _: ("import", survey.replace("csv", "txt"), "--machine", MILL, "--commands", "poses.csv"),
+    ),
+    "simulate": _each(
+        "made.csv", lambda survey, _: ("simulate", MILL, 20 + len(survey), "--seed", int(survey == "two.csv"))
+    ),
+    "plan": _each("plan.csv", lambda survey, _: ("plan", MILL, "--points", 14, "--seed", int(survey == "two.csv"))),
+    "monitor": Case(("monitor", "watched", "one.csv"), ("monitor", "watched", "two.csv"), "watched", whole=False),
+}
+
+
+def prepare(place: Path) -> None:
+    """Two surveys, their fits, a fit to be watched, and files of a tracker; then the first result of every case."""
+    for seed, survey in enumerate(SURVEYS):
+        done("simulate", MILL, 40, "--noise", 0.002, "--seed", seed, "--out", place / survey)
+        done("fit", MILL, place / survey, "--out", place / survey.removesuffix(".csv"), "--quiet")
+        measured = importing.points(importing.poses(), seed=seed)
+        (place / survey.replace("csv", "txt")).write_text(importing.spatialanalyzer(measured))
+    importing.poses().to_csv(place / "poses.csv", index=False)
+    shutil.copytree(place / "one", place / "watched")
+
+
+def forked(
+    words: tuple[object, ...], place: Path, at: int | None = None, after: float | None = None, full: int | None = None
+) -> tuple[int, int]:
+    """Run a command in `place` in a process of its own.
+
+    Parameters
+    ----------
+    at : kill it before its `at`-th operation on a file of the place, from 1.
+    after : kill it after so many seconds.
+    full : bytes from which writing a file fails, as on a full disk.
+
+    Returns
+    -------
+    The exit code, negative where a signal ended it; and the number of its operations (0 where it was killed).
+    """
+    reading, writing = os.pipe()
+    child = os.fork()
+    if not child:
+        os.close(reading)
+        code = 70
+        try:
+            if full is not None:
+                resource.setrlimit(resource.RLIMIT_FSIZE, (full, full))
+            code = _run_counted(words, place, at, writing)
+        finally:
+            os._exit(code)
+    os.close(writing)
+    if after is not None:
+        time.sleep(after)
+        os.kill(child, signal.SIGKILL)
+    until = time.monotonic() + PATIENCE_S
+    while True:
+        ended, status = os.waitpid(child, os.WNOHANG)
+        if ended:
+            break
+        if time.monotonic() > until:
+            os.kill(child, signal.SIGKILL)
+        time.sleep(0.005)
+    with os.fdopen(reading) as pipe:
+        count = pipe.read()
+    return os.waitstatus_to_exitcode(status), int(count or 0)
+
+
+def _run_counted(words: tuple[object, ...], place: Path, at: int | None, writing: int) -> int:
+    os.chdir(place)
+    own, inside, count = os.getpid(), str(place.resolve()), 0
+
+    def hook(event: str, arguments: tuple[object, ...]) -> None:
+        nonlocal count
+        if os.getpid() != own or not (event in OPERATIONS or (event == "open" and _writes(arguments))):
+            return
+        if event != "ctypes.dlsym" and not any(_is_in(inside, a) for a in arguments[:2]):
+            return
+        count += 1
+        if count == at:
+            os.kill(own, signal.SIGKILL)
+
+    sys.addaudithook(hook)
+    code = run(*words).code
+    os.write(writing, str(count).encode())
+    return code
+
+
+def _writes(arguments: tuple[object, ...]) -> bool:
+    return isinstance(arguments[2], int) and bool(arguments[2] & WRITING)
+
+
+def _is_in(inside: str, path: object) -> bool:
+    return isinstance(path, str | bytes | os.PathLike) and os.path.realpath(os.fsdecode(path)).startswith(inside)
+
+
+def state(place: Path) -> dict[str, object]:
+    """Every file that is not a record, by its path; a history by what is in it."""
+    out: dict[str, object] = {}
+    for name, content in tree(place).items():
+        file = name.rpartition("/")[2]
+        if file.startswith("monitor.sqlite"):
+            if file == "monitor.sqlite":
+                with closing(sqlite3.connect(place / name)) as history:  # which takes back what was not committed
+                    out[name] = history.execute("select number, digest, status from cycles").fetchall()
+        elif file not in RECORDS:
+            out[name] = content.replace(KNOWN, b"")
+    return out
+
+
+def leftovers(place: Path) -> list[str]:
+    """Unfinished files and folders, which a killed run may leave and the next one removes."""
+    return sorted(p.name for p in place.rglob(".*") if p.name not in RECORDS)
+
+
+def of_target(content: dict[str, object], case: Case) -> dict[str, object]:
+    return {n: c for n, c in content.items() if n == case.target or n.startswith(f"{case.target}/")}
+
+
+def faults(case: Case, place: Path, old: dict[str, object], new: dict[str, object]) -> Iterator[str]:
+    """What is wrong in a place where the second command of a case was killed, in words; it is finished then."""
+    if Path(place / case.target).is_dir() and case.whole:
+        ended = run("verify", place / case.target)
+        if ended.code:
+            yield f"verify: {ended.err.strip()}"
+    here = {n: c for n, c in state(place).items() if not any(part.startswith(".") for part in n.split("/"))}
+    here = {n: c for n, c in here.items() if not n.startswith(f"{case.target}/chain/")}  # resumed by the next run
+    apart = of_target(here, case)
+    if case.whole and apart not in (of_target(old, case), of_target(new, case)):
+        yield f"{case.target} is neither the old nor the new result"
+    for name, content in apart.items():
+        if content not in (old.get(name), new.get(name)):
+            yield f"{name} is neither the old nor the new one"
+    outside = {n: c for n, c in here.items() if n not in apart}
+    if outside != {n: c for n, c in old.items() if n not in of_target(old, case)}:
+        yield "a file outside the results was touched"
+    code, _ = forked(case.second, place)
+    if code:
+        yield f"the next run ends with exit code {code}"
+    elif state(place) != new:
+        changed = [n for n in {*state(place), *new} if state(place).get(n) != new.get(n)]
+        yield f"the next run gives another result: {', '.join(sorted(changed))}"
+    if leftovers(place):
+        yield f"the next run leaves {', '.join(leftovers(place))}"
+
+
+def killed(name: str, prepared: Path, count: int, seed: int = 0) -> Iterator[tuple[str, list[str]]]:
+    """Kill a case `count` times, at file operations drawn without replacement and at moments; before, full disks.
+
+    Yields
+    ------
+    The moment in words, and what was wrong.
+    """
+    case, rng = CASES[name], random.Random(f"{name} {seed}")
+    with tempfile.TemporaryDirectory() as folder:
+        before, place = Path(folder) / "before", Path(folder) / "w"
+        shutil.copytree(prepared, before)
+        code, _ = forked(case.first, before)
+        assert code == 0, f"{name}: the first command failed"
+        old = state(before)
+        shutil.copytree(before, place)
+        begun = time.monotonic()
+        code, operations = forked(case.second, place)
+        duration = time.monotonic() - begun
+        assert code == 0, f"{name}: the second command failed"
+        assert operations, f"{name}: no file operation was seen"
+        new = state(place)
+        assert old != new, f"{name}: both commands give the same"
+        steps = rng.sample(range(1, operations + 1), min(operations, -(-count // 2)))
+        sizes = sorted({len(c) - 1 for n, c in new.items() if isinstance(c, bytes) and old.get(n) != c})
+        moments = [rng.uniform(0, duration) for _ in range(count - len(steps))]
+        for size in sizes[:: -(-len(sizes) // count)]:
+            shutil.rmtree(place)
+            shutil.copytree(before, place)
+            code, _ = forked(case.second, place, full=size)
+            wrong = [] if code in (1, 2) else [f"exit code {code}"]
+            wrong += ["it leaves something"] if case.whole and state(place) != old else []
+            yield f"{name}, full from {size} bytes", [*wrong, *faults(case, place, old, new)]
+        for at, after in [*((k, None) for k in sorted(steps)), *((None, t) for t in moments)]:
+            shutil.rmtree(place)
+            shutil.copytree(before, place)
+            forked(case.second, place, at, after)
+            when = f"operation {at} of {operations}" if after is None else f"{after:.3f} s of {duration:.3f} s"
+            yield f"{name}, {when}", list(faults(case, place, old, new))

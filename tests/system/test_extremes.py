@@ -1,0 +1,166 @@
+"""Numbers at the ends of what machines have: the right answer, or a sentence that says why there is none.
+
+Units, travels, frames far away, wild readings, chains that are redundant or long, hardly any rows.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from tests.helpers.commands import XYZ, Done, done, run, write
+
+MILL = """\
+errormodel: 1
+units: {{length: {unit}, angle: deg}}
+chain:
+  - {{joint: X, type: prismatic, axis: x, travel: [0, {x}]}}
+  - {{shape: saddle}}
+  - {{joint: Y, type: prismatic, axis: y, travel: [0, {y}]}}
+  - {{shape: column}}
+  - {{joint: Z, type: prismatic, axis: z, travel: [0, {z}]}}
+  - {{shape: head}}
+tool: [0, 0, {tool}]
+errors: {{shapes: all, joints: first-order}}
+"""
+
+
+def mill(length: float = 500.0, unit: str = "mm", of_mm: float = 1.0) -> str:
+    """A mill whose travels are some tenths of `length` (mm), in a unit of so many mm."""
+    x, y, z, tool = (repr(share * length / of_mm) for share in (1.0, 0.8, 0.6, -0.2))
+    return MILL.format(unit=unit, x=x, y=y, z=z, tool=tool)
+
+
+def chain_of(joints: int) -> str:
+    """A redundant chain: slides and turns about x, y and z in turn, each with a member behind it."""
+    lines = ["errormodel: 1", "chain:"]
+    for k in range(joints):
+        kind, travel = ("rotary", "[-90, 90]") if k % 2 else ("prismatic", "[0, 300]")
+        lines.append(f"  - {{joint: J{k}, type: {kind}, axis: {'xyz'[k % 3]}, travel: {travel}}}")
+        lines.append(f"  - {{shape: s{k}, offset: [10, 5, 50]}}")
+    return "\n".join([*lines, "tool: [0, 0, -50]", "errors: {shapes: all, joints: first-order}", ""])
+
+
+def recorded(place: Path, machine: str, rows: int, noise: float) -> pd.DataFrame:
+    """A simulated survey ``s.csv`` of ``m.yaml``; `noise` in mm."""
+    write(place / "m.yaml", machine)
+    done("simulate", place / "m.yaml", rows, "--noise", noise, "--out", place / "s.csv")
+    return pd.read_csv(place / "s.csv")
+
+
+def fit(place: Path, *options: str, survey: str = "s.csv") -> Done:
+    return run("fit", place / "m.yaml", place / survey, "--out", place / "fit", "--quiet", *options)
+
+
+def figures(place: Path) -> dict[str, object]:
+    data: dict[str, object] = json.loads((place / "fit/fit.json").read_text())
+    return data
+
+
+def refused(ended: Done) -> str:
+    assert ended.code == 2, ended.out
+    assert "Traceback" not in ended.err
+    assert "Warning" not in ended.err
+    return ended.err
+
+
+def test_lengths_from_nanometres_to_metres(tmp_path: Path) -> None:
+    """The same machine in four units: the same noise and as many groups; the digits of the files differ."""
+    found = []
+    for unit, of_mm in (("nm", 1e-6), ("um", 1e-3), ("mm", 1.0), ("m", 1e3)):
+        recorded(tmp_path / unit, mill(unit=unit, of_mm=of_mm), 50, 0.002)
+        assert fit(tmp_path / unit).code == 0
+        data = figures(tmp_path / unit)
+        found.append((data["sigma_um"], len(data["parameters"])))  # type: ignore[arg-type]
+    noise, groups = zip(*found, strict=True)
+    assert len(set(groups)) == 1
+    assert noise == pytest.approx([2.0] * 4, rel=0.25)  # of 130 degrees of freedom: 4 of 6 %
+    assert noise == pytest.approx([noise[0]] * 4, rel=1e-9)
+
+
+@pytest.mark.parametrize(("length", "noise"), [(1.0, 2e-5), (50_000.0, 5e-3)])
+def test_travels_from_a_millimetre_to_fifty_metres(length: float, noise: float, tmp_path: Path) -> None:
+    recorded(tmp_path, mill(length), 50, noise)
+    assert fit(tmp_path).code == 0
+    assert figures(tmp_path)["sigma_um"] == pytest.approx(1e3 * noise, rel=0.25)  # as above
+
+
+def test_a_frame_a_hundred_metres_away(tmp_path: Path) -> None:
+    table = recorded(tmp_path, mill(), 50, 0.002)
+    assert fit(tmp_path).code == 0
+    near = figures(tmp_path)
+    table[XYZ] += [1e5, -1e5, 1e5]
+    table.to_csv(tmp_path / "far.csv", index=False)
+    assert fit(tmp_path, survey="far.csv").code == 0
+    far = figures(tmp_path)
+    for figure in ("nominal", "fitted"):  # doubles near 1e5 mm are 1.5e-5 um apart
+        assert far[figure]["rms_um"] == pytest.approx(near[figure]["rms_um"], abs=1e-4)  # type: ignore[index]
+
+
+def test_a_wild_reading(tmp_path: Path) -> None:
+    """Named by the plain fit; left out by the robust one, or refused where the frame cannot be found beside it."""
+    table = recorded(tmp_path, mill(), 50, 0.002)
+    for value, words in ((1e9, "row 4 (line 5), column mx: 1000000000, beyond any machine"), (9e5, "row 4 lies")):
+        table.loc[3, "mx"] = value
+        table.to_csv(tmp_path / "wild.csv", index=False)
+        assert words in refused(fit(tmp_path, survey="wild.csv"))
+    said = refused(fit(tmp_path, "--robust", survey="wild.csv"))
+    assert "no fit was found near which most rows lie. Fit without it, which names rows that lie far off" in said
+    table.loc[3, "mx"] = 1e4
+    table.to_csv(tmp_path / "wild.csv", index=False)
+    assert fit(tmp_path, "--robust", survey="wild.csv").code == 0
+    assert figures(tmp_path)["sigma_um"] == pytest.approx(2.0, rel=0.25)
+
+
+def test_joints_that_slide_along_one_line(tmp_path: Path) -> None:
+    text = mill().replace("axis: y", "axis: x").replace("axis: z", "axis: x")
+    write(tmp_path / "m.yaml", text)
+    said = refused(run("describe", tmp_path / "m.yaml"))
+    assert "the joints X, Y, Z all slide along one line" in said
+
+
+def test_a_redundant_chain_of_twelve_joints(tmp_path: Path) -> None:
+    recorded(tmp_path, chain_of(12), 300, 0.002)
+    assert fit(tmp_path).code == 0
+    data = figures(tmp_path)
+    assert data["sigma_um"] == pytest.approx(2.0, rel=0.1)  # of some 800 degrees of freedom: 4 of 2.5 %
+    assert len(data["parameters"]) < 11 * 6 + 6 * 4 + 6 * 6 + 6  # type: ignore[arg-type]  # groups, not parameters
+
+
+def test_one_row(tmp_path: Path) -> None:
+    recorded(tmp_path, mill(), 50, 0.002).iloc[:1].to_csv(tmp_path / "one.csv", index=False)
+    assert "1 row with 3 measured values where" in refused(fit(tmp_path, survey="one.csv"))
+
+
+def test_many_rows_at_nearly_one_pose(tmp_path: Path) -> None:
+    """Ten thousand poses within some micrometres show no error motion: a fit of them says what falls."""
+    recorded(tmp_path, mill(), 50, 0.002)
+    rng = np.random.default_rng(1)
+    table = pd.DataFrame(rng.normal([250, 200, 150], 1e-3, (10_000, 3)).round(6), columns=["X", "Y", "Z"])
+    table[XYZ] = (table.to_numpy() + np.array([0.0, 0.0, -100.0]) + rng.normal(0, 0.002, (10_000, 3))).round(6)
+    table.to_csv(tmp_path / "near.csv", index=False)
+    ended = fit(tmp_path, survey="near.csv")
+    if ended.code == 0:  # what the noise hides must not be called found
+        parameters = pd.read_csv(tmp_path / "fit/parameters.csv")
+        assert (parameters["value"].abs() <= 5 * parameters["std"]).all()
+    else:
+        refused(ended)
+
+
+@pytest.mark.parametrize("digits", [0, 6])
+def test_fifty_readings_at_one_pose_test_nothing(digits: int, tmp_path: Path) -> None:
+    """With or without scatter, coarse copies among them: that nothing was found is not called a result."""
+    machine = "errormodel: 1\nchain:\n  - {joint: X, type: prismatic, axis: x, travel: [0, 500]}\ntool: [0, 0, -50]\n"
+    write(tmp_path / "m.yaml", machine + "errors: {shapes: none, joints: first-order}\n")
+    rng = np.random.default_rng(0)
+    readings = (np.array([250.0, 0.0, -50.0]) + rng.normal(0, 0.002, (50, 3))).round(digits)
+    pd.DataFrame({"X": 250.0, **dict(zip(XYZ, readings.T, strict=True))}).to_csv(tmp_path / "s.csv", index=False)
+    said = done("diagnose", tmp_path / "m.yaml", tmp_path / "s.csv", "--out", tmp_path / "d").out
+    assert "Nothing could be tested: no joint moved between the rows" in said
+    assert "the model and the noise explain" not in said
+    assert "Nothing could be tested" in (tmp_path / "d/report.html").read_text(encoding="utf-8")
+    done("explain", tmp_path / "d")
