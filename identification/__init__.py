@@ -1,8 +1,8 @@
 """Inference on top of ``errormodel``: what a survey says of a machine, and how sure it is.
 
 Public functions, as on the command line: `import_survey`, `check`, `template`, `describe`, `plan`, `fit`, `diagnose`,
-`thermal`, `register`, `predict`, `explain`, `monitor`, `compensate`, `controllers`, `iso`, `standards`, `load` and
-`save`. They are imported when they are first asked for, so that ``import identification`` costs nothing.
+`thermal`, `register`, `predict`, `explain`, `monitor`, `compensate`, `controllers`, `iso`, `standards`, `fleet`, `load`
+and `save`. They are imported when they are first asked for, so that ``import identification`` costs nothing.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
         diagnose,
         explain,
         fit,
+        fleet,
         import_survey,
         iso,
         load,
@@ -40,6 +41,7 @@ __all__ = [
     "diagnose",
     "explain",
     "fit",
+    "fleet",
     "import_survey",
     "iso",
     "load",

@@ -4,6 +4,7 @@ Machines are given as a `Machine`, a file, a name of the library or a dict; surv
 DataFrame. All are in the units of their files: mm, degrees for rotary joints, s, degC.
 """
 
+from identification.api.fleets import fleet
 from identification.api.models import describe, diagnose, fit, plan, register, thermal
 from identification.api.preparing import check, import_survey, template
 from identification.api.standards import iso, standards
@@ -17,6 +18,7 @@ __all__ = [
     "diagnose",
     "explain",
     "fit",
+    "fleet",
     "import_survey",
     "iso",
     "load",
