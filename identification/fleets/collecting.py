@@ -29,7 +29,7 @@ class Entry:
     ----------
     type : of the machine, as the list or else the machine's file says; "" where neither is known.
     data : of its record; None where it failed.
-    part : its folder of results, below that of the fleet.
+    part : its folder of results, below that of the fleet; `seal` : SHA-256 of the manifest there.
     """
 
     row: Row
@@ -37,6 +37,7 @@ class Entry:
     data: Mapping[str, Any] | None
     part: str
     failure: Failure | None = None
+    seal: str = ""
 
     @property
     def estimates(self) -> Estimates:
@@ -85,7 +86,7 @@ class Collected:
                 | {c: e.row.labels[c] for c in self.listing.labels}
                 | {"status": "failed" if e.data is None else "done", "verdict": data.get("verdict", "")}
                 | {name: _number(data.get(name)) for name in NUMBERS}
-                | {"findings": len(e.findings), "notes": len(data.get("notes", ())), "part": e.part}
+                | {"findings": len(e.findings), "notes": len(data.get("notes", ())), "part": e.part, "seal": e.seal}
             )  # fmt: skip
         return pd.DataFrame(rows)
 
@@ -161,7 +162,8 @@ def collected(
             if isinstance(result, Failure):
                 entries.append(Entry(row, row.type, None, "", result))
             else:
-                entries.append(Entry(row, row.type or str(result["machine"]), result["surveys"][number], part))
+                kind = row.type or str(result["machine"])
+                entries.append(Entry(row, kind, result["surveys"][number], part, seal=str(result["seal"])))
     return Collected(command, listing, tuple(sorted(entries, key=lambda e: e.row.number)))
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from errormodel.arrays import Array
+from errormodel.arrays import Array, Index
 from identification.fleets.collecting import Collected, Entry
 from identification.fleets.common import Shown, common_effects, common_parameters, own_findings
 from identification.fleets.estimates import reference
@@ -39,11 +39,11 @@ class Quantity:
     """
 
     what: Watched
-    machines: Array
+    machines: Index
     each: PerMachine
     level: Normal
     trend: Normal | None
-    dated: Array
+    dated: Index
     moves: float
     surveys: int
 
@@ -139,10 +139,10 @@ def compared(types: Sequence[Type], rate: float, signed: bool = True) -> Compare
     means = common_parameters([(t.name, [(q.what, q.level, q.moves) for q in t.quantities]) for t in types], rate)
     tables = [t for t in (effects, means if signed else means.iloc[:0]) if len(t)]
     common = pd.concat(tables, ignore_index=True) if tables else effects
-    usual = {
-        (row.type, row.name_, row.where) for row in effects.rename(columns={"name": "name_"}).itertuples() if row.common
-    }
-    machines, tests = [], []
+    own = effects[effects["common"].astype(bool)]
+    usual = {(str(t), str(e), str(w)) for t, e, w in zip(own["type"], own["name"], own["where"], strict=True)}
+    machines: list[str] = []
+    tests: list[Test] = []
     for t in types:
         start = len(machines)
         machines += t.machines
@@ -213,7 +213,7 @@ def quantities_of(machines: Sequence[Sequence[Entry]]) -> tuple[Quantity, ...]:
     return tuple(out)
 
 
-def quantity(what: Watched, machines: Array, surveys: Surveys, moves: float) -> Quantity:
+def quantity(what: Watched, machines: Index, surveys: Surveys, moves: float) -> Quantity:
     """What is normal of one quantity of one type.
 
     Parameters
@@ -233,7 +233,7 @@ def quantity(what: Watched, machines: Array, surveys: Surveys, moves: float) -> 
     return Quantity(what, machines, each, level, trend, dated, moves, len(surveys.values))
 
 
-def _trend(each: PerMachine) -> tuple[Normal | None, Array]:
+def _trend(each: PerMachine) -> tuple[Normal | None, Index]:
     dated = np.flatnonzero(np.isfinite(each.trends))
     if len(dated) < LEAST_SEEN:
         return None, dated

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from errormodel.arrays import Array
+from errormodel.arrays import Array, Mask
 from identification.monitoring.quantities import SAME_GROUP_SHARE, Watched
 
 if TYPE_CHECKING:
@@ -82,12 +82,12 @@ class Estimates:
         return out[0], out[1], out[2]
 
     @property
-    def _whole(self) -> Array:
+    def _whole(self) -> Mask:
         return np.array([bool(w.members) for w in self.what])
 
     @property
     def _known(self) -> Array:
-        return self.covariance[np.ix_(self._whole, self._whole)]
+        return np.asarray(self.covariance[np.ix_(self._whole, self._whole)])
 
     def _table(self) -> tuple[list[str], Array]:
         """Names of all members, and the coefficients of each quantity that has members."""

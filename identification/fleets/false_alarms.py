@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from errormodel.arrays import Array, Mask
+from errormodel.arrays import Array, Index, Mask
 
 
 def adjusted(p: Array) -> Array:
@@ -40,7 +40,7 @@ class Selected:
     tests: Mask
 
 
-def selected(p: Array, group: Array, groups: int, rate: float) -> Selected:
+def selected(p: Array, group: Index, groups: int, rate: float) -> Selected:
     """Test groups of tests, then the tests of those found (Benjamini and Bogomolov, 2014).
 
     Tests within a group may depend on one another in any way; groups are independent given what is normal.
@@ -54,7 +54,7 @@ def selected(p: Array, group: Array, groups: int, rate: float) -> Selected:
     count = np.bincount(group[known], minlength=groups)
     least = np.full(groups, np.inf)
     np.minimum.at(least, group[known], p[known])
-    whole = np.where(count > 0, np.minimum(least * count, 1.0), np.nan)
+    whole = np.where(count > 0, np.minimum(np.where(count > 0, least, 1.0) * count, 1.0), np.nan)
     q = adjusted(whole)
     found = np.nan_to_num(q, nan=1.0) <= rate
     share = found.sum() / max(int((count > 0).sum()), 1)

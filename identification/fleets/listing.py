@@ -132,12 +132,13 @@ def _date(text: str, where: str) -> tuple[float, str]:
 
     if not text:
         return float("nan"), ""
+    wrong = InputError(where, f"'{text}'", "Write a date as 2026-03-31 or 2026-03-31T14:05")
+    if not re.match(r"\d{4}-\d\d-\d\d", text):
+        raise wrong
     try:
-        moment = pd.Timestamp(text) if re.match(r"\d{4}-\d\d-\d\d", text) else pd.NaT
-    except ValueError:
-        moment = pd.NaT
-    if moment is pd.NaT:
-        raise InputError(where, f"'{text}'", "Write a date as 2026-03-31 or 2026-03-31T14:05")
+        moment = pd.Timestamp(text)
+    except ValueError as error:
+        raise wrong from error
     moment = moment.tz_localize("UTC") if moment.tzinfo is None else moment.tz_convert("UTC")
     return moment.timestamp() / (365.25 * 86400), text
 

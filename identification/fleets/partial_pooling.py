@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from errormodel.arrays import Array, Mask
+from errormodel.arrays import Array, Index, Mask
 
 LEAST_MACHINES = 5  # of which a spread is known well enough to call another one out; by judgement
 LEAST_DATES = 3  # surveys at dates of their own, from which on a trend leaves something to judge scatter by
@@ -202,13 +202,13 @@ class Surveys:
     Attributes
     ----------
     values, variances : (N,)
-    machine : (N,) number of the machine, 0 to n - 1; each has a survey.
+    machine : (N,) number of the machine, 0 to n - 1, of which each has a survey.
     date : (N,) years, NaN where there is none.
     """
 
     values: Array
     variances: Array
-    machine: Array
+    machine: Index
     date: Array
 
     @property
@@ -217,7 +217,7 @@ class Surveys:
 
     def total(self, numbers: Array) -> Array:
         """(n,) sums over the surveys of each machine."""
-        return np.bincount(self.machine, numbers, self.count)
+        return np.bincount(self.machine, numbers, self.count).astype(np.float64)
 
 
 @dataclass(frozen=True)

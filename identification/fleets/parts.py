@@ -172,6 +172,11 @@ def folder_of(out: Path, task: Task) -> Path:
     return out / PARTS / task.key
 
 
+def seal_of(out: Path, task: Task) -> str:
+    """SHA-256 of a part's manifest, which has the digests of all its files and of what they were made from."""
+    return sha256(folder_of(out, task) / manifest.NAME)
+
+
 def finished(out: Path, task: Task) -> dict[str, Any] | None:
     """The record of a part that is there, whole, and made from what is there now; None where it has to be made."""
     folder = folder_of(out, task)
@@ -187,7 +192,7 @@ def finished(out: Path, task: Task) -> dict[str, Any] | None:
             same = all(now) and record["tables"] == opened.listed()
     except (ErrorModelError, OSError, ValueError, KeyError, TypeError, IndexError):
         return None  # whatever is wrong with it, it is made anew
-    return record if same else None
+    return record | {"seal": seal_of(out, task)} if same else None
 
 
 def kept(out: Path, task: Task, made: Made) -> None:

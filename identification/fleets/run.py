@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ from typing import Any
 from identification.fleets.collecting import collected, tasks_of
 from identification.fleets.comparison import compare
 from identification.fleets.listing import read_list
-from identification.fleets.parts import Failure, Made, Options, Task, finished, kept
+from identification.fleets.parts import Failure, Made, Options, Task, finished, kept, seal_of
 from identification.results.fleet_result import FleetResult
 from identification.results.json_text import dumps
 from identification.results.results_folder import ResultsFolder
@@ -52,7 +52,7 @@ def run_fleet(
     folder.check()
     options = Options(standard=standard, reports=reports)
     tasks = tasks_of(listing, partial(Task, command, listing.base, options=options), command in BY_MACHINE)
-    results: dict[int, Mapping[str, Any] | Failure] = {}
+    results: dict[int, dict[str, Any] | Failure] = {}
     with steps("Looking for finished parts") as far:
         for start in range(0, len(tasks), AT_ONCE):
             some = range(start, min(start + AT_ONCE, len(tasks)))
@@ -70,7 +70,8 @@ def run_fleet(
                 k = left[number]
                 if isinstance(outcome, Made):
                     kept(folder.path, tasks[k], outcome)
-                    results[k] = json.loads(dumps(outcome.record))  # as it is read when it is taken up
+                    read = json.loads(dumps(outcome.record))  # as it is when it is taken up
+                    results[k] = read | {"seal": seal_of(folder.path, tasks[k])}
                 elif isinstance(outcome, Failure):
                     results[k] = outcome
                 else:

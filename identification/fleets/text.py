@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from identification.fleets.comparison import EFFECT, TREND, Test
+from identification.fleets.partial_pooling import LEAST_MACHINES
 from identification.monitoring.quantities import Watched
 from identification.results.parameter_table import decimals, printed
 from identification.results.terminal import table_lines
@@ -32,24 +33,29 @@ def reason(test: Test) -> str:
         assert q.trend is not None
         at = int(np.searchsorted(q.dated, k))
         rate, std = q.each.trends[k], float(np.sqrt(q.each.trend_variances[k]))
-        rest = amount(q.what, q.trend.mean, q.trend.spread, "a year", difference=True)
+        rest = amount(q.what, q.trend.mean, q.trend.spread, "a year", True, q.trend.mean_std)
         change = amount(q.what, rate, std, "a year", difference=True)
         away = f"{abs(q.trend.t[at]):.1f} standard deviations"
         return f"{q.what.name} changes by {change} (of the type {rest}): {away}{tool}"
     own = amount(q.what, q.each.values[k], float(np.sqrt(q.each.variances[k])))
-    rest = amount(q.what, q.level.mean, q.level.spread)
+    rest = amount(q.what, q.level.mean, q.level.spread, least=q.level.mean_std)
     return f"{q.what.name} {own} (of the type {rest}): {abs(q.level.t[k]):.1f} standard deviations{tool}"
 
 
-def amount(what: Watched, value: float, std: float, per: str = "", difference: bool = False) -> str:
-    """A value with its standard deviation, as people read it; of a logarithm the change in per cent."""
+def amount(what: Watched, value: float, std: float, per: str = "", difference: bool = False, least: float = 0.0) -> str:
+    """A value with its standard deviation, as people read it; of a logarithm the change in per cent.
+
+    Parameters
+    ----------
+    least : standard deviation that gives the digits where `std` is smaller.
+    """
     if what.is_log:
         if difference:
             return f"{100 * np.expm1(value):+.0f} % {per}".rstrip()
         shown = what.shown(value)
         return f"{shown:.{decimals(shown * std)}f} ± {shown * std:.{decimals(shown * std)}f} {what.shown_unit}".rstrip()
     factor, unit = printed(what.unit)
-    places = decimals(factor * std)
+    places = decimals(factor * max(std, least))
     return f"{factor * value:.{places}f} ± {factor * std:.{places}f} {unit} {per}".rstrip()
 
 
@@ -103,7 +109,7 @@ def fleet_lines(result: FleetResult) -> Iterator[str]:
     yield f"of machines called out at most {100 * result.compared.rate:g} % are expected to be false alarms"
     small = [t.name for t in result.compared.types if not any(np.isfinite(q.level.p).any() for q in t.quantities)]
     if small:
-        yield f"too few machines or surveys to say what is normal: {', '.join(small[:5])}"
+        yield f"fewer than {LEAST_MACHINES} machines, too few to call one out: {', '.join(small[:5])}"
     visit = result.machines[result.machines["out"] | (result.machines["state"] == "alarm")]
     if len(visit):
         yield "\nvisit first"
