@@ -22,7 +22,7 @@ COMMON_SHARE = 0.5  # of the machines of a type, above which an effect is called
 SAME_SIGN = 0.95  # share of the machines of a type that have an error of one sign, from which it is called common
 COLUMNS = (
     "type", "kind", "name", "symbol", "where", "machines", "of", "rate", "low", "high", "mean", "mean_std", "unit",
-    "size_um", "others", "p", "q", "common",
+    "size_um", "others", "p", "q", "special", "common",
 )  # fmt: skip
 
 
@@ -90,6 +90,11 @@ def common_effects(types: Sequence[tuple[str, int, Sequence[Shown]]], rate: floa
     Parameters
     ----------
     types : name, number of machines with results, and what they show.
+
+    Returns
+    -------
+    DataFrame
+        ``common``: more than half of the machines have it, surely; ``special``: more than of the other types.
     """
     import pandas as pd
     from scipy.special import betaincinv
@@ -121,10 +126,10 @@ def common_effects(types: Sequence[tuple[str, int, Sequence[Shown]]], rate: floa
                  "size_um": float(np.median([s.size_um for s in own])),
                  "others": have / others if others else np.nan, "p": p}
             )  # fmt: skip
-    table = pd.DataFrame(rows, columns=[c for c in COLUMNS if c not in ("q", "common")])
+    table = pd.DataFrame(rows, columns=[c for c in COLUMNS if c not in ("q", "special", "common")])
     table["q"] = adjusted(table["p"].to_numpy(dtype=float))
-    rare = ~(table["q"] > rate)  # where there is no other type, the rate of the own one decides
-    table["common"] = (table["low"] > COMMON_SHARE) & rare
+    table["special"] = table["q"] <= rate
+    table["common"] = table["low"] > COMMON_SHARE
     return table[list(COLUMNS)]
 
 
@@ -158,7 +163,8 @@ def common_parameters(
                  "unit": w.unit, "size_um": 1e3 * abs(level.mean) * moves,
                  "others": float(np.mean(others)) if others else np.nan, "p": level.p_mean}
             )  # fmt: skip
-    table = pd.DataFrame(rows, columns=[c for c in COLUMNS if c not in ("q", "common")])
+    table = pd.DataFrame(rows, columns=[c for c in COLUMNS if c not in ("q", "special", "common")])
     table["q"] = adjusted(table["p"].to_numpy(dtype=float))
+    table["special"] = False  # parameters of one name may be other things in machines of another type
     table["common"] = (table["q"] <= rate) & (table["rate"] >= SAME_SIGN)
     return table[list(COLUMNS)]

@@ -23,6 +23,7 @@ import numpy as np
 from errormodel.arrays import Array, Index, Mask
 
 LEAST_MACHINES = 5  # of which a spread is known well enough to call another one out; by judgement
+FEW_MACHINES = 20  # up to which each is compared with an estimate without it; of more, it hardly matters
 LEAST_DATES = 3  # surveys at dates of their own, from which on a trend leaves something to judge scatter by
 # chance that any of the machines of a type is left out of what is normal though it belongs there, for one quantity
 LEFT_OUT = 0.05
@@ -145,11 +146,20 @@ def _away(
 ) -> tuple[Array, Array]:
     """Deviation of each machine from what the kept others let expect, in Student's t, and its degrees of freedom.
 
-    Of a kept one it is the deleted residual: its own share in mean and spread is taken away again. This is exact where
-    all machines are known equally well.
+    Of a kept one it is the deleted residual: mean and spread are those of the others. Of few machines they are
+    estimated without it; of many its own share is taken away again, exact where all machines are known equally well.
     """
     n = int(kept.sum())
     whole = variances + square
+    if 2 < n <= FEW_MACHINES:
+        t = (values - mean) / np.sqrt(whole + mean_variance)
+        for k in np.flatnonzero(kept):
+            others = kept.copy()
+            others[k] = False
+            apart = reml(values[others], variances[others])
+            centre, uncertain = _mean(values[others], variances[others], apart)
+            t[k] = (values[k] - centre) / np.sqrt(variances[k] + apart + uncertain)
+        return t, np.where(kept, n - 2, n - 1).astype(float)
     r2 = np.square(values - mean) / np.where(kept, np.maximum(whole - mean_variance, ROUND_OFF * whole), 1.0)
     inside = np.sign(values - mean) * np.sqrt(r2 * max(n - 2, 1) / np.maximum(n - 1 - r2, 1e-3))
     outside = (values - mean) / np.sqrt(whole + mean_variance)

@@ -12,7 +12,7 @@ from typing import Any
 from identification.fleets.collecting import collected, tasks_of
 from identification.fleets.comparison import compare
 from identification.fleets.listing import read_list
-from identification.fleets.parts import Failure, Made, Options, Task, finished, kept, seal_of
+from identification.fleets.parts import HOLDS, Failure, Made, Options, Task, finished, folder_of, kept, seal_of
 from identification.results.fleet_result import FleetResult
 from identification.results.json_text import dumps
 from identification.results.results_folder import ResultsFolder
@@ -62,6 +62,8 @@ def run_fleet(
             far(some.stop / len(tasks), "")
     taken = len(results)
     left = [k for k in range(len(tasks)) if k not in results]
+    for k in left:  # a part that is there and was edited is refused before any work
+        ResultsFolder(folder_of(folder.path, tasks[k]), HOLDS).check()
     if left:
         word = f"{command} on {len(left)} of {len(tasks)} parts{f', {taken} taken up' if taken else ''}"
         with steps(word) as far:

@@ -69,7 +69,8 @@ def short(value: float) -> str:
 def common_text(row: Any) -> str:
     """What a type has in common, in a sentence."""
     if row["kind"] == "effect":
-        rest = "" if np.isnan(row["others"]) else f", {100 * row['others']:.0f} % of the other types"
+        more = ", far more than" if row["special"] else ","
+        rest = "" if np.isnan(row["others"]) else f"{more} {100 * row['others']:.0f} % of the other types"
         return (
             f"{row['type']}: {row['name']} at {row['where']} in {row['machines']} of {row['of']} machines "
             f"({100 * row['low']:.0f} to {100 * row['high']:.0f} %){rest}; {short(row['size_um'])} µm at the tool"

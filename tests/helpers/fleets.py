@@ -25,7 +25,7 @@ def mill_fleet(folder: Path, machines: int, surveys: int = 1, odd: Sequence[int]
     lines = ["machine,survey,id,type,date,hall"]
     for i in range(machines):
         truth = {
-            "X.dx.1": 0.02 + 0.005 * rng.standard_normal(), "Y.dy.1": 0.005 * rng.standard_normal(),
+            "X.dx.1": 0.03 + 0.005 * rng.standard_normal(), "Y.dy.1": 0.005 * rng.standard_normal(),
             "X.ec.1": 2e-5 * rng.standard_normal(),
         }  # fmt: skip
         truth["X.dx.1"] += 0.1 * (i in odd)
