@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, Literal
 from identification.api.models import diagnose, fit
 from identification.api.standards import iso
 from identification.api.uses import load, monitor
-from identification.runtime.engines import Crew, Engine
 from identification.runtime.progress import Progress, Steps, silent, uncounted
 
 if TYPE_CHECKING:
@@ -19,6 +18,7 @@ if TYPE_CHECKING:
     from identification.results.fit_result import FitResult
     from identification.results.fleet_result import FleetResult
     from identification.results.results_folder import ResultsFolder
+    from identification.runtime.engines import Engine
 
 Command = Literal["fit", "diagnose", "monitor", "iso"]
 
@@ -84,6 +84,7 @@ def fleet(
     from errormodel.inputs import Run, current, running
     from identification.fleets.run import run_fleet
     from identification.results.results_folder import ResultsFolder
+    from identification.runtime.engines import Crew
 
     if command not in WORK:
         raise InputError("--command", f"'{command}'", nearest(command, WORK))
