@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap, TwoSlopeNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from errormodel.arrays import Array
 from identification.fleets.comparison import EFFECT, LEVEL, TREND, Quantity, Test
@@ -28,7 +28,7 @@ STATES = {  # colour of each state of a machine, and the words beside it
     "alarm": ("#000000", "in alarm"),
     "normal": ("#BBD6E8", "normal"),
     "not compared": ("#E4E8EC", "not compared"),
-    "no result": ("#FFFFFF", "no result"),
+    "no result": ("#7B8794", "no result"),
 }
 MOST_COLUMNS = 60  # machines in a row of the map
 TILE_IN = 0.13  # inches, at most
@@ -67,7 +67,7 @@ def draw_map(machines: pd.DataFrame, order: list[str]) -> Figure:
             edgecolors="white", linewidth=0.4 if tile < 0.2 else 1.0,
         )  # fmt: skip
         axes.set_axis_off()
-        title = f"{style.plain(name, 60)}: {size}"
+        title = f"{style.plain(name, 60) or 'of no known type'}: {size}"
         axes.set_title(title, size=style.BODY_TEXT, weight="bold", color=style.INK, loc="left", pad=3)
         top -= height + 0.36
     seen = [w for w in words if (by_id["state"] == w).any()]
@@ -125,7 +125,7 @@ def _name(t: Test) -> str:
         return f"{t.shown.effect} {t.shown.where}"
     assert t.quantity is not None
     w = t.quantity.what
-    return f"{w.symbol or w.id}{' a year' if t.kind == TREND else ''}"
+    return f"{w.id}{' a year' if t.kind == TREND else ''}"
 
 
 def _away(t: Test) -> float:
@@ -158,7 +158,7 @@ def draw_ranges(result: FleetResult) -> Figure | None:
         axes = style.panel(figure, 0.75 + 4.05 * (k % 2), down * 2.75 - 2.75 * (k // 2) - 2.3, 3.05, 1.95)
         _ranges(axes, quantities, first, out)
         style.dress(axes, x="µm at the tool", title=style.plain(name, 36))
-        axes.set_yticks(range(len(quantities)), [style.plain(q.what.symbol or q.what.id, 12) for q in quantities])
+        axes.set_yticks(range(len(quantities)), [style.plain(q.what.id, 14) for q in quantities])
         axes.tick_params(axis="y", labelsize=7)
         axes.xaxis.set_major_locator(MaxNLocator(5, steps=style.TICK_STEPS))
         axes.invert_yaxis()
@@ -198,9 +198,10 @@ def draw_trends(result: FleetResult, tests: list[tuple[str, Test]]) -> Figure:
         ends = np.array([np.nanmin(dates), np.nanmax(dates)])
         middle, slope = q.each.values[t.number], q.each.trends[t.number]
         axes.plot(ends, factor * (middle + slope * (ends - np.nanmean(dates))), color=style.INK, lw=1)
-        title = f"{style.plain(machine, 14)}: {style.plain(q.what.symbol or q.what.id, 14)} / {unit}"
+        title = f"{style.plain(machine, 14)}: {style.plain(q.what.id, 14)} / {unit}"
         style.dress(axes, title=title)
-        axes.xaxis.set_major_locator(MaxNLocator(3, integer=True))
+        axes.xaxis.set_major_locator(MaxNLocator(3, steps=[1, 2, 2.5, 5, 10]))
+        axes.xaxis.set_major_formatter(FuncFormatter(lambda year, _: f"{year:.2f}".rstrip("0").rstrip(".")))
     return figure
 
 

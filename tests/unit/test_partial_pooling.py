@@ -82,9 +82,9 @@ def test_machines_that_are_out_do_not_widen_what_is_normal() -> None:
 def test_false_alarms_of_one_machine_are_as_many_as_said(machines: int) -> None:
     """Of 12 000 normal machines, at a probability of 1 %.
 
-    Limits: three binomial standard deviations (0.0027) about 0.01, and half as much again for fleets of twenty, in which
-    a machine that is left out by mistake narrows what is normal. Of six there are fewer: five others seldom scatter
-    less than their uncertainty, and are then not taken to be more alike than that.
+    Limits: three binomial standard deviations (0.0027) about 0.01, and half as much again for fleets of twenty, in
+    which a machine that is left out by mistake narrows what is normal. Of six there are fewer: five others now and then
+    scatter less than their uncertainty, and are not taken to be more alike than that.
     """
     rng = np.random.default_rng(machines)
     below = [
