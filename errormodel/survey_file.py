@@ -144,8 +144,10 @@ class SurveyForm(VersionedModel):
     )
     refit: list[Refit] = Field(["frame"], description="what a test file estimates for itself, such as [frame, tool]")
     columns: dict[str, str] = Field({}, description='our column name: the name in your files, such as {mx: "X meas"}')
-    units: SurveyUnits = Field(SurveyUnits(), description="a block such as {length: mm, angle: deg}")
-    instrument: AnyInstrument = Field(Plain(), description="a block such as {type: cmm, sigma: [1e-3, 2e-6]}")
+    units: SurveyUnits = Field(default_factory=SurveyUnits, description="a block such as {length: mm, angle: deg}")
+    instrument: AnyInstrument = Field(
+        default_factory=Plain, description="a block such as {type: cmm, sigma: [1e-3, 2e-6]}"
+    )
     logs: list[LogEntry] = Field(
         [], description="recordings on clocks of their own, such as [{path: t.csv, format: ..}]"
     )
@@ -194,4 +196,5 @@ def read_form(path: Path) -> tuple[SurveyForm, Document, Path]:
     if path.suffix.lower() in (".yaml", ".yml"):
         document = load(path)
         return validate(document, SurveyForm), document, path.parent
-    return SurveyForm(errormodel=1, files=[FileEntry(path=str(path))]), Document(str(path), {}, {(): 1}), Path()
+    bare = SurveyForm.model_construct(errormodel=1, files=[FileEntry(path=str(path))])  # nothing to validate
+    return bare, Document(str(path), {}, {(): 1}), Path()

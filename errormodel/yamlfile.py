@@ -54,7 +54,8 @@ class FileModel(BaseModel):
     A field's ``description`` is the correction in messages: the value to write, with an example.
     """
 
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+    # A schema is built where it is first used: a bare table needs none of a survey.yaml's.
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, defer_build=True)
 
 
 def _no_bool(value: object) -> object:

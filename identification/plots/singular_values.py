@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
+from errormodel.arrays import Array
 from identification.estimation.result import Fit
-from identification.observation.identifiability import DEPENDENCE_TOLERANCE
+from identification.observation.identifiability import DEPENDENCE_TOLERANCE, Groups
 from identification.plots import style
 
 SINGULAR_VALUE_FLOOR = 1e-17  # value at which computed zeros are drawn
@@ -15,7 +16,7 @@ SINGULAR_VALUE_FLOOR = 1e-17  # value at which computed zeros are drawn
 def draw_singular_values(fit: Fit) -> Figure:
     """Singular values in descending order, and the threshold that decides the rank."""
     groups = fit.solution.groups
-    values = np.maximum(groups.singular_values, SINGULAR_VALUE_FLOOR)
+    values = visible(groups)
     place = np.arange(1, len(values) + 1)
     kept = place <= groups.rank
     figure = Figure(figsize=(style.REPORT_WIDTH_IN, 2.7), facecolor="white")
@@ -27,16 +28,27 @@ def draw_singular_values(fit: Fit) -> Figure:
     if not kept.all():
         axes.plot(place[~kept], values[~kept], "o", ms=5, mfc="white", mec=style.NOMINAL, mew=1.3,
                   label=f"not identifiable: {int((~kept).sum())}")  # fmt: skip
-    dropped = values[~kept]
-    by_noise = len(dropped) and dropped[0] > DEPENDENCE_TOLERANCE
-    threshold = (
-        float(np.sqrt(dropped[0] * values[groups.rank - 1])) if by_noise and groups.rank else DEPENDENCE_TOLERANCE
-    )
-    axes.axhline(threshold, color=style.INK, lw=1.1, ls="--")
-    why = "below the line: hidden by the noise" if by_noise else "below the line: not identifiable in these poses"
+    limit = threshold(groups)
+    axes.axhline(limit, color=style.INK, lw=1.1, ls="--")
+    hidden = "hidden by the noise" if limit > DEPENDENCE_TOLERANCE else "not identifiable in these poses"
     there = axes.get_yaxis_transform()
-    axes.text(0.012, threshold, why, transform=there, size=style.SMALL_TEXT, color=style.INK, va="bottom")
+    axes.text(
+        0.012, limit, f"below the line: {hidden}", transform=there, size=style.SMALL_TEXT, color=style.INK, va="bottom"
+    )
     axes.set_xlim(0.2, len(values) + 0.8)
     axes.set_ylim(top=5 * float(values.max()) if len(values) else 1.0)
     axes.legend(loc="lower left", fontsize=style.BODY_TEXT, frameon=False, labelcolor=style.INK)
     return figure
+
+
+def visible(groups: Groups) -> Array:
+    """Singular values that have a logarithm, falling."""
+    return np.maximum(groups.singular_values, SINGULAR_VALUE_FLOOR)
+
+
+def threshold(groups: Groups) -> float:
+    """What lies between identified and other singular values: the tolerance of a dependence, or the noise."""
+    values = visible(groups)
+    dropped = values[groups.rank :]
+    by_noise = len(dropped) and dropped[0] > DEPENDENCE_TOLERANCE
+    return float(np.sqrt(dropped[0] * values[groups.rank - 1])) if by_noise and groups.rank else DEPENDENCE_TOLERANCE

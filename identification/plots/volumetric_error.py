@@ -15,7 +15,7 @@ from errormodel.arrays import Array, as_rows
 from identification.estimation.result import Fit
 from identification.plots import style
 
-MOST_ARROWS = 400  # arrows drawn
+MOST_ARROWS = 300  # arrows drawn
 # without the palest colours, since arrows are thin
 ARROW_COLOURS = ListedColormap(mpl.colormaps["viridis_r"](np.linspace(0.15, 1, 128)))
 ELEVATION, AZIMUTH = 22.0, -58.0  # degrees

@@ -17,9 +17,7 @@ from identification.plots.chain_drawing import draw_chain
 from identification.plots.error_distribution import draw_error_distribution
 from identification.plots.error_motions import draw_error_motions, moving_joints
 from identification.plots.residuals import draw_residuals_by_order, draw_residuals_by_position
-from identification.plots.singular_values import draw_singular_values
 from identification.plots.volumetric_error import draw_volumetric_error
-from identification.results.analysis import Analysis
 
 MOST_SVG_ARROWS = 120  # arrows, beyond which a PNG is smaller than an SVG
 PICTURE_DPI = {"png": 150, "svg": 144}  # dots per inch; in an SVG this concerns dots only, which are pixels
@@ -33,17 +31,14 @@ class Picture(NamedTuple):
     alt: str
 
 
-def pictures(analysis: Analysis, short: bool = False) -> dict[str, list[Picture]]:
-    """Figures by the section of the report they belong to; `short`: without those of what tables say as well."""
-    fit = analysis.fit
+def pictures(fit: Fit) -> dict[str, list[Picture]]:
+    """Figures by the section of the report they belong to."""
     points = bool(np.isfinite(fit.residuals).any())
-    whole = bool(fit.solution.groups.rank) and not short
     return {
         "result": _errors(fit) if points else [],
         "chain": [_chain(fit)],
         "motions": [_motions(fit, joint) for joint in moving_joints(fit)],
         "residuals": _residuals(fit) if points else [],
-        "rank": _rank(analysis) if whole else [],
     }
 
 
@@ -85,17 +80,6 @@ def _residuals(fit: Fit) -> list[Picture]:
             partial(draw_residuals_by_order, fit),
             "What is left over in the order of measuring: a drift here is warming up, or a frame that moved.",
             "Residuals x, y, z in the order of measuring, with median and spread",
-        ),
-    ]
-
-
-def _rank(analysis: Analysis) -> list[Picture]:
-    return [
-        picture(
-            partial(draw_singular_values, analysis.fit),
-            "How clearly the poses distinguish the parameters: every dot above the line is one identified "
-            "combination, the lower the less certain.",
-            f"Singular values in falling order; {analysis.fit.solution.groups.rank} lie above the threshold",
         ),
     ]
 

@@ -13,6 +13,7 @@ from identification.report.outliers_and_poses import gain_part, outliers_part
 from identification.report.page import page
 from identification.report.pictures import pictures
 from identification.report.record_head import head_of
+from identification.report.singular_values import singular_values_part
 from identification.results.analysis import Analysis
 
 if TYPE_CHECKING:
@@ -49,7 +50,8 @@ def report(analysis: Analysis, diagnosed: Diagnosed | None = None, thermal: Ther
         motions=tables.motions(fit),
         readings=tables.readings(fit),
         set_ups=tables.of_set_ups(fit),
-        pictures=pictures(analysis, short=diagnosed is not None),
+        pictures=pictures(fit),
+        singular_values=singular_values_part(fit),
         sections=tables.group_sections(analysis.estimates),
         location_errors=tables.location_rows(analysis.location_errors),
         counts=tables.counts(fit),

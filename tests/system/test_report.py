@@ -37,6 +37,7 @@ from identification.plots.singular_values import draw_singular_values
 from identification.plots.style import plain, render
 from identification.plots.volumetric_error import draw_volumetric_error
 from identification.report import write, write_report
+from identification.report.singular_values import HEIGHT, singular_values_part
 from identification.report.tables import number
 from identification.report.wording import short, strongest_correlation, three
 from identification.results.analysis import Analysis
@@ -155,11 +156,13 @@ def test_report_is_accessible(page: str) -> None:
     tags = [tag for tag, _ in elements]
     assert tags.count("table") == tags.count("caption") == tags.count("thead")
     assert tags.count("h1") == 1
-    assert tags.count("figure") == tags.count("figcaption") == tags.count("img")
+    drawn = [values for tag, values in elements if tag == "svg" and values.get("class") == "dots"]
+    assert tags.count("figure") == tags.count("figcaption") == tags.count("img") + len(drawn)
+    assert all(values.get("role") == "img" and values.get("aria-label") for values in drawn)
 
 
 def test_doubts_are_said(fit: Fit, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(write, "pictures", lambda *_, short: defaultdict(list))
+    monkeypatch.setattr(write, "pictures", lambda _: defaultdict(list))
     worse = Spread(3 * fit.fitted.rms_um, 3 * fit.fitted.mean_um, 5 * fit.fitted.max_um, fit.fitted.n)
     doubtful = replace(fit, heldout=worse, tests=(replace(fit.tests[0], fitted=worse),), notes=("look <here>",))
     write_report(Analysis(doubtful), tmp_path / "report.html")
@@ -219,6 +222,20 @@ def test_figures_are_labelled(fit: Fit, draw: Callable[[Any], Figure]) -> None:
     assert isinstance(figure, Figure)
     assert labels(figure) >= {label for label in FIGURES[draw] if not label.startswith("|e|")}
     assert any(label.startswith("|e| / µm") for label in labels(figure)) == ("|e| / µm" in FIGURES[draw])
+
+
+def test_singular_values_are_those_of_the_fit(fit: Fit) -> None:
+    groups, part = fit.solution.groups, singular_values_part(fit)
+    assert part is not None
+    heights = np.array([y for _, y, _ in part.dots])
+    assert [identified for *_, identified in part.dots] == [k < groups.rank for k in range(len(heights))]
+    assert (heights[: groups.rank] < part.threshold).all()  # down the page is less
+    assert (heights[groups.rank :] > part.threshold).all()
+    (top, high), (low, least) = part.decades[-1], part.decades[0]
+    of = np.polyval(np.polyfit([top, low], [high, least], 1), heights[: groups.rank])
+    np.testing.assert_allclose(10**of, groups.singular_values[: groups.rank], rtol=0.01)  # of a rounded place
+    assert heights.min() >= 0
+    assert heights.max() <= HEIGHT
 
 
 def test_error_motions_are_those_of_the_fit(fit: Fit) -> None:
