@@ -16,6 +16,10 @@ if TYPE_CHECKING:
 
 MACHINE, SURVEY, IDENTITY, TYPE, DATE = "machine", "survey", "id", "type", "date"
 REQUIRED = (MACHINE, SURVEY)
+TAKEN = (  # columns of the tables that labels stand in
+    "row", "status", "verdict", "rows", "rms_um", "heldout_um", "noise_um", "findings", "notes", "part", "seal", "rank",
+    "surveys", "failed", "state", "out", "p", "q", "reasons", "effect_um", "why",
+)  # fmt: skip
 MOST_ROWS = 10_000_000
 LONGEST_NAME = 40  # characters of a name in the name of a folder
 
@@ -85,6 +89,10 @@ def read_list(source: str | Path) -> Listing:
         twice = next((c for k, c in enumerate(columns) if c in columns[:k]), None)
         if twice is not None:
             raise InputError(f"{name}, header", f"two columns '{twice}'", "Give each column a name of its own")
+        taken = next((c for c in columns if c in TAKEN), None)
+        if taken is not None:
+            found = f"a column '{taken}', which the tables of results have, too"
+            raise InputError(f"{name}, header", found, "Give that label another name")
         for wanted in REQUIRED:
             if wanted not in columns:
                 cure = f"Write a header with the columns machine and survey. {nearest(wanted, columns)}"

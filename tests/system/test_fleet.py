@@ -244,6 +244,7 @@ LISTS = {
     "date": ("machine,survey,date\na,b,31.3.2026\n", r"column date: '31.3.2026'. Write a date as 2026-03-31"),
     "no such day": ("machine,survey,date\na,b,2026-13-31\n", r"column date: '2026-13-31'"),
     "types": ("machine,survey,id,type\na,b,1,T\na,c,1,U\n", r"row 2 \(line 3\), column type: 'U', and 'T'.*row 1"),
+    "label": ("machine,survey,rank\na,b,1\n", "header: a column 'rank', which the tables of results have, too"),
     "header": ("machine,survey,machine\na,b,c\n", "header"),
 }
 
