@@ -89,14 +89,14 @@ def read_list(source: str | Path) -> Listing:
         twice = next((c for k, c in enumerate(columns) if c in columns[:k]), None)
         if twice is not None:
             raise InputError(f"{name}, header", f"two columns '{twice}'", "Give each column a name of its own")
-        taken = next((c for c in columns if c in TAKEN), None)
-        if taken is not None:
-            found = f"a column '{taken}', which the tables of results have, too"
-            raise InputError(f"{name}, header", found, "Give that label another name")
         for wanted in REQUIRED:
             if wanted not in columns:
                 cure = f"Write a header with the columns machine and survey. {nearest(wanted, columns)}"
                 raise InputError(f"{name}, header", f"no column '{wanted}'", cure)
+        taken = next((c for c in columns if c in TAKEN), None)
+        if taken is not None:
+            found = f"a column '{taken}', which the tables of results have, too"
+            raise InputError(f"{name}, header", found, "Give that label another name")
         frame, _ = table.read([], columns)
         frame = frame.apply(lambda column: column.fillna("").astype(str).str.strip())
         if not len(frame):
