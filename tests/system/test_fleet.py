@@ -12,6 +12,7 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -356,9 +357,22 @@ def test_monitor_watches_on_a_copy_and_by_date(made: Path, tmp_path: Path) -> No
     assert table["part"].nunique() == 1
 
 
-def test_iso_figures_of_a_fleet(made: Path, tmp_path: Path) -> None:
-    lines = "".join(f"{MILL},{made}/data/m{k}_0.csv,M{k}\n" for k in range(2))
-    result = fleet_of(tmp_path, f"machine,survey,id\n{lines}", "--command", "iso", "--standard", "230-1")
-    table = pd.read_csv(tmp_path / "out/surveys.csv")
-    assert len(table) == 2
-    assert result.code == (0 if (table["status"] == "done").all() else 1)
+def test_iso_figures_of_a_fleet(tmp_path: Path) -> None:
+    """Straightness of X along its travel: one machine bends ten times as much as the others do."""
+    position = np.linspace(-300, 300, 13)
+    lines = ["machine,survey,id"]
+    for k in range(6):
+        bow = (1.0 + 0.05 * k) * (0.03 if k == 4 else 0.003) * (1 - (position / 300) ** 2)
+        rows = pd.DataFrame({"joint": "X", "X": position, "dy": bow, "dz": 0.5 * bow})
+        write(tmp_path / f"m{k}.csv", rows.to_csv(index=False))
+        lines.append(f"{MILL},m{k}.csv,M{k}")
+    result = fleet_of(tmp_path, "\n".join(lines) + "\n", "--command", "iso", "--standard", "230-1")
+    assert result.code == 0, result.out
+    machines = pd.read_csv(tmp_path / "out/machines.csv").set_index("id")
+    assert list(machines.index[machines["out"]]) == ["M4"]
+    done("iso", "230-1", MILL, tmp_path / "m2.csv", "--json", tmp_path / "m2.json")
+    (standard,) = json.loads((tmp_path / "m2.json").read_text())["standards"]
+    table = pd.read_csv(tmp_path / "out/parameters.csv")
+    own = table[table["id"] == "M2"].set_index("parameter")["value"].to_dict()
+    assert own == {f"230-1 {q['name']}": q["value"] for q in standard["quantities"]}
+    assert not len(pd.read_csv(tmp_path / "out/common.csv"))  # a range is never about zero
