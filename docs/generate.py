@@ -97,7 +97,8 @@ def decision_rules() -> Iterator[str]:
     """Every rule that decides in a diagnosis, by stage, with the constants of its thresholds."""
     from importlib import import_module
 
-    from identification.diagnosis.decisions.rules import RULES, STAGES
+    from identification.diagnosis.decisions.rules import RULES
+    from identification.diagnosis.decisions.stages import STAGES
 
     yield "# Rules of the diagnosis"
     yield ""

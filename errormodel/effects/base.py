@@ -200,6 +200,10 @@ class Effect(BaseModel, ABC):
         """
         return None
 
+    def overtone(self, number: int) -> Effect | None:
+        """The effect with so many times as many waves; None where it is no wave of any period."""
+        return None
+
     @classmethod
     def bounds(cls, name: str) -> tuple[float, float]:
         """Least and greatest value of a field."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Annotated, ClassVar
 
+import numpy as np
 from pydantic import Field
 
 from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect, along
@@ -16,11 +17,14 @@ from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.travel import fraction
 from errormodel.machine import Machine, joint_of
 
+POINTS = (5, 6, 7, 8, 9, 11, 13, 16, 21)  # numbers of points that are tried, over the whole travel
+
 
 class CompensationActive(JointEffect):
     """Table values at the inner ones of `points` equally spaced points; mm along the axis, or rad about it.
 
     The values at both ends of the travel are zero: a straight line belongs to the scale. Positive: what the table adds.
+    With a `run`, a table that acts only there (off, doubled, another one): then the ends have values as well.
     """
 
     effect: ClassVar[str] = "compensation-active"
@@ -31,6 +35,7 @@ class CompensationActive(JointEffect):
     example: ClassVar[Mapping[str, object]] = {"joint": "X", "points": 5}
 
     points: Annotated[int, Field(ge=3)]
+    run: str | None = None
 
     @property
     def cost(self) -> float:
@@ -38,19 +43,26 @@ class CompensationActive(JointEffect):
 
     @property
     def drivers(self) -> tuple[str, ...]:
-        return (self.joint,)
+        return (self.joint,) if self.run is None else (self.joint, f"run({self.run})")
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         joint = joint_of(machine, self.joint)
         unit, size = ("mm", 0.01) if joint.type == "prismatic" else ("rad", 3e-5)
         u = fraction(joint, channel(self.joint)) * (self.points - 1)
-        tents = {str(k): fmax(1 - absolute(u - k), 0) for k in range(1, self.points - 1)}
+        if self.run is None:
+            tents = {str(k): fmax(1 - absolute(u - k), 0) for k in range(1, self.points - 1)}
+        else:
+            here = channel(f"run({self.run})")
+            tents = {str(k): here * fmax(1 - absolute(u - k), 0) for k in range(self.points)}
         return [EffectTerm(self.joint, label, unit, along(joint, tent), size) for label, tent in tents.items()]
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
-        """Tables with at least twenty rows per interval."""
+        """Tables with at least twenty rows per interval; of a run, whose geometry the others show, with four."""
         for joint in scene.moving:
-            for points in (5, 6, 7, 8, 9, 11, 13, 16, 21):
+            for points in POINTS:
                 if 20 * points <= len(scene.columns[joint.name]):
                     yield cls(joint=joint.name, points=points)
+                for run in scene.runs:
+                    if 4 * points <= np.count_nonzero(scene.columns[run]):
+                        yield cls(joint=joint.name, points=points, run=run[4:-1])

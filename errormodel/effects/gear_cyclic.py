@@ -39,6 +39,9 @@ class GearCyclic(JointEffect):
         """Angle of one period, rad."""
         return 2 * math.pi / self.per_turn
 
+    def overtone(self, number: int) -> Effect:
+        return self.model_copy(update={"per_turn": number * self.per_turn})
+
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         joint = joint_as(machine, self.joint, "rotary", self.effect)
         both = waves(channel(self.joint), self.per_turn)

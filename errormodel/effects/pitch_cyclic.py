@@ -47,6 +47,9 @@ class PitchCyclic(JointEffect):
             "the pitch of a scale would look the same."
         )
 
+    def overtone(self, number: int) -> Effect:
+        return self.model_copy(update={"period": self.period / number})
+
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         joint = joint_as(machine, self.joint, "prismatic", self.effect)
         both = waves(channel(self.joint), 2 * math.pi / self.period)

@@ -38,6 +38,9 @@ class RailWaviness(JointEffect):
     def drivers(self) -> tuple[str, ...]:
         return (self.joint,)
 
+    def overtone(self, number: int) -> Effect:
+        return self.model_copy(update={"period": self.period / number})
+
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         joint_as(machine, self.joint, "prismatic", self.effect)
         both = waves(channel(self.joint), 2 * math.pi / self.period)

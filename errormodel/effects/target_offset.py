@@ -47,7 +47,9 @@ class TargetOffset(Effect):
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
-        if any(scene.varies(c) for c in TOOL_COLUMNS):
+        if not any(scene.varies(c) for c in TOOL_COLUMNS):
+            yield cls()  # a machine whose last member has no constant errors shows it
+        else:
             tools = np.unique(np.round(np.column_stack([scene.columns[c] for c in TOOL_COLUMNS]), 4), axis=0)
             if len(tools) <= MOST_TOOLS:
                 for tool in tools.tolist():

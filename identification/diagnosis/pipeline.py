@@ -45,6 +45,7 @@ from identification.diagnosis.results.findings import (
     probability_of,
 )
 from identification.diagnosis.results.model_discrepancy import with_form
+from identification.diagnosis.results.physical_limits import checked_name
 from identification.diagnosis.results.residual_dependence import dependence_of
 from identification.diagnosis.results.statements import (
     brief_of,
@@ -314,7 +315,7 @@ def _finding(
     names = [named(subject(e), known.get((e.effect, e.where))) for e in alike]
     statement = statement_of(whole, machine, step.absorbed, probability, names)
     at = getattr(main, "at", None) if "time" in main.drivers else None
-    return Finding(
+    finding = Finding(
         effect=main.effect,
         where=main.where,
         motion=motions_of(main, linear),
@@ -335,6 +336,7 @@ def _finding(
         brief=brief_of(whole, machine),
         positive=main.positive(machine),
     )
+    return checked_name(finding, whole, final, log)
 
 
 def _moved(before: Fit, linear: LinearModel, columns: Array, values: Array) -> dict[str, float]:

@@ -194,7 +194,7 @@ def _axes(linear: LinearModel, group: Sequence[Step], first: Index, part: Array)
         one = pair or (warm[0] if len({root(n) for n in every}) == 1 and len(every) == 1 else "time")
         one = one if linear.scene.duration else warm[0]
         names = [*(n for n in names if n not in warm), one]
-    names = names or [n.removeprefix("dir_") for n in sides]
+    names = names or [n.removeprefix("dir_") for n in sides] or [j.name for j in linear.scene.moving]  # a constant
     seconds = [*names, *(n for n in whole if n not in (*names, *every, *sides) and not n.startswith("dir_"))]
     period = getattr(effect, "period", None)
     if period and effect.drivers[0] in names:

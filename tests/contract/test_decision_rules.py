@@ -10,7 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from identification.diagnosis.decisions.rules import RULES, STAGES
+from identification.diagnosis.decisions.rules import RULES
+from identification.diagnosis.decisions.stages import STAGES
 
 ROOT = Path(__file__).resolve().parents[2]
 DIAGNOSIS = ROOT / "identification/diagnosis"

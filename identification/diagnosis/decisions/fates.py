@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from identification.diagnosis.decisions.log import MAIN, Decision
-from identification.diagnosis.decisions.rules import PROPOSALS, RULES, SELECTION, UNTESTABLE, WITNESSES
+from identification.diagnosis.decisions.rules import RULES
+from identification.diagnosis.decisions.stages import PROPOSALS, SELECTION, UNTESTABLE, WITNESSES
 from identification.diagnosis.search.forward_selection import LEAST_EVIDENCE
 
 Place = tuple[str, str]  # effect and where

@@ -10,33 +10,19 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import NamedTuple
 
-DATA = "data checks"
-OUTLIERS = "outliers"
-NOISE = "instrument noise"
-PROPOSALS = "candidates"
-SELECTION = "forward selection"
-COMPARISON = "model comparison"
-CONDITIONAL = "evidence beside the other findings"
-WITNESSES = "witness channels"
-NAMES = "probability of a name"
-UNTESTABLE = "untestable effects"
-VERDICT = "verdict"
-
-STAGES: Mapping[str, str] = MappingProxyType(
-    {
-        DATA: "mistakes in the recording are looked for, which no physics may explain",
-        OUTLIERS: "rows far outside the noise are left out",
-        NOISE: "the noise of an instrument that the survey does not name is looked for in the residuals",
-        PROPOSALS: "every effect of the library is a candidate at every place and with every driver that was recorded",
-        SELECTION: "candidates are scored, chosen, tested and added one by one, beside what was added before",
-        COMPARISON: "the search is repeated from strong alternatives; the model with most evidence is kept",
-        CONDITIONAL: "each finding and its alternatives are scored again beside all other findings",
-        WITNESSES: "sensors on the members support a finding or contradict it",
-        NAMES: "the evidence of a finding and its alternatives becomes probabilities of names",
-        UNTESTABLE: "effects that this survey cannot show",
-        VERDICT: "what is left is compared with what the noise may leave",
-    }
-)  # fmt: skip
+from identification.diagnosis.decisions.stages import (
+    COMPARISON,
+    CONDITIONAL,
+    DATA,
+    NAMES,
+    NOISE,
+    OUTLIERS,
+    PROPOSALS,
+    SELECTION,
+    UNTESTABLE,
+    VERDICT,
+    WITNESSES,
+)
 
 EVIDENCE = "log Bayes factor"
 DELTA = "share of delta chi-squared"
@@ -348,6 +334,14 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "name-probability": Rule(
             NAMES, "probability", "Evidence and prior odds of classes give the probability of each name.",
             _in(_FINDINGS, "TEMPER", "FORM_ODDS", "FLEXIBLE_ODDS", "CHOSEN", "UNKNOWN", "MOST_SURE"),
+        ),
+        "physical-bound": Rule(
+            NAMES, "standard uncertainties", "A parameter beyond what physics allows takes the name from a finding.",
+            _in("results.physical_limits", "CONTRADICTED_SIGMA"),
+        ),
+        "physical-size": Rule(
+            NAMES, "times the usual size", "So does one that is too large for the widest of the prior distributions.",
+            _in("results.physical_limits", "IMPOSSIBLE") + _in("search.candidates", "SIZES"),
         ),
         "distinguishable": Rule(
             NAMES, "decimal logarithm of the Bayes factor",

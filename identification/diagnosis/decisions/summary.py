@@ -8,7 +8,8 @@ from typing import Any
 from identification.diagnosis.decisions.fates import Fate, History, Place
 from identification.diagnosis.decisions.log import Decision
 from identification.diagnosis.decisions.records import as_rows
-from identification.diagnosis.decisions.rules import RULES, STAGES
+from identification.diagnosis.decisions.rules import RULES
+from identification.diagnosis.decisions.stages import STAGES
 
 NEAREST = 5  # candidates that came near without being found
 LINE = ("rule", "outcome", "value", "threshold", "scale", "gain", "compared_with")

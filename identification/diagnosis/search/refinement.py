@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import combinations, product
+from itertools import combinations, islice, product
 
 import numpy as np
 
@@ -24,6 +24,7 @@ PIECES = 10  # of each joint's range, of a surface; of a period
 FORMS = ("linear", "square", "cubic")
 OVERTONES = (1, 2, 3, 5)  # steps have the odd ones
 SMOOTH = 8  # functions of one position
+CHANGES = 4  # of them, by which the size of a wave changes along the travel
 ALIKE = 0.6  # correlation beyond which a later effect is a further form of an earlier finding
 LEFT = 0.05  # of what a finding explains: no more is no other effect with its drivers at its place
 OWN = 0.3  # of what a finding explains: as much is no departure from its form
@@ -98,7 +99,10 @@ def discrepancy(linear: LinearModel, effect: Effect) -> tuple[float, float]:
 
 
 def _smooth_departures(linear: LinearModel, effect: Effect) -> Iterator[Array]:
-    """Columns (N,) of smooth functions of the drivers, in the motions that the effect makes."""
+    """Columns (N,) of smooth functions of the drivers, in the motions that the effect makes; of a wave, as a wave."""
+    if effect.overtone(1) is not None:
+        yield from _of_wave(linear, effect)
+        return
     joints = [j for j in linear.scene.moving if j.name in map(root, effect.drivers)]
     shapes = [list(_smooth(linear, j)) for j in joints]
     series = [s for own in shapes for s in own]
@@ -110,6 +114,17 @@ def _smooth_departures(linear: LinearModel, effect: Effect) -> Iterator[Array]:
         for form in forms(linear, effect):
             if isinstance(form, Unnamed) and "cubic" in (form.form, form.by_form):
                 yield from linear.columns(form)[0][:, : len(linear.index)]
+
+
+def _of_wave(linear: LinearModel, wave: Effect) -> Iterator[Array]:
+    """A wave that is no sine (overtones), and one whose size and phase change along the travel."""
+    size = len(linear.index)
+    for number in OVERTONES:
+        further = wave.overtone(number)
+        columns = linear.columns(further or wave)[0][:, :size]
+        yield from (c for c in columns if number > 1)
+        for joint in (j for j in linear.scene.moving if j.name == wave.where):
+            yield from (c * s for c in columns for s in islice(_smooth(linear, joint), CHANGES))
 
 
 def _smooth(linear: LinearModel, joint: Joint) -> Iterator[Array]:
