@@ -10,7 +10,9 @@ from typing import Any
 from errormodel.exceptions import InputError
 
 # extra of pyproject.toml by the module that it brings
-EXTRAS = {"pyarrow": "big", "small_gicp": "clouds", "pypcd4": "clouds", "python_calamine": "xlsx", "xarray": "arviz"}
+EXTRAS = {
+    "pyarrow": "big", "small_gicp": "clouds", "pypcd4": "clouds", "python_calamine": "xlsx", "xarray": "arviz",
+}  # fmt: skip
 
 
 def optional(module: str, where: str, found: str, instead: str = "") -> Any:

@@ -39,7 +39,7 @@ class Run:
     """
 
     command: str
-    arguments: dict[str, Any]
+    arguments: dict[str, Any] | None  # None: the command cannot be run again from them alone
     options: dict[str, Any]
     outputs: Sequence[Output]
     inputs: dict[Path, str] = field(default_factory=dict)

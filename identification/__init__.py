@@ -2,8 +2,8 @@
 
 Public functions, as on the command line: `import_machine`, `import_survey`, `check`, `template`, `describe`, `plan`,
 `fit`, `diagnose`, `thermal`, `register`, `predict`, `explain`, `monitor`, `compensate`, `controllers`, `export`,
-`machine_formats`, `iso`, `standards`, `load` and `save`. They are imported when they are first asked for, so that
-``import identification`` costs nothing.
+`machine_formats`, `iso`, `standards`, `fleet`, `load` and `save`. They are imported when they are first asked for, so
+that ``import identification`` costs nothing.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
         explain,
         export,
         fit,
+        fleet,
         import_machine,
         import_survey,
         iso,
@@ -45,6 +46,7 @@ __all__ = [
     "explain",
     "export",
     "fit",
+    "fleet",
     "import_machine",
     "import_survey",
     "iso",

@@ -5,6 +5,7 @@ DataFrame. All are in the units of their files: mm, degrees for rotary joints, s
 """
 
 from identification.api.descriptions import export, import_machine, machine_formats
+from identification.api.fleets import fleet
 from identification.api.models import describe, diagnose, fit, plan, register, thermal
 from identification.api.preparing import check, import_survey, template
 from identification.api.standards import iso, standards
@@ -19,6 +20,7 @@ __all__ = [
     "explain",
     "export",
     "fit",
+    "fleet",
     "import_machine",
     "import_survey",
     "iso",

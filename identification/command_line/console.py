@@ -54,6 +54,11 @@ OUT_FOLDER = _Out(ResultsFolder, file_okay=False)  # a fit
 OUT_SURVEY = _Out(partial(ResultsFolder, holds="survey"), file_okay=False)
 OUT_TABLES = _Out(partial(ResultsFolder, holds="tables"), file_okay=False)
 OUT_EVALUATION = _Out(partial(ResultsFolder, holds="evaluation"), file_okay=False)
+OUT_FLEET = _Out(partial(ResultsFolder, holds="fleet"), file_okay=False)
+
+
+class MannerOption(click.Option):
+    """An option that says how a result is reached, and does not change it: no manifest has it."""
 
 
 class Group(click.Group):
@@ -136,7 +141,8 @@ def _run_of(given: dict[str, Any]) -> Run:
 
 
 def _changes_result(param: click.Parameter, given: dict[str, Any]) -> bool:
-    return isinstance(param, click.Option) and param.name in given and not isinstance(param.type, _Out)
+    changes = isinstance(param, click.Option) and not isinstance(param, MannerOption)
+    return changes and param.name in given and not isinstance(param.type, _Out)
 
 
 def _named(value: Any) -> Any:

@@ -258,6 +258,7 @@ def predict(folder: Path, points: Path, out: OutputFile) -> None:
 # Importing these registers their commands, after the others.
 from identification.command_line import compensate as cli_compensate  # noqa: E402, F401
 from identification.command_line import explain as cli_explain  # noqa: E402, F401
+from identification.command_line import fleet as cli_fleet  # noqa: E402, F401
 from identification.command_line import importing as cli_importing  # noqa: E402, F401
 from identification.command_line import iso as cli_iso  # noqa: E402, F401
 from identification.command_line import machine_files as cli_machine_files  # noqa: E402, F401

@@ -16,6 +16,7 @@ from identification.results.output_file import RECORD_NAME, recorded
 HISTORY_FILE = "monitor.sqlite"  # database of `monitor`
 HISTORY_NAME = re.compile(r"monitor\.sqlite(-journal|-wal|-shm)?")  # the database and its temporary files
 CHAIN = "chain"  # an unfinished chain of `fit --bayes`
+PARTS = "parts"  # finished parts of a `fleet`, each a folder of results
 CHAIN_PIECE = re.compile(r"\.?piece_[0-9a-f]+_\d+(\.\d+\.part)?\.npz")
 UNFINISHED_NAME = re.compile(r"\..+\.(\w+\.part(\.\w+)?|old)")  # of a run that is at work, or was killed
 SERVICE_FILES = (
@@ -110,8 +111,20 @@ def _is_anothers(entry: Path) -> bool:
         return False
     if entry.name == CHAIN and all(CHAIN_PIECE.fullmatch(p.name) for p in entry.iterdir()):
         return True
+    if entry.name == PARTS and all(map(_is_part_or_service, (p for own in entry.iterdir() for p in _inside(own)))):
+        return True
     tables = (entry / "compensation.json").is_file()  # of a version without manifests
     return tables or bool(UNFINISHED_NAME.fullmatch(entry.name)) or manifest.read(entry) is not None
+
+
+def _inside(folder: Path) -> list[Path]:
+    """Entries of a folder; of a file the file itself."""
+    return [*folder.iterdir()] if folder.is_dir() and not folder.is_symlink() else [folder]
+
+
+def _is_part_or_service(entry: Path) -> bool:
+    unfinished = entry.name in SERVICE_FILES or bool(UNFINISHED_NAME.fullmatch(entry.name))
+    return unfinished or (not entry.is_symlink() and manifest.read(entry) is not None)
 
 
 def _check_before(folder: Path) -> None:

@@ -30,7 +30,7 @@ class ResultsFolder:
     Parameters
     ----------
     path : Path
-    holds : "model" or "tables"
+    holds : such as "model" or "tables"
         A folder of one kind never replaces one of the other.
     """
 

@@ -8,12 +8,27 @@ take their place, Dask's ``client.get_executor()`` among them, where jobs and re
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
-from contextvars import copy_context
+from contextlib import contextmanager
+from contextvars import ContextVar, copy_context
 from typing import TypeVar
 
 T = TypeVar("T")
+_one_core: ContextVar[bool] = ContextVar("one_core", default=False)
+
+
+@contextmanager
+def one_core() -> Iterator[None]:
+    """Run jobs, and the threads of BLAS, on one core within the block: the others have work of their own."""
+    from threadpoolctl import threadpool_limits
+
+    token = _one_core.set(True)
+    try:
+        with threadpool_limits(1):
+            yield
+    finally:
+        _one_core.reset(token)
 
 
 def parallel_map(jobs: Sequence[Callable[[], T]], executor: Executor | None = None) -> list[T]:
@@ -33,7 +48,7 @@ def parallel_map(jobs: Sequence[Callable[[], T]], executor: Executor | None = No
     """
     if executor is not None:
         return list(executor.map(_call, jobs))
-    workers = min(len(jobs), os.cpu_count() or 1)
+    workers = 1 if _one_core.get() else min(len(jobs), os.cpu_count() or 1)
     if workers < 2:
         return [job() for job in jobs]
     # NumPy's error state is the caller's: it is part of the context

@@ -32,6 +32,8 @@ MECHANISM = {  # what may write, and why
     "identification/bayes/sampling.py": "pieces of a chain, through files.replacing",
     "identification/monitoring/history.py": "SQLite commits whole or not at all",
     "identification/report/pictures.py": "a temporary folder of its own",
+    "identification/fleets/places.py": "copies of what is in a store, in a temporary folder",
+    "identification/api/fleets.py": "a part in a temporary folder, before it is kept through a folder of results",
 }
 METHODS = {
     "write_text", "write_bytes", "to_csv", "to_parquet", "to_json", "to_pickle", "to_netcdf", "savefig", "unlink",

@@ -1,0 +1,136 @@
+"""A fleet in words: why a machine is out, what types have in common, and what the command prints."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from math import floor, log10
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from identification.fleets.comparison import EFFECT, TREND, Test
+from identification.fleets.partial_pooling import LEAST_MACHINES
+from identification.monitoring.quantities import Watched
+from identification.results.parameter_table import decimals, printed
+from identification.results.terminal import table_lines
+
+if TYPE_CHECKING:
+    from identification.results.fleet_result import FleetResult
+
+MOST_VISITS, MOST_COMMON, MOST_FAILURES = 12, 8, 8  # lines of what the command prints
+
+
+def reason(test: Test) -> str:
+    """Why a machine is out, by one test."""
+    if test.kind == EFFECT:
+        s = test.shown
+        assert s is not None
+        return f"{s.effect} at {s.where}, {short(s.size_um)} µm at the tool, in {s.surveys} of {s.of} surveys"
+    q, k = test.quantity, test.number
+    assert q is not None
+    tool = f", {short(test.size_um)} µm at the tool" if np.isfinite(test.size_um) else ""
+    if test.kind == TREND:
+        assert q.trend is not None
+        at = int(np.searchsorted(q.dated, k))
+        rate, std = q.each.trends[k], float(np.sqrt(q.each.trend_variances[k]))
+        rest = amount(q.what, q.trend.mean, q.trend.spread, "a year", True, q.trend.mean_std)
+        change = amount(q.what, rate, std, "a year", difference=True)
+        away = f"{abs(q.trend.t[at]):.1f} standard deviations"
+        return f"{q.what.name} changes by {change} (of the type {rest}): {away}{tool}"
+    own = amount(q.what, q.each.values[k], float(np.sqrt(q.each.variances[k])))
+    rest = amount(q.what, q.level.mean, q.level.spread, least=q.level.mean_std)
+    return f"{q.what.name} {own} (of the type {rest}): {abs(q.level.t[k]):.1f} standard deviations{tool}"
+
+
+def amount(what: Watched, value: float, std: float, per: str = "", difference: bool = False, least: float = 0.0) -> str:
+    """A value with its standard deviation, as people read it; of a logarithm the change in per cent.
+
+    Parameters
+    ----------
+    least : standard deviation that gives the digits where `std` is smaller.
+    """
+    if what.is_log:
+        if difference:
+            return f"{100 * np.expm1(value):+.0f} % {per}".rstrip()
+        shown = what.shown(value)
+        return f"{shown:.{decimals(shown * std)}f} ± {shown * std:.{decimals(shown * std)}f} {what.shown_unit}".rstrip()
+    factor, unit = printed(what.unit)
+    places = decimals(factor * max(std, least))
+    return f"{factor * value:.{places}f} ± {factor * std:.{places}f} {unit} {per}".rstrip()
+
+
+def short(value: float) -> str:
+    """A number of um in two or three digits."""
+    if not np.isfinite(value) or value <= 0:
+        return "0" if value == 0 else "–"
+    return f"{value:.{max(1 - floor(log10(value)), 0)}f}" if value < 100 else f"{value:.0f}"
+
+
+def common_text(row: Any) -> str:
+    """What a type has in common, in a sentence."""
+    if row["kind"] == "effect":
+        more = ", far more than" if row["special"] else ","
+        rest = "" if np.isnan(row["others"]) else f"{more} {100 * row['others']:.0f} % of the other types"
+        return (
+            f"{row['type']}: {row['name']} at {row['where']} in {row['machines']} of {row['of']} machines "
+            f"({100 * row['low']:.0f} to {100 * row['high']:.0f} %){rest}; {short(row['size_um'])} µm at the tool"
+        )
+    factor, unit = printed(row["unit"])
+    places = decimals(factor * row["mean_std"])
+    name = f"{row['symbol']} ({row['name']})" if row["symbol"] else row["name"]
+    rest = "" if np.isnan(row["others"]) else f"; of the other types {factor * row['others']:.{places}f}"
+    tool = f"; {short(row['size_um'])} µm at the tool" if np.isfinite(row["size_um"]) else ""
+    mean = f"{factor * row['mean']:.{places}f} ± {factor * row['mean_std']:.{places}f} {unit}"
+    return f"{row['type']}: {name} is {mean} in the mean, of one sign in {100 * row['rate']:.0f} %{rest}{tool}"
+
+
+def headline(result: FleetResult) -> str:
+    """The result in a sentence."""
+    machines, failed = len(result.machines), len(result.failures)
+    types = len(result.compared.types)
+    out = len(result.found)
+    said = f"{_many(machines, 'machine')} of {_many(types, 'type')}, {_many(len(result.surveys), 'survey')}: "
+    said += f"{out} {'is' if out == 1 else 'are'} out"
+    common = int(result.common["common"].sum()) if len(result.common) else 0
+    said += (
+        f"; {common} {'thing that a type has' if common == 1 else 'things that types have'} in common" if common else ""
+    )
+    alarms = int((result.machines["state"] == "alarm").sum())
+    said += f"; {_many(alarms, 'machine')} in alarm" if alarms else ""
+    return said + (f"; {failed} of {len(result.surveys)} surveys failed" if failed else "")
+
+
+def _many(count: int, word: str) -> str:
+    return f"{count} {word}{'' if count == 1 else 's'}"
+
+
+def fleet_lines(result: FleetResult) -> Iterator[str]:
+    """What the command prints."""
+    yield headline(result)
+    yield f"of machines called out at most {100 * result.compared.rate:g} % are expected to be false alarms"
+    small = [t.name for t in result.compared.types if not any(np.isfinite(q.level.p).any() for q in t.quantities)]
+    if small:
+        yield f"fewer than {LEAST_MACHINES} machines, too few to call one out: {', '.join(small[:5])}"
+    visit = result.machines[result.machines["out"] | (result.machines["state"] == "alarm")]
+    if len(visit):
+        yield "\nvisit first"
+        rows = [
+            [str(row["rank"]), str(row["id"]), str(row["type"]), short(row["effect_um"]), str(row["why"])]
+            for _, row in visit.head(MOST_VISITS).iterrows()
+        ]
+        yield from table_lines([["", "machine", "type", "µm", "why"], *rows], ">< ><".replace(" ", "<"), indent=2)
+        if len(visit) > MOST_VISITS:
+            yield f"  and {len(visit) - MOST_VISITS} more in machines.csv"
+    common = result.common[result.common["common"]] if len(result.common) else result.common
+    if len(common):
+        yield "\nin common"
+        shown = common.sort_values("size_um", ascending=False, kind="stable")
+        yield from (f"  {common_text(row)}" for _, row in shown.head(MOST_COMMON).iterrows())
+        if len(common) > MOST_COMMON:
+            yield f"  and {len(common) - MOST_COMMON} more in common.csv"
+    if not result.complete:
+        yield "\nfailed"
+        for _, row in result.failures.head(MOST_FAILURES).iterrows():
+            yield f"  row {row['row']}, {row['id']}: {row['message']}"
+        if len(result.failures) > MOST_FAILURES:
+            yield f"  and {len(result.failures) - MOST_FAILURES} more in failures.csv"
