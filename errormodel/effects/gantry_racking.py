@@ -5,6 +5,7 @@ Rotation in rad per mm of difference of the two drives, the inverse of their spa
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from itertools import product
 from typing import ClassVar
@@ -13,10 +14,10 @@ from errormodel.effects.base import Channels, Effect, EffectTerm, JointEffect
 from errormodel.effects.search_space.survey_summary import Scene
 from errormodel.effects.shared import Rotation, across, joint_as
 from errormodel.effects.travel import crossing, scaled
-from errormodel.machine import Machine
+from errormodel.machine import Joint, Machine
 
 # words in a ``w_`` column's name by which it is taken for a record of the two drives; by judgement
-DRIVE_NAME_HINTS = ("sync", "enc", "rack", "x1x2", "x1_x2", "drive", "skew", "gantry", "dual", "yaw")
+DRIVE_NAME_HINTS = ("sync", "enc", "rack", "drive", "skew", "gantry", "dual", "yaw")
 
 
 class GantryRacking(JointEffect):
@@ -58,10 +59,16 @@ class GantryRacking(JointEffect):
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
-        drives = [name for name in scene.witnesses if any(hint in name.lower() for hint in DRIVE_NAME_HINTS)]
-        pairs = list(product(scene.prismatic, drives))
+        pairs = [(joint, name) for joint, name in product(scene.prismatic, scene.witnesses) if _of_drives(name, joint)]
         pairs += [(joint, other.name) for joint, other in crossing(scene)]
         pairs += [(joint, f"dir_{joint.name}") for joint in scene.prismatic if scene.both_ways(joint)]
         for joint, name in pairs:
             for motion in across(joint, "e"):
                 yield cls.model_validate({"joint": joint.name, "channel": name, "motion": motion})
+
+
+def _of_drives(name: str, joint: Joint) -> bool:
+    """Whether a column is a record of a joint's two drives by its name: ``w_sync``, or ``w_x2_minus_x1`` of X."""
+    word = name.lower()
+    one = rf"{re.escape(joint.name.lower())}_?\d"
+    return any(hint in word for hint in DRIVE_NAME_HINTS) or re.search(f"{one}.*{one}", word) is not None
