@@ -84,6 +84,7 @@ def minimum_zone(angle: Array, radial: Array) -> tuple[float, Array]:
     """
     from scipy.optimize import linprog
 
+    radial = radial - radial.mean()  # the programme's numbers are then of the size of the deviations
     size = max(float(np.ptp(radial)), 1e-12)
     columns = np.column_stack([np.cos(angle), np.sin(angle)])
     one, none = np.ones((len(angle), 1)), np.zeros((len(angle), 1))

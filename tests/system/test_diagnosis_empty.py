@@ -20,9 +20,9 @@ def test_rows_without_any_reading_are_refused() -> None:
     machine = read_machine("vertical_three_axis")
     survey = empty_survey(machine, 20, 1, channels=False, grid=False)
     table = survey.table.assign(joint="X", dx=np.nan, mx=np.nan, my=np.nan, mz=np.nan)
-    with pytest.raises(InputError, match="no row to fit has a measured position or error motion"):
+    with pytest.raises(InputError, match="no row to fit has a measured position, reading or error motion"):
         diagnose(machine, replace(survey, table=table))
-    with pytest.raises(InputError, match="no row to fit has a measured position or error motion"):
+    with pytest.raises(InputError, match="no row to fit has a measured position, reading or error motion"):
         diagnose(machine, replace(survey, table=table.assign(dx=0.0)))  # what never changes
 
 

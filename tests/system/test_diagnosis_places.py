@@ -67,7 +67,7 @@ def test_poor_survey_says_what_it_cannot_show() -> None:
     said = {(u.effect, u.reason) for u in diagnosis.untestable}
     assert ("backlash", "at X: X always arrived from the same side") in said
     reasons = dict(said)
-    assert "the geometry absorbs" in reasons["target-offset"]  # a constant of the last member is the same
+    assert "what the geometry leaves of it" in reasons["target-offset"]  # a constant of the last member is the same
     assert "temperature" in reasons["scale-expansion"]
     assert "time" in reasons["warm-up"]
     assert not {"eccentricity", "wobble", "gear-cyclic", "joint-compliance"} & {e for e, _ in said}, "no rotary joint"

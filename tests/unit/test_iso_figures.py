@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.optimize import linprog, minimize
@@ -181,6 +181,7 @@ def test_reference_lines_of_a_parabola() -> None:
 
 
 @settings(max_examples=25, deadline=None)
+@example(np.full(24, 0.09375), 0.0, 1e-12, 0.0)
 @given(arrays(np.float64, 24, elements=FINITE), FINITE, FINITE, FINITE)
 def test_circular_deviation_does_not_depend_on_centre_and_radius(r: Array, x: float, y: float, more: float) -> None:
     angle = np.linspace(0, 2 * np.pi, 24, endpoint=False)
