@@ -60,7 +60,7 @@ from identification.diagnosis.results.statements import (
 from identification.diagnosis.results.untestable import unseen
 from identification.diagnosis.results.verdict import judge
 from identification.diagnosis.results.witnesses import WitnessResult, apply_witnesses, with_witnesses
-from identification.diagnosis.search.candidates import SIZES, Candidates, Ranked, enough_rows, proposed
+from identification.diagnosis.search.candidates import WIDEST, Candidates, Ranked, enough_rows, proposed
 from identification.diagnosis.search.conditional_evidence import in_correlated_noise
 from identification.diagnosis.search.forward_selection import forward_select
 from identification.diagnosis.search.instrument_noise import station_notes, tracker_noise
@@ -224,7 +224,7 @@ def _explained(fit: Fit, survey: Survey, changes: Sequence[Effect], progress: Pr
     final = fit
     if effects:
         with progress("Fitting the extended machine"):
-            extended = fit_machine(_extended(machine, effects), survey, effect_sizes=max(SIZES))
+            extended = fit_machine(_extended(machine, effects), survey, effect_sizes=WIDEST)
             final = with_form(extended, model, first)
     beside = scores.beside(model.start, model.linear)
     untestable = unseen(model.start.scene, beside, [s.effect for s in model.steps], log)

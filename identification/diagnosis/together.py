@@ -17,7 +17,7 @@ from identification.diagnosis.linear.motions_as_points import Carried
 from identification.diagnosis.results.diagnosed import Diagnosed
 from identification.diagnosis.results.findings import Alternative, Diagnosis, Finding, Untestable
 from identification.diagnosis.results.model_discrepancy import with_form
-from identification.diagnosis.search.candidates import SIZES
+from identification.diagnosis.search.candidates import WIDEST
 from identification.estimation.fit import fit_machine
 
 EVEN = 0.5  # probability of a name beside one that no reading could tell from it
@@ -30,7 +30,7 @@ def together(machine: Machine, survey: Survey, parts: Sequence[tuple[Carried, Di
     before = fit_machine(machine, survey)
     final, first = before, len(machine.effects)
     if specs:
-        final = fit_machine(replace(machine, effects=(*machine.effects, *specs)), survey, effect_sizes=max(SIZES))
+        final = fit_machine(replace(machine, effects=(*machine.effects, *specs)), survey, effect_sizes=WIDEST)
     for own, (_, d) in zip(steps, parts, strict=True):
         if own:
             final = with_form(final, d.model, first)

@@ -13,8 +13,9 @@ from identification.diagnosis.search.candidates import SIZES
 from identification.estimation.bounded import CONTRADICTED_SIGMA
 from identification.estimation.result import Fit
 
-# times the usual size: three standard deviations of the widest of the prior distributions of sizes
-IMPOSSIBLE = CONTRADICTED_SIGMA * max(SIZES)
+# times the usual size, by judgement: thirty standard deviations of the widest of the prior distributions of sizes; the
+# largest right name of the proof had 45
+IMPOSSIBLE = 30 * max(SIZES)
 
 
 def checked_name(finding: Finding, whole: Whole, final: Fit, log: DecisionLog) -> Finding:

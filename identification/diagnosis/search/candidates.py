@@ -33,6 +33,7 @@ MANY, PARTS = 1000, 4  # proposals beyond which products are kept, and columns m
 MEMORY = 2_400_000_000  # bytes of all proposals' columns
 USUAL = 2  # parameters of a proposal
 SIZES = {0.1: 0.1, 0.3: 0.2, 1.0: 0.4, 3.0: 0.2, 10.0: 0.1}  # times the usual one: how often
+WIDEST = 3 * max(SIZES)  # times the usual one: standard deviation of the prior of the final fit
 NOTHING = 1e-300  # length squared of a column
 SINGLE = np.float32  # of the columns that are kept: what is left of one, a thousandth at least, is known to 1e-4
 ABSORBED = 0.999  # of a column's length squared: beyond it an effect is collinear with the geometry
