@@ -25,7 +25,6 @@ Engine = Literal["local", "dask"]
 ENGINES: tuple[Engine, ...] = ("local", "dask")
 AHEAD = 2  # jobs handed out for each worker: the next is there when one ends, and few are lost when a worker dies
 MOST_DEATHS = 2  # workers that a job may kill when it runs alone, before it counts as failed
-MOST_DASK_DEATHS = 3  # the same, of Dask's scheduler, which does not run it alone
 CONNECT_S = 20.0  # s to wait for a scheduler; by judgement
 
 Job = TypeVar("Job")
@@ -95,17 +94,24 @@ class Crew:
         distributed = _distributed()
         with closing(self._client(distributed)) as client:
             self.announce(f"Dask dashboard: {client.dashboard_link}")
-            left = deque(enumerate(jobs))
+            waiting, suspects = deque(range(len(jobs))), deque[int]()
             ready = distributed.as_completed()
             numbers: dict[Any, int] = {}
 
+            def submit(k: int, key: str) -> None:
+                future = client.submit(function, jobs[k], key=key, pure=False)
+                numbers[future] = k
+                ready.add(future)
+
             def hand_out() -> None:
                 most = AHEAD * max(sum(client.nthreads().values()), 1)
-                while left and len(numbers) < most:
-                    k, job = left.popleft()
-                    future = client.submit(function, job, key=f"errormodel-{k}", pure=False)
-                    numbers[future] = k
-                    ready.add(future)
+                while waiting and len(numbers) < most:
+                    k = waiting.popleft()
+                    submit(k, f"errormodel-{k}")
+                # Dask counts a death for all jobs that the worker held: each runs again alone, when nothing else does
+                if suspects and not numbers:
+                    k = suspects.popleft()
+                    submit(k, f"errormodel-{k}-alone")
 
             hand_out()
             for future in ready:
@@ -113,17 +119,19 @@ class Crew:
                 error = future.exception()
                 if error is None:
                     yield k, future.result()
-                elif isinstance(error, distributed.scheduler.KilledWorker):
-                    yield k, _died(1 + MOST_DASK_DEATHS)
-                else:
+                elif not isinstance(error, distributed.scheduler.KilledWorker):
                     yield k, error
+                elif future.key.endswith("-alone"):
+                    yield k, _died()
+                else:
+                    suspects.append(k)
                 future.release()
                 hand_out()
 
     def _client(self, distributed: Any) -> Any:
         import dask
 
-        with dask.config.set({"distributed.scheduler.allowed-failures": MOST_DASK_DEATHS}):
+        with dask.config.set({"distributed.scheduler.allowed-failures": MOST_DEATHS - 1}):
             if self.scheduler is None:
                 cluster = distributed.LocalCluster(
                     n_workers=self.count, threads_per_worker=1, dashboard_address=":0", silence_logs=50
@@ -181,8 +189,8 @@ def _tried(function: Callable[[Job], T], job: Job) -> T | Exception:
         return error
 
 
-def _died(times: int) -> WorkerDiedError:
-    return WorkerDiedError(f"its worker died {times} times: most likely it needs more memory than there is")
+def _died() -> WorkerDiedError:
+    return WorkerDiedError("its worker died each time: most likely it needs more memory than there is")
 
 
 def _on_processes(
@@ -214,7 +222,7 @@ def _on_processes(
                     if deaths[k] < MOST_DEATHS:
                         suspects.append(k)
                     else:
-                        yield k, _died(1 + MOST_DEATHS)
+                        yield k, _died()
 
 
 class _Pool:

@@ -51,9 +51,11 @@ def test_every_job_has_its_result_and_a_failure_stops_no_other(crew: Crew) -> No
     assert results(crew, []) == {}
 
 
+@pytest.mark.parametrize("ahead", [2, 12])
 @pytest.mark.parametrize("crew", CREWS[1:], ids=lambda c: f"{c.engine}-{c.workers}")
-def test_workers_may_die(crew: Crew, tmp_path: Path) -> None:
-    """One job kills its worker once, another whenever it runs: only that one fails."""
+def test_workers_may_die(crew: Crew, ahead: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One job kills its worker once, another whenever it runs: only that one fails, not those that wait behind it."""
+    monkeypatch.setattr("identification.runtime.engines.AHEAD", ahead)
     words = {2: "kills once", 5: "kills"}
     done = results(crew, [(words.get(k, ""), k, str(tmp_path)) for k in range(12)])
     assert {k: v for k, v in done.items() if k != 5} == {k: k**2 for k in range(12) if k != 5}
