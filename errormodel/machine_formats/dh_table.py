@@ -43,6 +43,8 @@ JOINT_TYPES = {
     "fixed": "fixed",
 }  # fmt: skip
 LARGEST = 1e9  # mm or rad: beyond all robots, and small enough to compute with
+SHORTEST = 5.0  # mm: sum of the lengths of an arm, below which its unit has to be stated; by judgement
+QUARTER = 1e-3  # of a quarter turn: so near to one, an angle in radians has been rounded; as degrees no one writes it
 DEFAULT_TRAVEL = (-180.0, 180.0)  # degrees, of a rotary joint that states none
 
 
@@ -151,9 +153,10 @@ def _rows_of_csv(raw: RawFile) -> tuple[list[Row], str]:
             raise InputError(f"{raw.name}, column {name}", f"'{cell}' is not a number", cure)
         unit = recording.units.get(name, "")
         kind = "length" if name in LENGTHS else "angle"
-        if unit and name in KEYS and quantity_of_unit(unit) != kind:
+        if unit and quantity_of_unit(unit) not in ((kind,) if name in KEYS else ("length", "angle")):
             raise InputError(f"{raw.name}, column {name}", f"the unit '{unit}'", f"Write a unit of {kind}")
         units[name] = unit
+    _refuse_other_units(raw.name, frame, units)
     length = {k: factor(units.get(k) or "mm", "length") for k in LENGTHS}
     angle = {k: factor(units.get(k) or "deg", "angle") for k in KEYS if k not in LENGTHS}
     scale = length | angle
@@ -163,12 +166,44 @@ def _rows_of_csv(raw: RawFile) -> tuple[list[Row], str]:
         kind = _type(where, str(frame["type"][k]) if "type" in frame else "rotary")
         values = {key: _number(frame, key, k) * scale[key] for key in KEYS}
         low, high = (_number(frame, key, k, math.nan) for key in ("low", "high"))
-        per_unit = length["d"] if kind == "prismatic" else angle["theta"]
-        travel = None if math.isnan(low) or math.isnan(high) else (low * per_unit, high * per_unit)
+        own = length["d"] if kind == "prismatic" else angle["theta"]
+        ends = [v * _of_end(raw.name, n, units.get(n, ""), kind, own) for n, v in (("low", low), ("high", high))]
+        travel = None if math.isnan(low) or math.isnan(high) else (ends[0], ends[1])
         name = frame["joint"][k] if "joint" in frame else ""
         name = f"J{name:g}" if isinstance(name, float) and not math.isnan(name) else str(name)
         rows.append(Row("" if name == "nan" else name.strip(), kind, values, travel, where))
     return rows, ""
+
+
+def _of_end(where: str, name: str, unit: str, kind: str, usual: float) -> float:
+    """Size of the unit of a travel's end: its column's own, or that of the parameter that the joint changes."""
+    from errormodel.units import is_unit
+
+    quantity: Literal["length", "angle"] = "length" if kind == "prismatic" else "angle"
+    if unit and not is_unit(unit, quantity):
+        found = f"the unit '{unit}', and a joint whose travel is {'a length' if quantity == 'length' else 'an angle'}"
+        raise InputError(f"{where}, column {name}", found, "Leave the unit out: travels are in those of d and theta")
+    return factor(unit, quantity) if unit else usual
+
+
+def _refuse_other_units(where: str, frame: Any, units: Mapping[str, str]) -> None:
+    """InputError where numbers without a unit are hardly millimetres or degrees."""
+    for key in ("alpha", "theta"):
+        if key in frame and not units.get(key):
+            quarters = frame[key].to_numpy(dtype=np.float64) / (math.pi / 2)
+            turned = (np.abs(quarters) > 0.5) & (np.abs(quarters - np.rint(quarters)) < QUARTER)
+            if turned.any():
+                value = f"{float(frame[key][int(np.argmax(turned))]):g}"
+                found = f"{value} without a unit, which in radians is a quarter of a turn or several"
+                raise InputError(
+                    f"{where}, column {key}", found, f"Write the unit behind the name: {key} [rad] or [deg]"
+                )
+    lengths = [k for k in LENGTHS if k in frame and not units.get(k)]
+    if len(lengths) == len(LENGTHS):
+        reach = float(sum(np.nansum(np.abs(frame[k].to_numpy(dtype=np.float64))) for k in lengths))
+        if 0 < reach < SHORTEST:
+            found = f"lengths without a unit, {reach:g} in all: as millimetres hardly a robot"
+            raise InputError(f"{where}, columns a, d", found, "Write the unit behind the names: a [m], d [m], or [mm]")
 
 
 def _number(frame: Any, key: str, row: int, default: float = 0.0) -> float:

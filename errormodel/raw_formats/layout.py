@@ -103,8 +103,10 @@ def find_layout(lines: Sequence[str]) -> Layout | None:
         error's place is the line; callers add the file.
     """
     full = [(k, line) for k, line in enumerate(lines, start=1) if line.strip()]
-    semicolons = sum(bool(re.match(r"\s*;", line)) for _, line in full) > len(full) / 2  # empty first cells
-    said = [bool(COMMENT.match(line)) and not (semicolons and line.lstrip()[0] == ";") for _, line in full]
+    cells_of = _semicolons([line for _, line in full])
+    said = [
+        bool(COMMENT.match(line)) and not (line.lstrip()[0] == ";" and line.count(";") in cells_of) for _, line in full
+    ]
     body = [entry for entry, comment in zip(full, said, strict=True) if not comment]
     comments = [entry for entry, comment in zip(full, said, strict=True) if comment]
     if not body:
@@ -132,6 +134,16 @@ def find_layout(lines: Sequence[str]) -> Layout | None:
         tuple(text for _, text in above), delimiter, named, tuple(notes),
     )  # fmt: skip
     return _without_empty_end(table)
+
+
+def _semicolons(lines: Sequence[str]) -> set[int]:
+    """Numbers of semicolons of a line that begins with one and is a row whose first cell is empty, no comment."""
+    begin = [bool(re.match(r"\s*;", line)) for line in lines]
+    if sum(begin) > len(lines) / 2:
+        return {line.count(";") for line in lines}
+    counts = Counter(line.count(";") for line, own in zip(lines, begin, strict=True) if not own)
+    usual = max(counts, key=lambda n: counts[n])
+    return {usual} if usual and counts[usual] > len(lines) / 2 else set()
 
 
 def _sign(text: str) -> str:

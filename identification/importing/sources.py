@@ -15,9 +15,11 @@ from errormodel.exceptions import InputError
 from errormodel.machine import Machine
 from errormodel.raw_formats.base import RawFile, Recording, format_of, open_raw
 from errormodel.raw_formats.commanded_circle import CommandedCircle
+from errormodel.raw_formats.unit_words import unit_word
 from errormodel.surveys.columns import MEASURED
 from errormodel.surveys.file import RawEntry
 from errormodel.surveys.raw import read_raw, with_map
+from errormodel.units import factor, is_unit
 from identification.importing.roles import Kind, roles, unused
 
 FOLDER = "raw"  # of a survey, for the files as they came
@@ -82,6 +84,16 @@ class SourceFile:
     @property
     def rows(self) -> int:
         return len(self.recording.frame)
+
+    @property
+    def mm_a_unit(self) -> float:
+        """Size in mm of the unit as which the measured coordinates were read: the one asked for, the file's, or mm."""
+        name, table = self.entry.columns.get("mx", "mx").removeprefix("-"), self.raw.clear_layout
+        own = self.entry.units.get("mx", "")
+        if not own and table is not None and name in table.names:
+            own = table.units[table.names.index(name)]
+        own = unit_word(own or self.entry.units.get("length", "mm"))
+        return factor(own, "length") if is_unit(own, "length") else 1.0
 
     def column(self, name: str) -> np.ndarray:
         return self.recording.frame[name].to_numpy(dtype=np.float64)

@@ -77,6 +77,13 @@ WRONG: dict[str, tuple[str, str, tuple[str, ...]]] = {
     "infinite": ("dh", "a,alpha,d,theta\n1,90,inf,0\n1,90,2,0\n", ("line 2, d", "inf", "robot's size")),
     "huge": ("", TABLE.replace("d: 2", "d: 1e12"), ("line 3, d", "1e+12", "robot's size")),
     "a unit": ("dh", "a [deg],alpha,d,theta\n1,90,2,0\n1,90,2,0\n", ("column a", "the unit 'deg'", "length")),
+    "radians without a unit": (
+        "dh", "a,alpha,d,theta\n100,1.570796,2,0\n1,0,2,0\n", ("column alpha", "1.5708 without a unit", "alpha [rad]")
+    ),
+    "metres without a unit": ("dh", "a,alpha,d,theta\n0.4,90,0.2,0\n1,0,2,0\n", ("3.6 in all", "a [m]")),
+    "the unit of a travel": (
+        "dh", "a,alpha,d,theta,low [mm],high [mm]\n400,90,2,0,-1,1\n1,0,2,0,-1,1\n", ("column low", "is an angle")
+    ),
     "a joint type": ("dh", "type,a,alpha,d,theta\nscrew,1,90,2,0\nrotary,1,90,2,0\n", ("line 2, type", "'screw'")),
     "twice": ("dh", "joint,a,alpha,d,theta\nA,1,90,2,0\nA,1,90,2,0\n", ("two joints 'A'",)),
     "a slide": ("dh", "type,a,alpha,d,theta\nprismatic,1,90,2,0\nrotary,1,90,2,0\n", ("no travel of the slide J1",)),
@@ -176,6 +183,16 @@ def test_what_was_read_with_a_doubt_is_noted(tmp_path: Path) -> None:
     machine = read_machine(tmp_path / "t.yaml")
     assert machine.shapes[0].offset == (100.0, 0.0, 200.0)
     assert [j.name for j in machine.joints] == ["J1", "J2"]
+
+
+def test_ends_of_travels_have_the_unit_of_their_own_column(tmp_path: Path) -> None:
+    """Angles in radians beside limits in degrees, and limits without a unit, which are in that of theta."""
+    for unit, low in ((" [deg]", -180), (" [rad]", -np.pi), ("", -np.pi)):
+        head = f"joint,a [m],alpha [rad],d [m],theta [rad],low{unit},high{unit}\n"
+        table = write(tmp_path / "t.csv", f"{head}1,0.1,1.5707963,0.2,0,{low!r},1\n2,0.3,0,0,0,{low!r},1\n")
+        assert run("machine", table, "--format", "dh", "--out", tmp_path / "t.yaml").code == 0
+        assert read_machine(tmp_path / "t.yaml").joints[0].travel[0] == pytest.approx(-np.pi, rel=1e-12)
+        (tmp_path / "t.yaml").unlink()
 
 
 WHOLE = [

@@ -75,6 +75,18 @@ def test_the_encoding_is_found_and_said(encoding: str, tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.parametrize("unit", ["m", "[m]"])
+def test_a_row_of_units_may_begin_with_an_empty_cell(unit: str, tmp_path: Path) -> None:
+    """Behind a semicolon it is a row; a line of another number of cells that begins with one is a comment."""
+    rows = "".join(f"P{k};{k},5;{k},25;A\n" for k in range(1, 6))
+    read = read_back(tmp_path, f"; shop;7\nPoint;X;Y;Kind\n;{unit};{unit};\n{rows}".encode())
+    assert list(read.frame) == ["Point", "X", "Y", "Kind"]
+    assert read.units == {"X": "m", "Y": "m"}
+    assert len(read.frame) == 5
+    empty = read_back(tmp_path, b"; made by hand\nA;X\n;1,5\nP2;2,5\nP3;3,5\n")
+    assert list(empty.frame["X"]) == [1.5, 2.5, 3.5]
+
+
 @pytest.mark.parametrize(
     ("text", "where", "found"),
     [
