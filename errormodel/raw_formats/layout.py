@@ -142,7 +142,7 @@ def _semicolons(lines: Sequence[str]) -> set[int]:
     if sum(begin) > len(lines) / 2:
         return {line.count(";") for line in lines}
     counts = Counter(line.count(";") for line, own in zip(lines, begin, strict=True) if not own)
-    usual = max(counts, key=lambda n: counts[n])
+    usual = max(counts, key=lambda n: counts[n], default=0)
     return {usual} if usual and counts[usual] > len(lines) / 2 else set()
 
 
