@@ -105,5 +105,5 @@ def trace_lines(traces: Sequence[Trace]) -> Iterator[str]:
         of = ", ".join(dict.fromkeys(f"{t.source.recording.reach:g}" for t in bare))
         yield (
             f"no file states a calibrated length: readings count from {of} mm, as if the bar had been calibrated to "
-            "that; the common scale of the axes follows from it. If it was not, write calibrated: unknown in survey.yaml"
+            "that; the common scale of the axes follows from it. If it was not, write calibrated: unknown (survey.yaml)"
         )
