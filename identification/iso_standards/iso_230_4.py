@@ -146,7 +146,9 @@ def _evaluation(kind: Circles, source: str, found: list[Circle], basis: str, not
     quantities, charts = [], []
     data: dict[str, Any] = {}
     for circle in found:
-        label = circle.name if sum(c.name == circle.name for c in found) == 1 else f"{circle.name} r{circle.radius:g}"
+        label = circle.name if sum(c.name == circle.name for c in found) == 1 else f"{circle.name} r{circle.radius:.5g}"
+        again = sum(name.partition(" no. ")[0] == label for name in data)  # at another height, say
+        label += f" no. {again + 1}" if again else ""
         known = figures(circle)
         place = f"(radius {circle.radius:.4g} mm)"
         for symbol, (value, expanded) in known.items():
