@@ -77,6 +77,10 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             DATA, COUNT, "Time that falls back within a run is taken to go on.",
             _in("data_checks.duplicates_and_clock", "RESETS"),
         ),
+        "first-approach": Rule(
+            DATA, "log likelihood ratio", "Of a direction of approach that nothing states the likelier sign is taken.",
+            _in("data_checks.first_approach", "CLEAR"),
+        ),
         "nominal-misfit": Rule(
             DATA, "misfit per spread of the points",
             "Columns are examined only where the nominal machine misses by more than errors of a machine.",
@@ -306,6 +310,10 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "model-cross-validation": Rule(
             COMPARISON, ERRORS, "It must predict blocks of rows no worse.", _in(_COMPARED, "NO_WORSE")
+        ),
+        "prediction-made-worse": Rule(
+            COMPARISON, ERRORS, "A finding with which the machine predicts rows left out worse than plain is left out.",
+            _in(_COMPARED, "NO_WORSE"),
         ),
         # ---- evidence beside the other findings
         "conditional-evidence": Rule(
