@@ -46,6 +46,7 @@ from identification.diagnosis.results.findings import (
     probability_of,
 )
 from identification.diagnosis.results.physical_limits import checked_name
+from identification.diagnosis.results.remainder import checked_remainder
 from identification.diagnosis.results.residual_dependence import dependence_of
 from identification.diagnosis.results.statements import (
     brief_of,
@@ -149,15 +150,15 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
     model, final, first = found.model, found.final, found.first
     fits = [*before, mended]
     findings = [_blunder_finding(b, *fits[k : k + 2]) for k, b in enumerate(blunders)]
-    causes = [
-        _finding(g, model, final, found.before, first, found.witnessed.get(g[0].effect, []), log)
-        for g in model.findings
-    ]
+    with progress("Testing what is left"):
+        dependence = dependence_of(model.linear, 1e3 * noise_mm(found.before), log, 3 if final.fitted.n else 1)
+    causes = []
+    for g in model.findings:
+        cause = _finding(g, model, final, found.before, first, found.witnessed.get(g[0].effect, []), log)
+        causes.append(checked_remainder(cause, g[0].effect, dependence, log))
     findings += sorted(causes, key=lambda f: -f.heldout_rms_um.before)
     if bad.any():
         findings.append(_outlier_finding(bad, mended, fit))
-    with progress("Testing what is left"):
-        dependence = dependence_of(model.linear, 1e3 * noise_mm(found.before), log, 3 if final.fitted.n else 1)
     verdict = judge(final, bool(findings), dependence, log)
     unusable = (f"{name} drives nothing: {reason}" for name, reason in dead.items())
     baseline = next((b for b in fits if b is not None), mended)
