@@ -85,12 +85,10 @@ def _that_predicts(
 
     final = extended(model)
     while model.findings and error(final) > NO_WORSE * error(fit):
-        fewer = [of_groups(model.start, [g for g in model.findings if g is not out]) for out in model.findings]
-        fits = [extended(other) for other in fewer]
-        best = min(range(len(fits)), key=lambda k: error(fits[k]))
-        out, share = model.findings[best][0].effect, ratio(error(final), error(fit))
-        log.add("prediction-made-worse", "removed", out, share, NO_WORSE)
-        model, final = fewer[best], fits[best]
+        out = min(model.findings, key=lambda g: g[0].evidence)
+        log.add("prediction-made-worse", "removed", out[0].effect, ratio(error(final), error(fit)), NO_WORSE)
+        model = of_groups(model.start, [g for g in model.findings if g[0] is not out[0]])
+        final = extended(model)
     return model, with_form(final, model, first) if model.steps else final
 
 
