@@ -57,6 +57,7 @@ from identification.diagnosis.results.statements import (
     subject,
 )
 from identification.diagnosis.results.verdict import judge
+from identification.diagnosis.results.wandering import wandering_um
 from identification.diagnosis.results.witnesses import WitnessResult, with_witnesses
 from identification.diagnosis.search.instrument_noise import station_notes
 from identification.diagnosis.search.model import EffectModel
@@ -155,7 +156,7 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
     causes = []
     for g in model.findings:
         cause = _finding(g, model, final, found.before, first, found.witnessed.get(g[0].effect, []), log)
-        causes.append(checked_remainder(cause, g[0].effect, dependence, log))
+        causes.append(checked_remainder(cause, g[0].effect, dependence, log, wandering_um(final)))
     findings += sorted(causes, key=lambda f: -f.heldout_rms_um.before)
     if bad.any():
         findings.append(_outlier_finding(bad, mended, fit))

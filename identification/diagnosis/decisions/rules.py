@@ -365,6 +365,10 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             "Without repeats, residuals that exceed the declared uncertainty are unexplained.",
             _in("results.pure_error", "MISFIT_P", "MISFIT_RATIO"),
         ),
+        "serial-correlation": Rule(
+            VERDICT, "um", "Residuals most of which wander along the rows are unexplained.",
+            _in("results.wandering", "MOSTLY", "STEADY_UM"),
+        ),
         "dependence-of-residuals": Rule(
             VERDICT, "p-value", "What is left is unexplained if one or two recorded channels predict it.",
             _in("results.residual_dependence", "LEAST_P_VALUE", "LEAST_SHARE"),
