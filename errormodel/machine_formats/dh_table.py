@@ -216,7 +216,7 @@ def _check_all_rows(raw: RawFile, count: int) -> None:
         raise InputError(f"{raw.name}, line {table.below[0]}", found, "Give each row every cell, empty where it is 0")
     for line, row in zip(table.lines, table.rows, strict=True):
         for name, cell in zip(table.names, row, strict=True):
-            if cell and kind_of(cell) == "empty" or cell.lower() in ("nan", "-nan"):
+            if (cell and kind_of(cell) == "empty") or cell.lower() in ("nan", "-nan"):
                 where = f"{raw.name}, line {line}, column {name}"
                 raise InputError(
                     where, f"'{cell}' as a value", "Write the number, or leave the cell empty where it is 0"

@@ -10,6 +10,7 @@ import csv
 import re
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -87,14 +88,11 @@ def kind_of(cell: str) -> str:
 
 def split(line: str, delimiter: str) -> list[str]:
     """Cells of a line, without surrounding blanks and quotes."""
-    if delimiter == " ":
-        return line.split() if '"' not in line else next(csv.reader([" ".join(line.split())], delimiter=" "), [])
-    if '"' not in line:
-        return [cell.strip() for cell in line.split(delimiter)]
-    try:
-        return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])]
-    except csv.Error:
-        return [cell.strip() for cell in line.split(delimiter)]
+    plain = " ".join(line.split()) if delimiter == " " else line
+    if '"' in line:
+        with suppress(csv.Error):  # a quote within a cell, or a cell without an end
+            return [cell.strip() for cell in next(csv.reader([plain], delimiter=delimiter, skipinitialspace=True), [])]
+    return [cell.strip() for cell in plain.split(delimiter)]
 
 
 def find_layout(lines: Sequence[str]) -> Layout | None:
