@@ -16,7 +16,7 @@ import sqlite3
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -96,8 +96,8 @@ CASES = {
 }
 
 
-def prepare(place: Path) -> None:
-    """Two surveys, their fits, and what the other cases need; then the first result of every case."""
+def prepare(place: Path, names: Collection[str] = tuple(CASES)) -> None:
+    """Two surveys, their fits, and what else the cases of these names need."""
     for seed, survey in enumerate(SURVEYS):
         name = survey.removesuffix(".csv")
         done("simulate", MILL, 40, "--noise", 0.002, "--seed", seed, "--out", place / survey)
@@ -106,11 +106,14 @@ def prepare(place: Path) -> None:
         (place / f"{name}.txt").write_text(importing.spatialanalyzer(measured))
         (place / f"{name}_list.csv").write_text(f"machine,survey,id\n{MILL},one.csv,A\n{MILL},{survey},B\n")
         (place / f"{name}.urdf").write_text(robot(joint("J1", "base", name, more='<axis xyz="0 0 1"/>')))
-        _cycles(place, name, seed)
+        if "thermal" in names:
+            _cycles(place, name, seed)
     importing.poses().to_csv(place / "poses.csv", index=False)
     shutil.copytree(place / "one", place / "watched")
-    done("diagnose", MILL, place / "one.csv", "--out", place / "diag", "--quiet")
-    _clouds(place)
+    if "explain" in names:
+        done("diagnose", MILL, place / "one.csv", "--out", place / "diag", "--quiet")
+    if "register" in names:
+        _clouds(place)
 
 
 def _cycles(place: Path, name: str, seed: int) -> None:
