@@ -140,6 +140,8 @@ LARGE = {
     "a million columns": (",".join(map(str, range(1_000_000))) + "\n", "line 1: more than 1000000 characters"),
     "12 000 columns": (f"{WIDE}\n{WIDE}\n", "more than 10000 columns"),
     "a quote without an end": ('"' * 200_001, "without rows of numbers"),
+    "blanks in a name": ("a" + " " * 300_000 + "b,c\n1,2\n3,4\n", "line 1: more than 2000 blanks in a row"),
+    "digits without an end": ("X" + "1" * 300_000 + "!", "without rows of numbers"),
     "a line without an end": ("x" * 3_000_000, "more than 1000000 characters"),
 }
 
