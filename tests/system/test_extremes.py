@@ -131,20 +131,6 @@ def test_a_redundant_chain_of_twelve_joints(tmp_path: Path) -> None:
     assert len(data["parameters"]) < 11 * 6 + 6 * 4 + 6 * 6 + 6  # type: ignore[arg-type]  # groups, not parameters
 
 
-def test_forty_joints(tmp_path: Path) -> None:
-    """All constants of three members of a chain of forty joints: 18 parameters, of which the poses determine some."""
-    errors = "errors: {shapes: {s0: all, s20: all, s39: all}, joints: none}"
-    text = chain_of(40).replace("errors: {shapes: all, joints: first-order}", errors)
-    recorded(tmp_path, text, 120, 0.002)
-    assert fit(tmp_path).code == 0
-    data = figures(tmp_path)
-    assert data["sigma_um"] == pytest.approx(2.0, rel=0.15)  # of some 340 degrees of freedom: 4 of 3.8 %
-    assert 12 <= len(data["parameters"]) <= 18  # type: ignore[arg-type]
-    short = pd.read_csv(tmp_path / "s.csv").iloc[:5]
-    short.to_csv(tmp_path / "short.csv", index=False)
-    assert "5 rows with 15 measured" in refused(fit(tmp_path, survey="short.csv"))
-
-
 def test_one_row(tmp_path: Path) -> None:
     recorded(tmp_path, mill(), 50, 0.002).iloc[:1].to_csv(tmp_path / "one.csv", index=False)
     assert "1 row with 3 measured values where" in refused(fit(tmp_path, survey="one.csv"))
