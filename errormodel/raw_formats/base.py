@@ -7,6 +7,7 @@ A raw format is one class in one file of this package, or of a package from outs
 from __future__ import annotations
 
 import codecs
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -39,6 +40,7 @@ ENCODING_NAMES = {
     "utf-8": "UTF-8", "utf-16-le": "UTF-16", "utf-16-be": "UTF-16", "utf-32-le": "UTF-32", "utf-32-be": "UTF-32",
     "cp1252": "Windows-1252",
 }  # fmt: skip
+MOST_BLANKS = 2000  # in a row: columns of blanks have some ten; patterns take the square of it
 NULLS_OF_UTF16 = 0.3  # share of null bytes on one side of the pairs: half of the text of any European language
 
 
@@ -240,7 +242,12 @@ def open_raw(path: Path, name: str) -> RawFile:
         raise InputError(name, f"cannot be read: {reason}", "Give a file that can be read") from error
     if not data.strip():
         raise InputError(name, "an empty file", "Give the file that the instrument wrote")
-    return RawFile(path, name, data)
+    raw = RawFile(path, name, data)
+    for number, line in enumerate(raw.lines, start=1):
+        if len(line) > MOST_BLANKS and max(map(len, re.findall(r"\s+", line)), default=0) > MOST_BLANKS:
+            found = f"more than {MOST_BLANKS} blanks in a row"
+            raise InputError(f"{name}, line {number}", found, "Give the file as the instrument wrote it")
+    return raw
 
 
 def format_of(raw: RawFile, asked: str = "") -> type[RawFormat]:
