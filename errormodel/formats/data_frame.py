@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from errormodel.formats.base import Table, as_numbers
+from errormodel.formats.base import RowRanges, Table, as_numbers
 
 FRAME_TABLE_NAME = "DataFrame"  # name of the table in messages
 
@@ -19,6 +19,7 @@ class FrameTable(Table):
     """A DataFrame whose columns are named as those of a survey's file."""
 
     frame: pd.DataFrame = field(default_factory=pd.DataFrame)
+    first: int = 0  # number of its first row, from 0
 
     def read(self, numbers: Collection[str], texts: Collection[str]) -> tuple[pd.DataFrame, tuple[str, ...]]:
         columns: dict[str, object] = {name: self._text(name) for name in texts}
@@ -31,11 +32,31 @@ class FrameTable(Table):
             values, bad = as_numbers(text)
             columns[name] = text if bad.any() else values
         order = [*numbers, *texts]
-        return pd.DataFrame({name: columns[name] for name in order}), ()
+        frame = pd.DataFrame({name: columns[name] for name in order})
+        frame.index = pd.RangeIndex(self.first, self.first + len(frame))
+        return frame, ()
+
+    def in_ranges(self) -> RowRanges:
+        return FrameRows(self)
 
     def _text(self, name: str) -> pd.Series[str]:
         column = self.frame[name].reset_index(drop=True)
         return column.astype("str").mask(column.isna(), "")
+
+
+class FrameRows(RowRanges):
+    """A DataFrame whose rows are read a range at a time."""
+
+    def __init__(self, table: FrameTable) -> None:
+        self._table = table
+        self._frame = table.frame
+
+    def __len__(self) -> int:
+        return len(self._frame)
+
+    def rows(self, start: int, stop: int) -> Table:
+        table = self._table
+        return FrameTable(table.path, table.name, table.columns, self._frame.iloc[start:stop], start)
 
 
 def table_of(frame: pd.DataFrame) -> FrameTable:

@@ -56,7 +56,7 @@ def as_json(analysis: Analysis) -> dict[str, Any]:
         "n_parameters": len(fit.chain.machine_ids),
         "rank": s.groups.rank,
         "condition": s.groups.condition,
-        "covered": covered(fit.chain, fit.survey.table),
+        "covered": covered(fit.chain, fit.span),
         "frame_mode": fit.survey.frame,
         "frame": [
             {

@@ -69,7 +69,7 @@ def description_lines(description: Description) -> Iterator[str]:
 def fit_lines(analysis: Analysis) -> Iterator[str]:
     """Residuals before and after, noise, and the groups that stand out."""
     fit = analysis.fit
-    yield f"{fit.chain.machine.name}: {len(fit.survey)} rows, {fit.solution.groups.rank} identifiable groups"
+    yield f"{fit.chain.machine.name}: {fit.rows} rows, {fit.solution.groups.rank} identifiable groups"
     if fit.fitted.n:
         yield from _spread_lines(fit)
     if fit.motions:
