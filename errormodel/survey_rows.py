@@ -6,8 +6,7 @@ smoothed temperature, play) cannot be had of a range of them: a machine with an 
 
 from __future__ import annotations
 
-from bisect import bisect_right
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -65,6 +64,20 @@ class RowsOfFile:
 
 
 @dataclass(frozen=True)
+class _Pieces(Table):
+    """Ranges of the rows of one table."""
+
+    pieces: tuple[Table, ...]
+
+    def read(self, numbers: Collection[str], texts: Collection[str]) -> tuple[pd.DataFrame, tuple[str, ...]]:
+        read = [piece.read(numbers, texts) for piece in self.pieces]
+        return pd.concat([frame for frame, _ in read]), tuple(note for _, notes in read for note in notes)
+
+    def line(self, row: int) -> int | None:
+        return self.pieces[0].line(row)
+
+
+@dataclass(frozen=True)
 class SurveyRows:
     """The rows of a survey, opened as far as columns and numbers of rows.
 
@@ -93,22 +106,23 @@ class SurveyRows:
     def __len__(self) -> int:
         return self.starts[-1]
 
-    def survey(self, start: int, stop: int) -> Survey:
-        """The fitted rows from `start` (from 0) to before `stop`, checked, in internal units; notes are on these rows.
+    def survey(self, *places: tuple[int, int]) -> Survey:
+        """Fitted rows, each of `places` from a first (from 0) to before a last one, checked, in internal units.
+
+        Places are in order and do not overlap. Notes are on these rows.
 
         Raises
         ------
         InputError
             About the first fault in them.
         """
-        first = bisect_right(self.starts, start) - 1
         frames, notes = [], list[str]()
-        for file, before in zip(self.files[first:], self.starts[first:], strict=False):
-            if before >= stop:
-                break
-            frame, own = self._of_file(file, max(start - before, 0), min(stop - before, file.count))
-            frames.append(frame)
-            notes += own
+        for file, before, end in zip(self.files, self.starts, self.starts[1:], strict=False):
+            own = [(max(a, before) - before, min(b, end) - before) for a, b in places if a < end and b > before]
+            if own:
+                frame, more = self._of_file(file, own)
+                frames.append(frame)
+                notes += more
         return self._as_survey(frames, notes)
 
     def held_out(self) -> Survey | None:
@@ -116,7 +130,7 @@ class SurveyRows:
         tests = [f for f in self.files if f.entry.role == "test"] if self.measured else []
         if not tests:
             return None
-        read = [self._of_file(f, 0, f.count) for f in tests]
+        read = [self._of_file(f, [(0, f.count)]) for f in tests]
         return self._as_survey([frame for frame, _ in read], [note for _, notes in read for note in notes])
 
     def looked_over(self, survey: Survey) -> Survey:
@@ -135,14 +149,16 @@ class SurveyRows:
         notes |= dict.fromkeys(travel_notes(survey.table, self.machine))
         return replace(survey, notes=tuple(notes))
 
-    def _of_file(self, file: RowsOfFile, start: int, stop: int) -> tuple[pd.DataFrame, list[str]]:
+    def _of_file(self, file: RowsOfFile, places: Sequence[tuple[int, int]]) -> tuple[pd.DataFrame, list[str]]:
         frames, notes = [], list[str]()
         for table, ranges, plan, before in file.parts:
-            low, high = max(start - before, 0), min(stop - before, len(ranges))
-            if low >= high:
+            end = before + len(ranges)
+            own = [ranges.rows(max(a - before, 0), min(b, end) - before) for a, b in places if a < end and b > before]
+            if not own:
                 continue
+            pieces = own[0] if len(own) == 1 else _Pieces(table.path, table.name, table.columns, tuple(own))
             # an empty block is no mistake, though an empty file would be
-            part = read_part(ranges.rows(low, high), plan, self.machine, self.form.units, measured=False)
+            part = read_part(pieces, plan, self.machine, self.form.units, measured=False)
             if part.dated and "time" in map(root, self.channels):
                 found = "dates as times, which count from the first row"
                 raise InputError(f"{table.name}, column time", found, f"Write seconds, or {WHOLE}")
@@ -160,7 +176,10 @@ class SurveyRows:
                 at = int((whole[name].fillna("") != "").to_numpy().argmax())
                 where = f"{whole['file'].iloc[at]}, row {whole['row'].iloc[at]}, column {name}"
                 raise InputError(where, f"{what}, which are not fitted in a stream", f"Take them out, or {WHOLE}")
-        table = mended(assemble([Part(whole.drop(columns=["joint", "observation"], errors="ignore"), False, ())], self.machine), self.machine)
+        table = mended(
+            assemble([Part(whole.drop(columns=["joint", "observation"], errors="ignore"), False, ())], self.machine),
+            self.machine,
+        )
         if not self.measured:
             table, more = in_step(table, self.machine)
             notes = [*notes, *more]
@@ -180,7 +199,9 @@ class SurveyRows:
         )  # fmt: skip
 
 
-def open_rows(source: Path | str | pd.DataFrame, machine: Machine, measured: bool = True) -> SurveyRows:
+def open_rows(
+    source: Path | str | pd.DataFrame, machine: Machine, measured: bool = True, *, every: bool = False
+) -> SurveyRows:
     """Open a survey whose rows are read a range at a time.
 
     Parameters
@@ -189,6 +210,9 @@ def open_rows(source: Path | str | pd.DataFrame, machine: Machine, measured: boo
         As of `errormodel.survey.read_survey`.
     measured : bool
         Whether measured columns are required; False for commands.
+    every : bool
+        Read all columns, also those that the machine's model does not need, and leave it to the caller what follows
+        from the course of the rows.
 
     Raises
     ------
@@ -202,7 +226,7 @@ def open_rows(source: Path | str | pd.DataFrame, machine: Machine, measured: boo
     if raw := next((entry for entry in form.files if entry.format), None):
         found = f"{raw.path}, a raw file ({raw.format}), which is read as a whole"
         raise InputError(str(path), found, "Import it into Parquet or CSV first, or leave out --stream")
-    if form.frame == "per-run":
+    if form.frame == "per-run" and not every:
         raise InputError(
             str(path), "frame: per-run, of which the frames are found from all rows",
             f"Give each run a file and write frame: per-file, or {WHOLE}",
@@ -213,22 +237,24 @@ def open_rows(source: Path | str | pd.DataFrame, machine: Machine, measured: boo
         for entry in form.files
     ]  # fmt: skip
     check_map(document, machine, form.columns, [table for _, tables in opened for table in tables])
-    channels = tuple(Chain(machine).channels)
+    channels = () if every else tuple(Chain(machine).channels)
     files, notes, named = list[RowsOfFile](), dict[str, None](), set[str]()
     for entry, tables in opened:
         label = entry.path if document.data else name_of(Path(entry.path))
-        parts, before = [], 0
+        parts: list[tuple[Table, RowRanges, Plan, int]] = []
+        before, all_columns = 0, set[str]()
         for table in tables:
             plan = plan_columns(table, machine, form.columns, measured)
-            if parts and (other := sorted(plan.ours.keys() ^ all_columns)):
+            if parts and (other := sorted(set(plan.ours) ^ all_columns)):
                 found = f"not the same columns as in {tables[0].name}: {', '.join(other)}"
                 raise InputError(f"{table.name}, header", found, "Give all parts of a folder the same columns")
-            all_columns = plan.ours.keys()
+            all_columns = set(plan.ours)
             named |= all_columns
-            _check_course(table, plan, channels, measured)
+            if not every:
+                _check_course(table, plan, channels, measured)
             notes |= dict.fromkeys(f"{label}: {note}" for note in plan.notes)
             ranges = table.in_ranges()
-            parts.append((table, ranges, _needed(plan, machine, channels, measured), before))
+            parts.append((table, ranges, plan if every else _needed(plan, machine, channels, measured), before))
             before += len(ranges)
         files.append(RowsOfFile(entry, label, tuple(parts)))
     check_units(document, machine, form.units, named)
@@ -257,7 +283,9 @@ def _check_course(table: Table, plan: Plan, channels: tuple[str, ...], measured:
         derived = DERIVED_CHANNEL.fullmatch(name)
         smoothed = name.startswith("T_") and "time" in plan.ours
         if derived or smoothed:
-            what = {"lag": "a lagged temperature", "play": "a play"}[derived[1]] if derived else "a smoothed temperature"
+            what = (
+                {"lag": "a lagged temperature", "play": "a play"}[derived[1]] if derived else "a smoothed temperature"
+            )
             found = f"an effect of this machine needs {name}, {what}, which follows from the course of all rows"
             raise InputError(where, found, f"{WHOLE[0].upper()}{WHOLE[1:]}")
         if name.startswith("dir_") and name not in plan.ours:

@@ -19,7 +19,6 @@ class FrameTable(Table):
     """A DataFrame whose columns are named as those of a survey's file."""
 
     frame: pd.DataFrame = field(default_factory=pd.DataFrame)
-    first: int = 0  # number of its first row, from 0
 
     def read(self, numbers: Collection[str], texts: Collection[str]) -> tuple[pd.DataFrame, tuple[str, ...]]:
         columns: dict[str, object] = {name: self._text(name) for name in texts}
@@ -32,9 +31,7 @@ class FrameTable(Table):
             values, bad = as_numbers(text)
             columns[name] = text if bad.any() else values
         order = [*numbers, *texts]
-        frame = pd.DataFrame({name: columns[name] for name in order})
-        frame.index = pd.RangeIndex(self.first, self.first + len(frame))
-        return frame, ()
+        return pd.DataFrame({name: columns[name] for name in order}), ()
 
     def in_ranges(self) -> RowRanges:
         return FrameRows(self)
@@ -42,6 +39,18 @@ class FrameTable(Table):
     def _text(self, name: str) -> pd.Series[str]:
         column = self.frame[name].reset_index(drop=True)
         return column.astype("str").mask(column.isna(), "")
+
+
+@dataclass(frozen=True)
+class FrameRange(FrameTable):
+    """A range of the rows of a DataFrame, from the row `start` (from 0) on."""
+
+    start: int = 0
+
+    def read(self, numbers: Collection[str], texts: Collection[str]) -> tuple[pd.DataFrame, tuple[str, ...]]:
+        frame, notes = super().read(numbers, texts)
+        frame.index = pd.RangeIndex(self.start, self.start + len(frame))
+        return frame, notes
 
 
 class FrameRows(RowRanges):
@@ -56,7 +65,7 @@ class FrameRows(RowRanges):
 
     def rows(self, start: int, stop: int) -> Table:
         table = self._table
-        return FrameTable(table.path, table.name, table.columns, self._frame.iloc[start:stop], start)
+        return FrameRange(table.path, table.name, table.columns, self._frame.iloc[start:stop], start)
 
 
 def table_of(frame: pd.DataFrame) -> FrameTable:

@@ -72,7 +72,8 @@ class _Cursor:
     def __init__(self, path: Path) -> None:
         self._path, self._columns = path, list[str]()
         self._batches: Iterator[Any] = iter(())
-        self._at, self._last, self._end = 0, None, 0  # rows before the last batch, which is kept, and behind its group
+        self._last: Any = None  # batch
+        self._at, self._end = 0, 0  # number of rows before it, and of those up to the end of its group
 
     def __getstate__(self) -> dict[str, Any]:
         return {"_path": self._path}
@@ -82,7 +83,7 @@ class _Cursor:
 
     def read(self, pa: Any, pq: Any, columns: list[str], start: int, stop: int) -> Any:
         """Rows from `start` to before `stop`, which are in the file."""
-        parts = []
+        parts: list[Any] = []
         while start < stop:
             if columns != self._columns or not self._at <= start < self._end:
                 self._open(pq, columns, start)

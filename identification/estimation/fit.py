@@ -124,7 +124,11 @@ def _fit(
     if judged is not None:
         sorting = sort_rows(rows, problem.views, judged, residuals, nominal_residuals)
         residuals, nominal_residuals, heldout = map(sorting.without, (residuals, nominal_residuals, heldout))
-    notes = (*fit_notes(survey, solution, noise, max(map(len, problem.views))), *dropped, *rotation_notes(problem.frames))
+    notes = (
+        *fit_notes(survey, solution, noise, max(map(len, problem.views))),
+        *dropped,
+        *rotation_notes(problem.frames),
+    )
     nominal = Spread.of(nominal_residuals)
     if another(chain, nominal):
         notes = (*notes, far_off(nominal))

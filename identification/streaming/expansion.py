@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from errormodel.arrays import Array
+from errormodel.arrays import Array, Index
 from errormodel.exceptions import InputError
 from identification.estimation.least_squares import Solver, observed, scaled_inverse, scaled_solve
 from identification.observation.assembly import Problem, group_order
@@ -60,13 +60,13 @@ class Expansion:
         linear = self.sample.moved(np.arange(len(step)), step)
         return self.each * (here.slope - linear.slope), self.each * (here.square - linear.square)
 
-    def doubt(self, values: Array, base: Array, sigma: float) -> float:
+    def doubt(self, values: Array, base: Index, sigma: float) -> float:
         """Error of the solution `values` from sampling the rest, in standard uncertainties (Mahalanobis distance)."""
         if self.whole.count == self.sample.count:
             return 0.0
         slope = self.rest(values, values - self.values + self.shift)[0][base]
         step = scaled_solve(self.whole.gram[np.ix_(base, base)], slope)
-        return float(np.sqrt(max(step @ slope, 0.0) / self.sample.count) / sigma)
+        return float(np.sqrt(max(float(step @ slope), 0.0) / self.sample.count) / sigma)
 
 
 class ExpandedSolver(Solver):

@@ -36,7 +36,7 @@ from identification.observation.models import PositionView
 from identification.observation.normal_equations import accumulate
 from identification.observation.pose import Pose
 from identification.runtime.engines import Crew
-from identification.streaming.expansion import KIND, Expansion, ExpandedSolver, best_frames, frame_sums
+from identification.streaming.expansion import KIND, ExpandedSolver, Expansion, best_frames, frame_sums
 from identification.streaming.sample import MOST_HELD_OUT_ROWS, SAMPLE_ROWS, middle_of, sample_of
 from identification.streaming.totals import Totals, combined, whole_of
 from identification.streaming.work import BLOCK_ROWS, SEGMENT_ROWS, Task, totals_of, views_of
@@ -46,6 +46,7 @@ MOST_FOLDS = 512  # blocks of rows that are left out in turn: limits the memory 
 MOST_PASSES = 4
 DOUBT = 0.01  # standard uncertainties: what a sample leaves open of the second order, below which no pass is added
 MOST_NOTES = 12  # on rows, that are kept
+BEFORE_LAST_STEP = "mean and largest residual are those before the last step of the parameters"
 
 
 @dataclass(frozen=True)
@@ -86,7 +87,9 @@ def fit_rows(
         The rows are wrong, or cannot be fitted in this way: the message says why.
     """
     with threadpool_limits(1, "blas"):
-        return _Streaming(machine, rows, bounds or {}, document, crew or Crew(workers=1), report, sizing or Sizing()).run()
+        return _Streaming(
+            machine, rows, bounds or {}, document, crew or Crew(workers=1), report, sizing or Sizing()
+        ).run()
 
 
 class _Streaming:
@@ -127,29 +130,19 @@ class _Streaming:
     def run(self) -> Fit:
         problem, values = self.first.problem, self.first.solution.values
         reading = computing = 0.0
-        further: list[PositionView] = []
         for passes in range(1, MOST_PASSES + 1):
             totals = self.pass_(problem, values, passes)
             reading, computing = reading + totals.reading, computing + totals.computing
             expansion = self.expansion(problem, values, totals)
             expansion, nominal_square, problem = self.anchored(problem, expansion, totals)
-            solution = self.solved(problem, expansion, further)
-            if solution is None:  # rows outside the sample tell parameters apart that the sample does not
-                further = [self.outside(problem, totals)]
-                solution = self.solved(problem, expansion, further)
-            if solution is None:
-                found = "parameters that only a few of its rows tell apart"
-                raise InputError(str(self.rows.source), found, f"Measure more such rows, or {WHOLE}")
-            base, sigma = solution.groups.base, solution.sigma[KIND]
-            if expansion.doubt(solution.values, base, sigma) <= DOUBT:
+            solution = self.solution(problem, expansion, totals)
+            if expansion.doubt(solution.values, solution.groups.base, solution.sigma[KIND]) <= DOUBT:
                 break
             values = solution.values
         step = solution.values - expansion.values + expansion.shift
         weight = expansion.whole.count if KIND not in solution.declared else self.weight(totals)
-        kept = replace(
-            self.kept(totals, passes, float(np.sqrt(max(step @ expansion.whole.gram @ step, 0.0) / weight * 3))),
-            reading=reading, computing=computing,
-        )  # fmt: skip
+        moved_mm = float(np.sqrt(max(float(step @ expansion.whole.gram @ step), 0.0) / weight * 3))
+        kept = replace(self.kept(totals, passes, moved_mm), reading=reading, computing=computing)
         return self.result(problem, solution, expansion, totals, kept, nominal_square)
 
     def weight(self, totals: Totals) -> float:
@@ -220,11 +213,21 @@ class _Streaming:
         shift[columns] = best
         return replace(expansion, shift=shift, views=problem.views), square, problem
 
-    def solved(self, problem: Problem, expansion: Expansion, further: list[PositionView]) -> Solution | None:
-        """Least squares; None where the sample does not show what all rows identify."""
-        solver = ExpandedSolver(problem, np.zeros(len(problem.unknowns)), expansion, further)
-        solution = solver.run()
-        return None if solver.missed(solution.groups, solution.sums) else solution
+    def solution(self, problem: Problem, expansion: Expansion, totals: Totals) -> Solution:
+        """Least squares; rows outside the sample may tell parameters apart that the sample does not.
+
+        Raises
+        ------
+        InputError
+            Only rows that are not kept tell some parameters apart.
+        """
+        for further in ([], [self.outside(problem, totals)]):
+            solver = ExpandedSolver(problem, np.zeros(len(problem.unknowns)), expansion, further)
+            solution = solver.run()
+            if not solver.missed(solution.groups, solution.sums):
+                return solution
+        found = "parameters that only a few of its rows tell apart"
+        raise InputError(str(self.rows.source), found, f"Measure more such rows, or {WHOLE}")
 
     def outside(self, problem: Problem, totals: Totals) -> PositionView:
         """Rows with the outermost commands of each range, as a view for deciding the rank."""
@@ -307,7 +310,9 @@ class _Streaming:
                 continue
             own = totals.folds[fold].moved(every, step)
             less, slope = gram - own.gram[pick] / level**2, -own.slope[base] / level**2
-            back = scale * (np.linalg.pinv(less * np.outer(scale, scale), rcond=1e-13, hermitian=True) @ (scale * slope))
+            back = scale * (
+                np.linalg.pinv(less * np.outer(scale, scale), rcond=1e-13, hermitian=True) @ (scale * slope)
+            )
             steps[fold, base] = back
             plain = own if KIND not in solution.declared else totals.plain[fold].moved(every, step)
             squares.append(plain.moved(base, back).square)
@@ -344,7 +349,5 @@ def _of_stream(kept: Streamed, sample: int) -> tuple[str, ...]:
     return (
         f"streamed: all {kept.rows} rows were read {times} and are in the estimates; figures, residuals.csv and the "
         f"search for mistakes are of {sample} rows, evenly spread",
-        f"mean and largest residual are those before the last step of the parameters, which moves the points by "
-        f"{1e3 * kept.moved_mm:.2g} um rms",
+        f"{BEFORE_LAST_STEP}, which moves the points by {1e3 * kept.moved_mm:.2g} um rms",
     )
-

@@ -25,9 +25,8 @@ def sample_of(rows: SurveyRows, most: int = SAMPLE_ROWS) -> tuple[Survey, list[i
     for start, stop in zip(rows.starts, rows.starts[1:], strict=False):
         share = max(round(most * (stop - start) / len(rows)), min(stop - start, most // STRETCHES))
         places += stretches(start, stop, share, max(1, STRETCHES * share // most))
-    surveys = [rows.survey(start, stop) for start, stop in joined(places)]
-    held_out = rows.held_out()
-    whole = together(surveys if held_out is None else [*surveys, held_out])
+    sample, held_out = rows.survey(*joined(places)), rows.held_out()
+    whole = sample if held_out is None else together([sample, held_out])
     return rows.looked_over(whole), [k for start, stop in places for k in range(start, stop)]
 
 
@@ -46,11 +45,11 @@ def stretches(start: int, stop: int, count: int, parts: int) -> Iterator[tuple[i
 def middle_of(rows: SurveyRows) -> Survey:
     """Rows of the middle of each file as they follow each other, in all as many as correlated noise is judged by."""
     share = min(1.0, MOST_NOISE_ROWS / len(rows))
-    surveys = []
+    places = []
     for start, stop in zip(rows.starts, rows.starts[1:], strict=False):
         middle, half = (start + stop) / 2, share * (stop - start) / 2
-        surveys.append(rows.survey(int(middle - half), max(int(middle + half), int(middle - half) + 1)))
-    return together(surveys)
+        places.append((int(middle - half), max(int(middle + half), int(middle - half) + 1)))
+    return rows.survey(*joined(places))
 
 
 def joined(places: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
@@ -66,8 +65,6 @@ def joined(places: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
 
 def together(surveys: Sequence[Survey]) -> Survey:
     """Surveys of parts of the rows as one."""
-    if len(surveys) == 1:
-        return surveys[0]
     table = pd.concat([s.table for s in surveys], ignore_index=True)
     notes = dict.fromkeys(note for s in surveys for note in s.notes)
     return replace(surveys[0], table=table, notes=tuple(notes))

@@ -7,7 +7,7 @@ from bisect import bisect_right
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from time import perf_counter
+from time import thread_time
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -61,7 +61,7 @@ class Task:
 @lru_cache(maxsize=2)
 def _opened(task: bytes) -> tuple[Task, Chain]:
     """A task and its chain: a process compiles it once for all of its jobs."""
-    given: Task = pickle.loads(task)  # noqa: S301  it comes from the process that started this one
+    given: Task = pickle.loads(task)  # it comes from the process that started this one
     return given, Chain(given.machine)
 
 
@@ -74,14 +74,14 @@ def totals_of(job: tuple[bytes, int, int]) -> Totals:
 
 def _summed(task: Task, chain: Chain, start: int, stop: int) -> Totals:
     out = Totals()
-    begun = perf_counter()
+    begun = thread_time()
     for low, high in ranges_of(stop - start, task.block):
-        survey = task.rows.survey(start + low, start + high)
-        read = perf_counter()
+        survey = task.rows.survey((start + low, start + high))
+        read = thread_time()
         block = _of_block(task, chain, survey, start + low)
-        block.reading, block.computing = read - begun, perf_counter() - read
+        block.reading, block.computing = read - begun, thread_time() - read
         out.add(block)
-        begun = perf_counter()
+        begun = thread_time()
     return out
 
 
@@ -128,22 +128,25 @@ def _of_block(task: Task, chain: Chain, survey: Survey, start: int) -> Totals:
         if frames:
             # at zero errors only the frame's own columns are needed
             own = replace(before, ids=chain.frame_ids, columns=view.columns[:6])
-            own_sums = accumulate([own], frames, np.zeros(len(frames)), zero, gram=False, **_stored(own))
+            own_sums = accumulate(
+                [own], frames, np.zeros(len(frames)), zero, gram=False, exact=not isinstance(own, GapView)
+            )
             out.nominal = added(out.nominal, own_sums["position"])
         after, lengths = _residuals(view, view.vector(place, task.values, zero))
         out.after.add(Sizes.of(lengths))
         for fold, part in _by_fold(after, start, task.edges):
-            held = _stored(part) | ({"taken": task.values} if isinstance(part, GapView) else {})
-            sums = accumulate([part], place, task.values, zero, **held)["position"]
+            sums = _at(part, place, task.values, zero)
             out.folds[fold] = added(out.folds[fold], sums) if fold in out.folds else sums
             if task.declared:
-                sums = accumulate([unweighted(part)], place, task.values, zero, **held)["position"]
+                sums = _at(unweighted(part), place, task.values, zero)
                 out.plain[fold] = added(out.plain[fold], sums) if fold in out.plain else sums
     return out
 
 
-def _stored(view: View) -> dict[str, bool]:
-    return {"exact": not isinstance(view, GapView)}
+def _at(view: View, place: Mapping[str, int], values: Array, zero: Array) -> Sums:
+    """Sums of a view at the values at which its residuals are kept, if they are."""
+    kept = isinstance(view, GapView)
+    return accumulate([view], place, values, zero, exact=not kept, taken=values if kept else None)["position"]
 
 
 def _residuals(view: PositionView, p: Array) -> tuple[View, Array]:
