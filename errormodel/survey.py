@@ -213,6 +213,7 @@ def read_survey(source: Path | str | pd.DataFrame, machine: Machine, measured: b
 
 
 def name_of(path: Path) -> str:
+    """Name of a file or folder, as results state it."""
     return path.name if path.name not in ("", "..") else path.resolve().name
 
 

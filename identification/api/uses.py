@@ -297,4 +297,5 @@ def load(folder: str | Path) -> SavedFit:
 
 
 def stored_of(fit: AnyFit) -> StoredFit:
+    """What prediction needs of a fit, or of the folder of one."""
     return load(fit).stored if isinstance(fit, str | Path) else fit.stored
