@@ -14,6 +14,7 @@ import numpy as np
 from errormodel.arrays import Array
 from identification.observation.normal_equations import Sums
 
+EXTREMES = 8  # rows at each end of a channel that are kept: more than a joint has parameters of one kind
 MOST_WILD = 12  # rows far beside all others that are named
 
 
@@ -50,7 +51,7 @@ class Totals:
     nominal : normal equations of the frames' parameters at zero errors.
     before, after : sizes of residuals at zero errors, and at the starting values.
     ranges : lowest and highest value of each recorded channel, mm and rad.
-    extremes : channels (rows, channels) of the rows with the lowest and highest value of each channel.
+    extremes : channels (rows, channels) of the rows with the lowest and highest values of each channel.
     wild : number of rows far beside all others, and file, row and distance (mm) of the first of them.
     rows : rows read, measured or not.
     notes : on rows of the range.
@@ -108,11 +109,13 @@ def whole_of(folds: dict[int, Sums], size: int) -> Sums:
 
 
 def outermost(rows: Array) -> Array:
-    """Of rows (n, channels) those with the lowest or highest value of a channel, each once."""
-    if not len(rows):
+    """Of rows (n, channels) those with the lowest or highest values of a channel that changes, some of each, once."""
+    if len(rows) <= EXTREMES:
         return rows
-    kept = np.unique(np.concatenate([rows.argmin(axis=0), rows.argmax(axis=0)]))
-    return np.ascontiguousarray(rows[kept])
+    columns = np.ascontiguousarray(rows.T)
+    ends = [np.argpartition(c, (EXTREMES - 1, -EXTREMES)) for c in columns if c.min() < c.max()]
+    kept = np.unique(np.concatenate([e[part] for e in ends for part in (slice(EXTREMES), slice(-EXTREMES, None))] or [[0]]))
+    return np.ascontiguousarray(rows[kept.astype(int)])
 
 
 def combined(parts: Sequence[Totals]) -> Totals:

@@ -126,14 +126,18 @@ def test_correlated_noise_and_bounds_are_as_in_the_usual_fit() -> None:
     own["mx"] += drift
     usual, streamed = both(MILL, own)
     assert any("correlated" in note for note in streamed.notes)
-    np.testing.assert_allclose(streamed.solution.covariance, usual.solution.covariance, rtol=1e-6)
+    scale = np.sqrt(np.outer(*[np.diag(usual.solution.covariance)] * 2))
+    np.testing.assert_allclose(streamed.solution.covariance / scale, usual.solution.covariance / scale, atol=1e-7)
     model = read_machine(MILL)
     from identification.bayes.settings import priors_of
 
     bounds, document = priors_of({"X.dx.1": {"low": 3e-5, "high": 4e-5}}, bounds_only=True)
     limited = fit_rows(model, open_rows(own, model), bounds, document)
-    assert limited.solution.named()["X.dx.1"] == pytest.approx(3e-5)
-    assert limited.at_bound[0].id == "X.dx.1"
+    expected = fit_machine(model, read_survey(own, model), bounds=bounds, document=document)
+    assert [b.id for b in limited.at_bound] == [b.id for b in expected.at_bound] == ["X.dx.1"]
+    std = np.sqrt(np.diag(usual.solution.covariance))
+    base = usual.solution.groups.base
+    assert (np.abs((limited.solution.values - expected.solution.values)[base]) < 1e-4 * std).all()
 
 
 @pytest.mark.parametrize("machine", [FIVE, MILL])
@@ -257,7 +261,7 @@ def test_what_cannot_be_streamed_is_refused(name: str) -> None:
 @pytest.mark.parametrize(
     ("effect", "words"),
     [
-        ("{effect: backlash, joint: X, motion: dx}", "dir_X"),
+        ("{effect: backlash, joint: X}", "dir_X"),
         ("{effect: scale-expansion, joint: X, sensor: T_bed}", "smoothed temperature"),
     ],
 )
@@ -270,8 +274,8 @@ def test_effects_that_follow_from_the_course_of_the_rows_are_refused(effect: str
     with pytest.raises(InputError, match=words):
         open_rows(own, model)
     if "dir_X" in words:
-        rng = np.random.default_rng(0)
-        agree(*(fit(model, own.assign(dir_X=rng.choice([-1.0, 1.0], 300))) for fit in (_usual, _streamed)))
+        own = own.assign(dir_X=np.random.default_rng(0).choice([-1.0, 1.0], 300))
+        agree(_usual(model, own), _streamed(model, own))
 
 
 def _usual(model: Any, own: pd.DataFrame) -> Fit:
@@ -303,7 +307,9 @@ def test_the_commands(folder: Path) -> None:
     done("predict", "s", "rows.parquet", "--out", "p.csv")
     ours, theirs = pd.read_parquet("p.parquet"), pd.read_csv("p.csv")
     assert list(ours) == list(theirs)
-    np.testing.assert_allclose(ours, theirs, rtol=1e-12, atol=1e-12)
+    numbers = list(theirs.select_dtypes("float"))
+    assert {"mx", "ex", "ux"} <= set(numbers)
+    np.testing.assert_allclose(ours[numbers], theirs[numbers], rtol=1e-12, atol=1e-12)
     assert run("verify", "s").code == 0
     assert run("rerun", "s").code == 0
 
