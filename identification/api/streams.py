@@ -132,6 +132,13 @@ def simulate_stream(
 
     Random numbers are drawn from a seed of their own for each block of rows: they are not those of `simulate`.
 
+    Parameters
+    ----------
+    machine, points, parameters, noise, seed : as of `errormodel.simulate`, `points` a number, a file or a folder.
+    out : str or Path
+    steps : callable
+        As of `fit_stream`.
+
     Returns
     -------
     int

@@ -116,7 +116,11 @@ def _spread_lines(fit: Fit) -> Iterator[str]:
     for test in fit.tests:
         rows += [(f"{test.path}: nominal", test.nominal), (f"{test.path}: predicted", test.fitted)]
     cells = [
-        [name, *(f"{v:.2f}" for v in (spread.rms_um, spread.mean_um, spread.max_um)), str(spread.n)]
+        [
+            name,
+            *(f"{v:.2f}" if np.isfinite(v) else "-" for v in (spread.rms_um, spread.mean_um, spread.max_um)),
+            str(spread.n),
+        ]
         for name, spread in rows
     ]
     yield from table_lines([["um", "rms", "mean", "max", "n"], *cells], "<>>>>", least=7)

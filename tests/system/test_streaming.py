@@ -289,7 +289,7 @@ def _streamed(model: Any, own: pd.DataFrame) -> Fit:
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     monkeypatch.chdir(tmp_path)
-    yield tmp_path
+    return tmp_path
 
 
 def test_the_commands(folder: Path) -> None:
