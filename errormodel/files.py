@@ -9,7 +9,7 @@ import re
 import stat
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -99,6 +99,32 @@ def write_parquet(frame: pd.DataFrame, path: Path | str) -> None:
     """Write a table without its index as Parquet; the same table gives the same bytes."""
     with replacing(path) as part:
         frame.to_parquet(part, index=False)
+
+
+def write_parquet_blocks(tables: Iterable[pd.DataFrame], path: Path | str) -> int:
+    """Write tables of the same columns one below the other as Parquet, a block at a time; return the number of rows.
+
+    Raises
+    ------
+    InputError
+        PyArrow is not installed.
+    """
+    from errormodel.extras import optional
+
+    pa = optional("pyarrow", str(path), "a Parquet file to write")
+    parquet = optional("pyarrow.parquet", str(path), "a Parquet file to write")
+    count, writer = 0, None
+    with replacing(path) as part:
+        try:
+            for table in tables:
+                block = pa.Table.from_pandas(table, preserve_index=False).replace_schema_metadata(None)
+                writer = parquet.ParquetWriter(part, block.schema) if writer is None else writer
+                writer.write_table(block)
+                count += len(table)
+        finally:
+            if writer is not None:
+                writer.close()
+    return count
 
 
 def _inert(cell: object) -> object:
