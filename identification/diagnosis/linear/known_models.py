@@ -6,13 +6,11 @@ A search asks for the same models again and again: without a finding, with one o
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable, Hashable
+from collections.abc import Hashable
 from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from typing import Any
 
 from errormodel.effects.base import Effect
-
-T = TypeVar("T")
 
 MOST_BYTES = 150_000_000  # of each kind: limits the memory; by judgement: a search looks at some dozen models in turn
 
@@ -44,26 +42,25 @@ class Latest:
         while self._bytes > self._most and len(self._kept) > 1:
             self._bytes -= self._kept.popitem(last=False)[1][1]
 
-    def get(self, key: Hashable, make: Callable[[], T], size: Callable[[T], int]) -> T:
-        """What is kept by that key; else it is made, and kept."""
-        known: T | None = self.find(key)
-        if known is None:
-            known = make()
-            self.keep(key, known, size(known))
-        return known
-
 
 @dataclass(frozen=True)
 class Known:
-    """Models, columns and filtered bases that were made of one linear model, for all models that were made of it."""
+    """What was made of one linear model, for all models that were made of it.
 
-    models: Latest = field(default_factory=Latest)
+    Attributes
+    ----------
+    further : by the effects of a model, what the last one adds to the basis, and the residual.
+    columns : of effects.
+    filtered : by the effects of a model, its filtered bases.
+    """
+
+    further: Latest = field(default_factory=Latest)
     columns: Latest = field(default_factory=Latest)
     filtered: Latest = field(default_factory=Latest)
 
     def copy(self) -> Known:
         """One for a search that runs beside others: what one has kept must not change another one's rounding."""
-        return Known(self.models.copy(), self.columns.copy(), self.filtered.copy())
+        return Known(self.further.copy(), self.columns.copy(), self.filtered.copy())
 
 
 @dataclass(frozen=True)

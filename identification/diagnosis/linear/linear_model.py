@@ -100,8 +100,12 @@ class LinearModel:
         """Whitened columns (k, N + ties) of an effect's parameters as they act on the data, and their sizes (k,)."""
         if self.lineage is None:
             return self._own_columns(effect)
-        key = effect, self.size
-        return self.lineage.known.columns.get(key, lambda: self._own_columns(effect), lambda made: made[0].nbytes)
+        kept, key = self.lineage.known.columns, (effect, self.size)
+        known: tuple[Array, Array] | None = kept.find(key)
+        if known is None:
+            known = self._own_columns(effect)
+            kept.keep(key, known, known[0].nbytes)
+        return known
 
     def _own_columns(self, effect: Effect) -> tuple[Array, Array]:
         columns, sizes = self.swept([effect])
@@ -179,11 +183,20 @@ class LinearModel:
         if self.lineage is None:
             return self._extended(effect)
         lineage = self.lineage.further(effect)
-        return lineage.known.models.get(
-            lineage.effects,
-            lambda: replace(self._extended(effect), lineage=lineage),
-            lambda made: made.basis.nbytes + made.residual.nbytes,
-        )
+        known: tuple[Array, Array] | None = lineage.known.further.find(lineage.effects)
+        if known is not None:
+            return self._widened(*known, lineage)
+        made = replace(self._extended(effect), lineage=lineage)
+        own = made.basis[:, self.basis.shape[1] :].copy(), made.residual
+        lineage.known.further.keep(lineage.effects, own, sum(a.nbytes for a in own))
+        return made
+
+    def _widened(self, columns: Array, residual: Array, lineage: Lineage) -> LinearModel:
+        """The model with further columns (N + ties, k) of the basis, of which the last ties may be new."""
+        size, rank = self.basis.shape
+        basis = np.zeros((len(columns), rank + columns.shape[1]))
+        basis[:size, :rank], basis[:, rank:] = self.basis, columns
+        return replace(self, basis=basis, residual=residual, lineage=lineage)
 
     def branch(self) -> LinearModel:
         """The same for an independent search."""

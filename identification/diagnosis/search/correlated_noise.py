@@ -8,7 +8,7 @@ averaging). Neither side's noise is estimated from what the other would explain.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -32,28 +32,42 @@ class _Filtered:
 
     Attributes
     ----------
-    triangle : (r, r) Cholesky factor of the products of the filtered basis; None for white noise, which has no filter.
+    slabs : rows (k, up to r) of the Cholesky factor of the products of the filtered basis, which smaller models share;
+        none for white noise, which has no filter.
     taken : (r,) the residual along the filtered basis.
     square, freedom : of what that leaves of the residual.
     """
 
     noise: Noise | None
-    triangle: Array | None
+    slabs: tuple[Array, ...]
     taken: Array
     square: float
     freedom: int
 
     @property
+    def rank(self) -> int:
+        return sum(map(len, self.slabs))
+
+    @property
+    def triangle(self) -> Array:
+        """The Cholesky factor (r, r)."""
+        out, last = np.zeros((self.rank, self.rank)), 0
+        for slab in self.slabs:
+            out[last : last + len(slab), : slab.shape[1]] = slab
+            last += len(slab)
+        return out
+
+    @property
     def likelihood(self) -> float:
         """Restricted log likelihood, up to a constant."""
-        determinant = 0.0 if self.triangle is None else float(np.log(np.diag(self.triangle)).sum())
+        determinant = sum(float(np.log(np.diag(s[:, s.shape[1] - len(s) :])).sum()) for s in self.slabs)
         return -self.freedom / 2 * float(np.log(self.square)) - determinant
 
     def products(self, linear: LinearModel, columns: Array) -> tuple[Array, Array, Array]:
         """Filtered columns (k, N + ties) themselves, their products with the filtered basis, and with what is left."""
         from scipy.linalg import solve_triangular
 
-        if self.noise is None or self.triangle is None:
+        if self.noise is None:
             return columns, columns @ linear.basis, columns @ linear.residual
         weighed = self.noise.weighed(columns, series_edges(linear.index))
         inner = solve_triangular(self.triangle, (weighed @ linear.basis).T, lower=True).T
@@ -112,7 +126,7 @@ def _filtered(linear: LinearModel) -> list[_Filtered]:
     if known is not None and count == len(lineage.effects):
         return known
     made = list(_made(linear, known or []))
-    kept.keep(lineage, made, sum(f.triangle.nbytes for f in made if f.triangle is not None))
+    kept.keep(lineage, made, sum(f.slabs[-1].nbytes for f in made if f.slabs))
     return made
 
 
@@ -120,25 +134,22 @@ def _made(linear: LinearModel, known: Sequence[_Filtered]) -> Iterator[_Filtered
     """The same, made anew; `known`, where there are any: of a model that has the first columns of the basis."""
     from scipy.linalg import solve_triangular
 
-    yield _Filtered(None, None, np.zeros(0), linear.square, linear.freedom)
+    yield _Filtered(None, (), np.zeros(0), linear.square, linear.freedom)
     edges = series_edges(linear.index)
-    triangles = {f.noise: f.triangle for f in known}
+    smaller = {f.noise: f for f in known}
     longest = np.clip(PART * np.diff(edges).max(), *LONGEST)
     for noise in noises():
         if noise.length > longest or noise.part > LARGEST:
             continue
-        old = triangles.get(noise)
-        rank = 0 if old is None else len(old)
-        further = linear.basis[:, rank:].T
-        weighed = noise.weighed(np.vstack([further, linear.residual]), edges)
+        old = smaller.get(noise)
+        rank = old.rank if old else 0
+        weighed = noise.weighed(np.vstack([linear.basis[:, rank:].T, linear.residual]), edges)
         # what was orthonormal before is nearly so behind the filter: its products are well conditioned
-        inner = weighed[:-1] @ linear.basis
-        triangle = np.zeros((linear.basis.shape[1],) * 2)
-        if old is not None:
-            triangle[:rank, :rank] = old
-            triangle[rank:, :rank] = solve_triangular(old, inner[:, :rank].T, lower=True).T
-        beyond = triangle[rank:, :rank]
-        triangle[rank:, rank:] = np.linalg.cholesky(inner[:, rank:] - beyond @ beyond.T)
-        taken = solve_triangular(triangle, weighed[-1] @ linear.basis, lower=True)
+        slab = weighed[:-1] @ linear.basis
+        if old:
+            slab[:, :rank] = solve_triangular(old.triangle, slab[:, :rank].T, lower=True).T
+        slab[:, rank:] = np.linalg.cholesky(slab[:, rank:] - slab[:, :rank] @ slab[:, :rank].T)
+        made = _Filtered(noise, (*(old.slabs if old else ()), slab), np.zeros(0), 0.0, linear.freedom)
+        taken = solve_triangular(made.triangle, weighed[-1] @ linear.basis, lower=True)
         square = max(float(weighed[-1] @ linear.residual - taken @ taken), EXACT)
-        yield _Filtered(noise, triangle, taken, square, linear.freedom)
+        yield replace(made, taken=taken, square=square)
