@@ -46,6 +46,7 @@ MOST_STEPS = 24
 MOST_TOGETHER = 3
 SHAPES_TRIED = 3.0  # log of the trials factor of one effect's shapes
 SWEEPS = 4  # over all time constants
+SETTLING_ROWS = 2.0  # rows that a time constant of a clock lasts at least
 LIKELY = 12  # proposals that are looked at closely, to be accepted next
 
 Likely = tuple[list[Step], Step] | None
@@ -169,7 +170,7 @@ def add_best(
     if likely is None:
         return None
     steps, best = likely
-    explained = sum(s.delta_chi2 for s in model.steps if not s.effect.random)  # a free curve has no discrepancy
+    explained = _explained(model)
     own, rule = refinement_of(model, best)
     if own is None:  # before a new finding, try it as a refinement of an existing one
         could = [(s, refined(model, s)) for s in steps if s.evidence > NEAR_BEST * best.evidence]
@@ -208,6 +209,17 @@ def add_best(
     beside = None if new.parent is None else model.steps[new.parent].effect
     log.add("cross-validation", word, new.effect, ratio(error, before), 1.0, beside=beside, gain=gain)
     return best_growth if error < before else None
+
+
+def _explained(model: EffectModel) -> float:
+    """Delta chi-squared of all steps but free curves, which have no discrepancy; in the noise that the model leaves.
+
+    Each step's own is in units of what was the noise before it, in which the later ones would be too large.
+    """
+    whole = sum(s.delta_chi2 for s in model.steps)
+    part = sum(s.delta_chi2 for s in model.steps if not s.effect.random)
+    linear = model.linear
+    return part / whole * (model.start.square / linear.square - 1) * linear.freedom if whole > 0 else 0.0
 
 
 def _is_finding(model: EffectModel, best: Step, explained: float, noise_checked: bool, log: DecisionLog) -> bool:
@@ -293,7 +305,9 @@ def refit_time_constants(model: EffectModel) -> EffectModel:
 
             middle = float(np.log(tau or 6 * quickest))  # none at all: from hardly any to the shortest that was tried
             reach = 1.0 if tau else 1.8
-            bounds = (middle - reach, middle + reach)
+            # what settles between two rows is an error of one row
+            least = middle - reach if "time" not in step.effect.drivers else np.log(SETTLING_ROWS * _between(model))
+            bounds = (min(max(middle - reach, least), middle), middle + reach)
             found = minimize_scalar(left, bounds=bounds, method="bounded", options={"maxiter": 12})
             if found.fun < rest.square_with(step.effect) - 1e-9:
                 steps = list(model.steps)
@@ -302,6 +316,12 @@ def refit_time_constants(model: EffectModel) -> EffectModel:
         if model.linear.square > 0.995 * before:
             break
     return model
+
+
+def _between(model: EffectModel) -> float:
+    """Mean time between two rows, s."""
+    scene = model.start.scene
+    return scene.duration / len(scene.columns["time"])
 
 
 def add_second_sensor(model: EffectModel, candidates: Candidates, log: DecisionLog = UNRECORDED) -> EffectModel:
