@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from errormodel.arrays import Array, Index, Mask
 from errormodel.chain import TOOL_CHANNELS, Chain
-from errormodel.channels import POINT_CHANNELS, columns
+from errormodel.channels import POINT_CHANNELS, columns, root
 from errormodel.conventions import MOTIONS
 from errormodel.effects.base import Effect, EffectTerm
 from errormodel.effects.search_space.survey_summary import Scene
@@ -267,15 +267,20 @@ class _Lazy(dict[str, Array]):
 
 
 class _Channels(dict[str, Array]):
-    """Channels over a survey's rows: made when first asked for."""
+    """Channels over a survey's rows: made when first asked for. Derived ones, of which there are many, are not kept."""
 
     def __init__(self, survey: Survey, points: Array) -> None:
         super().__init__(zip(POINT_CHANNELS, points, strict=True))
         self._table = survey.table
 
     def __missing__(self, name: str) -> Array:
-        (self[name],) = columns(self._table, [name])
-        return self[name]
+        side = f"dir_{root(name)}"
+        if name.startswith("play(") and side not in self:  # what every width of it asks for
+            self._table = self._table.assign(**{side: self[side]})
+        (values,) = columns(self._table, [name])
+        if name == root(name):
+            self[name] = values
+        return values
 
 
 def set_up(fit: Fit, most: int = MOST_ROWS) -> LinearModel:
@@ -326,8 +331,9 @@ def set_up(fit: Fit, most: int = MOST_ROWS) -> LinearModel:
     round_off = len(left) * (RESIDUAL_ROUND_OFF_SHARE * chain.size / max(noise, 1e-300)) ** 2
     index = rows[live]
     seen_rows, number = np.unique(index, return_inverse=True)
-    by_row = SurveyRows.of(number, _Lazy(table, seen_rows)) if first is None else None
-    return LinearModel(chain, left, q, arms_of, _Lazy(table, index), index, scene, round_off, first, Lineage(), by_row)
+    own = _Lazy(table, seen_rows)
+    by_row = SurveyRows.of(number, own) if first is None else None
+    return LinearModel(chain, left, q, arms_of, _Lazy(own, number), index, scene, round_off, first, Lineage(), by_row)
 
 
 def _arms(view: PositionView | ReadingView) -> Array:
