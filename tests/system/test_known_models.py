@@ -100,7 +100,7 @@ def test_columns_of_one_lever_are_sums_over_rows(linear: LinearModel, candidates
     by_rows = [b for b in candidates.blocks if b.lever is not None]
     assert sum(len(b.numbers) for b in by_rows) > len(candidates.effects) / 2
     for block in by_rows[::7]:
-        columns = block.observed()
+        columns = block.observed(linear.size)
         scale = np.sqrt(block.square)[:, :, None] * np.linalg.norm(vectors, axis=0)
         np.testing.assert_allclose(
             block.times(vectors) / scale, columns @ vectors[: columns.shape[2]] / scale, atol=1e-6

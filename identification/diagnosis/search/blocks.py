@@ -81,11 +81,14 @@ class Block(NamedTuple):
         square = np.maximum(np.diagonal(whole, axis1=1, axis2=2), NOTHING)
         return plain._replace(gram=whole - inner @ inner.transpose(0, 2, 1), slope=slope, square=square)
 
-    def observed(self) -> Array:
-        """The columns (m, k, N) as they act on the observations."""
+    def observed(self, size: int) -> Array:
+        """The columns (m, k, size) as they act on observations; the ties behind these hold none of them."""
         if self.lever is None:
             return self.columns.astype(float)
-        return np.asarray(self.lever.lever * self.columns[..., self.lever.rows.number])
+        number = self.lever.rows.number
+        out = np.zeros((*self.columns.shape[:2], size))
+        out[..., : len(number)] = self.lever.lever * self.columns[..., number]
+        return out
 
     def parts(self) -> Iterator[Array]:
         """The columns (k, n) of each proposal, in double precision."""
