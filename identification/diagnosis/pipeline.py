@@ -46,7 +46,7 @@ from identification.diagnosis.results.findings import (
     probability_of,
 )
 from identification.diagnosis.results.physical_limits import checked_name
-from identification.diagnosis.results.remainder import checked_remainder
+from identification.diagnosis.results.remainder import checked_remainder, checked_share
 from identification.diagnosis.results.residual_dependence import dependence_of
 from identification.diagnosis.results.statements import (
     brief_of,
@@ -57,6 +57,7 @@ from identification.diagnosis.results.statements import (
     subject,
 )
 from identification.diagnosis.results.verdict import judge
+from identification.diagnosis.results.wandering import wandering_um
 from identification.diagnosis.results.witnesses import WitnessResult, with_witnesses
 from identification.diagnosis.search.instrument_noise import station_notes
 from identification.diagnosis.search.model import EffectModel
@@ -155,7 +156,8 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
     causes = []
     for g in model.findings:
         cause = _finding(g, model, final, found.before, first, found.witnessed.get(g[0].effect, []), log)
-        causes.append(checked_remainder(cause, g[0].effect, dependence, log))
+        cause = checked_share(cause, model, g, log)
+        causes.append(checked_remainder(cause, g[0].effect, dependence, log, wandering_um(final)))
     findings += sorted(causes, key=lambda f: -f.heldout_rms_um.before)
     if bad.any():
         findings.append(_outlier_finding(bad, mended, fit))

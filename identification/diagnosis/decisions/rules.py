@@ -315,6 +315,9 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             NAMES, "probability", "Evidence and prior odds of classes give the probability of each name.",
             _in(_FINDINGS, "TEMPER", "FORM_ODDS", "FLEXIBLE_ODDS", "CHOSEN", "UNKNOWN", "MOST_SURE"),
         ),
+        "share-of-largest": Rule(
+            NAMES, RATIO, "What explains little beside the largest finding may be a part of it.", _in(_FORWARD, "LEAK")
+        ),
         "remainder-of-name": Rule(
             NAMES, RATIO, "An effect has no name if as much is left by the same drivers.", _in(_REFINED, "OWN"),
         ),
@@ -364,6 +367,10 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             VERDICT, "reduced chi-squared",
             "Without repeats, residuals that exceed the declared uncertainty are unexplained.",
             _in("results.pure_error", "MISFIT_P", "MISFIT_RATIO"),
+        ),
+        "serial-correlation": Rule(
+            VERDICT, "um", "Residuals most of which wander along the rows are unexplained.",
+            _in("results.wandering", "MOSTLY", "STEADY_UM"),
         ),
         "dependence-of-residuals": Rule(
             VERDICT, "p-value", "What is left is unexplained if one or two recorded channels predict it.",

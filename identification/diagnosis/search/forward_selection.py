@@ -170,7 +170,7 @@ def add_best(
     if likely is None:
         return None
     steps, best = likely
-    explained = _explained(model)
+    explained = sum(s.delta_chi2 for s in model.steps if not s.effect.random)  # a free curve has no discrepancy
     own, rule = refinement_of(model, best)
     if own is None:  # before a new finding, try it as a refinement of an existing one
         could = [(s, refined(model, s)) for s in steps if s.evidence > NEAR_BEST * best.evidence]
@@ -209,17 +209,6 @@ def add_best(
     beside = None if new.parent is None else model.steps[new.parent].effect
     log.add("cross-validation", word, new.effect, ratio(error, before), 1.0, beside=beside, gain=gain)
     return best_growth if error < before else None
-
-
-def _explained(model: EffectModel) -> float:
-    """Delta chi-squared of all steps but free curves, which have no discrepancy; in the noise that the model leaves.
-
-    Each step's own is in units of what was the noise before it, in which the later ones would be too large.
-    """
-    whole = sum(s.delta_chi2 for s in model.steps)
-    part = sum(s.delta_chi2 for s in model.steps if not s.effect.random)
-    linear = model.linear
-    return part / whole * (model.start.square / linear.square - 1) * linear.freedom if whole > 0 else 0.0
 
 
 def _is_finding(model: EffectModel, best: Step, explained: float, noise_checked: bool, log: DecisionLog) -> bool:
