@@ -115,8 +115,14 @@ class Block(NamedTuple):
 
     def part(self, some: Mask) -> Block:
         """Some of its proposals."""
-        own = (a[some] for a in (self.numbers, self.columns, self.sizes, self.gram, self.slope, self.square))
-        return Block(*own, self.rank, self.exact, self.lever)
+        return self._replace(
+            numbers=self.numbers[some],
+            columns=self.columns[some],
+            sizes=self.sizes[some],
+            gram=self.gram[some],
+            slope=self.slope[some],
+            square=self.square[some],
+        )
 
 
 Kind = tuple[bool, int, str, str]  # random or not, number of parameters, element and motion of a common lever

@@ -117,8 +117,8 @@ class Candidates:
 
     def _scored(self, linear: LinearModel) -> Scores:
         if self.parts:
-            own = [part.scores(linear) for part in self.parts]
-            return Scores(self, *(np.concatenate(a) for a in zip(*(s.values for s in own), strict=True)))
+            of_parts = [part.scores(linear).values for part in self.parts]
+            return Scores(self, *(np.concatenate(values) for values in zip(*of_parts, strict=True)))
         evidence = np.full(len(self.effects), -np.inf)
         delta_chi2 = np.zeros(len(self.effects))
         absorbed = np.ones(len(self.effects))
