@@ -174,6 +174,8 @@ def direction(table: pd.DataFrame, joint: str) -> Array:
     times where a run's rows are not in order). A joint at rest keeps its sign; before its first move it has the sign of
     that move; without any move it has +1. For rows about the joint's own error motions see `passes`.
     """
+    if f"dir_{joint}" in table and not np.isnan(given := table[f"dir_{joint}"].to_numpy(dtype=np.float64)).any():
+        return np.array(given)
     order, moved = _moves(table, joint)
     by_file = moved.groupby(_codes(table, ["file"])[order])
     derived = by_file.ffill().fillna(by_file.bfill()).fillna(1.0)
@@ -186,7 +188,6 @@ def direction(table: pd.DataFrame, joint: str) -> Array:
             rows = own[file[own] == code]
             result[rows] = passes(table[joint].to_numpy(dtype=np.float64)[rows], runs[rows])
     if f"dir_{joint}" in table:
-        given = table[f"dir_{joint}"].to_numpy(dtype=np.float64)
         result = np.where(np.isnan(given), result, given)
     return result
 
@@ -311,7 +312,7 @@ def play(table: pd.DataFrame, name: str, width: float) -> Array:
     low, high = q - width / 2, q + width / 2
     # each row clamps the previous value into [low, high]; clamps compose into clamps, which allows a scan by doubling
     step = 1
-    while step < len(q):
+    while step < len(q) and (low[step:] < high[step:]).any():  # where both are one, nothing before matters any more
         earlier_low, earlier_high = low[:-step], high[:-step]
         new_low = np.clip(earlier_low, low[step:], high[step:])
         new_high = np.clip(earlier_high, low[step:], high[step:])

@@ -49,6 +49,7 @@ def explained(fit: Fit, survey: Survey, changes: Sequence[Effect], progress: Pro
     linear, candidates = _tried(fit, progress, log)
     if (seen := tracker_noise(fit, linear, candidates, survey, log)) is not None:
         survey, fit = seen, fit_machine(fit.chain.machine, seen)
+        del linear, candidates  # of an arm hundreds of megabytes, and as much again is made
         linear, candidates = _tried(fit, progress, log)
     if (known := likelier_sides(survey, linear, log=log)) is not None:
         return explained(fit_machine(fit.chain.machine, known), known, changes, progress, log)
