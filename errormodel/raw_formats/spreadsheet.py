@@ -29,8 +29,8 @@ class Spreadsheet(RawFormat):
 
     @classmethod
     def read(cls, raw: RawFile, asked: Asked) -> Recording:
-        _check_size(raw)
         calamine = optional("python_calamine", raw.name, "a spreadsheet", "save the sheet as CSV")
+        _check_size(raw)
         try:
             book = calamine.CalamineWorkbook.from_filelike(io.BytesIO(raw.data))
             sheets = [(name, book.get_sheet_by_name(name).to_python()) for name in book.sheet_names]
