@@ -9,7 +9,7 @@ import re
 import stat
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -22,11 +22,13 @@ if TYPE_CHECKING:
 LOCK_WAIT_SECONDS = 60.0  # s to wait for another process that holds the lock; by judgement
 LOCK_FILE = ".errormodel.lock"  # name of the lock file, on systems where a folder itself cannot be locked
 UNWRITABLE_CURE = "Give a place that can be written to"  # correction in messages about files that cannot be written
-FORMULA = re.compile(r"\s*'*\s*[=+\-@]")  # what a spreadsheet may run, and what would read back as such
+# what a spreadsheet may run, and what would read back as such; in time that grows with the length, whatever the text
+_FORMULA_START = r"\s*(?:'+\s*)?[=+\-@]"
+FORMULA = re.compile(_FORMULA_START)
 # names that Windows keeps for devices, whatever their suffix; characters that it has no names with
 _DEVICE = re.compile(r"(con|prn|aux|nul|com[0-9¹²³]|lpt[0-9¹²³]|conin\$|conout\$)\s*(\..*)?", re.IGNORECASE)
 _FORBIDDEN = re.compile(r'[<>:"|?*\x00-\x1f]')
-QUOTED_FORMULA = r"^'(?=\s*'*\s*[=+\-@])"  # the apostrophe before it
+QUOTED_FORMULA = rf"^'(?={_FORMULA_START})"  # the apostrophe before it
 
 
 @contextmanager
@@ -97,6 +99,32 @@ def write_parquet(frame: pd.DataFrame, path: Path | str) -> None:
     """Write a table without its index as Parquet; the same table gives the same bytes."""
     with replacing(path) as part:
         frame.to_parquet(part, index=False)
+
+
+def write_parquet_blocks(tables: Iterable[pd.DataFrame], path: Path | str) -> int:
+    """Write tables of the same columns one below the other as Parquet, a block at a time; return the number of rows.
+
+    Raises
+    ------
+    InputError
+        PyArrow is not installed.
+    """
+    from errormodel.extras import optional
+
+    pa = optional("pyarrow", str(path), "a Parquet file to write")
+    parquet = optional("pyarrow.parquet", str(path), "a Parquet file to write")
+    count, writer = 0, None
+    with replacing(path) as part:
+        try:
+            for table in tables:
+                block = pa.Table.from_pandas(table, preserve_index=False).replace_schema_metadata(None)
+                writer = parquet.ParquetWriter(part, block.schema) if writer is None else writer
+                writer.write_table(block)
+                count += len(table)
+        finally:
+            if writer is not None:
+                writer.close()
+    return count
 
 
 def _inert(cell: object) -> object:

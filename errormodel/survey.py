@@ -105,7 +105,7 @@ class Survey:
     @property
     def name(self) -> str:
         """Name of the source without its folder, as results state it."""
-        return _name(self.source)
+        return name_of(self.source)
 
     @property
     def tool(self) -> Array:
@@ -186,7 +186,7 @@ def read_survey(source: Path | str | pd.DataFrame, machine: Machine, measured: b
     for (entry, tables), own, settings in zip(opened, plans, forms, strict=True):
         part = _read_file(entry, tables, own, machine, settings, measured)
         # results state the file as survey.yaml does, or by its name: the same wherever the command is run
-        label = entry.path if document.data else _name(Path(entry.path))
+        label = entry.path if document.data else name_of(Path(entry.path))
         part.frame["file"] = label
         notes |= dict.fromkeys(f"{label}: {note}" for note in part.notes)
         notes |= dict.fromkeys(f"{label}: {note}" for note in check_series(part.frame, machine, label))
@@ -194,7 +194,7 @@ def read_survey(source: Path | str | pd.DataFrame, machine: Machine, measured: b
         parts.append(part)
     if measured and all(entry.role == "test" for entry in form.files):
         raise document.error(("files",), "only test files", "Give at least one file the role fit")
-    table = mended(_assemble(parts, machine), machine)
+    table = mended(assemble(parts, machine), machine)
     check_observations(table, machine, form.observations, measured, str(path))
     table, more = filled(table) if measured else in_step(table, machine)  # states for a prediction have no time series
     notes |= dict.fromkeys(more)
@@ -212,7 +212,8 @@ def read_survey(source: Path | str | pd.DataFrame, machine: Machine, measured: b
     )  # fmt: skip
 
 
-def _name(path: Path) -> str:
+def name_of(path: Path) -> str:
+    """Name of a file or folder, as results state it."""
     return path.name if path.name not in ("", "..") else path.resolve().name
 
 
@@ -281,7 +282,7 @@ def _read_file(
     return Part(frame, parts[0].dated, tuple(notes))
 
 
-def _assemble(parts: list[Part], machine: Machine) -> pd.DataFrame:
+def assemble(parts: list[Part], machine: Machine) -> pd.DataFrame:
     """Table of a :class:`Survey`: all files, with the columns that are always present."""
     epochs = [part.frame["time"].min() for part in parts if part.dated]
     for part in parts:

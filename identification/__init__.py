@@ -2,8 +2,9 @@
 
 Public functions, as on the command line: `import_machine`, `import_survey`, `check`, `template`, `describe`, `plan`,
 `fit`, `diagnose`, `thermal`, `register`, `predict`, `explain`, `monitor`, `compensate`, `controllers`, `export`,
-`machine_formats`, `iso`, `standards`, `fleet`, `load` and `save`. They are imported when they are first asked for, so
-that ``import identification`` costs nothing.
+`machine_formats`, `iso`, `standards`, `fleet`, `load` and `save`; and `fit_stream`, `predict_stream`, `simulate_stream`
+and `average_dwells` for surveys larger than memory. They are imported when they are first asked for, so that
+``import identification`` costs nothing.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from identification.api import (
+        average_dwells,
         check,
         compensate,
         controllers,
@@ -21,6 +23,7 @@ if TYPE_CHECKING:
         explain,
         export,
         fit,
+        fit_stream,
         fleet,
         import_machine,
         import_survey,
@@ -30,14 +33,17 @@ if TYPE_CHECKING:
         monitor,
         plan,
         predict,
+        predict_stream,
         register,
         save,
+        simulate_stream,
         standards,
         template,
         thermal,
     )
 
 __all__ = [
+    "average_dwells",
     "check",
     "compensate",
     "controllers",
@@ -46,6 +52,7 @@ __all__ = [
     "explain",
     "export",
     "fit",
+    "fit_stream",
     "fleet",
     "import_machine",
     "import_survey",
@@ -55,8 +62,10 @@ __all__ = [
     "monitor",
     "plan",
     "predict",
+    "predict_stream",
     "register",
     "save",
+    "simulate_stream",
     "standards",
     "template",
     "thermal",

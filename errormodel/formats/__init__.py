@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -35,11 +36,12 @@ def module_of(suffix: str) -> ModuleType:
 
 
 def open_tables(path: Path, name: str) -> list[Table]:
-    """Open a file, or a folder's files in the order of their names (``part2`` before ``part10``).
+    """Open a file, or the files of a folder or a pattern in the order of their names (``part2`` before ``part10``).
 
     Parameters
     ----------
     path : Path
+        Its name may be a pattern such as ``part*.parquet``.
     name : str
         The path as the user wrote it, for messages.
 
@@ -50,7 +52,10 @@ def open_tables(path: Path, name: str) -> list[Table]:
     """
     try:
         if path.is_dir():
-            return [_open(part, f"{name.rstrip('/')}/{part.name}") for part in _parts(path, name)]
+            return [_open(part, f"{name.rstrip('/')}/{part.name}") for part in _parts(path, name, path.iterdir())]
+        if not path.exists() and re.search(r"[*?\[]", path.name) and any(path.parent.glob(path.name)):
+            parts = _parts(path.parent, name, path.parent.glob(path.name))
+            return [_open(part, (Path(name).parent / part.name).as_posix()) for part in parts]
         if not path.exists():
             beside = [p.name for p in path.parent.glob("*") if p.suffix.lower() in SUFFIXES or p.is_dir()]
             raise InputError(name, "no such file", nearest(path.name, beside[:20]))
@@ -72,9 +77,9 @@ def _open(path: Path, name: str) -> Table:
     return table
 
 
-def _parts(folder: Path, name: str) -> list[Path]:
+def _parts(folder: Path, name: str, files: Iterable[Path]) -> list[Path]:
     noted_folder(folder, SUFFIXES)
-    visible = [p for p in folder.iterdir() if p.is_file() and not p.name.startswith((".", "_"))]
+    visible = [p for p in files if p.is_file() and not p.name.startswith((".", "_"))]
     parts = [p for p in visible if p.suffix.lower() in SUFFIXES]
     if not parts:
         surveys = [p.name for p in visible if p.suffix.lower() in (".yaml", ".yml")]

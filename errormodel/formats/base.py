@@ -12,6 +12,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from errormodel.exceptions import InputError
+
 EMPTY_CELLS = ("", "NaN", "nan", "NAN", "NA", "N/A", "null")  # cells without a value, as most programmes write them
 DASH_CELLS = ("-", "--", "---", "----", "\u2013", "\u2014")  # hyphens and dashes that stand for no value
 # all words for no value, in lower case
@@ -20,6 +22,18 @@ NO_VALUE_WORDS = frozenset(
 )
 _NO_DECIMAL = re.compile(r"[^-+.0-9eE \t]")  # what does not occur in a decimal number
 LISTED_ROWS = 12  # most row numbers in a note; by judgement
+
+
+class RowRanges(ABC):
+    """A table whose rows are counted, and read a range at a time: it may be larger than memory."""
+
+    @abstractmethod
+    def __len__(self) -> int:
+        """Number of data rows."""
+
+    @abstractmethod
+    def rows(self, start: int, stop: int) -> Table:
+        """The data rows from `start` (from 0) to before `stop`; the index of what it reads begins with `start`."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +70,17 @@ class Table(ABC):
         notes : tuple of str
             Remarks on how they were read.
         """
+
+    def in_ranges(self) -> RowRanges:
+        """The table as one whose rows are read a range at a time.
+
+        Raises
+        ------
+        InputError
+            The format has to be read as a whole.
+        """
+        found = f"a file of type '{self.path.suffix}', which is read as a whole"
+        raise InputError(self.name, found, "Write it as Parquet or CSV, or leave out --stream")
 
     def line(self, row: int) -> int | None:
         """Line (from 1) on which the data row `row` (from 0) begins; None in formats without lines."""

@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from errormodel.exceptions import InputError
-from errormodel.formats.base import NO_VALUE_WORDS, Table, as_numbers, decimal_numbers, words_note
+from errormodel.formats.base import NO_VALUE_WORDS, RowRanges, Table, as_numbers, decimal_numbers, words_note
+from errormodel.formats.csv_ranges import PLAIN_CURE, Lines, read_plain
 from errormodel.formats.digit_groups import ungrouped
 
 if TYPE_CHECKING:
@@ -70,6 +71,9 @@ class CsvTable(Table):
         if decimal == ",":
             notes.append("decimal commas")
         return pd.DataFrame(frame), (*notes, *(word for word in words if word))
+
+    def in_ranges(self) -> RowRanges:
+        return CsvRows(self)
 
     def _plain(
         self, numbers: Collection[str], texts: Collection[str], decimal: str
@@ -206,6 +210,61 @@ class CsvTable(Table):
         if self.delimiter == "," and count > len(self.columns):
             cure += "; if commas are decimal signs, separate the columns with semicolons"
         return InputError(f"{self.name}, row {row} (line {line})", found, cure)
+
+
+@dataclass(frozen=True)
+class CsvRange(CsvTable):
+    """A range of the rows of a delimited file: `length` bytes from `offset`."""
+
+    whole: CsvTable
+    start: int
+    offset: int
+    length: int
+
+    def read(self, numbers: Collection[str], texts: Collection[str]) -> tuple[pd.DataFrame, tuple[str, ...]]:
+        import pandas as pd
+
+        notes: tuple[str, ...] = ()
+        frame = read_plain(self._bytes(), self.columns, self.delimiter, numbers, texts)
+        if frame is None:
+            frame, notes = super().read(numbers, texts)
+            odd = next((n for n in notes if n in ("decimal commas", "digits in groups of three")), None)
+            if odd is not None:
+                raise InputError(self.name, odd, PLAIN_CURE)
+        frame.index = pd.RangeIndex(self.start, self.start + len(frame))
+        return frame, notes
+
+    def line(self, row: int) -> int | None:
+        return self.whole.line(row)
+
+    def _bytes(self) -> bytes:
+        with self.path.open("rb") as file:
+            file.seek(self.offset)
+            return file.read(self.length)
+
+    @contextmanager
+    def _rows(self) -> Iterator[Any]:
+        text = self._bytes().decode("utf-8", errors="surrogateescape")
+        yield csv.reader(io.StringIO(text, newline=""), delimiter=self.delimiter)
+
+    def _ragged(self) -> InputError:
+        return self.whole._ragged()
+
+
+class CsvRows(RowRanges):
+    """A delimited file of plain lines whose rows are read a range at a time."""
+
+    def __init__(self, table: CsvTable) -> None:
+        self._table = table
+        self._lines = Lines.of(table.path, table.name, table.skip)
+
+    def __len__(self) -> int:
+        return self._lines.count
+
+    def rows(self, start: int, stop: int) -> Table:
+        t, stop = self._table, min(stop, len(self))
+        offset, end = self._lines.bytes_of(t.path, start, stop)
+        return CsvRange(t.path, t.name, t.columns, t.delimiter, 0, t, start, offset, end - offset)
 
 
 def open_table(path: Path, name: str) -> Table:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from errormodel.formats.base import Table, as_numbers
+from errormodel.formats.base import RowRanges, Table, as_numbers
 
 FRAME_TABLE_NAME = "DataFrame"  # name of the table in messages
 
@@ -33,9 +33,39 @@ class FrameTable(Table):
         order = [*numbers, *texts]
         return pd.DataFrame({name: columns[name] for name in order}), ()
 
+    def in_ranges(self) -> RowRanges:
+        return FrameRows(self)
+
     def _text(self, name: str) -> pd.Series[str]:
         column = self.frame[name].reset_index(drop=True)
         return column.astype("str").mask(column.isna(), "")
+
+
+@dataclass(frozen=True)
+class FrameRange(FrameTable):
+    """A range of the rows of a DataFrame, from the row `start` (from 0) on."""
+
+    start: int = 0
+
+    def read(self, numbers: Collection[str], texts: Collection[str]) -> tuple[pd.DataFrame, tuple[str, ...]]:
+        frame, notes = super().read(numbers, texts)
+        frame.index = pd.RangeIndex(self.start, self.start + len(frame))
+        return frame, notes
+
+
+class FrameRows(RowRanges):
+    """A DataFrame whose rows are read a range at a time."""
+
+    def __init__(self, table: FrameTable) -> None:
+        self._table = table
+        self._frame = table.frame
+
+    def __len__(self) -> int:
+        return len(self._frame)
+
+    def rows(self, start: int, stop: int) -> Table:
+        table = self._table
+        return FrameRange(table.path, table.name, table.columns, self._frame.iloc[start:stop], start)
 
 
 def table_of(frame: pd.DataFrame) -> FrameTable:

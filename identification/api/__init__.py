@@ -9,9 +9,11 @@ from identification.api.fleets import fleet
 from identification.api.models import describe, diagnose, fit, plan, register, thermal
 from identification.api.preparing import check, import_survey, template
 from identification.api.standards import iso, standards
+from identification.api.streams import average_dwells, fit_stream, predict_stream, simulate_stream
 from identification.api.uses import compensate, controllers, explain, load, monitor, predict, save
 
 __all__ = [
+    "average_dwells",
     "check",
     "compensate",
     "controllers",
@@ -20,6 +22,7 @@ __all__ = [
     "explain",
     "export",
     "fit",
+    "fit_stream",
     "fleet",
     "import_machine",
     "import_survey",
@@ -29,8 +32,10 @@ __all__ = [
     "monitor",
     "plan",
     "predict",
+    "predict_stream",
     "register",
     "save",
+    "simulate_stream",
     "standards",
     "template",
     "thermal",

@@ -51,7 +51,7 @@ def predict(fit: AnyFit, points: AnySurvey, *, progress: Progress = silent) -> p
     """
     from identification.results.predictions import predicted
 
-    stored = _stored(fit)
+    stored = stored_of(fit)
     return predicted(stored, survey_of(points, stored.chain.machine, measured=False), progress)
 
 
@@ -297,5 +297,6 @@ def load(folder: str | Path) -> SavedFit:
     return SavedFit.of(Path(folder))
 
 
-def _stored(fit: AnyFit) -> StoredFit:
+def stored_of(fit: AnyFit) -> StoredFit:
+    """What prediction needs of a fit, or of the folder of one."""
     return load(fit).stored if isinstance(fit, str | Path) else fit.stored

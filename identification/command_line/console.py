@@ -24,10 +24,12 @@ from identification.results.terminal import one_line
 
 if TYPE_CHECKING:
     from errormodel import Machine
+    from identification.results.fit_result import FitResult
 
 FOLDER = click.Path(path_type=Path, file_okay=False)  # to read
 FILE = click.Path(path_type=Path, dir_okay=False)
 ANY = click.Path(path_type=Path)
+LARGEST_NOISE_MM = 1e4  # of a simulated recording: beyond the size of machines
 DRAWINGS = (".svg", ".png", ".pdf")  # types of a figure
 
 
@@ -59,6 +61,20 @@ OUT_FLEET = _Out(partial(ResultsFolder, holds="fleet"), file_okay=False)
 
 class MannerOption(click.Option):
     """An option that says how a result is reached, and does not change it: no manifest has it."""
+
+
+def crew_options(function: Callable[..., None], what: str = "Processes. [default: one a core]") -> Callable[..., None]:
+    """The options that say who works: --engine, --scheduler, --workers."""
+    engine = click.option(
+        "--engine", cls=MannerOption, type=click.Choice(["local", "dask"]), default="local", show_default=True,
+        help="Processes of this computer, or Dask distributed.",
+    )  # fmt: skip
+    scheduler = click.option(
+        "--scheduler", cls=MannerOption, metavar="ADDRESS",
+        help="With dask: its scheduler. [default: a cluster on this computer]",
+    )  # fmt: skip
+    workers = click.option("--workers", cls=MannerOption, type=click.IntRange(1), help=what)
+    return engine(scheduler(workers(function)))
 
 
 class Group(click.Group):
@@ -215,3 +231,29 @@ def read_model(machine: str) -> Machine:
     model = read_machine(machine)
     show_notes(model.doubts)
     return model
+
+
+def save(result: FitResult, out: ResultsFolder) -> None:
+    """Write a result with its report, and print it."""
+    result.save(out, report=True, progress=working)
+    show_notes(out.notes)
+    say(result.summary())
+    say(f"\nReport: {out.path / 'report.html'}")
+
+
+def count_of(text: str, most: int) -> int:
+    """A number of random poses; InputError beyond `most`."""
+    if not 0 < int(text[:12]) == float(text) <= most:
+        raise InputError("POINTS", f"{text} random poses", f"Write a number from 1 to {most}, or name a survey")
+    return int(text)
+
+
+def noise_of(text: str) -> float:
+    """A standard deviation of simulated noise, mm; InputError where it is none."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 0 <= value <= LARGEST_NOISE_MM:
+        raise InputError("--noise", f"'{text}'", "Write a standard deviation in mm (0.005), or instrument")
+    return value

@@ -9,9 +9,9 @@ import click
 
 from identification.command_line.console import (
     OUT_FLEET,
-    MannerOption,
     command,
     counting,
+    crew_options,
     say,
     show_notes,
     working,
@@ -33,17 +33,7 @@ FAILED = 1  # exit code: all results are written, and not all surveys are among 
 @click.option("--rate", type=float, default=0.01, show_default=True, help="Share of false ones among machines found.")
 @click.option("--standard", default="all", show_default=True, help="With iso: which standards.")
 @click.option("--reports", is_flag=True, help="Write the report of each part, too.")
-@click.option(
-    "--engine", cls=MannerOption, type=click.Choice(["local", "dask"]), default="local", show_default=True,
-    help="Processes of this computer, or Dask distributed.",
-)  # fmt: skip
-@click.option(
-    "--scheduler",
-    cls=MannerOption,
-    metavar="ADDRESS",
-    help="With dask: its scheduler. [default: a cluster on this computer]",
-)
-@click.option("--workers", cls=MannerOption, type=click.IntRange(1), help="Processes. [default: one a core]")
+@crew_options
 def fleet(
     listing: str,
     name: Literal["fit", "diagnose", "monitor", "iso"],

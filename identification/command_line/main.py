@@ -6,6 +6,7 @@ import io
 import os
 import sys
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -21,8 +22,12 @@ from identification.command_line.console import (
     OUT_FOLDER,
     app,
     command,
+    count_of,
     counting,
+    crew_options,
+    noise_of,
     read_model,
+    save,
     say,
     show_notes,
     working,
@@ -31,7 +36,6 @@ from identification.results.terminal import one_line
 
 if TYPE_CHECKING:
     from errormodel import Survey
-    from identification.results.fit_result import FitResult
     from identification.results.output_file import OutputFile
     from identification.results.results_folder import ResultsFolder
 
@@ -44,7 +48,6 @@ NO_MEMORY = (
 NO_MEMORY_WORDS = ("failed to map segment", "annot allocate memory", "can't start new thread")
 MOST_POSES = 10_000_000  # simulated in one go
 MOST_PLANNED = 2000
-LARGEST_NOISE_MM = 1e4  # of a simulated recording: beyond the size of machines
 
 
 @command
@@ -140,26 +143,30 @@ def plan(
     "--noise", default="0", help="Standard deviation in mm, or 'instrument': that of the survey's instrument."
 )
 @click.option("--out", type=OUT_FILE, required=True, help="CSV to write.")
-def simulate(machine: str, points: str, parameters: Path | None, noise: str, out: OutputFile, seed: int) -> None:
+@click.option(
+    "--stream", is_flag=True, help="A block of rows at a time, as Parquet: for more rows than fit the memory."
+)
+def simulate(
+    machine: str, points: str, parameters: Path | None, noise: str, out: OutputFile, stream: bool, seed: int
+) -> None:
     """Simulate what would be measured at POINTS (a survey's commands, or a number of random poses)."""
     from errormodel import read_survey
     from errormodel import simulate as simulated
 
     model = read_model(machine)
+    if stream:
+        from identification.command_line.streams import simulate_stream
+
+        return simulate_stream(model, points, parameters, noise, out, seed)
     survey = None
     if not points.isdecimal():
         survey = read_survey(Path(points), model, measured=False)
         show_notes(survey.notes)
-    given = _count(points) if survey is None else survey
+    given = count_of(points, MOST_POSES) if survey is None else survey
     result = simulated(model, given, parameters, noise=_noise(noise, survey), seed=seed)
     out.write_csv(result)
     say(f"{len(result)} points written to {out}")
-
-
-def _count(text: str) -> int:
-    if not 0 < int(text[:9]) == float(text) <= MOST_POSES:
-        raise InputError("POINTS", f"{text} random poses", f"Write a number from 1 to {MOST_POSES}, or name a survey")
-    return int(text)
+    return None
 
 
 def _noise(text: str, survey: Survey | None) -> float | Literal["instrument"]:
@@ -167,13 +174,7 @@ def _noise(text: str, survey: Survey | None) -> float | Literal["instrument"]:
         if survey is None or (survey.instrument.type == "plain" and not survey.observations):
             raise InputError("--noise instrument", "the survey names no instrument", "Add `instrument:` to survey.yaml")
         return "instrument"
-    try:
-        value = float(text)
-    except ValueError:
-        value = -1.0
-    if not 0 <= value <= LARGEST_NOISE_MM:
-        raise InputError("--noise", f"'{text}'", "Write a standard deviation in mm (0.005), or instrument")
-    return value
+    return noise_of(text)
 
 
 @command
@@ -183,17 +184,38 @@ def _noise(text: str, survey: Survey | None) -> float | Literal["instrument"]:
 @click.option("--robust", is_flag=True, help="Weigh rows by how far they lie from the others; outliers are named.")
 @click.option("--bayes", is_flag=True, help="The posterior: unknown noise, shapes of effects, with --robust outliers.")
 @click.option("--priors", type=FILE, help="YAML: what is known beforehand: bounds; with --bayes priors too.")
+@click.option(
+    "--stream", is_flag=True, help="In one pass, a block of rows at a time: for more rows than fit the memory."
+)
+@click.option("--residuals", is_flag=True, help="With --stream: residuals.parquet of all rows, in a further pass.")
+@click.option("--dwells", is_flag=True, help="Find the dwells of a continuous log, and fit the mean of each.")
+@partial(crew_options, what="Processes of --stream and --dwells. [default: 1]")
 def fit(
-    machine: str, survey: Path, out: ResultsFolder, robust: bool, bayes: bool, priors: Path | None, seed: int
+    machine: str,
+    survey: Path,
+    out: ResultsFolder,
+    robust: bool,
+    bayes: bool,
+    priors: Path | None,
+    stream: bool,
+    residuals: bool,
+    dwells: bool,
+    engine: Literal["local", "dask"],
+    scheduler: str | None,
+    workers: int | None,
+    seed: int,
 ) -> None:
     """Fit the machine's parameters to a SURVEY: values, uncertainties, residuals, a report."""
-    from errormodel import read_survey
     from identification import api
+    from identification.command_line import streams
     from identification.results.folder_contents import CHAIN
 
     model = read_model(machine)
-    with working("Reading"):
-        data = read_survey(survey, model)
+    streams.check(stream, residuals, dwells, robust, bayes, engine, workers)
+    crew = {"engine": engine, "scheduler": scheduler, "workers": workers}
+    if stream:
+        return streams.fit_stream(model, survey, out, priors, residuals, crew)
+    data = streams.read(model, survey, dwells, crew)
     show_notes(data.notes)
     result = api.fit(
         model, data, robust=robust, bayes=bayes, priors=priors, seed=seed, checkpoint=out.workspace(CHAIN),
@@ -203,18 +225,8 @@ def fit(
         say(result.fit.posterior.statement)
         show_notes(result.fit.posterior.notes)
     show_notes(tuple(n for n in result.notes if n not in data.notes))
-    _save(result, out)
-    _say(result, out)
-
-
-def _save(result: FitResult, out: ResultsFolder) -> None:
-    result.save(out, report=True, progress=working)
-    show_notes(out.notes)
-
-
-def _say(result: FitResult, out: ResultsFolder) -> None:
-    say(result.summary())
-    say(f"\nReport: {out.path / 'report.html'}")
+    save(result, out)
+    return None
 
 
 @command
@@ -234,18 +246,25 @@ def diagnose(machine: str, survey: Path, out: ResultsFolder) -> None:
     show_notes(data.notes)
     result = api.diagnose(model, data, progress=working)
     show_notes(tuple(n for n in result.notes if n not in data.notes))
-    _save(result, out)
-    _say(result, out)
+    save(result, out)
 
 
 @command
 @click.argument("folder", type=FOLDER)
 @click.argument("points", type=ANY)
 @click.option("--out", type=OUT_FILE, required=True, help="CSV to write.")
-def predict(folder: Path, points: Path, out: OutputFile) -> None:
+@click.option(
+    "--stream", is_flag=True, help="A block of rows at a time, as Parquet: for more rows than fit the memory."
+)
+def predict(folder: Path, points: Path, out: OutputFile, stream: bool) -> None:
     """Predict at POINTS from the FOLDER of a fit: position, volumetric error, standard uncertainty."""
     from errormodel import read_survey
     from identification import api
+
+    if stream:
+        from identification.command_line.streams import predict_stream
+
+        return predict_stream(folder, points, out)
 
     saved = api.load(folder)
     commands = read_survey(points, saved.machine, measured=False)
@@ -253,6 +272,7 @@ def predict(folder: Path, points: Path, out: OutputFile) -> None:
     table = api.predict(saved, commands, progress=working)
     out.write_csv(table)
     say(f"{len(table)} predictions written to {out}")
+    return None
 
 
 # Importing these registers their commands, after the others.

@@ -124,7 +124,11 @@ def _fit(
     if judged is not None:
         sorting = sort_rows(rows, problem.views, judged, residuals, nominal_residuals)
         residuals, nominal_residuals, heldout = map(sorting.without, (residuals, nominal_residuals, heldout))
-    notes = (*_notes(survey, solution, noise, max(map(len, problem.views))), *dropped, *rotation_notes(problem.frames))
+    notes = (
+        *fit_notes(survey, solution, noise, max(map(len, problem.views))),
+        *dropped,
+        *rotation_notes(problem.frames),
+    )
     nominal = Spread.of(nominal_residuals)
     if another(chain, nominal):
         notes = (*notes, far_off(nominal))
@@ -132,7 +136,7 @@ def _fit(
     fit = Fit(
         chain, rows, problem, solution, nominal, Spread.of(residuals), Spread.of(heldout), folds,
         residuals, nominal_residuals, heldout, notes=notes, sorting=sorting, at_bound=at_bound,
-        counted=weighted.views, motions=motions, readings=readings,
+        counted=weighted.views, motions=motions, readings=readings, serial=noise,
     )  # fmt: skip
     tests, more = [], []
     for test in survey.test:
@@ -284,7 +288,7 @@ def placed(problem: Problem, poses: dict[str, Pose]) -> Problem:
     return replace(problem, views=tuple(views))
 
 
-def _notes(survey: Survey, solution: Solution, noise: Noise | None, longest: int) -> tuple[str, ...]:
+def fit_notes(survey: Survey, solution: Solution, noise: Noise | None, longest: int) -> tuple[str, ...]:
     """Notes for the user on correlated noise, divergence and convergence."""
     notes = list(survey.notes)
     if noise is not None:

@@ -108,7 +108,7 @@ def solve(
     """
     with threadpool_limits(1, "blas"):  # blocks are small: one thread is fastest
         beforehand = known_beforehand(chain, unknowns, effect_sizes)
-        return _Solver(chain, views, tuple(unknowns), held, declared, exact, levels, beforehand).run()
+        return Solver(chain, views, tuple(unknowns), held, declared, exact, levels, beforehand).run()
 
 
 def identifiable(
@@ -137,7 +137,7 @@ def observed(
     return factor, unknowns, np.sqrt(square)
 
 
-class _Solver:
+class Solver:
     """State of one least-squares solution; the parameters are those of `solve`."""
 
     def __init__(
@@ -162,6 +162,7 @@ class _Solver:
         self.known = declared if levels is None else frozenset(levels)
         self.precision = beforehand
         self.relinearised = False
+        self.each = 1.0  # rows of the survey for each row of the views, where these are a sample
 
     def run(self) -> Solution:
         start = self.pass_(np.zeros(len(self.unknowns)), None, gram=True)
@@ -255,7 +256,7 @@ class _Solver:
         if not views:
             return Floors()
         # standard uncertainty, mm, of a common shift of all rows
-        shift = float(sum(weight_of(v) / self.sigma[v.kind] ** 2 for v in views)) ** -0.5
+        shift = float(self.each * sum(weight_of(v) / self.sigma[v.kind] ** 2 for v in views)) ** -0.5
         return Floors(direction=shift / (0.1 * self.chain.size), lever=min(1e-3, shift))
 
     def of_its_size(self, full: Array) -> Array:
@@ -270,7 +271,7 @@ class _Solver:
     def round_off(self) -> float:
         """Whitened length of a step that moves the measured points by 1e-13 of the machine's size."""
         weight = sum(float(np.square(v.whitener).sum()) / self.sigma[v.kind] ** 2 for v in self.views)
-        return float(1e-13 * self.chain.size * np.sqrt(weight))
+        return float(1e-13 * self.chain.size * np.sqrt(self.each * weight))
 
     def iterate(self, groups: Groups, sums: dict[Kind, Sums]) -> tuple[Array, dict[Kind, Sums], int, bool]:
         base = groups.base

@@ -135,8 +135,12 @@ def _uneven(residual: Array) -> bool:
     return False
 
 
-def correlated(problem: Problem, solution: Solution) -> tuple[Solution, Noise | None]:
+def correlated(problem: Problem, solution: Solution, rows: int = 0) -> tuple[Solution, Noise | None]:
     """The solution with its covariance corrected for serial correlation of the residuals, and the noise model.
+
+    Parameters
+    ----------
+    rows : measured rows that the solution is from, where the views hold the middle of them only; 0: those of the views.
 
     Returns
     -------
@@ -146,10 +150,11 @@ def correlated(problem: Problem, solution: Solution) -> tuple[Solution, Noise | 
     """
     views = [v for v in problem.views if isinstance(v, PositionView)]
     base, place = solution.groups.base, problem.place()
-    rows = sum(len(v) for v in views)
+    here = sum(len(v) for v in views)
+    rows = max(rows, here)
     if rows < FEWEST_NOISE_ROWS or not len(base) or is_round_off(problem.chain, solution.sigma["position"]):
         return solution, None
-    share = min(1.0, MOST_NOISE_ROWS / rows)
+    share = min(1.0, MOST_NOISE_ROWS / here)
     level, zero = solution.sigma["position"], np.zeros(len(problem.chain.ids))
     parts, residuals, edges = [], [], [0]
     for whole in views:
@@ -170,6 +175,6 @@ def correlated(problem: Problem, solution: Solution) -> tuple[Solution, Noise | 
     noise, variance = likeliest(residual, design[free] / norms[free, None], np.array(edges))
     if noise is None:
         return solution, None
-    extra = (variance * design @ noise.spread(design, np.array(edges)).T - design @ design.T) / share
+    extra = (variance * design @ noise.spread(design, np.array(edges)).T - design @ design.T) / (share * here / rows)
     covariance = solution.covariance + solution.covariance @ extra @ solution.covariance
     return replace(solution, covariance=(covariance + covariance.T) / 2), noise

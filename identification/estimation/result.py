@@ -17,6 +17,7 @@ from errormodel.survey import Survey
 from identification.estimation.bounded import AtBound
 from identification.estimation.least_squares import Solution
 from identification.estimation.motions import Motions
+from identification.estimation.noise import Noise
 from identification.estimation.outliers import Outlier, Sorting
 from identification.estimation.readings import Readings
 from identification.observation.assembly import Problem
@@ -25,6 +26,8 @@ from identification.observation.normal_equations import view_vector
 from identification.observation.pose import Pose
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from identification.bayes.posterior import Posterior
 
 
@@ -64,6 +67,33 @@ class TestFile:
 
 
 @dataclass(frozen=True)
+class Streamed:
+    """What a fit of rows that were streamed keeps of them.
+
+    Attributes
+    ----------
+    rows : rows of the survey, measured or not, and by `files`.
+    ranges : lowest and highest value of each recorded channel, a table of two rows, mm and rad.
+    passes : times that all rows were read.
+    moved_mm : rms distance by which the last step of the parameters moves the measured points: mean and largest
+        residuals are those before it.
+    reading, computing, seconds : time, s, that all workers together spent on reading and on sums, and that passed.
+    steps : for each block of rows that is left out together its first row, and the fit without it less the fit.
+    """
+
+    rows: int
+    files: Mapping[str, int]
+    ranges: pd.DataFrame
+    passes: int
+    moved_mm: float
+    reading: float
+    computing: float
+    seconds: float
+    edges: tuple[int, ...]
+    steps: Array
+
+
+@dataclass(frozen=True)
 class Fit:
     """A fitted machine: plain values. What is derived from them is in `identification.results.analysis`."""
 
@@ -86,6 +116,18 @@ class Fit:
     sorting: Sorting | None = None
     at_bound: tuple[AtBound, ...] = ()
     counted: tuple[View, ...] = ()
+    serial: Noise | None = None  # serial correlation of the residuals
+    streamed: Streamed | None = None  # the survey and its residuals are then those of a sample of the rows
+
+    @property
+    def rows(self) -> int:
+        """Number of rows that were fitted."""
+        return len(self.survey) if self.streamed is None else self.streamed.rows
+
+    @property
+    def span(self) -> pd.DataFrame:
+        """Recorded channels, mm and rad, of all rows, or of their lowest and highest values."""
+        return self.survey.table if self.streamed is None else self.streamed.ranges
 
     @property
     def outliers(self) -> tuple[Outlier, ...]:

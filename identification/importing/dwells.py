@@ -6,6 +6,7 @@ groups, the threshold between them is Otsu's. A list of single points has one gr
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,7 +59,7 @@ def find_dwells(points: Array) -> Dwells | None:
     found = _still(seen)
     if found is None:
         return None
-    parts = [_settled(seen, a, b) for a, b in _stretches(seen, *found)]
+    parts = [settled(seen, a, b) for a, b in stretches_of(seen, *found)]
     parts = [(a, b) for a, b in parts if b - a + 1 >= LEAST]
     if not parts:
         return None
@@ -67,45 +68,67 @@ def find_dwells(points: Array) -> Dwells | None:
     moving = len(seen) - int(sizes.sum())
     if float(np.median(sizes)) < MANY and moving <= len(parts):
         return None  # a few readings of each of several points, and nothing between them
+    if float(np.median([_spread(seen[a : b + 1]) for a, b in parts])) > LARGEST_SCATTER:
+        return None  # steps between points beside longer ones, such as from one station to the next
     first = rows[np.array([a for a, _ in parts])][kept]
     last = rows[np.array([b for _, b in parts])][kept]
     return Dwells(first, last, moving, int((~kept).sum()))
 
 
+def _spread(points: Array) -> float:
+    """Median distance of some readings from their middle, mm."""
+    return float(np.median(np.linalg.norm(points - np.median(points, axis=0), axis=1)))
+
+
 def _still(points: Array) -> tuple[Mask, float] | None:
     """Readings at rest, (n,), and the largest step of one (mm); None where there are no two groups of displacements."""
-    best: tuple[float, int, float] | None = None
-    for lag in LAGS:
-        if len(points) < 4 * lag:
-            continue
-        size = np.log10(np.maximum(np.linalg.norm(points[lag:] - points[:-lag], axis=1), TINY))
-        threshold, apart = _otsu(size)
-        if apart > APART and (best is None or apart > best[0] + 0.3):
-            best = apart, lag, threshold
-    if best is None:
+    scale = scale_of([points])
+    if scale is None:
         step = float(np.median(np.linalg.norm(np.diff(points, axis=0), axis=1)))
         reach = float(np.linalg.norm(points - np.median(points, axis=0), axis=1).max())
         one = reach < min(ONE_PLACE * max(step, TINY), LARGEST_SCATTER)
         return (np.ones(len(points), dtype=bool), np.inf) if one else None
-    _, lag, threshold = best
-    near = np.linalg.norm(points[lag:] - points[:-lag], axis=1) < 10**threshold
+    return at_rest(points, scale), scale.step
+
+
+@dataclass(frozen=True)
+class Scale:
+    """What tells noise from motion: displacements over `lag` readings that are below `step` (mm) are noise."""
+
+    lag: int
+    step: float
+
+
+def scale_of(stretches: Sequence[Array]) -> Scale | None:
+    """From stretches (n, 3) of a recording, mm; None where there are no two groups of displacements."""
+    best: tuple[float, Scale] | None = None
+    for lag in LAGS:
+        long = [points for points in stretches if len(points) >= 4 * lag]
+        if not long:
+            continue
+        moved = np.concatenate([np.linalg.norm(points[lag:] - points[:-lag], axis=1) for points in long])
+        threshold, apart = _otsu(np.log10(np.maximum(moved, TINY)))
+        if apart > APART and (best is None or apart > best[0] + 0.3):
+            best = apart, Scale(lag, 10**threshold)
+    return None if best is None else best[1]
+
+
+def at_rest(points: Array, scale: Scale) -> Mask:
+    """Readings at rest, (n,): those of a stretch whose ends are near each other."""
+    near = np.linalg.norm(points[scale.lag :] - points[: -scale.lag], axis=1) < scale.step
     still = np.zeros(len(points), dtype=bool)
-    for shift in range(lag + 1):  # a stretch whose ends are near each other is at rest
+    for shift in range(scale.lag + 1):
         still[shift : shift + len(near)] |= near
-    return still, 10**threshold
+    return still
 
 
-def _stretches(points: Array, still: Mask, threshold: float) -> list[tuple[int, int]]:
+def stretches_of(points: Array, still: Mask, threshold: float) -> list[tuple[int, int]]:
     """First and last reading of each stretch at rest; a jump between two places ends one and begins another."""
     jump = np.linalg.norm(np.diff(points, axis=0), axis=1) > threshold
-    out: list[tuple[int, int]] = []
-    begin = 0
-    for k in range(1, len(points) + 1):
-        if k == len(points) or not still[k] or jump[k - 1] or not still[begin]:
-            if still[begin]:
-                out.append((begin, k - 1))
-            begin = k
-    return out
+    joined = still[1:] & still[:-1] & ~jump  # a reading goes on with the stretch of the one before
+    first = np.flatnonzero(still & np.append(True, ~joined))
+    last = np.flatnonzero(still & np.append(~joined, True))
+    return list(zip(first.tolist(), last.tolist(), strict=True))
 
 
 def _otsu(values: Array) -> tuple[float, float]:
@@ -120,7 +143,7 @@ def _otsu(values: Array) -> tuple[float, float]:
     return float((ordered[at] + ordered[at + 1]) / 2), float(high[at] - low[at])
 
 
-def _settled(points: Array, first: int, last: int) -> tuple[int, int]:
+def settled(points: Array, first: int, last: int) -> tuple[int, int]:
     """A stretch without readings at its ends that lie outside the scatter of its middle."""
     part = points[first : last + 1]
     if len(part) < LEAST:

@@ -6,7 +6,7 @@ a measured value are left out. Units: mm and rad.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -101,6 +101,7 @@ def build(
     held: Array | None = None,
     ids: Sequence[str] | None = None,
     mount: Array | None = None,
+    poses: Mapping[str, Pose] | None = None,
 ) -> Problem:
     """The estimation problem of a survey.
 
@@ -110,6 +111,7 @@ def build(
         points instead of the nominal ones.
     ids : parameters that are unknown besides the frames'; None: those of the machine.
     mount : (3, 3) known orientation of a 6-D target in the last frame; None: estimated from the rows.
+    poses : known poses of the measuring frames by label; None: found from the rows.
 
     Raises
     ------
@@ -139,7 +141,10 @@ def build(
             continue
         rows = as_rows(*(c[index] for c in channels))
         pose = IDENTITY
-        if survey.frame != "fixed":
+        if survey.frame != "fixed" and poses is not None:
+            frames[label] = pose = poses[label]
+            free += frame_columns(chain, label)
+        elif survey.frame != "fixed":
             nominal = chain.kernel(exact, (), fixed, (0, 1, 2))(rows, p)
             pose = align(
                 nominal.T, survey.measured[index], _row_weights(survey, index),

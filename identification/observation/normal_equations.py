@@ -117,7 +117,8 @@ class _Task:
         kernel = self.view.design(linearised=self.at is not None)
         selectors = selectors_of(kernel, len(self.view.outputs), self.columns)
         components, columns = len(selectors), len(self.columns)
-        alike = self.view.whitener.ndim == 1 and kernel.n_functions**2 < 2 * components * columns**2
+        few = not self.gram or kernel.n_functions**2 < 2 * components * columns**2
+        alike = self.view.whitener.ndim == 1 and few
         return self._alike(kernel, selectors) if alike else self._directed(kernel, selectors)
 
     def _blocks(self, kernel: Kernel, selectors: list[Selector]) -> Iterator[tuple[slice, Array, Array]]:

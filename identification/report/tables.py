@@ -266,7 +266,7 @@ def inputs(fit: Fit) -> list[tuple[str, str]]:
     machine = fit.chain.machine
     rows = [("Machine", file_name(machine.source) if machine.source else machine.name)]
     rows.append(("Survey", fit.survey.name))
-    counts = fit.survey.table["file"].value_counts(sort=False)
+    counts = fit.survey.table["file"].value_counts(sort=False) if fit.streamed is None else fit.streamed.files
     rows += [("Fitted file", f"{file}, {n} rows") for file, n in counts.items()]
     rows += [("Test file", f"{test.path}, {len(test.survey)} rows") for test in fit.tests]
     instrument = fit.survey.instrument.type

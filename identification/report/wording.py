@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from identification.estimation.result import Fit
+from identification.estimation.result import Fit, Spread
 from identification.results.analysis import Analysis
 from identification.results.correlations import correlation
 
@@ -45,6 +45,12 @@ def file_name(path: Path | str) -> str:
     return Path(path).name
 
 
+def _mean(spread: Spread) -> str:
+    """Mean size, or the root mean square where only that is known."""
+    known = np.isfinite(spread.mean_um)
+    return f"{short(spread.mean_um)} µm" if known else f"{short(spread.rms_um)} µm rms"
+
+
 def headline(fit: Fit) -> str:
     """Result of the fit in one line."""
     if not fit.fitted.n and fit.motions is not None:
@@ -67,7 +73,7 @@ def headline(fit: Fit) -> str:
         return f"Readings fitted: {'; '.join(shown)}{more}."
     return (
         f"Geometry fitted: mean error {short(fit.nominal.mean_um)} → {short(fit.fitted.mean_um)} µm; "
-        f"held-out {short(fit.heldout.mean_um)} µm."
+        f"held-out {_mean(fit.heldout)}."
     )
 
 

@@ -199,7 +199,7 @@ class FitResult:
 
     def __repr__(self) -> str:
         groups = self.fit.solution.groups.rank
-        return f"<{type(self).__name__}: {self.machine.name}, {len(self.fit.survey)} rows, {groups} groups>"
+        return f"<{type(self).__name__}: {self.machine.name}, {self.fit.rows} rows, {groups} groups>"
 
     def _repr_html_(self) -> str:
         from html import escape

@@ -20,7 +20,7 @@ from errormodel.surveys.columns import OBSERVATION
 from errormodel.surveys.observations import observed
 from identification.estimation.fit import moved
 from identification.estimation.motions import Motions
-from identification.estimation.result import Fit
+from identification.estimation.result import Fit, Streamed
 from identification.observation.pose import Pose
 from identification.results.analysis import Analysis
 from identification.results.correlations import correlations
@@ -56,7 +56,7 @@ def as_json(analysis: Analysis) -> dict[str, Any]:
         "n_parameters": len(fit.chain.machine_ids),
         "rank": s.groups.rank,
         "condition": s.groups.condition,
-        "covered": covered(fit.chain, fit.survey.table),
+        "covered": covered(fit.chain, fit.span),
         "frame_mode": fit.survey.frame,
         "frame": [
             {
@@ -90,6 +90,7 @@ def as_json(analysis: Analysis) -> dict[str, Any]:
         "inflation": fit.inflation,
         "passes": s.passes,
         "converged": s.converged,
+        "streamed": None if fit.streamed is None else _streamed_json(fit.streamed, len(fit.survey)),
         "budget": analysis.budgets.as_json(),
         "posterior": fit.posterior.as_json() if fit.posterior else None,
         "notes": list(fit.notes),
@@ -100,6 +101,12 @@ def as_json(analysis: Analysis) -> dict[str, Any]:
         "correlations": correlations(fit),
         "next_poses": [] if gain.poses is None else gain.poses.to_dict("records"),
     }
+
+
+def _streamed_json(streamed: Streamed, sample: int) -> dict[str, Any]:
+    """What `fit --stream` says of its rows; no times, since the same input gives the same bytes."""
+    kept = {"rows": streamed.rows, "sample": sample, "passes": streamed.passes, "files": dict(streamed.files)}
+    return kept | {"last_step_um": 1e3 * streamed.moved_mm}
 
 
 def save(fit: Fit, folder: Path) -> None:

@@ -59,7 +59,7 @@ def stored(fit: Fit, groups: Sequence[Mapping[str, Any]]) -> StoredFit:
         frame_mode=fit.survey.frame,
         frames=fit.problem.frames,
         test_frames={t.path: t.frames for t in fit.tests},
-        data={"covered": covered(fit.chain, fit.survey.table)},
+        data={"covered": covered(fit.chain, fit.span)},
         set_ups={v.id: v.value for v in set_ups(fit)},
         free_reference=bool(fit.problem.readings) and not fit.problem.frames and fit.survey.frame != "fixed",
     )

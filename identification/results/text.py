@@ -69,7 +69,7 @@ def description_lines(description: Description) -> Iterator[str]:
 def fit_lines(analysis: Analysis) -> Iterator[str]:
     """Residuals before and after, noise, and the groups that stand out."""
     fit = analysis.fit
-    yield f"{fit.chain.machine.name}: {len(fit.survey)} rows, {fit.solution.groups.rank} identifiable groups"
+    yield f"{fit.chain.machine.name}: {fit.rows} rows, {fit.solution.groups.rank} identifiable groups"
     if fit.fitted.n:
         yield from _spread_lines(fit)
     if fit.motions:
@@ -116,7 +116,11 @@ def _spread_lines(fit: Fit) -> Iterator[str]:
     for test in fit.tests:
         rows += [(f"{test.path}: nominal", test.nominal), (f"{test.path}: predicted", test.fitted)]
     cells = [
-        [name, *(f"{v:.2f}" for v in (spread.rms_um, spread.mean_um, spread.max_um)), str(spread.n)]
+        [
+            name,
+            *(f"{v:.2f}" if np.isfinite(v) else "-" for v in (spread.rms_um, spread.mean_um, spread.max_um)),
+            str(spread.n),
+        ]
         for name, spread in rows
     ]
     yield from table_lines([["um", "rms", "mean", "max", "n"], *cells], "<>>>>", least=7)

@@ -45,7 +45,7 @@ def gain_of(fit: Fit) -> Gain:
     """Predicted standard uncertainties of a fit after ten more poses with the same noise."""
     s = fit.solution
     known = s.precision[s.groups.base]
-    rows = int(np.isfinite(fit.residuals).any(axis=1).sum()) or len(fit.survey)
+    rows = fit.fitted.n or len(fit.survey)
     information = np.linalg.inv(_unit(s.covariance)) - np.diag(known * np.diag(s.covariance))
     std = np.sqrt(np.diag(s.covariance)) * fit.inflation
     more = np.linalg.inv(information * (1 + FURTHER_POSES / rows) + np.diag(known * np.diag(s.covariance)))

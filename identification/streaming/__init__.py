@@ -1,0 +1,1 @@
+"""Fits of surveys larger than memory: sufficient statistics of ranges of rows, combined in a fixed tree."""
