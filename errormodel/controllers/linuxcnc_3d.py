@@ -27,6 +27,7 @@ from errormodel.exceptions import InputError
 COMPONENT = "errormodel_3d"
 PREFIX = "errormodel-3d"  # of its pins
 VERSION = 1
+MOST_AXES = 9  # of a table, as in the component
 SLOPE_DIGITS = 12  # behind the point, of corrections per mm of tool length
 CURE = "Write the table again with compensate"
 
@@ -129,7 +130,7 @@ class LinuxCnc3d(Controller):
         if not mark or check.strip() != _check(body):
             raise InputError(name, "a table that is damaged: its check sum is another, or missing", CURE)
         lines = Lines.of(name, body)
-        words = [(k, s.split()) for k, s in lines.lines]
+        words = [(k, s.split()) for k, s in lines.lines[: 5 + MOST_AXES]]
         keys = {w[0]: w[1:] for _, w in words[:5]}
         if [*keys] != [PREFIX, "axes", "moves", "turns", "tool"] or any(len(v) != 1 for v in keys.values()):
             raise lines.error(1, "a head that is not of this version", CURE)
@@ -176,4 +177,10 @@ def _values(lines: Lines, start: int, columns: int, count: int) -> Array:
     rows = lines.lines[start:]
     if not lines.lines[start - 1][1].startswith("values ") or len(rows) != count:
         raise lines.error(rows[-1][0] if rows else 1, f"{len(rows)} nodes, of which the grids have {count}", CURE)
+    try:
+        found = np.array(" ".join(s for _, s in rows).split(), np.float64)
+        if found.size == count * columns and all(s.count(" ") == columns - 1 for _, s in rows):
+            return found.reshape(count, columns)
+    except ValueError:
+        pass  # the line is sought below
     return np.array([lines.numbers(k, s, columns) for k, s in rows])

@@ -220,17 +220,18 @@ def compensate(
     from errormodel.gcode.reading import Reading
     from identification.compensation.compensate import compensate as stage
     from identification.results.compensation_result import CompensationResult
+    from identification.runtime.blas import one_blas_thread
 
     reading = Reading.of(dialect or AUTO, offsets, at) if dialect or offsets or at else None
     path = None if program is None else Path(program)
 
     def made(folder: Path) -> CompensationResult:
-        return CompensationResult(
-            stage(
+        with one_blas_thread():
+            found = stage(
                 folder, controller, points, resolution, path, probe, tool, seed, progress, reading, axes=axes,
                 invert=invert, allow_large=allow_large, kinematics=kinematics,
-            )
-        )  # fmt: skip
+            )  # fmt: skip
+        return CompensationResult(found)
 
     if isinstance(fit, str | Path):
         return made(Path(fit))

@@ -30,7 +30,12 @@ def closing(jacobian: Array) -> Array:
 
 
 def inverse(
-    field: Field, q: Array, direction: Array, target: Array | None = None, tool: Array | None = None
+    field: Field,
+    q: Array,
+    direction: Array,
+    target: Array | None = None,
+    tool: Array | None = None,
+    close: Array | None = None,
 ) -> tuple[Array, Array]:
     """Commands whose actual point equals the wanted one.
 
@@ -44,6 +49,9 @@ def inverse(
         Wanted points; None: the nominal ones at `q`.
     tool : (n, 3), mm
         Tool tips in the last frame; None: that of the machine.
+    close : (n, movers, 3)
+        Motion of the movers per mm of gap near `q` (:func:`closing`), from the other direction of approach or with
+        another length of the tool; None: computed here.
 
     Returns
     -------
@@ -56,7 +64,8 @@ def inverse(
     out, movers = q.copy(), list(field.movers)
     active = np.arange(len(q))
     left = np.zeros(len(q))
-    close, before = np.zeros((len(q), len(movers), 3)), np.zeros(len(q))
+    before = np.zeros(len(q)) if close is None else np.full(len(q), np.inf)
+    close = np.zeros((len(q), len(movers), 3)) if close is None else close.copy()
     reach = np.where(field.rotary[movers], field.chain.size, 1.0)
     for step in range(MOST_NEWTON_STEPS):
         part = None if tool is None else tool[active]

@@ -21,7 +21,7 @@ from errormodel.controllers.setup import FULL_TURN, Axis, Setup
 from errormodel.controllers.tables import Table, Tables, Term
 from errormodel.exceptions import InputError
 from identification.compensation.field import Field
-from identification.compensation.inverse import inverse, steps_towards
+from identification.compensation.inverse import closing, inverse, steps_towards
 from identification.compensation.sample import Sample, frame_motion
 from identification.observation.pose import IDENTITY, Pose
 
@@ -132,22 +132,39 @@ class Volume:
         reached, _ = inverse(self.field, inside, direction, self.target(inside, tool), tool)
         return q + (reached - inside)
 
-    def nodes(self, terms: Sequence[Term], setup: Setup, longer: float = 0.0) -> list[Array] | None:
-        """Corrections at the nodes of a lattice over all axes, of each term's shape; None for any other structure.
+    def nodes(self, terms: Sequence[Term], setup: Setup) -> list[Array] | None:
+        """Corrections at the nodes of a lattice over all axes, of each term's shape; None for any other structure."""
+        return self._nodes(terms, setup, (0.0,))[0] if self._lattice(terms, setup) else None
 
-        `longer`: mm by which the tool is longer than that of the machine.
+    @staticmethod
+    def _lattice(terms: Sequence[Term], setup: Setup) -> bool:
+        """Whether all terms are on one lattice over all axes."""
+        return not any(t.inputs != setup.moving or t.grids != terms[0].grids or t.direction or t.factor for t in terms)
+
+    def _nodes(self, terms: Sequence[Term], setup: Setup, lengths: Sequence[float]) -> list[list[Array]]:
+        """Corrections at the nodes for each of some lengths of the tool, mm beyond that of the machine's.
+
+        One Jacobian serves all of them and both directions of approach.
         """
-        if any(t.inputs != setup.moving or t.grids != terms[0].grids or t.direction or t.factor for t in terms):
-            return None
         mesh = nodes(terms[0].grids)
         q = np.tile(self.field.outward(self.low), (len(mesh), 1))
         q[:, [setup.place(i) for i in setup.moving]] = mesh
-        inner = self.field.inward(q)
-        tip = np.tile(np.asarray(setup.tool) + longer * np.asarray(setup.along_tool), (len(q), 1))
-        target = self.target(inner, tip)
+        inner, ahead = self.field.inward(q), np.ones_like(q)
         sides = (1, -1) if self.field.reversing else (1,)
-        both = [inverse(self.field, inner, sign * np.ones_like(q), target, tip)[0] for sign in sides]
-        moved = self.field.outward(np.mean(both, axis=0) - inner)
+        tips = [
+            np.tile(np.asarray(setup.tool) + longer * np.asarray(setup.along_tool), (len(q), 1)) for longer in lengths
+        ]
+        close = closing(self.field.jacobian(inner, ahead, tips[0]))
+        found = []
+        for tip in tips:
+            target = self.target(inner, tip)
+            both = [inverse(self.field, inner, sign * ahead, target, tip, close)[0] for sign in sides]
+            found.append(self._at_nodes(terms, setup, inner, np.mean(both, axis=0)))
+        return found
+
+    def _at_nodes(self, terms: Sequence[Term], setup: Setup, inner: Array, reached: Array) -> list[Array]:
+        """Corrections in the shapes of the terms, from commands (n, joints) and those that reach the points."""
+        moved = self.field.outward(reached - inner)
         out = [moved[:, setup.place(t.output)].reshape(t.shape) for t in terms]
         for axis, name in enumerate(setup.moving):
             if setup.axis(name).turns:  # both ends are the same place
@@ -164,9 +181,9 @@ class Volume:
         ValueError
             The terms are no such lattice.
         """
-        usual, long = self.nodes(terms, setup), self.nodes(terms, setup, LENGTH_STEP)
-        if usual is None or long is None:
+        if not self._lattice(terms, setup):
             raise ValueError("terms that follow the length of the tool are on a lattice over all axes")
+        usual, long = self._nodes(terms, setup, (0.0, LENGTH_STEP))
         slopes = [(v - u) / LENGTH_STEP for u, v in zip(usual, long, strict=True)]
         return tuple(Table(t, v) for t, v in zip((*terms, *longer), (*usual, *slopes), strict=True))
 

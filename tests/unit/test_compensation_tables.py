@@ -19,7 +19,7 @@ from identification.compensation import reduction
 from identification.compensation.advice import mechanical_advice
 from identification.compensation.assessment import Error, assess, emulated, nothing, remaining
 from identification.compensation.field import Field, movers_of
-from identification.compensation.inverse import CLOSED_MM, inverse
+from identification.compensation.inverse import CLOSED_MM, closing, inverse
 from identification.compensation.reduction import leftover, reduce
 from identification.compensation.rows import Rows, held_out, read_rows
 from identification.compensation.volume import Volume, levels
@@ -52,6 +52,8 @@ def test_the_inverse_reaches_the_wanted_point(name: str) -> None:
     reach = np.linalg.matrix_rank(jacobian[0], tol=1e-3)
     if reach == 3:
         assert left.max() < CLOSED_MM < 0.01 * UM
+        other = closing(field.jacobian(q, -came))  # of the other direction of approach: good enough to start with
+        assert inverse(field, q, came, close=other)[1].max() < CLOSED_MM
     else:  # what the axes can do is done: the rest stands square to all of them
         assert np.abs(np.einsum("nim,ni->nm", jacobian, gap)).max() < 0.01 * UM
     still = [k for k in range(len(machine.joints)) if k not in field.movers]
