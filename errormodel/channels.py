@@ -174,6 +174,26 @@ def direction(table: pd.DataFrame, joint: str) -> Array:
     times where a run's rows are not in order). A joint at rest keeps its sign; before its first move it has the sign of
     that move; without any move it has +1. For rows about the joint's own error motions see `passes`.
     """
+    if f"dir_{joint}" in table and not np.isnan(given := table[f"dir_{joint}"].to_numpy(dtype=np.float64)).any():
+        return np.array(given)
+    order, moved = _moves(table, joint)
+    by_file = moved.groupby(_codes(table, ["file"])[order])
+    derived = by_file.ffill().fillna(by_file.bfill()).fillna(1.0)
+    result = np.empty(len(table))
+    result[order] = derived.to_numpy()
+    if "joint" in table:
+        own = order[(table["joint"] == joint).to_numpy()[order]]
+        file, runs = _codes(table, ["file"]), _codes(table, ["run"])
+        for code in np.unique(file[own]):
+            rows = own[file[own] == code]
+            result[rows] = passes(table[joint].to_numpy(dtype=np.float64)[rows], runs[rows])
+    if f"dir_{joint}" in table:
+        result = np.where(np.isnan(given), result, given)
+    return result
+
+
+def _moves(table: pd.DataFrame, joint: str) -> tuple[Index, pd.Series]:
+    """Rows in the order in which a joint came to them, and in this order the sign of its move to each; NaN at rest."""
     import pandas as pd
 
     file = _codes(table, ["file"])
@@ -185,20 +205,28 @@ def direction(table: pd.DataFrame, joint: str) -> Array:
         time = np.where(shuffled, table["time"], 0.0)
         order = np.lexsort((time, np.where(shuffled, run, 0), file))  # stable: otherwise the rows' own order
     position = table[joint].iloc[order].groupby(file[order])
-    moved = np.sign(position.ffill().groupby(file[order]).diff()).replace(0.0, np.nan)
-    by_file = moved.groupby(file[order])
-    derived = by_file.ffill().fillna(by_file.bfill()).fillna(1.0)
-    result = np.empty(len(table))
-    result[order] = derived.to_numpy()
-    if "joint" in table:
-        own = order[(table["joint"] == joint).to_numpy()[order]]
-        runs = _codes(table, ["run"])
-        for code in np.unique(file[own]):
-            rows = own[file[own] == code]
-            result[rows] = passes(table[joint].to_numpy(dtype=np.float64)[rows], runs[rows])
+    return order, np.sign(position.ffill().groupby(file[order]).diff()).replace(0.0, np.nan)
+
+
+def assumed_sides(table: pd.DataFrame, joint: str) -> Index:
+    """Which rows have a direction of approach that nothing states: those before a joint's first move in a file or run.
+
+    Returns
+    -------
+    (n,) integers: from 1 the number of the series of rows, 0 where a column or a move states the direction, and where
+    the joint never moves.
+    """
+    import pandas as pd
+
+    order, moved = _moves(table, joint)
+    run = pd.Series(_codes(table, ["file", "run"])[order])
+    # how it came to a run's first row, the end of the run before does not say
+    moves = moved.reset_index(drop=True).mask(~run.duplicated()).notna()
+    before = moves.groupby(run).transform("any") & ~moves.groupby(run).cummax()
+    result = np.empty(len(table), dtype=np.intp)
+    result[order] = np.where(before, run + 1, 0)
     if f"dir_{joint}" in table:
-        given = table[f"dir_{joint}"].to_numpy(dtype=np.float64)
-        result = np.where(np.isnan(given), result, given)
+        result[np.isfinite(table[f"dir_{joint}"].to_numpy(dtype=np.float64))] = 0
     return result
 
 
@@ -284,7 +312,7 @@ def play(table: pd.DataFrame, name: str, width: float) -> Array:
     low, high = q - width / 2, q + width / 2
     # each row clamps the previous value into [low, high]; clamps compose into clamps, which allows a scan by doubling
     step = 1
-    while step < len(q):
+    while step < len(q) and (low[step:] < high[step:]).any():  # where both are one, nothing before matters any more
         earlier_low, earlier_high = low[:-step], high[:-step]
         new_low = np.clip(earlier_low, low[step:], high[step:])
         new_high = np.clip(earlier_high, low[step:], high[step:])

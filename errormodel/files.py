@@ -22,11 +22,13 @@ if TYPE_CHECKING:
 LOCK_WAIT_SECONDS = 60.0  # s to wait for another process that holds the lock; by judgement
 LOCK_FILE = ".errormodel.lock"  # name of the lock file, on systems where a folder itself cannot be locked
 UNWRITABLE_CURE = "Give a place that can be written to"  # correction in messages about files that cannot be written
-FORMULA = re.compile(r"\s*'*\s*[=+\-@]")  # what a spreadsheet may run, and what would read back as such
+# what a spreadsheet may run, and what would read back as such; in time that grows with the length, whatever the text
+_FORMULA_START = r"\s*(?:'+\s*)?[=+\-@]"
+FORMULA = re.compile(_FORMULA_START)
 # names that Windows keeps for devices, whatever their suffix; characters that it has no names with
 _DEVICE = re.compile(r"(con|prn|aux|nul|com[0-9¹²³]|lpt[0-9¹²³]|conin\$|conout\$)\s*(\..*)?", re.IGNORECASE)
 _FORBIDDEN = re.compile(r'[<>:"|?*\x00-\x1f]')
-QUOTED_FORMULA = r"^'(?=\s*'*\s*[=+\-@])"  # the apostrophe before it
+QUOTED_FORMULA = rf"^'(?={_FORMULA_START})"  # the apostrophe before it
 
 
 @contextmanager

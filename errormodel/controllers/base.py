@@ -15,7 +15,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from errormodel.arrays import Array
+from errormodel.arrays import Array, Mask
 from errormodel.controllers.dialect import Dialect
 from errormodel.controllers.probing import Gap, Probing
 from errormodel.controllers.setup import Axis, Setup
@@ -277,6 +277,10 @@ class Controller(Target):
         for table in tables:
             out += table.at(setup, q, sign, longer)[:, None] * self.influence(setup, table.term.output, q)
         return out
+
+    def acts(self, tables: Tables, setup: Setup, q: Array) -> Mask:
+        """Whether the control corrects at commands (n, axes) at all; where it does not, :meth:`emulate` gives zero."""
+        return np.ones(len(q), dtype=bool)
 
     def suits(self, setup: Setup) -> None:
         if self.first_number is None:

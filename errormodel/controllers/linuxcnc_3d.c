@@ -1,7 +1,7 @@
 /* Volumetric compensation of LinuxCNC: a lattice of corrections over all axes, between motion controller and drives.
  *
  *   loadrt errormodel_3d file=$(CONFIG_DIR)/errormodel_3d.table axes=XYZAC moves=XYZ
- *   addf errormodel-3d motion-thread           (after motion-controller, before the drives)
+ *   addf errormodel-3d servo-thread            (after motion-controller, before the drives)
  *
  * In every servo cycle the corrections of the axes named by `moves` are interpolated (multilinear; beyond the lattice
  * its edge holds) at the positions of the axes named by `axes`, and added to what goes to the motors; what comes back

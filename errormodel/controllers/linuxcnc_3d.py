@@ -153,7 +153,8 @@ class LinuxCnc3d(Controller):
             "[HAL], after the file that loads the motion controller; let drives and feedback go through the component, "
             "as its first lines say; compare the joints' numbers with [TRAJ] COORDINATES",
             "the table is in mm and degrees: [TRAJ] LINEAR_UNITS must be mm (where it is inch, do not load it)",
-            "take out COMP_FILE of the corrected joints; leave BACKLASH as it was during the survey",
+            "COMP_FILE and BACKLASH of the corrected joints stay as they were during the survey, but for what is said "
+            "of backlash above",
             f"restart LinuxCNC and home: halcmd show pin {PREFIX} must say valid TRUE, and active TRUE after a second; "
             "'inhibit' holds the feed until then, and for good where the table is missing or damaged",
         ]

@@ -15,7 +15,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from errormodel.arrays import Array
+from errormodel.arrays import Array, Mask
 from errormodel.controllers.base import header
 from errormodel.controllers.printers import SKEW_AXES, Printer, skew_tables, skews_of
 from errormodel.controllers.setup import Setup
@@ -43,19 +43,27 @@ class Marlin(Printer):
         self.suits(setup)
         return [Term(a, (), (), factor=b) for a, b in SKEW_AXES if a in setup.linear and b in setup.moving]
 
+    def acts(self, tables: Tables, setup: Setup, q: Array) -> Mask:
+        moved, good = self._moved(tables, setup, q), np.ones(len(q), dtype=bool)
+        for name in "XY":
+            (low, high), at = setup.axis(name).travel, q[:, setup.place(name)]
+            good &= (at >= low + LOWER_MARGIN) & (at <= high)
+            good &= (at + moved[name] >= low) & (at + moved[name] <= high)
+        return good
+
     def emulate(
         self, tables: Tables, setup: Setup, q: Array, direction: Array | None = None, longer: Array | None = None
     ) -> Array:
+        moved, good = self._moved(tables, setup, q), self.acts(tables, setup, q)
+        return np.column_stack([np.where(good, moved.get(m, 0.0), 0.0) for m in setup.movers])
+
+    @staticmethod
+    def _moved(tables: Tables, setup: Setup, q: Array) -> dict[str, Array]:
+        """Corrections of X and Y where the firmware corrects."""
         skew = skews_of(tables)
         xy, xz, yz = (-skew[k] for k in WORDS.values())
-        x, y, z = (q[:, setup.place(n)] if n in setup.names else np.zeros(len(q)) for n in "XYZ")
-        moved = {"X": -y * xy - z * (xz - xy * yz), "Y": -z * yz}
-        good = np.ones(len(q), dtype=bool)
-        for name, at in (("X", x), ("Y", y)):
-            low, high = setup.axis(name).travel
-            good &= (at >= low + LOWER_MARGIN) & (at <= high)
-            good &= (at + moved[name] >= low) & (at + moved[name] <= high)
-        return np.column_stack([np.where(good, moved.get(m, 0.0), 0.0) for m in setup.movers])
+        _, y, z = (q[:, setup.place(n)] if n in setup.names else np.zeros(len(q)) for n in "XYZ")
+        return {"X": -y * xy - z * (xz - xy * yz), "Y": -z * yz}
 
     def quantum(self, setup: Setup) -> float:
         return float(10.0**-DECIMALS * (1 + sum(max(map(abs, a.travel)) for a in setup.axes)))

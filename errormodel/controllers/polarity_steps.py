@@ -91,7 +91,7 @@ def check_files(
     for k, step in enumerate(steps, start=1):
         start = approach(setup, step)
         lines += ["", *_reading(controller, setup, k, step, start)]
-        if dialect is None or start is None:
+        if dialect is None or start is None or setup.lathe:  # whether X counts in diameters is not known
             continue
         name = f"check_{k}_{step.axis}"
         lines.append(f"   programme: {name}{dialect.suffix}")
@@ -115,6 +115,7 @@ def _opening(controller: Controller, setup: Setup, steps: Sequence[Step], load: 
     still = [a for a in setup.axes if a.name not in setup.watched]
     peak = max((abs(s.reading) for s in steps), default=0.0)
     alone = max((abs(s.by_itself) for s in steps if s.by_itself is not None), default=0.0)
+    programmes = controller.dialect is not None and not setup.lathe
     return [
         "POLARITY CHECK: do the tables act on the right axis, and the right way? Before the real tables are loaded.",
         f"machine: {printable(setup.machine)}",
@@ -122,6 +123,7 @@ def _opening(controller: Controller, setup: Setup, steps: Sequence[Step], load: 
         f"axes: {controller.legend(setup)}",
         f"tables of the check: {', '.join(load)}",
         *(["sign: turned round (--invert)"] if setup.inverted else []),
+        *([LATHE_READINGS] if setup.lathe else []),
         "",
         "All positions are machine coordinates, mm and deg. Nothing is driven in rapid. The table is empty, the",
         "spindle stands, a person holds the feed override. The tables of this folder move no axis by more than",
@@ -143,11 +145,15 @@ def _opening(controller: Controller, setup: Setup, steps: Sequence[Step], load: 
         " a. Compensation off. "
         + (
             "Bring the axes by hand near the place, on the side it names. Run the programme:"
-            if controller.dialect
+            if programmes
+            else "Of a lathe no programme is given: whether X counts in diameters is a setting of the control."
+            if setup.lathe
             else "No programme is given for this control: its language was not found in a public source, or"
         ),
         "    it goes back along the watched axis, then to the place, slowly, and ends 2 mm before it."
-        if controller.dialect
+        if programmes
+        else "    Drive by hand, slowly, in machine coordinates, to 2 mm before the place."
+        if setup.lathe
         else "    it has none. Drive by hand, slowly, in machine coordinates, to 2 mm before the place.",
         " b. The last 2 mm by hand, in steps of 0.1 and then 0.001 mm, exactly to the place, never beyond it.",
         " c. Put the indicator, its stand on the table, against the spindle nose, ahead of the motion. Set it to zero.",
@@ -185,6 +191,9 @@ def _reading(controller: Controller, setup: Setup, k: int, step: Step, start: fl
     return lines
 
 
+LATHE_READINGS = (
+    "X of a lathe: positions and readings are radii, as it moves; a display in diameters shows twice as much."
+)
 OTHER_SIGN_CAUSE = (
     "the sign is public for this control, so look for a direction of motion that was turned round in its settings"
 )

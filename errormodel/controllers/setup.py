@@ -86,6 +86,7 @@ class Setup:
     unsure : joints whose letter is ambiguous and was not given.
     reversals : fitted reversal values, by axis.
     inverted : whether the files get the other sign, because the check of the control showed it.
+    follow : whether corrections may follow the length of the tool; no: the survey does not show how.
     """
 
     machine: str
@@ -102,6 +103,7 @@ class Setup:
     unsure: tuple[str, ...] = ()
     reversals: Mapping[str, Reversal] = field(default_factory=dict)
     inverted: bool = False
+    follow: bool = True
 
     def place(self, name: str) -> int:
         """Column of an axis in positions (n, axes)."""
@@ -152,10 +154,16 @@ class Setup:
 
     @property
     def along_tool(self) -> Vector:
-        """Direction in which a longer tool's tip lies, a unit vector in the last frame; zero if that is not known."""
-        length = float(np.linalg.norm(self.tool))
+        """Direction in which a longer tool's tip lies, a unit vector in the last frame; zero if nothing follows it."""
+        length = float(np.linalg.norm(self.tool)) if self.follow else 0.0
         x, y, z = (float(v) / length if length else 0.0 for v in self.tool)
         return x, y, z
+
+    @property
+    def lathe(self) -> bool:
+        """Whether it has linear axes X and Z and no Y: many controls of such machines count X in diameters."""
+        linear = {a.name for a in self.axes if not a.rotary}
+        return {"X", "Z"} <= linear and "Y" not in self.names
 
     @property
     def watched(self) -> tuple[str, ...]:

@@ -17,11 +17,14 @@ from errormodel.effects.shared import Lag, lags, thermal, warmth
 from errormodel.effects.travel import Translation
 from errormodel.machine import Machine, Vector
 
+LAYER_MM = 2000.0  # height over which the gradient of lying air changes by as much as it is; by judgement
+
 
 class Refraction(Effect):
     """``curvature * distance^2 / 2`` along `motion` (mm), with the distance from `station` and the curvature in 1/mm.
 
-    With a `sensor` the curvature is per K of that temperature over 20 degC, or over the sensor `minus`.
+    With a `sensor` the curvature is per K of that temperature over 20 degC, or over the sensor `minus`. `layered`: the
+    gradient changes with the height over the station, as air does that lies in layers (in 1/mm per mm of height).
     """
 
     effect: ClassVar[str] = "refraction"
@@ -36,6 +39,7 @@ class Refraction(Effect):
     sensor: str | None = None
     minus: str | None = None
     tau: Lag = 0.0
+    layered: bool = False
 
     @property
     def where(self) -> str:
@@ -48,7 +52,7 @@ class Refraction(Effect):
 
     @property
     def drivers(self) -> tuple[str, ...]:
-        level = (p for p, m in zip(POINT_CHANNELS, TRANSLATIONS, strict=True) if m != self.motion)
+        level = (p for p, m in zip(POINT_CHANNELS, TRANSLATIONS, strict=True) if self.layered or m != self.motion)
         return (*level, *(thermal(self.sensor, self.minus) if self.sensor else ()))
 
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
@@ -56,13 +60,20 @@ class Refraction(Effect):
         bend = sum((channel(POINT_CHANNELS[k]) - self.station[k]) ** 2 for k in level) / 2
         if self.sensor:
             bend = bend * warmth(channel, self.sensor, self.minus, self.tau)
-        unit = "1/(mm K)" if self.sensor else "1/mm"
-        return [EffectTerm(FRAME, "", unit, {self.motion: bend}, 1e-9)]
+        unit, of_height = ("1/(mm K)", "1/(mm2 K)") if self.sensor else ("1/mm", "1/mm2")
+        terms = [EffectTerm(FRAME, "", unit, {self.motion: bend}, 1e-9)]
+        if self.layered:
+            up = TRANSLATIONS.index(self.motion)
+            height = channel(POINT_CHANNELS[up]) - self.station[up]
+            terms.append(EffectTerm(FRAME, "height", of_height, {self.motion: bend * height}, 1e-9 / LAYER_MM))
+        return terms
 
     @classmethod
     def proposals(cls, scene: Scene) -> Iterator[Effect]:
         pairs = [(None, None), *((s, None) for s in scene.sensors), *combinations(scene.sensors, 2)]
         for motion, station, (sensor, minus) in product(TRANSLATIONS, scene.stations, pairs):
+            fields = {"motion": motion, "station": station, "sensor": sensor, "minus": minus}
             for tau in lags(scene)[::2] if sensor else (0.0,):
-                fields = {"motion": motion, "station": station, "sensor": sensor, "minus": minus, "tau": tau}
-                yield cls.model_validate(fields)
+                yield cls.model_validate({**fields, "tau": tau})
+            if not sensor:
+                yield cls.model_validate({**fields, "layered": True})

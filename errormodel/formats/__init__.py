@@ -77,9 +77,9 @@ def _open(path: Path, name: str) -> Table:
     return table
 
 
-def _parts(folder: Path, name: str, found: Iterable[Path]) -> list[Path]:
+def _parts(folder: Path, name: str, files: Iterable[Path]) -> list[Path]:
     noted_folder(folder, SUFFIXES)
-    visible = [p for p in found if p.is_file() and not p.name.startswith((".", "_"))]
+    visible = [p for p in files if p.is_file() and not p.name.startswith((".", "_"))]
     parts = [p for p in visible if p.suffix.lower() in SUFFIXES]
     if not parts:
         surveys = [p.name for p in visible if p.suffix.lower() in (".yaml", ".yml")]

@@ -13,6 +13,7 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.controllers.setup import Setup
+from errormodel.exceptions import InputError
 from errormodel.gcode import grammar
 from errormodel.gcode.codes import END_CODES, PLANES, Dialect
 from errormodel.gcode.extruder import INCH_MM, Extruder
@@ -28,6 +29,10 @@ class Interpreter:
     """Execution of blocks of one dialect on one machine."""
 
     def __init__(self, dialect: Dialect, setup: Setup, reading: Reading, blocks: Sequence[Block]) -> None:
+        if setup.lathe and dialect.header:
+            found = f"a programme of {dialect.title} for a machine with X and Z and no Y, a lathe"
+            cure = "Write it as RS274/NGC with radii (--dialect iso), or a CSV of commands"
+            raise InputError("--program", f"{found}: X counts diameters there, and G90 to G99 mean others", cure)
         self.dialect, self.setup, self.reading = dialect, setup, reading
         self.modes = Modes()
         self.names, self.count = setup.names, len(setup.axes)

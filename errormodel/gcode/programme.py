@@ -211,6 +211,8 @@ def _notes(source: Source, steps: Sequence[Step], setup: Setup) -> tuple[str, ..
     ]
     if any(b.has(c) for b in source.blocks for c in "IJK") and not said & {"G90.1", "G91.1"}:
         granted.append("I, J, K from the start (G91.1)")
+    if setup.lathe and "G8" not in said and not source.dialect.printer:
+        granted.append("X in radii (G8)")
     if not steps[0].modes.origin and not source.reading.offsets:
         granted.append("positions of the axes (no work offset)")
     out = [f"{source.name}: taken for granted, since it does not say: {', '.join(granted)}"] if granted else []

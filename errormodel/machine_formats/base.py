@@ -89,11 +89,13 @@ class MachineFormat(ABC):
     name : word of ``--format``.
     title : what such a file is, as the end of "it does not look like ...".
     source : where the format is described.
+    identified : whether it has an identifier of the robot.
     """
 
     name: ClassVar[str]
     title: ClassVar[str]
     source: ClassVar[str]
+    identified: ClassVar[bool] = False
 
     @classmethod
     @abstractmethod

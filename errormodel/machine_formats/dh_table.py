@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from io import StringIO
 from typing import Annotated, Any, Literal
@@ -22,6 +22,7 @@ from errormodel.machine_formats.base import Description, identifiers
 from errormodel.machine_formats.joint_axes import AlongX, AlongZ, screws
 from errormodel.machine_formats.transforms import links_of, shape_of
 from errormodel.raw_formats.base import RawFile
+from errormodel.raw_formats.layout import kind_of
 from errormodel.units import UnitsBlock, factor
 from errormodel.yamlfile import Document, FileModel, Number, parse, validate
 
@@ -43,6 +44,9 @@ JOINT_TYPES = {
     "fixed": "fixed",
 }  # fmt: skip
 LARGEST = 1e9  # mm or rad: beyond all robots, and small enough to compute with
+MOST_ROWS = 100  # of a table: more joints than any arm has, with room for fixed rows
+LARGEST_ANGLE = 4 * math.pi  # rad: no table turns further; degrees that are said to be rad do
+SMALLEST_ARM_MM = 10.0  # the largest a or d of a table below which its lengths are hardly mm; by judgement
 DEFAULT_TRAVEL = (-180.0, 180.0)  # degrees, of a rotary joint that states none
 
 
@@ -87,8 +91,8 @@ class _TableForm(FileModel):
     convention: Literal["standard", "modified"] = Field(description="standard, or modified (Craig)")
     name: str | None = Field(None, description="the name of the machine")
     units: UnitsBlock = Field(UnitsBlock(), description="units such as {length: mm, angle: deg}")
-    rows: Annotated[list[_RowForm], Field(min_length=1, max_length=100)] = Field(
-        description="rows such as - {joint: J1, type: rotary, a: 0, alpha: 90, d: 127.3, theta: 0}"
+    rows: Annotated[list[_RowForm], Field(min_length=1, max_length=MOST_ROWS)] = Field(
+        description=f"at most {MOST_ROWS} rows such as - {{joint: J1, type: rotary, a: 0, alpha: 90, d: 127.3}}"
     )
 
 
@@ -106,14 +110,41 @@ def read_table(raw: RawFile, convention: Convention) -> Description:
         found = f"a table of the convention '{said[1]}', read as {convention}"
         raise InputError(raw.name, found, "Leave --format out, or correct the file")
     if re.search(r"^rows\s*:", text, re.MULTILINE):
-        rows, name, notes = _rows_of_yaml(parse(text, raw.name))
+        rows, name, stated = _rows_of_yaml(parse(text, raw.name))
+        how = "units: {length: m, angle: rad}"
     else:
-        rows, name, notes = *_rows_of_csv(raw), ()
-    return _described(raw.name, rows, name or raw.path.stem, convention, notes)
+        rows, name, stated = _rows_of_csv(raw)
+        how = "the units in the header, such as a [m], d [m], alpha [rad], theta [rad]"
+    out = _described(raw.name, rows, name or raw.path.stem, convention)
+    _check_units(raw.name, rows, stated, how)
+    return out
 
 
-def _rows_of_yaml(document: Document) -> tuple[list[Row], str, tuple[str, ...]]:
+def _check_units(where: str, rows: Sequence[Row], stated: Collection[str], how: str) -> None:
+    """Raise InputError where lengths or angles without a unit are hardly in mm or degrees.
+
+    Parameters
+    ----------
+    stated : the keys of the columns with a unit.
+    how : how units are stated.
+    """
+    lengths, angles = LENGTHS, tuple(k for k in KEYS if k not in LENGTHS)
+    largest = {
+        keys: max(abs(row.values[k]) for row in rows for k in keys if k not in stated) if {*keys} - {*stated} else 0.0
+        for keys in (lengths, angles)
+    }
+    if 0 < largest[lengths] < SMALLEST_ARM_MM:
+        found = f"lengths up to {largest[lengths]:g} without a unit: mm, or m"
+        raise InputError(where, found, f"Write {how}")
+    degrees = math.degrees(largest[angles])
+    if 0 < degrees <= 2 * math.pi:
+        raise InputError(where, f"angles up to {degrees:g} without a unit: degrees, or rad", f"Write {how}")
+
+
+def _rows_of_yaml(document: Document) -> tuple[list[Row], str, Collection[str]]:
     form = validate(document, _TableForm)
+    said = form.units.model_fields_set
+    stated = {k for k in KEYS if ("length" if k in LENGTHS else "angle") in said}
     length, angle = factor(form.units.length, "length"), factor(form.units.angle, "angle")
     rows = []
     for k, row in enumerate(form.rows):
@@ -123,15 +154,16 @@ def _rows_of_yaml(document: Document) -> tuple[list[Row], str, tuple[str, ...]]:
         unit = length if kind == "prismatic" else angle
         travel = None if row.travel is None else (row.travel[0] * unit, row.travel[1] * unit)
         rows.append(Row(row.joint or "", kind, values, travel, where))
-    return rows, form.name or "", ()
+    return rows, form.name or "", stated
 
 
-def _rows_of_csv(raw: RawFile) -> tuple[list[Row], str]:
+def _rows_of_csv(raw: RawFile) -> tuple[list[Row], str, Collection[str]]:
     from errormodel.raw_formats.base import Asked
     from errormodel.raw_formats.table_columns import columns_of, renamed
     from errormodel.raw_formats.unit_words import quantity_of_unit
 
     recording = columns_of(raw, Asked())
+    _check_all_rows(raw, len(recording.lines))
     names = {str(n): re.sub(r"[\s_]+$", "", str(n).strip().lower()) for n in recording.frame}
     recording = renamed(recording, {n: SYNONYMS.get(plain, plain) for n, plain in names.items()})
     frame = recording.frame
@@ -151,7 +183,7 @@ def _rows_of_csv(raw: RawFile) -> tuple[list[Row], str]:
             raise InputError(f"{raw.name}, column {name}", f"'{cell}' is not a number", cure)
         unit = recording.units.get(name, "")
         kind = "length" if name in LENGTHS else "angle"
-        if unit and name in KEYS and quantity_of_unit(unit) != kind:
+        if unit and quantity_of_unit(unit) not in ((kind,) if name in KEYS else ("length", "angle")):
             raise InputError(f"{raw.name}, column {name}", f"the unit '{unit}'", f"Write a unit of {kind}")
         units[name] = unit
     length = {k: factor(units.get(k) or "mm", "length") for k in LENGTHS}
@@ -163,12 +195,44 @@ def _rows_of_csv(raw: RawFile) -> tuple[list[Row], str]:
         kind = _type(where, str(frame["type"][k]) if "type" in frame else "rotary")
         values = {key: _number(frame, key, k) * scale[key] for key in KEYS}
         low, high = (_number(frame, key, k, math.nan) for key in ("low", "high"))
-        per_unit = length["d"] if kind == "prismatic" else angle["theta"]
-        travel = None if math.isnan(low) or math.isnan(high) else (low * per_unit, high * per_unit)
+        own = length["d"] if kind == "prismatic" else angle["theta"]
+        ends = [v * _of_end(raw.name, n, units.get(n, ""), kind, own) for n, v in (("low", low), ("high", high))]
+        travel = None if math.isnan(low) or math.isnan(high) else (ends[0], ends[1])
         name = frame["joint"][k] if "joint" in frame else ""
         name = f"J{name:g}" if isinstance(name, float) and not math.isnan(name) else str(name)
         rows.append(Row("" if name == "nan" else name.strip(), kind, values, travel, where))
-    return rows, ""
+    return rows, "", {k for k in KEYS if units.get(k)}
+
+
+def _check_all_rows(raw: RawFile, count: int) -> None:
+    """Raise InputError where a line of the table was passed over, or a cell says that its value is none."""
+    from errormodel.raw_formats.table_columns import table_of_text
+
+    table = table_of_text(raw)
+    if count > MOST_ROWS:
+        raise InputError(raw.name, f"{count} rows", f"Give the table of one robot, of at most {MOST_ROWS} rows")
+    if table.below:
+        cells = f"'{raw.lines[table.below[0] - 1].strip()[:60]}'"
+        found = f"{cells} below the table, which has {len(table.names)} cells a row"
+        raise InputError(f"{raw.name}, line {table.below[0]}", found, "Give each row every cell, empty where it is 0")
+    for line, row in zip(table.lines, table.rows, strict=True):
+        for name, cell in zip(table.names, row, strict=True):
+            if (cell and kind_of(cell) == "empty") or cell.lower() in ("nan", "-nan"):
+                where = f"{raw.name}, line {line}, column {name}"
+                raise InputError(
+                    where, f"'{cell}' as a value", "Write the number, or leave the cell empty where it is 0"
+                )
+
+
+def _of_end(where: str, name: str, unit: str, kind: str, usual: float) -> float:
+    """Size of the unit of a travel's end: its column's own, or that of the parameter that the joint changes."""
+    from errormodel.units import is_unit
+
+    quantity: Literal["length", "angle"] = "length" if kind == "prismatic" else "angle"
+    if unit and not is_unit(unit, quantity):
+        found = f"the unit '{unit}', and a joint whose travel is {'a length' if quantity == 'length' else 'an angle'}"
+        raise InputError(f"{where}, column {name}", found, "Leave the unit out: travels are in those of d and theta")
+    return factor(unit, quantity) if unit else usual
 
 
 def _number(frame: Any, key: str, row: int, default: float = 0.0) -> float:
@@ -183,16 +247,19 @@ def _type(where: str, word: str) -> str:
     return JOINT_TYPES[word.strip().lower()]
 
 
-def _described(where: str, rows: Sequence[Row], name: str, convention: Convention, notes: Iterable[str]) -> Description:
+def _described(where: str, rows: Sequence[Row], name: str, convention: Convention) -> Description:
     """The chain: joints about or along z, and members ``Z X`` between them, whichever way the rows are cut."""
     if all(row.type == "fixed" for row in rows):
         raise InputError(where, "no joint", "Write at least one row of type rotary or prismatic")
-    said = list(notes)
+    said: list[str] = []
     numbered: list[Row] = []
     for row in rows:
         for key, value in (*row.values.items(), *(("travel", v) for v in row.travel or ())):
             if not abs(value) < LARGEST:  # nor infinite
                 raise InputError(f"{row.where}, {key}", f"{value:g}", "Write a number of a robot's size")
+        for key in (k for k in KEYS if k not in LENGTHS and abs(row.values[k]) > LARGEST_ANGLE):
+            turns = row.values[key] / (2 * math.pi)
+            raise InputError(f"{row.where}, {key}", f"{turns:.3g} turns", "Write the angle in the unit that is stated")
         own = row.name or ("" if row.type == "fixed" else f"J{sum(r.type != 'fixed' for r in numbered) + 1}")
         numbered.append(replace(row, name=own))
     moving = [row.name for row in numbered if row.type != "fixed"]

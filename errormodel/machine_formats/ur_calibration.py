@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import math
 import re
 from typing import ClassVar
@@ -34,6 +35,8 @@ JOINTS = (
     "shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint",
 )  # fmt: skip
 TRAVEL = 2 * math.pi  # rad either way, of every joint of these arms
+PLAIN = re.compile(r"[A-Za-z]+_\w+")  # an identifier that no reader of YAML takes for a number or a word of its own
+LARGEST_M = 10.0  # of a link, m: beyond these arms, whose largest links have some 0.7 m
 ALONG = 0.5  # cosine of the angle between the last axis and the last frame's z, above which z is meant to be the axis
 
 
@@ -73,6 +76,7 @@ class UrCalibration(MachineFormat):
     source: ClassVar = (
         "ur_calibration of Universal_Robots_ROS2_Driver (src/calibration.cpp), read by ur_description (ur_macro.xacro)"
     )
+    identified: ClassVar = True
 
     @classmethod
     def recognises(cls, raw: RawFile) -> bool:
@@ -85,6 +89,10 @@ class UrCalibration(MachineFormat):
         elements: list[Shape | Joint] = []
         for member, joint in zip(MEMBERS, JOINTS, strict=True):
             link: _Link = getattr(file.kinematics, member)
+            far = max((link.x, link.y, link.z), key=abs)
+            if abs(far) > LARGEST_M:
+                where = f"{raw.name}, key kinematics.{member}"
+                raise InputError(where, f"{far:g} m", "Write m: the links of these arms have less than 1 m")
             turned = rpy_matrix((link.roll, link.pitch, link.yaw))
             fixed = transform([MM_PER_M * v for v in (link.x, link.y, link.z)], turned)
             elements += [shape_of(member, fixed), Joint(joint, "rotary", (0.0, 0.0, 1.0), (-TRAVEL, TRAVEL))]
@@ -106,7 +114,7 @@ class UrCalibration(MachineFormat):
             lines += [f"  {member}:", *(f"    {key}: {_number(value)}" for key, value in numbers.items())]
         body = "\n".join(lines[1:] if extras.heading else lines)
         identity = extras.identity or f"errormodel_{hashlib.sha256(body.encode()).hexdigest()[:16]}"
-        lines.append(f"  hash: {identity}")
+        lines.append(f"  hash: {json.dumps(identity)}" if not PLAIN.fullmatch(identity) else f"  hash: {identity}")
         return Written("\n".join(lines) + "\n", tuple(_notes(machine, end, extras)), end)
 
 

@@ -32,6 +32,9 @@ from errormodel.raw_formats.base import RawFile
 
 TYPES = {"revolute": "rotary", "continuous": "rotary", "prismatic": "prismatic"}
 AXIS_TOLERANCE = 0.01  # of the length of an axis, beyond which its digits are no rounding; by judgement
+MOST_JOINTS = 150  # that move in one chain, as in a machine file
+LARGEST_ANGLE = 4 * math.pi  # rad, of an origin: degrees, most likely, beyond
+ORIGIN_KEYS = ("xyz", "rpy")
 SAME_AXIS, SAME_PLACE = 1e-9, 1e-6  # of the same machine, through its file: rounding
 ROUNDED_AXIS = 1e-6  # of the length of an axis: a difference that is worth a note
 
@@ -196,14 +199,13 @@ def _path(name: str, robot: Element, part: Part) -> tuple[list[Element], str]:
             found = f"the link '{child}' hangs on two joints, which closes a loop"
             raise InputError(f"{name}, line {joint.line}", found, "Give a tree: serial chains are modelled")
         above[child] = joint
-        links |= {parent: None, child: None}
+        links[parent] = links[child] = None
     parents = {_link(name, joint, "parent") for joint in joints}
     for key, link in (("--base", part.base), ("--tip", part.tip)):
         if link and link not in links:
             raise InputError(f"{key}", f"{name} has no link '{link}'", nearest(link, links))
-    ends = [link for link in links if link not in parents and link in above]
     base = part.base or _root(name, links, above)
-    below = [end for end in ends if base in _ancestors(name, end, above)]
+    below = [] if part.tip else [link for link in _below(base, above) if link not in parents]
     tip = part.tip or (below[0] if len(below) == 1 else "")
     if not tip:
         found = f"{len(below)} ends: {', '.join(below[:12])}" if below else f"nothing hangs on the link '{base}'"
@@ -215,6 +217,8 @@ def _path(name: str, robot: Element, part: Part) -> tuple[list[Element], str]:
         )
         raise InputError("--base", found, "Give a link of that way")
     path = [above[link] for link in reversed(way[: way.index(base)])]
+    if sum(joint.attributes["type"] != "fixed" for joint in path) > MOST_JOINTS:
+        raise InputError(name, f"more than {MOST_JOINTS} joints that move from '{base}' to '{tip}'", "Give one robot")
     _check_path(name, path)
     return path, base
 
@@ -229,13 +233,28 @@ def _root(name: str, links: Mapping[str, None], above: Mapping[str, Element]) ->
     return roots[0]
 
 
+def _below(base: str, above: Mapping[str, Element]) -> list[str]:
+    """The links that a link carries, in the order of the file."""
+    carried: dict[str, list[str]] = {}
+    for child, joint in above.items():
+        carried.setdefault(joint.first("parent").attributes["link"], []).append(child)  # type: ignore[union-attr]
+    found, stack = set[str](), [base]
+    while stack:
+        for child in carried.get(stack.pop(), []):
+            if child not in found:  # a loop, which the way from its tip is refused for
+                found.add(child)
+                stack.append(child)
+    return [link for link in above if link in found]
+
+
 def _ancestors(name: str, link: str, above: Mapping[str, Element]) -> list[str]:
     """The link, and those that carry it up to the root."""
-    way = [link]
+    way, seen = [link], {link}
     while way[-1] in above:
         way.append(_link(name, above[way[-1]], "parent"))
-        if way[-1] in way[:-1]:
+        if way[-1] in seen:
             raise InputError(name, f"the link '{way[-1]}' carries itself", "Give a tree: serial chains are modelled")
+        seen.add(way[-1])
     return way
 
 
@@ -244,6 +263,14 @@ def _check_path(name: str, path: Sequence[Element]) -> None:
     for joint in path:
         own, kind = _attribute(name, joint, "name"), joint.attributes["type"]
         where = f"{name}, line {joint.line}, joint {own}"
+        for tag in ("origin", "axis", "limit", "parent", "child"):
+            if len([*joint.all(tag)]) > 1:
+                raise InputError(where, f"<{tag}> more than once", "Write it once")
+        origin = joint.first("origin")
+        other = [key for key in (origin.attributes if origin is not None else ()) if key not in ORIGIN_KEYS]
+        if other:
+            found = f'{other[0]}="{origin.attributes[other[0]][:60]}", which an origin of a URDF has not'  # type: ignore[union-attr]
+            raise InputError(f"{where}, origin", found, 'Write xyz="..." in m and rpy="..." in rad')
         if kind in ("floating", "planar"):
             found = f"a {kind} joint, which moves in more than one way"
             raise InputError(where, found, "Give a --base behind it, or describe it as single joints")
@@ -265,7 +292,10 @@ def _origin(name: str, joint: Element) -> Array:
         return np.eye(4)
     where = f"{name}, line {origin.line}, joint {joint.attributes.get('name', '')}, origin"
     offset = MM_PER_M * np.array(_three(where, origin, "xyz", "0 0 0"))
-    return transform(offset, rpy_matrix(_three(where, origin, "rpy", "0 0 0")))
+    angles = _three(where, origin, "rpy", "0 0 0")
+    if max(map(abs, angles)) > LARGEST_ANGLE:
+        raise InputError(where, f'rpy="{origin.attributes["rpy"][:60]}", more than two turns', "Write rpy in rad")
+    return transform(offset, rpy_matrix(angles))
 
 
 def _three(where: str, element: Element, key: str, default: str) -> tuple[float, ...]:

@@ -16,6 +16,13 @@ SAME_PLACE = 1e-3  # of the distance: solutions that lie closer together are one
 SAME_MISFIT = 3.0  # ratio of misfits up to which two places explain the lengths alike, by judgement
 FOREIGN = 0.02  # of the spread of the points: errors of a machine go less far
 ROUND_OFF = 1e-9  # of the distance: smaller misfits are the same
+STEP = 2e-4  # of the spread of the points: errors of a machine make no larger steps from one reading to the next
+STANDS_OUT = 5.0  # times the scatter on both sides: a step; by judgement
+NEEDED = 2.0  # times the scatter: what readings are off without the step, which a moved station hides in part
+FEWEST_BEHIND = 5  # readings behind a step: fewer are outliers
+MOST_STEPS = 5  # in one recording
+MOST_TURNS = 10  # of the robust estimation, and
+SETTLED = 0.5  # of the scale before: less of a change ends it
 FLAT = 1e-6  # smallest over largest spread of points below which they lie in a plane or on a line
 
 
@@ -68,6 +75,79 @@ def located(
     return {n: float(best["xyz".index(n)] if n in "xyz" else best[3]) for n in names}
 
 
+def interruptions(points: Array, readings: Array, place: Array) -> list[tuple[int, float]]:
+    """Readings from which on all are longer or shorter by a constant, as when a beam is lost and the counter goes on.
+
+    Parameters
+    ----------
+    points : (n, 3) mm; readings : (n,) mm, in the order of recording.
+    place : (4,) station and dead path, roughly.
+
+    Returns
+    -------
+    steps : places of the first reading behind each step, and by how much the readings are then longer, mm.
+    """
+    n, spread = len(readings), float(np.ptp(points, axis=0).max())
+    away = place[:3] - points
+    distance = np.linalg.norm(away, axis=1)
+    gap = distance - readings - place[3]
+    # the place may have followed the step: it is estimated with it
+    columns = np.column_stack([away / np.maximum(distance, 1e-9)[:, None], np.ones(n)])
+    base = columns
+    found: list[int] = []
+    for _ in range(MOST_STEPS):
+        x = _least_sum(columns, gap)
+        before = gap - columns @ x
+        at, left, tried = _split(before), before, columns
+        for _ in range(10):
+            if at is None:
+                break
+            tried = np.column_stack([columns, np.arange(n) >= at])
+            x = _least_sum(tried, gap)
+            left = gap - tried @ x
+            again = _split(left + tried[:, -1] * x[-1])
+            if again == at:
+                break
+            at = again
+        if at is None:
+            break
+        low, high = max([0, *(k for k in found if k < at)]), min([n, *(k for k in found if k > at)])
+        shorter = slice(at, high) if high - at <= at - low else slice(low, at)
+        scatter = 1.4826 * max(float(np.median(np.abs(left))), float(np.median(np.abs(left[shorter]))))
+        explained = float(np.median(np.abs(before[shorter])))
+        size = abs(float(x[-1]))
+        if size < max(STEP * spread, STANDS_OUT * scatter) or explained < NEEDED * scatter:
+            break
+        columns = tried
+        found.append(at)
+    x = _least_sum(columns, gap)
+    return sorted((k, -float(step)) for k, step in zip(found, x[base.shape[1] :], strict=True))
+
+
+def _split(values: Array) -> int | None:
+    """The place at which the means before and behind differ most, by the variance between them; None of too few."""
+    n = len(values)
+    if n < 2 * FEWEST_BEHIND:
+        return None
+    low, high = np.quantile(values, [0.02, 0.98])  # single readings far off decide nothing
+    clipped = np.clip(values, low, high)
+    k = np.arange(1, n)
+    total = np.cumsum(clipped)
+    between = (total[:-1] / k - (total[-1] - total[:-1]) / (n - k)) ** 2 * k * (n - k)
+    inside = slice(FEWEST_BEHIND - 1, n - FEWEST_BEHIND)
+    return int(k[inside][int(np.argmax(between[inside]))])
+
+
+def _least_sum(columns: Array, values: Array) -> Array:
+    """Coefficients with the smallest sum of absolute residuals, by reweighted least squares."""
+    x = np.linalg.lstsq(columns, values, rcond=None)[0]
+    for _ in range(30):
+        left = np.abs(values - columns @ x)
+        weight = 1 / np.sqrt(np.maximum(left, 1e-3 * max(float(np.median(left)), 1e-9)))
+        x = np.linalg.lstsq(columns * weight[:, None], values * weight, rcond=None)[0]
+    return np.asarray(x)
+
+
 def _starts(points: Array, readings: Array, dead_path: float | None) -> list[Array]:
     """Places (x, y, z, dead path) to start from: the linear solution, and far ones on all sides."""
     middle = points.mean(axis=0)
@@ -100,7 +180,9 @@ def _refined(points: Array, readings: Array, dead_path: float | None, start: Arr
 
     x = start if dead_path is None else start[:3]
     scale = max(float(np.median(np.abs(left(x)))), 1e-6)
-    for _ in range(2):  # the scale of the loss is known after the first
+    for turn in range(MOST_TURNS):  # the scale of the loss is known after the first, and falls where readings are wrong
         x = least_squares(left, x, x_scale="jac", loss="soft_l1", f_scale=scale, xtol=1e-13, ftol=1e-13).x
-        scale = max(3 * float(np.median(np.abs(left(x)))), 1e-6)
+        before, scale = scale, max(3 * float(np.median(np.abs(left(x)))), 1e-6)
+        if turn and scale > SETTLED * before:
+            break
     return np.append(x[:3], x[3] if dead_path is None else dead_path), float(np.median(np.abs(left(x))))

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
+import numpy as np
 from pydantic import Field
 
 from errormodel.arrays import Array
 from errormodel.observations.base import NumberOrUnknown, Observation, Quantity, Tip, coordinates, quantity
-from errormodel.observations.station import located
+from errormodel.observations.station import interruptions, located
 from errormodel.yamlfile import Vector3
 
 if TYPE_CHECKING:
@@ -57,7 +58,16 @@ class StationDistance(Observation):
         return ca.SX(ca.norm_2(tips[0].point - ca.vertcat(of["x"], of["y"], of["z"])) - of["dead_path"])
 
     def start(self, points: Sequence[Array], readings: Array, known: Mapping[str, float]) -> dict[str, float]:
-        return located(points[0], readings, known, self.near)
+        found = located(points[0], readings, known, self.near)
+        place = np.array([{**known, **found}[n] for n in (*"xyz", "dead_path")])
+        steps = interruptions(points[0], readings, place)
+        if steps:
+            some = "; ".join(f"from reading {k + 1} of {len(readings)} on {abs(s):.3g} mm {_than(s)}" for k, s in steps)
+            raise ValueError(
+                f"lengths that change by a step, {some} than before: a beam that was lost, or a counter that was set. "
+                "Give the rows behind each step a run of their own (column run) and write dead_path: per-run"
+            )
+        return found
 
     def assumed(self, points: Sequence[Array], known: Mapping[str, float]) -> dict[str, float]:
         """The station roughly where the file says."""
@@ -66,3 +76,7 @@ class StationDistance(Observation):
         if self.near is None:
             raise ValueError("a station of which nothing is known. State x, y and z, or near: [x, y, z] in survey.yaml")
         return dict(zip("xyz", self.near, strict=True))
+
+
+def _than(step: float) -> str:
+    return "longer" if step > 0 else "shorter"

@@ -17,15 +17,21 @@ from errormodel.raw_formats.table_columns import columns_of, numbers
 from errormodel.raw_formats.unit_words import unit_word
 from errormodel.units import factor, is_unit, to_internal
 
-_ANGLE = re.compile(r"angle|theta|phi|position\(deg\)", re.IGNORECASE)
-_DEVIATION = re.compile(r"(radial)?\s*(deviation|error)|delta\s*r(adius)?|dr", re.IGNORECASE)
-_RADIUS = re.compile(r"(measured\s*)?(radius|length|r)", re.IGNORECASE)
-_NOMINAL = re.compile(
-    r"(?:nominal\s*)?(?:test\s*)?(?:ballbar\s*)?(?:radius|length)\s*[:=,;\t]?\s*(\d+(?:\.\d*)?)\s*(mm|inch|in)?",
+_ANGLE = re.compile(r"angle|theta|phi|winkel|position\(deg\)", re.IGNORECASE)
+_DEVIATION = re.compile(r"(radial|radius)?\s*(deviation|error|abweichung)|delta\s*r(adius)?|dr", re.IGNORECASE)
+_RADIUS = re.compile(r"(measured\s*)?(radius|length|r)|l\u00e4nge", re.IGNORECASE)
+_VALUE = r"\s*[:=,;\t]?\s*(\d+(?:[.,]\d+)?)\s*(mm|inch|in)?"
+_CALIBRATED = re.compile(
+    r"(?:calibrated\s*(?:ballbar\s*)?(?:radius|length)|kalibrierte[rs]?\s*(?:radius|l\u00e4nge))" + _VALUE,
     re.IGNORECASE,
 )
-_PLANE = re.compile(r"(?:plane|test\s*plane)\s*[:=,;\t]?\s*(XY|YZ|ZX|XZ|ZY|YX)\b", re.IGNORECASE)
-_FEED = re.compile(r"feed(?:\s*rate)?\s*[:=,;\t]?\s*(\d+(?:\.\d*)?)", re.IGNORECASE)
+_NOMINAL = re.compile(
+    r"(?<!calibrated )(?<!calibrated ballbar )(?:nominal\s*|nenn)?(?:test\s*)?(?:ballbar\s*)?(?:radius|length)"
+    + _VALUE,
+    re.IGNORECASE,
+)
+_PLANE = re.compile(r"(?:(?:test\s*)?plane|ebene)\s*[:=,;\t]?\s*(XY|YZ|ZX|XZ|ZY|YX)\b", re.IGNORECASE)
+_FEED = re.compile(r"(?:feed(?:\s*rate)?|vorschub)\s*[:=,;\t]?\s*(\d+(?:\.\d*)?)", re.IGNORECASE)
 
 
 class BallbarTrace(RawFormat):
@@ -34,6 +40,8 @@ class BallbarTrace(RawFormat):
     name = "ballbar-trace"
     title = "a trace of a ballbar"
     source = "tables as laboratories export them; the makers' own files are not public (ISO 230-4 for the quantities)"
+
+    columns = ("angle", "deviation", "length")
 
     @classmethod
     def recognises(cls, raw: RawFile) -> bool:
@@ -53,39 +61,44 @@ class BallbarTrace(RawFormat):
         names = [str(n) for n in frame]
         angle = next(n for n in names if _ANGLE.fullmatch(n))
         head = "\n".join((*(raw.layout.preamble if raw.layout else ()), *(raw.layout.comments if raw.layout else ())))
-        unit = recording.units.get(angle, "deg")
+        unit = unit_word(asked.units.get("angle", recording.units.get(angle, "deg")))
         if not is_unit(unit, "angle"):
-            raise InputError(f"{raw.name}, column {angle}", f"the unit '{unit}'", "State its unit: deg or rad")
+            raise InputError(
+                f"{raw.name}, column {angle}", f"the unit '{unit}'", "Say it with --units angle=deg, or rad"
+            )
         turned: Array = np.unwrap(to_internal(numbers(recording, angle, raw.name), unit, "angle"))
         reading = next((n for n in names if _DEVIATION.fullmatch(n)), None)
-        nominal = _NOMINAL.search(head)
+        reach, calibrated = _size(_NOMINAL.search(head)), float("nan")
+        radius = asked.circle.radius if asked.circle is not None and asked.circle.radius else reach
         if reading is not None:
-            own = recording.units.get(reading, "")
+            own = unit_word(asked.units.get("deviation", recording.units.get(reading, "")))
             if not is_unit(own or "?", "length"):
-                raise InputError(
-                    raw.name, f"no unit of the column {reading}", f"Write it behind the name: {reading} [um]"
-                )
-            if nominal is None:
-                raise InputError(raw.name, "deviations without the nominal length", "Write 'Radius: 150 mm' above")
-            base = float(nominal[1]) * factor(unit_word(nominal[2] or "mm"), "length")
-            length = base + to_internal(numbers(recording, reading, raw.name), own, "length")
+                what = f"the unit '{own}'" if own else "no unit"
+                raise InputError(raw.name, f"{what} of the column {reading}", "Say it with --units deviation=um, or mm")
+            calibrated = _size(_CALIBRATED.search(head))
+            reach = calibrated if np.isfinite(calibrated) else float(radius)
+            if not np.isfinite(reach):
+                raise InputError(raw.name, "deviations without the nominal length", "Say it with --radius, in mm")
+            length = reach + to_internal(numbers(recording, reading, raw.name), own, "length")
         else:
             reading = next(n for n in names if _RADIUS.fullmatch(n))
-            length = to_internal(numbers(recording, reading, raw.name), recording.units.get(reading, "mm"), "length")
+            own = unit_word(asked.units.get("length", recording.units.get(reading, "mm")))
+            if not is_unit(own, "length"):
+                raise InputError(raw.name, f"the unit '{own}' of the column {reading}", "Say it with --units length=mm")
+            length = to_internal(numbers(recording, reading, raw.name), own, "length")
         side = _sides(turned)
         stated = {
             name: match[1].upper() for name, p in (("plane", _PLANE), ("feed", _FEED)) if (match := p.search(head))
         }
         notes = (*recording.notes, f"{len(length)} lengths from {length.min():.4f} to {length.max():.4f} mm")
-        reach = float("nan") if nominal is None else float(nominal[1]) * factor(unit_word(nominal[2] or "mm"), "length")
         if asked.circle is None or asked.machine is None:
             table = pd.DataFrame({"angle": np.degrees(turned), "length": length, "side": side})
             if "plane" in stated:
                 table["plane"] = stated["plane"]
         else:
             circle = asked.circle
-            table = circle.commands(asked.machine, turned, side, stated.get("plane", ""), reach, raw.name)
-            reach = reach if np.isfinite(reach) else float(circle.radius or np.nan)
+            table = circle.commands(asked.machine, turned, side, stated.get("plane", ""), float(radius), raw.name)
+            reach = reach if np.isfinite(reach) else float(radius)
             table["length"] = length - reach
         if "feed" in stated:
             table["feed"] = float(stated["feed"])
@@ -94,8 +107,15 @@ class BallbarTrace(RawFormat):
         units = {"angle": "deg", "length": "mm"}
         return Recording(
             table, {k: u for k, u in units.items() if k in table}, recording.lines, notes, recording.dated,
-            trace="circle", reach=reach,
+            trace="circle", reach=reach, calibrated=bool(np.isfinite(calibrated)),
         )  # fmt: skip
+
+
+def _size(match: re.Match[str] | None) -> float:
+    """A length in mm that the head of a file states; NaN where it states none."""
+    if match is None:
+        return float("nan")
+    return float(match[1].replace(",", ".")) * factor(unit_word(match[2] or "mm"), "length")
 
 
 def _sides(angle: Array) -> Array:

@@ -7,9 +7,10 @@ A raw format is one class in one file of this package, or of a package from outs
 from __future__ import annotations
 
 import codecs
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal
@@ -39,6 +40,7 @@ ENCODING_NAMES = {
     "utf-8": "UTF-8", "utf-16-le": "UTF-16", "utf-16-be": "UTF-16", "utf-32-le": "UTF-32", "utf-32-be": "UTF-32",
     "cp1252": "Windows-1252",
 }  # fmt: skip
+MOST_BLANKS = 2000  # in a row: columns of blanks have some ten; patterns take the square of it
 NULLS_OF_UTF16 = 0.3  # share of null bytes on one side of the pairs: half of the text of any European language
 
 
@@ -57,6 +59,8 @@ class Asked:
     offsets, at, dialect : of a programme, as for ``compensate``.
     circle : CommandedCircle or None
         The circle that was run, of a trace without coordinates.
+    units : mapping
+        Unit of a column by the format's own word for it (`RawFormat.columns`), before that of the file.
     """
 
     machine: Machine | None = None
@@ -66,6 +70,7 @@ class Asked:
     at: tuple[str, ...] = ()
     dialect: str = "auto"
     circle: CommandedCircle | None = None
+    units: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -90,6 +95,8 @@ class Recording:
         Kind of trace (`errormodel.observations.base.Observation.trace`) whose readings it holds; empty: none.
     reach : float
         Length in mm that the readings of a trace are deviations from.
+    calibrated : bool
+        Whether the file states that length as the calibrated one.
     """
 
     frame: pd.DataFrame
@@ -99,15 +106,17 @@ class Recording:
     dated: bool = False
     trace: str = ""
     reach: float = float("nan")
+    calibrated: bool = False
 
 
 @dataclass(frozen=True)
 class RawFile:
-    """A file as it came: `name` is the path as the user wrote it."""
+    """A file as it came: `name` is the path as the user wrote it, `called` the columns of its table that he names."""
 
     path: Path
     name: str
     data: bytes = field(repr=False)
+    called: Mapping[str, str] = field(default_factory=dict)  # our name of a column by the file's own
 
     @cached_property
     def _decoded(self) -> tuple[str | None, str]:
@@ -132,7 +141,10 @@ class RawFile:
     @cached_property
     def layout(self) -> Layout | None:
         """The table in its text, or None where there is none."""
-        return None if self.text is None else find_layout(self.lines)
+        table = None if self.text is None else find_layout(self.lines)
+        if table is None or not self.called:
+            return table
+        return replace(table, names=tuple(self.called.get(n, n) for n in table.names), named=True)
 
     @property
     def clear_layout(self) -> Layout | None:
@@ -159,6 +171,7 @@ class RawFormat(ABC):
     source : where the format is described.
     seen : whether it was tried on a public recording; else it is written to its description only.
     fallback : read by it what no other format recognises.
+    columns : words by which ``columns:`` and ``units:`` may name its own columns, beside those of a survey.
     """
 
     name: ClassVar[str]
@@ -166,6 +179,7 @@ class RawFormat(ABC):
     source: ClassVar[str]
     seen: ClassVar[bool] = False
     fallback: ClassVar[bool] = False
+    columns: ClassVar[tuple[str, ...]] = ()
 
     @classmethod
     @abstractmethod
@@ -228,7 +242,12 @@ def open_raw(path: Path, name: str) -> RawFile:
         raise InputError(name, f"cannot be read: {reason}", "Give a file that can be read") from error
     if not data.strip():
         raise InputError(name, "an empty file", "Give the file that the instrument wrote")
-    return RawFile(path, name, data)
+    raw = RawFile(path, name, data)
+    for number, line in enumerate(raw.lines, start=1):
+        if len(line) > MOST_BLANKS and max(map(len, re.findall(r"\s+", line)), default=0) > MOST_BLANKS:
+            found = f"more than {MOST_BLANKS} blanks in a row"
+            raise InputError(f"{name}, line {number}", found, "Give the file as the instrument wrote it")
+    return raw
 
 
 def format_of(raw: RawFile, asked: str = "") -> type[RawFormat]:
@@ -252,6 +271,26 @@ def format_of(raw: RawFile, asked: str = "") -> type[RawFormat]:
         names = " and ".join(kind.name for kind in own)
         raise InputError(raw.name, f"it looks like {names} alike", f"Say which with --format {own[0].name}")
     raise InputError(raw.name, unreadable(raw), "Give a table as text or a spreadsheet, or name its --format")
+
+
+def called(raw: RawFile, form: type[RawFormat], columns: Mapping[str, str]) -> RawFile:
+    """A file whose columns have the names that a format's words give them; `columns`: the file's own by our words.
+
+    Raises
+    ------
+    InputError
+        The file has no such column.
+    """
+    own = {ours: theirs for ours, theirs in columns.items() if ours in form.columns}
+    table = raw.clear_layout
+    if not own or table is None:
+        return raw
+    for ours, theirs in own.items():
+        place = int(theirs[1:]) - 1 if theirs.startswith("#") and theirs[1:].isdigit() else -1
+        own[ours] = table.names[place] if 0 <= place < len(table.names) else theirs
+        if own[ours] not in table.names:
+            raise InputError(f"{raw.name}, columns: {ours}", f"no column '{theirs}'", nearest(theirs, table.names))
+    return RawFile(raw.path, raw.name, raw.data, {theirs: ours for ours, theirs in own.items()})
 
 
 def unreadable(raw: RawFile) -> str:

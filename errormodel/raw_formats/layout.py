@@ -10,6 +10,7 @@ import csv
 import re
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -25,6 +26,8 @@ NUMBER = re.compile(
 )
 SPECIAL = frozenset(("nan", "inf", "+inf", "-inf", "infinity", "-nan"))
 TRIED_LINES = 400  # from the end of the file, by which a delimiter is chosen; by judgement
+MOST_COLUMNS = 10_000  # of a table, as of a survey's: instruments write some ten
+LONGEST_LINE = 1_000_000  # characters: ten thousand columns with room for names
 BLOCK_SHARE = 0.5  # of the lines below the first of the table must have its width, or it is no table
 
 
@@ -43,6 +46,7 @@ class Layout:
     delimiter : as in `DELIMITERS`.
     named : whether the file has names.
     notes : what was passed over, as sentences.
+    below : lines below the table that were passed over, from 1.
     """
 
     names: tuple[str, ...]
@@ -54,6 +58,7 @@ class Layout:
     delimiter: str
     named: bool
     notes: tuple[str, ...] = ()
+    below: tuple[int, ...] = ()
 
     def column(self, place: int) -> list[str]:
         """Cells of a column; `place` counts from 0."""
@@ -83,14 +88,11 @@ def kind_of(cell: str) -> str:
 
 def split(line: str, delimiter: str) -> list[str]:
     """Cells of a line, without surrounding blanks and quotes."""
-    if delimiter == " ":
-        return line.split() if '"' not in line else next(csv.reader([" ".join(line.split())], delimiter=" "), [])
-    if '"' not in line:
-        return [cell.strip() for cell in line.split(delimiter)]
-    try:
-        return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])]
-    except csv.Error:
-        return [cell.strip() for cell in line.split(delimiter)]
+    plain = " ".join(line.split()) if delimiter == " " else line
+    if '"' in line:
+        with suppress(csv.Error):  # a quote within a cell, or a cell without an end
+            return [cell.strip() for cell in next(csv.reader([plain], delimiter=delimiter, skipinitialspace=True), [])]
+    return [cell.strip() for cell in plain.split(delimiter)]
 
 
 def find_layout(lines: Sequence[str]) -> Layout | None:
@@ -102,9 +104,14 @@ def find_layout(lines: Sequence[str]) -> Layout | None:
         A row within the table has another number of cells, or commas both separate cells and are decimal signs. The
         error's place is the line; callers add the file.
     """
+    long = next((k for k, line in enumerate(lines, start=1) if len(line) > LONGEST_LINE), None)
+    if long is not None:
+        raise InputError(f"line {long}", f"more than {LONGEST_LINE} characters", "Give the file as it was written")
     full = [(k, line) for k, line in enumerate(lines, start=1) if line.strip()]
-    semicolons = sum(bool(re.match(r"\s*;", line)) for _, line in full) > len(full) / 2  # empty first cells
-    said = [bool(COMMENT.match(line)) and not (semicolons and line.lstrip()[0] == ";") for _, line in full]
+    cells_of = _semicolons([line for _, line in full])
+    said = [
+        bool(COMMENT.match(line)) and not (line.lstrip()[0] == ";" and line.count(";") in cells_of) for _, line in full
+    ]
     body = [entry for entry, comment in zip(full, said, strict=True) if not comment]
     comments = [entry for entry, comment in zip(full, said, strict=True) if comment]
     if not body:
@@ -114,10 +121,12 @@ def find_layout(lines: Sequence[str]) -> Layout | None:
         return None
     cells = [(k, split(line, delimiter)) for k, line in body]
     width, kinds = _shape([c for _, c in cells[-TRIED_LINES:]])
+    if width > MOST_COLUMNS:
+        raise InputError(f"line {cells[-1][0]}", f"more than {MOST_COLUMNS} columns", "Give those of the survey only")
     first = next((i for i, (_, c) in enumerate(cells) if _is_data(c, width, kinds)), None)
     if first is None:
         return None
-    rows, notes = _rows(cells[first:], width, kinds, delimiter)
+    rows, below, notes = _rows(cells[first:], width, kinds, delimiter)
     top = cells[:first]
     above = [(k, text[text.find(_sign(text)) + len(_sign(text)) :].strip()) for k, text in comments]
     spare = int(kinds[-1] == "empty")  # a delimiter at the end of the rows only
@@ -129,9 +138,19 @@ def find_layout(lines: Sequence[str]) -> Layout | None:
     table = Layout(
         tuple(names) if names is not None else tuple(str(i + 1) for i in range(width)),
         tuple(units), tuple(tuple(r) for _, r in rows), tuple(k for k, _ in rows), preamble,
-        tuple(text for _, text in above), delimiter, named, tuple(notes),
+        tuple(text for _, text in above), delimiter, named, tuple(notes), tuple(below),
     )  # fmt: skip
     return _without_empty_end(table)
+
+
+def _semicolons(lines: Sequence[str]) -> set[int]:
+    """Numbers of semicolons of a line that begins with one and is a row whose first cell is empty, no comment."""
+    begin = [bool(re.match(r"\s*;", line)) for line in lines]
+    if sum(begin) > len(lines) / 2:
+        return {line.count(";") for line in lines}
+    counts = Counter(line.count(";") for line, own in zip(lines, begin, strict=True) if not own)
+    usual = max(counts, key=lambda n: counts[n], default=0)
+    return {usual} if usual and counts[usual] > len(lines) / 2 else set()
 
 
 def _sign(text: str) -> str:
@@ -186,8 +205,8 @@ def _is_data(cells: Sequence[str], width: int, kinds: Sequence[str]) -> bool:
 
 def _rows(
     cells: Sequence[tuple[int, list[str]]], width: int, kinds: Sequence[str], delimiter: str
-) -> tuple[list[tuple[int, list[str]]], list[str]]:
-    """Data rows, and notes on what stands below them."""
+) -> tuple[list[tuple[int, list[str]]], list[int], list[str]]:
+    """Data rows; the lines below them that are passed over, and notes on these."""
     last = max(i for i, (_, c) in enumerate(cells) if _is_data(c, width, kinds))
     rows: list[tuple[int, list[str]]] = []
     for line, row in cells[: last + 1]:
@@ -207,7 +226,7 @@ def _rows(
     if len(rows) < BLOCK_SHARE * len(cells):
         raise InputError(f"line {cells[0][0]}", f"a table of {len(rows)} rows and more below it", "Give one table")
     notes = [f"{len(below)} line{'s' * (len(below) > 1)} below the table passed over"] if below else []
-    return rows, notes
+    return rows, [line for line, _ in below], notes
 
 
 def _fitted(row: list[str], width: int) -> list[str] | None:
@@ -249,7 +268,8 @@ def _heads(
         bare, unit = bracketed(name)
         plain.append(bare)
         units[place] = units[place] or unit
-    twice = {n for n in plain if n and plain.count(n) > 1}
+    counts = Counter(plain)
+    twice = {n for n in plain if n and counts[n] > 1}
     if twice:  # the file's own names, with the place behind them where a name comes again
         seen: Counter[str] = Counter()
         for place, name in enumerate(plain):
@@ -298,5 +318,5 @@ def _without_empty_end(table: Layout) -> Layout:
         return table
     return Layout(
         table.names[:width], table.units[:width], tuple(row[:width] for row in table.rows), table.lines,
-        table.preamble, table.comments, table.delimiter, table.named, table.notes,
+        table.preamble, table.comments, table.delimiter, table.named, table.notes, table.below,
     )  # fmt: skip

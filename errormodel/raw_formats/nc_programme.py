@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from errormodel.gcode.steps import Step
     from errormodel.machine import Machine
 
-_BLOCK = re.compile(r"\s*/?\s*(?:[NO]\d+\s*)?(?:[A-Z]=?\s*[-+]?(?:\d+\.?\d*|\.\d+)\s*)*$", re.IGNORECASE)
+_BLOCK = re.compile(r"\s*/?\s*(?:[NO]\d+\s*)?(?:[A-Z]=?\s*[-+]?(?:\d+(?:\.\d*)?|\.\d+)\s*)*$", re.IGNORECASE)
 _MOTION = re.compile(r"(?<![A-Z])G0*[0-3](?![\d.])", re.IGNORECASE)
 _COMMENT = re.compile(r"\([^()]*\)|;.*$")
 _WAITS = ("G4",)

@@ -12,13 +12,14 @@ from errormodel.raw_formats.base import Asked, RawFile, RawFormat, Recording
 from errormodel.raw_formats.direction_words import sides
 from errormodel.raw_formats.positioning import joint_for, motion_rows
 from errormodel.raw_formats.table_columns import columns_of, numbers
+from errormodel.raw_formats.unit_words import unit_word
 from errormodel.units import Quantity, is_unit, to_internal
 
-_TARGET = re.compile(r"target(position|pos|no)?|nominal(position)?|setpoint")
-_ACTUAL = re.compile(r"(actual|measured|read)?(position|pos)|actual|measured|reading")
-_DEVIATION = re.compile(r"(position)?(deviation|error|dev)")
-_CYCLE = re.compile(r"cycle|run|pass|series|repeat")
-_SIDE = re.compile(r"dir(ection)?|approach|side")
+_TARGET = re.compile(r"target(position|pos|no)?|nominal(position)?|setpoint|soll(wert|position)?")
+_ACTUAL = re.compile(r"(actual|measured|read|ist)?(position|pos)|actual|measured|reading|ist(wert)?|messwert")
+_DEVIATION = re.compile(r"(position(s|ier)?)?(deviation|error|dev|abweichung)")
+_CYCLE = re.compile(r"cycle|run|pass|series|repeat|lauf|zyklus|serie|messlauf")
+_SIDE = re.compile(r"dir(ection)?|approach|side|(anfahr)?richtung")
 _UNIT = re.compile(r"_(mm|um|inch|deg|arcsec|urad|rad)$")
 
 
@@ -34,6 +35,8 @@ def _places(names: list[str]) -> dict[str, str]:
         else:
             if "actual" not in out and _ACTUAL.fullmatch(bare):
                 out["actual"] = name
+    if "target" not in out and "deviation" in out and "actual" in out:  # positions beside their deviations
+        out["target"] = out.pop("actual")
     return out
 
 
@@ -44,6 +47,7 @@ class PositioningTest(RawFormat):
     title = "a positioning test of one joint"
     source = "ISO 230-2, table of measured deviations; names of columns as laboratories write them"
     seen = True
+    columns = ("target", "actual", "deviation", "run", "cycle", "direction")
 
     @classmethod
     def recognises(cls, raw: RawFile) -> bool:
@@ -60,20 +64,22 @@ class PositioningTest(RawFormat):
         table = columns_of(raw, asked)
         found = _places([str(n) for n in table.frame])
         frame = table.frame
-        unit = table.units.get(found["target"], "mm")
+        unit = unit_word(asked.units.get("target", table.units.get(found["target"], "mm")))
         joint = joint_for(raw.name, asked, "", rotary=is_unit(unit, "angle"))
         usual = "deg" if joint.type == "rotary" else "mm"
         quantity: Quantity = "angle" if joint.type == "rotary" else "length"
         target = numbers(table, found["target"], raw.name)
         if "deviation" in found:
-            reading, own = numbers(table, found["deviation"], raw.name), table.units.get(found["deviation"], "")
-            if not own:
-                cure = f"Say it with --format and --units, or write the unit behind {found['deviation']}"
-                raise InputError(raw.name, f"no unit of the column {found['deviation']}", cure)
+            reading = numbers(table, found["deviation"], raw.name)
+            own = unit_word(asked.units.get("deviation", table.units.get(found["deviation"], "")))
+            if not is_unit(own or "?", quantity):
+                what = f"the unit '{own}'" if own else "no unit"
+                cure = f"Say it with --units deviation={'arcsec' if joint.type == 'rotary' else 'um'}, or what it is"
+                raise InputError(raw.name, f"{what} of the column {found['deviation']}", cure)
         else:
             own = "rad" if joint.type == "rotary" else "mm"
             actual = numbers(table, found["actual"], raw.name)
-            stated = table.units.get(found["actual"], unit)
+            stated = unit_word(asked.units.get("actual", table.units.get(found["actual"], unit)))
             reading = to_internal(actual, stated, quantity) - to_internal(target, unit, quantity)
         side = np.full(len(frame), np.nan)
         if "side" in found:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import io
+import zipfile
 from dataclasses import replace
 
 from errormodel.exceptions import InputError
 from errormodel.extras import optional
 from errormodel.raw_formats.base import Asked, RawFile, RawFormat, Recording
 
+LARGEST_UNPACKED = 300_000_000  # bytes: some millions of cells; by judgement
 _ZIP, _OLD = b"PK\x03\x04", b"\xd0\xcf\x11\xe0"  # of xlsx and ods, of xls
 _SHEET = (b"xl/workbook", b"spreadsheet")  # a name of a part of the archive, a type in it
 
@@ -28,6 +30,7 @@ class Spreadsheet(RawFormat):
     @classmethod
     def read(cls, raw: RawFile, asked: Asked) -> Recording:
         calamine = optional("python_calamine", raw.name, "a spreadsheet", "save the sheet as CSV")
+        _check_size(raw)
         try:
             book = calamine.CalamineWorkbook.from_filelike(io.BytesIO(raw.data))
             sheets = [(name, book.get_sheet_by_name(name).to_python()) for name in book.sheet_names]
@@ -45,6 +48,18 @@ class Spreadsheet(RawFormat):
             notes = tuple(n for n in recording.notes if n != "columns separated by tabs")
             return replace(recording, notes=(f"sheet {name} of the spreadsheet{others}", *notes))
         raise InputError(raw.name, "no sheet with rows of numbers of equal width", "Give the table as CSV")
+
+
+def _check_size(raw: RawFile) -> None:
+    """Raise InputError where the archive says that it holds far more than a table."""
+    if not raw.data.startswith(_ZIP):
+        return
+    try:
+        size = sum(entry.file_size for entry in zipfile.ZipFile(io.BytesIO(raw.data)).infolist())
+    except (zipfile.BadZipFile, ValueError, OSError) as error:
+        raise InputError(raw.name, f"not a readable spreadsheet: {error}", "Save it again, or as CSV") from error
+    if size > LARGEST_UNPACKED:
+        raise InputError(raw.name, f"a spreadsheet of {size / 1e6:.0f} MB unpacked", "Save the one sheet as CSV")
 
 
 def _cell(value: object) -> str:

@@ -9,6 +9,7 @@ from errormodel.units import INTERNAL_UNITS, is_unit
 # other ways to write a unit, in lower case
 _OTHER = {
     "°": "deg", "degree": "deg", "degrees": "deg", "degs": "deg", "deg.": "deg",
+    "grad": "deg", "altgrad": "deg",  # German; the hundredth of a quarter turn is written gon
     "°c": "degC", "℃": "degC", "ºc": "degC", "c": "degC", "celsius": "degC", "deg c": "degC", "degc": "degC",
     "°f": "degF", "ºf": "degF", "f": "degF", "degf": "degF", "k": "K",
     "µm": "um", "μm": "um", "micron": "um", "microns": "um", "micrometer": "um", "micrometre": "um",

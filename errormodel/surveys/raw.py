@@ -19,7 +19,7 @@ from errormodel.conventions import MOTIONS
 from errormodel.exceptions import InputError, nearest
 from errormodel.formats.data_frame import FrameTable
 from errormodel.machine import Machine
-from errormodel.raw_formats.base import Asked, RawFile, Recording, format_of, open_raw
+from errormodel.raw_formats.base import Asked, RawFile, Recording, called, format_of, open_raw, raw_formats
 from errormodel.raw_formats.direction_words import sides
 from errormodel.raw_formats.unit_words import unit_word
 from errormodel.surveys.columns import (
@@ -77,8 +77,12 @@ def mapped(entry: RawEntry, folder: Path, machine: Machine) -> Recording:
 
 def read_raw(raw: RawFile, entry: RawEntry, machine: Machine) -> Recording:
     """A raw file under the names of its format."""
-    asked = Asked(machine, entry.dates, entry.joint, tuple(entry.offsets), tuple(entry.at), entry.dialect, entry.circle)
-    return format_of(raw, entry.format).opened(raw, asked)
+    form = format_of(raw, entry.format)
+    asked = Asked(
+        machine, entry.dates, entry.joint, tuple(entry.offsets), tuple(entry.at), entry.dialect, entry.circle,
+        {word: unit for word, unit in entry.units.items() if word in form.columns},
+    )  # fmt: skip
+    return form.opened(called(raw, form, entry.columns), asked)
 
 
 def with_map(recording: Recording, entry: RawEntry, machine: Machine) -> Recording:
@@ -89,8 +93,12 @@ def with_map(recording: Recording, entry: RawEntry, machine: Machine) -> Recordi
     columns: dict[str, Any] = {}
     units: dict[str, str] = {}
     taken: set[str] = set()
+    form = raw_formats().get(entry.format)
+    if form is not None and form.columns:  # what its format has taken by these words
+        rest = [{k: v for k, v in block.items() if k not in form.columns} for block in (entry.columns, entry.units)]
+        entry = entry.model_copy(update=dict(zip(("columns", "units"), rest, strict=True)))
     for ours, theirs in entry.columns.items():
-        if not _known(ours, machine):
+        if not is_column(ours, machine):
             names = (*(j.name for j in machine.joints), *MEASURED, *LABELS, "time", "run")
             raise InputError(f"{entry.path}, columns: {ours}", "no column of a survey", nearest(ours, names))
         name, sign = (theirs, 1.0) if theirs in frame else (theirs.removeprefix("-"), -1.0)
@@ -126,7 +134,8 @@ def _usual(name: str, machine: Machine) -> str:
     return "" if quantity is None else unit_of_column(name.removeprefix(READ_BACK), quantity, SurveyUnits())
 
 
-def _known(name: str, machine: Machine) -> bool:
+def is_column(name: str, machine: Machine) -> bool:
+    """Whether a column of a raw file may have this name."""
     joint = name.removeprefix(READ_BACK) in [n for j in machine.joints for n in j.columns]
     return name in LABELS or joint or is_survey_column(name, machine)
 

@@ -13,12 +13,18 @@ from identification.command_line.console import FOLDER, command, say
 @command
 @click.argument("folder", type=FOLDER)
 def verify(folder: Path) -> None:
-    """Check that all files in a FOLDER of results are those that errormodel wrote there."""
+    """Check that all files in a FOLDER of results are those that errormodel wrote there, other results in it too."""
     from identification.results import manifest
 
     made = manifest.read(folder)
     if made is None:
-        found = f"it holds no {manifest.NAME}, which fit, diagnose, thermal and compensate write"
+        found = f"it holds no {manifest.NAME}, which every folder of results has"
         raise InputError(str(folder), found, "Give a folder of results of this version or a later one")
     manifest.check_complete(folder, made)
     say(f"{folder}: all {len(made.files)} files are as `errormodel {made.command}` wrote them")
+    others = [*manifest.inside(folder, made)]
+    for place, other in others:
+        manifest.check_complete(place, other)
+    if others:
+        files = sum(len(other.files) for _, other in others)
+        say(f"so are the {files} files of {len(others)} other result{'s' * (len(others) > 1)} in it")

@@ -21,6 +21,7 @@ from identification.compensation.volume import Volume, best_frame
 
 SAME_TOOL_MM = 0.5  # mm between tool tips: closer tips count as the same tool; by judgement
 OTHER_TOOLS = "other tools"  # ending of the description of rows with other tools
+JOINT_ROWS = ", about "  # in the description of rows that read one joint
 FRESH_POSES = 1024  # poses for the assessment, other than those of the reduction; a power of two, for Sobol points
 
 Correct = Callable[[Array, Array, Array | None], Array]
@@ -46,12 +47,18 @@ class Error:
 
 @dataclass(frozen=True)
 class Figures:
-    """Errors on one set of poses: uncompensated, with exact inverse commands, and with the controller's tables."""
+    """Errors on one set of poses: uncompensated, with exact inverse commands, and with the controller's tables.
+
+    Attributes
+    ----------
+    model_um : standard uncertainty (k = 1) of the model itself there, root mean square; None: not known.
+    """
 
     poses: str
     before: Error
     ideal: Error
     after: Error
+    model_um: float | None = None
 
     def removed(self) -> float:
         """Reduction of the RMS error as a share of the reduction by the ideal compensation."""
@@ -119,7 +126,7 @@ def _by_joint(held: Rows | None) -> list[Rows]:
     about = None if held is None else held.about
     if held is None or about is None:
         return []
-    return [held.part(about == joint, f"about {joint}") for joint in dict.fromkeys(about)]
+    return [held.part(about == joint, f"{JOINT_ROWS[2:]}{joint}") for joint in dict.fromkeys(about)]
 
 
 def _by_tool(volume: Volume, held: Rows | None) -> list[Rows]:
@@ -131,6 +138,8 @@ def _by_tool(volume: Volume, held: Rows | None) -> list[Rows]:
     if held is None or held.about is not None:
         return []
     own = np.linalg.norm(held.tool - np.asarray(volume.field.chain.machine.tool), axis=1) < SAME_TOOL_MM
+    if not own.any():
+        return [held.part(~own, OTHER_TOOLS)]
     if own.all() or min(own.sum(), (~own).sum()) < FEWEST_HELD_OUT:
         return [held]
     return [held.part(own, "this tool"), held.part(~own, OTHER_TOOLS)]
@@ -139,10 +148,9 @@ def _by_tool(volume: Volume, held: Rows | None) -> list[Rows]:
 def _figures(volume: Volume, correct: Correct, rows: Rows) -> Figures:
     if rows.about is not None:
         volume = replace(volume, field=volume.field.of_joints(rows.about[:1]))
-    parts = [
-        Error.of(remaining(volume, c, rows), volume.field.outward(rows.q)) for c in (nothing, volume.ideal, correct)
-    ]
-    return Figures(rows.what, *parts)
+    cases = (nothing, rows.measured), (volume.ideal, rows), (correct, rows)
+    before, best, after = (Error.of(remaining(volume, c, r), volume.field.outward(r.q)) for c, r in cases)
+    return Figures(rows.what, before, best, after)
 
 
 def remaining(volume: Volume, correct: Correct, rows: Rows) -> Array:

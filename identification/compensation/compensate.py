@@ -32,6 +32,7 @@ from identification.compensation.conditions import (
 )
 from identification.compensation.designs import Designs
 from identification.compensation.field import Field
+from identification.compensation.model_uncertainty import against_model, following, judged
 from identification.compensation.read_motions import known_at_tip, motion_rows, notes_on_motions
 from identification.compensation.reduction import leftover, reduce
 from identification.compensation.result import Compensation, Own, Stated
@@ -42,6 +43,7 @@ from identification.compensation.text import COMMON_FILES
 from identification.compensation.volume import Volume, levels
 from identification.observation.frames import rotation_notes
 from identification.results import manifest, store
+from identification.results.stored_fit import StoredFit
 from identification.runtime.progress import Progress, silent
 
 SAMPLE_POSES = 3000  # poses of the reduction, times the ratio of TABLES_PER_SAMPLE to the number of tables
@@ -118,6 +120,8 @@ def compensate(
     by_axis = None if read is None else {a.name: read.get(a.joint, ()) for a in setup.axes}
     setup = replace(setup, probe=probe, inverted=invert, reversals=reversals(field, letters), read=by_axis)
     controller.suits(setup)
+    whole = fit if read is None else None
+    setup, of_tools = following(whole, volume, setup, controller, seed)
     probing = _probing(controller, setup, volume) if probe else None
     channels = [root(c) for c in field.chain.channels]
     states = levels(table, channels)
@@ -130,11 +134,13 @@ def compensate(
         what = f"{controller.title}{f', {label}' if label else ''}"
         if isinstance(controller, Controller):
             sets.append(
-                _one_state(controller, setup, here, held, label, state, seed, allow_large, what, designs, progress)
+                _one_state(
+                    controller, setup, here, whole, held, label, state, seed, allow_large, what, designs, progress
+                )
             )
         elif isinstance(controller, Rewriter):
             with progress(f"Commands for {what}"):
-                sets.append(_rewritten(controller, setup, here, held, label, state, source, reading, seed))
+                sets.append(_rewritten(controller, setup, here, whole, held, label, state, source, reading, seed))
     tests: dict[str, str] = {}
     own = None
     if isinstance(controller, Controller) and len(sets) > 1 and "time" not in states[0]:
@@ -166,7 +172,7 @@ def compensate(
         probing,
         advice,
         (*notes, *rotation_notes(fit.frames), *_notes(volume, setup, held is not None, read)),
-        said,
+        (*of_tools, *_still(setup, read), *said),
         rotary,
     )
 
@@ -202,6 +208,7 @@ def _one_state(
     controller: Controller,
     setup: Setup,
     volume: Volume,
+    fit: StoredFit | None,
     held: Rows | None,
     label: str,
     state: Mapping[str, float],
@@ -223,9 +230,9 @@ def _one_state(
         files = written(controller, tables, setup)
         back = read_back(controller, files, setup)
     with progress("Judging what they leave"):
-        figures = assess(volume, emulated(controller, back, setup, volume), held, seed)
+        figures = judged(fit, volume, emulated(controller, back, setup, volume), held, seed)
         conditions = conditions_of(controller, setup, volume, back, seed)
-    check_size(conditions.largest, allow_large, what)
+    check_size(conditions.largest, allow_large, what, against_model(figures))
     return Stated(label, state, files, back, figures, conditions)
 
 
@@ -262,6 +269,7 @@ def _rewritten(
     rewriter: Rewriter,
     setup: Setup,
     volume: Volume,
+    fit: StoredFit | None,
     held: Rows | None,
     label: str,
     state: Mapping[str, float],
@@ -286,7 +294,7 @@ def _rewritten(
 
     # the line ends of the original programme are kept, since the control may require them
     new = re.sub(r"\r?\n", "\r\n", done.text) if "\r\n" in text else done.text
-    return Stated(label, state, {name: new}, (), assess(volume, rounded, held, seed), None, done.notes)
+    return Stated(label, state, {name: new}, (), judged(fit, volume, rounded, held, seed), None, done.notes)
 
 
 def _source(controller: Target, path: Path | None, reading: Reading | None) -> tuple[str, str]:
@@ -353,6 +361,17 @@ def _best_of(
             break
     designs.rank = chosen
     return best
+
+
+def _still(setup: Setup, read: Mapping[str, Sequence[str]] | None) -> list[str]:
+    """Checklist lines about rotary axes that the survey did not move, whose place the tables therefore do not know."""
+    if read is not None:
+        return []
+    return [
+        f"{a.joint} stood at {a.measured[0]:g} deg in the whole survey: what is written is right with it there only"
+        for a in setup.axes
+        if a.rotary and a.name not in setup.moving
+    ]
 
 
 def _notes(volume: Volume, setup: Setup, held: bool, read: Mapping[str, Sequence[str]] | None) -> tuple[str, ...]:

@@ -6,16 +6,16 @@ errors in um over the volume, predicted by the model.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from errormodel.arrays import Array
+from errormodel.arrays import Array, Mask
 from errormodel.controllers.base import Controller
 from errormodel.controllers.setup import Setup
-from errormodel.controllers.tables import Tables
+from errormodel.controllers.tables import Table, Tables
 from errormodel.exceptions import InputError
 from identification.compensation.assessment import Correct, emulated, fresh_rows, left, nothing, remaining
 from identification.compensation.reversal import left_to_parameters, reversal_lines, with_backlash
@@ -79,7 +79,7 @@ class Conditions:
         if removed >= LEAST_REMOVED_SHARE and self.worse_share <= MOST_WORSE_SHARE:
             return ""
         return (
-            f"DO NOT LOAD THESE TABLES: this format takes away {100 * max(removed, 0.0):.0f} % of the rms error "
+            f"this format takes away {100 * max(removed, 0.0):.0f} % of the rms error "
             f"({self.before_um:.1f} um before, {self.left_um:.1f} after) and makes {100 * self.worse_share:.0f} % of "
             f"the poses worse; --controller {instead} can take away the rest"
         )
@@ -88,6 +88,10 @@ class Conditions:
 def conditions_of(controller: Controller, setup: Setup, volume: Volume, tables: Tables, seed: int) -> Conditions:
     """Residual errors of a set of tables with and without each condition."""
     correct = emulated(controller, tables, setup, volume)
+
+    def acts(q: Array) -> Mask:
+        return controller.acts(tables, setup, volume.field.outward(q))
+
     promised = left(volume, correct, seed).rms_um
     kept = tuple(t for t in tables if t.term.inputs or t.term.factor)
     found = left_to_parameters(controller, setup, tables)
@@ -95,7 +99,7 @@ def conditions_of(controller: Controller, setup: Setup, volume: Volume, tables: 
     set_up = left(volume, with_backlash(correct, setup, found, volume.field), seed).rms_um if found else None
     return Conditions(
         promised, bare, set_up, left(volume, nothing, seed).rms_um, _worse(volume, correct, seed),
-        largest(volume, setup, correct, seed),
+        largest(volume, setup, correct, acts, seed),
     )  # fmt: skip
 
 
@@ -106,8 +110,11 @@ def _worse(volume: Volume, correct: Correct, seed: int) -> float:
     return float(np.mean(after > (1 + WORSE_SHARE) * before + WORSE_UM))
 
 
-def largest(volume: Volume, setup: Setup, correct: Correct, seed: int) -> Largest:
-    """Largest correction of a linear joint over the volume, and its largest slope along any joint."""
+def largest(volume: Volume, setup: Setup, correct: Correct, acts: Callable[[Array], Mask], seed: int) -> Largest:
+    """Largest correction of a linear joint over the volume, and its largest slope along any joint.
+
+    `acts`: where the control corrects at all; a step to where it does not is no slope of its tables.
+    """
     rows, field = fresh_rows(volume, seed), volume.field
     linear = np.logical_not(field.rotary)
 
@@ -123,33 +130,39 @@ def largest(volume: Volume, setup: Setup, correct: Correct, seed: int) -> Larges
             q = rows.q.copy()
             q[:, k] += np.where(q[:, k] + step <= volume.high[k], step, -step)
             scale = PLAUSIBLE_TURN if field.rotary[k] else 1.0
-            steep = float(np.abs(moved(q) - here).max()) / float(np.degrees(step) if field.rotary[k] else step) / scale
+            steps = np.abs(moved(q) - here)[acts(q) & acts(rows.q)]
+            steep = float(steps.max(initial=0.0)) / float(np.degrees(step) if field.rotary[k] else step) / scale
             slope, along = max((slope, along), (steep, other.name))
     where = field.outward(rows.q)[pose]
     place = " ".join(f"{a.joint}={v:.1f}" for a, v in zip(setup.axes, where, strict=True))
     return Largest(float(np.abs(here[pose, joint])), field.joints[joint].name, place, slope, along)
 
 
-def check_size(found: Largest, allowed: bool, what: str) -> None:
-    """Raise InputError where a correction is implausibly large or steep, unless the user allows it."""
+def check_size(found: Largest, allowed: bool, what: str, model: str = "") -> None:
+    """Raise InputError where a correction is implausibly large or steep, unless the user allows it.
+
+    `model`: what speaks against the model itself, which is then the likely cause.
+    """
+    because = f", and {model}" if model else ""
     if found.mm > PLAUSIBLE_MM and not allowed:
         raise InputError(
             f"compensate, {what}, joint {found.joint} at {found.place}",
-            f"corrections of up to {found.mm:.3g} mm, which controls neither limit nor watch",
+            f"corrections of up to {found.mm:.3g} mm, which controls neither limit nor watch{because}",
             f"Look for a wrong unit or sign in the survey; --allow-large writes corrections beyond {PLAUSIBLE_MM:g} mm",
         )
     if found.slope > PLAUSIBLE_SLOPE and not allowed:
         raise InputError(
             f"compensate, {what}, along joint {found.along}",
-            f"corrections that change by up to {1e3 * found.slope:.3g} mm in a metre, which is no machine's geometry",
+            f"corrections that change by up to {1e3 * found.slope:.3g} mm in a metre, which is no machine's geometry"
+            f"{because}",
             f"Look for a blunder in the survey; --allow-large writes slopes beyond {1e3 * PLAUSIBLE_SLOPE:g} mm/m, too",
         )
 
 
-def shift_lines(label: str, tables: Tables, figures: Conditions) -> list[str]:
+def shift_lines(label: str, setup: Setup, tables: Tables, figures: Conditions) -> list[str]:
     """Checklist lines for constant offsets, which tables that are zero at the reference point cannot represent."""
     shifts = [t for t in tables if not t.term.inputs and not t.term.factor]
-    words = ", ".join(f"{t.term.output} by {1e3 * float(t.values):+.1f} um" for t in shifts)
+    words = ", ".join(f"{t.term.output} {_shift(setup, t)}" for t in shifts)
     if not shifts or figures.unshifted_um is None:
         return []
     reported = figures.unshifted_um > (1 + REPORTED_SHARE) * figures.left_um
@@ -159,9 +172,16 @@ def shift_lines(label: str, tables: Tables, figures: Conditions) -> list[str]:
         else "of no effect on the errors within the volume: a work offset that is set anew takes it"
     )
     return [
-        f"FIRST{f' (for {label})' if label else ''}: shift the zero (work offset or reference point): {words}; "
-        f"these tables are zero at the reference point; {effect}"
+        f"FIRST{f' (for {label})' if label else ''}: these tables are zero at the reference point. Add to every work "
+        f"offset: {words} (or take it off the coordinate that the reference point is given: what is commanded must lie "
+        f"that much further towards plus); {effect}"
     ]
+
+
+def _shift(setup: Setup, table: Table) -> str:
+    """A constant of an axis with its unit."""
+    value = float(table.values)
+    return f"{value:+.5f} deg" if setup.axis(table.term.output).rotary else f"{value:+.4f} mm"
 
 
 def backlash_lines(controller: Controller, setup: Setup, tables: Tables, figures: Conditions) -> list[str]:

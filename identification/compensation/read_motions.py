@@ -40,21 +40,25 @@ def motion_rows(field: Field, table: pd.DataFrame, read: Mapping[str, Sequence[s
     Each run of a joint has a zero of its own, which serves as its frame. None if there are too few rows of each joint.
     """
     q, came, tools = commands(table, field.chain.machine)
-    left, known = np.zeros((len(table), 3)), np.zeros(len(table), dtype=bool)
+    left, known = np.zeros((2, len(table), 3)), np.zeros(len(table), dtype=bool)
     for k, joint in enumerate(field.joints):
         names = [f"heldout_{m}_{'um' if m in TRANSLATIONS else 'urad'}" for m in read.get(joint.name, ())]
         keep = ((table["joint"] == joint.name) & table[names].notna().any(axis=1)).to_numpy(dtype=bool)
         if not names or keep.sum() < FEWEST_HELD_OUT:
             continue
         known |= keep
-        motions = np.zeros((int(keep.sum()), 6))
-        for motion, name in zip(read[joint.name], names, strict=True):
-            factor = 1e-3 if motion in TRANSLATIONS else 1e-6
-            motions[:, MOTIONS.index(motion)] = factor * table[name].fillna(0.0).to_numpy(dtype=np.float64)[keep]
-        left[keep] = np.einsum("nim,nm->ni", field.levers(q[keep])[0][:, :, 6 * k : 6 * k + 6], motions)
+        levers = field.levers(q[keep])[0][:, :, 6 * k : 6 * k + 6]
+        for part, kind in zip(left, ("heldout", "residual"), strict=True):
+            motions = np.zeros((int(keep.sum()), 6))
+            for motion, name in zip(read[joint.name], names, strict=True):
+                factor = 1e-3 if motion in TRANSLATIONS else 1e-6
+                column = table[name.replace("heldout", kind, 1)].fillna(0.0)
+                motions[:, MOTIONS.index(motion)] = factor * column.to_numpy(dtype=np.float64)[keep]
+            part[keep] = np.einsum("nim,nm->ni", levers, motions)
     runs, joints = (table[c].astype(str).to_numpy(dtype=object)[known] for c in ("run", "joint"))
     what = f"{known.sum()} rows left out of the fit in blocks"
-    rows = Rows(q[known], came[known], tools[known], left[known], runs, what, joints)
+    held, seen = left[:, known]
+    rows = Rows(q[known], came[known], tools[known], held, runs, what, joints, seen)
     return rows if len(rows) else None
 
 

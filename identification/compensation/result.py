@@ -18,6 +18,7 @@ from identification.compensation.conditions import (
     backlash_lines,
     shift_lines,
 )
+from identification.compensation.model_uncertainty import against_model
 from identification.compensation.rotary_axes import Kinematics
 
 SCHEMA = "errormodel.compensation/1"
@@ -25,6 +26,11 @@ SCHEMA = "errormodel.compensation/1"
 REDATUM_STEP = (
     "once the tables act, touch off work offsets, datum and tool setter again: positions that were taken without them "
     "are shifted by the corrections there"
+)
+# step for machines with X and Z only
+LATHE_STEP = (
+    "X of a lathe: positions and corrections of the files are radii, as the axis moves. Where the control counts X in "
+    "diameters, its manual says whether its tables do, too: then double both before loading"
 )
 
 
@@ -87,8 +93,13 @@ class Compensation:
         stated = [s for s in self.sets if s.conditions is not None]
         more = richer(self.controller, self.setup) if isinstance(self.controller, Controller) else []
         other = " or ".join([*more, instead()])
-        against = [w for s in stated if s.conditions and (w := s.conditions.against(other))]
-        shifts = [line for s in stated if s.conditions for line in shift_lines(s.label, s.tables, s.conditions)]
+        harm = [w for s in self.sets if (w := against_model(s.figures))]
+        harm = harm or [w for s in stated if s.conditions and (w := s.conditions.against(other))]
+        no = "DO NOT LOAD THESE TABLES" if isinstance(self.controller, Controller) else "DO NOT RUN WHAT WAS WRITTEN"
+        against = [f"{no}: {why}" for why in harm]
+        shifts = [
+            line for s in stated if s.conditions for line in shift_lines(s.label, self.setup, s.tables, s.conditions)
+        ]
         rotary = [self.rotary.first()] if self.rotary and (self.rotary.asked or self.rotary.worth) else []
         ordered = [*rotary, *shifts] if self.rotary and self.rotary.asked else [*shifts, *rotary]
         return [*dict.fromkeys(against), *ordered]
@@ -101,6 +112,8 @@ class Compensation:
         if isinstance(controller, Controller) and usual.conditions:
             before += backlash_lines(controller, self.setup, usual.tables, usual.conditions)
             before += controller.about(usual.tables, self.setup)
+        if isinstance(controller, Controller) and self.setup.lathe:
+            before.append(LATHE_STEP)
         after = [REDATUM_STEP] if isinstance(controller, Controller) else []
         after.append(f"to take it back: {controller.back}")
         return [*before, *self.states, *controller.checklist(self.setup), *after]

@@ -6,7 +6,7 @@ Commands in mm and rad, residuals in mm in the axes of the reference frame.
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -100,6 +100,8 @@ class Rows:
     frames : (n,) label of the frame that a row was measured in.
     what : which rows these are, in words.
     about : (n,) joint whose error motions a row reads, "" where it is a position; None: all are positions.
+    seen : (n, 3) as `left`, by the model that the tables are computed from: with it comes what was measured, which is
+        the error without tables. None: `left` is that.
     """
 
     q: Array
@@ -109,6 +111,7 @@ class Rows:
     frames: Array
     what: str
     about: Array | None = None
+    seen: Array | None = None
 
     def __len__(self) -> int:
         return len(self.q)
@@ -116,8 +119,13 @@ class Rows:
     def part(self, keep: Mask, of: str) -> Rows:
         """Subset of the rows, with the words `of` that describe it."""
         q, came, tool, left, frames = (a[keep] for a in (self.q, self.direction, self.tool, self.left, self.frames))
-        about = None if self.about is None else self.about[keep]
-        return Rows(q, came, tool, left, frames, f"{len(q)} {self.what.partition(' ')[2]}, {of}", about)
+        about, seen = (None if a is None else a[keep] for a in (self.about, self.seen))
+        return Rows(q, came, tool, left, frames, f"{len(q)} {self.what.partition(' ')[2]}, {of}", about, seen)
+
+    @property
+    def measured(self) -> Rows:
+        """The same rows with `left` such that errors without corrections are those that were measured."""
+        return self if self.seen is None else replace(self, left=self.seen)
 
 
 def commands(table: pd.DataFrame, machine: Machine) -> tuple[Array, Array, Array]:
@@ -147,12 +155,15 @@ def held_out(fit: StoredFit, table: pd.DataFrame) -> Rows | None:
         q, came, tools = commands(table, fit.chain.machine)
         mask = keep.to_numpy(dtype=bool)
         labels = frame_labels(Survey(part, "shared", (), Plain(), Path()), fit.frame_mode)
-        measured = 1e-3 * part[names].to_numpy(dtype=np.float64)
-        left = np.empty_like(measured)
+        turns = np.empty((len(part), 3, 3))
         for label in dict.fromkeys(labels):
             rows = labels == label
-            left[rows] = measured[rows] @ _pose(fit, part["file"].iloc[int(np.argmax(rows))], label, role).rotation
-        return Rows(q[mask], came[mask], tools[mask], left, labels, f"{len(part)} {what}")
+            turns[rows] = _pose(fit, part["file"].iloc[int(np.argmax(rows))], label, role).rotation
+        left, seen = (
+            np.einsum("ni,nij->nj", 1e-3 * part[columns].to_numpy(dtype=np.float64), turns)
+            for columns in (names, [f"residual_{axis}_um" for axis in "xyz"])
+        )
+        return Rows(q[mask], came[mask], tools[mask], left, labels, f"{len(part)} {what}", seen=seen)
     return None
 
 

@@ -102,6 +102,8 @@ def figure_lines(figures: Figures, setup: Setup, follows_tool: bool = False) -> 
     )
     for what, error in rows:
         yield f"  {what:52} {error.rms_um:8.2f} {error.worst_um:8.2f}"
+    if figures.model_um is not None:
+        yield f"  {'standard uncertainty of the model itself, beside that':52} {figures.model_um:8.2f}"
     better = figures.after.rms_um < figures.before.rms_um
     idle = abs(figures.after.rms_um - figures.before.rms_um) < UNCHANGED_SHARE * figures.before.rms_um
     share = f"{100 * figures.removed():.1f} % of what can be removed" if better else "WORSE THAN WITHOUT THEM"

@@ -69,6 +69,15 @@ class Conformity:
         found = {j.verdict for j in self.judgements}
         return next((v for v in ORDER if v in found), None)
 
+    @property
+    def by_severity(self) -> tuple[Judgement, ...]:
+        """The decisions, worst first: what fails, and in it what is largest beside its limit."""
+
+        def rank(j: Judgement) -> tuple[int, float]:
+            return ORDER.index(j.verdict), -abs(j.quantity.value) / max(j.limit, 1e-300)
+
+        return tuple(sorted(self.judgements, key=rank))
+
     def as_json(self) -> dict[str, Any]:
         return {
             "rule": self.rule, "rule_in_words": RULES[self.rule], "verdict": self.verdict,

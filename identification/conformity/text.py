@@ -19,7 +19,7 @@ def headline(conformity: Conformity) -> str:
     """The verdict in one sentence."""
     if conformity.verdict is None:
         return "No tolerance is stated: figures without a decision."
-    of = {v: [j for j in conformity.judgements if j.verdict == v] for v in ("fails", "cannot be decided", "passes")}
+    of = {v: [j for j in conformity.by_severity if j.verdict == v] for v in ("fails", "cannot be decided", "passes")}
     count = len(conformity.judgements)
     if conformity.verdict == "passes":
         return f"Passes: {'the one tolerance is' if count == 1 else f'all {count} tolerances are'} met."
@@ -71,8 +71,7 @@ def evaluation_lines(result: EvaluationResult) -> Iterator[str]:
     yield headline(result.conformity)
     if result.conformity.judgements:
         yield f"rule: {RULES[result.conformity.rule]}"
-        order = {"fails": 0, "cannot be decided": 1, "passes": 2}
-        for j in sorted(result.conformity.judgements, key=lambda j: order[j.verdict])[:MOST_LINES]:
+        for j in result.conformity.by_severity[:MOST_LINES]:
             why = f" ({j.reason})" if j.reason else ""
             yield f"  {j.verdict}: {sentence(j)}, guard band {amount(j.guard, j.quantity)}{why}"
     if result.conformity.unused:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from errormodel.arrays import Array, Mask
-from errormodel.effects.base import Effect
 from errormodel.exceptions import InputError
-from errormodel.machine import EffectSpec, Machine
+from errormodel.machine import Machine
 from errormodel.survey import Survey
 from errormodel.surveys.observations import groups
 from identification.diagnosis.data_checks.approach_direction import contrary_sides
@@ -27,7 +26,8 @@ from identification.diagnosis.data_checks.runs_of_motions import (
 from identification.diagnosis.data_checks.temperature_sensors import dead_sensors
 from identification.diagnosis.data_checks.unrelated import refuse_unstated_rotation
 from identification.diagnosis.decisions.log import DecisionLog
-from identification.diagnosis.linear.linear_model import LEAST_RUN, MOST_ROWS, LinearModel, set_up, unused_runs
+from identification.diagnosis.extension import explained
+from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.linear.motions_as_points import as_points, carried
 from identification.diagnosis.linear.residual_rows import heldout_um, views_of
 from identification.diagnosis.linear.row_residuals import by_observation, noise_mm, spread, vectors
@@ -37,7 +37,6 @@ from identification.diagnosis.results.findings import (
     Diagnosis,
     Finding,
     HeldOut,
-    Untestable,
     alternatives_of,
     log_names,
     look_alikes,
@@ -46,8 +45,8 @@ from identification.diagnosis.results.findings import (
     p_value_of,
     probability_of,
 )
-from identification.diagnosis.results.model_discrepancy import with_form
 from identification.diagnosis.results.physical_limits import checked_name
+from identification.diagnosis.results.remainder import checked_remainder, checked_share
 from identification.diagnosis.results.residual_dependence import dependence_of
 from identification.diagnosis.results.statements import (
     brief_of,
@@ -57,15 +56,11 @@ from identification.diagnosis.results.statements import (
     statement_of,
     subject,
 )
-from identification.diagnosis.results.untestable import unseen
 from identification.diagnosis.results.verdict import judge
-from identification.diagnosis.results.witnesses import WitnessResult, apply_witnesses, with_witnesses
-from identification.diagnosis.search.candidates import WIDEST, Candidates, Ranked, enough_rows, proposed
-from identification.diagnosis.search.conditional_evidence import in_correlated_noise
-from identification.diagnosis.search.forward_selection import forward_select
-from identification.diagnosis.search.instrument_noise import station_notes, tracker_noise
+from identification.diagnosis.results.wandering import wandering_um
+from identification.diagnosis.results.witnesses import WitnessResult, with_witnesses
+from identification.diagnosis.search.instrument_noise import station_notes
 from identification.diagnosis.search.model import EffectModel
-from identification.diagnosis.search.model_comparison import compare_alternatives
 from identification.diagnosis.search.scoring import Step
 from identification.diagnosis.together import together
 from identification.estimation.checks import check_readings, noise_notes
@@ -141,7 +136,7 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
     dead = dead_sensors(survey)
     for name, reason in dead.items():
         log.add("sensor-fault", "not considered", f"column {name}", beside=reason)
-    found = _explained(fit, sound, changes, progress, log)
+    found = explained(fit, sound, changes, progress, log)
     if bad.any() and found.model.steps:
         # what was found may explain rows that were far out: then they are no outliers, and show its form best
         extended = found.final.chain.machine
@@ -152,19 +147,20 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
             log.again()
             bad, sound = still, _without_fit_rows(survey, still)
             fit = fit_machine(machine, sound)
-            found = _explained(fit, sound, changes, progress, log)
+            found = explained(fit, sound, changes, progress, log)
     model, final, first = found.model, found.final, found.first
     fits = [*before, mended]
     findings = [_blunder_finding(b, *fits[k : k + 2]) for k, b in enumerate(blunders)]
-    causes = [
-        _finding(g, model, final, found.before, first, found.witnessed.get(g[0].effect, []), log)
-        for g in model.findings
-    ]
+    with progress("Testing what is left"):
+        dependence = dependence_of(model.linear, 1e3 * noise_mm(found.before), log, 3 if final.fitted.n else 1)
+    causes = []
+    for g in model.findings:
+        cause = _finding(g, model, final, found.before, first, found.witnessed.get(g[0].effect, []), log)
+        cause = checked_share(cause, model, g, log)
+        causes.append(checked_remainder(cause, g[0].effect, dependence, log, wandering_um(final)))
     findings += sorted(causes, key=lambda f: -f.heldout_rms_um.before)
     if bad.any():
         findings.append(_outlier_finding(bad, mended, fit))
-    with progress("Testing what is left"):
-        dependence = dependence_of(model.linear, 1e3 * noise_mm(found.before), log, 3 if final.fitted.n else 1)
     verdict = judge(final, bool(findings), dependence, log)
     unusable = (f"{name} drives nothing: {reason}" for name, reason in dead.items())
     baseline = next((b for b in fits if b is not None), mended)
@@ -189,63 +185,6 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
         final.fitted.n > 0 or not final.problem.readings,
     )
     return Diagnosed(diagnosis, baseline, final, model, found.ranking, log=log)
-
-
-@dataclass(frozen=True)
-class _Found:
-    """Effects that explain a fit's residuals, the fit with them, witness results, and what is untestable.
-
-    `before` is the fit without, its rows weighed as in the `final` one. `ranking` is that before all; `first` the
-    number of the first effect that was found, among the final machine's.
-    """
-
-    before: Fit
-    model: EffectModel
-    final: Fit
-    witnessed: dict[Effect, list[WitnessResult]]
-    untestable: list[Untestable]
-    ranking: list[Ranked]
-    first: int
-
-
-def _explained(fit: Fit, survey: Survey, changes: Sequence[Effect], progress: Progress, log: DecisionLog) -> _Found:
-    """What explains a fit's residuals, and the survey fitted with it; `changes` are effects that mend blunders."""
-    linear, candidates = _tried(fit, progress, log)
-    if (seen := tracker_noise(fit, linear, candidates, survey, log)) is not None:
-        survey, fit = seen, fit_machine(fit.chain.machine, seen)
-        linear, candidates = _tried(fit, progress, log)
-    scores = candidates.scores(linear)
-    selected = forward_select(linear, candidates, progress, log=log)
-    chosen = compare_alternatives(selected, candidates, progress, log)
-    model, witnessed = apply_witnesses(in_correlated_noise(chosen, log), log)
-    effects = [*changes, *(s.effect for s in model.steps)]
-    machine = fit.chain.machine
-    first = len(machine.effects) + len(changes)
-    final = fit
-    if effects:
-        with progress("Fitting the extended machine"):
-            extended = fit_machine(_extended(machine, effects), survey, effect_sizes=WIDEST)
-            final = with_form(extended, model, first)
-    beside = scores.beside(model.start, model.linear)
-    untestable = unseen(model.start.scene, beside, [s.effect for s in model.steps], log)
-    return _Found(fit, model, final, witnessed, untestable, scores.ranking(), first)
-
-
-def _tried(fit: Fit, progress: Progress, log: DecisionLog) -> tuple[LinearModel, Candidates]:
-    """The linear model of a fit, and every effect at every place that its survey shows."""
-    with progress("Trying all effects at all places"):
-        linear = set_up(fit)
-        library = proposed(linear.scene)
-        most = min(enough_rows(library), MOST_ROWS)
-        if most < MOST_ROWS:
-            linear = set_up(fit, most)
-        if len(fit.survey) > most:
-            log.add("rows-used", "found", "rows", len(fit.survey), most)
-        for label, count in unused_runs(fit.survey):
-            log.add("run-labels", "not considered", f"run {label}", count, LEAST_RUN)
-        candidates = Candidates.of(linear, library)
-        candidates.scores(linear)
-    return linear, candidates
 
 
 def _try(machine: Machine, survey: Survey) -> Fit | None:
@@ -275,11 +214,6 @@ def _without_fit_rows(survey: Survey, bad: Mask) -> Survey:
     mask = np.zeros(len(survey), dtype=bool)
     mask[np.flatnonzero((survey.table["role"] == "fit").to_numpy())[bad]] = True
     return without(survey, mask)
-
-
-def _extended(machine: Machine, effects: list[Effect]) -> Machine:
-    specs = tuple(EffectSpec(e.effect, e.model_dump(exclude_defaults=True)) for e in effects)
-    return replace(machine, effects=(*machine.effects, *specs))
 
 
 def _summary(fit: Fit) -> dict[str, float | None]:

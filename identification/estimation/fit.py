@@ -136,7 +136,7 @@ def _fit(
     fit = Fit(
         chain, rows, problem, solution, nominal, Spread.of(residuals), Spread.of(heldout), folds,
         residuals, nominal_residuals, heldout, notes=notes, sorting=sorting, at_bound=at_bound,
-        counted=weighted.views, motions=motions, readings=readings,
+        counted=weighted.views, motions=motions, readings=readings, serial=noise,
     )  # fmt: skip
     tests, more = [], []
     for test in survey.test:

@@ -70,6 +70,15 @@ class Noise:
             out[:, a] *= np.sqrt(self.news)  # the first row has the variance of the process
         return out
 
+    def weighed(self, columns: Array, edges: Index) -> Array:
+        """Product of series (k, N) and the inverse of the covariance that makes `whitened` ones independent."""
+        out = self.whitened(columns, edges)
+        for a, b in pairwise(edges):
+            out[:, a] *= np.sqrt(self.news)
+            out[:, a:b] = _recursion(out[:, a:b][:, ::-1], self.moving)[:, ::-1]
+            out[:, a : b - 1] -= self.kept * out[:, a + 1 : b]
+        return out
+
     def spread(self, columns: Array, edges: Index) -> Array:
         """Product of series (k, N) and the correlation matrix of the noise."""
         out = columns / (1 + self.part)

@@ -17,6 +17,7 @@ from errormodel.survey import Survey
 from identification.estimation.bounded import AtBound
 from identification.estimation.least_squares import Solution
 from identification.estimation.motions import Motions
+from identification.estimation.noise import Noise
 from identification.estimation.outliers import Outlier, Sorting
 from identification.estimation.readings import Readings
 from identification.observation.assembly import Problem
@@ -115,6 +116,7 @@ class Fit:
     sorting: Sorting | None = None
     at_bound: tuple[AtBound, ...] = ()
     counted: tuple[View, ...] = ()
+    serial: Noise | None = None  # serial correlation of the residuals
     streamed: Streamed | None = None  # the survey and its residuals are then those of a sample of the rows
 
     @property

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import posixpath
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -122,7 +123,7 @@ def _rows(frame: pd.DataFrame, columns: Sequence[str], cell: object) -> tuple[Ro
             k + 1, given[MACHINE], given[SURVEY], given.get(IDENTITY) or given[MACHINE], given.get(TYPE, ""),
             *_date(given.get(DATE, ""), cell(k, DATE)), {c: given[c] for c in others},
         )  # fmt: skip
-        before = seen.setdefault((row.id, row.survey), row.number)
+        before = seen.setdefault((row.id, _same_place(row.survey)), row.number)
         if before != row.number:
             found = f"'{row.survey}' stands for {row.id} in row {before} already"
             raise InputError(cell(k, SURVEY), found, "List each survey of a machine once")
@@ -132,6 +133,11 @@ def _rows(frame: pd.DataFrame, columns: Sequence[str], cell: object) -> tuple[Ro
             raise InputError(cell(k, TYPE), found, "Write one type for a machine")
         rows.append(row)
     return tuple(rows)
+
+
+def _same_place(entry: str) -> str:
+    """A survey's path in one of its spellings; addresses stay."""
+    return entry if "://" in entry else posixpath.normpath(entry.replace("\\", "/"))
 
 
 def _date(text: str, where: str) -> tuple[float, str]:

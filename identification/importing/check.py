@@ -7,13 +7,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from errormodel.chain import Chain
 from errormodel.channels import direction
 from errormodel.conventions import MOTIONS
 from errormodel.machine import Joint, Machine
 from errormodel.survey import Survey
 from errormodel.surveys.columns import ORIENTATION, SIGMA_COLUMNS
+from identification.diagnosis.data_checks.readings import Lengths, length_lines, lengths_of, refuse_exchanged
 from identification.importing.proof import Proof, prove
 from identification.importing.text import proof_lines
+from identification.observation.assembly import build
 from identification.results.description import Description, describe
 
 COVERED = 0.8  # of a travel: less is said; by judgement
@@ -30,12 +33,14 @@ class Checked:
     machine, survey : what was looked at.
     proof : how its points lie beside the commanded ones.
     description : which parameters its poses determine.
+    lengths : how single lengths lie beside those of a machine without errors.
     """
 
     machine: Machine
     survey: Survey
     proof: Proof
     description: Description
+    lengths: tuple[Lengths, ...] = ()
 
 
 def check_survey(machine: Machine, survey: Survey) -> Checked:
@@ -48,7 +53,10 @@ def check_survey(machine: Machine, survey: Survey) -> Checked:
     """
     points = bool(np.isfinite(survey.fit.measured).any())
     proof = prove(machine, survey, False, points)
-    return Checked(machine, survey, proof, describe(machine, survey))
+    chain = Chain(machine)
+    lengths = lengths_of(chain, build(chain, survey).views) if "length" in survey.table else []
+    refuse_exchanged(survey, lengths)
+    return Checked(machine, survey, proof, describe(machine, survey), tuple(lengths))
 
 
 def check_lines(checked: Checked) -> Iterator[str]:
@@ -69,6 +77,7 @@ def check_lines(checked: Checked) -> Iterator[str]:
     yield from _channels(survey)
     if len(checked.proof.rows):
         yield from proof_lines(checked.proof, survey)
+    yield from length_lines(survey, checked.lengths)
     yield ""
     yield from _parameters(checked)
 

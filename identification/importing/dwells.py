@@ -68,9 +68,16 @@ def find_dwells(points: Array) -> Dwells | None:
     moving = len(seen) - int(sizes.sum())
     if float(np.median(sizes)) < MANY and moving <= len(parts):
         return None  # a few readings of each of several points, and nothing between them
+    if float(np.median([_spread(seen[a : b + 1]) for a, b in parts])) > LARGEST_SCATTER:
+        return None  # steps between points beside longer ones, such as from one station to the next
     first = rows[np.array([a for a, _ in parts])][kept]
     last = rows[np.array([b for _, b in parts])][kept]
     return Dwells(first, last, moving, int((~kept).sum()))
+
+
+def _spread(points: Array) -> float:
+    """Median distance of some readings from their middle, mm."""
+    return float(np.median(np.linalg.norm(points - np.median(points, axis=0), axis=1)))
 
 
 def _still(points: Array) -> tuple[Mask, float] | None:

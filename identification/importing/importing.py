@@ -97,7 +97,7 @@ def import_files(
     pairs = [pair(source, commanded, chain, wishes, seed) for source in points]
     aligned = [_places(source, own, commanded, chain) for source, own in zip(points, pairs, strict=True)]
     for source, (nominal, measured) in zip(points, aligned, strict=True):
-        refuse_unit(nominal, measured, source.raw.name)
+        refuse_unit(nominal, measured, source.raw.name, source.mm_a_unit)
         refuse_partial(nominal, measured, source.raw.name)
     frame = _frame(points, aligned, chain)
     files = _files(points, motions, traces, logs, pairs, commanded, frame, wishes)

@@ -22,7 +22,7 @@ from identification.diagnosis.data_checks.checks import find_blunders
 
 FOREIGN = 0.02  # of the points' reach: a rigid alignment of points that belong together leaves less; by judgement
 WILD = 10.0  # times the distance of most points: named as far from its command
-UNIT_FACTORS = {25.4: "inch", 1e3: "m", 1e-3: "um", 10.0: "cm"}  # of another unit in mm
+UNIT_FACTORS = {1.0: "mm", 25.4: "inch", 1e3: "m", 1e-3: "um", 10.0: "cm"}  # mm a unit
 FEWEST_OF_UNIT = 4  # points, for their unit to be judged
 LEAST_SPREAD = 1e-6  # mm: commands at one place
 SMALL = 0.01  # mm: what lies so near has no mistake worth a refusal
@@ -115,15 +115,19 @@ def _place(survey: Survey) -> str:
     return ", ".join(dict.fromkeys(survey.table["file"].astype(str)))
 
 
-def refuse_unit(nominal: Array, measured: Array, name: str) -> None:
-    """InputError where measured points (n, 3) fit the nominal ones in another unit: their reaches say it."""
+def refuse_unit(nominal: Array, measured: Array, name: str, read_as: float = 1.0) -> None:
+    """InputError where measured points (n, 3) fit the nominal ones in another unit: their reaches say it.
+
+    `read_as`: mm a unit as which the file's numbers were read.
+    """
     good = np.isfinite(measured).all(axis=1)
     part = Points(nominal[good], measured[good])
     if len(part) < FEWEST_OF_UNIT or part.spread < LEAST_SPREAD:
         return
     ratio = part.spread / max(part.reach, 1e-12)
-    for factor, unit in UNIT_FACTORS.items():
-        if abs(ratio / factor - 1) > UNIT_SLACK:
+    for size, unit in UNIT_FACTORS.items():
+        factor = size / read_as
+        if factor == 1 or abs(ratio / factor - 1) > UNIT_SLACK:
             continue
         scaled = Points(part.nominal, part.measured * factor)
         if scaled.misfit() < FOREIGN * scaled.reach:

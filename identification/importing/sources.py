@@ -13,11 +13,13 @@ import numpy as np
 from errormodel.conventions import MOTIONS
 from errormodel.exceptions import InputError
 from errormodel.machine import Machine
-from errormodel.raw_formats.base import RawFile, Recording, format_of, open_raw
+from errormodel.raw_formats.base import RawFile, Recording, format_of, open_raw, raw_formats
 from errormodel.raw_formats.commanded_circle import CommandedCircle
+from errormodel.raw_formats.unit_words import unit_word
 from errormodel.surveys.columns import MEASURED
 from errormodel.surveys.file import RawEntry
-from errormodel.surveys.raw import read_raw, with_map
+from errormodel.surveys.raw import is_column, read_raw, with_map
+from errormodel.units import factor, is_unit
 from identification.importing.roles import Kind, roles, unused
 
 FOLDER = "raw"  # of a survey, for the files as they came
@@ -82,6 +84,16 @@ class SourceFile:
     @property
     def rows(self) -> int:
         return len(self.recording.frame)
+
+    @property
+    def mm_a_unit(self) -> float:
+        """Size in mm of the unit as which the measured coordinates were read: the one asked for, the file's, or mm."""
+        name, table = self.entry.columns.get("mx", "mx").removeprefix("-"), self.raw.clear_layout
+        own = self.entry.units.get("mx", "")
+        if not own and table is not None and name in table.names:
+            own = table.units[table.names.index(name)]
+        own = unit_word(own or self.entry.units.get("length", "mm"))
+        return factor(own, "length") if is_unit(own, "length") else 1.0
 
     def column(self, name: str) -> np.ndarray:
         return self.recording.frame[name].to_numpy(dtype=np.float64)
@@ -149,9 +161,13 @@ def open_source(path: Path, machine: Machine, kind: Kind, wishes: Wishes) -> Sou
     asked = wishes.command_format if of_commands else wishes.format
     given = wishes.command_columns if of_commands else wishes.columns
     units = wishes.command_units if of_commands else wishes.units
-    form = format_of(raw, asked)
+    form = format_of(raw, asked or _named_by(given, machine))
+    words = {ours: theirs for ours, theirs in given.items() if ours in form.columns}
+    given = {ours: theirs for ours, theirs in given.items() if ours not in words}
+    table = raw.clear_layout
+    words = {ours: _placed(path, theirs, [*table.names] if table else []) for ours, theirs in words.items()}
     plain = RawEntry(
-        path=str(path), format=form.name, dates=wishes.dates, joint=wishes.joint,
+        path=str(path), format=form.name, columns=words, units=dict(units), dates=wishes.dates, joint=wishes.joint,
         offsets=list(wishes.offsets), at=list(wishes.at), dialect=wishes.dialect,
         circle=None if of_commands else wishes.circle,
     )  # fmt: skip
@@ -163,14 +179,22 @@ def open_source(path: Path, machine: Machine, kind: Kind, wishes: Wishes) -> Sou
     found = roles(recording, machine, kind, own)
     entry = plain.model_copy(
         update={
-            "path": f"{FOLDER}/{path.name}", "sha256": hashlib.sha256(raw.data).hexdigest(), "columns": found,
-            "units": dict(units),
+            "path": f"{FOLDER}/{path.name}", "sha256": hashlib.sha256(raw.data).hexdigest(),
+            "columns": {**words, **found},
         }
     )  # fmt: skip
     mapped = with_map(recording, entry.model_copy(update={"path": str(path)}), machine)
     return SourceFile(
         raw, entry, mapped, form.title, _what(path, mapped, machine, kind), tuple(unused(recording, found, machine))
     )
+
+
+def _named_by(given: Mapping[str, str], machine: Machine) -> str:
+    """The format that has most of the names given, where one is a column of no survey; empty where that is open."""
+    foreign = {ours for ours in given if not is_column(ours, machine)}
+    shared = {n: len({*given} & {*form.columns}) for n, form in raw_formats().items() if foreign <= {*form.columns}}
+    best = [n for n, count in shared.items() if count == max(shared.values())] if foreign else []
+    return best[0] if len(best) == 1 else ""
 
 
 def _placed(path: Path, theirs: str, names: list[str]) -> str:
@@ -216,4 +240,8 @@ def _what(path: Path, recording: Recording, machine: Machine, kind: Kind) -> Wha
             str(path), "commands, and nothing measured", "Give it as --commands, and the measured file first"
         )
     found = f"no measured coordinates among its columns {', '.join(names[:12])}{' ...' if len(names) > 12 else ''}"
-    raise InputError(str(path), found, f"Say which they are: --columns mx={names[0]},my=..,mz=..")
+    first = next((n for n in names if frame[n].dtype.kind == "f"), names[0])
+    others = "; ".join(
+        f"of {form.title} by {', '.join(form.columns)}" for form in raw_formats().values() if form.columns
+    )
+    raise InputError(str(path), found, f"Say which they are: --columns mx={first},my=..,mz=..; {others}")

@@ -100,3 +100,10 @@ def trace_lines(traces: Sequence[Trace]) -> Iterator[str]:
     yield from (t.line for t in traces)
     if traces:
         yield "where the angle starts and which way it counts, a circle cannot prove: see circle: in survey.yaml"
+    bare = [t for t in traces if not t.source.recording.calibrated]
+    if bare:
+        of = ", ".join(dict.fromkeys(f"{t.source.recording.reach:g}" for t in bare))
+        yield (
+            f"no file states a calibrated length: readings count from {of} mm, as if the bar had been calibrated to "
+            "that; the common scale of the axes follows from it. If it was not, write calibrated: unknown (survey.yaml)"
+        )

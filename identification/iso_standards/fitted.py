@@ -81,8 +81,13 @@ class FittedMachine:
     def source(self) -> str:
         """What it is, in words."""
         fit = self.stored.data
-        rows = fit.get("fitted", {}).get("n", 0)
-        return f"fitted model ({self.folder.name}, from {rows} measured points)"
+        counts = {
+            "measured points": fit.get("fitted", {}).get("n", 0),
+            "lengths and angles": sum(entry.get("n", 0) for entry in fit.get("readings") or ()),
+            "readings of error motions": sum(entry.get("n", 0) for entry in fit.get("motions") or ()),
+        }
+        rows = ", ".join(f"{n} {what}" for what, n in counts.items() if n)
+        return f"fitted model ({self.folder.name}, from {rows or 'no rows'})"
 
     @property
     def linear(self) -> list[int]:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from errormodel.surveys.record import UncertaintyRecord
-from identification.iso_standards.base import Evaluation, Quantity, Standard, spread
+from identification.iso_standards.base import Evaluation, Quantity, Sheet, Standard, spread, text
 from identification.iso_standards.fitted import FittedMachine
 from identification.iso_standards.series import Series, series_of
 from identification.iso_standards.targets import WORDS, Axis, as_json, axis_of, chart, of_readings, sheet
@@ -52,21 +52,65 @@ def annex_a(
     noise : standard uncertainty of one reading of the instrument in mm; None where none is declared.
     temperature : of the machine during the test in degC; None: 20.
     """
-    device = given.device if given.device is not None else None if noise is None else 2 * noise
-    off = abs((REFERENCE_TEMPERATURE if temperature is None else temperature) - REFERENCE_TEMPERATURE)
     reading = np.hypot(OF_RANGE * given.environment, 2 * (noise or 0.0))
     out = of_readings(float(reading), runs, targets) if reading > 0 else {}
-    if device is not None:
-        common = (
-            device**2
-            + (OF_RANGE / 2 * given.misalignment**2 / travel) ** 2
-            + (OF_RANGE * given.coefficient * travel * 2 * given.temperature) ** 2
-            + (OF_RANGE * off * travel * 2 * given.coefficient_bound) ** 2
-        )
+    parts = contributions(travel, given, noise, temperature)
+    if parts:
+        common = sum(u**2 for _, _, u in parts)
         shares = dict.fromkeys(("E", "E↑", "E↓"), 2 / runs) | {"M": 1 / runs}
         shares |= dict.fromkeys(("A", "A↑", "A↓"), 4 + 2 / runs)
         out |= {name: float(np.sqrt(common + share * reading**2)) for name, share in shares.items()}
     return out
+
+
+def contributions(
+    travel: float, given: UncertaintyRecord, noise: float | None, temperature: float | None
+) -> list[tuple[str, str, float]]:
+    """Contributions to the uncertainty of a length that all readings share: what, from which input, U in mm (k = 2).
+
+    None where nothing is known of the device.
+    """
+    device = given.device if given.device is not None else None if noise is None else 2 * noise
+    if device is None:
+        return []
+    warm = REFERENCE_TEMPERATURE if temperature is None else temperature
+    off = abs(warm - REFERENCE_TEMPERATURE)
+    stated = "as stated" if given.device is not None else "twice the instrument's standard uncertainty"
+    return [
+        ("device", stated, device),
+        (
+            "misalignment",
+            f"{given.misalignment:g} mm over {travel:.4g} mm",
+            OF_RANGE / 2 * given.misalignment**2 / travel,
+        ),
+        (
+            "temperature of the machine",
+            f"± {given.temperature:g} K, {1e6 * given.coefficient:g} µm/m/K",
+            OF_RANGE * given.coefficient * travel * 2 * given.temperature,
+        ),
+        (
+            "coefficient of expansion",
+            f"± {1e6 * given.coefficient_bound:g} µm/m/K at {warm:g} °C",
+            OF_RANGE * off * travel * 2 * given.coefficient_bound,
+        ),
+    ]
+
+
+def _budget(
+    label: str, travel: float, given: UncertaintyRecord, noise: float | None, warm: float | None
+) -> list[Sheet]:
+    """The contributions as a table; none where nothing is known of the device."""
+    parts = contributions(travel, given, noise, warm)
+    if not parts:
+        return []
+    rows = [[what, source, text(u, "mm")] for what, source, u in parts]
+    if given.environment:
+        source = f"range {text(given.environment, 'mm')} µm of a drift test, of a single reading"
+        rows.append(["variation of the environment", source, text(OF_RANGE * given.environment, "mm")])
+    if noise:
+        rows.append(["noise of the instrument", "of a single reading", text(2 * noise, "mm")])
+    caption = f"{label}: contributions to the uncertainty (annex A), U with k = 2 in µm; what is 0 was not stated"
+    return [Sheet(f"uncertainty-{label}", caption, ["contribution", "from", "U"], rows)]
 
 
 class Positioning(Standard):
@@ -87,6 +131,7 @@ class Positioning(Standard):
         given = UncertaintyRecord() if record is None else record.uncertainty
         warm = None if record is None else record.ambient.machine_temperature
         parts: list[Part] = []
+        budgets: list[Sheet] = []
         for series in found:
             axis = axis_of(series.q, series.along, series.direction)
             sigma = series.along_sigma
@@ -99,7 +144,10 @@ class Positioning(Standard):
                 for name, v in axis.figures().items()
             ]
             parts.append((series.label, series.unit, axis, quantities, tuple(_remarks(series, axis))))
-        return _evaluation(self, f"survey {survey.source.name}", parts)
+            if series.unit == "mm":
+                budgets += _budget(series.label, travel, own, noise, warm)
+        whole = _evaluation(self, f"survey {survey.source.name}", parts)
+        return replace(whole, sheets=(*whole.sheets, *budgets))
 
     def of_fit(self, model: FittedMachine) -> Evaluation:
         parts: list[Part] = []

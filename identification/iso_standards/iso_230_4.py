@@ -7,20 +7,18 @@ Mean bidirectional radial deviation D: mean radius of both directions minus the 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from functools import partial
 from itertools import combinations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from errormodel.arrays import Array, Index
-from errormodel.chain import Chain
+from errormodel.arrays import Array
 from errormodel.exceptions import InputError
 from identification.iso_standards.base import Chart, Evaluation, Quantity, Standard, spread, text
+from identification.iso_standards.circular_paths import Circle, circles_of
 from identification.iso_standards.fitted import FittedMachine
-from identification.iso_standards.series import DRAWS, SAME_POSITION, measured_points
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -30,9 +28,6 @@ if TYPE_CHECKING:
 
 MODEL_POINTS = 180  # of a circle of a fitted model: every two degrees
 MODEL_RADIUS_SHARE = 0.4  # of the shorter measured travel; ISO 230-4 leaves the radius to be agreed on
-LEAST_ARC = np.radians(300.0)  # of a circle in a survey: less does not determine its centre well; by judgement
-FEWEST_POINTS = 8  # of a circle in a survey
-ROUND_SHARE = 1e-6  # of the radius: commands closer to the circle lie on it
 
 WORDS = {
     "G+": "circular deviation, counter-clockwise",
@@ -42,32 +37,6 @@ WORDS = {
     "F min": "smallest radial deviation",
     "D": "mean bidirectional radial deviation",
 }
-
-
-@dataclass(frozen=True)
-class Circle:
-    """Deviations on one circle.
-
-    Attributes
-    ----------
-    axes : names of the two axes; `radius` in mm.
-    angle : (n,) rad from the first axis to the second.
-    radial : (1 + draws, n) mm, outward, about the nominal centre; `sense` (n,) +1 counter-clockwise, -1 clockwise.
-    """
-
-    axes: tuple[str, str]
-    radius: float
-    angle: Array
-    radial: Array
-    sense: Array
-
-    @property
-    def name(self) -> str:
-        return "".join(self.axes)
-
-    def of(self, sense: float) -> tuple[Array, Array]:
-        own = self.sense == sense
-        return self.angle[own], self.radial[:, own]
 
 
 def centred(angle: Array, radial: Array) -> Array:
@@ -114,8 +83,9 @@ def figures(circle: Circle) -> dict[str, tuple[float, float | None]]:
     about = centred(circle.angle, circle.radial)
     if len(both) == 2:
         out["G(b)"] = (minimum_zone(circle.angle, circle.radial[0])[0], spread(np.ptp(about, axis=-1))[1])
-    out["F max"], out["F min"] = spread(about.max(axis=-1)), spread(about.min(axis=-1))
-    if len(both) == 2:
+    if circle.sized:
+        out["F max"], out["F min"] = spread(about.max(axis=-1)), spread(about.min(axis=-1))
+    if len(both) == 2 and circle.sized:
         out["D"] = spread(np.mean(means, axis=0))
     return out
 
@@ -125,15 +95,16 @@ class Circles(Standard):
 
     number = "230-4"
     title = "ISO 230-4:2022, circular tests"
-    needs = "measured points on a circle of commands of two linear axes, over 300° or more"
+    needs = "measured points, or lengths of a ballbar, on a circle of commands of two linear axes, over 300° or more"
 
     def of_survey(self, survey: Survey, machine: Machine) -> Evaluation:
-        found = list(_circles(survey, machine))
+        found = list(circles_of(survey, machine))
         if not found:
-            raise self.lacking(survey, "no rows lie on a circle of two linear axes with both components measured")
+            what = "no rows lie on a circle of two linear axes, with both components measured or a bar read"
+            raise self.lacking(survey, what)
         known = len(found[0].radial) > 1
         basis = "noise of the instrument as declared" if known else "the survey declares no noise of its instrument"
-        return _evaluation(self, f"survey {survey.source.name}", found, basis, ())
+        return _evaluation(self, f"survey {survey.source.name}", found, basis, tuple(_bar_notes(found)))
 
     def of_fit(self, model: FittedMachine) -> Evaluation:
         linear = model.linear
@@ -145,6 +116,15 @@ class Circles(Standard):
             "a model of standing poses does not know",
         )
         return _evaluation(self, model.source, found, "covariance of the fit", notes)
+
+
+def _bar_notes(found: Sequence[Circle]) -> Iterator[str]:
+    """What figures of lengths of a bar rest on."""
+    lengths = dict.fromkeys(f"{c.bar:.7g} mm" for c in found if np.isfinite(c.bar))
+    if lengths:
+        yield f"F and D rest on the bar's calibrated length ({', '.join(lengths)}), which its survey states"
+    if any(not c.sized for c in found):
+        yield "of a bar whose length is not known there is no F and no D: G alone does not need it"
 
 
 def _of_model(model: FittedMachine, a: int, b: int) -> Circle:
@@ -162,80 +142,27 @@ def _of_model(model: FittedMachine, a: int, b: int) -> Circle:
     return Circle((first.name, second.name), radius, np.tile(angle, 2), np.hstack(radial), senses)
 
 
-def _circles(survey: Survey, machine: Machine) -> Iterator[Circle]:
-    points = measured_points(survey, machine, Chain(machine))
-    if points is None:
-        return
-    joints = machine.joints
-    q = survey.commands([j.name for j in joints])[points.index]
-    rng = np.random.default_rng(0)
-    linear = [k for k, j in enumerate(joints) if j.type == "prismatic"]
-    for a, b in combinations(linear, 2):
-        others = np.round(np.delete(q, [a, b], axis=1) / SAME_POSITION).astype(np.int64)
-        _, inverse = np.unique(others, axis=0, return_inverse=True)
-        for code in range(int(inverse.max()) + 1):
-            own = np.flatnonzero(inverse.ravel() == code)
-            circle = None if len(own) < FEWEST_POINTS else _circle(q[own][:, [a, b]])
-            if circle is None:
-                continue
-            angle, radius, on, sense = circle
-            rows = own[on]
-            u, v = _direction(points.nominal[own], q[own, a], q[own, b])
-            outward = np.outer(np.cos(angle), u) + np.outer(np.sin(angle), v)
-            used = np.abs(outward).max(axis=0) > 1e-9
-            radial = np.sum(points.deviation[rows][:, used] * outward[:, used], axis=1)
-            if not np.isfinite(radial).all():
-                continue
-            drawn = radial[None]
-            if points.sigma is not None:
-                std = np.sqrt(np.sum(np.square(points.sigma[rows][:, used] * outward[:, used]), axis=1))
-                drawn = np.vstack([radial, radial + std * rng.standard_normal((DRAWS, len(radial)))])
-            yield Circle((joints[a].name, joints[b].name), radius, angle, drawn, sense)
-
-
-def _circle(q: Array) -> tuple[Array, float, Index, Array] | None:
-    """Angle, radius, rows and sense of commands (n, 2) on a circle; None where they lie on none."""
-    design = np.column_stack([2 * q, np.ones(len(q))])
-    x, y, c = np.linalg.lstsq(design, np.square(q).sum(axis=1), rcond=None)[0]
-    radius = float(np.sqrt(max(c + x * x + y * y, 0.0)))
-    about = q - [x, y]
-    if radius < 1e-3 or np.abs(np.linalg.norm(about, axis=1) - radius).max() > ROUND_SHARE * radius + 1e-3:
-        return None
-    angle = np.arctan2(about[:, 1], about[:, 0])
-    turned = np.diff(np.unwrap(angle))
-    ordered = np.sort(np.mod(angle, 2 * np.pi))
-    gap = np.max(np.append(np.diff(ordered), ordered[0] + 2 * np.pi - ordered[-1]))
-    if 2 * np.pi - gap < LEAST_ARC or len(ordered) < FEWEST_POINTS:
-        return None
-    step = np.sign(turned)
-    sense = np.append(step, step[-1])
-    sense = np.where(sense == 0, np.append(step[1:], [step[-1], step[-1]])[: len(sense)], sense)
-    return angle, radius, np.arange(len(q)), np.where(sense >= 0, 1.0, -1.0)
-
-
-def _direction(nominal: Array, a: Array, b: Array) -> tuple[Array, Array]:
-    """Unit vectors (3,) in which the tip moves with either axis."""
-    design = np.column_stack([a - a.mean(), b - b.mean()])
-    u, v = np.linalg.lstsq(design, nominal - nominal.mean(axis=0), rcond=None)[0]
-    return u / np.linalg.norm(u), v / np.linalg.norm(v)
-
-
 def _evaluation(kind: Circles, source: str, found: list[Circle], basis: str, notes: tuple[str, ...]) -> Evaluation:
     quantities, charts = [], []
     data: dict[str, Any] = {}
     for circle in found:
-        label = circle.name if sum(c.name == circle.name for c in found) == 1 else f"{circle.name} r{circle.radius:g}"
+        label = circle.name if sum(c.name == circle.name for c in found) == 1 else f"{circle.name} r{circle.radius:.5g}"
+        again = sum(name.partition(" no. ")[0] == label for name in data)  # at another height, say
+        label += f" no. {again + 1}" if again else ""
         known = figures(circle)
         place = f"(radius {circle.radius:.4g} mm)"
         for symbol, (value, expanded) in known.items():
             words = f"{WORDS[symbol]} {place}"
             quantities.append(Quantity(symbol, label, words, value, "mm", expanded, basis))
+        size = "The length of the bar is not known."
+        if circle.sized:
+            outside, inside = text(known["F max"][0], "mm"), text(-known["F min"][0], "mm")
+            size = f"{outside} µm outside, {inside} µm inside the circle."
         charts.append(
             Chart(
                 f"circle {label}",
                 f"{label}: path at radius {circle.radius:.4g} mm, radial deviations about the least-squares centre, "
-                "enlarged as the scale says; counter-clockwise blue, clockwise orange. "
-                f"{text(known['F max'][0], 'mm')} µm outside, {text(-known['F min'][0], 'mm')} µm inside the circle.",
+                "enlarged as the scale says; counter-clockwise blue, clockwise orange. " + size,
                 f"Polar plot of the circular path of {label}",
                 partial(_draw, circle),
             )

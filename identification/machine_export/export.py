@@ -9,7 +9,7 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.chain import Chain
-from errormodel.exceptions import ErrorModelError
+from errormodel.exceptions import ErrorModelError, InputError
 from errormodel.machine import Machine
 from errormodel.machine_formats.base import Extras, MachineFormat, Part, Template, described, format_named, nominal
 from errormodel.raw_formats.base import RawFile, open_raw
@@ -18,6 +18,7 @@ from identification.compensation.rows import joints_read, read_rows
 from identification.compensation.volume import Volume
 from identification.machine_export.geometry import Calibrated, calibrated, nominal_rows, poses_of
 from identification.results import store
+from identification.results.terminal import one_line
 from identification.runtime.progress import Progress, silent
 
 READ_BACK_POSES = 1000
@@ -73,12 +74,14 @@ def exported(
         There is no such format, it cannot hold this machine, or the folder holds no fit.
     """
     kind = format_named(name)
+    if identity and not kind.identified:
+        raise InputError("--hash", f"'{identity}', and {kind.title} holds no identifier of a robot", "Leave it out")
     template = None if into is None else open_raw(into, str(into))
     known = None if isinstance(source, Machine) else _of_fit(source, progress)
     machine = nominal(source) if isinstance(source, Machine) else known.machine if known else None
     assert machine is not None
     what = "calibrated" if known else "nominal"
-    heading = f"errormodel: {what} geometry of {' '.join(machine.name.split())}"
+    heading = f"errormodel: {what} geometry of {' '.join(one_line(machine.name).split())}"
     with progress("Writing and reading it back"):
         if template is None:
             written = kind.write(machine, suffix, Extras(heading, identity))

@@ -198,9 +198,9 @@ def _seen(
     strength, possible = np.full(count, np.inf), np.zeros(count)
     parts, owners = [], []
     for block in candidates.blocks:
-        numbers, columns = block.numbers, block.columns
+        numbers, columns = block.numbers, block.observed(linear.size)
         m, k, n = columns.shape
-        left = linear.project(columns.reshape(m * k, n).astype(float)).reshape(m, k, n)
+        left = linear.project(columns.reshape(m * k, n)).reshape(m, k, n)
         possible[numbers] = LARGEST_EFFECT_SIGMA * block.sizes[:, 0]
         gram = left @ left.transpose(0, 2, 1)
         norm = np.sqrt(block.square)

@@ -60,7 +60,7 @@ def certificate(result: EvaluationResult) -> str:
         )  # fmt: skip
 
     every = [q for e in result.evaluations for q in e.quantities]
-    first = [j.quantity for j in sorted(result.conformity.judgements, key=lambda j: ORDER[j.verdict])] or every
+    first = [j.quantity for j in result.conformity.by_severity] or every
     limits = sorted({j.verdict for j in result.conformity.judgements}, key=ORDER.__getitem__)
     return page(
         "certificate.html",

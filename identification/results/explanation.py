@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -14,6 +13,8 @@ from identification.diagnosis.decisions.fates import Fate, Place
 from identification.diagnosis.decisions.log import COLUMNS, Decision
 from identification.diagnosis.decisions.records import as_rows, from_rows
 from identification.diagnosis.decisions.summary import parts_of
+from identification.diagnosis.results.findings import SCHEMA
+from identification.results.versions import read_json
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -144,11 +145,13 @@ def _read(folder: Path) -> tuple[dict[str, Any], list[Decision]]:
         found = f"its diagnosis has no {FILE}: an earlier version wrote it"
         raise InputError(str(folder), found, "Run `errormodel diagnose` again with this version")
     try:
-        diagnosis = json.loads((folder / DIAGNOSIS).read_text(encoding="utf-8"))
+        diagnosis = read_json(folder / DIAGNOSIS, SCHEMA, "Give the folder of a diagnosis")
         diagnosis["findings"] = [dict(f, probability=float(f["probability"])) for f in diagnosis["findings"]]
         with (folder / FILE).open(encoding="utf-8", newline="") as file:
             rows = list(csv.DictReader(file))
-    except (OSError, ValueError, KeyError, TypeError, csv.Error) as error:
+    except (OSError, ValueError, KeyError, TypeError, RecursionError, csv.Error) as error:
         found = f"its diagnosis cannot be read ({type(error).__name__}: {error})"
         raise InputError(str(folder), found, "Run `errormodel diagnose` again") from error
+    if not rows:  # every diagnosis decides something: its verdict at least
+        raise InputError(str(folder / FILE), "no decision in it", "Run `errormodel diagnose` again")
     return diagnosis, from_rows(rows, str(folder / FILE))

@@ -24,7 +24,8 @@ from identification.diagnosis.decisions.fates import (
     History,
 )
 from identification.diagnosis.decisions.log import Decision
-from identification.diagnosis.decisions.rules import COUNT, RULES
+from identification.diagnosis.decisions.rule import COUNT
+from identification.diagnosis.decisions.rules import RULES
 from identification.diagnosis.decisions.stages import CONDITIONAL, NAMES, PROPOSALS, SELECTION, STAGES, UNTESTABLE
 from identification.diagnosis.search.forward_selection import LEAST_EVIDENCE
 from identification.results.terminal import table_lines

@@ -5,7 +5,7 @@ It contains no dates and no absolute paths, so that the same input gives the sam
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -147,6 +147,17 @@ def check_complete(folder: Path, manifest: Manifest) -> None:
     if bad:
         found = "; ".join(f"{name}: {what}" for name, what in bad.items())
         raise InputError(str(folder), found, "Put those files back, or run the command again with another folder")
+
+
+def inside(folder: Path, manifest: Manifest) -> Iterator[tuple[Path, Manifest]]:
+    """Other results in a folder of results, such as tables and the parts of a fleet, with their manifests."""
+    for path in sorted(folder.rglob(NAME)):
+        place = path.parent.relative_to(folder)
+        ours = path.parent == folder or path.relative_to(folder).as_posix() in manifest.files
+        if not ours and not any(name.startswith(".") for name in place.parts):  # of a run that is at work
+            other = read(path.parent)
+            if other is not None:
+                yield path.parent, other
 
 
 def foreign(folder: Path, name: str, manifest: Manifest) -> InputError:

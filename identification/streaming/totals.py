@@ -114,10 +114,10 @@ def outermost(rows: Array) -> Array:
         return rows
     columns = np.ascontiguousarray(rows.T)
     ends = [np.argpartition(c, (EXTREMES - 1, -EXTREMES)) for c in columns if c.min() < c.max()]
-    kept = np.unique(
-        np.concatenate([e[part] for e in ends for part in (slice(EXTREMES), slice(-EXTREMES, None))] or [[0]])
-    )
-    return np.ascontiguousarray(rows[kept.astype(int)])
+    if not ends:
+        return rows[:1]
+    kept = np.concatenate([e[part] for e in ends for part in (slice(EXTREMES), slice(-EXTREMES, None))])
+    return np.ascontiguousarray(rows[np.unique(kept)])
 
 
 def combined(parts: Sequence[Totals]) -> Totals:

@@ -10,34 +10,50 @@ from __future__ import annotations
 
 import argparse
 import os
-import resource
 import shutil
 import statistics
 import subprocess
 import sys
 import tempfile
 import tomllib
+from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 NOISE = 0.001  # mm
 
 
-def run(checkout: Path, words: list[str], folder: Path) -> float:
-    """CPU seconds of a command of the checkout's program."""
+@dataclass(frozen=True)
+class Used:
+    """User and system seconds of a command and of its child processes, and its largest resident memory, GB."""
+
+    seconds: float
+    gigabytes: float
+
+
+def used(checkout: Path, words: list[str], folder: Path) -> Used:
+    """What a command of the checkout's program uses, with one thread of linear algebra."""
     scripts = tomllib.loads((checkout / "pyproject.toml").read_text(encoding="utf-8"))["project"]["scripts"]
     module, name = scripts["errormodel"].split(":")
     program = f"from {module} import {name}; {name}()"
     environment = {**os.environ, "PYTHONPATH": str(checkout), "OMP_NUM_THREADS": "1"}
     # modules are compiled once, as where the program is installed
     environment |= {"PYTHONDONTWRITEBYTECODE": "", "PYTHONPYCACHEPREFIX": str(folder / "compiled" / checkout.name)}
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    subprocess.run(
-        [sys.executable, "-c", program, *words], env=environment, cwd=folder, check=True, stdout=subprocess.DEVNULL,
+    process = subprocess.Popen(
+        [sys.executable, "-c", program, *words], env=environment, cwd=folder, stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     )  # fmt: skip
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    _, status, usage = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    if process.returncode:
+        raise subprocess.CalledProcessError(process.returncode, words)
+    unit = 1 if sys.platform == "darwin" else 1024  # bytes
+    return Used(usage.ru_utime + usage.ru_stime, usage.ru_maxrss * unit / 1e9)
+
+
+def run(checkout: Path, words: list[str], folder: Path) -> float:
+    """CPU seconds of a command of the checkout's program."""
+    return used(checkout, words, folder).seconds
 
 
 def main() -> None:

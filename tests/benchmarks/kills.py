@@ -21,8 +21,9 @@ def main() -> None:
     count = int(words.pop(0)) if words and words[0].isdigit() else 200
     wrong = 0
     with tempfile.TemporaryDirectory() as folder:
-        prepare(Path(folder))
-        for name in words or CASES:
+        names = words or [*CASES]
+        prepare(Path(folder), names)
+        for name in names:
             found = 0
             for when, faults in killed(name, Path(folder), count):
                 for fault in faults:

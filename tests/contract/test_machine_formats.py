@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -67,6 +68,18 @@ WRONG: dict[str, tuple[str, str, tuple[str, ...]]] = {
     "no number": ("", robot(joint("J1", "a", "b", "revolute", '<origin rpy="0 nan 0"/>')), ('rpy="0 nan 0"',)),
     "no limits": ("", robot(joint("J1", "a", "b", "endless").replace("endless", "revolute")), ("without limits",)),
     "limits": ("", robot(ONE).replace('"-1.5"', '"3"'), ("limits from 3 to 2.5", "lower below upper")),
+    "an origin in degrees": (
+        "", robot(joint("J1", "a", "b", "revolute", '<origin rpy_deg="0 0 90"/>')), ('rpy_deg="0 0 90"', 'rpy="..."')
+    ),
+    "degrees as rad": ("", robot(joint("J1", "a", "b", "revolute", '<origin rpy="0 0 90"/>')), ("two turns", "in rad")),
+    "two origins": ("", robot(ONE.replace("<axis", '<origin/><origin xyz="0 0 1"/><axis')), ("<origin> more than",)),
+    "thousands of joints": (
+        "", robot(*(joint(f"J{k}", f"l{k}", f"l{k + 1}", "continuous") for k in range(3000))), ("more than 150 joints",)
+    ),
+    "thousands of ends": (
+        "", robot(*(joint(f"J{k}", f"l{k}", f"l{k + 1}", "fixed") for k in range(4000)),
+                  *(joint(f"E{k}", f"l{k}", f"e{k}", "fixed") for k in range(4000))), ("4001 ends", "--tip")
+    ),
     "either table": ("", ROBOTS["UR10"].csv(), ("may be read as", "--format dh")),
     "the other convention": ("dh-modified", TABLE, ("'standard', read as modified",)),
     "no alpha": ("dh", "a,d,theta\n1,2,3\n1,2,3\n", ("no column 'alpha'", "a, alpha, d and theta")),
@@ -74,9 +87,26 @@ WRONG: dict[str, tuple[str, str, tuple[str, ...]]] = {
     "a column": (
         "dh", "a,alpha,d,theta,gamma\n1,90,2,0,0\n1,90,2,0,0\n", ("column gamma", "no parameter", "a, alpha, beta, d")
     ),
+    "a short row": (
+        "dh", "joint,a,alpha,d,theta\nA,1,90,20,0\nB,1,90,20,0\nC,1,90\n", ("line 4", "'C,1,90' below the table")
+    ),
+    "no value": ("dh", "a,alpha,d,theta\n1,90,nan,0\n1,90,20,0\n", ("line 2, column d", "'nan'", "the number")),
+    "lengths in m": ("dh", "a,alpha,d,theta\n0.6,90,0.1,0\n0,90,0,0\n", ("up to 0.6 without a unit", "a [m]")),
+    "angles in rad": ("dh", "a,alpha,d,theta\n600,1.57,100,0\n0,0,0,0\n", ("up to 1.57 without a unit", "[rad]")),
+    "angles in rad in YAML": ("", TABLE.replace("90", "1.57").replace("2,", "20,"), ("1.57", "units: {length: m")),
+    "degrees in rad": ("dh", "a,alpha [rad],d,theta\n600,90,100,0\n0,0,0,0\n", ("line 2, alpha", "14.3 turns")),
+    "300 rows": ("dh", "a,alpha,d,theta\n" + 300 * "1,90,20,0\n", ("300 rows", "at most 100")),
+    "mm as m": ("", UR.replace("z: 0.1", "z: 100"), ("key kinematics.shoulder", "100 m", "less than 1 m")),
     "infinite": ("dh", "a,alpha,d,theta\n1,90,inf,0\n1,90,2,0\n", ("line 2, d", "inf", "robot's size")),
     "huge": ("", TABLE.replace("d: 2", "d: 1e12"), ("line 3, d", "1e+12", "robot's size")),
     "a unit": ("dh", "a [deg],alpha,d,theta\n1,90,2,0\n1,90,2,0\n", ("column a", "the unit 'deg'", "length")),
+    "radians without a unit": (
+        "dh", "a,alpha,d,theta\n100,1.570796,2,0\n1,0,2,0\n", ("up to 1.5708 without a unit", "alpha [rad]")
+    ),
+    "metres without a unit": ("dh", "a,alpha,d,theta\n0.4,90,0.2,0\n1,0,2,0\n", ("up to 2 without a unit", "a [m]")),
+    "the unit of a travel": (
+        "dh", "a,alpha,d,theta,low [mm],high [mm]\n400,90,2,0,-1,1\n1,0,2,0,-1,1\n", ("column low", "is an angle")
+    ),
     "a joint type": ("dh", "type,a,alpha,d,theta\nscrew,1,90,2,0\nrotary,1,90,2,0\n", ("line 2, type", "'screw'")),
     "twice": ("dh", "joint,a,alpha,d,theta\nA,1,90,2,0\nA,1,90,2,0\n", ("two joints 'A'",)),
     "a slide": ("dh", "type,a,alpha,d,theta\nprismatic,1,90,2,0\nrotary,1,90,2,0\n", ("no travel of the slide J1",)),
@@ -103,6 +133,19 @@ def test_what_is_wrong_with_a_description_is_said(name: str, tmp_path: Path, mon
     assert result.err.count("\n") == 1, result.err
     assert all(w.lower() in result.err.lower() for w in words), result.err
     assert tree(tmp_path) == before
+
+
+@pytest.mark.parametrize("identity", ["a #b", "1e5", "true", "x: [1", "b\nkinematics2: 1", "calib_12345", "'"])
+def test_an_identifier_is_read_back_as_it_was_given(identity: str, tmp_path: Path) -> None:
+    arm = write(tmp_path / "arm.yaml", UR)
+    assert run("machine", arm, "--out", tmp_path / "m.yaml").code == 0
+    words = ("export", tmp_path / "m.yaml", "--hash", identity)
+    assert run(*words, "--format", "ur-calibration", "--out", tmp_path / "c.yaml").code == 0
+    assert yaml.safe_load((tmp_path / "c.yaml").read_text())["kinematics"]["hash"] == identity
+    result = run(*words, "--format", "urdf", "--out", tmp_path / "c.urdf")
+    assert result.code == 2
+    assert "a URDF holds no identifier" in result.err
+    assert not (tmp_path / "c.urdf").exists()
 
 
 OPTIONS = {
@@ -176,6 +219,16 @@ def test_what_was_read_with_a_doubt_is_noted(tmp_path: Path) -> None:
     machine = read_machine(tmp_path / "t.yaml")
     assert machine.shapes[0].offset == (100.0, 0.0, 200.0)
     assert [j.name for j in machine.joints] == ["J1", "J2"]
+
+
+def test_ends_of_travels_have_the_unit_of_their_own_column(tmp_path: Path) -> None:
+    """Angles in radians beside limits in degrees, and limits without a unit, which are in that of theta."""
+    for unit, low in ((" [deg]", -180), (" [rad]", -np.pi), ("", -np.pi)):
+        head = f"joint,a [m],alpha [rad],d [m],theta [rad],low{unit},high{unit}\n"
+        table = write(tmp_path / "t.csv", f"{head}1,0.1,1.5707963,0.2,0,{low!r},1\n2,0.3,0,0,0,{low!r},1\n")
+        assert run("machine", table, "--format", "dh", "--out", tmp_path / "t.yaml").code == 0
+        assert read_machine(tmp_path / "t.yaml").joints[0].travel[0] == pytest.approx(-np.pi, rel=1e-12)
+        (tmp_path / "t.yaml").unlink()
 
 
 WHOLE = [

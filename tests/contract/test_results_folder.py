@@ -103,6 +103,16 @@ def test_verify_says_what_is_wrong(place: Path) -> None:
     assert run("verify", "fit").code == 2
 
 
+def test_verify_looks_at_other_results_inside(place: Path) -> None:
+    done("compensate", "fit", "--controller", "csv", "--points", 4, "--out", "fit/tables")
+    assert "files of 1 other result in it" in done("verify", "fit").out
+    table = next(p for p in Path("fit/tables").iterdir() if p.suffix == ".csv")
+    write(table, table.read_bytes() + b"\n")
+    result = run("verify", "fit")
+    assert result.code == 2
+    assert f"fit/tables: {table.name}: changed" in result.err
+
+
 def test_an_edited_machine_is_neither_used_nor_lost(place: Path) -> None:
     path = Path("fit/machine.yaml")
     write(path, path.read_text().replace("errors:", "# mine\nerrors:"))

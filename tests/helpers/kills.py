@@ -16,13 +16,16 @@ import sqlite3
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
-from tests.helpers import importing
-from tests.helpers.commands import MILL, done, run, tree
+import numpy as np
+
+from tests.helpers import crossbeam, importing, thermal_cmm
+from tests.helpers.commands import FIVE, MILL, done, run, tree
+from tests.helpers.robots import joint, robot
 
 WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT
 OPERATIONS = {"os.rename", "os.remove", "os.mkdir", "os.rmdir", "os.link", "os.chmod", "os.truncate", "sqlite3.connect"}
@@ -51,6 +54,7 @@ class Case:
 
 
 SURVEYS = ("one.csv", "two.csv")
+BRIDGE = "bridge_cmm"
 
 
 def _each(target: str, words: Callable[[str, str], tuple[object, ...]], whole: bool = True) -> Case:
@@ -63,6 +67,7 @@ CASES = {
     "fit": _each("fitted", lambda survey, _: ("fit", MILL, survey)),
     "bayes": _each("posterior", lambda survey, _: ("fit", MILL, survey, "--robust", "--bayes")),
     "diagnose": _each("found", lambda survey, _: ("diagnose", MILL, survey)),
+    "thermal": _each("drift", lambda survey, _: ("thermal", BRIDGE, survey.replace(".csv", "_thermal.yaml"))),
     "predict": _each("p.csv", lambda _, fit: ("predict", fit, "one.csv")),
     "compensate": _each("tables", lambda _, fit: ("compensate", fit, "--controller", "csv", "--points", 4)),
     "iso": _each("certificate", lambda _, fit: ("iso", "parameters", fit)),
@@ -75,18 +80,61 @@ CASES = {
     ),
     "plan": _each("plan.csv", lambda survey, _: ("plan", MILL, "--points", 14, "--seed", int(survey == "two.csv"))),
     "monitor": Case(("monitor", "watched", "one.csv"), ("monitor", "watched", "two.csv"), "watched", whole=False),
+    "fleet": _each("fleet", lambda _, fit: ("fleet", f"{fit}_list.csv", "--workers", 1), whole=False),
+    "register": _each(
+        "warm.csv",
+        lambda survey, _: ("register", "cold", "warm_a" if survey == "one.csv" else "warm_b", "--profiler", "p.yaml"),
+    ),
+    "machine": _each("arm.yaml", lambda survey, _: ("machine", survey.replace(".csv", ".urdf"))),
+    "export": _each("arm.urdf", lambda _, fit: ("export", fit, "--format", "urdf")),
+    "describe": Case(
+        ("describe", MILL, "--json", "d.json"), ("describe", MILL, "one.csv", "--json", "d.json"), "d.json"
+    ),
+    "drawing": Case(("describe", MILL, "--drawing", "d.svg"), ("describe", FIVE, "--drawing", "d.svg"), "d.svg"),
+    "template": Case(("template", MILL, "--out", "t.csv"), ("template", FIVE, "--out", "t.csv"), "t.csv"),
+    "explain": Case(("explain", "diag", "--out", "e.svg"), ("explain", "diag", "scale-ppm", "--out", "e.svg"), "e.svg"),
 }
 
 
-def prepare(place: Path) -> None:
-    """Two surveys, their fits, a fit to be watched, and files of a tracker; then the first result of every case."""
+def prepare(place: Path, names: Collection[str] = tuple(CASES)) -> None:
+    """Two surveys, their fits, and what else the cases of these names need."""
     for seed, survey in enumerate(SURVEYS):
+        name = survey.removesuffix(".csv")
         done("simulate", MILL, 40, "--noise", 0.002, "--seed", seed, "--out", place / survey)
-        done("fit", MILL, place / survey, "--out", place / survey.removesuffix(".csv"), "--quiet")
+        done("fit", MILL, place / survey, "--out", place / name, "--quiet")
         measured = importing.points(importing.poses(), seed=seed)
-        (place / survey.replace("csv", "txt")).write_text(importing.spatialanalyzer(measured))
+        (place / f"{name}.txt").write_text(importing.spatialanalyzer(measured))
+        (place / f"{name}_list.csv").write_text(f"machine,survey,id\n{MILL},one.csv,A\n{MILL},{survey},B\n")
+        (place / f"{name}.urdf").write_text(robot(joint("J1", "base", name, more='<axis xyz="0 0 1"/>')))
+        if "thermal" in names:
+            _cycles(place, name, seed)
     importing.poses().to_csv(place / "poses.csv", index=False)
     shutil.copytree(place / "one", place / "watched")
+    if "explain" in names:
+        done("diagnose", MILL, place / "one.csv", "--out", place / "diag", "--quiet")
+    if "register" in names:
+        _clouds(place)
+
+
+def _cycles(place: Path, name: str, seed: int) -> None:
+    """Two thermal cycles of one axis, and the survey of both."""
+    roles = {"fit": thermal_cmm.drift_recordings(seed), "test": thermal_cmm.other_cycle(seed)}
+    for role, table in roles.items():
+        table[table["joint"] == "Y"].drop(columns=["X", "Z"]).to_csv(place / f"{name}_{role}.csv", index=False)
+    files = ", ".join(f"{{path: {name}_{role}.csv, role: {role}}}" for role in roles)
+    (place / f"{name}_thermal.yaml").write_text(f"errormodel: 1\nfiles: [{files}]\n")
+
+
+def _clouds(place: Path) -> None:
+    """One artefact, cold and warm twice, and its ``p.yaml``."""
+    rng, artefact = np.random.default_rng(1), crossbeam.Artefact.random(0)
+    x, y = (np.arange(200) - 100) * 0.2, np.arange(-20.0, 20.0, 1.0)
+    for name, minutes in {"cold": 0, "warm_a": 30, "warm_b": 180}.items():
+        scan = crossbeam.scan(artefact, crossbeam.displaced(crossbeam.warm_up(350.0, minutes)), y, x, rng=rng)
+        crossbeam.write_csv(scan, place / name / "artefact_01.csv")
+    mount = f"{{translation: {list(crossbeam.MOUNT[:3])}, rotation: {list(crossbeam.MOUNT[3:])}}}"
+    text = f"joint: Y\npositions: [350.0]\nlever: [-900, 0, -2051]\nmount: {mount}\n"
+    (place / "p.yaml").write_text(text)
 
 
 def forked(

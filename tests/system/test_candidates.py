@@ -51,7 +51,7 @@ def test_candidates_are_columns_of_their_effects_at_their_usual_sizes() -> None:
     linear = set_up(fit_machine(machine, read_survey(GANTRY / "survey.csv", machine)))
     candidates = Candidates.of(linear)
     for block in candidates.blocks[::5]:
-        for n, kept, usual in list(zip(block.numbers, block.columns, block.sizes, strict=True))[::40]:
+        for n, kept, usual in list(zip(block.numbers, block.observed(linear.size), block.sizes, strict=True))[::40]:
             columns, sizes = linear.columns(candidates.effects[n])
             np.testing.assert_array_equal(usual, sizes)
             exact = columns * sizes[:, None]

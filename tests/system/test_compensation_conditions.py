@@ -169,7 +169,7 @@ def test_the_zero_shift_comes_first_with_what_is_left_without_it(tmp_path: Path)
     figures = json.loads((tmp_path / "o/compensation.json").read_text())["sets"][0]["conditions"]
     assert figures["unshifted_um"] > 1.2 * figures["left_um"]
     first = checklist(tmp_path / "o")[0]
-    assert first.startswith("FIRST: shift the zero")
+    assert first.startswith("FIRST: these tables are zero at the reference point. Add to every work offset: ")
     assert f"without it {figures['unshifted_um']:.1f} um rms are left in place of {figures['left_um']:.1f}" in first
 
 

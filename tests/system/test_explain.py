@@ -211,3 +211,20 @@ def test_a_log_that_was_changed_is_refused(gantry: Path, tmp_path: Path) -> None
     refused(run("explain", tmp_path / "d"), "decisions.csv", "changed since")
     path.write_text(text + "x\n", encoding="utf-8")
     refused(run("explain", tmp_path / "d"), f"decisions.csv, row {len(text.splitlines())}: it cannot be read")
+
+
+def test_a_diagnosis_without_a_manifest_is_judged_by_what_it_holds(gantry: Path, tmp_path: Path) -> None:
+    shutil.copytree(gantry, tmp_path / "d")
+    (tmp_path / "d/manifest.json").unlink()
+    log, diagnosis = tmp_path / "d/decisions.csv", tmp_path / "d/diagnosis.json"
+    text, held = log.read_text(encoding="utf-8"), diagnosis.read_text(encoding="utf-8")
+    for wrong in (text.splitlines()[0] + "\n", ""):
+        log.write_text(wrong, encoding="utf-8")
+        refused(run("explain", tmp_path / "d"), "decisions.csv", "no decision in it")
+    log.write_text(text.replace(",1,", ",nan,", 1), encoding="utf-8")
+    refused(run("explain", tmp_path / "d"), "decisions.csv, row 1: it cannot be read")
+    log.write_text(text, encoding="utf-8")
+    diagnosis.write_text(held.replace("errormodel.diagnosis/1", "errormodel.diagnosis/9"), encoding="utf-8")
+    refused(run("explain", tmp_path / "d"), "errormodel.diagnosis/9")
+    diagnosis.write_text(held.replace('"noise_um":', '"noise_um": NaN, "was":'), encoding="utf-8")
+    refused(run("explain", tmp_path / "d"), "NaN")

@@ -242,6 +242,7 @@ LISTS = {
     "empty": ("machine,survey\na,b\na,\n", r"list.csv, row 2 \(line 3\), column survey: an empty cell"),
     "no row": ("machine,survey\n", "list.csv: no row"),
     "twice": ("machine,survey\na,b\na,b\n", r"row 2 \(line 3\), column survey: 'b' stands for a in row 1"),
+    "twice, otherwise": ("machine,survey\na,b.csv\na,x/../b.csv\n", r"row 2 \(line 3\), column survey: .* row 1"),
     "date": ("machine,survey,date\na,b,31.3.2026\n", r"column date: '31.3.2026'. Write a date as 2026-03-31"),
     "no such day": ("machine,survey,date\na,b,2026-13-31\n", r"column date: '2026-13-31'"),
     "types": ("machine,survey,id,type\na,b,1,T\na,c,1,U\n", r"row 2 \(line 3\), column type: 'U', and 'T'.*row 1"),

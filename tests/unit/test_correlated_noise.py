@@ -34,3 +34,11 @@ def test_white_noise_is_taken_as_white_and_correlated_noise_is_recognised() -> N
         assert sum(f is not None for f in found) >= 19
         lengths = [f.length for f in found if f is not None]
         assert truth.length / 3.5 < np.median(lengths) < truth.length * 3.5
+
+
+@pytest.mark.parametrize("noise", [Noise(2.0, 0.1), Noise(60.0, 1.5)])
+def test_weighing_is_whitening_both_sides(noise: Noise) -> None:
+    """Each series by itself; values behind the last edge stay as they are."""
+    one, other = np.random.default_rng(4).normal(size=(2, 3, 620))
+    expected = noise.whitened(one, EDGES) @ noise.whitened(other, EDGES).T
+    np.testing.assert_allclose(noise.weighed(one, EDGES) @ other.T, expected, rtol=1e-9)

@@ -32,10 +32,11 @@ def bench_of(design: Array, data: Array, rows: Array | None = None) -> LinearMod
     return LinearModel(None, data - q @ (q.T @ data), q, {}, {}, index, None)  # type: ignore[arg-type]
 
 
-def test_rows_left_out_are_predicted_by_refits_without_them() -> None:
+@pytest.mark.parametrize("columns", [4, 60])  # fewer than a block has observations, and more
+def test_rows_left_out_are_predicted_by_refits_without_them(columns: int) -> None:
     rng = np.random.default_rng(1)
     rows = np.tile(np.arange(ROWS), 3)  # three components
-    design, data = rng.normal(size=(3 * ROWS, 4)), rng.normal(size=3 * ROWS)
+    design, data = rng.normal(size=(3 * ROWS, columns)), rng.normal(size=3 * ROWS)
     linear = bench_of(design, data, rows)
     found = cross_validation_residuals(linear, 6)
     for block in range(6):

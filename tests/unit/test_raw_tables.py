@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +16,7 @@ from errormodel.raw_formats.base import Asked, decoded, format_of, open_raw
 from tests.helpers.raw_files import DELIMITERS, ENCODINGS, Style, read_back, written
 
 NAMES, UNITS = ("Achse X", "east", "Δ", "flow"), ("mm", "µm", "deg", "°C")
+SOON_S = 5.0  # s of the processor: what a wrong input may take
 READ_UNITS = ("mm", "um", "deg", "degC")  # the same as the toolkit's words
 STYLES = st.builds(
     Style,
@@ -75,6 +78,18 @@ def test_the_encoding_is_found_and_said(encoding: str, tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.parametrize("unit", ["m", "[m]"])
+def test_a_row_of_units_may_begin_with_an_empty_cell(unit: str, tmp_path: Path) -> None:
+    """Behind a semicolon it is a row; a line of another number of cells that begins with one is a comment."""
+    rows = "".join(f"P{k};{k},5;{k},25;A\n" for k in range(1, 6))
+    read = read_back(tmp_path, f"; shop;7\nPoint;X;Y;Kind\n;{unit};{unit};\n{rows}".encode())
+    assert list(read.frame) == ["Point", "X", "Y", "Kind"]
+    assert read.units == {"X": "m", "Y": "m"}
+    assert len(read.frame) == 5
+    empty = read_back(tmp_path, b"; made by hand\nA;X\n;1,5\nP2;2,5\nP3;3,5\n")
+    assert list(empty.frame["X"]) == [1.5, 2.5, 3.5]
+
+
 @pytest.mark.parametrize(
     ("text", "where", "found"),
     [
@@ -130,6 +145,38 @@ def test_a_date_and_a_time_beside_it_and_midnight(tmp_path: Path) -> None:
     clock = read_back(tmp_path, b"Time;x\n23:59:59;1.5\n00:00:01;2.5\n")
     assert float(np.diff(clock.frame["time"])[0]) == 2.0
     assert not clock.dated
+
+
+WIDE = ",".join(map(str, range(12_000)))
+LARGE = {
+    "a million columns": (",".join(map(str, range(1_000_000))) + "\n", "line 1: more than 1000000 characters"),
+    "12 000 columns": (f"{WIDE}\n{WIDE}\n", "more than 10000 columns"),
+    "a quote without an end": ('"' * 200_001, "without rows of numbers"),
+    "blanks in a name": ("a" + " " * 300_000 + "b,c\n1,2\n3,4\n", "line 1: more than 2000 blanks in a row"),
+    "digits without an end": ("X" + "1" * 300_000 + "!", "without rows of numbers"),
+    "a line without an end": ("x" * 3_000_000, "more than 1000000 characters"),
+}
+
+
+@pytest.mark.parametrize("name", LARGE)
+def test_large_tables_are_refused_soon(name: str, tmp_path: Path) -> None:
+    text, words = LARGE[name]
+    begun = time.process_time()
+    with pytest.raises(InputError, match=words):
+        read_back(tmp_path, text.encode())
+    assert time.process_time() - begun < SOON_S
+
+
+def test_a_spreadsheet_that_unpacks_to_much_more(tmp_path: Path) -> None:
+    path = tmp_path / "s.xlsx"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("xl/workbook.xml", "<workbook/>")
+        with archive.open("xl/worksheets/sheet1.xml", "w") as sheet:
+            for _ in range(320):
+                sheet.write(bytes(1_000_000))
+    raw = open_raw(path, path.name)
+    with pytest.raises(InputError, match="a spreadsheet of 320 MB unpacked"):
+        format_of(raw).read(raw, Asked())
 
 
 @settings(max_examples=20, suppress_health_check=[HealthCheck.function_scoped_fixture])

@@ -21,18 +21,23 @@ ROWS = 240
 Rng = np.random.Generator
 
 
-def linear(error: Callable[[dict[str, Array]], Array], noise: Array, rng: Rng) -> LinearModel:
-    """Positions of three axes at random commands; `error` moves all along x, on top of fitted parabolas."""
+def linear(error: Callable[[dict[str, Array]], Array], noise: Array, rng: Rng, tilts: bool = False) -> LinearModel:
+    """Positions of three axes at random commands; `error` moves all along x, on top of fitted parabolas.
+
+    With `tilts` it turns all about Y instead, which moves x by the height.
+    """
     columns: dict[str, Array] = {name: rng.uniform(-1, 1, ROWS) for name in "XYZ"}
     columns |= {f"dir_{n}": np.sign(np.diff(columns[n], prepend=0.0)) for n in "XYZ"}
     columns |= {"time": np.arange(ROWS) * 20.0, "T_air": np.cumsum(rng.normal(0, 0.05, ROWS)) + 20}
     scene: Any = SimpleNamespace(columns=columns, moving=[SimpleNamespace(name=n) for n in "XYZ"])
     shift = np.zeros((3, ROWS))
-    shift[0] = error(columns)
+    shift[0] = error(columns) * (columns["Z"] if tilts else 1.0)
     smooth = np.vstack([np.ones(ROWS), *(columns[n] ** k for n in "XYZ" for k in (1, 2))])
     basis = orthonormal_basis(np.kron(np.eye(3), smooth.T))
     data = noise + shift.ravel()
     levers = {FRAME: np.vstack([np.kron(row, np.ones(ROWS)) for row in np.eye(6, 3)])}
+    turn = np.concatenate([columns["Z"], np.zeros(ROWS), -columns["X"]])
+    levers |= {n: np.vstack([levers[FRAME][:3], np.zeros((1, 3 * ROWS)), turn, np.zeros((1, 3 * ROWS))]) for n in "YZ"}
     index = np.tile(np.arange(ROWS), 3)
     return LinearModel(None, data - basis @ (basis.T @ data), basis, levers, {}, index, scene)  # type: ignore[arg-type]
 
@@ -82,6 +87,46 @@ def test_what_no_effect_describes_is_seen(error: Callable[[dict[str, Array]], Ar
     assert best.axis == "x"
     assert 0.3 < best.size_um < 2.5  # um rms: of what is there at most all, and most of the smooth part
     assert "depends on" in best.text
+
+
+def relay(columns: dict[str, Array]) -> Array:
+    """A state that Y leaves behind: the side of its travel that it was last near the end of."""
+    state, out = 0.0, np.zeros(ROWS)
+    for k, y in enumerate(columns["Y"]):
+        state = 1.0 if y > 0.4 else -1.0 if y < -0.4 else state
+        out[k] = state
+    return out
+
+
+def wandering(columns: dict[str, Array]) -> Array:
+    """A parameter that wanders as it likes, quicker than any smooth curve of the clock."""
+    rng = np.random.default_rng(9)
+    out = np.zeros(ROWS)
+    for k in range(1, ROWS):
+        out[k] = 0.8 * out[k - 1] + rng.normal(0, 0.6)
+    return 3.5 * out
+
+
+@pytest.mark.parametrize(
+    ("error", "tilts", "channels", "element"),
+    [
+        (relay, False, {"relay(Y)", "recent(Y)", "play(Y)", "turn(Y)"}, ""),
+        (lambda c: 1.3 * np.tanh(4 * np.concatenate([[0.0, 0.0], c["Y"][:-2]])), False, {"before(before(Y))"}, ""),
+        (wandering, True, {"time"}, "Y"),
+    ],
+)
+def test_memory_of_the_path_and_wandering_motions_are_seen(
+    error: Callable[[dict[str, Array]], Array], tilts: bool, channels: set[str], element: str
+) -> None:
+    found = []
+    for seed in range(6):
+        rng = np.random.default_rng(200 + seed)
+        found.append(dependence_of(linear(error, rng.normal(size=3 * ROWS), rng, tilts), 1.0))
+    seen = [f for f in found if f is not None]
+    assert len(seen) >= 5
+    assert sum(set(f.channels) <= channels for f in seen) >= 4
+    assert sum(f.element == element for f in seen) >= 4
+    assert all(f.axis == "x" or tilts for f in seen)  # a tilt moves z as well
 
 
 def test_few_rows_say_nothing() -> None:

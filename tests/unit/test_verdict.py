@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -92,3 +93,22 @@ def test_where_most_is_left_over() -> None:
     assert found.word == "unexplained"
     assert found.unexplained is not None
     assert "it is largest where X is from" in found.unexplained
+
+
+@pytest.mark.parametrize(("size", "word"), [(0.010, "unexplained"), (0.002, "adequate")])
+def test_residuals_that_wander_more_than_instruments_are_unexplained(size: float, word: str) -> None:
+    """One coordinate after the other follows a slow process; as much as a good tracker does is noise."""
+    machine = read_machine("vertical_three_axis")
+    survey = survey_of(machine, random_points(machine, 200, 8), {}, size / 4)
+    rng, kept = np.random.default_rng(3), np.exp(-1 / 15)
+    wander = np.zeros((200, 3))
+    for k in range(1, 200):
+        wander[k] = kept * wander[k - 1] + rng.normal(0, size * np.sqrt(1 - kept**2), 3)
+    table = survey.table.assign(**{f"m{a}": survey.table[f"m{a}"] + wander[:, k] for k, a in enumerate("xyz")})
+    verdict = judge(fit_machine(machine, replace(survey, table=table)), found=False)
+    assert verdict.word == word
+    if word == "unexplained":
+        assert verdict.unexplained is not None
+        found = re.search(r"what is left wanders: ([\d.]+) um", verdict.unexplained)
+        assert found is not None
+        assert 4 < float(found[1]) < 12  # of 10 um, of which the fit takes a part

@@ -23,6 +23,8 @@ from identification.diagnosis.data_checks.blunder import FEWEST, Blunder, Points
 from identification.diagnosis.data_checks.checks import find_blunders
 from identification.diagnosis.data_checks.duplicates_and_clock import copied_rows
 from identification.diagnosis.data_checks.head_axes import refuse_turned_head
+from identification.diagnosis.data_checks.readings import lengths_of, refuse_minority
+from identification.diagnosis.data_checks.readings import refuse_wild as refuse_wild_lengths
 from identification.diagnosis.data_checks.runs_of_motions import refuse_unlike_runs
 from identification.diagnosis.data_checks.unrelated import refuse_unstated_rotation
 from identification.estimation.checks import FOREIGN_MACHINE_SHARE, another, far_off, looked_over
@@ -57,6 +59,10 @@ def passed(machine: Machine, survey: Survey, fitted: Callable[[], Fit], robust: 
             examine(machine, survey)  # a mistake is a better reason than what came of it
         raise
     _refuse_copies(fit.chain, survey)
+    if robust:
+        refuse_minority(survey, fit)
+    else:
+        refuse_wild_lengths(survey, lengths_of(fit.chain, fit.problem.views))
     refuse_turned_head(fit)
     refuse_unstated_rotation(fit)
     nominal = fit.nominal

@@ -38,6 +38,8 @@ def from_rows(rows: Iterable[Mapping[str, str]], source: str) -> list[Decision]:
             rule, round_ = row["rule"], int(row["round"])
             plain = {name: row[name] for name in ("effect", "where", "driver", "compared_with", "part", "search")}
             outcome = cast("Outcome", row["outcome"])
+            if not plain["search"].partition(".")[0].isdecimal():
+                raise ValueError(f"'{plain['search']}' is no number of a search")
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(f"{source}, row {number}", f"it cannot be read ({error})", "Run diagnose again") from error
         if rule not in RULES:

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import NamedTuple
 
+from identification.diagnosis.decisions.rule import COUNT, DELTA, ERRORS, EVIDENCE, RATIO, SHARE, Rule
+from identification.diagnosis.decisions.rule import in_module as _in
 from identification.diagnosis.decisions.stages import (
     COMPARISON,
     CONDITIONAL,
@@ -23,35 +24,6 @@ from identification.diagnosis.decisions.stages import (
     VERDICT,
     WITNESSES,
 )
-
-EVIDENCE = "log Bayes factor"
-DELTA = "share of delta chi-squared"
-ERRORS = "ratio of cross-validation errors"
-RATIO = "ratio"
-SHARE = "share"
-COUNT = "number"
-
-
-class Rule(NamedTuple):
-    """One rule.
-
-    Attributes
-    ----------
-    stage : a key of `STAGES`.
-    scale : of value and threshold; empty where neither is a number.
-    decides : what it decides, one sentence.
-    constants : ``module.NAME`` of its thresholds; none where the data themselves are the threshold.
-    """
-
-    stage: str
-    scale: str
-    decides: str
-    constants: tuple[str, ...] = ()
-
-
-def _in(module: str, *names: str) -> tuple[str, ...]:
-    return tuple(f"{module}.{name}" for name in names)
-
 
 _RUNS, _COLUMNS, _ROWS = "data_checks.runs_of_motions", "data_checks.columns", "data_checks.rows"
 _NOISE, _SENSORS = "search.instrument_noise", "data_checks.temperature_sensors"
@@ -76,6 +48,10 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "clock-set-back": Rule(
             DATA, COUNT, "Time that falls back within a run is taken to go on.",
             _in("data_checks.duplicates_and_clock", "RESETS"),
+        ),
+        "first-approach": Rule(
+            DATA, "log likelihood ratio", "Of a direction of approach that nothing states the likelier sign is taken.",
+            _in("data_checks.first_approach", "CLEAR"),
         ),
         "nominal-misfit": Rule(
             DATA, "misfit per spread of the points",
@@ -307,6 +283,10 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "model-cross-validation": Rule(
             COMPARISON, ERRORS, "It must predict blocks of rows no worse.", _in(_COMPARED, "NO_WORSE")
         ),
+        "prediction-made-worse": Rule(
+            COMPARISON, ERRORS, "A finding with which the machine predicts rows left out worse than plain is left out.",
+            _in(_COMPARED, "NO_WORSE"),
+        ),
         # ---- evidence beside the other findings
         "conditional-evidence": Rule(
             CONDITIONAL, EVIDENCE, "A finding and its alternatives, each beside all other findings.",
@@ -334,6 +314,12 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "name-probability": Rule(
             NAMES, "probability", "Evidence and prior odds of classes give the probability of each name.",
             _in(_FINDINGS, "TEMPER", "FORM_ODDS", "FLEXIBLE_ODDS", "CHOSEN", "UNKNOWN", "MOST_SURE"),
+        ),
+        "share-of-largest": Rule(
+            NAMES, RATIO, "What explains little beside the largest finding may be a part of it.", _in(_FORWARD, "LEAK")
+        ),
+        "remainder-of-name": Rule(
+            NAMES, RATIO, "An effect has no name if as much is left by the same drivers.", _in(_REFINED, "OWN"),
         ),
         "physical-bound": Rule(
             NAMES, "standard uncertainties", "A parameter beyond what physics allows takes the name from a finding.",
@@ -381,6 +367,10 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             VERDICT, "reduced chi-squared",
             "Without repeats, residuals that exceed the declared uncertainty are unexplained.",
             _in("results.pure_error", "MISFIT_P", "MISFIT_RATIO"),
+        ),
+        "serial-correlation": Rule(
+            VERDICT, "um", "Residuals most of which wander along the rows are unexplained.",
+            _in("results.wandering", "MOSTLY", "STEADY_UM"),
         ),
         "dependence-of-residuals": Rule(
             VERDICT, "p-value", "What is left is unexplained if one or two recorded channels predict it.",

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from errormodel.arrays import Array, Index, Mask
 from errormodel.chain import TOOL_CHANNELS, Chain
-from errormodel.channels import POINT_CHANNELS, columns
+from errormodel.channels import POINT_CHANNELS, columns, root
 from errormodel.conventions import MOTIONS
 from errormodel.effects.base import Effect, EffectTerm
 from errormodel.effects.search_space.survey_summary import Scene
@@ -24,9 +24,11 @@ from errormodel.survey import Survey
 from errormodel.surveys.observations import start_of
 from identification.diagnosis.data_checks.temperature_sensors import dead_sensors
 from identification.diagnosis.linear.first_poses import FirstPoses
+from identification.diagnosis.linear.known_models import Lineage
 from identification.diagnosis.linear.orthonormal_basis import orthonormal_basis
 from identification.diagnosis.linear.random_effects import EXACT, RandomEffects
 from identification.diagnosis.linear.row_residuals import noise_mm
+from identification.diagnosis.linear.survey_rows import SurveyRows
 from identification.estimation.noise import RESIDUAL_ROUND_OFF_SHARE
 from identification.estimation.result import Fit
 from identification.observation.models import PositionView
@@ -55,6 +57,8 @@ class LinearModel:
     index : (N,) the survey's row of each observation.
     round_off : a residual sum of squares that rounding errors make.
     first : the first poses of observations that have two; `levers` and `table` are those of the second.
+    lineage : by which effects it was made; None where by other columns too.
+    rows : the rows of the survey that the observations are of; None where these have two poses.
     """
 
     chain: Chain
@@ -66,6 +70,8 @@ class LinearModel:
     scene: Scene
     round_off: float = 0.0
     first: FirstPoses | None = None
+    lineage: Lineage | None = None
+    rows: SurveyRows | None = None
 
     @property
     def size(self) -> int:
@@ -92,7 +98,18 @@ class LinearModel:
 
     def columns(self, effect: Effect) -> tuple[Array, Array]:
         """Whitened columns (k, N + ties) of an effect's parameters as they act on the data, and their sizes (k,)."""
+        if self.lineage is None:
+            return self._own_columns(effect)
+        kept, key = self.lineage.known.columns, (effect, self.size)
+        known: tuple[Array, Array] | None = kept.find(key)
+        if known is None:
+            known = self._own_columns(effect)
+            kept.keep(key, known, known[0].nbytes)
+        return known
+
+    def _own_columns(self, effect: Effect) -> tuple[Array, Array]:
         columns, sizes = self.swept([effect])
+        columns.flags.writeable = sizes.flags.writeable = False  # others have them too
         return columns[0], sizes
 
     def swept(self, effects: Sequence[Effect]) -> tuple[Array, Array]:
@@ -103,15 +120,20 @@ class LinearModel:
         return out, np.array([t.size for t in terms])
 
     def terms(self, effects: Sequence[Effect]) -> list[EffectTerm]:
-        """The terms (k) of effects that are alike but for the field `Effect.shape`, of all of them at once."""
+        """The terms (k) of effects that are alike but for the field `Effect.shape`, of all of them at once.
+
+        Their values are those of the `rows`; without these of the observations, and of the first poses behind them.
+        """
         one = effects[0]
         if len(effects) > 1:
             one = one.model_copy(update={one.shape: np.array([[getattr(e, one.shape)] for e in effects])})
-        return one.terms(self.channel if self.first is None else self._at_all_poses, self.chain.machine)
+        channel = self._at_all_poses if self.rows is None else self.rows.table.__getitem__
+        return one.terms(channel, self.chain.machine)
 
     def _at_all_poses(self, name: str) -> Array:
         """A channel at each observation, and behind them at the first poses."""
-        assert self.first is not None
+        if self.first is None:
+            return self.table[name]
         return np.concatenate([self.table[name], self.first.table[name]])
 
     def fill(self, terms: Sequence[EffectTerm], out: NDArray[np.floating[Any]], scaled: bool = False) -> None:
@@ -129,7 +151,10 @@ class LinearModel:
                 own = np.zeros((len(out), levers.shape[1]), kind)
             for n, (motion, value) in enumerate(term.motion.items()):
                 lever = levers[MOTIONS.index(motion)] * (term.size if scaled else 1.0)
-                parts = lever.astype(kind, copy=False), np.asarray(value, kind)
+                values = np.asarray(value, kind)
+                if self.rows is not None and values.ndim:
+                    values = values[..., self.rows.number]
+                parts = lever.astype(kind, copy=False), values
                 if n:
                     own += np.multiply(*parts)
                 else:
@@ -150,10 +175,35 @@ class LinearModel:
         if not keep.any():
             return self
         q = orthonormal_basis((left[keep] / norms[keep, None]).T)
-        return replace(self, basis=np.hstack([self.basis, q]), residual=self.residual - q @ (q.T @ self.residual))
+        residual = self.residual - q @ (q.T @ self.residual)
+        return replace(self, basis=np.hstack([self.basis, q]), residual=residual, lineage=None)
 
     def with_effect(self, effect: Effect) -> LinearModel:
         """The linear model after an effect has been fitted."""
+        if self.lineage is None:
+            return self._extended(effect)
+        lineage = self.lineage.further(effect)
+        known: tuple[Array, Array] | None = lineage.known.further.find(lineage.effects)
+        if known is not None:
+            return self._widened(*known, lineage)
+        made = replace(self._extended(effect), lineage=lineage)
+        own = made.basis[:, self.basis.shape[1] :].copy(), made.residual
+        lineage.known.further.keep(lineage.effects, own, sum(a.nbytes for a in own))
+        return made
+
+    def _widened(self, columns: Array, residual: Array, lineage: Lineage) -> LinearModel:
+        """The model with further columns (N + ties, k) of the basis, of which the last ties may be new."""
+        size, rank = self.basis.shape
+        basis = np.zeros((len(columns), rank + columns.shape[1]))
+        basis[:size, :rank], basis[:, rank:] = self.basis, columns
+        return replace(self, basis=basis, residual=residual, lineage=lineage)
+
+    def branch(self) -> LinearModel:
+        """The same for an independent search."""
+        lineage = self.lineage and replace(self.lineage, known=self.lineage.known.copy())
+        return replace(self, lineage=lineage)
+
+    def _extended(self, effect: Effect) -> LinearModel:
         columns, size = self.columns(effect)
         if not effect.random:
             return self.with_columns(columns)
@@ -165,7 +215,7 @@ class LinearModel:
         """Residual sum of squares after an effect has been fitted: that of `with_effect`, without making it."""
         if effect.random:
             return self.with_effect(effect).square
-        columns, _ = self.columns(effect)
+        columns, _ = self._own_columns(effect)  # of a shape that is tried out once
         norms = np.linalg.norm(columns, axis=1)
         scaled = columns[norms > 0] / norms[norms > 0, None]
         inner = scaled @ self.basis
@@ -217,15 +267,20 @@ class _Lazy(dict[str, Array]):
 
 
 class _Channels(dict[str, Array]):
-    """Channels over a survey's rows: made when first asked for."""
+    """Channels over a survey's rows: made when first asked for. Derived ones, of which there are many, are not kept."""
 
     def __init__(self, survey: Survey, points: Array) -> None:
         super().__init__(zip(POINT_CHANNELS, points, strict=True))
         self._table = survey.table
 
     def __missing__(self, name: str) -> Array:
-        (self[name],) = columns(self._table, [name])
-        return self[name]
+        side = f"dir_{root(name)}"
+        if name.startswith("play(") and side not in self:  # what every width of it asks for
+            self._table = self._table.assign(**{side: self[side]})
+        (values,) = columns(self._table, [name])
+        if name == root(name):
+            self[name] = values
+        return values
 
 
 def set_up(fit: Fit, most: int = MOST_ROWS) -> LinearModel:
@@ -236,7 +291,7 @@ def set_up(fit: Fit, most: int = MOST_ROWS) -> LinearModel:
     zero = np.zeros(len(chain.ids))
     points = chain.kernel("nominal", outputs=(0, 1, 2))(chain.columns(fit.survey.table))
     table = _Channels(fit.survey, points)
-    residuals, designs, levers, index = [], [], [], []
+    residuals, designs, levers, indices = [], [], [], []
     views = [v for v in problem.views if isinstance(v, PositionView | ReadingView)]
     total = sum(len(v) for v in views)
     if total > most:
@@ -248,12 +303,12 @@ def set_up(fit: Fit, most: int = MOST_ROWS) -> LinearModel:
         residuals.append(gap.ravel() / level)
         designs.append(design_rows(view, place, most=len(view))[:, base] / level)
         levers.append(arms.reshape(len(arms), -1) / level)
-        index.append(np.tile(view.index, len(view.outputs)))
+        indices.append(np.tile(view.index, len(view.outputs)))
     firsts: list[Array] = []  # levers at the first of two poses
     if any(v.observation.poses > 1 for v in problem.readings):
         levers, firsts = _by_pose(levers, 6 * len(chain.element_names))
     design, stacked = np.vstack(designs), np.hstack(levers)
-    rows = np.concatenate(index)
+    rows = np.concatenate(indices)
     live = np.abs(design).max(axis=1, initial=0.0) + np.abs(stacked).max(axis=0) > 0  # components that were measured
     # what the machine's own effects tie to zero is tied here too
     hold = np.sqrt(solution.precision[base])
@@ -274,7 +329,11 @@ def set_up(fit: Fit, most: int = MOST_ROWS) -> LinearModel:
     left = residual - q @ (q.T @ residual)
     noise = noise_mm(fit)
     round_off = len(left) * (RESIDUAL_ROUND_OFF_SHARE * chain.size / max(noise, 1e-300)) ** 2
-    return LinearModel(chain, left, q, arms_of, _Lazy(table, rows[live]), rows[live], scene, round_off, first)
+    index = rows[live]
+    seen_rows, number = np.unique(index, return_inverse=True)
+    own = _Lazy(table, seen_rows)
+    by_row = SurveyRows.of(number, own) if first is None else None
+    return LinearModel(chain, left, q, arms_of, _Lazy(own, number), index, scene, round_off, first, Lineage(), by_row)
 
 
 def _arms(view: PositionView | ReadingView) -> Array:

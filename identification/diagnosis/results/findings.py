@@ -18,6 +18,8 @@ from identification.diagnosis.results.effect_size import Amount
 from identification.diagnosis.results.residual_dependence import Dependence
 from identification.diagnosis.search.scoring import FORM, Step
 
+SCHEMA = "errormodel.diagnosis/1"
+
 
 @dataclass(frozen=True)
 class Alternative:
@@ -118,7 +120,7 @@ class Diagnosis:
     def as_json(self) -> dict[str, Any]:
         readings = {"readings": [asdict(r) for r in self.readings]} if self.readings else {}
         return {
-            "schema": "errormodel.diagnosis/1",
+            "schema": SCHEMA,
             "verdict": self.verdict,
             "noise_um": self.noise_um,
             "baseline": self.baseline,

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 from errormodel.effects.unnamed import Unnamed
-from errormodel.machine import Machine
 from identification.diagnosis.decisions.log import DecisionLog
 from identification.diagnosis.results.effect_size import Whole
 from identification.diagnosis.results.findings import Finding
@@ -39,11 +38,12 @@ def checked_name(finding: Finding, whole: Whole, final: Fit, log: DecisionLog) -
             log.add("physical-size", "refused", main, times, IMPOSSIBLE)
             reason = f"{amount.name} would be at least {times:.0f} times what is usual"
         if reason:
-            return _nameless(finding, reason, chain.machine)
+            return nameless(finding, reason)
     return finding
 
 
-def _nameless(finding: Finding, reason: str, machine: Machine) -> Finding:
+def nameless(finding: Finding, reason: str) -> Finding:
+    """The finding as an effect without a name, for a reason."""
     form = f"{finding.effect} of {finding.where}"
     return replace(
         finding,

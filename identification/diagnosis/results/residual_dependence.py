@@ -1,38 +1,38 @@
 """Test of independence: whether anything that was recorded predicts what is left after all findings.
 
-Residuals are compared with smooth functions of every channel and of every two channels: commands, positions commanded
-before, directions of approach, sensors, time. The statistic is the energy of the residual's projections on them (a
-kernel score test, or Hilbert-Schmidt independence criterion, with a cosine basis of ranks). Its null distribution comes
-from two kinds of resampling: circular shifts of the residual along the rows, which keep its autocorrelation, and random
-signs of short blocks, which keep where its variance is large (wild bootstrap). The larger p-value counts. The largest
-standardised statistic is compared with the largest of each resample (max-T of Westfall and Young, 1993), its tail by a
-Gumbel law.
+Residuals are compared with smooth functions of every channel and of every two channels, alone and times the effect of
+every motion (`recorded`): commands, the path before, directions of approach, sensors, time. The statistic is the energy
+of the residual's projections on them (a kernel score test, or Hilbert-Schmidt independence criterion, with a cosine
+basis of ranks). Its null distribution comes from two kinds of resampling: circular shifts of the residual along the
+rows, which keep its autocorrelation, and random signs of short blocks, which keep where its variance is large (wild
+bootstrap). The larger p-value counts. The largest standardised statistic is compared with the largest of each resample
+(max-T of Westfall and Young, 1993), its tail by a Gumbel law.
 No shape is assumed, and no name is given: all known physics has been tried before.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass
-from itertools import combinations, pairwise
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
 from errormodel.arrays import Array, Index
-from errormodel.conventions import FRAME
+from errormodel.conventions import FRAME, MOTIONS
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.linear.orthonormal_basis import orthonormal_basis
+from identification.diagnosis.results.recorded_functions import Functions, recorded
 from identification.diagnosis.search.criteria import heldout_rms
 from identification.estimation.noise import likeliest, series_edges
 
-LEAST_P_VALUE = 1e-4  # below which the dependence is reported: one false one in 10 000 surveys
+LEAST_P_VALUE = 1e-3  # below which the dependence is reported: one false one in 1000 surveys
 FEWEST_ROWS, MOST_ROWS = 40, 800  # rows below which nothing is tested, and above which they are thinned out
 RESAMPLES = 199  # of each kind; the tail beyond is extrapolated
 FIRST_RESAMPLES, FIRST_P_VALUE = 39, 0.05  # a quick look, which ends nearly all tests of noise
 ENDS = 0.04  # of the rows: circular shifts by less leave the residual where it was
 SIGN_BLOCK_ROWS = 4  # rows that share a random sign
-ORDERS, ORDERS_OF_PAIR = 5, 4  # cosines of a channel: waves of down to 0.4 and 0.5 of its range
 LEAST_SHARE = 0.01  # of the held-out variance: what predicts less changes no prediction
 CLIP = 3.0  # robust standard deviations: no single row decides
 
@@ -47,22 +47,26 @@ class Dependence:
     p_value : of independence.
     axis : x, y or z of the reference, along which a function of the channels predicts most of the rows that were left
         out.
-    size_um : root mean square of what it predicts of them, um.
+    size_um : root mean square of what it predicts of them, um; of what wanders in time, of what it explains.
+    element, motion : what moves as it, where that shows most; else "".
     """
 
     channels: tuple[str, ...]
     p_value: float
     axis: str
     size_um: float
+    element: str = ""
+    motion: str = ""
 
     @property
     def text(self) -> str:
         """The dependence in words."""
         on = " and ".join(_words(c) for c in self.channels)
+        moves = f", most of it {self.motion} of {self.element}," if self.motion else ""
         return (
-            f"what is left depends on {on} (p = {self.p_value:.0e}), in a form that no effect with a name has; along "
-            f"{self.axis} this predicts {self.size_um:.1f} um rms of rows that were left out. Measure again with {on} "
-            "at many values, in random order"
+            f"what is left{moves} depends on {on} (p = {self.p_value:.0e}), in a form that no effect with a name has; "
+            f"along {self.axis} this explains {self.size_um:.1f} um rms. Measure again with {on} at many values, in "
+            "random order"
         )
 
     def as_json(self) -> dict[str, object]:
@@ -70,9 +74,22 @@ class Dependence:
         return asdict(self) | {"channels": [*self.channels]}
 
 
+PATH = {
+    "before(before": "where {} had been two rows before",
+    "before": "where {} had been before",
+    "turn": "where {} last turned round",
+    "recent": "where {} had been in the last rows",
+    "play": "the path of {} (a play)",
+    "relay": "the end of its travel that {} was last near",
+    "travel": "the distance travelled in the last rows",
+}
+
+
 def _words(channel: str) -> str:
-    if channel.startswith("before("):
-        return f"where {channel[7:-1]} had been before"
+    """A channel's name in words."""
+    kind, _, joint = channel.rpartition("(")
+    if kind in PATH:
+        return PATH[kind].format(joint.rstrip(")"))
     return f"the direction of {channel[4:]}" if channel.startswith("dir_") else channel
 
 
@@ -93,97 +110,56 @@ def dependence_of(
         return None
     some = rows[np.linspace(0, len(rows) - 1, min(len(rows), MOST_ROWS)).astype(int)]
     keep = np.isin(index, some)
-    bases = {name: values[index] for name, values in _channels(linear, rows)}
+    parts = recorded(linear, rows)
     residual, basis = (a[: len(index)][keep] for a in (linear.residual, linear.basis))
     norms = np.linalg.norm(basis, axis=0)
     basis = orthonormal_basis(basis[:, norms > 0] / norms[norms > 0])  # over the rows that are kept
-    if len(residual) - basis.shape[1] < FEWEST_ROWS:
+    if len(residual) - basis.shape[1] < FEWEST_ROWS or not parts:
         return None
-    functions = {name: values[keep] for name, values in bases.items()}
-    p_value, channels = _tested(residual, basis, index[keep], functions, FIRST_RESAMPLES)
+    kept = [replace(part, values=part.values[keep]) for part in parts]
+    p_value, best = _tested(residual, basis, index[keep], kept, FIRST_RESAMPLES)
     if p_value < FIRST_P_VALUE:
         # a drift depends on all that changes slowly: what correlated noise explains is filtered out of both sides
         edges = series_edges(index[keep])
         noise, _ = likeliest(residual, basis.T, edges)
         if noise is not None:
             residual, basis = noise.whitened(residual[None], edges)[0], noise.whitened(basis.T, edges).T
-            functions = {name: noise.whitened(values.T, edges).T for name, values in functions.items()}
-        p_value, channels = _tested(residual, basis, index[keep], functions, RESAMPLES)
-    seen = p_value < LEAST_P_VALUE
-    beside = " and ".join(channels)
+            kept = [replace(part, values=noise.whitened(part.values.T, edges).T) for part in kept]
+        p_value, best = _tested(residual, basis, index[keep], kept, RESAMPLES)
+    seen, part = p_value < LEAST_P_VALUE, parts[best]
+    beside = " and ".join(part.channels)
     log.add(
         "dependence-of-residuals", "found" if seen else "passed", "residuals", p_value, LEAST_P_VALUE, beside=beside
     )
     if not seen:
         return None
-    axis, share = _predicted(linear, _joined(_of(bases, channels)))
-    if not axis:  # what does not predict rows that were left out is of no use
+    axis, share = _predicted(linear, part)
+    if not share:
         return None
-    return Dependence(channels, p_value, axis, sigma_um * float(np.sqrt(components * share)))
+    size = sigma_um * float(np.sqrt(components * share))
+    return Dependence(part.channels, p_value, axis, size, part.element, part.motion)
 
 
-def _channels(linear: LinearModel, rows: Index) -> Iterator[tuple[str, Array]]:
-    """Names and smooth functions (n, k), over all rows of the survey, of every channel that varies."""
-    columns = dict(linear.scene.columns)
-    length = len(next(iter(columns.values())))
-    columns.setdefault("time", np.arange(length, dtype=float))
-    for joint in linear.scene.moving:
-        values = columns[joint.name]
-        columns[f"before({joint.name})"] = np.concatenate([values[:1], values[:-1]])
-    for name, values in columns.items():
-        own = values[rows]
-        if np.isfinite(own).all() and np.ptp(own) > 0:
-            out = np.zeros((length, min(ORDERS, len(np.unique(own)) - 1)))
-            out[rows] = _cosines(own, out.shape[1])
-            yield name, out
-
-
-def _cosines(values: Array, count: int) -> Array:
-    """Centred cosines (n, count) of the ranks of a channel; higher orders count less: errors are mostly smooth."""
-    order = np.sort(values)
-    rank = (np.searchsorted(order, values, "left") + np.searchsorted(order, values, "right")) / (2 * len(values))
-    orders = np.arange(1, count + 1)
-    out = np.cos(np.pi * np.outer(rank, orders)) / np.sqrt(orders)
-    return np.asarray(out - out.mean(axis=0))
-
-
-def _of(bases: dict[str, Array], channels: tuple[str, ...]) -> list[Array]:
-    """Functions of one channel, or the smoother ones of two."""
-    return [bases[c] if len(channels) == 1 else bases[c][:, :ORDERS_OF_PAIR] for c in channels]
-
-
-def _joined(bases: list[Array]) -> Array:
-    """Functions of one channel, or products of those of two."""
-    if len(bases) == 1:
-        return bases[0]
-    one, other = bases
-    return (one[:, :, None] * other[:, None, :]).reshape(len(one), -1)
-
-
-def _tested(
-    residual: Array, basis: Array, index: Index, bases: dict[str, Array], count: int
-) -> tuple[float, tuple[str, ...]]:
-    """The p-value of independence by `count` resamples of each kind, and the channels with most dependence."""
+def _tested(residual: Array, basis: Array, index: Index, parts: Sequence[Functions], count: int) -> tuple[float, int]:
+    """The p-value of independence by `count` resamples of each kind, and the number of the most dependent part."""
     scale = float(np.median(np.abs(residual))) / 0.6745
-    if scale <= 0 or not bases:
-        return 1.0, ()
+    if scale <= 0:
+        return 1.0, 0
     q = orthonormal_basis(basis)
     clipped = np.clip(residual / scale, -CLIP, CLIP)
     clipped -= q @ (q.T @ clipped)
     series = [slice(a, b) for a, b in pairwise(series_edges(index))]
-    names = [*((n,) for n in bases), *combinations(bases, 2)]
-    parts = [_joined(_of(bases, pair)) for pair in names]
     square = float(clipped @ clipped)
     p_value, best = _largest(parts, clipped, _left(_shifted(clipped, series, count), q, square), series)
     # without what it predicts, the residual's size along the rows is that of the noise: signs of it are the null
     noise, used = clipped.copy(), 0
-    for s in series:
-        fitted = orthonormal_basis(parts[best][s])
+    for s in _series_of(parts[best], series):
+        fitted = orthonormal_basis(parts[best].values[s])
         noise[s] -= fitted @ (fitted.T @ noise[s])
         used += fitted.shape[1]
     square = float(noise @ noise) * len(noise) / max(len(noise) - used, 1)
     by_signs, _ = _largest(parts, clipped, _left(_signed(noise, series, count), q, square), series)
-    return max(p_value, by_signs), names[best]
+    return max(p_value, by_signs), best
 
 
 def _left(resamples: Array, q: Array, square: float) -> Array:
@@ -192,15 +168,20 @@ def _left(resamples: Array, q: Array, square: float) -> Array:
     return np.asarray(left * np.sqrt(square) / np.linalg.norm(left, axis=0))
 
 
-def _largest(parts: list[Array], residual: Array, resamples: Array, series: list[slice]) -> tuple[float, int]:
+def _largest(parts: Sequence[Functions], residual: Array, resamples: Array, series: list[slice]) -> tuple[float, int]:
     """The p-value of the largest standardised statistic among the `parts`, and the number of its part."""
     whole = np.hstack([residual[:, None], resamples])
-    energy = np.array([_energy(part, whole, series) for part in parts])
+    energy = np.array([_energy(part.values, whole, _series_of(part, series)) for part in parts])
     normal = np.cbrt(energy)  # of Wilson and Hilferty: sums of squares become nearly normal
     null = normal[:, 1:]
     mean, spread = null.mean(axis=1, keepdims=True), null.std(axis=1, ddof=1, keepdims=True)
     scores = (normal[:, 0] - mean[:, 0]) / spread[:, 0]
     return _gumbel(float(scores.max()), ((null - mean) / spread).max(axis=0)), int(scores.argmax())
+
+
+def _series_of(part: Functions, series: list[slice]) -> list[slice]:
+    """Where functions have coefficients of their own: in each component, or those of a motion in all together."""
+    return [slice(None)] if part.motion else series
 
 
 def _energy(functions: Array, whole: Array, series: list[slice]) -> Array:
@@ -237,14 +218,28 @@ def _gumbel(value: float, null: Array) -> float:
     return float(-np.expm1(-np.exp(-(value - float(null.mean())) / scale - np.euler_gamma)))
 
 
-def _predicted(linear: LinearModel, functions: Array) -> tuple[str, float]:
-    """Axis of the reference along which `functions` predict left-out blocks best, and the variance so predicted."""
-    before, best, least = heldout_rms(linear) ** 2, "", np.inf
-    seen = len(linear.index)
-    for axis, lever in zip("xyz", linear.levers[FRAME], strict=False):
-        columns = np.zeros((functions.shape[1], linear.size))
-        columns[:, :seen] = lever * functions.T
-        if lever.any() and (after := heldout_rms(linear.with_columns(columns)) ** 2) < min(before, least):
-            best, least = axis, after
-    share = before - least
-    return (best, share) if best and share > LEAST_SHARE * before else ("", 0.0)
+def _predicted(linear: LinearModel, part: Functions) -> tuple[str, float]:
+    """Axis of the reference along which functions predict left-out blocks best, and the variance so predicted.
+
+    Those of a motion act as this moves the point: the axis is that along which it moves most. What wanders in time
+    predicts no row that was left out: its variance is then that of the fitted rows, less what the noise gives it.
+    """
+    before, seen = heldout_rms(linear) ** 2, len(linear.index)
+    levers = linear.levers[FRAME]
+    if part.motion:
+        alike = [abs(float(lever @ linear.levers[part.element][MOTIONS.index(part.motion)])) for lever in levers[:3]]
+        trials = {"xyz"[int(np.argmax(alike))]: part.values}
+    else:
+        trials = {a: lever[:, None] * part.values for a, lever in zip("xyz", levers, strict=False) if lever.any()}
+    shares = list[tuple[float, float, str]]()
+    for axis, values in trials.items():
+        columns = np.zeros((values.shape[1], linear.size))
+        columns[:, :seen] = values.T
+        after = linear.with_columns(columns)
+        left = after.square / max(after.freedom, 1) / (linear.square / linear.freedom)
+        shares.append((1 - heldout_rms(after) ** 2 / before, 1 - left, axis))
+    predicted, _, axis = max(shares)
+    if predicted > LEAST_SHARE:
+        return axis, predicted * before
+    _, fitted, axis = max(shares, key=lambda s: s[1])
+    return axis, fitted * before if fitted > LEAST_SHARE else 0.0

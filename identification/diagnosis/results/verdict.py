@@ -10,6 +10,7 @@ from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog, Outc
 from identification.diagnosis.linear.row_residuals import spread, vectors
 from identification.diagnosis.results.pure_error import MISFIT_P, MISFIT_RATIO, repeats_of, whitened
 from identification.diagnosis.results.residual_dependence import Dependence
+from identification.diagnosis.results.wandering import wandering_text
 from identification.estimation.result import Fit
 
 BINS = 8  # of each channel, in which to look for where most is left over
@@ -30,8 +31,9 @@ class Verdict:
 def judge(final: Fit, found: bool, dependence: Dependence | None = None, log: DecisionLog = UNRECORDED) -> Verdict:
     """The verdict on a fit, after `found` something or nothing.
 
-    Misfit is what exceeds the scatter of repeated poses; without repeats, what exceeds a declared uncertainty; and what
-    depends on anything recorded. Noise that depends on nothing recorded is not distinguished from a cause that was not.
+    Misfit is what exceeds the scatter of repeated poses; without repeats, what exceeds a declared uncertainty; what
+    depends on anything recorded; and what wanders along the rows. Other noise that depends on nothing recorded is not
+    distinguished from a cause that was not.
     """
     s = final.solution
     repeats = repeats_of(final)
@@ -63,11 +65,11 @@ def judge(final: Fit, found: bool, dependence: Dependence | None = None, log: De
         reason = f"the declared uncertainty lets expect {_length(final) / np.sqrt(s.chi2 / s.dof):.1f}"
     if not found and _at_one_pose(final):
         notes.append(AT_ONE_POSE)
-    if not reason and dependence is None:
+    wanders = wandering_text(final, log)
+    if not reason and dependence is None and not wanders:
         return Verdict("explained" if found else "adequate", None, tuple(notes))
     text = f"{_length(final):.1f} um rms where {reason}; {largest(final)}" if reason else ""
-    if dependence is not None:
-        text = "; ".join(filter(None, (text, dependence.text)))
+    text = "; ".join(filter(None, (text, dependence.text if dependence else "", wanders)))
     return Verdict("partly-explained" if found else "unexplained", text, tuple(notes))
 
 

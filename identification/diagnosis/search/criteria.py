@@ -63,7 +63,8 @@ def heldout_rms(linear: LinearModel) -> float:
 def cross_validation_residuals(linear: LinearModel, blocks: int = 12) -> Array:
     """Residuals (N,) of blocks of consecutive rows, each predicted without it, in units of the noise.
 
-    With an orthonormal basis Q, leaving block b out turns its residual r into ``r + Q_b (I - Q_b'Q_b)^-1 Q_b' r``.
+    With an orthonormal basis Q, leaving block b out turns its residual r into ``r + Q_b (I - Q_b'Q_b)^-1 Q_b' r``,
+    which is ``(I - Q_b Q_b')^-1 r``: the smaller system is solved.
     """
     number = linear.blocks(blocks)
     out = np.empty(len(number))
@@ -71,6 +72,9 @@ def cross_validation_residuals(linear: LinearModel, blocks: int = 12) -> Array:
         rows = np.flatnonzero(number == b)
         q, r = linear.basis[rows], linear.residual[rows]
         # what only this block determines has no part in its residual: a trace of the identity keeps that solvable
-        inner = (1 + 1e-9) * np.eye(q.shape[1]) - q.T @ q
-        out[rows] = r + q @ np.linalg.solve(inner, q.T @ r)
+        one = 1 + 1e-9
+        if len(q) < q.shape[1]:
+            out[rows] = np.linalg.solve(np.eye(len(q)) - q @ q.T / one, r)
+        else:
+            out[rows] = r + q @ np.linalg.solve(one * np.eye(q.shape[1]) - q.T @ q, q.T @ r)
     return out

@@ -46,6 +46,7 @@ MOST_STEPS = 24
 MOST_TOGETHER = 3
 SHAPES_TRIED = 3.0  # log of the trials factor of one effect's shapes
 SWEEPS = 4  # over all time constants
+SETTLING_ROWS = 2.0  # rows that a time constant of a clock lasts at least
 LIKELY = 12  # proposals that are looked at closely, to be accepted next
 
 Likely = tuple[list[Step], Step] | None
@@ -293,7 +294,9 @@ def refit_time_constants(model: EffectModel) -> EffectModel:
 
             middle = float(np.log(tau or 6 * quickest))  # none at all: from hardly any to the shortest that was tried
             reach = 1.0 if tau else 1.8
-            bounds = (middle - reach, middle + reach)
+            # what settles between two rows is an error of one row
+            least = middle - reach if "time" not in step.effect.drivers else np.log(SETTLING_ROWS * _between(model))
+            bounds = (min(max(middle - reach, least), middle), middle + reach)
             found = minimize_scalar(left, bounds=bounds, method="bounded", options={"maxiter": 12})
             if found.fun < rest.square_with(step.effect) - 1e-9:
                 steps = list(model.steps)
@@ -302,6 +305,12 @@ def refit_time_constants(model: EffectModel) -> EffectModel:
         if model.linear.square > 0.995 * before:
             break
     return model
+
+
+def _between(model: EffectModel) -> float:
+    """Mean time between two rows, s."""
+    scene = model.start.scene
+    return scene.duration / len(scene.columns["time"])
 
 
 def add_second_sensor(model: EffectModel, candidates: Candidates, log: DecisionLog = UNRECORDED) -> EffectModel:

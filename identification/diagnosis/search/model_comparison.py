@@ -78,7 +78,7 @@ def _effects(model: EffectModel) -> str:
 
 
 def _searched_from(start: LinearModel, candidates: Candidates, begin: list[Step], log: DecisionLog) -> tuple[Step, ...]:
-    return forward_select(start, candidates.branch(), begin=begin, log=log).steps
+    return forward_select(start.branch(), candidates.branch(), begin=begin, log=log).steps
 
 
 def log_evidence(model: EffectModel) -> float:

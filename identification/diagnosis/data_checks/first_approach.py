@@ -1,0 +1,66 @@
+"""The side from which a joint came to its first positions, where neither a column nor a move states it.
+
+`direction` assumes the sign of the first move. Where a joint has play, half of these assumptions are wrong, and what is
+left of them looks like a shift of the first rows. Of both signs the likelier one is taken: the residuals are fitted
+with motions of the joint that follow its direction of approach, with one sign and with the other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from errormodel.arrays import Array
+from errormodel.channels import assumed_sides, direction
+from errormodel.effects.base import Effect
+from errormodel.survey import Survey
+from identification.diagnosis.data_checks.blunder import listed
+from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
+from identification.diagnosis.linear.linear_model import LinearModel
+
+CLEAR = 4.6  # log likelihood ratio, beyond the logarithm of how many were tried: odds of 100 to 1
+
+
+def likelier_sides(
+    survey: Survey, linear: LinearModel, effects: Sequence[Effect] = (), log: DecisionLog = UNRECORDED
+) -> Survey | None:
+    """The survey with the likelier first directions of approach as columns; None where those assumed are as likely.
+
+    Parameters
+    ----------
+    linear : of the survey's rows to fit, without the `effects`.
+    effects : what was found; what follows a joint's direction is fitted anew with each sign.
+    """
+    fitted = np.flatnonzero((survey.table["role"] == "fit").to_numpy())
+    series = [(j.name, assumed_sides(survey.table, j.name)) for j in linear.scene.moving if linear.scene.both_ways(j)]
+    tried = [(name, own == k) for name, own in series for k in np.unique(own[fitted]) if k]
+    columns, texts = dict[str, Array](), list[str]()
+    for name, rows in tried:
+        channel, turned = f"dir_{name}", rows[fitted][linear.index]
+        if not turned.any():
+            continue
+        beside = linear
+        for effect in effects:
+            beside = beside if channel in effect.drivers else beside.with_effect(effect)
+        follows = np.zeros((6, beside.size))
+        follows[:, : len(linear.index)] = linear.levers[name] * linear.channel(channel)
+        other = follows.copy()
+        other[:, : len(linear.index)] *= np.where(turned, -1.0, 1.0)
+        left = [beside.with_columns(c).square for c in (follows, other)]
+        gain = beside.freedom / 2 * float(np.log(left[0] / left[1])) - float(np.log(len(tried)))
+        found = gain > CLEAR
+        log.add("first-approach", "found" if found else "passed", f"column {channel}", gain, CLEAR)
+        if found:
+            side = columns.get(channel, direction(survey.table, name))
+            columns[channel] = np.where(rows, -side, side)
+            sign = "+1" if columns[channel][rows][0] > 0 else "-1"
+            numbers = survey.table["row"].to_numpy()[rows].tolist()
+            texts.append(
+                f"rows {listed(numbers)}: before its first move there, {name} is taken to have come with {channel} = "
+                f"{sign}, which nothing states, but the readings show. Write {channel} if it is known"
+            )
+    if not columns:
+        return None
+    return replace(survey, table=survey.table.assign(**columns), notes=(*survey.notes, *texts))

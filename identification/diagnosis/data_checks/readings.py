@@ -1,0 +1,131 @@
+"""Mistakes among lengths: readings far from where the others put their set-up, exchanged ones, few that are left.
+
+Before a fit, a length is compared with that of a machine without errors, from where the estimation of its set-up
+starts: a robust place, so that wrong readings stand out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from errormodel.arrays import Array, Index
+from errormodel.chain import Chain
+from errormodel.exceptions import InputError
+from errormodel.survey import Survey
+from identification.diagnosis.data_checks.blunder import listed
+from identification.estimation.result import Fit
+from identification.observation.frames import MACHINE_ERROR_SHARE
+from identification.observation.models import View
+from identification.observation.readings import ReadingView
+
+WILD = 10.0  # times the gap of most readings, and
+WILD_FROM = 10 * MACHINE_ERROR_SHARE  # of the machine's size: no reading of a sound recording lies so far off
+MINORITY = 0.5  # of the readings of an observation left out: what is left is the smaller part, and may be the wrong one
+MOST_WILD = 200  # readings, among which exchanged ones are looked for
+
+
+@dataclass(frozen=True)
+class Lengths:
+    """Lengths of an observation beside those of a machine without errors.
+
+    Attributes
+    ----------
+    label : of the observation.
+    index : (n,) survey rows.
+    gap : (n,) measured minus nominal, mm.
+    wild : (k,) places of the readings that lie far off.
+    exchanged : pairs of places of readings that fit in each other's place.
+    """
+
+    label: str
+    index: Index
+    gap: Array
+    wild: Index
+    exchanged: tuple[tuple[int, int], ...]
+
+
+def lengths_of(chain: Chain, views: Sequence[View]) -> list[Lengths]:
+    """The lengths in a survey, an entry an observation (or a run, where its set-up is one a run)."""
+    out = []
+    for view in views:
+        if not isinstance(view, ReadingView) or view.turns:
+            continue
+        gap = np.concatenate([part[0] for _, part in view.gaps(view.at_zero)])
+        usual = float(np.quantile(np.abs(gap), 0.8))
+        wild = np.flatnonzero(np.abs(gap) > max(WILD * usual, WILD_FROM * chain.size))
+        nominal = view.measured - gap
+        out.append(Lengths(view.label, view.index, gap, wild, _exchanged(view.measured, nominal, wild, usual, chain)))
+    return out
+
+
+def _exchanged(measured: Array, nominal: Array, wild: Index, usual: float, chain: Chain) -> tuple[tuple[int, int], ...]:
+    near = max(2 * usual, MACHINE_ERROR_SHARE * chain.size)
+    pairs = [(int(i), int(j)) for n, i in enumerate(wild[:MOST_WILD]) for j in wild[n + 1 : MOST_WILD]]
+    fit = [(i, j) for i, j in pairs if max(abs(measured[i] - nominal[j]), abs(measured[j] - nominal[i])) < near]
+    return tuple(fit) if 2 * len(fit) == len({k for pair in fit for k in pair}) else ()
+
+
+def refuse_exchanged(survey: Survey, lengths: Sequence[Lengths]) -> None:
+    """InputError about lengths that stand in each other's row."""
+    for own in lengths:
+        if not own.exchanged:
+            continue
+        rows = _rows(survey, own.index)
+        text = ", ".join(f"{rows[i]} and {rows[j]}" for i, j in own.exchanged[:5])
+        found = (
+            f"the lengths of rows {text} are exchanged: each lies {abs(own.gap[own.exchanged[0][0]]):.3g} mm off, and "
+        )
+        found += "fits in the place of the other"
+        raise InputError(_place(survey, own), found, "Give each length with the command at which it was read")
+
+
+def refuse_wild(survey: Survey, lengths: Sequence[Lengths]) -> None:
+    """InputError about lengths that lie where no error motion takes them."""
+    refuse_exchanged(survey, lengths)
+    for own in lengths:
+        if len(own.wild):
+            numbers = _rows(survey, own.index)[own.wild].tolist()
+            some = (
+                f"the lengths of rows {listed(numbers)} are"
+                if len(numbers) > 1
+                else f"the length of row {numbers[0]} is"
+            )
+            largest = float(np.abs(own.gap[own.wild]).max())
+            found = f"{some} up to {largest:.3g} mm from where the other {len(own.gap) - len(own.wild)} put the set-up"
+            cure = "Leave length empty in these rows, or fit with --robust, which weighs rows by how far they lie"
+            raise InputError(_place(survey, own), found, cure)
+
+
+def refuse_minority(survey: Survey, fit: Fit) -> None:
+    """InputError where a robust fit leaves out most readings of an observation: the few that are left may be wrong."""
+    gone = {o.index for o in fit.outliers}
+    for view in fit.problem.views:
+        if isinstance(view, ReadingView):
+            out = sum(int(k) in gone for k in view.index)
+            if out > MINORITY * len(view):
+                found = f"{out} of {len(view)} readings lie far from what the other observations and the machine allow"
+                cure = "Look for a beam that was lost, another unit or another order of its rows, or leave it out"
+                file = survey.table["file"].iloc[view.index[0]]
+                raise InputError(f"{file}, observation {view.label}", found, cure)
+
+
+def length_lines(survey: Survey, lengths: Sequence[Lengths]) -> Iterator[str]:
+    """How the lengths lie beside those of a machine without errors."""
+    for own in lengths:
+        um = 1e3 * np.abs(own.gap)
+        text = f"{own.label}: {len(um)} lengths, {np.sqrt(np.mean(um**2)):.3g} um rms (median {np.median(um):.3g} um, "
+        text += f"largest {um.max():.3g} um) from a machine without errors"
+        if len(own.wild):
+            text += f"; far off: rows {listed(_rows(survey, own.index)[own.wild].tolist())} (fit with --robust)"
+        yield text
+
+
+def _rows(survey: Survey, index: Index) -> Index:
+    return np.asarray(survey.table["row"].to_numpy()[index])
+
+
+def _place(survey: Survey, own: Lengths) -> str:
+    return f"{survey.table['file'].iloc[own.index[0]]}, observation {own.label}"

@@ -1,0 +1,79 @@
+"""What was made of one linear model before: the models with further effects, and effects' columns.
+
+A search asks for the same models again and again: without a finding, with one of its alternatives, from another start.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Hashable
+from dataclasses import dataclass, field
+from typing import Any
+
+from errormodel.effects.base import Effect
+
+MOST_BYTES = 100_000_000  # of each kind: limits the memory; by judgement: a search looks at some dozen models in turn
+
+
+class Latest:
+    """What was asked for lately, by a key, as long as all of it does not take up too many bytes."""
+
+    def __init__(self, most: int = MOST_BYTES) -> None:
+        self._most, self._bytes = most, 0
+        self._kept: OrderedDict[Hashable, tuple[Any, int]] = OrderedDict()
+
+    def copy(self) -> Latest:
+        """One that begins with what is kept here."""
+        other = Latest(self._most)
+        other._bytes, other._kept = self._bytes, self._kept.copy()
+        return other
+
+    def find(self, key: Hashable) -> Any:
+        """What is kept by that key; None where nothing is."""
+        if key not in self._kept:
+            return None
+        self._kept.move_to_end(key)
+        return self._kept[key][0]
+
+    def keep(self, key: Hashable, value: object, size: int) -> None:
+        """Keep a value of so many bytes; what was not asked for longest goes."""
+        self._bytes += size - self._kept.pop(key, (None, 0))[1]
+        self._kept[key] = value, size
+        while self._bytes > self._most and len(self._kept) > 1:
+            self._bytes -= self._kept.popitem(last=False)[1][1]
+
+
+@dataclass(frozen=True)
+class Known:
+    """What was made of one linear model, for all models that were made of it.
+
+    Attributes
+    ----------
+    further : by the effects of a model, what the last one adds to the basis, and the residual.
+    columns : of effects.
+    filtered : by the effects of a model, its filtered bases.
+    """
+
+    further: Latest = field(default_factory=Latest)
+    columns: Latest = field(default_factory=Latest)
+    filtered: Latest = field(default_factory=Latest)
+
+    def copy(self) -> Known:
+        """One for a search that runs beside others: what one has kept must not change another one's rounding."""
+        return Known(self.further.copy(), self.columns.copy(), self.filtered.copy())
+
+
+@dataclass(frozen=True)
+class Lineage:
+    """How a linear model was made of a first one: by which effects in turn."""
+
+    effects: tuple[Effect, ...] = ()
+    known: Known = field(default_factory=Known, compare=False, repr=False)
+
+    def further(self, effect: Effect) -> Lineage:
+        """That of the model with one more effect."""
+        return Lineage((*self.effects, effect), self.known)
+
+    def first(self, count: int) -> Lineage:
+        """That of the model with the first so many of the effects."""
+        return self if count == len(self.effects) else Lineage(self.effects[:count], self.known)

@@ -1,0 +1,180 @@
+"""Functions of everything that a survey recorded, with which residuals are compared in the test of independence.
+
+Of one channel, of two channels, and of one channel times the effect of one error motion: a motion that follows a
+channel. Beside the commands, sensors and the clock there are channels of the path: where a joint had been before, where
+it last turned round, the mean of its recent positions, and hysteresis operators of two kinds, the play and the relay
+(I. D. Mayergoyz, Mathematical Models of Hysteresis, 1991). A parameter that wanders or switches in time is a motion
+that follows quick functions of the clock.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from errormodel.arrays import Array, Index
+from errormodel.conventions import MOTIONS
+from identification.diagnosis.linear.linear_model import LinearModel
+
+ORDERS, ORDERS_OF_PAIR, ORDERS_OF_MOTION = 5, 4, 3  # cosines of a channel: waves down to 0.4, 0.5, 0.7 of its range
+# cosines of the clock, of a parameter that wanders or switches, and the orders beyond which they count less: those of
+# an exponential correlation over a tenth of the survey, and over a hundredth
+QUICK_ORDERS, CORNERS = 100, (4.0, 32.0)
+RECENT = 0.7  # weight of each position in the mean of recent ones, of that of the next
+TRAVELS = (0.7, 0.95)  # the same of the distance travelled, which warms
+PLAY = 0.5  # of a joint's range
+RELAY = 0.3  # quantiles of a joint's positions, from either end, beyond which a relay switches
+MOST_MOTIONS = 24
+TINY = 1e-300
+ALIKE = 0.99  # squared correlation of the levers of two motions, beyond which they are taken as one
+CLOCK = "time"
+
+
+@dataclass(frozen=True)
+class Functions:
+    """Functions of one or two channels.
+
+    Attributes
+    ----------
+    channels : names. ``before(X)``, ``before(before(X))``, ``turn(X)``, ``recent(X)``, ``play(X)``, ``relay(X)`` are of
+        the path of X;
+        ``travel(0.7)`` is the distance travelled in the last rows.
+    values : (N, k) at the observations.
+    element, motion : whose whitened effect they are multiplied with; "" where each component of the points has
+        coefficients of its own.
+    """
+
+    channels: tuple[str, ...]
+    values: Array
+    element: str = ""
+    motion: str = ""
+
+
+def recorded(linear: LinearModel, rows: Index) -> list[Functions]:
+    """All functions, at all observations, by the channels' values in some rows of the survey."""
+    plain, past = _channels(linear)
+    bases = dict(_cosines_of(plain, rows, ORDERS))
+    paths = {name: dict(_cosines_of(own, rows, ORDERS)) for name, own in past.items()}
+    index = linear.index
+    out = [Functions((name,), f[index]) for name, f in bases.items()]
+    out += [Functions((name,), f[index]) for own in paths.values() for name, f in own.items()]
+    out += [Functions((a, b), _product(f, g)[index]) for (a, f), (b, g) in combinations(bases.items(), 2)]
+    for joint, own in paths.items():
+        if joint in bases:
+            out += [Functions((joint, name), _product(bases[joint], f)[index]) for name, f in own.items()]
+    clock = {CLOCK: plain[CLOCK]}
+    quick = [f for corner in CORNERS for _, f in _cosines_of(clock, rows, QUICK_ORDERS, corner)]
+    for element, motion, lever in _levers(linear):
+        for name, f in {**bases, **paths.get(element, {})}.items():
+            for values in quick if name == CLOCK else [f[:, :ORDERS_OF_MOTION]]:
+                out.append(Functions((name,), lever[:, None] * values[index], element, motion))
+    return out
+
+
+def _channels(linear: LinearModel) -> tuple[dict[str, Array], dict[str, dict[str, Array]]]:
+    """Channels (n,) over the survey's rows, and of each joint those of its path."""
+    plain = dict(linear.scene.columns)
+    length = len(next(iter(plain.values())))
+    plain.setdefault(CLOCK, np.arange(length, dtype=float))
+    past = {}
+    steps = [np.abs(np.diff(plain[j.name], prepend=plain[j.name][:1])) for j in linear.scene.moving]
+    whole = np.sum([step / max(float(np.mean(step)), TINY) for step in steps if np.isfinite(step).all()], axis=0)
+    if np.size(whole) == length:
+        plain |= {f"travel({kept:g})": _recent(np.append(whole[1:], 0.0), kept) for kept in TRAVELS}
+    for joint in linear.scene.moving:
+        q = plain[joint.name]
+        if np.isfinite(q).all():
+            before = np.append(q[:1], q[:-1])
+            plain[f"before({joint.name})"] = before
+            past[joint.name] = {
+                f"before(before({joint.name}))": np.append(q[:1], before[:-1]),
+                f"turn({joint.name})": _turned(q),
+                f"recent({joint.name})": _recent(q),
+                f"play({joint.name})": _play(q, PLAY * float(np.ptp(q)) / 2),
+                f"relay({joint.name})": _relay(q, *np.quantile(q, [RELAY, 1 - RELAY]).tolist()),
+            }
+    return plain, past
+
+
+def _turned(q: Array) -> Array:
+    """Where the joint last turned round before each row."""
+    side = np.sign(np.diff(q))
+    out, last = np.empty_like(q), q[0]
+    out[0] = q[0]
+    for k in range(1, len(q)):
+        if k > 1 and side[k - 1] * side[k - 2] < 0:
+            last = q[k - 1]
+        out[k] = last
+    return out
+
+
+def _recent(q: Array, kept: float = RECENT) -> Array:
+    """Mean of the values before each row, the later ones counting more."""
+    out, mean = np.empty_like(q), q[0]
+    for k in range(len(q)):
+        out[k] = mean
+        mean += (1 - kept) * (q[k] - mean)
+    return out
+
+
+def _play(q: Array, half: float) -> Array:
+    """A follower with play of `half` on either side."""
+    out, at = np.empty_like(q), q[0]
+    for k in range(len(q)):
+        at = min(max(at, q[k] - half), q[k] + half)
+        out[k] = at
+    return out
+
+
+def _relay(q: Array, low: float, high: float) -> Array:
+    """A state that becomes 1 above `high`, -1 below `low`, and stays between."""
+    out, state = np.empty_like(q), 0.0
+    for k in range(len(q)):
+        state = 1.0 if q[k] > high else -1.0 if q[k] < low else state
+        out[k] = state
+    return out
+
+
+def _cosines_of(
+    channels: Mapping[str, Array], rows: Index, orders: int, corner: float | None = None
+) -> Iterator[tuple[str, Array]]:
+    """Names and smooth functions (n, k), over all rows of the survey, of every channel that varies."""
+    for name, values in channels.items():
+        own = values[rows]
+        if np.isfinite(own).all() and np.ptp(own) > 0:
+            out = np.zeros((len(values), min(orders, len(np.unique(own)) - 1)))
+            out[rows] = _cosines(own, out.shape[1], corner)
+            yield name, out
+
+
+def _cosines(values: Array, count: int, corner: float | None) -> Array:
+    """Centred cosines (n, count) of the ranks of a channel; higher orders count less, from the `corner` or at once."""
+    order = np.sort(values)
+    rank = (np.searchsorted(order, values, "left") + np.searchsorted(order, values, "right")) / (2 * len(values))
+    orders = np.arange(1, count + 1)
+    less = np.sqrt(orders) if corner is None else np.hypot(1.0, orders / corner)
+    out = np.cos(np.pi * np.outer(rank, orders)) / less
+    return np.asarray(out - out.mean(axis=0))
+
+
+def _product(one: Array, other: Array) -> Array:
+    """Products (n, k l) of the smoother functions of two channels."""
+    one, other = one[:, :ORDERS_OF_PAIR], other[:, :ORDERS_OF_PAIR]
+    return (one[:, :, None] * other[:, None, :]).reshape(len(one), -1)
+
+
+def _levers(linear: LinearModel) -> Iterator[tuple[str, str, Array]]:
+    """Element, motion and whitened effect (N,) of the motions of moved joints, each of those that are alike once."""
+    seen = list[Array]()
+    for joint in linear.scene.moving:
+        for motion, lever in zip(MOTIONS, linear.levers.get(joint.name, ()), strict=False):
+            length = float(np.linalg.norm(lever))
+            if not length or len(seen) == MOST_MOTIONS:
+                continue
+            unit = lever / length
+            if all(float(unit @ other) ** 2 < ALIKE for other in seen):
+                seen.append(unit)
+                yield joint.name, motion, unit * np.sqrt(len(unit))

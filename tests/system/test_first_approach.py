@@ -1,0 +1,57 @@
+"""The side from which a joint came to its first positions, which nothing states: taken as the readings show it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from errormodel.channels import assumed_sides
+from errormodel.machine_file import read_machine
+from errormodel.simulation import random_points
+from errormodel.survey import Survey
+from identification.diagnosis.pipeline import diagnose
+from tests.helpers.findings import known, made, survey_of
+
+MILL = read_machine("vertical_three_axis")
+PLAY_MM = 0.03
+
+
+def table(**columns: object) -> pd.DataFrame:
+    return pd.DataFrame({"file": "s.csv", "run": "1", **columns})
+
+
+def test_the_rows_before_the_first_move_are_the_assumed_ones() -> None:
+    at_rest = table(X=[1.0, 1.0, 2.0, 2.0, 1.0], Y=[5.0] * 5)
+    assert assumed_sides(at_rest, "X").tolist() == [1, 1, 0, 0, 0]
+    assert assumed_sides(at_rest, "Y").tolist() == [0] * 5  # without any move nothing depends on the side
+    stated = at_rest.assign(dir_X=[1.0, np.nan, 1.0, 1.0, -1.0])
+    assert assumed_sides(stated, "X").tolist() == [0, 1, 0, 0, 0]
+    runs = table(X=[1.0, 2.0, 2.0, 3.0]).assign(run=["a", "a", "b", "b"])
+    assert assumed_sides(runs, "X").tolist() == [1, 0, 2, 0]
+
+
+def recorded(side: float) -> Survey:
+    """A mill with play in X; it stood at its first X for 20 rows, and had come there from one `side`."""
+    points = random_points(MILL, 150, 5)
+    points.loc[:19, "X"] = points["X"][20] - 40.0  # its first move is upwards
+    true = known(MILL, made("backlash", joint="X"))
+    column = np.concatenate([[side] * 20, np.full(len(points) - 20, np.nan)])
+    survey = survey_of(true, points.assign(dir_X=column), {"X.dx.backlash": PLAY_MM})
+    return replace(survey, table=survey.table.drop(columns="dir_X"))
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_the_first_side_is_found_and_makes_no_finding(side: float) -> None:
+    diagnosed = diagnose(MILL, recorded(side))
+    found = [(f.effect, f.where) for f in diagnosed.diagnosis.findings]
+    assert found == [("backlash", "X")]
+    (amount,) = diagnosed.diagnosis.findings[0].parameters
+    assert amount.value == pytest.approx(PLAY_MM, abs=4 * amount.std)
+    said = [n for n in diagnosed.diagnosis.notes if "before its first move" in n]
+    assert len(said) == (side < 0)
+    if said:
+        assert "rows 1, 2, 3" in said[0]
+        assert "X is taken to have come with dir_X = -1" in said[0]

@@ -1,0 +1,101 @@
+"""Mistakes among lengths are found before a fit, as those among points are; the readings are simulated elsewhere."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from errormodel.exceptions import InputError
+from errormodel.machine_file import read_machine
+from errormodel.observations.station import interruptions
+from errormodel.survey import Survey
+from identification.diagnosis.data_checks.gate import passed
+from identification.estimation.fit import fit_machine
+from identification.importing.check import check_lines, check_survey
+from tests.benchmarks.length_coverage import NOISE, STATIONS
+from tests.helpers.lengths import distances, entry, survey, truth
+
+MACHINE = read_machine("vertical_three_axis")
+ROWS = 80
+
+
+@pytest.fixture(scope="module")
+def table() -> pd.DataFrame:
+    rng = np.random.default_rng(5)
+    places = {k: (STATIONS[k], 50.0) for k in ("A", "B", "C")}
+    return distances(MACHINE, truth(MACHINE, rng), places, ROWS, NOISE, rng)
+
+
+def of(table: pd.DataFrame, **keys: object) -> Survey:
+    keys = {"dead_path": "unknown", **keys}
+    return survey(MACHINE, table, {k: entry(type="station-distance", **keys) for k in ("A", "B", "C")})
+
+
+def fitted(data: Survey, robust: bool = False) -> None:
+    passed(MACHINE, data, lambda: fit_machine(MACHINE, data, robust), robust)
+
+
+def test_lengths_that_stand_in_each_others_row_are_refused(table: pd.DataFrame) -> None:
+    wrong = table.copy()
+    wrong.loc[[5, 9], "length"] = table.loc[[9, 5], "length"].to_numpy()
+    for look in (fitted, lambda data: check_survey(MACHINE, data)):
+        with pytest.raises(InputError, match="rows 6 and 10 are exchanged"):
+            look(of(wrong))
+    fitted(of(wrong), robust=True)  # which leaves both out
+
+
+def test_a_length_far_from_all_others_is_refused_by_name_and_listed_by_a_check(table: pd.DataFrame) -> None:
+    wrong = table.copy()
+    wrong.loc[ROWS + 3, "length"] += 30.0
+    with pytest.raises(InputError, match=r"observation B: the length of row 84 is up to 30 mm from where the other 79"):
+        fitted(of(wrong))
+    fitted(of(wrong), robust=True)
+    said = [*check_lines(check_survey(MACHINE, of(wrong)))]
+    assert any(line.startswith("B: 80 lengths") and "far off: rows 84" in line for line in said)
+    assert any(line.startswith("A: 80 lengths") and "far off" not in line for line in said)
+
+
+@pytest.mark.parametrize("robust", [False, True])
+@pytest.mark.parametrize(("first", "step"), [(38, 0.5), (70, -3.0)])
+def test_a_beam_that_was_lost_is_said_with_its_place_and_size(
+    table: pd.DataFrame, first: int, step: float, robust: bool
+) -> None:
+    """The fit would bend the machine, or leave most of these lengths out without a word."""
+    wrong = table.copy()
+    wrong.loc[2 * ROWS + first : 3 * ROWS, "length"] += step
+    words = rf"from reading {first + 1} of 80 on {abs(step):g}\d* mm {'longer' if step > 0 else 'shorter'}"
+    with pytest.raises(InputError, match=words):
+        fitted(of(wrong), robust)
+    told = wrong.assign(run="1")  # as the message says: a run of its own, whose dead path is its own
+    told.loc[2 * ROWS + first : 3 * ROWS, "run"] = "2"
+    fitted(of(told, dead_path="per-run"), robust)
+
+
+def test_several_steps_are_found_and_none_where_there_is_none() -> None:
+    """Errors of a machine, a station that is roughly known and outliers make no step; plans in layers do not either."""
+    rng = np.random.default_rng(8)
+    for layers in (2, 7, 200):
+        points = rng.uniform(0, 600, (200, 3))
+        points[:, 2] = np.sort(rng.integers(0, layers, 200)) * 500.0 / layers
+        errors = points @ rng.normal(0, 5e-5, (3, 3))  # scales and squareness of a poor machine
+        station = np.array([900.0, -700.0, -200.0])
+        lengths = np.linalg.norm(points + errors - station, axis=1) - 30.0 + rng.normal(0, 3e-4, 200)
+        lengths[[3, 70]] += [5.0, -40.0]
+        place = np.array([900.2, -700.1, -199.7, 30.3])
+        assert interruptions(points, lengths, place) == []
+        lengths[60:] += 0.4
+        lengths[150:] -= 2.0
+        found = interruptions(points, lengths, place)
+        assert [k for k, _ in found] == [60, 150]
+        # an error of the machine that layers share with the step stays in it: 50 um/m over 500 mm
+        assert [s for _, s in found] == pytest.approx([0.4, -2.0], abs=0.05)
+
+
+def test_a_robust_fit_that_leaves_most_readings_of_an_instrument_out_is_refused(table: pd.DataFrame) -> None:
+    """Lengths of one instrument with the scale of another: the few that are left would look well."""
+    wrong = table.copy()
+    own = wrong["observation"] == "C"
+    wrong.loc[own, "length"] *= 1 + 2e-3 * np.sin(np.arange(ROWS))
+    with pytest.raises(InputError, match="of 80 readings lie far from what the other observations"):
+        fitted(of(wrong), robust=True)
