@@ -130,10 +130,6 @@ def _spread_lines(fit: Fit) -> Iterator[str]:
     yield f"\nnoise of one coordinate {1e3 * fit.sigma_mm:.2f} um ({how}), {fit.solution.dof} degrees of freedom{chi}"
 
 
-def _two_places(value: float) -> str:
-    return f"{value:.2f}" if np.isfinite(value) else "-"
-
-
 def _motion_lines(fit: Fit, motions: Motions) -> Iterator[str]:
     """Sizes of the readings of error motions, each motion of each joint by itself."""
     yield f"\n{'error motions, rms':28}{'nominal':>9}{'fitted':>9}{'held out':>9}{'n':>8}"
