@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -52,7 +53,6 @@ class ParquetRange(ParquetTable):
 
     start: int = 0
     stop: int = 0
-    cursor: _Cursor | None = None
 
     def read(self, numbers: Collection[str], texts: Collection[str]) -> tuple[pd.DataFrame, tuple[str, ...]]:
         import pandas as pd
@@ -62,57 +62,59 @@ class ParquetRange(ParquetTable):
         return frame, notes
 
     def _arrow(self, pa: Any, pq: Any, columns: list[str]) -> Any:
-        assert self.cursor is not None
-        return self.cursor.read(pa, pq, columns, self.start, self.stop)
-
-
-class _Cursor:
-    """Reading of consecutive ranges: each row group is decoded once, unless a range lies before the last one."""
-
-    def __init__(self, path: Path) -> None:
-        self._path, self._columns = path, list[str]()
-        self._batches: Iterator[Any] = iter(())
-        self._last: Any = None  # batch
-        self._at, self._end = 0, 0  # number of rows before it, and of those up to the end of its group
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {"_path": self._path}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__init__(state["_path"])  # type: ignore[misc]
-
-    def read(self, pa: Any, pq: Any, columns: list[str], start: int, stop: int) -> Any:
-        """Rows from `start` to before `stop`, which are in the file."""
-        parts: list[Any] = []
-        while start < stop:
-            if columns != self._columns or not self._at <= start < self._end:
-                self._open(pq, columns, start)
-            while self._last is None or self._at + len(self._last) <= start:
-                self._at += 0 if self._last is None else len(self._last)
-                self._last = next(self._batches)
-            low, high = start - self._at, min(stop - self._at, len(self._last))
-            parts.append(self._last.slice(low, high - low))
-            start += high - low
+        parts, start = list[Any](), self.start
+        while start < self.stop:
+            parts.append(_Group.holding(pq, self.path, columns, start).read(start, self.stop))
+            start += len(parts[-1])
         return pa.Table.from_batches(parts)
 
-    def _open(self, pq: Any, columns: list[str], start: int) -> None:
-        """Go to the row group that holds the row `start`."""
-        file = pq.ParquetFile(self._path)
-        first = 0
+
+class _Group:
+    """The row group that a thread read last: of consecutive ranges each is decoded once.
+
+    A thread keeps one, whichever file it is of: several would take several times the memory.
+    """
+
+    def __init__(self, pq: Any, key: tuple[Any, ...], path: Path, columns: list[str], start: int) -> None:
+        self._key = key
+        self._last: Any = None  # batch
+        file = pq.ParquetFile(path)
+        self._at = 0  # number of rows before the batch
         for group in range(file.metadata.num_row_groups):
-            count = file.metadata.row_group(group).num_rows
-            if first <= start < first + count:
+            self._end = self._at + file.metadata.row_group(group).num_rows
+            if self._at <= start < self._end:
                 break
-            first += count
-        self._batches = file.iter_batches(_BATCH_ROWS, [group], columns, use_threads=False)
-        self._columns, self._at, self._last, self._end = columns, first, None, first + count
+            self._at = self._end
+        self._batches: Iterator[Any] = file.iter_batches(_BATCH_ROWS, [group], columns, use_threads=False)
+
+    @classmethod
+    def holding(cls, pq: Any, path: Path, columns: list[str], start: int) -> _Group:
+        """The one that holds the row `start`, which has not been passed yet."""
+        state = path.stat()
+        key = path, state.st_mtime_ns, state.st_size, tuple(columns)
+        kept: _Group | None = getattr(_thread, "group", None)
+        if kept is None or kept._key != key or not kept._at <= start < kept._end:
+            _thread.group = None  # its memory is free before the next one takes some
+            kept = _thread.group = cls(pq, key, path, columns, start)
+        return kept
+
+    def read(self, start: int, stop: int) -> Any:
+        """A batch of rows from `start` on, at most to before `stop`."""
+        while self._last is None or self._at + len(self._last) <= start:
+            self._at += 0 if self._last is None else len(self._last)
+            self._last = next(self._batches)
+        low = start - self._at
+        return self._last.slice(low, min(stop - self._at, len(self._last)) - low)
+
+
+_thread = threading.local()
 
 
 class ParquetRows(RowRanges):
     """A Parquet file whose rows are read a range at a time; of a range, the row groups that it touches are decoded."""
 
     def __init__(self, table: ParquetTable) -> None:
-        self._table, self._cursor = table, _Cursor(table.path)
+        self._table = table
         pa, pq = _pyarrow(table.name)
         try:
             self._count = int(pq.read_metadata(table.path).num_rows)
@@ -124,7 +126,7 @@ class ParquetRows(RowRanges):
 
     def rows(self, start: int, stop: int) -> Table:
         table = self._table
-        return ParquetRange(table.path, table.name, table.columns, start, min(stop, self._count), self._cursor)
+        return ParquetRange(table.path, table.name, table.columns, start, min(stop, self._count))
 
 
 def open_table(path: Path, name: str) -> Table:

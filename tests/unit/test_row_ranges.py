@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -103,3 +104,16 @@ def test_a_pattern_names_the_parts_of_a_table(tmp_path: Path) -> None:
     ]
     with pytest.raises(InputError, match="no such file"):
         open_tables(tmp_path / "none*.csv", "none*.csv")
+
+
+def test_threads_read_side_by_side(tmp_path: Path) -> None:
+    """A worker with several threads has one opened survey for all of them."""
+    whole = written(tmp_path, 4000, "parquet")
+    ranges, expected = whole.in_ranges(), whole.read(NUMBERS, TEXTS)[0]
+
+    def part(k: int) -> pd.DataFrame:
+        return pd.concat([ranges.rows(a, a + 7).read(NUMBERS, TEXTS)[0] for a in range(500 * k, 500 * k + 490, 7)])
+
+    with ThreadPoolExecutor(4) as threads:
+        for k, found in enumerate(threads.map(part, range(8))):
+            pd.testing.assert_frame_equal(found, expected.iloc[500 * k : 500 * k + 490], check_index_type=False)
