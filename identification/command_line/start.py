@@ -23,8 +23,23 @@ def entry() -> None:
 
         run()
     except KeyboardInterrupt:
-        print(f"\n{WORD}", file=sys.stderr)  # noqa: T201  click may not be loaded yet
-        sys.exit(STOPPED)
+        _say_so()
+    except Exception as error:
+        if not _from_interruption(error):
+            raise
+        _say_so()
+
+
+def _say_so() -> None:
+    print(f"\n{WORD}", file=sys.stderr)  # noqa: T201  click may not be loaded yet
+    sys.exit(STOPPED)
+
+
+def _from_interruption(error: BaseException | None) -> bool:
+    """Whether an error comes from an interruption: a library that calls back into Python turns it into its own."""
+    return error is not None and (
+        isinstance(error, KeyboardInterrupt) or _from_interruption(error.__cause__ or error.__context__)
+    )
 
 
 def _interrupted(signum: int, frame: FrameType | None) -> None:

@@ -12,7 +12,7 @@ import signal
 import threading
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing, suppress
 from dataclasses import dataclass
@@ -116,15 +116,18 @@ class Crew:
             hand_out()
             for future in ready:
                 k = numbers.pop(future)
-                error = future.exception()
-                if error is None:
-                    yield k, future.result()
-                elif not isinstance(error, distributed.scheduler.KilledWorker):
+                lost = distributed.scheduler.KilledWorker, CancelledError  # its worker died before or after its end
+                try:
+                    done: T | Exception = future.result()
+                except lost:
+                    if future.key.endswith("-alone"):
+                        yield k, _died()
+                    else:
+                        suspects.append(k)
+                except Exception as error:  # noqa: BLE001  a failure of one job is its result
                     yield k, error
-                elif future.key.endswith("-alone"):
-                    yield k, _died()
                 else:
-                    suspects.append(k)
+                    yield k, done
                 future.release()
                 hand_out()
 

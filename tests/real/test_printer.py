@@ -28,10 +28,11 @@ def test_contiguous_blocks_are_predicted_from_the_temperatures(printers: Path, n
     assert result.final.folds == 10
     assert result.final.heldout.rms_um <= LARGEST_UM[name]
     assert result.baseline.heldout.rms_um > 80  # nothing but a constant
-    # what is left of b, 1.8 um, depends on the side from which Z arrives, which no effect with a name describes
+    # what is left of a wanders with the time; of b it depends on the side from which Z arrives: no effect with a name
     rest = result.diagnosis.dependence
-    assert result.diagnosis.verdict == ("partly-explained" if rest else "explained")
-    assert rest is None or (rest.channels == ("dir_Z",) and rest.size_um < 1.5)
+    assert rest is None or rest.channels in (("dir_Z",), ("time", "Z"), ("time",))
+    assert rest is None or rest.size_um < LARGEST_UM[name]
+    assert result.diagnosis.verdict == ("partly-explained" if result.diagnosis.unexplained else "explained")
 
 
 @pytest.mark.parametrize("name", LARGEST_UM)

@@ -82,6 +82,17 @@ def test_an_interruption_that_is_lost_ends_the_process_all_the_same() -> None:
     assert (process.returncode, err.strip()[:7]) == (130, "stopped")
 
 
+def test_an_interruption_that_a_library_makes_an_error_of_its_own_is_one() -> None:
+    wrapped = LOST.replace("pass\n", "raise RuntimeError('called back') from None\n")
+    process = started(wrapped.replace("PATIENCE_S = 0.2", "PATIENCE_S = 20.0"))
+    assert process.stdout is not None
+    process.stdout.readline()
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=SOON_S)
+    assert (process.returncode, err.strip()[:7]) == (130, "stopped")
+    assert "Traceback" not in err
+
+
 def test_a_parent_that_ignores_interruptions_goes_before(tmp_path: Path) -> None:
     ignoring = f"import signal; signal.signal(signal.SIGINT, signal.SIG_IGN); {START}"
     process = started(ignoring, "simulate", MILL, 5, "--out", tmp_path / "p.csv")
