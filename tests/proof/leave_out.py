@@ -1,7 +1,7 @@
 """The diagnosis without one of its rules: what each rule is worth, on cases in which it decided something.
 
-A rule is left out by a constant or a function with which it never decides. Rules without which the search has no end, or
-no choice at all (`detection`, `cross-validation`, `most-evidence`), and checks of the data are not in the table.
+A rule is left out by a constant or a function with which it never decides. Rules without which the search has no end,
+or no choice at all (`detection`, `cross-validation`, `most-evidence`), and checks of the data are not in the table.
 """
 
 from __future__ import annotations
