@@ -49,11 +49,12 @@ def main(
     concerned = [k for k, s in enumerate(scored) if without in s.result.get("rules", [])]
     if not score_only:
         _run([done[k] for k in concerned], out, where, workers, without)
-    pairs = [(scored[k], _scored(done[k], out, where, seals)) for k in concerned if _done(done[k], out, where)]
+    again = [k for k in concerned if _done(done[k], out, where)]
+    pairs = {done[k].name: (scored[k], _scored(done[k], out, where, seals)) for k in again}
     click.echo("\n".join(compared(without, len(done), pairs)))
 
 
-def compared(rule: str, cases: int, pairs: list[tuple[Scored, Scored]]) -> list[str]:
+def compared(rule: str, cases: int, pairs: dict[str, tuple[Scored, Scored]]) -> list[str]:
     """With and without a rule: counts over the cases in which it decided, and the cases that differ."""
     lines = [f"{rule}: decided in {len(pairs)} of {cases} cases; with it, without it"]
     for name, value in (
@@ -62,11 +63,13 @@ def compared(rule: str, cases: int, pairs: list[tuple[Scored, Scored]]) -> list[
         ("names of what is not there", lambda s: len(s.false_names)),
         ("predictions worse than the plain fit's", lambda s: s.worse),
     ):
-        lines.append(f"  {name:<40}{sum(value(a) for a, _ in pairs):>4}{sum(value(b) for _, b in pairs):>5}")
-    for one, other in pairs:
+        lines.append(
+            f"  {name:<40}{sum(value(a) for a, _ in pairs.values()):>4}{sum(value(b) for _, b in pairs.values()):>5}"
+        )
+    for name, (one, other) in pairs.items():
         what = [sorted(f"{f['effect']}@{f['where']}" for f in s.findings) for s in (one, other)]
         if what[0] != what[1]:
-            lines.append(f"  {one.truth['name']:<14}{' '.join(what[0])}  ->  {' '.join(what[1])}")
+            lines.append(f"  {name:<14}{' '.join(what[0])}  ->  {' '.join(what[1])}")
     return lines
 
 
