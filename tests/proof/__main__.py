@@ -65,8 +65,6 @@ def compared(rule: str, cases: int, pairs: dict[str, tuple[Scored, Scored]]) -> 
     ):
         before, after = (sum(value(pair[k]) for pair in pairs.values()) for k in (0, 1))
         lines.append(f"  {name:<40}{before:>4}{after:>5}")
-            f"  {name:<40}{sum(value(a) for a, _ in pairs.values()):>4}{sum(value(b) for _, b in pairs.values()):>5}"
-        )
     for name, (one, other) in pairs.items():
         what = [sorted(f"{f['effect']}@{f['where']}" for f in s.findings) for s in (one, other)]
         if what[0] != what[1]:
