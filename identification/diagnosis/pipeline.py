@@ -46,7 +46,7 @@ from identification.diagnosis.results.findings import (
     probability_of,
 )
 from identification.diagnosis.results.physical_limits import checked_name
-from identification.diagnosis.results.remainder import checked_remainder, checked_share
+from identification.diagnosis.results.remainder import checked_form, checked_remainder, checked_share
 from identification.diagnosis.results.residual_dependence import dependence_of
 from identification.diagnosis.results.statements import (
     brief_of,
@@ -156,7 +156,7 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
     causes = []
     for g in model.findings:
         cause = _finding(g, model, final, found.before, first, found.witnessed.get(g[0].effect, []), log)
-        cause = checked_share(cause, model, g, log)
+        cause = checked_share(checked_form(cause, model, g, log), model, g, log)
         causes.append(checked_remainder(cause, g[0].effect, dependence, log, wandering_um(final)))
     findings += sorted(causes, key=lambda f: -f.heldout_rms_um.before)
     if bad.any():

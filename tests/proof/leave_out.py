@@ -51,7 +51,7 @@ LEFT_OUT: dict[str, tuple[tuple[str, str, float | Callable[..., Any]], ...]] = {
     "step-function": ((_FORWARD, "switched", _same),),
     "reselection": ((_FORWARD, "reselect", _same),),
     "superfluous": ((_FORWARD, "backward_eliminate", _same),),
-    "empirical-share": ((_FORWARD, "truly_named", _same),),
+    "share-of-form": (("identification.diagnosis.pipeline", "checked_form", _same),),
     "section-of-surface": ((_FORWARD, "with_sections", _same),),
     "strong-alternative": ((_COMPARED, "_alternatives", _nothing),),
     "second-cause": ((_COMPARED, "_second_causes", _nothing),),

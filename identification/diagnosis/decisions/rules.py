@@ -255,11 +255,6 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "superfluous-by-cross-validation": Rule(
             SELECTION, ERRORS, "It stays where blocks of rows are predicted worse without it.", _in(_FORWARD, "HARDLY")
         ),
-        "empirical-share": Rule(
-            SELECTION, DELTA,
-            "A finding of which an empirical term explains this much has no name.",
-            _in(_REFINED, "OWN")
-        ),
         "section-of-surface": Rule(
             SELECTION, DELTA, "A finding that is a section of an empirical form over two joints is part of it.",
             _in(_REFINED, "OWN"),
@@ -314,6 +309,10 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "name-probability": Rule(
             NAMES, "probability", "Evidence and prior odds of classes give the probability of each name.",
             _in(_FINDINGS, "TEMPER", "FORM_ODDS", "FLEXIBLE_ODDS", "CHOSEN", "UNKNOWN", "MOST_SURE"),
+        ),
+        "share-of-form": Rule(
+            NAMES, SHARE, "A finding has a name only if the form of that name explains most of it.",
+            _in("results.remainder", "MOSTLY"),
         ),
         "share-of-largest": Rule(
             NAMES, RATIO, "What explains little beside the largest finding may be a part of it.", _in(_FORWARD, "LEAK")

@@ -18,6 +18,8 @@ from identification.diagnosis.search.model import EffectModel
 from identification.diagnosis.search.refinement import OWN
 from identification.diagnosis.search.scoring import Step
 
+MOSTLY = 0.5  # of a finding
+
 
 def checked_remainder(
     finding: Finding, effect: Effect, dependence: Dependence | None, log: DecisionLog, wandering_um: float = 0.0
@@ -31,12 +33,23 @@ def checked_remainder(
     left += [(_causes((CLOCK,)), np.sqrt(3) * wandering_um)] if wandering_um else []
     own = {_joint(c) for c in base_channels(effect)}
     size = max((um for causes, um in left if causes & own), default=0.0)
-    if not size or effect.empirical:
+    if not size or effect.empirical or finding.nameless:
         return finding
     before, after = finding.heldout_rms_um.before, finding.heldout_rms_um.after
     share = ratio(size**2, max(before**2 - after**2, 0.0))
     log.add("remainder-of-name", "refused" if share > OWN else "kept", effect, share, OWN)
     return nameless(finding, f"beside it {size:.1f} um are left that follow the same") if share > OWN else finding
+
+
+def checked_form(finding: Finding, model: EffectModel, group: Sequence[Step], log: DecisionLog) -> Finding:
+    """The finding without its name where refinements explain more of it than the form of that name does."""
+    main = group[0].effect
+    if len(group) < 2 or main.empirical or main.random or finding.nameless:
+        return finding
+    without = model.without(group)
+    share = ratio(without.square - without.square_with(main), without.square - model.linear.square)
+    log.add("share-of-form", "kept" if share > MOSTLY else "refused", main, share, MOSTLY)
+    return finding if share > MOSTLY else nameless(finding, f"that form explains {share:.0%} of it")
 
 
 def checked_share(finding: Finding, model: EffectModel, group: Sequence[Step], log: DecisionLog) -> Finding:

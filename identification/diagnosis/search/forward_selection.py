@@ -26,7 +26,6 @@ from identification.diagnosis.search.refinement import (
     left_over,
     refined,
     refinement_of,
-    truly_named,
     with_sections,
 )
 from identification.diagnosis.search.scoring import DETECT, FORM, Step, accepted, choose
@@ -104,7 +103,7 @@ def forward_select(
             seen.add(_causes(model))
     else:
         log.add("most-steps", "refused", None, len(model.steps), MOST_STEPS)
-    return conditional_scores(with_sections(truly_named(backward_eliminate(model, log), log), log), candidates, log)
+    return conditional_scores(with_sections(backward_eliminate(model, log), log), candidates, log)
 
 
 def add_jointly(

@@ -14,7 +14,7 @@ from errormodel.effects.base import Effect
 from errormodel.effects.travel import legendre
 from errormodel.effects.unnamed import Unnamed
 from errormodel.machine import Joint
-from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog, Outcome, ratio
+from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog, ratio
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.search.criteria import base_channels, canonical_correlation, moves, one_sensor
 from identification.diagnosis.search.model import EffectModel, of_groups
@@ -218,31 +218,6 @@ def is_departure(model: EffectModel, number: int, effect: Effect, share: float =
     group = [s for k, s in enumerate(model.steps) if number in (k, s.parent)]
     explained = model.without(group).square - model.linear.square
     return model.linear.square - model.linear.square_with(effect) < share * explained
-
-
-def truly_named(model: EffectModel, log: DecisionLog = UNRECORDED) -> EffectModel:
-    """The model in which a finding is unnamed if an empirical term explains at least `OWN` of it.
-
-    Temperatures are excepted: all sensors and lags count as one cause.
-    """
-    groups = []
-    for main, *more in model.findings:
-        linear = model.without([main, *more])
-        explained, own = linear.square - model.linear.square, linear
-        forms = [s for s in more if s.effect.empirical and "temperature" not in base_channels(s.effect)]
-        for step in (s for s in (main, *more) if s not in forms):
-            own = own.with_effect(step.effect)
-        gained = {id(s): own.square - own.square_with(s.effect) for s in forms}
-        best = max(forms, key=lambda s: gained[id(s)], default=main)
-        small = best is main or gained[id(best)] < OWN * explained
-        if not (main.effect.empirical or best is main):
-            word: Outcome = "kept" if small else "replaced"
-            log.add("empirical-share", word, main.effect, ratio(gained[id(best)], explained), OWN, beside=best.effect)
-        if main.effect.empirical or small:
-            groups.append([main, *more])
-            continue
-        groups.append([best, *(s for s in (main, *more) if s is not best)])
-    return of_groups(model.start, groups) if groups != model.findings else model
 
 
 def with_sections(model: EffectModel, log: DecisionLog = UNRECORDED) -> EffectModel:
