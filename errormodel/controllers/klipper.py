@@ -19,7 +19,7 @@ import numpy as np
 from errormodel.arrays import Array
 from errormodel.controllers.base import header
 from errormodel.controllers.klipper_probe import probing
-from errormodel.controllers.printers import Printer, heights_of, skew_tables, skews_of
+from errormodel.controllers.printers import Printer, heights_of, skew_tables, skewed, skews_of
 from errormodel.controllers.probing import Gap, Probing
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Table, Tables, Term, check_points, even_step
@@ -48,12 +48,10 @@ class Klipper(Printer):
         xy, xz, yz = (-skew[k] for k in ("XY", "XZ", "YZ"))
         y, z = (q[:, setup.place(n)] if n in setup.names else np.zeros(len(q)) for n in "YZ")
         moved = {"X": -y * xy - z * (xz - xy * yz), "Y": -z * yz}
+        out = np.column_stack([moved.get(m, np.zeros(len(q))) for m in setup.movers])
         if mesh is not None:  # the mesh is evaluated after the skew, at the position actually commanded
-            place = q.copy()
-            for name, shift in moved.items():
-                place[:, setup.place(name)] += shift
-            moved["Z"] = mesh.at(setup, place, np.ones_like(q))
-        return np.column_stack([moved.get(m, np.zeros(len(q))) for m in setup.movers])
+            out[:, setup.movers.index("Z")] += mesh.at(setup, skewed(q, out, setup), np.ones_like(q))
+        return out
 
     def quantum(self, setup: Setup) -> float:
         return 1e-6 * (2 + sum(abs(v) for a in setup.axes for v in a.travel) / 1000)

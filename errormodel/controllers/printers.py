@@ -7,6 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from errormodel.arrays import Array
 from errormodel.controllers import instead
 from errormodel.controllers.base import Controller
 from errormodel.controllers.dialect import Dialect
@@ -58,6 +59,13 @@ def skew_tables(values: dict[str, float], setup: Setup) -> list[Table]:
         for k, v in values.items()
         if k[0] in setup.movers and k[1] in setup.names
     ]
+
+
+def skewed(q: Array, moved: Array, setup: Setup) -> Array:
+    """Positions (n, axes) after corrections (n, movers) by skew."""
+    out = q.copy()
+    out[:, [setup.place(m) for m in setup.movers]] += moved
+    return out
 
 
 def heights_of(tables: Tables) -> Table | None:
