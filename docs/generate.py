@@ -150,7 +150,7 @@ def controllers() -> Iterator[str]:
             yield f"- Holds: {_holds(kind, setup)}; {holds}; {beyond}"
             if made.backlash_parameter:
                 yield f"- Backlash: {made.backlash_parameter.format(axis='X', number=1)}"
-        yield from ("", "To load:", "")
+        yield from ("", f"It needs: {made.needs}.", "", "To load:", "")
         yield from (f"{n}. {step}" for n, step in enumerate(made.checklist(setup), start=1))
         yield from ("", f"To test: {_test(made)}", "", f"To take it back: {made.back}.")
 

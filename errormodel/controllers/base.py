@@ -67,6 +67,7 @@ class Target(ABC):
     name: ClassVar[str]  # word for --controller
     title: ClassVar[str]
     source: ClassVar[str]  # where grammar and sign come from
+    needs: ClassVar[str] = "nothing but the control as it was during the survey"  # options, versions, access
     back: ClassVar[str] = "take the files out again, and restore what was backed up"  # how to undo it
     doubt: ClassVar[str] = ""  # what no public source says; empty: nothing
     general: ClassVar[bool] = False  # holds any error of any machine: messages name it where another cannot

@@ -36,6 +36,9 @@ class Duet(Printer):
     name: ClassVar[str] = "duet"
     title: ClassVar[str] = "Duet / RepRapFirmware (height map, M556)"
     source: ClassVar[str] = "Duet3D/RepRapFirmware src/Movement/BedProbing/Grid.cpp, Move3.cpp (before 3.6 Move.cpp)"
+    needs: ClassVar[str] = (
+        "RepRapFirmware 3.3 or later on a board with a card for /sys; axes X and Y, and Z for the heights"
+    )
     back: ClassVar[str] = (
         "M556 S1000 X0 Y0 Z0 and G29 S2; take M556 out of config.g and G29 S1 out of the start programmes"
     )
@@ -106,10 +109,10 @@ class Duet(Printer):
         return [
             "copy heightmap.csv to /sys, and the line M556 into /sys/config.g (do not copy config.g itself: it would "
             "replace the printer's); after homing G29 S1 loads the map",
-            "no taper: M376 H0, or the map fades out with height; M556 without P1, which gives the XY part to Y; where the "
-            "firmware can interpolate the map by cubics, leave it linear",
+            "no taper: M376 H0, or the map fades out with height; M556 without P1, which gives the XY part to Y; where "
+            "the firmware can interpolate the map by cubics, leave it linear",
             "home Z with the map off (G29 S2): homing by a probe while it is on shifts all heights",
-            "offsets of a tool in X and Y (G10 L1) shift the place where the map is looked up: it is for a tool without",
+            "offsets of a tool in X and Y (G10) shift the place where the map is looked up: it is for a tool without",
             "off: M556 S1000 X0 Y0 Z0, G29 S2",
             "a map that was probed replaces this one and does not know the nozzle's own errors: do not load both",
         ]

@@ -148,6 +148,7 @@ class FanucPitch(Fanuc):
     name: ClassVar[str] = "fanuc-pitch"
     title: ClassVar[str] = "FANUC stored pitch error compensation (parameters 3620-3624, data from N10000)"
     source: ClassVar[str] = "FANUC B-63330EN p. 25; cnc.wiki/en/fanuc-pitch-error-compensation"
+    needs: ClassVar[str] = "the option stored pitch error compensation; leave to write parameters, and a restart"
     back: ClassVar[str] = "read the parameters that were backed up (3620 to 3624 and all points) and switch off and on"
     doubt: ClassVar[str] = (
         "the sign (taken as a correction, added to the command), the range of an increment (taken as -7 to 7 detection "
@@ -268,6 +269,10 @@ class Fanuc3d(Fanuc):
     name: ClassVar[str] = "fanuc-3d"
     title: ClassVar[str] = "FANUC three-dimensional error compensation (lattice)"
     source: ClassVar[str] = "FANUC A-79351E p. 3 (trilinear over eight corners)"
+    needs: ClassVar[str] = (
+        "a 30i or newer with the option three-dimensional error compensation; three linear axes, leave to write "
+        "parameters"
+    )
     back: ClassVar[str] = "read the parameters that were backed up, and switch off and on"
     doubt: ClassVar[str] = (
         "parameter numbers from 10800 (axes, points, reference, magnification, interval), the order of the points "

@@ -33,6 +33,9 @@ class Heidenhain(Controller):
     name: ClassVar[str] = "heidenhain"
     title: ClassVar[str] = "Heidenhain compensation tables (.COM, config.cma)"
     source: ClassVar[str] = "HEIDENHAIN technical manuals MANUALplus 620 p. 716-718, TNC 407 p. 151-156"
+    needs: ClassVar[str] = (
+        "a TNC or MANUALplus with compensation tables (.COM and .CMA), and access to its machine parameters"
+    )
     back: ClassVar[str] = "take the star away in config.cma, or put back the one that was saved"
     doubt: ClassVar[str] = (
         "the sign (taken as that of MP720: positive where the travel is too long, so the file holds errors), the "

@@ -37,6 +37,7 @@ class Klipper(Printer):
     name: ClassVar[str] = "klipper"
     title: ClassVar[str] = "Klipper (skew_correction, bed_mesh)"
     source: ClassVar[str] = "Klipper Config_Reference.md; bed_mesh.py, skew_correction.py"
+    needs: ClassVar[str] = "[skew_correction] and [bed_mesh] in printer.cfg; axes X and Y, and Z for the heights"
     back: ClassVar[str] = "SET_SKEW CLEAR=1 and BED_MESH_CLEAR; take the include and the start lines out, RESTART"
     comment: ClassVar[Comment | None] = HASH_COMMENT
     most_points: ClassVar[int] = 100

@@ -30,6 +30,7 @@ class LinuxCnc1(Controller):
     name: ClassVar[str] = "linuxcnc-type1"
     title: ClassVar[str] = "LinuxCNC COMP_FILE_TYPE = 1 (trims)"
     source: ClassVar[str] = "LinuxCNC docs/src/config/ini-config.adoc, src/emc/usr_intf/usrmotintf.cc"
+    needs: ClassVar[str] = "LinuxCNC in mm, with joints that are the axes themselves (trivkins) and a restart"
     back: ClassVar[str] = "take COMP_FILE and COMP_FILE_TYPE out of the INI file, put BACKLASH back, restart and home"
     bidirectional: ClassVar[bool] = True
     comment: ClassVar[Comment | None] = Comment("# ")

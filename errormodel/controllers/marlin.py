@@ -36,6 +36,9 @@ class Marlin(Printer):
     name: ClassVar[str] = "marlin"
     title: ClassVar[str] = "Marlin (M852)"
     source: ClassVar[str] = "MarlinFirmware/Marlin planner.h, gcode/calibrate/M852.cpp"
+    needs: ClassVar[str] = (
+        "Marlin compiled with SKEW_CORRECTION, SKEW_CORRECTION_GCODE and SKEW_CORRECTION_FOR_Z, and EEPROM_SETTINGS"
+    )
     back: ClassVar[str] = "M852 I0 J0 K0 and M500; take M852 out of the start programmes"
     comment: ClassVar[Comment | None] = Comment("; ")
 

@@ -2,8 +2,8 @@
 
 ``ERRORMODEL_REPRAPFIRMWARE`` names a checkout of Duet3D/RepRapFirmware, version 3.4 or later; without one the tests are
 skipped. Its Grid.cpp is compiled as it is, of Move3.cpp (Move.cpp before 3.6) the functions that change a position;
-``tests/helpers/reprapfirmware.h`` stands for the rest of the firmware. M556 itself is read by the test: the order of its
-letters is that of the firmware's SetAxisCompensation (X: XY, Y: YZ, Z: XZ).
+``tests/helpers/reprapfirmware.h`` stands for the rest of the firmware. M556 itself is read by the test: the order of
+its letters is that of the firmware's SetAxisCompensation (X: XY, Y: YZ, Z: XZ).
 """
 
 from __future__ import annotations
