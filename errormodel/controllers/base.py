@@ -69,6 +69,7 @@ class Target(ABC):
     source: ClassVar[str]  # where grammar and sign come from
     needs: ClassVar[str] = "nothing but the control as it was during the survey"  # options, versions, access
     back: ClassVar[str] = "take the files out again, and restore what was backed up"  # how to undo it
+    test: ClassVar[str] = ""  # how to test it at the machine; empty: with an indicator, by the check of signs
     doubt: ClassVar[str] = ""  # what no public source says; empty: nothing
     general: ClassVar[bool] = False  # holds any error of any machine: messages name it where another cannot
 

@@ -18,7 +18,7 @@ import numpy as np
 from errormodel.arrays import Array
 from errormodel.controllers.base import header
 from errormodel.controllers.grids import spaced
-from errormodel.controllers.printers import Printer, heights_of, skew_tables, skewed, skews_of
+from errormodel.controllers.printers import COUNTED, Printer, heights_of, skew_tables, skewed, skews_of
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Table, Tables, Term, check_points, even_step
 from errormodel.controllers.text import Comment, Files, Lines, one_file
@@ -42,6 +42,7 @@ class Duet(Printer):
     back: ClassVar[str] = (
         "M556 S1000 X0 Y0 Z0 and G29 S2; take M556 out of config.g and G29 S1 out of the start programmes"
     )
+    shown: ClassVar[tuple[str, ...]] = COUNTED
     comment: ClassVar[Comment | None] = Comment("; ")
     most_points: ClassVar[int] = 21
 

@@ -33,6 +33,7 @@ class GCode(Rewriter):
         "the programme, the work offsets and tool lengths that are active when it runs, and where the axes stand "
         "before it"
     )
+    test: ClassVar[str] = "compare the corrected programme with the plain one, and run it above the part first"
     back: ClassVar[str] = "run the plain programme"
     general: ClassVar[bool] = True
 
