@@ -122,7 +122,7 @@ class Fanuc(Controller):
             "parameters of tool centre point control on a 30i (machine unit; older ones count in 0.001 mm): add x y z",
             *(f"  {k}: {' '.join(f'{v + 0.0:+.4f}' for v in value)}" for k, value in made.items()),
             "the vectors are taken to end at the points of the axes that are named above (a tilt shifts others)",
-            "no public source was found for the tilt of an axis (19683, 19688): its part stays; the sign is to be tested",
+            "no public source was found for the tilt of an axis (19683, 19688): that stays; the sign is to be tested",
         ]
 
     def unit(self, setup: Setup) -> float:
