@@ -378,7 +378,8 @@ def richer(controller: Controller, setup: Setup) -> list[str]:
             terms = kind.structures(setup)[-1]
         except InputError:
             return 0
-        return max((len({*t.inputs, t.output, t.factor.rpartition(" ")[2]} - {"", LONGER}) for t in terms), default=0)
+        sets = ({*t.inputs, t.output, t.factor.rpartition(" ")[2]} - {"", LONGER} for t in terms if t.inputs)
+        return max(map(len, sets), default=0)
 
     family, own = controller.name.partition("-")[0], reach(controller)
     kinds = [k() for n, k in registry().items() if n.partition("-")[0] == family]
