@@ -150,7 +150,7 @@ def controllers() -> Iterator[str]:
             yield f"- Holds: {_holds(kind, setup)}; {holds}; {beyond}"
             if made.backlash_parameter:
                 yield f"- Backlash: {made.backlash_parameter.format(axis='X', number=1)}"
-        yield from ("", "To load:", "")
+        yield from ("", f"It needs: {made.needs}.", "", "To load:", "")
         yield from (f"{n}. {step}" for n, step in enumerate(made.checklist(setup), start=1))
         yield from ("", f"To test: {_test(made)}", "", f"To take it back: {made.back}.")
 
@@ -197,15 +197,14 @@ def _sign(kind: Any) -> str:
 
 def _test(made: Any) -> str:
     """How the tables are tested at the machine, in words."""
-    from errormodel.controllers.base import Controller
-
-    if not isinstance(made, Controller):
-        return "compare the corrected programme with the plain one, and run it above the part first"
+    again = "Then measure again, and give the rows to `errormodel diagnose`."
+    if made.test:
+        return f"{made.test}. {again}"
     language = f"; programmes `*{made.dialect.suffix}` drive there" if made.dialect else ""
     other = f" Where the other sign shows: {made.other_sign}." if made.other_sign else ""
     return (
         "`sign_test/steps.txt`, where it is written, names tables with one peak an axis, where to stand, and what an "
-        f"indicator must show{language}.{other} Then measure again, and give the rows to `errormodel diagnose`."
+        f"indicator must show{language}.{other} {again}"
     )
 
 

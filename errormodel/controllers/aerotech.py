@@ -73,6 +73,7 @@ class Aerotech1d(Aerotech):
     name: ClassVar[str] = "aerotech-1d"
     title: ClassVar[str] = "Aerotech axis calibration, one-dimensional (.cal)"
     source: ClassVar[str] = "help.aerotech.com/automation1/Content/Axis-Calibration.htm"
+    needs: ClassVar[str] = "Automation1 or A3200 with axes that home (or absolute encoders); user units of mm and deg"
     back: ClassVar[str] = "remove the file under Configure > Calibration and reset (Automation1), CALDISABLE (A3200)"
     doubt: ClassVar[str] = "the sign (taken as a correction that is added; NEGCOR turns it round)"
 
@@ -119,6 +120,7 @@ class Aerotech2d(Aerotech):
     name: ClassVar[str] = "aerotech-2d"
     title: ClassVar[str] = "Aerotech axis calibration, two-dimensional (.cal)"
     source: ClassVar[str] = Aerotech1d.source
+    needs: ClassVar[str] = "Automation1 or A3200 with axes that home (or absolute encoders); user units of mm and deg"
     back: ClassVar[str] = (
         "remove the file under Configure > Calibration 2D and reset (Automation1), CALDISABLE 2D (A3200)"
     )

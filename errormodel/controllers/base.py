@@ -67,7 +67,9 @@ class Target(ABC):
     name: ClassVar[str]  # word for --controller
     title: ClassVar[str]
     source: ClassVar[str]  # where grammar and sign come from
+    needs: ClassVar[str] = "nothing but the control as it was during the survey"  # options, versions, access
     back: ClassVar[str] = "take the files out again, and restore what was backed up"  # how to undo it
+    test: ClassVar[str] = ""  # how to test it at the machine; empty: with an indicator, by the check of signs
     doubt: ClassVar[str] = ""  # what no public source says; empty: nothing
     general: ClassVar[bool] = False  # holds any error of any machine: messages name it where another cannot
 
@@ -376,7 +378,8 @@ def richer(controller: Controller, setup: Setup) -> list[str]:
             terms = kind.structures(setup)[-1]
         except InputError:
             return 0
-        return max((len({*t.inputs, t.output, t.factor.rpartition(" ")[2]} - {"", LONGER}) for t in terms), default=0)
+        sets = ({*t.inputs, t.output, t.factor.rpartition(" ")[2]} - {"", LONGER} for t in terms if t.inputs)
+        return max(map(len, sets), default=0)
 
     family, own = controller.name.partition("-")[0], reach(controller)
     kinds = [k() for n, k in registry().items() if n.partition("-")[0] == family]

@@ -22,6 +22,10 @@ class CsvGrid(Controller):
     name: ClassVar[str] = "csv"
     title: ClassVar[str] = "plain CSV grid over all axes"
     source: ClassVar[str] = "errormodel's own"
+    needs: ClassVar[str] = "a control, a post-processor or a program of your own that adds corrections to positions"
+    test: ClassVar[str] = (
+        "look up a node and a place between nodes by hand, and compare with what your program adds there"
+    )
     back: ClassVar[str] = "send the plain positions again"
     general: ClassVar[bool] = True
     comment: ClassVar[Comment | None] = None

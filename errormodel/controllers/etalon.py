@@ -29,6 +29,9 @@ class Etalon(Kernel):
     name: ClassVar[str] = "etalon"
     title: ClassVar[str] = "ETALON exchange format (Beckhoff TF5280 / ISG kernel)"
     source: ClassVar[str] = "infosys.beckhoff.com TF5280: 296430091"
+    needs: ClassVar[str] = (
+        "an ISG kernel or TwinCAT CNC with volumetric compensation (licence TF5280); linear axes X, Y and Z"
+    )
     back: ClassVar[str] = "#VOLCOMP OFF [ID0]; take vol_comp[0] out of the start-up list and restart"
     doubt: ClassVar[str] = SIGN_DOUBT
     most_points: ClassVar[int] = 2000

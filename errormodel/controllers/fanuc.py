@@ -123,7 +123,7 @@ class Fanuc(Controller):
             "parameters of tool centre point control on a 30i (machine unit; older ones count in 0.001 mm): add x y z",
             *(f"  {k}: {' '.join(f'{v + 0.0:+.4f}' for v in value)}" for k, value in made.items()),
             "the vectors are taken to end at the points of the axes that are named above (a tilt shifts others)",
-            "no public source has a parameter for the tilt of an axis: its part stays; the sign is to be tested",
+            "no public source was found for the tilt of an axis (19683, 19688): that stays; the sign is to be tested",
         ]
 
     def unit(self, setup: Setup) -> float:
@@ -149,6 +149,7 @@ class FanucPitch(Fanuc):
     name: ClassVar[str] = "fanuc-pitch"
     title: ClassVar[str] = "FANUC stored pitch error compensation (parameters 3620-3624, data from N10000)"
     source: ClassVar[str] = "FANUC B-63330EN p. 25; cnc.wiki/en/fanuc-pitch-error-compensation"
+    needs: ClassVar[str] = "the option stored pitch error compensation; leave to write parameters, and a restart"
     back: ClassVar[str] = "read the parameters that were backed up (3620 to 3624 and all points) and switch off and on"
     doubt: ClassVar[str] = (
         "the sign (taken as a correction, added to the command), the range of an increment (taken as -7 to 7 detection "
@@ -269,6 +270,10 @@ class Fanuc3d(Fanuc):
     name: ClassVar[str] = "fanuc-3d"
     title: ClassVar[str] = "FANUC three-dimensional error compensation (lattice)"
     source: ClassVar[str] = "FANUC A-79351E p. 3 (trilinear over eight corners)"
+    needs: ClassVar[str] = (
+        "a 30i or newer with the option three-dimensional error compensation; three linear axes, leave to write "
+        "parameters"
+    )
     back: ClassVar[str] = "read the parameters that were backed up, and switch off and on"
     doubt: ClassVar[str] = (
         "parameter numbers from 10800 (axes, points, reference, magnification, interval), the order of the points "

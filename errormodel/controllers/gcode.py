@@ -29,6 +29,11 @@ class GCode(Rewriter):
     name: ClassVar[str] = "gcode"
     title: ClassVar[str] = "corrected G-code or CSV of commands (controllers without tables)"
     source: ClassVar[str] = "NIST IR 6556 (RS274/NGC); manuals of LinuxCNC, FANUC 30i, Marlin, Klipper"
+    needs: ClassVar[str] = (
+        "the programme, the work offsets and tool lengths that are active when it runs, and where the axes stand "
+        "before it"
+    )
+    test: ClassVar[str] = "compare the corrected programme with the plain one, and run it above the part first"
     back: ClassVar[str] = "run the plain programme"
     general: ClassVar[bool] = True
 

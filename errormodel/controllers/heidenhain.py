@@ -4,16 +4,21 @@ One ``.COM`` per axis that causes errors: its position from the machine datum, a
 and BACKLASH, the values met in minus direction. ``config.cma`` assigns tables to axes; the line with a star is active.
 Interpolation is linear.
 
-Source: technical manuals of the MANUALplus 620 (p. 716-718), TNC 407 (p. 151-156) and iTNC 530 HSCI (p. 666-686).
+Constant errors of rotary axes belong into the description table of the kinematics, which goes from the tool to the
+workpiece: ``Trans`` lines shift and turn all that follows, ``MachAxis`` lines are the axes.
+
+Source: technical manuals of the MANUALplus 620 (p. 716-718), TNC 407 (p. 151-156) and iTNC 530 HSCI (p. 666-686, 722).
 """
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
 
-from errormodel.controllers.base import Controller, header
+from errormodel.controllers.base import Controller, Line, header
 from errormodel.controllers.dialect import Dialect
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Table, Tables, Term, check_increasing, check_points
@@ -21,6 +26,7 @@ from errormodel.controllers.text import Comment, Files, Lines
 from errormodel.exceptions import InputError
 
 COLUMN_WIDTH = 14  # characters of a column
+SHIFT_DIGITS, TILT_DIGITS = 4, 6  # behind the point, of mm and of degrees: 0.1 um, and 0.02 um at a metre
 
 
 def _row(cells: list[str]) -> str:
@@ -33,6 +39,9 @@ class Heidenhain(Controller):
     name: ClassVar[str] = "heidenhain"
     title: ClassVar[str] = "Heidenhain compensation tables (.COM, config.cma)"
     source: ClassVar[str] = "HEIDENHAIN technical manuals MANUALplus 620 p. 716-718, TNC 407 p. 151-156"
+    needs: ClassVar[str] = (
+        "a TNC or MANUALplus with compensation tables (.COM and .CMA), and access to its machine parameters"
+    )
     back: ClassVar[str] = "take the star away in config.cma, or put back the one that was saved"
     doubt: ClassVar[str] = (
         "the sign (taken as that of MP720: positive where the travel is too long, so the file holds errors), the "
@@ -58,6 +67,29 @@ class Heidenhain(Controller):
         source="HEIDENHAIN TNC 360 user's manual p. 5-39 (M91 in a positioning block), TNC 426 p. 119 (L, R0, F, M)",
     )
     most_points: ClassVar[int] = 256
+
+    def describe(self, lines: Sequence[Line], setup: Setup) -> list[str]:
+        """``Trans`` lines of the description table around each rotary axis (iTNC 530 HSCI, p. 670 and 722)."""
+        out = [
+            "description table of the active kinematics (columns KEY AXIS COORD; mm and degrees, from the tool to the "
+            "workpiece): around the MachAxis line of each axis, where it stands; values of a Trans line that is there "
+            "already add up"
+        ]
+        for line in lines:
+            values = [*line.shift, *np.degrees(line.tilt)]
+            digits = 3 * (SHIFT_DIGITS,) + 3 * (TILT_DIGITS,)
+            rows = [
+                f"Trans {a} {v:+.{d}f}"
+                for a, v, d in zip("XYZABC", values, digits, strict=True)
+                if abs(v) >= 0.5 * 10.0**-d
+            ]
+            back = [re.sub(r"[-+](?=\d)", lambda m: "-+"["+-".index(m[0])], row) for row in rows[::-1]]
+            out += [f"around {line.axis}:", *(f"  {row}" for row in (*rows, f"MachAxis {line.axis}", *back))]
+        return [
+            *out,
+            "the Trans lines before are taken to end at the points that are named above (a tilt shifts others)",
+            "a description holds 50 lines of Trans and MachAxis; the signs are to be tested",
+        ]
 
     def terms(self, setup: Setup) -> list[Term]:
         return self.curves(setup, [(m, i) for i in setup.moving for m in setup.linear])

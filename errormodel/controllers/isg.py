@@ -129,6 +129,9 @@ class Isg(Kernel):
     name: ClassVar[str] = "isg"
     title: ClassVar[str] = "Beckhoff TF5280 / ISG kernel volumetric compensation (ISG_CSV)"
     source: ClassVar[str] = "infosys.beckhoff.com TF5280: 296423819, 296429067, 296390283"
+    needs: ClassVar[str] = (
+        "an ISG kernel or TwinCAT CNC with volumetric compensation (licence TF5280); linear axes X, Y and Z"
+    )
     back: ClassVar[str] = "#VOLCOMP OFF [ID0]; take vol_comp[0] out of the start-up list and restart"
     doubt: ClassVar[str] = SIGN_DOUBT
     most_points: ClassVar[int] = 2000

@@ -19,11 +19,11 @@ import numpy as np
 from errormodel.arrays import Array
 from errormodel.controllers.base import header
 from errormodel.controllers.klipper_probe import probing
-from errormodel.controllers.printers import Printer, heights_of, skew_tables, skews_of
+from errormodel.controllers.printers import Printer, heights_of, skew_tables, skewed, skews_of
 from errormodel.controllers.probing import Gap, Probing
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Table, Tables, Term, check_points, even_step
-from errormodel.controllers.text import Comment, Files, one_file, printable
+from errormodel.controllers.text import Comment, Files, one_file
 from errormodel.controllers.thermal import States, Thermal, growths
 from errormodel.exceptions import InputError
 
@@ -37,7 +37,13 @@ class Klipper(Printer):
     name: ClassVar[str] = "klipper"
     title: ClassVar[str] = "Klipper (skew_correction, bed_mesh)"
     source: ClassVar[str] = "Klipper Config_Reference.md; bed_mesh.py, skew_correction.py"
+    needs: ClassVar[str] = "[skew_correction] and [bed_mesh] in printer.cfg; axes X and Y, and Z for the heights"
     back: ClassVar[str] = "SET_SKEW CLEAR=1 and BED_MESH_CLEAR; take the include and the start lines out, RESTART"
+    shown: ClassVar[tuple[str, ...]] = (
+        "Home all axes. Load skew and mesh as the checklist says. SET_GCODE_OFFSET X=0 Y=0 Z=0.",
+        "At each place: G90, G1 X.. Y.. Z.. F1200 (first Z, then X and Y), M400, GET_POSITION.",
+        "Its line 'toolhead' minus its line 'gcode' must be:",
+    )
     comment: ClassVar[Comment | None] = HASH_COMMENT
     most_points: ClassVar[int] = 100
 
@@ -48,12 +54,10 @@ class Klipper(Printer):
         xy, xz, yz = (-skew[k] for k in ("XY", "XZ", "YZ"))
         y, z = (q[:, setup.place(n)] if n in setup.names else np.zeros(len(q)) for n in "YZ")
         moved = {"X": -y * xy - z * (xz - xy * yz), "Y": -z * yz}
+        out = np.column_stack([moved.get(m, np.zeros(len(q))) for m in setup.movers])
         if mesh is not None:  # the mesh is evaluated after the skew, at the position actually commanded
-            place = q.copy()
-            for name, shift in moved.items():
-                place[:, setup.place(name)] += shift
-            moved["Z"] = mesh.at(setup, place, np.ones_like(q))
-        return np.column_stack([moved.get(m, np.zeros(len(q))) for m in setup.movers])
+            out[:, setup.movers.index("Z")] += mesh.at(setup, skewed(q, out, setup), np.ones_like(q))
+        return out
 
     def quantum(self, setup: Setup) -> float:
         return 1e-6 * (2 + sum(abs(v) for a in setup.axes for v in a.travel) / 1000)
@@ -96,28 +100,6 @@ class Klipper(Printer):
 
     def probing(self, setup: Setup, gap: Gap) -> Probing:
         return probing(setup, gap)
-
-    def own_check(self, setup: Setup, tables: Tables) -> dict[str, str]:
-        """Expected output of ``GET_POSITION`` at a few places: toolhead minus gcode is the correction."""
-        lines = [
-            "CHECK: does the firmware add what the tables say? No indicator is needed. Nothing may stand on the bed.",
-            f"machine: {printable(setup.machine)}",
-            "Home all axes. Load skew and mesh as the checklist says. SET_GCODE_OFFSET X=0 Y=0 Z=0.",
-            "At each place: G90, G1 X.. Y.. Z.. F1200 (first Z, then X and Y), M400, GET_POSITION.",
-            "Its line 'toolhead' minus its line 'gcode' must be:",
-        ]
-        for share in (0.25, 0.5, 0.75):
-            q = np.array([[a.measured[0] + share * (a.measured[1] - a.measured[0]) for a in setup.axes]])
-            q = np.round(q, 1)
-            moved = self.emulate(tables, setup, q)[0]
-            place = " ".join(f"{a.name}{q[0, setup.place(a.name)]:.1f}" for a in setup.ordered)
-            added = " ".join(f"{m} {moved[setup.movers.index(m)]:+.4f}" for m in setup.watched)
-            lines.append(f"  {place}: {added} mm")
-        lines += [
-            "The same figures with the other sign: a profile of another source is loaded. Zeros: none is loaded.",
-            "Only Z differs: another mesh is loaded, or fade is on. Then look at the checklist again.",
-        ]
-        return {"steps.txt": "\n".join(lines) + "\n"}
 
     def read(self, files: Files, setup: Setup) -> Tables:
         name, text = one_file(files, ".cfg")

@@ -39,6 +39,10 @@ class LinuxCnc3d(Controller):
     name: ClassVar[str] = "linuxcnc-3d"
     title: ClassVar[str] = "LinuxCNC with errormodel's HAL component (lattice over all axes)"
     source: ClassVar[str] = "errormodel's own; pins of LinuxCNC's motion controller: man 9 motion"
+    needs: ClassVar[str] = (
+        "LinuxCNC in mm (tested in 2.9), its package -dev for halcompile, joints that are the axes themselves "
+        "(trivkins)"
+    )
     back: ClassVar[str] = (
         "setp errormodel-3d.enable 0 (the correction is ramped off); take out the HALFILE line and restart"
     )

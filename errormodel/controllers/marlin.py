@@ -17,7 +17,7 @@ import numpy as np
 
 from errormodel.arrays import Array, Mask
 from errormodel.controllers.base import header
-from errormodel.controllers.printers import SKEW_AXES, Printer, skew_tables, skews_of
+from errormodel.controllers.printers import COUNTED, SKEW_AXES, Printer, skew_tables, skews_of
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Tables, Term
 from errormodel.controllers.text import Comment, Files, one_file
@@ -36,7 +36,11 @@ class Marlin(Printer):
     name: ClassVar[str] = "marlin"
     title: ClassVar[str] = "Marlin (M852)"
     source: ClassVar[str] = "MarlinFirmware/Marlin planner.h, gcode/calibrate/M852.cpp"
+    needs: ClassVar[str] = (
+        "Marlin compiled with SKEW_CORRECTION, SKEW_CORRECTION_GCODE and SKEW_CORRECTION_FOR_Z, and EEPROM_SETTINGS"
+    )
     back: ClassVar[str] = "M852 I0 J0 K0 and M500; take M852 out of the start programmes"
+    shown: ClassVar[tuple[str, ...]] = COUNTED
     comment: ClassVar[Comment | None] = Comment("; ")
 
     def terms(self, setup: Setup) -> list[Term]:

@@ -40,6 +40,7 @@ class Pmac(Controller):
     name: ClassVar[str] = "pmac"
     title: ClassVar[str] = "Delta Tau PMAC / Turbo PMAC position compensation (DEFINE COMP)"
     source: ClassVar[str] = "Turbo PMAC software reference, DEFINE COMP, p. 302-305"
+    needs: ClassVar[str] = "a PMAC or Turbo PMAC whose motors home; counts a mm or deg of every motor (--resolution)"
     back: ClassVar[str] = "I51=0; #n DELETE COMP for each table, SAVE"
     doubt: ClassVar[str] = "the sign of the entries (taken as a correction, added to the commanded position)"
     comment: ClassVar[Comment | None] = Comment("; ")

@@ -156,6 +156,10 @@ class SiemensLec(Siemens):
     name: ClassVar[str] = "siemens-lec"
     title: ClassVar[str] = "Siemens Sinumerik leadscrew error compensation ($AA_ENC_COMP)"
     source: ClassVar[str] = "SINUMERIK Extended Functions 6FC5397-1BP40-3BA1, K3, p. 237-242"
+    needs: ClassVar[str] = (
+        "a Sinumerik with leadscrew error compensation, memory for its points (MD38000), and the manufacturer's "
+        "password"
+    )
     back: ClassVar[str] = "MD32700 $MA_ENC_COMP_ENABLE = 0 and reset; reference the axes"
     most_points: ClassVar[int] = 1000
 
@@ -215,6 +219,10 @@ class SiemensCec(Siemens):
     name: ClassVar[str] = "siemens-cec"
     title: ClassVar[str] = "Siemens Sinumerik cross error compensation ($AN_CEC), products of tables included"
     source: ClassVar[str] = "SINUMERIK Extended Functions 6FC5397-1BP40-3BA1, K3, p. 249-264; 840D sl p. 277"
+    needs: ClassVar[str] = (
+        "a Sinumerik with the option sag compensation (multi-dimensional), as many tables and points as are "
+        "named, and the manufacturer's password"
+    )
     back: ClassVar[str] = "MD32710 $MA_CEC_ENABLE = 0 and reset"
     doubt: ClassVar[str] = (
         "the sign of $AN_CEC (taken as that of $AA_ENC_COMP: a positive value moves the axis in minus direction), and "

@@ -30,6 +30,7 @@ class TwinCatNc(Controller):
     name: ClassVar[str] = "twincat-nc"
     title: ClassVar[str] = "Beckhoff TwinCAT NC PTP (MC_TableBasedPositionCompensation)"
     source: ClassVar[str] = "infosys.beckhoff.com tcplclib_tc2_mc2: 17316396939, 12929471627, 12929466635"
+    needs: ClassVar[str] = "TwinCAT NC PTP with the PLC library Tc2_MC2; axes that home"
     back: ClassVar[str] = "Enable := FALSE at standstill"
     comment: ClassVar[Comment | None] = Comment("// ")
     sign_known: ClassVar[bool] = True

@@ -26,6 +26,7 @@ from errormodel.machine import Vector
 from identification.compensation.advice import mechanical_advice
 from identification.compensation.assessment import Correct, assess, emulated, left, nothing
 from identification.compensation.conditions import (
+    check_errors,
     check_size,
     conditions_of,
     state_lines,
@@ -219,6 +220,10 @@ def _one_state(
     progress: Progress,
 ) -> Stated:
     with progress(f"Tables for {what}"):
+        ideal = volume.ideal
+        check_errors(
+            volume, setup, allow_large, what, seed, lambda: against_model(judged(fit, volume, ideal, held, seed))
+        )
         tables = best_tables(controller, setup, volume, designs)
     if setup.read is not None and not any(
         np.abs(t.values).max(initial=0.0) > controller.quantum(setup) for t in tables

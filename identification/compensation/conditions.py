@@ -19,6 +19,7 @@ from errormodel.controllers.tables import Table, Tables
 from errormodel.exceptions import InputError
 from identification.compensation.assessment import Correct, emulated, fresh_rows, left, nothing, remaining
 from identification.compensation.reversal import left_to_parameters, reversal_lines, with_backlash
+from identification.compensation.rows import Rows
 from identification.compensation.volume import Volume, best_frame
 from identification.observation.pose import Pose
 
@@ -40,13 +41,18 @@ REPORTED_SHARE = 0.05  # of the residual RMS: smaller differences are not report
 
 @dataclass(frozen=True)
 class Largest:
-    """Largest correction of a linear joint over the volume (mm), its largest slope (mm per mm or deg), and where."""
+    """Largest correction of a linear joint over the volume (mm), its largest slope (mm per mm or deg), and where.
+
+    `steep`: the joint whose correction is the steepest, `along` which other, and at which place.
+    """
 
     mm: float
     joint: str
     place: str
     slope: float
     along: str
+    steep: str = ""
+    steep_place: str = ""
 
 
 @dataclass(frozen=True)
@@ -116,26 +122,39 @@ def largest(volume: Volume, setup: Setup, correct: Correct, acts: Callable[[Arra
     `acts`: where the control corrects at all; a step to where it does not is no slope of its tables.
     """
     rows, field = fresh_rows(volume, seed), volume.field
-    linear = np.logical_not(field.rotary)
-
-    def moved(q: Array) -> Array:
-        return np.where(linear, correct(q, rows.direction, None) - q, 0.0)
-
-    here = moved(rows.q)
-    pose, joint = np.unravel_index(int(np.argmax(np.abs(here))), here.shape)
-    slope, along = 0.0, field.joints[0].name
+    here = _moved(volume, correct, rows)
+    mm, joint, place = _size(volume, setup, here, seed)
+    slope, along, steep, steepest = 0.0, field.joints[0].name, 0, 0
     for k, other in enumerate(field.joints):
         step = SLOPE_STEP_SHARE * (volume.high[k] - volume.low[k])
         if step > 0:
             q = rows.q.copy()
             q[:, k] += np.where(q[:, k] + step <= volume.high[k], step, -step)
             scale = PLAUSIBLE_TURN if field.rotary[k] else 1.0
-            steps = np.abs(moved(q) - here)[acts(q) & acts(rows.q)]
-            steep = float(steps.max(initial=0.0)) / float(np.degrees(step) if field.rotary[k] else step) / scale
-            slope, along = max((slope, along), (steep, other.name))
-    where = field.outward(rows.q)[pose]
-    place = " ".join(f"{a.joint}={v:.1f}" for a, v in zip(setup.axes, where, strict=True))
-    return Largest(float(np.abs(here[pose, joint])), field.joints[joint].name, place, slope, along)
+            steps = np.abs(_moved(volume, correct, replace(rows, q=q)) - here) * (acts(q) & acts(rows.q))[:, None]
+            row, column = np.unravel_index(int(np.argmax(steps)), steps.shape)
+            found = float(steps[row, column]) / float(np.degrees(step) if field.rotary[k] else step) / scale
+            if found > slope:
+                slope, along, steep, steepest = found, other.name, int(column), int(row)
+    steep_place = _place(volume, setup, rows.q[steepest])
+    return Largest(mm, joint, place, slope, along, field.joints[steep].name, steep_place)
+
+
+def _moved(volume: Volume, correct: Correct, rows: Rows) -> Array:
+    """Corrections (n, joints) of linear joints at rows, mm; zero for rotary ones."""
+    return np.where(np.logical_not(volume.field.rotary), correct(rows.q, rows.direction, None) - rows.q, 0.0)
+
+
+def _size(volume: Volume, setup: Setup, moved: Array, seed: int) -> tuple[float, str, str]:
+    """Largest of corrections (n, joints) at the fresh rows, its joint, and where."""
+    pose, joint = np.unravel_index(int(np.argmax(np.abs(moved))), moved.shape)
+    place = _place(volume, setup, fresh_rows(volume, seed).q[pose])
+    return float(np.abs(moved[pose, joint])), volume.field.joints[joint].name, place
+
+
+def _place(volume: Volume, setup: Setup, q: Array) -> str:
+    where = volume.field.outward(q[None])[0]
+    return " ".join(f"{a.joint}={v:.1f}" for a, v in zip(setup.axes, where, strict=True))
 
 
 def check_size(found: Largest, allowed: bool, what: str, model: str = "") -> None:
@@ -152,11 +171,22 @@ def check_size(found: Largest, allowed: bool, what: str, model: str = "") -> Non
         )
     if found.slope > PLAUSIBLE_SLOPE and not allowed:
         raise InputError(
-            f"compensate, {what}, along joint {found.along}",
+            f"compensate, {what}, joint {found.steep} along {found.along} at {found.steep_place}",
             f"corrections that change by up to {1e3 * found.slope:.3g} mm in a metre, which is no machine's geometry"
             f"{because}",
             f"Look for a blunder in the survey; --allow-large writes slopes beyond {1e3 * PLAUSIBLE_SLOPE:g} mm/m, too",
         )
+
+
+def check_errors(volume: Volume, setup: Setup, allowed: bool, what: str, seed: int, model: Callable[[], str]) -> None:
+    """Raise InputError where exact corrections are implausible already: no table of any format mends such a machine.
+
+    `model`: says what speaks against the model itself.
+    """
+    if not allowed:
+        mm, joint, place = _size(volume, setup, _moved(volume, volume.ideal, fresh_rows(volume, seed)), seed)
+        if mm > PLAUSIBLE_MM:
+            check_size(Largest(mm, joint, place, 0.0, joint), allowed, what, model())
 
 
 def shift_lines(label: str, setup: Setup, tables: Tables, figures: Conditions) -> list[str]:

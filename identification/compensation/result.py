@@ -116,7 +116,8 @@ class Compensation:
             before.append(LATHE_STEP)
         after = [REDATUM_STEP] if isinstance(controller, Controller) else []
         after.append(f"to take it back: {controller.back}")
-        return [*before, *self.states, *controller.checklist(self.setup), *after]
+        needs = f"the control needs: {controller.needs}"
+        return [*before, *self.states, needs, *controller.checklist(self.setup), *after]
 
     def as_json(self) -> dict[str, Any]:
         """``compensation.json``."""

@@ -147,6 +147,8 @@ def in_linuxcnc(case: Case, kind: Controller) -> tuple[Error, Error] | None:
     if shutil.which("linuxcnc") is None or shutil.which("halcompile") is None:
         return None
     files = kind.write(best_tables(kind, case.setup, case.volume), case.setup)
+    if "matrix.hal" in files:  # kinematics that a package may lack: a test runs them
+        return None
     rows, to_rad = case.rows.part(np.arange(len(case.rows.q)) < STOPS, ""), case.truth.field.rotary
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)

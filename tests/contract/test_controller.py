@@ -19,8 +19,10 @@ def test_says_what_it_is(name: str) -> None:
     kind = registry()[name]
     assert kind.name == name == name.strip().lower()
     assert kind.__doc__
-    for text in (kind.title, kind.source):
+    for text in (kind.title, kind.source, kind.needs, kind.back):
         assert text.strip()
+    for text in (kind.needs, kind.back):  # words within a sentence
+        assert not text.strip().endswith(".")
     steps = target(name).checklist(plain_setup())
     assert steps
     assert all(isinstance(step, str) and step.strip() for step in steps)

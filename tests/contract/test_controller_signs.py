@@ -23,6 +23,7 @@ END = [400.0, 300.0, -50.0]  # there the axis stands OUT too far
 FILES = {
     "linuxcnc-type0": (r"^400\.0+ (\S+)", 400 + OUT),  # where it really was
     "linuxcnc-type1": (r"^400\.0+ (\S+)", -OUT),  # the trim takes it back
+    "linuxcnc-matrix": (r"^setp matrixkins.C_xy (\S+)", -OUT / END[1]),  # the joint of X gets that much of Y
     "linuxcnc-3d": (r"^(-0\.010+)$", -OUT),  # a correction, added to what goes to the motor
     "siemens-lec": (r"COMP\[0,1,X1\]=(\S+)", OUT),  # a positive value moves the axis in minus direction
     "siemens-cec": (r"CEC\[0,1\]=(\S+)", OUT),
@@ -50,7 +51,7 @@ def tables_for(name: str) -> Tables:
         return (Table(Term("X", ("X",), (NODES[0],)), np.array([0.0, -OUT / 2, -OUT])),)
     if name in ("duet", "klipper"):
         return (Table(Term("Z", ("X", "Y"), NODES), np.pad([[-OUT]], ((2, 0), (2, 0)))),)
-    if name == "marlin":
+    if name in ("marlin", "linuxcnc-matrix"):
         return (Table(Term("X", (), (), factor="Y"), np.array(-1000 * OUT / END[1])),)
     if name == "aerotech-2d":
         return (Table(Term("X", ("X", "Y"), LATTICE[:2]), np.pad([[-OUT]], ((1, 0), (1, 0)))),)

@@ -259,6 +259,17 @@ def test_klipper_follows_its_firmware() -> None:
     np.testing.assert_allclose(moved, [-y * xy - z * (xz - xy * yz), -z * yz, 0], atol=1e-12)
 
 
+@pytest.mark.parametrize("name", ["klipper", "duet"])
+def test_a_height_map_is_looked_up_where_the_skew_has_put_the_axes(name: str) -> None:
+    setup, (mesh,) = plain_setup(), [t for t in tabled(name).terms(plain_setup()) if t.inputs]
+    slope = 0.01  # mm of height a mm of X
+    heights = np.broadcast_to(slope * np.array(mesh.grids[0])[:, None], mesh.shape)
+    tables = (Table(Term("X", (), (), "Y"), np.array(5.0)), Table(mesh, heights))
+    x, y = 50.0, 120.0
+    moved = tabled(name).emulate(tables, setup, np.array([[x, y, -70.0]]))[0]
+    np.testing.assert_allclose(moved, [0.005 * y, 0, slope * (x + 0.005 * y)], atol=1e-12)
+
+
 def test_linuxcnc_has_a_column_for_each_direction() -> None:
     setup = plain_setup(reversing=frozenset({"X"}))
     controller, tables, files = written("linuxcnc-type1", setup)

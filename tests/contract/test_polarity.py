@@ -221,8 +221,9 @@ def test_the_other_sign_is_in_the_files_and_only_there() -> None:
         assert all(np.array_equal(a, b + 0.0) for a, b in signs)
 
 
-def test_klippers_check_says_what_the_firmware_must_show() -> None:
-    controller, setup = tabled("klipper"), plain_setup()
+@pytest.mark.parametrize("name", ["klipper", "duet", "marlin"])
+def test_the_check_of_a_printer_says_what_the_firmware_must_show(name: str) -> None:
+    controller, setup = tabled(name), plain_setup()
     tables = filled(controller, setup, controller.terms(setup), np.random.default_rng(0))
     text = check_of(controller, setup, tables)["steps.txt"]
     rows = re.findall(r"^  X(\S+) Y(\S+) Z(\S+): X (\S+) Y (\S+) Z (\S+) mm$", text, re.MULTILINE)

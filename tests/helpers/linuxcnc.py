@@ -45,7 +45,7 @@ def needed(*programs: str) -> None:
 
 @dataclass(frozen=True)
 class Controller:
-    """A configuration: trivial kinematics, position loops closed in HAL, no homing moves.
+    """A configuration: kinematics of linear axes, position loops closed in HAL, no homing moves.
 
     Attributes
     ----------
@@ -54,7 +54,8 @@ class Controller:
     hal : lines of HAL after the joints' own signals.
     driven : signals of HAL that carry the motor positions of axes whose letters they have; `hal` makes them.
     pins : further HAL pins that are sampled, with their types (``f`` float, ``s`` s32, ``b`` bit).
-    component : a component of HAL that `hal` loads.
+    component : a component of HAL that `hal` loads, or the kinematics.
+    kinematics : module of the kinematics; empty: trivkins.
     speed : of every axis, mm/s or deg/s.
     """
 
@@ -65,6 +66,7 @@ class Controller:
     pins: Mapping[str, str] = field(default_factory=dict)
     component: Path | None = None
     speed: float = SPEED
+    kinematics: str = ""
 
     @property
     def letters(self) -> list[str]:
@@ -82,7 +84,10 @@ class Controller:
     ) -> Controller:
         """The configuration of a person who follows the checklist of the files that `compensate` wrote."""
         if "compensation.ini" in files:
-            return cls(setup, joint_sections(files["compensation.ini"]), speed=speed)
+            matrix = files.get("matrix.hal", "")
+            kinematics = "matrixkins" if matrix else ""
+            joints = joint_sections(files["compensation.ini"])
+            return cls(setup, joints, matrix, component=component, speed=speed, kinematics=kinematics)
         corrected = {m: f"{PREFIX}-{m}-out" for m in setup.movers}
         # a drive that is where it was told to be
         loops = [f"net {s} {PREFIX}.{m}.motor-out => {PREFIX}.{m}.feedback-in" for m, s in corrected.items()]
@@ -109,7 +114,10 @@ class Controller:
                 f"COORDINATES = {' '.join(self.letters)}", "LINEAR_UNITS = mm", "ANGULAR_UNITS = degree",
                 f"MAX_LINEAR_VELOCITY = {self.speed}", f"DEFAULT_LINEAR_VELOCITY = {self.speed}",
             ],
-            "KINS": [f"KINEMATICS = trivkins coordinates={''.join(self.letters)}", f"JOINTS = {len(self.letters)}"],
+            "KINS": [
+                f"KINEMATICS = {self.kinematics or 'trivkins coordinates=' + ''.join(self.letters)}",
+                f"JOINTS = {len(self.letters)}",
+            ],
         }  # fmt: skip
         for k, axis in enumerate(self.setup.ordered):
             low, high = axis.travel
@@ -230,12 +238,16 @@ def built(folder: Path) -> Path:
     """The component of the 3-D tables as LinuxCNC's own tool builds it, without a warning."""
     source = Path(__file__).parents[2] / "errormodel/controllers/linuxcnc_3d.c"
     shutil.copy(source, folder / f"{COMPONENT}.c")
-    done = subprocess.run(
-        ["halcompile", "--compile", f"{COMPONENT}.c"], cwd=folder, capture_output=True, text=True, check=False
-    )
+    done = compiled(folder / f"{COMPONENT}.c")
     assert done.returncode == 0, done.stderr
     assert "warning" not in done.stderr + done.stdout
     return folder / f"{COMPONENT}.so"
+
+
+def compiled(source: Path) -> subprocess.CompletedProcess[str]:
+    """A component built with halcompile beside its source."""
+    command = ["halcompile", "--compile", source.name]
+    return subprocess.run(command, cwd=source.parent, capture_output=True, text=True, check=False)
 
 
 def halrun(folder: Path, script: str, component: Path | None = None, seconds: float = 20.0) -> str:

@@ -14,11 +14,12 @@ import pytest
 from errormodel.chain import Chain
 from errormodel.controllers import target
 from errormodel.controllers.base import Controller
+from errormodel.exceptions import InputError
 from errormodel.machine import EffectSpec
 from errormodel.machine_file import read_machine
 from identification.compensation.assessment import emulated, left
 from identification.compensation.compensate import best_tables
-from identification.compensation.conditions import conditions_of
+from identification.compensation.conditions import check_size, conditions_of, largest
 from identification.compensation.field import Field, movers_of
 from identification.compensation.reversal import reversal_lines, reversals
 from identification.compensation.volume import Volume
@@ -26,6 +27,7 @@ from identification.estimation.fit import fit_machine
 from identification.results.store import save
 from tests.helpers.chains import errors
 from tests.helpers.commands import MILL, done, run, tree
+from tests.helpers.compensation import volume_of
 from tests.helpers.surveys import measured, positions, survey
 
 UM = 1e-3
@@ -206,14 +208,28 @@ def test_corrections_larger_than_a_machines_errors_are_refused_unless_asked_for(
     p = chain.vector({"X.dx.1": 8.0})  # a scale that is 1 percent off: somebody's unit, not a screw
     table = positions(measured(machine, p, 80, 1, noise=2 * UM))
     save(fit_machine(machine, survey(table)), tmp_path / "fit")
-    for name in ("linuxcnc-type1", "csv"):
+    for name in ("linuxcnc-type1", "csv", "klipper"):  # the last could take none of it away
         result = run("compensate", tmp_path / "fit", "--controller", name, "--out", tmp_path / "o")
         assert (result.code, result.err.count("\n")) == (2, 1)
         assert re.search(r"corrections of up to [\d.]+ mm", result.err)
         assert "--allow-large" in result.err
         assert re.search(r"joint [XYZ] at X=", result.err)  # which one, and where
         assert not (tmp_path / "o").exists()
-        done("compensate", tmp_path / "fit", "--controller", name, "--allow-large", "--out", tmp_path / name)
+    done("compensate", tmp_path / "fit", "--controller", "csv", "--allow-large", "--out", tmp_path / "csv")
+
+
+def test_steep_corrections_are_refused_with_both_joints_and_the_place() -> None:
+    machine = read_machine(MILL)
+    volume = volume_of(machine, Chain(machine).vector({"X.dy.1": 12.0}))
+    setup = volume.setup(None, None)[0]
+    found = largest(volume, setup, volume.ideal, lambda q: np.ones(len(q), dtype=bool), 0)
+    assert {found.steep, found.along} == {"X", "Y"}  # the frame takes half of it
+    found = replace(found, mm=0.5)  # of a shorter travel
+    with pytest.raises(
+        InputError, match=r"joint [XY] along [XY] at X=\S+ Y=\S+ Z=\S+: corrections that change by up to"
+    ):
+        check_size(found, False, "tables")
+    check_size(found, True, "tables")
 
 
 def test_the_other_sign_is_refused_where_the_sign_is_public(worn: Path, tmp_path: Path) -> None:

@@ -49,6 +49,11 @@ def test_pages_of_reference_have_all(tmp_path: Path) -> None:
     for page, words in KINDS.items():
         text = (tmp_path / f"{page}.md").read_text(encoding="utf-8")
         assert [word for word in words if not re.search(rf"^### ?{word}$|^## {word}$", text, re.MULTILINE)] == []
+    sections = re.split(r"^## (\S+)$", (tmp_path / "controllers.md").read_text(encoding="utf-8"), flags=re.MULTILINE)
+    parts = ("It needs", "To load", "To test", "To take it back")  # each with something behind it
+    for name, section in zip(sections[1::2], sections[2::2], strict=True):
+        assert [p for p in parts if not re.search(rf"^{p}:\s+\S.{{20,}}", section, re.MULTILINE)] == [], name
+    assert {*sections[1::2]} == {*controllers()}
     keys = (tmp_path / "survey_keys.md").read_text(encoding="utf-8")
     assert all(f"`{key}`" in keys for key in ("files", "frame", "instrument", "columns", "units"))
 

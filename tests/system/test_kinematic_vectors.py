@@ -6,14 +6,17 @@ of the nominal machine, with the written changes that of the actual one but for 
 Definitions: SINUMERIK Operate IM9 6FC5397-1DP40, 22.6 (CYCLE800: of a head I3 from the tool adapter to the 2nd rotary
 axis, I2 from there to the 1st; of a table I2 from the machine's reference point to the 1st, I3 from there to the 2nd;
 I1 and I4 close); FANUC A-79348E p. 74-84 (19700 to the table's first axis, 19703 from there to the second; 19709 from
-the tool axis to the rotary axis, 19712 from there to the first).
+the tool axis to the rotary axis, 19712 from there to the first); HEIDENHAIN iTNC 530 HSCI p. 670, 722 (from the tool to
+the workpiece: ``Trans`` moves all that follows, ``MachAxis`` moves what came before against what follows).
 """
 
 from __future__ import annotations
 
 import re
+import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +24,7 @@ import pytest
 
 from errormodel.chain import Chain
 from errormodel.controllers import target
-from errormodel.controllers.base import Controller
+from errormodel.controllers.base import Controller, Line
 from errormodel.machine_file import read_machine
 from identification.compensation.assessment import left, nothing
 from identification.compensation.rotary_axes import Kinematics, described, description_text, lines_of
@@ -185,13 +188,23 @@ class Written:
     claimed: float
 
 
-def steps(controller: str, volume: Volume) -> Written:
-    kind, setup = target(controller), volume.setup(None, None)[0]
-    assert isinstance(kind, Controller)
-    lines = lines_of(volume, setup)
+@cache
+def found_in(name: str, seed: int, tilts: bool) -> tuple[Volume, tuple[Line, ...], float, float]:
+    """A machine with random errors, its rotary axes as they are found, and the errors before and then, um."""
+    with tempfile.TemporaryDirectory() as folder:
+        volume = machine(name, Path(folder), random_errors(CASES[name], seed, tilts))
+    lines = lines_of(volume, setup := volume.setup(None, None)[0])
     known = replace(volume, field=described(volume.field, setup, lines))
-    errors = [left(v, nothing, 0).rms_um for v in (volume, known)]
-    found = Kinematics(lines, *errors, asked=True)
+    before, claimed = (left(v, nothing, 0).rms_um for v in (volume, known))
+    return volume, lines, before, claimed
+
+
+def steps(controller: str, name: str, seed: int, tilts: bool = True) -> tuple[Volume, Written]:
+    """What is written for a controller of such a machine."""
+    kind = target(controller)
+    assert isinstance(kind, Controller)
+    volume, lines, *errors = found_in(name, seed, tilts)
+    setup, found = volume.setup(None, None)[0], Kinematics(lines, *errors, asked=True)
     text = description_text(found, [], kind.describe(lines, setup))
     zero = volume.field.nominal(np.zeros((1, len(volume.low))))[0]
     ends, slopes = {}, {}
@@ -202,14 +215,13 @@ def steps(controller: str, volume: Volume) -> Written:
         assert rows is not None, text
         ends[one.axis] = zero + np.array(rows[1].split(), dtype=float)
         slopes[one.axis] = np.array(rows[2].split(), dtype=float) / 1000
-    return Written(text, ends, slopes, *errors)
+    return volume, Written(text, ends, slopes, *errors)
 
 
 @pytest.mark.parametrize("seed", [1, 2])
 @pytest.mark.parametrize("name", CASES)
-def test_the_swivel_vectors_of_a_siemens_leave_what_is_claimed(name: str, seed: int, tmp_path: Path) -> None:
-    volume = machine(name, tmp_path, random_errors(CASES[name], seed, tilts=True))
-    said = steps("siemens-cec", volume)
+def test_the_swivel_vectors_of_a_siemens_leave_what_is_claimed(name: str, seed: int) -> None:
+    volume, said = steps("siemens-cec", name, seed)
     q, came = volume.poses(POSES, 5)
     nominal, moved = forward(volume, q, said.ends)
     points = volume.field.nominal(q)
@@ -231,12 +243,9 @@ def test_the_swivel_vectors_of_a_siemens_leave_what_is_claimed(name: str, seed: 
 
 @pytest.mark.parametrize("seed", [1, 2])
 @pytest.mark.parametrize("name", CASES)
-def test_the_tool_centre_point_parameters_of_a_fanuc_leave_what_is_claimed(
-    name: str, seed: int, tmp_path: Path
-) -> None:
+def test_the_tool_centre_point_parameters_of_a_fanuc_leave_what_is_claimed(name: str, seed: int) -> None:
     """Of shifts; the tilt of an axis has no parameter."""
-    volume = machine(name, tmp_path, random_errors(CASES[name], seed, tilts=False))
-    said = steps("fanuc-pitch", volume)
+    volume, said = steps("fanuc-pitch", name, seed, tilts=False)
     found = fanuc(said.text)
     if name == "trunnion_five_axis":
         changes = {"I2": found["19700"], "I3": found["19703"]}
@@ -252,10 +261,71 @@ def test_the_tool_centre_point_parameters_of_a_fanuc_leave_what_is_claimed(
     assert right < 0.1 * said.before
 
 
-def test_a_vector_that_ends_elsewhere_on_a_tilted_axis_is_changed_otherwise(tmp_path: Path) -> None:
+def rigid(key: str, value: float) -> Array:
+    """A Trans line as a matrix (4, 4): mm along X, Y, Z, degrees about them by A, B, C."""
+    out = np.eye(4)
+    if key in "XYZ":
+        out["XYZ".index(key), 3] = value
+    else:
+        out[:3, :3] = turned(np.eye(3)["ABC".index(key)], np.radians([value]))[0]
+    return out
+
+
+def heidenhain(text: str) -> dict[str, tuple[Array, Array]]:
+    """The Trans lines before and after each axis, each as one matrix (4, 4)."""
+    found = {}
+    for axis, rows in re.findall(r"^around (\w):\n((?:  .*\n)+)", text, re.MULTILINE):
+        before, mark, after = rows.partition(f"  MachAxis {axis}\n")
+        assert mark
+        moves = [[rigid(k, float(v)) for k, v in re.findall(r"  Trans (\w) (\S+)", p)] for p in (before, after)]
+        first, second = (np.linalg.multi_dot([np.eye(4), np.eye(4), *m]) for m in moves)
+        found[axis] = first, second
+    return found
+
+
+def described_tip(
+    volume: Volume, q: Array, ends: Mapping[str, Array], trans: Mapping[str, tuple[Array, Array]]
+) -> Array:
+    """Tip (n, 3) in the workpiece's frame by a description table, walked from the tool to the workpiece."""
+    zero = volume.field.nominal(np.zeros((1, len(volume.low))))[0]
+    frame = np.tile(np.eye(4), (len(q), 1, 1))  # the present frame in the tool's; it begins at the tip at zero
+    for k, joint in reversed([*enumerate(volume.field.joints)]):
+        axis, step = np.array(joint.axis), np.tile(np.eye(4), (len(q), 1, 1))
+        if joint.type != "rotary":
+            step[:, :3, 3] = -q[:, k, None] * axis  # what follows moves against the tool the other way
+            frame = frame @ step
+            continue
+        there = np.eye(4)
+        there[:3, 3] = ends[joint.name] - zero
+        back = np.linalg.inv(there)
+        step[:, :3, :3] = turned(axis, -q[:, k])
+        before, after = trans[joint.name]
+        frame = frame @ there @ before @ step @ after @ back
+    return np.asarray(np.linalg.inv(frame)[:, :3, 3] + zero)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("name", CASES)
+def test_the_description_table_of_a_heidenhain_leaves_what_is_claimed(name: str, seed: int) -> None:
+    volume, said = steps("heidenhain", name, seed)
+    q, came = volume.poses(POSES, 5)
+    trans = heidenhain(said.text)
+    assert {*trans} == {j.name for j in volume.field.joints if j.type == "rotary"}
+    points, none = volume.field.nominal(q), dict.fromkeys(trans, (np.eye(4), np.eye(4)))
+    np.testing.assert_allclose(described_tip(volume, q, said.ends, none), points, atol=1e-9)
+    actual = volume.field.actual(q, came)
+    turned_round = {k: (after, before) for k, (before, after) in trans.items()}
+    right, wrong = (rms_um(actual - described_tip(volume, q, said.ends, t), points) for t in (trans, turned_round))
+    assert right < said.claimed + ROUNDING_UM
+    assert said.claimed < 0.1 * said.before
+    assert wrong > 1.5 * said.before
+    for before, after in trans.values():  # one undoes the other
+        np.testing.assert_allclose(before @ after, np.eye(4), atol=1e-6)
+
+
+def test_a_vector_that_ends_elsewhere_on_a_tilted_axis_is_changed_otherwise() -> None:
     """The share of the tilt that is written with the shift: of a fork head's C, whose vector ends 2 m lower."""
-    volume = machine("fork_head_five_axis", tmp_path, random_errors(CASES["fork_head_five_axis"], 1, tilts=True))
-    said, along = steps("siemens-cec", volume), np.array([0.0, 0.0, 1.0])
+    (volume, said), along = steps("siemens-cec", "fork_head_five_axis", 1), np.array([0.0, 0.0, 1.0])
     q, came = volume.poses(POSES, 5)
     actual, points = volume.field.actual(q, came), volume.field.nominal(q)
     changes = siemens(said.text)

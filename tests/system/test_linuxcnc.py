@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,6 +13,7 @@ import pytest
 from errormodel.chain import Chain
 from errormodel.controllers import base as controllers
 from errormodel.controllers import target
+from errormodel.controllers.linuxcnc import MATRIX
 from errormodel.machine import EffectSpec
 from errormodel.machine_file import read_machine
 from identification.compensation.assessment import Error, nothing, remaining
@@ -24,7 +26,8 @@ from identification.estimation.fit import fit_machine
 from identification.results.store import load, save
 from tests.helpers.chains import Array, errors
 from tests.helpers.commands import MILL
-from tests.helpers.linuxcnc import Controller, left_behind, needed
+from tests.helpers.firmware import source
+from tests.helpers.linuxcnc import Controller, compiled, left_behind, needed, stop_programme
 from tests.helpers.surveys import measured, positions, survey
 
 pytestmark = pytest.mark.usefixtures("few_poses")
@@ -87,6 +90,46 @@ def left_by(field: Field, volume: Volume, q: Array, direction: Array, motors: Ar
     tool = np.tile(np.asarray(field.chain.machine.tool, dtype=np.float64), (len(q), 1))
     rows = Rows(q, direction, tool, np.zeros((len(q), 3)), np.full(len(q), "", dtype=object), "stops")
     return Error.of(remaining(truth, nothing if motors is None else lambda *_: motors, rows), field.outward(q))
+
+
+@pytest.fixture(scope="module")
+def matrixkins(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """LinuxCNC's own kinematics with a matrix, from a checkout: not every package of 2.9 has them."""
+    needed("halcompile")
+    place = "src/hal/components/matrixkins.comp"
+    folder = tmp_path_factory.mktemp("matrixkins")
+    shutil.copy(source("ERRORMODEL_LINUXCNC", place) / place, folder)
+    done = compiled(folder / "matrixkins.comp")
+    if done.returncode:
+        pytest.skip(f"matrixkins of that checkout is not of the LinuxCNC that is installed: {done.stderr[-200:]}")
+    return folder / "matrixkins.so"
+
+
+def test_a_matrix_moves_the_joints_of_the_real_controller_as_claimed(
+    matrixkins: Path, worn: Worn, tmp_path: Path
+) -> None:
+    """Squareness by matrixkins, screws by their files, which count where the matrix has put the joints."""
+    result = compensate(worn.folder, "linuxcnc-matrix")
+    (stated,) = result.sets
+    for file, text in stated.files.items():
+        (tmp_path / file).write_text(text)
+    linuxcnc = Controller.of(result.setup, stated.files, matrixkins)
+    places = ends_and_middle(result, 20)
+    low, high = np.array([a.travel for a in result.setup.ordered]).T
+    places = np.clip(places, low + 1.0, high - 1.0)  # limits are those of the joints, too
+    samples = linuxcnc.run(tmp_path, stop_programme(linuxcnc.letters, places))
+    matrix = np.reshape([float(v) for _, _, v in MATRIX.findall(stated.files["matrix.hal"])], (3, 3))
+    assert np.abs(matrix - np.eye(3)).max() > 5e-6
+    joints, motors = samples.stops(places @ matrix.T)
+    np.testing.assert_allclose(joints, places @ matrix.T, atol=WRITTEN)
+    order = [linuxcnc.letters.index(a.name) for a in result.setup.axes]
+    came = came_from(places, (places[0] + places[8]) / 2)[:, order]
+    controller, q = target("linuxcnc-matrix"), places[:, order]
+    assert isinstance(controller, controllers.Controller)
+    movers = [result.setup.place(m) for m in result.setup.movers]
+    claimed = controller.emulate(stated.tables, result.setup, q, came)
+    np.testing.assert_allclose((motors[:, order] - q)[:, movers], claimed, atol=WRITTEN)
+    assert not left_behind()
 
 
 @pytest.mark.parametrize("name", ["linuxcnc-type0", "linuxcnc-type1"])

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import configparser
 import importlib
-import os
 import re
 import shutil
 import subprocess
@@ -20,37 +19,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from errormodel.controllers import target
-from errormodel.controllers.base import Controller
-from errormodel.controllers.setup import Setup
-from errormodel.controllers.tables import Tables
-from tests.helpers.chains import Array
-from tests.helpers.setups import filled, plain_setup
-
-POSES = 200
-
-
-def source(variable: str, file: str) -> Path:
-    """A checkout that the environment names, if it has a file."""
-    folder = os.environ.get(variable)
-    if not folder:
-        pytest.skip(f"{variable} names no checkout of the firmware")
-    path = Path(folder)
-    if not (path / file).is_file():
-        pytest.skip(f"{variable}: {path} has no {file}")
-    return path
-
-
-def written(name: str, size: float = 0.03) -> tuple[Controller, Setup, Tables, dict[str, str]]:
-    controller, setup = target(name), plain_setup()
-    assert isinstance(controller, Controller)
-    tables = filled(controller, setup, controller.terms(setup), np.random.default_rng(3), size)
-    return controller, setup, tables, controller.write(tables, setup)
-
-
-def places(setup: Setup, margin: float = 0.0) -> Array:
-    travel = np.array([a.travel for a in setup.axes])
-    return np.random.default_rng(4).uniform(travel[:, 0] + margin, travel[:, 1] - margin, (POSES, len(travel)))
+from tests.helpers.firmware import POSES, function, places, source, written
 
 
 class Section:
@@ -172,17 +141,6 @@ int main(int n, char **a) {
   }
 }
 """
-
-
-def function(text: str, start: str) -> str:
-    """A function of a C++ source, up to its closing brace."""
-    begin = text.index(start)
-    depth, at = 0, text.index("{", begin)
-    while True:
-        depth += {"{": 1, "}": -1}.get(text[at], 0)
-        at += 1
-        if not depth:
-            return text[begin:at]
 
 
 def test_marlin_moves_as_emulated(tmp_path: Path) -> None:
