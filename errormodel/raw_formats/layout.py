@@ -121,6 +121,8 @@ def find_layout(lines: Sequence[str]) -> Layout | None:
         return None
     cells = [(k, split(line, delimiter)) for k, line in body]
     width, kinds = _shape([c for _, c in cells[-TRIED_LINES:]])
+    if width == 1:  # blanks separate nothing: a name and its unit are one cell
+        cells = [(k, [line.strip()]) if len(c) > 1 else (k, c) for (k, c), (_, line) in zip(cells, body, strict=True)]
     if width > MOST_COLUMNS:
         raise InputError(f"line {cells[-1][0]}", f"more than {MOST_COLUMNS} columns", "Give those of the survey only")
     first = next((i for i, (_, c) in enumerate(cells) if _is_data(c, width, kinds)), None)

@@ -37,6 +37,8 @@ class Pairs:
     readings, commands : how many there were.
     targets : functional points (mm) that were fitted, by target.
     offset : s between the clocks, if any.
+    start : (n,) row of the command at which each distance begins, of readings between two poses.
+    run : (n,) label of the pass that each reading is of, where there are several.
     """
 
     command: Index
@@ -48,6 +50,8 @@ class Pairs:
     commands: int
     targets: dict[str, tuple[float, float, float]]
     offset: float | None = None
+    start: Index | None = None
+    run: tuple[str, ...] | None = None
 
     def __len__(self) -> int:
         return len(self.command)
@@ -91,7 +95,7 @@ def pair(source: SourceFile, commands: SourceFile | None, chain: Chain, wishes: 
         dwells = find_dwells(points)
     rows = np.flatnonzero(seen)
     first, last = (rows, rows) if dwells is None else (dwells.first, dwells.last)
-    notes = _reading_notes(source, dwells, int((~seen).sum()))
+    notes = reading_notes(source, dwells, int((~seen).sum()))
     if commands is None:
         nominal = Nominal(chain, source.recording.frame.iloc[first])
         own = Pairs(first, first, last, "", tuple(notes), len(first), source.rows, {})
@@ -104,14 +108,15 @@ def pair(source: SourceFile, commands: SourceFile | None, chain: Chain, wishes: 
     if not kept.any():
         found_text = f"none of {len(command)} readings has a command of {commands.raw.name}"
         raise InputError(source.raw.name, found_text, "Give the commands that were measured, or another --match")
-    notes += more + _left_over(source, commands, command, first)
+    notes += more + left_over(source, commands, command, first)
     out = Pairs(
         command[kept], first[kept], last[kept], found.how, tuple(notes), len(command), commands.rows, {}, found.offset
     )
     return _with_targets(out, source, Nominal(chain, commands.recording.frame.iloc[out.command]), points, chain)
 
 
-def _reading_notes(source: SourceFile, dwells: Dwells | None, unseen: int) -> list[str]:
+def reading_notes(source: SourceFile, dwells: Dwells | None, unseen: int) -> list[str]:
+    """Dwells that were found, and rows that were left out."""
     notes = []
     if unseen:
         notes.append(f"left out: {counted(unseen, 'row')} in which nothing was measured")
@@ -192,13 +197,15 @@ def _reach(points: Array) -> float:
     return float(np.linalg.norm(np.ptp(points, axis=0)))
 
 
-def _left_over(source: SourceFile, commands: SourceFile, command: Index, first: Index) -> list[str]:
-    """Readings without a command, and commands without a reading."""
+def left_over(
+    source: SourceFile, commands: SourceFile, command: Index, first: Index, start: Index | None = None
+) -> list[str]:
+    """Readings without a command, and commands without a reading; `start`: where readings between two poses begin."""
     notes = []
     bare = first[command < 0]
     if len(bare):
         notes.append(f"without a command: {counted(len(bare), 'reading')} ({_shown(source, bare)})")
-    idle = np.setdiff1d(np.arange(commands.rows), command)
+    idle = np.setdiff1d(np.arange(commands.rows), command if start is None else np.append(command, start))
     if len(idle) and len(idle) < 0.9 * commands.rows:
         notes.append(f"not measured: {counted(len(idle), 'command')} ({_shown(commands, idle)})")
     return notes
