@@ -26,6 +26,8 @@ from errormodel.surveys.columns import (
     MEASURED,
     OBSERVATION,
     ORIENTATION,
+    READING_UNCERTAINTIES,
+    READINGS,
     SIGMA_COLUMNS,
     TOOL_COLUMNS,
     first_pose,
@@ -265,7 +267,7 @@ def averaged(frame: pd.DataFrame, first: Index, last: Index) -> pd.DataFrame:
             _mean_rotation(frame[list(ORIENTATION)].to_numpy()[a : b + 1]) for a, b in zip(first, last, strict=True)
         ]
         out |= dict(zip(ORIENTATION, np.array(turned).T, strict=True))
-    for name, sigma in zip(MEASURED, SIGMA_COLUMNS, strict=True):
+    for name, sigma in zip((*MEASURED, *READINGS), (*SIGMA_COLUMNS, *READING_UNCERTAINTIES), strict=True):
         if name not in frame:
             continue
         values = frame[name].to_numpy(dtype=np.float64)

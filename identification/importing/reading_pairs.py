@@ -20,8 +20,9 @@ from errormodel.observations.base import Observation
 from errormodel.surveys.columns import OBSERVATION
 from errormodel.yamlfile import parse, validate
 from identification.importing.dwells import find_dwells
+from identification.importing.geometry import Nominal
 from identification.importing.matching import NAMED, by_name, by_time, common_names
-from identification.importing.pairing import Pairs, left_over, reading_notes
+from identification.importing.pairing import Pairs, dwells_of_logs, left_over, reading_notes, row_by_row
 from identification.importing.reading_proof import Candidate, Chosen, chosen
 from identification.importing.sources import SourceFile, Wishes
 
@@ -144,14 +145,24 @@ def _part(
         raise InputError(source.raw.name, f"no reading of '{label}' in any row", "Take its rows out of the file's map")
     expected = commands.rows
     dwells = None
+    side_by_side = False
     if wishes.dwell and not _fits(len(seen), expected, observation.poses):
         dwells = find_dwells(values[:, None])
+    elif wishes.dwell and len(seen) == expected and observation.poses == 1:
+        path = Nominal(chain, commands.recording.frame).points(np.asarray(chain.machine.tool))
+        dwells = dwells_of_logs(values[:, None], path)
+        side_by_side = dwells is not None
     first, last = (seen, seen) if dwells is None else (dwells.first, dwells.last)
     notes = reading_notes(source, dwells, len(values) - len(seen))
     notes = [f"{label}: {note}" if label else note for note in notes]
     means = np.array([np.nanmean(values[a : b + 1]) for a, b in zip(first, last, strict=True)])
     where = f"{source.raw.name}, observation {label}" if label else source.raw.name
-    found = _named_or_timed(source, commands, chain, wishes, observation, rows[first], rows[last])
+    found = None
+    if side_by_side and wishes.match in ("auto", "order"):
+        beside = row_by_row(path, first, last, source.raw.name)
+        found = Candidate(beside.command, beside.how)
+    else:
+        found = _named_or_timed(source, commands, chain, wishes, observation, rows[first], rows[last])
     if found is not None:
         kept = found.command >= 0
         candidates = [replace(found, command=found.command[kept])]
@@ -212,8 +223,6 @@ def _named_or_timed(
         raise InputError(lacking.raw.name, "no time", f"Say which column it is with {option} time=.., or join by order")
     orders = _fits(len(first), commands.rows, observation.poses)
     if clocks and (how == "time" or (how == "auto" and not orders)):
-        from identification.importing.geometry import Nominal
-
         when = source.column("time")
         centre = np.array([np.nanmean(when[a : b + 1]) for a, b in zip(first, last, strict=True)])
         path = Nominal(chain, commanded).points(np.asarray(chain.machine.tool))
