@@ -21,7 +21,7 @@ STANDS_OUT = 5.0  # times the scatter on both sides: a step; by judgement
 NEEDED = 2.0  # times the scatter: what readings are off without the step, which a moved station hides in part
 FEWEST_BEHIND = 5  # readings behind a step: fewer are outliers
 MOST_STEPS = 5  # in one recording
-MOST_EVALUATIONS = 100  # of one start: where lengths fit a station, 33 were the most
+MOST_EVALUATIONS = 50  # of one start: where lengths fit a station, 33 were the most
 MOST_TURNS = 10  # of the robust estimation, and
 SETTLED = 0.5  # of the scale before: less of a change ends it
 FLAT = 1e-6  # smallest over largest spread of points below which they lie in a plane or on a line
@@ -164,6 +164,8 @@ def _starts(points: Array, readings: Array, dead_path: float | None) -> list[Arr
     far = float(np.median(np.abs(readings))) if dead_path is None else float(np.median(readings + dead_path))
     far = max(far, float(np.ptp(points, axis=0).max()), 1.0)
     ways = np.array([(i, j, k) for i in (-1, 0, 1) for j in (-1, 0, 1) for k in (-1, 0, 1) if i or j or k], dtype=float)
+    if out:  # the linear solution is near; others show whether a place on another side explains the lengths as well
+        ways = ways[np.abs(ways).sum(axis=1) != 2]
     for way in ways / np.linalg.norm(ways, axis=1)[:, None]:
         place = middle + far * way
         lacking = float(np.median(np.linalg.norm(points - place, axis=1) - readings))

@@ -27,6 +27,7 @@ from identification.importing.proof import Proof, prove, refuse_unit
 from identification.importing.readings import ReadingFile, SetUps, join_readings, set_ups
 from identification.importing.sources import SourceFile, Wishes, open_source
 from identification.importing.traces import Trace, traces_of
+from identification.importing.unused_options import refuse_unused
 from identification.observation.frames import MACHINE_ERROR_SHARE, align
 
 Both: TypeAlias = tuple[Array, Array]  # nominal and measured points
@@ -89,6 +90,7 @@ def import_files(
         raise InputError(twice[0], "two files of one name", "Give them different names: they are kept in one folder")
     commanded = None if commands is None else open_source(commands, machine, "commands", wishes)
     sources = [open_source(path, machine, "whole" if commanded is None else "measured", wishes) for path in raws]
+    refuse_unused(wishes, sources, commanded)
     chain = Chain(machine)
     points = [s for s in sources if s.what == "points"]
     motions = [s for s in sources if s.what == "motions"]

@@ -249,6 +249,10 @@ def _instead(
             if way.run is not None and _better(misfit(chain, commands, model, way, readings), before):
                 text = f"a set-up of its own for each pass fits ({way.how})"
                 return text, f"Write --observation '{observation.type}, {keys}', if it was moved between the passes"
+    for way in candidates:
+        for words, order in _orders(len(readings)):
+            if _better(misfit(chain, commands, observation, way, readings[order]), before):
+                return f"{words} they fit", ORDER_CURE
     units = ANGLE if observation.reading == "angle" else {u: f for f, u in UNITS.items() if f > 0}
     for way in candidates:
         for unit, factor in units.items():
@@ -258,9 +262,6 @@ def _instead(
         if _better(misfit(chain, commands, observation, way, -readings), before):
             column = f"--columns {observation.reading}=-NAME"
             return "with the other sign they fit", f"Turn it with {column}, NAME being the column of the readings"
-        for words, order in _orders(len(readings)):
-            if _better(misfit(chain, commands, observation, way, readings[order]), before):
-                return f"{words} they fit", ORDER_CURE
     return None
 
 
@@ -271,7 +272,7 @@ def _better(after: Misfit, before: Misfit) -> bool:
 def _orders(n: int) -> list[tuple[str, Index]]:
     rows = np.arange(n)
     out = [("in reversed order", rows[::-1])]
-    for k in (k for k in range(-SHIFTS, SHIFTS + 1) if k and abs(k) < n):
+    for k in sorted((k for k in range(-SHIFTS, SHIFTS + 1) if k and abs(k) < n), key=abs):
         late = f"{abs(k)} row{'s' * (abs(k) > 1)} {'later' if k > 0 else 'earlier'}"
         out.append((f"taken {late}", np.roll(rows, -k)))
     return out

@@ -18,9 +18,9 @@ from errormodel.observations.base import Observation
 from errormodel.raw_formats.base import RawFile, Recording, format_of, open_raw, raw_formats
 from errormodel.raw_formats.commanded_circle import CommandedCircle
 from errormodel.raw_formats.unit_words import unit_word
-from errormodel.surveys.columns import MEASURED
+from errormodel.surveys.columns import MEASURED, quantity_of
 from errormodel.surveys.file import RawEntry
-from errormodel.surveys.raw import is_column, read_raw, with_map
+from errormodel.surveys.raw import READ_BACK, is_column, read_raw, with_map
 from errormodel.units import factor, is_unit
 from identification.importing.roles import Kind, reading_roles, roles, unused
 
@@ -76,6 +76,7 @@ class SourceFile:
     title : what it is, in words.
     what : what it holds.
     left : columns that a survey does not use.
+    uses : words of what the user says that apply to it: ``joint``, ``circle``, ``unit length`` ...
     """
 
     raw: RawFile
@@ -84,6 +85,7 @@ class SourceFile:
     title: str
     what: What
     left: tuple[str, ...]
+    uses: frozenset[str] = frozenset()
 
     @property
     def rows(self) -> int:
@@ -194,7 +196,10 @@ def open_source(path: Path, machine: Machine, kind: Kind, wishes: Wishes) -> Sou
     what = _what(path, mapped, machine, kind, single)
     if what == "single" and single is not None:
         _check_unit(path, entry, recording, single)
-    return SourceFile(raw, entry, mapped, form.title, what, tuple(unused(recording, found, machine)))
+    uses = {*form.uses, *(f"unit {u}" for u in units if u in form.columns or _has_unit(u, entry, recording, machine))}
+    uses |= {word for word, own in (("circle", bool(recording.trace)), ("dates", recording.dated)) if own}
+    left = tuple(unused(recording, found, machine))
+    return SourceFile(raw, entry, mapped, form.title, what, left, frozenset(uses))
 
 
 def _named_by(given: Mapping[str, str], machine: Machine) -> str:
@@ -213,6 +218,16 @@ def _placed(path: Path, theirs: str, names: list[str]) -> str:
     if place > len(names):
         raise InputError(f"{path}, --columns", f"a column {place}, and the file has {len(names)}", "Name fewer columns")
     return names[place - 1]
+
+
+def _has_unit(word: str, entry: RawEntry, recording: Recording, machine: Machine) -> bool:
+    """Whether a unit by column or by kind is the one in which a column of the file is read."""
+    names = {theirs: ours for ours, theirs in entry.columns.items()}
+    ours = {str(n): names.get(str(n), names.get(f"-{n}", str(n))) for n in recording.frame}
+    if word in ours.values():
+        return True
+    bare = [n for own, n in ours.items() if not recording.units.get(own) and n not in entry.units]
+    return any(quantity_of(n.removeprefix(READ_BACK), machine) == word for n in bare)
 
 
 def _check_unit(path: Path, entry: RawEntry, recording: Recording, single: Observation) -> None:
