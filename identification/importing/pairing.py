@@ -71,6 +71,8 @@ def points_of(source: SourceFile) -> Array:
 
 def middles(points: Array, first: Index, last: Index) -> Array:
     """Means of the points (n, 3) from `first` to `last`, each (k,); NaN where a component was not measured."""
+    if np.array_equal(first, last):
+        return points[first]
     parts = [points[a : b + 1] for a, b in zip(first, last, strict=True)]
     return np.array([[c[np.isfinite(c)].mean() if np.isfinite(c).any() else np.nan for c in p.T] for p in parts])
 
