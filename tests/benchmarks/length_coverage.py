@@ -2,7 +2,7 @@
 
 ``python -m tests.benchmarks.length_coverage [simulations] [seed] [case]`` prints, for each set-up (or those whose words
 begin with `case`), the share of groups (machine, stations, dead paths) whose 95 % interval holds the truth, with its
-standard error, the root mean square of the standardised errors, and as how many independent ones they scatter: the errors
+standard error, the root mean square of standardised errors, and as how many independent ones they scatter: the errors
 of stations are those of a few directions, so that shares differ by more than their number suggests.
 """
 
