@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,13 @@ Numbers = Sequence[float] | Array
 def as_rows(*columns: NDArray[Any]) -> list[Array]:
     """Contiguous float64 columns, as kernels require (a strided view would be copied in every block)."""
     return [np.ascontiguousarray(c, dtype=np.float64) for c in columns]
+
+
+def corners_of_cube(dimensions: int, most: int) -> Array:
+    """Corners (n, dimensions) of the unit cube: all of them, or a random sample of `most` (same at each call)."""
+    if 2**dimensions <= most:
+        return np.array(list(product((0.0, 1.0), repeat=dimensions))).reshape(-1, dimensions)
+    return np.random.default_rng(0).integers(0, 2, (most, dimensions)).astype(np.float64)
 
 
 def rotation_matrix(angles: Sequence[float]) -> Array:

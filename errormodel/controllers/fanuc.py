@@ -10,6 +10,7 @@ Source: B-63330EN (tape format), A-79351E (three-dimensional error compensation,
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -321,7 +322,7 @@ class Fanuc3d(Fanuc):
         try:
             axis, count, low, _, step = ([n[LATTICE_PARAMETER + 3 * j + k][0] for k in range(3)] for j in range(5))
             shape = tuple(int(c) for c in count)
-            flat: Array = np.array([n[self.POINTS + k][0] for k in range(3 * int(np.prod(shape)))]).reshape(-1, 3)
+            flat: Array = np.array([n[self.POINTS + k][0] for k in range(3 * math.prod(shape))]).reshape(-1, 3)
         except KeyError as error:
             raise InputError(name, f"no N{error.args[0]}", "Copy the file again") from error
         names = tuple(self.numbered(setup, a) for a in axis)

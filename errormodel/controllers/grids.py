@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -89,6 +90,6 @@ def hats(grids: Sequence[Sequence[float]], q: Array) -> csr_matrix:
         upper = np.minimum(k + 1, len(grid) - 1)
         column = np.concatenate([column * len(grid) + k[:, None], column * len(grid) + upper[:, None]], axis=1)
         weight = np.concatenate([weight * (1 - share)[:, None], weight * share[:, None]], axis=1)
-    size = int(np.prod([len(g) for g in grids]))
+    size = math.prod(len(g) for g in grids)
     rows = np.repeat(np.arange(n), column.shape[1])
     return csr_matrix((weight.ravel(), (rows, column.ravel())), shape=(n, size))

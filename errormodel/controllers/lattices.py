@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
+import math
 
 from errormodel.controllers.base import Controller, Rewriter, instead
 from errormodel.controllers.setup import MOST_LATTICE_NODES, Setup
@@ -24,7 +24,7 @@ def lattice_terms(controller: Controller, setup: Setup) -> list[Term]:
     names = setup.moving
     grids = setup.lattice(names, controller.most_points, MOST_LATTICE_NODES)
     coarse = any(MOST_COARSENING * (len(g) - 1) < setup.axis(n).intervals for n, g in zip(names, grids, strict=True))
-    if setup.points is None and (coarse or np.prod([len(g) for g in grids]) > MOST_LATTICE_NODES):
+    if setup.points is None and (coarse or math.prod(len(g) for g in grids) > MOST_LATTICE_NODES):
         raise InputError(
             f"--controller {controller.name}",
             f"a grid over {len(names)} axes that follows the errors needs more than {MOST_LATTICE_NODES} nodes",

@@ -8,6 +8,7 @@ also how they change with the length of the tool.
 
 from __future__ import annotations
 
+import math
 import zlib
 from dataclasses import replace
 from pathlib import Path
@@ -81,7 +82,7 @@ class LinuxCnc3d(Controller):
         lines += [f"turns {turns or '-'}", f"tool {int(bool(longer))}"]
         for name, grid in zip(first.inputs, first.grids, strict=True):
             lines.append(f"grid {name} {len(grid)} {' '.join(f'{x:.9g}' for x in grid)}")
-        lines.append(f"values {np.prod(size)}")
+        lines.append(f"values {math.prod(size)}")
         rows = zip(*columns, *slopes, strict=True)
         form = " ".join(["%.7f"] * len(columns) + [f"%.{SLOPE_DIGITS}f"] * len(slopes))
         lines += [form % row for row in rows]
@@ -138,7 +139,7 @@ class LinuxCnc3d(Controller):
         heads = words[5 : 5 + len(axes)]
         grids = tuple(tuple(lines.numbers(k, " ".join(w[3:]), int(w[2]))) for k, w in heads)
         shape = tuple(map(len, grids))
-        values = _values(lines, 6 + len(axes), len(moves) * (1 + tool), int(np.prod(shape)))
+        values = _values(lines, 6 + len(axes), len(moves) * (1 + tool), math.prod(shape))
         out = [Term(m, tuple(axes), grids) for m in moves]
         out += [replace(t, factor=LONGER) for t in out] if tool else []
         found = tuple(Table(t, values[:, k].reshape(shape)) for k, t in enumerate(out))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -200,14 +201,14 @@ class Setup:
         """
         grids = tuple(self.grid(name, most) for name in names)
         share = 1.0
-        while self.points is None and np.prod([len(g) for g in grids]) > nodes and share > 0.02:
+        while self.points is None and math.prod(len(g) for g in grids) > nodes and share > 0.02:
             share *= 0.95
             grids = tuple(
                 _turn(axis, count, most) if axis.turns else even_grid(*axis.measured, count)
                 for axis in map(self.axis, names)
                 for count in [max(min(2, axis.intervals), round(share * min(axis.intervals, most - 1)))]
             )
-        count = int(np.prod([len(g) for g in grids]))
+        count = math.prod(len(g) for g in grids)
         if self.points is not None and count > MOST_LATTICE_NODES:
             found = f"{self.points} points on {len(names)} axes are {count} nodes, more than {MOST_LATTICE_NODES}"
             raise InputError("--points", found, "Ask for fewer points")

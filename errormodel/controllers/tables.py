@@ -5,6 +5,7 @@ Positions in mm and deg; values in mm, deg, or the unit of an error parameter (m
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -51,7 +52,7 @@ class Term:
 
     @property
     def size(self) -> int:
-        return int(np.prod(self.shape))
+        return math.prod(self.shape)
 
     def weights(self, setup: Setup, q: Array, direction: Array, longer: Array | None = None) -> csr_matrix:
         """Weights (n, size) of the values at positions (n, axes) with directions of approach (n, axes).

@@ -8,12 +8,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import islice, product
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from errormodel.arrays import Array
+from errormodel.arrays import Array, corners_of_cube
 from errormodel.controllers.axes import axis_letters, directions_at_zero, origins_at_zero, wanted_axes
 from errormodel.controllers.grids import nodes
 from errormodel.controllers.probing import Gap
@@ -106,9 +105,7 @@ class Volume:
     def corners(self) -> tuple[Array, Array]:
         """Corners of the volume, at most `MOST_VOLUME_CORNERS`, with directions of approach."""
         moving = np.flatnonzero(self.high > self.low)
-        pick = np.array(list(islice(product((0.0, 1.0), repeat=len(moving)), MOST_VOLUME_CORNERS))).reshape(
-            -1, len(moving)
-        )
+        pick = corners_of_cube(len(moving), MOST_VOLUME_CORNERS)
         q = np.tile(self.low, (len(pick), 1))
         q[:, moving] = self.low[moving] + pick * (self.high - self.low)[moving]
         return q, np.where(np.arange(len(q))[:, None] % 2, np.ones_like(q), -np.ones_like(q))

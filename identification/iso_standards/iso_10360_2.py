@@ -10,12 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from functools import partial
-from itertools import product
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from errormodel.arrays import Array
+from errormodel.arrays import Array, corners_of_cube
 from errormodel.exceptions import InputError
 from identification.iso_standards.base import Chart, Evaluation, Quantity, Sheet, Standard, spread, text
 from identification.iso_standards.fitted import FittedMachine
@@ -24,6 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 LENGTHS = (0.2, 0.4, 0.6, 0.8, 1.0)  # of the longest: spaced evenly
+MOST_DIAGONALS = 64  # all those of seven linear axes
 LONGEST_SHARE = 0.8  # of the line through the measured volume; the standard has at least 0.66
 
 
@@ -83,8 +83,8 @@ class LengthError(Standard):
 def _lines(model: FittedMachine, linear: Sequence[int]) -> Iterator[Line]:
     low, high = (np.array([model.range(model.joints[k])[side] for k in linear]) for side in (0, 1))
     names = [model.joints[k].name for k in linear]
-    for signs in product((1.0, -1.0), repeat=len(linear) - 1):
-        sign = np.array([*signs, 1.0])
+    for corner in corners_of_cube(len(linear) - 1, MOST_DIAGONALS):
+        sign = np.array([*(1.0 - 2.0 * corner), 1.0])
         start, end = np.where(sign > 0, low, high), np.where(sign > 0, high, low)
         name = "".join(f"{'+' if s > 0 else '-'}{n}" for s, n in zip(sign, names, strict=True))
         yield _line(model, linear, name, start, end)

@@ -8,12 +8,11 @@ free: the least-squares one is taken off. What held-out rows show beyond noise a
 from __future__ import annotations
 
 from functools import partial
-from itertools import islice, product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from errormodel.arrays import Array
+from errormodel.arrays import Array, corners_of_cube
 from identification.iso_standards.base import COVERAGE_FACTOR, Chart, Evaluation, Quantity, Sheet, Standard, spread
 from identification.iso_standards.fitted import FittedMachine
 from identification.uncertainty.budget import UNIDENTIFIED_LINE
@@ -101,7 +100,7 @@ def _poses(model: FittedMachine) -> tuple[Array, Array]:
     ranges = np.array([model.covered[j.name] for j in model.joints])
     moving = np.flatnonzero(np.ptp(ranges, axis=1) > 0)
     unit = qmc.Sobol(2 * len(moving), seed=0).random(POSES)
-    corners = np.array(list(islice(product((0.0, 1.0), repeat=len(moving)), MOST_CORNERS))).reshape(-1, len(moving))
+    corners = corners_of_cube(len(moving), MOST_CORNERS)
     place = np.vstack([corners, unit[:, : len(moving)]])
     q = np.tile(model.middle(), (len(place), 1))
     q[:, moving] = ranges[moving, 0] + place * np.ptp(ranges[moving], axis=1)

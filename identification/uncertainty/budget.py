@@ -11,13 +11,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from itertools import product
 from math import ceil, floor, hypot, inf, isfinite, sqrt
 from typing import Any
 
 import numpy as np
 
-from errormodel.arrays import Array, as_rows
+from errormodel.arrays import Array, as_rows, corners_of_cube
 from errormodel.channels import root
 from errormodel.simulation import random_points
 from errormodel.survey import Survey
@@ -294,8 +293,9 @@ def _prediction(fit: Fit, stored: StoredFit, effects: Sequence[_Effect]) -> Budg
     """Of the component of the predicted error that is known worst, at the pose where it is, with the machine's tool."""
     machine = fit.chain.machine
     table = random_points(machine, WORST_POSE_CANDIDATES, 0)
-    corners = list(product(*(j.travel for j in machine.joints)))[: WORST_POSE_CANDIDATES // 2]
-    table.iloc[: len(corners), : len(machine.joints)] = np.array(corners)
+    low, high = np.transpose([j.travel for j in machine.joints])
+    corners = corners_of_cube(len(machine.joints), WORST_POSE_CANDIDATES // 2)
+    table.iloc[: len(corners), : len(machine.joints)] = np.where(corners, high, low)
     source = fit.survey.table
     for name in source:  # temperatures, load and other channels at their means
         if str(name).startswith(("T_", "w_")) or name in ("time", "feed", "load"):

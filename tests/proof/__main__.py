@@ -10,6 +10,7 @@ import click
 from threadpoolctl import threadpool_limits
 
 from tests.proof.cases import make, write
+from tests.proof.leave_out import LEFT_OUT
 from tests.proof.run_case import run_case
 from tests.proof.score import Scored, by, failures, table
 from tests.proof.seal import digest, opened, simulator, whole_seal, write_atomic
@@ -25,8 +26,11 @@ THROUGH_COMMANDS = 3  # of the first cases
 @click.option("--workers", default=2, show_default=True)
 @click.option("--out", type=click.Path(path_type=Path), default=Path("proof-out"), show_default=True)
 @click.option("--only", help="One kind (empty, single, weak, mixture, pair, unnamed, unseen, blunder) or one case.")
+@click.option("--without", type=click.Choice(sorted(LEFT_OUT)), help="Leave a rule out in the cases where it decided.")
 @click.option("--score-only", is_flag=True, help="Do not run anything: score what is there.")
-def main(cases: int | None, quick: bool, workers: int, out: Path, only: str | None, score_only: bool) -> None:
+def main(
+    cases: int | None, quick: bool, workers: int, out: Path, only: str | None, without: str | None, score_only: bool
+) -> None:
     """Prove the diagnosis on machines with concealed physics. Done cases are kept: a second run goes on."""
     specs = all_specs()
     if only:
@@ -35,9 +39,37 @@ def main(cases: int | None, quick: bool, workers: int, out: Path, only: str | No
     seals = _sealed(specs, out, workers)
     click.echo(f"{len(specs)} cases sealed: {whole_seal({s.name: seals[s.name] for s in specs})}")
     if not score_only:
-        _run(specs, out, workers)
-    scored = [_scored(s, out, seals) for s in specs if _done(s, out)]
-    click.echo("\n".join(report(scored)))
+        _run(specs, out, out / "results", workers)
+    done = [s for s in specs if _done(s, out, out / "results")]
+    scored = [_scored(s, out, out / "results", seals) for s in done]
+    if not without:
+        click.echo("\n".join(report(scored)))
+        return
+    where = out / "without" / without
+    concerned = [k for k, s in enumerate(scored) if without in s.result.get("rules", [])]
+    if not score_only:
+        _run([done[k] for k in concerned], out, where, workers, without)
+    again = [k for k in concerned if _done(done[k], out, where)]
+    pairs = {done[k].name: (scored[k], _scored(done[k], out, where, seals)) for k in again}
+    click.echo("\n".join(compared(without, len(done), pairs)))
+
+
+def compared(rule: str, cases: int, pairs: dict[str, tuple[Scored, Scored]]) -> list[str]:
+    """With and without a rule: counts over the cases in which it decided, and the cases that differ."""
+    lines = [f"{rule}: decided in {len(pairs)} of {cases} cases; with it, without it"]
+    for name, value in (
+        ("effects named", lambda s: sum(map(s.named, s.effects))),
+        ("effects placed", lambda s: sum(map(s.placed, s.effects))),
+        ("names of what is not there", lambda s: len(s.false_names)),
+        ("predictions worse than the plain fit's", lambda s: s.worse),
+    ):
+        before, after = (sum(value(pair[k]) for pair in pairs.values()) for k in (0, 1))
+        lines.append(f"  {name:<40}{before:>4}{after:>5}")
+    for name, (one, other) in pairs.items():
+        what = [sorted(f"{f['effect']}@{f['where']}" for f in s.findings) for s in (one, other)]
+        if what[0] != what[1]:
+            lines.append(f"  {name:<14}{' '.join(what[0])}  ->  {' '.join(what[1])}")
+    return lines
 
 
 def report(scored: list[Scored]) -> list[str]:
@@ -48,15 +80,15 @@ def report(scored: list[Scored]) -> list[str]:
     return [*lines, "", *failures(scored)]
 
 
-def _done(spec: Spec, out: Path) -> bool:
+def _done(spec: Spec, out: Path, results: Path) -> bool:
     """Whether there is a result for the case's files as they are."""
-    path = out / "results" / f"{spec.name}.json"
+    path = results / f"{spec.name}.json"
     return path.exists() and json.loads(path.read_text())["input"] == digest(out / "cases" / spec.name)
 
 
-def _scored(spec: Spec, out: Path, seals: dict[str, str]) -> Scored:
+def _scored(spec: Spec, out: Path, results: Path, seals: dict[str, str]) -> Scored:
     truth = opened(out / "sealed" / f"{spec.name}.json", seals[spec.name])
-    return Scored(truth, json.loads((out / "results" / f"{spec.name}.json").read_text()))
+    return Scored(truth, json.loads((results / f"{spec.name}.json").read_text()))
 
 
 def _pool(workers: int) -> ProcessPoolExecutor:
@@ -81,11 +113,11 @@ def _make(spec: Spec, out: Path) -> str:
     return write(make(spec), out / "cases" / spec.name, out / "sealed")
 
 
-def _run(specs: list[Spec], out: Path, workers: int) -> None:
-    results = out / "results"
-    left = [(k, s) for k, s in enumerate(specs) if not _done(s, out)]
+def _run(specs: list[Spec], out: Path, results: Path, workers: int, without: str = "") -> None:
+    left = [(k, s) for k, s in enumerate(specs) if not _done(s, out, results)]
+    commands = 0 if without else THROUGH_COMMANDS
     with _pool(workers) as pool:
-        jobs = [pool.submit(run_case, out / "cases" / s.name, results, k < THROUGH_COMMANDS) for k, s in left]
+        jobs = [pool.submit(run_case, out / "cases" / s.name, results, k < commands, without) for k, s in left]
         with click.progressbar(as_completed(jobs), length=len(jobs), label="diagnosing") as bar:
             for job in bar:
                 job.result()

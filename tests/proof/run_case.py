@@ -12,16 +12,24 @@ import warnings
 from pathlib import Path
 from typing import Any
 
+from tests.proof.leave_out import left_out
 from tests.proof.seal import digest, write_atomic
 
+# outcomes of decisions that changed nothing
+UNDECIDED = ("passed", "not considered", "scored", "compared", "kept", "accepted")
 
-def run_case(folder: Path, out: Path, through_cli: bool = False) -> None:
-    """Diagnose and predict; write ``<case>.json`` with what the tool says. Sees the case's own folder only."""
+
+def run_case(folder: Path, out: Path, through_cli: bool = False, without: str = "") -> None:
+    """Diagnose and predict, without one of the rules if it is named; write ``<case>.json`` with what the tool says.
+
+    Sees the case's own folder only. ``rules`` in the result: those that decided something.
+    """
     start = time.perf_counter()
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            result = _commands(folder) if through_cli else _functions(folder)
+            with left_out(without):
+                result = _commands(folder) if through_cli else _functions(folder)
     except Exception:  # noqa: BLE001  what breaks is a result too
         result = {"error": traceback.format_exc()}
     result["seconds"] = time.perf_counter() - start
@@ -43,7 +51,8 @@ def _functions(folder: Path) -> dict[str, Any]:
 
     machine = read_machine(folder / "machine.yaml")
     found = diagnose(machine, read_survey(_survey(folder), machine))
-    out: dict[str, Any] = {"diagnosis": found.diagnosis.as_json()}
+    acted = {d.rule for d in found.log if d.outcome not in UNDECIDED}
+    out: dict[str, Any] = {"diagnosis": found.diagnosis.as_json(), "rules": sorted(acted)}
     for name, fit in (("final", found.final), ("plain", found.baseline)):
         with tempfile.TemporaryDirectory() as scratch:
             store.save(fit, Path(scratch))

@@ -9,6 +9,7 @@ import ast
 import json
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
+from importlib import import_module
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -21,10 +22,12 @@ from errormodel.chain import Chain
 from errormodel.machine_file import read_machine
 from errormodel.simulation import measured_at
 from errormodel.truth import Truth
+from identification.diagnosis.decisions.rules import RULES
 from tests.proof import files, kinematics, machines, physics_beams, physics_drives, world
 from tests.proof.cases import make, write
 from tests.proof.catalogue import BUILDERS
 from tests.proof.kinematics import geometry, position
+from tests.proof.leave_out import LEFT_OUT, left_out
 from tests.proof.noise import Noise
 from tests.proof.plans import PLANS, walk
 from tests.proof.rivals import FORMS
@@ -201,6 +204,17 @@ def outcome(name: str, root: Path) -> Scored:
     run_case(root / "cases" / name, root / "results")
     result = json.loads((root / "results" / f"{name}.json").read_text())
     return Scored(opened(root / "sealed" / f"{name}.json", seal), result)
+
+
+@pytest.mark.parametrize("rule", LEFT_OUT)
+def test_a_rule_can_be_left_out(rule: str) -> None:
+    """Each is a rule of the diagnosis, changes something while it is left out, and is there again afterwards."""
+    assert rule in RULES
+    for module, name, instead in LEFT_OUT[rule]:
+        before = getattr(import_module(module), name)
+        with left_out(rule):
+            assert getattr(import_module(module), name) is instead is not before
+        assert getattr(import_module(module), name) is before
 
 
 def test_a_selection_of_the_cases(tmp_path: Path) -> None:

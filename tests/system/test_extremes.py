@@ -6,6 +6,8 @@ Units, travels, frames far away, wild readings, chains that are redundant or lon
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -129,6 +131,27 @@ def test_a_redundant_chain_of_twelve_joints(tmp_path: Path) -> None:
     data = figures(tmp_path)
     assert data["sigma_um"] == pytest.approx(2.0, rel=0.1)  # of some 800 degrees of freedom: 4 of 2.5 %
     assert len(data["parameters"]) < 11 * 6 + 6 * 4 + 6 * 6 + 6  # type: ignore[arg-type]  # groups, not parameters
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="a limit of memory that is kept")
+def test_forty_joints_in_two_gigabytes(tmp_path: Path) -> None:
+    """What grows as 2 to the number of joints (corners of the travels, nodes of a lattice) is bounded or refused."""
+    shapes = chain_of(40).replace(
+        "joints: first-order", "joints: {" + ", ".join(f"J{k}: none" for k in range(40)) + "}"
+    )
+    recorded(tmp_path, shapes, 150, 0.002)
+    start = f"ulimit -v 2000000; exec {sys.executable} -m identification.command_line.start"
+    commands = ("fit m.yaml s.csv --out fit", "compensate fit --controller csv --out tables")
+    first, second = (
+        subprocess.run(
+            ["bash", "-c", f"{start} {words} --quiet"], check=False, cwd=tmp_path, capture_output=True, text=True
+        )
+        for words in commands
+    )
+    assert first.returncode == 0, first.stderr
+    assert figures(tmp_path)["sigma_um"] == pytest.approx(2.0, rel=0.2)  # of some 300 degrees of freedom: 4 of 4 %
+    assert second.returncode == 2
+    assert "a grid over 40 axes that follows the errors needs more than" in second.stderr
 
 
 def test_one_row(tmp_path: Path) -> None:

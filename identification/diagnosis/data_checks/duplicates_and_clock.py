@@ -111,12 +111,28 @@ def _by_chance(table: pd.DataFrame, chain: Chain, count: int, rest: Survey) -> b
     same = steps == 0
     others = same[~same.all(axis=1)]  # repeats of which some component differs
     if len(others) < REPEATS:
-        return not _noisy(chain, rest)
+        return bool(poisson.sf(count - 1, _coincidences(table)) > CHANCE) or not _noisy(chain, rest)
     rate = 1.0
     for k in range(3):  # how often a component agrees where another one differs
         free = same[~np.delete(same, k, axis=1).all(axis=1), k]
         rate *= (free.sum() + 1) / (len(free) + 2)
     return bool(poisson.sf(count - 1, rate * len(steps)) > CHANCE)
+
+
+def _coincidences(table: pd.DataFrame) -> float:
+    """How many pairs of rows agree in all components by chance, if these are independent of each other.
+
+    How often two rows agree in one component is counted in rows that differ.
+    """
+    measured = table[list(MEASURED)]
+    different, pairs = measured.drop_duplicates(), len(table) * (len(table) - 1) / 2
+    if len(different) < 2:
+        return 0.0
+    rate = 1.0
+    for name in MEASURED:
+        counts = different[name].value_counts().to_numpy(dtype=np.float64)
+        rate *= float(counts @ (counts - 1)) / (len(different) * (len(different) - 1))
+    return pairs * rate
 
 
 def set_clock(survey: Survey, log: DecisionLog = UNRECORDED) -> Blunder | None:

@@ -9,13 +9,13 @@ that follows quick functions of the clock.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
 
-from errormodel.arrays import Array, Index
+from errormodel.arrays import Array, Index, Mask
 from errormodel.conventions import MOTIONS
 from identification.diagnosis.linear.linear_model import LinearModel
 
@@ -42,15 +42,35 @@ class Functions:
     channels : names. ``before(X)``, ``before(before(X))``, ``turn(X)``, ``recent(X)``, ``play(X)``, ``relay(X)`` are of
         the path of X;
         ``travel(0.7)`` is the distance travelled in the last rows.
-    values : (N, k) at the observations.
+    factors : functions (n, k) over the survey's rows, each of one channel; of two, all products count.
+    index : (N,) row of each observation.
+    lever : (N,) whitened effect of a motion; None: none.
+    filtered : what is done to functions (N, k) before they are compared; None: nothing.
     element, motion : whose whitened effect they are multiplied with; "" where each component of the points has
         coefficients of its own.
     """
 
     channels: tuple[str, ...]
-    values: Array
+    factors: tuple[Array, ...]
+    index: Index
+    lever: Array | None = None
+    filtered: Callable[[Array], Array] | None = None
     element: str = ""
     motion: str = ""
+
+    @property
+    def values(self) -> Array:
+        """The functions (N, k) at the observations; made at each call, as all together would not fit the memory."""
+        one, *others = (factor[self.index] for factor in self.factors)
+        for other in others:
+            one = (one[:, :, None] * other[:, None, :]).reshape(len(one), -1)
+        if self.lever is not None:
+            one = self.lever[:, None] * one
+        return one if self.filtered is None else self.filtered(one)
+
+    def only(self, keep: Mask) -> Functions:
+        """The same at some of the observations."""
+        return replace(self, index=self.index[keep], lever=None if self.lever is None else self.lever[keep])
 
 
 def recorded(linear: LinearModel, rows: Index) -> list[Functions]:
@@ -59,18 +79,19 @@ def recorded(linear: LinearModel, rows: Index) -> list[Functions]:
     bases = dict(_cosines_of(plain, rows, ORDERS))
     paths = {name: dict(_cosines_of(own, rows, ORDERS)) for name, own in past.items()}
     index = linear.index
-    out = [Functions((name,), f[index]) for name, f in bases.items()]
-    out += [Functions((name,), f[index]) for own in paths.values() for name, f in own.items()]
-    out += [Functions((a, b), _product(f, g)[index]) for (a, f), (b, g) in combinations(bases.items(), 2)]
+    out = [Functions((name,), (f,), index) for name, f in bases.items()]
+    out += [Functions((name,), (f,), index) for own in paths.values() for name, f in own.items()]
+    low = {name: f[:, :ORDERS_OF_PAIR] for name, f in bases.items()}
+    out += [Functions((a, b), (f, g), index) for (a, f), (b, g) in combinations(low.items(), 2)]
     for joint, own in paths.items():
-        if joint in bases:
-            out += [Functions((joint, name), _product(bases[joint], f)[index]) for name, f in own.items()]
+        if joint in low:
+            out += [Functions((joint, name), (low[joint], f[:, :ORDERS_OF_PAIR]), index) for name, f in own.items()]
     clock = {CLOCK: plain[CLOCK]}
     quick = [f for corner in CORNERS for _, f in _cosines_of(clock, rows, QUICK_ORDERS, corner)]
     for element, motion, lever in _levers(linear):
         for name, f in {**bases, **paths.get(element, {})}.items():
             for values in quick if name == CLOCK else [f[:, :ORDERS_OF_MOTION]]:
-                out.append(Functions((name,), lever[:, None] * values[index], element, motion))
+                out.append(Functions((name,), (values,), index, lever, element=element, motion=motion))
     return out
 
 
@@ -158,12 +179,6 @@ def _cosines(values: Array, count: int, corner: float | None) -> Array:
     less = np.sqrt(orders) if corner is None else np.hypot(1.0, orders / corner)
     out = np.cos(np.pi * np.outer(rank, orders)) / less
     return np.asarray(out - out.mean(axis=0))
-
-
-def _product(one: Array, other: Array) -> Array:
-    """Products (n, k l) of the smoother functions of two channels."""
-    one, other = one[:, :ORDERS_OF_PAIR], other[:, :ORDERS_OF_PAIR]
-    return (one[:, :, None] * other[:, None, :]).reshape(len(one), -1)
 
 
 def _levers(linear: LinearModel) -> Iterator[tuple[str, str, Array]]:

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -25,7 +26,7 @@ from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.linear.orthonormal_basis import orthonormal_basis
 from identification.diagnosis.results.recorded_functions import Functions, recorded
 from identification.diagnosis.search.criteria import heldout_rms
-from identification.estimation.noise import likeliest, series_edges
+from identification.estimation.noise import Noise, likeliest, series_edges
 
 LEAST_P_VALUE = 1e-3  # below which the dependence is reported: one false one in 1000 surveys
 FEWEST_ROWS, MOST_ROWS = 40, 800  # rows below which nothing is tested, and above which they are thinned out
@@ -116,7 +117,7 @@ def dependence_of(
     basis = orthonormal_basis(basis[:, norms > 0] / norms[norms > 0])  # over the rows that are kept
     if len(residual) - basis.shape[1] < FEWEST_ROWS or not parts:
         return None
-    kept = [replace(part, values=part.values[keep]) for part in parts]
+    kept = [part.only(keep) for part in parts]
     p_value, best = _tested(residual, basis, index[keep], kept, FIRST_RESAMPLES)
     if p_value < FIRST_P_VALUE:
         # a drift depends on all that changes slowly: what correlated noise explains is filtered out of both sides
@@ -124,7 +125,7 @@ def dependence_of(
         noise, _ = likeliest(residual, basis.T, edges)
         if noise is not None:
             residual, basis = noise.whitened(residual[None], edges)[0], noise.whitened(basis.T, edges).T
-            kept = [replace(part, values=noise.whitened(part.values.T, edges).T) for part in kept]
+            kept = [replace(part, filtered=partial(_filtered, noise, edges)) for part in kept]
         p_value, best = _tested(residual, basis, index[keep], kept, RESAMPLES)
     seen, part = p_value < LEAST_P_VALUE, parts[best]
     beside = " and ".join(part.channels)
@@ -140,6 +141,11 @@ def dependence_of(
     return Dependence(part.channels, p_value, axis, size, part.element, part.motion)
 
 
+def _filtered(noise: Noise, edges: Index, functions: Array) -> Array:
+    """Functions (N, k) of which the correlation of the noise along the rows is taken out, as of the residual."""
+    return np.asarray(noise.whitened(functions.T, edges).T)
+
+
 def _tested(residual: Array, basis: Array, index: Index, parts: Sequence[Functions], count: int) -> tuple[float, int]:
     """The p-value of independence by `count` resamples of each kind, and the number of the most dependent part."""
     scale = float(np.median(np.abs(residual))) / 0.6745
@@ -151,10 +157,13 @@ def _tested(residual: Array, basis: Array, index: Index, parts: Sequence[Functio
     series = [slice(a, b) for a, b in pairwise(series_edges(index))]
     square = float(clipped @ clipped)
     p_value, best = _largest(parts, clipped, _left(_shifted(clipped, series, count), q, square), series)
+    if p_value >= FIRST_P_VALUE:
+        return p_value, best  # the larger one counts
     # without what it predicts, the residual's size along the rows is that of the noise: signs of it are the null
     noise, used = clipped.copy(), 0
+    functions = parts[best].values
     for s in _series_of(parts[best], series):
-        fitted = orthonormal_basis(parts[best].values[s])
+        fitted = orthonormal_basis(functions[s])
         noise[s] -= fitted @ (fitted.T @ noise[s])
         used += fitted.shape[1]
     square = float(noise @ noise) * len(noise) / max(len(noise) - used, 1)
@@ -225,12 +234,12 @@ def _predicted(linear: LinearModel, part: Functions) -> tuple[str, float]:
     predicts no row that was left out: its variance is then that of the fitted rows, less what the noise gives it.
     """
     before, seen = heldout_rms(linear) ** 2, len(linear.index)
-    levers = linear.levers[FRAME]
+    levers, functions = linear.levers[FRAME], part.values
     if part.motion:
         alike = [abs(float(lever @ linear.levers[part.element][MOTIONS.index(part.motion)])) for lever in levers[:3]]
-        trials = {"xyz"[int(np.argmax(alike))]: part.values}
+        trials = {"xyz"[int(np.argmax(alike))]: functions}
     else:
-        trials = {a: lever[:, None] * part.values for a, lever in zip("xyz", levers, strict=False) if lever.any()}
+        trials = {a: lever[:, None] * functions for a, lever in zip("xyz", levers, strict=False) if lever.any()}
     shares = list[tuple[float, float, str]]()
     for axis, values in trials.items():
         columns = np.zeros((values.shape[1], linear.size))

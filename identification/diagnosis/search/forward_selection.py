@@ -271,7 +271,7 @@ def _by_two_causes(
         gained = linear.delta_chi2(both)
         as_much = gained > FORM * form.delta_chi2
         share = ratio(gained, form.delta_chi2)
-        log.add("two-causes", "accepted" if as_much else "set aside", step.effect, share, FORM, beside=form.effect)
+        log.add("two-causes", "preferred" if as_much else "set aside", step.effect, share, FORM, beside=form.effect)
         if as_much:
             able.append(replace(step, effect=one, partner=(other,), evidence=step.evidence + more, delta_chi2=gained))
     return max(able, key=lambda s: s.delta_chi2, default=None)

@@ -1,0 +1,73 @@
+"""The diagnosis without one of its rules: what each rule is worth, on cases in which it decided something.
+
+A rule is left out by a constant or a function with which it never decides. Rules without which the search has no end,
+or no choice at all (`detection`, `cross-validation`, `most-evidence`), and checks of the data are not in the table.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from importlib import import_module
+from typing import Any
+from unittest.mock import patch
+
+FOREVER = float("inf")
+
+
+def _same(value: Any, *_: Any, **__: Any) -> Any:
+    return value
+
+
+def _none(*_: Any, **__: Any) -> None:
+    return None
+
+
+def _nothing(*_: Any, **__: Any) -> list[Any]:
+    return []
+
+
+def _no(*_: Any, **__: Any) -> bool:
+    return False
+
+
+_SEARCH, _RESULTS = "identification.diagnosis.search.", "identification.diagnosis.results."
+_FORWARD, _COMPARED = _SEARCH + "forward_selection", _SEARCH + "model_comparison"
+# rule: (module, name there, what it is without the rule)
+LEFT_OUT: dict[str, tuple[tuple[str, str, float | Callable[..., Any]], ...]] = {
+    "fixed-form": ((_SEARCH + "scoring", "ODDS", -FOREVER),),  # and the two that choose among forms that physics fixes
+    "as-good-in-correlated-noise": ((_SEARCH + "scoring", "AS_GOOD", FOREVER),),
+    "near-tie": ((_SEARCH + "scoring", "_names", lambda linear, ranked, log: list(ranked)),),
+    "two-causes": ((_FORWARD, "_by_two_causes", _none),),
+    "refinement-first": ((_FORWARD, "NEAR_BEST", FOREVER),),
+    "left-over": ((_FORWARD, "left_over", _none),),
+    "same-weight": ((_SEARCH + "refinement", "_of_one_weight", _no),),
+    "like-contribution": ((_SEARCH + "refinement", "_much_the_same", _no),),
+    "share-of-findings": ((_FORWARD, "LEAK", 0.0),),
+    "competing-refinement": ((_FORWARD, "COMPETES", FOREVER),),
+    "accepted-alone": ((_FORWARD, "_that_predict", _none),),
+    "joint-detection": ((_FORWARD, "add_jointly", _none),),
+    "second-sensor": ((_FORWARD, "add_second_sensor", _same),),
+    "step-function": ((_FORWARD, "switched", _same),),
+    "reselection": ((_FORWARD, "reselect", _same),),
+    "superfluous": ((_FORWARD, "backward_eliminate", _same),),
+    "empirical-share": ((_FORWARD, "truly_named", _same),),
+    "section-of-surface": ((_FORWARD, "with_sections", _same),),
+    "strong-alternative": ((_COMPARED, "_alternatives", _nothing),),
+    "second-cause": ((_COMPARED, "_second_causes", _nothing),),
+    "model-cross-validation": ((_COMPARED, "NO_WORSE", FOREVER),),
+    "prediction-made-worse": (("identification.diagnosis.extension", "NO_WORSE", FOREVER),),
+    "share-of-largest": (("identification.diagnosis.pipeline", "checked_share", _same),),
+    "remainder-of-name": (("identification.diagnosis.pipeline", "checked_remainder", _same),),
+    "physical-bound": ((_RESULTS + "physical_limits", "CONTRADICTED_SIGMA", FOREVER),),
+    "physical-size": ((_RESULTS + "physical_limits", "IMPOSSIBLE", FOREVER),),
+}
+
+
+@contextmanager
+def left_out(rule: str) -> Iterator[None]:
+    """Leave a rule out in this process; nothing where no name is given."""
+    with ExitStack() as stack:
+        for module, name, instead in LEFT_OUT[rule] if rule else ():
+            stack.enter_context(patch.object(import_module(module), name, instead))
+        yield
