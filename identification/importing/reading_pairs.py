@@ -23,6 +23,7 @@ from identification.importing.dwells import find_dwells
 from identification.importing.geometry import Nominal
 from identification.importing.matching import NAMED, by_name, by_time, common_names
 from identification.importing.pairing import Pairs, dwells_of_logs, left_over, reading_notes, row_by_row
+from identification.importing.reading_gaps import with_gaps
 from identification.importing.reading_proof import Candidate, Chosen, chosen
 from identification.importing.sources import SourceFile, Wishes
 
@@ -172,6 +173,9 @@ def _part(
     else:
         kept = np.ones(len(first), dtype=bool)
         candidates = [*_by_order(len(first), expected, observation.poses)]
+    if not candidates and wishes.match in ("auto", "order"):
+        passing = with_gaps(chain, commands, observation, means)
+        candidates = [] if passing is None else [passing]
     if not candidates:
         raise InputError(where, *_counts(len(first), expected, observation, dwells is not None))
     found_way = chosen(chain, commands, observation, candidates, means[kept], where)

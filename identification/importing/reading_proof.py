@@ -106,6 +106,11 @@ class Lying:
         """Readings less nominal ones, (n,)."""
         return np.asarray(readings - self.kernels.kernel("value")(self.rows, scalars)[0])
 
+    def nominal_at(self, chain: Chain, commands: SourceFile) -> Array:
+        """What would be read at all commands, one pose each, with this set-up."""
+        rows = Nominal(chain, commands.recording.frame).channels(np.asarray(chain.machine.tool, dtype=np.float64))
+        return np.asarray(self.kernels.kernel("value")([np.ascontiguousarray(c) for c in rows], self.scalars)[0])
+
     def size_in(self, order: Index) -> float:
         """Within which most readings in another order lie, the set-up adapted from where it stands."""
         readings, scalars = self.readings[order], self.scalars.copy()
@@ -143,16 +148,16 @@ def _misfit(
     chain: Chain, commands: SourceFile, observation: Observation, candidate: Candidate, readings: Array
 ) -> Misfit:
     try:
-        lying, reach = _lying(chain, commands, observation, candidate, readings)
+        there, reach = lying(chain, commands, observation, candidate, readings)
     except StepError as error:
         return Misfit(np.inf, np.inf, 1.0, str(error), interrupted=True)
     except ValueError as error:
         return Misfit(np.inf, np.inf, 1.0, str(error))
-    gap = np.abs(lying.gap(readings, lying.scalars))
+    gap = np.abs(there.gap(readings, there.scalars))
     return Misfit(float(np.quantile(gap, MOST)), float(np.sqrt(np.mean(gap**2))), reach)
 
 
-def _lying(
+def lying(
     chain: Chain, commands: SourceFile, observation: Observation, candidate: Candidate, readings: Array
 ) -> tuple[Lying, float]:
     """The readings with the set-up placed, and how far they reach, mm (1 of angles); ValueError where it cannot be."""
@@ -298,12 +303,12 @@ def _refuse_wrong_order(
         if instead is not None:
             raise InputError(where, f"{_size(before)}; {instead[0]}", instead[1])
     for part, own in _passes(observation, way, readings[way.skip :]):
-        lying, reach = _lying(chain, commands, observation, part, own)
-        size = float(np.quantile(np.abs(lying.gap(own, lying.scalars)), MOST))
+        there, reach = lying(chain, commands, observation, part, own)
+        size = float(np.quantile(np.abs(there.gap(own, there.scalars)), MOST))
         if size < SMALL:
             continue
         for words, order in _orders(len(own)):
-            after = lying.size_in(order)
+            after = there.size_in(order)
             if after * BETTER < size and after < FOREIGN * reach:
                 found = f"{_size(before)}; {words} they fit to {1e3 * after:.3g} um (urad)"
                 raise InputError(where, found, ORDER_CURE)

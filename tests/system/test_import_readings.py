@@ -159,7 +159,7 @@ def test_deviations_of_a_ballbar_at_standing_poses_and_their_unit(tmp_path: Path
         ("exchanged", "the lengths of rows 11 and 31 are exchanged"),
         ("inches", "in inch they fit.*--units length=inch"),
         ("sign", "with the other sign they fit"),
-        ("one fewer", f"{ROWS - 1} readings and {ROWS} commands"),
+        ("many fewer", f"{ROWS - 8} readings and {ROWS} commands"),
         ("another plan", "fit a station nowhere|lie .* off their commands"),
     ],
 )
@@ -170,12 +170,22 @@ def test_a_wrong_join_of_lengths_is_refused_with_what_fits(
     if change == "exchanged":
         own[[10, 30]] = own[[30, 10]]
     values = {
-        "shifted": np.roll(own, 1), "inches": own / 25.4, "sign": -own, "one fewer": own[1:],
+        "shifted": np.roll(own, 1), "inches": own / 25.4, "sign": -own, "many fewer": own[8:],
         "another plan": np.random.default_rng(3).permutation(own),
     }.get(change, own)  # fmt: skip
     file = listed(tmp_path, "A.txt", values, "No;Length")
     with pytest.raises(InputError, match=says):
         import_survey(file, MILL, commands=plan, observation=STATION)
+
+
+@pytest.mark.parametrize("gone", [[0], [17], [3, 30]])
+def test_readings_that_are_missing_are_found(
+    gone: list[int], lengths: dict[str, np.ndarray], plan: Path, tmp_path: Path
+) -> None:
+    file = listed(tmp_path, "A.txt", np.delete(lengths["A"], gone), "Count;Length [mm]")
+    result = import_survey(file, MILL, commands=plan, observation=STATION)
+    np.testing.assert_allclose(result.survey.table["X"], np.delete(poses(5, ROWS)["X"].to_numpy(), gone), atol=1e-9)
+    assert f"not measured: {len(gone)} command" in result.summary()
 
 
 def test_a_lost_beam_is_told_where_a_run_can_be_given(
