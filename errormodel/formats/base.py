@@ -98,7 +98,12 @@ def as_numbers(text: pd.Series[str], decimal_comma: bool = False) -> tuple[NDArr
     empty = text.str.lower().isin(NO_VALUE_WORDS).to_numpy(dtype=bool)
     if decimal_comma:
         text = text.str.replace(r"^([^.,]*),([^.,]*)$", r"\1.\2", regex=True)
-    values = np.array([np.nan if no else _number(cell) for cell, no in zip(text, empty, strict=True)], dtype=np.float64)
+    cells = text.tolist()
+    try:
+        values = decimal_numbers(cells)
+    except ValueError:  # a word, an infinite number, or text
+        numbers = [np.nan if no else _number(cell) for cell, no in zip(cells, empty, strict=True)]
+        values = np.array(numbers, dtype=np.float64)
     return values, np.isnan(values) & ~empty
 
 

@@ -44,6 +44,11 @@ class BallbarCircle(Observation):
         """The length that the file's deviations are from stands for the calibrated one."""
         return {"calibrated": reach}
 
+    @classmethod
+    def listed(cls) -> dict[str, Any]:
+        """The calibrated length is not in a list of readings."""
+        return {"calibrated": "unknown"}
+
     def quantities(self) -> tuple[Quantity, ...]:
         return (*coordinates(self.centre), quantity("calibrated", "mm", self.calibrated))
 

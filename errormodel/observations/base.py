@@ -17,6 +17,11 @@ from errormodel.arrays import Array
 from errormodel.instruments.base import Pair
 from errormodel.yamlfile import FileModel, Number
 
+
+class StepError(ValueError):
+    """Readings that change by a step for good, such as behind a lost beam: their order may be right all the same."""
+
+
 Reading = Literal["length", "angle"]
 Unit = Literal["mm", "rad", "1"]
 
@@ -143,6 +148,11 @@ class Observation(FileModel, ABC):
     @classmethod
     def traced(cls, reach: float) -> dict[str, Any]:
         """Keys of the entry for a raw trace of deviations from a length (mm)."""
+        return {}
+
+    @classmethod
+    def listed(cls) -> dict[str, Any]:
+        """Keys of the entry for a raw list of readings of which no more is said than its type."""
         return {}
 
     @property

@@ -21,6 +21,7 @@ STANDS_OUT = 5.0  # times the scatter on both sides: a step; by judgement
 NEEDED = 2.0  # times the scatter: what readings are off without the step, which a moved station hides in part
 FEWEST_BEHIND = 5  # readings behind a step: fewer are outliers
 MOST_STEPS = 5  # in one recording
+MOST_EVALUATIONS = 50  # of one start: where lengths fit a station, 33 were the most
 MOST_TURNS = 10  # of the robust estimation, and
 SETTLED = 0.5  # of the scale before: less of a change ends it
 FLAT = 1e-6  # smallest over largest spread of points below which they lie in a plane or on a line
@@ -163,6 +164,8 @@ def _starts(points: Array, readings: Array, dead_path: float | None) -> list[Arr
     far = float(np.median(np.abs(readings))) if dead_path is None else float(np.median(readings + dead_path))
     far = max(far, float(np.ptp(points, axis=0).max()), 1.0)
     ways = np.array([(i, j, k) for i in (-1, 0, 1) for j in (-1, 0, 1) for k in (-1, 0, 1) if i or j or k], dtype=float)
+    if out:  # the linear solution is near; others show whether a place on another side explains the lengths as well
+        ways = ways[np.abs(ways).sum(axis=1) != 2]
     for way in ways / np.linalg.norm(ways, axis=1)[:, None]:
         place = middle + far * way
         lacking = float(np.median(np.linalg.norm(points - place, axis=1) - readings))
@@ -178,10 +181,16 @@ def _refined(points: Array, readings: Array, dead_path: float | None, start: Arr
         gap = np.linalg.norm(points - x[:3], axis=1) - readings
         return np.asarray(gap - (x[3] if dead_path is None else dead_path))
 
+    def slopes(x: Array) -> Array:
+        away = x[:3] - points
+        by_place = away / np.maximum(np.linalg.norm(away, axis=1), 1e-12)[:, None]
+        return by_place if dead_path is not None else np.column_stack([by_place, np.full(len(points), -1.0)])
+
     x = start if dead_path is None else start[:3]
     scale = max(float(np.median(np.abs(left(x)))), 1e-6)
     for turn in range(MOST_TURNS):  # the scale of the loss is known after the first, and falls where readings are wrong
-        x = least_squares(left, x, x_scale="jac", loss="soft_l1", f_scale=scale, xtol=1e-13, ftol=1e-13).x
+        x = least_squares(left, x, slopes, x_scale="jac", loss="soft_l1", f_scale=scale, xtol=1e-13, ftol=1e-13,
+                          max_nfev=MOST_EVALUATIONS).x  # fmt: skip
         before, scale = scale, max(3 * float(np.median(np.abs(left(x)))), 1e-6)
         if turn and scale > SETTLED * before:
             break

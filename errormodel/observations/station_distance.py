@@ -9,7 +9,15 @@ import numpy as np
 from pydantic import Field
 
 from errormodel.arrays import Array
-from errormodel.observations.base import NumberOrUnknown, Observation, Quantity, Tip, coordinates, quantity
+from errormodel.observations.base import (
+    NumberOrUnknown,
+    Observation,
+    Quantity,
+    StepError,
+    Tip,
+    coordinates,
+    quantity,
+)
 from errormodel.observations.station import interruptions, located
 from errormodel.yamlfile import Vector3
 
@@ -63,11 +71,16 @@ class StationDistance(Observation):
         steps = interruptions(points[0], readings, place)
         if steps:
             some = "; ".join(f"from reading {k + 1} of {len(readings)} on {abs(s):.3g} mm {_than(s)}" for k, s in steps)
-            raise ValueError(
+            raise StepError(
                 f"lengths that change by a step, {some} than before: a beam that was lost, or a counter that was set. "
                 "Give the rows behind each step a run of their own (column run) and write dead_path: per-run"
             )
         return found
+
+    @classmethod
+    def listed(cls) -> dict[str, Any]:
+        """Where an instrument counts from is not in a list of lengths."""
+        return {"dead_path": "unknown"}
 
     def assumed(self, points: Sequence[Array], known: Mapping[str, float]) -> dict[str, float]:
         """The station roughly where the file says."""

@@ -172,6 +172,7 @@ class RawFormat(ABC):
     seen : whether it was tried on a public recording; else it is written to its description only.
     fallback : read by it what no other format recognises.
     columns : words by which ``columns:`` and ``units:`` may name its own columns, beside those of a survey.
+    uses : what of `Asked` it reads, beside machine, dates and units: ``joint``, ``offsets``, ``at``, ``dialect``.
     """
 
     name: ClassVar[str]
@@ -180,6 +181,7 @@ class RawFormat(ABC):
     seen: ClassVar[bool] = False
     fallback: ClassVar[bool] = False
     columns: ClassVar[tuple[str, ...]] = ()
+    uses: ClassVar[tuple[str, ...]] = ()
 
     @classmethod
     @abstractmethod

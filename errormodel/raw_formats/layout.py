@@ -24,6 +24,7 @@ DELIMITERS = {"\t": "tabs", ";": "semicolons", "|": "bars", ",": "commas", " ": 
 NUMBER = re.compile(
     r"[-+]?(?:\d+(?:[.,]\d*)?|[.,]\d+|\d{1,3}(?:[.,'\u2019\u00a0\u202f]\d{3})+(?:[.,]\d+)?)(?:[eEdD][-+]?\d+)?"
 )
+PLAIN = re.compile(r"[-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?", re.ASCII)  # what most cells are: no date looks like that
 SPECIAL = frozenset(("nan", "inf", "+inf", "-inf", "infinity", "-nan"))
 TRIED_LINES = 400  # from the end of the file, by which a delimiter is chosen; by judgement
 MOST_COLUMNS = 10_000  # of a table, as of a survey's: instruments write some ten
@@ -71,13 +72,20 @@ class Layout:
 
     def numeric(self, place: int) -> bool:
         """Whether every cell of a column is a number or empty, and one is a number."""
-        kinds = {kind_of(cell) for cell in self.column(place)}
+        cells = self.column(place)
+        if all(map(PLAIN.fullmatch, cells)):
+            return bool(cells)
+        kinds = {kind_of(cell) for cell in cells}
         return kinds <= {"number", "empty"} and "number" in kinds
 
 
-@lru_cache(maxsize=1 << 16)
 def kind_of(cell: str) -> str:
     """``number``, ``empty`` (or a word for no value) or ``text``."""
+    return "number" if PLAIN.fullmatch(cell) else _kind_of(cell)
+
+
+@lru_cache(maxsize=1 << 16)
+def _kind_of(cell: str) -> str:
     cell = cell.strip()
     if cell.lower() in NO_VALUE_WORDS:
         return "empty"
@@ -121,6 +129,8 @@ def find_layout(lines: Sequence[str]) -> Layout | None:
         return None
     cells = [(k, split(line, delimiter)) for k, line in body]
     width, kinds = _shape([c for _, c in cells[-TRIED_LINES:]])
+    if width == 1:  # blanks separate nothing: a name and its unit are one cell
+        cells = [(k, [line.strip()]) if len(c) > 1 else (k, c) for (k, c), (_, line) in zip(cells, body, strict=True)]
     if width > MOST_COLUMNS:
         raise InputError(f"line {cells[-1][0]}", f"more than {MOST_COLUMNS} columns", "Give those of the survey only")
     first = next((i for i, (_, c) in enumerate(cells) if _is_data(c, width, kinds)), None)
@@ -207,7 +217,7 @@ def _rows(
     cells: Sequence[tuple[int, list[str]]], width: int, kinds: Sequence[str], delimiter: str
 ) -> tuple[list[tuple[int, list[str]]], list[int], list[str]]:
     """Data rows; the lines below them that are passed over, and notes on these."""
-    last = max(i for i, (_, c) in enumerate(cells) if _is_data(c, width, kinds))
+    last = next(i for i in range(len(cells) - 1, -1, -1) if _is_data(cells[i][1], width, kinds))
     rows: list[tuple[int, list[str]]] = []
     for line, row in cells[: last + 1]:
         cut = _fitted(row, width)

@@ -37,6 +37,7 @@ class NcProgramme(RawFormat):
     title = "an NC programme"
     source = "NIST IR 6556 (RS274/NGC), and the dialects of errormodel.gcode"
     seen = True
+    uses = ("offsets", "at", "dialect")
 
     @classmethod
     def recognises(cls, raw: RawFile) -> bool:

@@ -47,6 +47,7 @@ class PositioningTest(RawFormat):
     title = "a positioning test of one joint"
     source = "ISO 230-2, table of measured deviations; names of columns as laboratories write them"
     seen = True
+    uses = ("joint",)
     columns = ("target", "actual", "deviation", "run", "cycle", "direction")
 
     @classmethod

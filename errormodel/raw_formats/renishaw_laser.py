@@ -28,6 +28,7 @@ class RenishawLaser(RawFormat):
     name = "renishaw-laser"
     title = "a file of Renishaw laser software"
     source = "public readers of such files, among them StoneWolfCJQ/LinearCalc, Manufactor/RENISHAW.cs"
+    uses = ("joint",)
 
     @classmethod
     def recognises(cls, raw: RawFile) -> bool:

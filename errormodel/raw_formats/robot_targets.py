@@ -50,9 +50,8 @@ class RobotTargets(RawFormat):
             raise InputError(raw.name, found, "Give the machine that was measured, or name --format and --columns")
         own = rest[:, rest.shape[1] - len(joints) :] if joints else rest
         left = rest[:, : rest.shape[1] - own.shape[1]]
-        if left.size and np.ptp(left, axis=0).any():
-            found = f"{left.shape[1]} columns between the reflectors and the joints that are not constant"
-            raise InputError(raw.name, found, "Name another --format, and say with --columns what they are")
+        if left.size and np.ptp(left, axis=0).any():  # joints of the row that the machine has not, or none of them
+            joints, own, left = [], rest, rest[:, :0]
         names = joints or [str(3 * count + k + 1) for k in range(own.shape[1])]
         frame = pd.DataFrame(np.repeat(own, count, axis=0), columns=names)
         frame[["mx", "my", "mz"]] = numbers[:, : 3 * count].reshape(-1, 3)

@@ -59,7 +59,11 @@ def columns_of(raw: RawFile, asked: Asked) -> Recording:
     notes: list[str | None] = list(table.notes)
     if table.delimiter != ",":
         notes.append(f"columns separated by {DELIMITERS[table.delimiter]}")
-    fortran = {n: texts[n].str.replace(r"(?<=\d)[dD](?=[-+]?\d)", "e", regex=True) for n in numeric}
+    fortran = {
+        n: texts[n].str.replace(r"(?<=\d)[dD](?=[-+]?\d)", "e", regex=True) if _has_d(table.column(k)) else texts[n]
+        for k, n in enumerate(table.names)
+        if n in numeric
+    }
     cells = ungrouped(fortran)
     if cells.ambiguous is not None:
         column, row = cells.ambiguous
@@ -95,6 +99,12 @@ def columns_of(raw: RawFile, asked: Asked) -> Recording:
             notes.append(f"dates read {times.order.replace('-', ' ')}")
     dated = time is not None and time[1].dated
     return Recording(frame, units, table.lines, (*raw.notes, *(n for n in notes if n)), dated)
+
+
+def _has_d(cells: Sequence[str]) -> bool:
+    """Whether a letter stands in a column that is the sign of an exponent in Fortran."""
+    text = "".join(cells)
+    return "d" in text or "D" in text
 
 
 def _time(

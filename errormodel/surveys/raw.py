@@ -26,13 +26,17 @@ from errormodel.surveys.columns import (
     MEASURED,
     OBSERVATION,
     ORIENTATION,
+    READING_UNCERTAINTIES,
+    READINGS,
     SIGMA_COLUMNS,
     TOOL_COLUMNS,
+    first_pose,
     is_survey_column,
     quantity_of,
     unit_of_column,
 )
 from errormodel.surveys.file import FileEntry, LogEntry, RawEntry, SurveyUnits
+from errormodel.surveys.pairs import PairTable, read_pairs
 from errormodel.units import UNIT_EXAMPLES, is_unit, to_internal
 
 if TYPE_CHECKING:
@@ -40,7 +44,6 @@ if TYPE_CHECKING:
 
 LABELS = ("point", "target", "station", "group")  # columns of text that only an import knows
 READ_BACK = "read_"  # before a joint: the position that the controller read back
-PAIR_COLUMNS = ("command", "first", "last")
 FEW_READINGS = 10  # readings at a place: the scatter of fewer is too uncertain to stand alone
 
 
@@ -166,40 +169,16 @@ def _converted(entry: RawEntry, machine: Machine, name: str, column: Any, stated
     return np.degrees(values) if usual == "deg" else values
 
 
-def read_pairs(path: Path, name: str) -> Index:
-    """Rows that belong together, (n, 3): command, first and last row of the measured file, all from 1."""
-    import pandas as pd
-
-    from errormodel.inputs import noted
-
-    try:
-        table = pd.read_csv(noted(path))
-    except (OSError, ValueError) as error:
-        raise InputError(name, f"it cannot be read ({error})", "Import the files again") from error
-    missing = [c for c in PAIR_COLUMNS if c not in table]
-    if missing or table.empty:
-        found = f"no column '{missing[0]}'" if missing else "no rows"
-        raise InputError(name, found, f"Write the columns {', '.join(PAIR_COLUMNS)}")
-    values = table[list(PAIR_COLUMNS)].apply(pd.to_numeric, errors="coerce").to_numpy(dtype=np.float64)
-    bad = ~np.isfinite(values).all(axis=1) | (values != np.rint(values)).any(axis=1) | (values[:, 1] > values[:, 2])
-    if bad.any():
-        row = int(bad.argmax())
-        found = ", ".join(str(v) for v in table[list(PAIR_COLUMNS)].iloc[row])
-        raise InputError(f"{name}, row {row + 1}", found, "Write whole row numbers from 1, the first before the last")
-    rows: Index = values.astype(np.intp)
-    return rows
-
-
 def open_entry(entry: FileEntry, folder: Path, machine: Machine, logs: Sequence[LogEntry]) -> RawTable:
     """The table of a survey that an entry of ``survey.yaml`` makes of raw files."""
     measured = mapped(entry, folder, machine)
     commands, pairs = None, None
     if entry.pairs:
         pairs = read_pairs(folder / entry.pairs, entry.pairs)
-        _check_pairs(entry, pairs, 2, len(measured.frame), entry.path)
+        pairs.check_readings(len(measured.frame), entry.path)
     if entry.commands is not None and pairs is not None:
         commands = mapped(entry.commands, folder, machine)
-        _check_pairs(entry, pairs, 0, len(commands.frame), entry.commands.path)
+        pairs.check_commands(len(commands.frame), entry.commands.path)
     read = [mapped(log, folder, machine) for log in logs]
     table, lines = joined(measured, commands, pairs, entry.targets, machine, entry.path)
     if entry.observation:
@@ -213,19 +192,10 @@ def open_entry(entry: FileEntry, folder: Path, machine: Machine, logs: Sequence[
     return replace(as_table(table, measured.dated, entry.path, lines, machine), notes=notes, units=units)
 
 
-def _check_pairs(entry: FileEntry, pairs: Index, column: int, size: int, of: str) -> None:
-    own = pairs[:, 1:] if column else pairs[:, :1]
-    bad = (own < 1).any(axis=1) | (own > size).any(axis=1)
-    if bad.any():
-        row = int(bad.argmax())
-        found = f"row {' to '.join(str(v) for v in own[row])} of {of}, which has {size}"
-        raise InputError(f"{entry.pairs}, row {row + 1}", found, "Import the files again, or correct the line")
-
-
 def joined(
     measured: Recording,
     commands: Recording | None,
-    pairs: Index | None,
+    pairs: PairTable | None,
     targets: Mapping[str, Sequence[float]],
     machine: Machine,
     name: str,
@@ -235,17 +205,19 @@ def joined(
     Parameters
     ----------
     measured, commands : recordings under the toolkit's names; without `commands` they are in `measured`.
-    pairs : (n, 3) rows from 1, see `read_pairs`; None: every row for itself.
+    pairs : which rows belong together; None: every row for itself.
     targets : functional point (mm) of each target.
     name : of the measured file, for messages.
     """
     frame = measured.frame
     lines = measured.lines
     if pairs is not None:
-        frame = averaged(frame, pairs[:, 1] - 1, pairs[:, 2] - 1)
-        lines = tuple(lines[k] for k in pairs[:, 1] - 1) if lines else ()
+        frame = averaged(frame, pairs.first, pairs.last)
+        lines = tuple(lines[k] for k in pairs.first) if lines else ()
+        if pairs.run is not None:
+            frame["run"] = pairs.run
     if commands is not None and pairs is not None:
-        commanded = commands.frame.iloc[pairs[:, 0] - 1].reset_index(drop=True)
+        commanded = commands.frame.iloc[pairs.command].reset_index(drop=True)
         joints = [n for j in machine.joints for n in j.columns if n in commanded]
         for joint in joints:
             if joint in frame and f"{READ_BACK}{joint}" not in frame:
@@ -254,6 +226,12 @@ def joined(
         for column in commanded:
             if str(column) not in skip and column not in frame:
                 frame[column] = commanded[column]
+        if pairs.start is not None:
+            started = commands.frame.iloc[pairs.start].reset_index(drop=True)
+            for joint in joints:
+                for name in (joint, f"dir_{joint}"):
+                    if name in started:
+                        frame[first_pose(name)] = started[name]
     for own in machine.joints:
         read = f"{READ_BACK}{own.name}"
         if read in frame and own.name in frame:
@@ -289,7 +267,7 @@ def averaged(frame: pd.DataFrame, first: Index, last: Index) -> pd.DataFrame:
             _mean_rotation(frame[list(ORIENTATION)].to_numpy()[a : b + 1]) for a, b in zip(first, last, strict=True)
         ]
         out |= dict(zip(ORIENTATION, np.array(turned).T, strict=True))
-    for name, sigma in zip(MEASURED, SIGMA_COLUMNS, strict=True):
+    for name, sigma in zip((*MEASURED, *READINGS), (*SIGMA_COLUMNS, *READING_UNCERTAINTIES), strict=True):
         if name not in frame:
             continue
         values = frame[name].to_numpy(dtype=np.float64)

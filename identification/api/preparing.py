@@ -33,6 +33,7 @@ def import_survey(
     offsets: Sequence[str] = (),
     at: Sequence[str] = (),
     dialect: str = "auto",
+    observation: str | Mapping[str, object] = "",
     dwells: bool = True,
     log_offset: float = 0.0,
     centre: Mapping[str, float] | None = None,
@@ -65,6 +66,9 @@ def import_survey(
     joint : str
         The joint that a file of readings of one joint is about.
     offsets, at, dialect : of an NC programme, as for `compensate`.
+    observation : str or dict
+        What single readings (lengths, angles) are of: a type of ``observations:``, alone or with keys behind it
+        (``"line-angle, axis: [0, 1, 0]"``).
     dwells : bool
         Whether dwells are looked for in a continuous log, and averaged.
     log_offset : float
@@ -90,6 +94,7 @@ def import_survey(
         A file cannot be read, or what was measured does not follow the commands: then it says what fits instead.
     """
     from identification.importing.importing import import_files
+    from identification.importing.reading_pairs import observation_of
     from identification.importing.sources import Wishes, circle_of, parse_columns
     from identification.results.import_result import ImportResult
 
@@ -103,7 +108,7 @@ def import_survey(
     wishes = Wishes(
         mapping(columns, "--columns"), mapping(command_columns, "--command-columns"), dict(units or {}),
         dict(command_units or {}), format, command_format, dates, joint, tuple(offsets), tuple(at), dialect, match,
-        dwells, log_offset, circle,
+        dwells, log_offset, circle, observation_of(observation),
     )  # fmt: skip
     with progress("Reading and joining"):
         command_file = None if commands is None else Path(commands)

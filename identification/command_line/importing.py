@@ -52,6 +52,12 @@ if TYPE_CHECKING:
 @click.option("--dialect", default="auto", help="Of a programme: auto, iso, fanuc or printer.")
 @click.option("--offset", "offsets", multiple=True, help="Of a programme: X.. or G54=X..,Y.. or H1=Z.. (mm, deg).")
 @click.option("--at", "after", multiple=True, help="Where axes stand in a programme: start=X0,Y0 or G28=Z0 (mm, deg).")
+@click.option(
+    "--observation",
+    default="",
+    metavar="TYPE[, KEY: VALUE, ...]",
+    help="What single readings of RAW are: station-distance, or 'line-angle, axis: [0, 1, 0]', as in survey.yaml.",
+)
 @click.option("--no-dwells", is_flag=True, help="Every row is a reading: no dwells are looked for.")
 @click.option("--log-offset", type=float, default=0.0, help="Seconds to add to the times of a temperature log.")
 @click.option("--centre", multiple=True, metavar="JOINT=..,...", help="Of a ballbar's circle: X=0,Y=0,Z=300 (mm, deg).")
@@ -75,6 +81,7 @@ def import_(
     dialect: str,
     offsets: tuple[str, ...],
     after: tuple[str, ...],
+    observation: str,
     no_dwells: bool,
     log_offset: float,
     centre: tuple[str, ...],
@@ -94,9 +101,9 @@ def import_(
         raw, read_model(machine), commands=commands, match=match, columns=columns,
         units=_pairs(units, "--units"), command_columns=command_columns,
         command_units=_pairs(command_units, "--command-units"), format=form, command_format=command_format,
-        dates=dates or "", joint=joint, offsets=offsets, at=after, dialect=dialect, dwells=not no_dwells,
-        log_offset=log_offset, centre=_positions(centre), plane=plane, radius=radius, start=start, seed=seed,
-        progress=working,
+        dates=dates or "", joint=joint, offsets=offsets, at=after, dialect=dialect, observation=observation,
+        dwells=not no_dwells, log_offset=log_offset, centre=_positions(centre), plane=plane, radius=radius,
+        start=start, seed=seed, progress=working,
     )  # fmt: skip
     show_notes(result.notes)
     result.save(out)

@@ -42,13 +42,17 @@ class Nominal:
         """Positions (n, joints), mm and rad."""
         return np.column_stack([self._columns[j.name] for j in self.chain.machine.joints])
 
-    def points(self, tool: Array) -> Array:
-        """Nominal points (n, 3) of functional points `tool`, (3,) or (n, 3), mm."""
+    def channels(self, tool: Array) -> list[Array]:
+        """Channels of the chain, each (n,), at functional points `tool`, (3,) or (n, 3), mm."""
         columns = dict(self._columns)
         for k, name in enumerate(("tool_x", "tool_y", "tool_z")):
             columns[name] = np.broadcast_to(np.asarray(tool, dtype=np.float64)[..., k], self.size).copy()
+        return [columns[c] for c in self.chain.channels]
+
+    def points(self, tool: Array) -> Array:
+        """Nominal points (n, 3) of functional points `tool`, (3,) or (n, 3), mm."""
         kernel = self.chain.kernel("nominal", outputs=(0, 1, 2))
-        return np.asarray(kernel([columns[c] for c in self.chain.channels]).T)
+        return np.asarray(kernel(self.channels(tool)).T)
 
     def flanges(self) -> tuple[Array, Array]:
         """Last frame of the chain at each command: rotations (n, 3, 3), origins (n, 3) in mm."""

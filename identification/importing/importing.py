@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -18,14 +18,16 @@ from errormodel.inputs import running
 from errormodel.machine import Machine
 from errormodel.survey import Survey, read_survey
 from errormodel.surveys.file import SURVEY_FILE
-from errormodel.surveys.raw import PAIR_COLUMNS
+from errormodel.surveys.pairs import PairTable
 from identification.importing.geometry import Nominal
 from identification.importing.nearest import find_pairing
 from identification.importing.pairing import NEAREST, Pairs, middles, pair, points_of
 from identification.importing.partial import refuse_partial
 from identification.importing.proof import Proof, prove, refuse_unit
+from identification.importing.readings import ReadingFile, SetUps, join_readings, set_ups
 from identification.importing.sources import SourceFile, Wishes, open_source
 from identification.importing.traces import Trace, traces_of
+from identification.importing.unused_options import refuse_unused
 from identification.observation.frames import MACHINE_ERROR_SHARE, align
 
 Both: TypeAlias = tuple[Array, Array]  # nominal and measured points
@@ -45,6 +47,8 @@ class Imported:
     survey : as it is read from these files.
     proof : that what was measured belongs to its commands.
     traces : of a bar along a circle, among the sources.
+    readings : files of single readings, among the sources.
+    set_ups : how single readings lie beside those of a machine without errors.
     notes : what needs attention.
     """
 
@@ -57,6 +61,8 @@ class Imported:
     frame: str
     notes: tuple[str, ...]
     traces: tuple[Trace, ...] = ()
+    readings: tuple[ReadingFile, ...] = ()
+    set_ups: SetUps = field(default_factory=SetUps)
 
 
 def import_files(
@@ -84,23 +90,30 @@ def import_files(
         raise InputError(twice[0], "two files of one name", "Give them different names: they are kept in one folder")
     commanded = None if commands is None else open_source(commands, machine, "commands", wishes)
     sources = [open_source(path, machine, "whole" if commanded is None else "measured", wishes) for path in raws]
+    refuse_unused(wishes, sources, commanded)
     chain = Chain(machine)
     points = [s for s in sources if s.what == "points"]
     motions = [s for s in sources if s.what == "motions"]
     logs = [s for s in sources if s.what == "log"]
     traces = traces_of(sources)
-    if not points and not motions and not traces:
+    single = [s for s in sources if s.what == "single"]
+    if wishes.observation is not None and not single:
+        found = f"--observation {wishes.observation.type}, and no file with a column of single readings"
+        cure = f"Leave it out, or say which column they are: --columns {wishes.observation.reading}=.."
+        raise InputError(str(raws[0]), found, cure)
+    if not points and not motions and not traces and not single:
         raise InputError(str(raws[0]), "nothing measured in it but channels of a log", "Give the measured file too")
     if commanded is None:
-        for source in points:
+        for source in (*points, *single):
             _refuse_no_commands(source, machine)
     pairs = [pair(source, commanded, chain, wishes, seed) for source in points]
     aligned = [_places(source, own, commanded, chain) for source, own in zip(points, pairs, strict=True)]
     for source, (nominal, measured) in zip(points, aligned, strict=True):
         refuse_unit(nominal, measured, source.raw.name, source.mm_a_unit)
         refuse_partial(nominal, measured, source.raw.name)
+    readings = join_readings(single, commanded, chain, wishes)
     frame = _frame(points, aligned, chain)
-    files = _files(points, motions, traces, logs, pairs, commanded, frame, wishes)
+    files = _files(points, motions, traces, readings, logs, pairs, commanded, frame, wishes)
     with tempfile.TemporaryDirectory() as folder, running(None):
         for name, data in files.items():
             write_bytes_atomic(data, Path(folder) / name)
@@ -109,11 +122,15 @@ def import_files(
         proof = prove(machine, survey, any(p.averaged for p in pairs), len(points) > 0)
     except InputError as error:
         raise _with_nearest(error, points, pairs, aligned, commanded, chain, seed) from error
-    everything = (*points, *motions, *(t.source for t in traces), *logs, *([commanded] if commanded else []))
+    places = set_ups(chain, survey, readings)
+    everything = (
+        *points, *single, *motions, *(t.source for t in traces), *logs, *([commanded] if commanded else []),
+    )  # fmt: skip
+    pairs = [*pairs, *(r.pairs for r in readings)]
     left = tuple(f"{s.raw.path.name}: columns not used: {', '.join(s.left)}" for s in everything if s.left)
     return Imported(
         machine, files, everything, (*pairs, *[None] * (len(everything) - len(pairs))), survey, proof, frame,
-        tuple(dict.fromkeys((*left, *survey.notes))), tuple(traces),
+        tuple(dict.fromkeys((*left, *survey.notes))), tuple(traces), tuple(readings), places,
     )  # fmt: skip
 
 
@@ -178,31 +195,37 @@ def _miss(nominal: np.ndarray, measured: np.ndarray) -> float:
 
 
 def _files(
-    points: Sequence[SourceFile], motions: Sequence[SourceFile], traces: Sequence[Trace], logs: Sequence[SourceFile],
-    pairs: Sequence[Pairs], commanded: SourceFile | None, frame: str, wishes: Wishes,
+    points: Sequence[SourceFile], motions: Sequence[SourceFile], traces: Sequence[Trace],
+    readings: Sequence[ReadingFile], logs: Sequence[SourceFile], pairs: Sequence[Pairs], commanded: SourceFile | None,
+    frame: str, wishes: Wishes,
 ) -> dict[str, bytes]:  # fmt: skip
     """Files of the survey's folder: the raw ones as they came, the map, and the pairs."""
-    read = (*points, *motions, *(t.source for t in traces), *logs, *([commanded] if commanded else []))
+    single = [r.source for r in readings]
+    read = (*points, *single, *motions, *(t.source for t in traces), *logs, *([commanded] if commanded else []))
     files = {s.entry.path: s.raw.data for s in read}
     entries: list[dict[str, Any]] = []
-    for number, (source, own) in enumerate(zip(points, pairs, strict=True), start=1):
+    joins = [*zip(points, pairs, strict=True), *((r.source, r.pairs) for r in readings)]
+    labels = {id(r.source): r.label for r in readings if r.label}
+    for number, (source, own) in enumerate(joins, start=1):
         entry = _plain(source)
         if commanded is not None:
             entry["commands"] = _plain(commanded)
         if commanded is not None or own.averaged or len(own) < source.rows:
-            name = "pairs.csv" if len(points) == 1 else f"pairs_{number}.csv"
+            name = "pairs.csv" if len(joins) == 1 else f"pairs_{number}.csv"
             entry["pairs"] = name
-            rows = np.column_stack([own.command, own.first, own.last]) + 1
-            lines = [",".join(PAIR_COLUMNS), *(",".join(map(str, row)) for row in rows.tolist())]
-            files[name] = ("\n".join(lines) + "\n").encode()
+            files[name] = PairTable(name, own.command, own.first, own.last, own.start, own.run).text().encode()
         if own.targets:
             entry["targets"] = {name: list(place) for name, place in own.targets.items()}
+        if id(source) in labels:
+            entry["observation"] = labels[id(source)]
         entries.append(entry)
     entries += [_plain(source) for source in motions]
     entries += [_plain(t.source) | {"observation": t.label} for t in traces]
     block: dict[str, Any] = {"errormodel": 1, "files": entries}
-    if traces:
-        block["observations"] = {t.label: t.entry for t in traces}
+    if traces or readings:
+        block["observations"] = {t.label: t.entry for t in traces} | {
+            k: e for r in readings for k, e in r.entries.items()
+        }
     if logs:
         block["logs"] = [_plain(s) | ({"offset": wishes.log_offset} if wishes.log_offset else {}) for s in logs]
     block["frame"] = frame

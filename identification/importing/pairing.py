@@ -21,7 +21,7 @@ TARGET_GAIN = 3.0  # times: so much nearer must targets of their own bring the p
 FEW_TO_FIT = 8  # rows a target, from which on a functional point is fitted
 NEAREST = "the nearest command after a robust alignment"
 LISTED = 6  # of what is left over
-UNMEASURED = 0.5  # mm: readings within it, one after the other, of a single point
+STANDS = 1e-4  # of the reach: so far may commands go on while readings stand still
 
 
 @dataclass(frozen=True)
@@ -37,6 +37,8 @@ class Pairs:
     readings, commands : how many there were.
     targets : functional points (mm) that were fitted, by target.
     offset : s between the clocks, if any.
+    start : (n,) row of the command at which each distance begins, of readings between two poses.
+    run : (n,) label of the pass that each reading is of, where there are several.
     """
 
     command: Index
@@ -48,6 +50,8 @@ class Pairs:
     commands: int
     targets: dict[str, tuple[float, float, float]]
     offset: float | None = None
+    start: Index | None = None
+    run: tuple[str, ...] | None = None
 
     def __len__(self) -> int:
         return len(self.command)
@@ -67,6 +71,8 @@ def points_of(source: SourceFile) -> Array:
 
 def middles(points: Array, first: Index, last: Index) -> Array:
     """Means of the points (n, 3) from `first` to `last`, each (k,); NaN where a component was not measured."""
+    if np.array_equal(first, last):
+        return points[first]
     parts = [points[a : b + 1] for a, b in zip(first, last, strict=True)]
     return np.array([[c[np.isfinite(c)].mean() if np.isfinite(c).any() else np.nan for c in p.T] for p in parts])
 
@@ -86,32 +92,81 @@ def pair(source: SourceFile, commands: SourceFile | None, chain: Chain, wishes: 
         raise InputError(source.raw.name, "nothing measured in any row", "Give the file that holds the measurements")
     expected = source.rows if alone else commands.rows if commands is not None else 0
     labels = source.recording.frame.get("target")
-    dwells = None
-    if wishes.dwell and not (labels is not None and labels.nunique() > 1) and (alone or expected != int(seen.sum())):
-        dwells = find_dwells(points)
+    dwells, side_by_side = None, False
+    if wishes.dwell and not (labels is not None and labels.nunique() > 1):
+        if alone or expected != int(seen.sum()):
+            dwells = find_dwells(points)
+        elif commands is not None:
+            path = Nominal(chain, commands.recording.frame).points(np.asarray(chain.machine.tool))
+            dwells = dwells_of_logs(points, path)
+            side_by_side = dwells is not None
     rows = np.flatnonzero(seen)
     first, last = (rows, rows) if dwells is None else (dwells.first, dwells.last)
-    notes = _reading_notes(source, dwells, int((~seen).sum()))
+    notes = reading_notes(source, dwells, int((~seen).sum()))
     if commands is None:
         nominal = Nominal(chain, source.recording.frame.iloc[first])
         own = Pairs(first, first, last, "", tuple(notes), len(first), source.rows, {})
         return _with_targets(own, source, nominal, points, chain)
     middle = middles(points, first, last)
     nominal = Nominal(chain, commands.recording.frame)
-    found, more = _match(source, commands, chain, nominal, middle, first, last, points, wishes, seed)
+    timed = {"time"} <= {*map(str, source.recording.frame)} & {*map(str, commands.recording.frame)}
+    if side_by_side and wishes.match in ("auto", "order") and not (timed and wishes.match == "auto"):
+        path = nominal.points(np.asarray(chain.machine.tool))
+        found = row_by_row(path, first, last, source.raw.name)
+    else:
+        found = _match(source, commands, chain, nominal, middle, first, last, points, wishes, seed)
     command = found.command
     kept = command >= 0
     if not kept.any():
         found_text = f"none of {len(command)} readings has a command of {commands.raw.name}"
         raise InputError(source.raw.name, found_text, "Give the commands that were measured, or another --match")
-    notes += more + _left_over(source, commands, command, first)
+    notes += left_over(source, commands, command, first)
     out = Pairs(
         command[kept], first[kept], last[kept], found.how, tuple(notes), len(command), commands.rows, {}, found.offset
     )
     return _with_targets(out, source, Nominal(chain, commands.recording.frame.iloc[out.command]), points, chain)
 
 
-def _reading_notes(source: SourceFile, dwells: Dwells | None, unseen: int) -> list[str]:
+def dwells_of_logs(points: Array, path: Array) -> Dwells | None:
+    """Dwells in what was measured (n, any), where the commands (n, 3) of as many rows are a log of the way as well.
+
+    None where either has no readings on the way: a list of poses, in which places may come several times.
+    """
+    dwells = find_dwells(points)
+    if dwells is None or not dwells.moving:
+        return None
+    commanded = find_dwells(path)
+    return dwells if commanded is not None and commanded.moving else None
+
+
+def row_by_row(path: Array, first: Index, last: Index, name: str) -> Matched:
+    """Commands of the dwells of a log beside a log of commands (n, 3): those of the same rows.
+
+    Raises
+    ------
+    InputError
+        The commands move while the readings stand still.
+    """
+    middle = (first + last) // 2
+    quarter = np.maximum((last - first) // 4, 1)
+    reach = float(np.ptp(path, axis=0).max())
+    moved = np.array(
+        [float(np.ptp(path[m - q : m + q + 1], axis=0).max()) for m, q in zip(middle, quarter, strict=True)]
+    )
+    bad = moved > STANDS * reach
+    if bad.any():
+        row = int(bad.argmax())
+        found = (
+            f"two logs of {len(path)} rows each that do not run side by side: in rows {first[row] + 1} to "
+            f"{last[row] + 1} the readings stand still and the commands move by {moved[row]:.3g} mm"
+        )
+        cure = "Say which columns are the times of both (--columns time=.., --command-columns time=..), or --no-dwells"
+        raise InputError(name, found, cure)
+    return Matched(middle, "row, of two logs side by side")
+
+
+def reading_notes(source: SourceFile, dwells: Dwells | None, unseen: int) -> list[str]:
+    """Dwells that were found, and rows that were left out."""
     notes = []
     if unseen:
         notes.append(f"left out: {counted(unseen, 'row')} in which nothing was measured")
@@ -128,7 +183,7 @@ def _reading_notes(source: SourceFile, dwells: Dwells | None, unseen: int) -> li
 def _match(
     source: SourceFile, commands: SourceFile, chain: Chain, nominal: Nominal, middle: Array, first: Index, last: Index,
     points: Array, wishes: Wishes, seed: int,
-) -> tuple[Matched, list[str]]:  # fmt: skip
+) -> Matched:  # fmt: skip
     """The way of joining that was asked for, or the first of name, time, order and nearest that works."""
     own, commanded = source.recording.frame, commands.recording.frame
     names = "point" in own and "point" in commanded
@@ -142,7 +197,7 @@ def _match(
     if names and how in ("auto", "name"):
         share = common_names([own["point"].iloc[k] for k in first], list(commanded["point"]))
         if how == "name" or share >= NAMED:
-            return by_name([own["point"].iloc[k] for k in first], list(commanded["point"])), []
+            return by_name([own["point"].iloc[k] for k in first], list(commanded["point"]))
     if how == "time" and not clocks:
         lacking = source if "time" not in own else commands
         raise InputError(lacking.raw.name, "no time", "Say which column it is with --columns time=.., or join by order")
@@ -150,13 +205,11 @@ def _match(
         when = source.column("time")
         centre = np.array([np.nanmean(when[a : b + 1]) for a, b in zip(first, last, strict=True)])
         same = source.recording.dated and commands.recording.dated
-        return by_time(
-            path, commands.column("time"), points, when, centre, same_clock=same, name=commands.raw.name
-        ), []  # fmt: skip
+        return by_time(path, commands.column("time"), points, when, centre, same_clock=same, name=commands.raw.name)
     if how in ("auto", "order"):
         found = by_order(len(first), commands.rows, path, middle)
         if found is not None:
-            return found, []
+            return found
         if how == "order":
             text = f"{len(first)} readings and {commands.rows} commands"
             cure = "Join with --match nearest, which finds what is missing; or give the commands that were measured"
@@ -164,9 +217,7 @@ def _match(
     return _nearest(source, commands, path, middle, seed)
 
 
-def _nearest(
-    source: SourceFile, commands: SourceFile, path: Array, middle: Array, seed: int
-) -> tuple[Matched, list[str]]:
+def _nearest(source: SourceFile, commands: SourceFile, path: Array, middle: Array, seed: int) -> Matched:
     if not np.isfinite(middle).all():
         raise InputError(source.raw.name, "components that were not measured", "Join by name or order: --match order")
     found = find_pairing(path, middle, seed)
@@ -180,7 +231,7 @@ def _nearest(
     if found.ways > 1:
         text = f"{found.ways} ways to lay the points on the commands, which look the same from several sides"
         raise InputError(source.raw.name, text, "Join with --match order or name, or measure a pose off the pattern")
-    return Matched(found.command, NEAREST), []
+    return Matched(found.command, NEAREST)
 
 
 def counted(number: int, word: str) -> str:
@@ -192,13 +243,15 @@ def _reach(points: Array) -> float:
     return float(np.linalg.norm(np.ptp(points, axis=0)))
 
 
-def _left_over(source: SourceFile, commands: SourceFile, command: Index, first: Index) -> list[str]:
-    """Readings without a command, and commands without a reading."""
+def left_over(
+    source: SourceFile, commands: SourceFile, command: Index, first: Index, start: Index | None = None
+) -> list[str]:
+    """Readings without a command, and commands without a reading; `start`: where readings between two poses begin."""
     notes = []
     bare = first[command < 0]
     if len(bare):
         notes.append(f"without a command: {counted(len(bare), 'reading')} ({_shown(source, bare)})")
-    idle = np.setdiff1d(np.arange(commands.rows), command)
+    idle = np.setdiff1d(np.arange(commands.rows), command if start is None else np.append(command, start))
     if len(idle) and len(idle) < 0.9 * commands.rows:
         notes.append(f"not measured: {counted(len(idle), 'command')} ({_shown(commands, idle)})")
     return notes

@@ -215,7 +215,7 @@ def _repeats(machine: Machine, survey: Survey, rows: Index) -> tuple[int, float]
     table = survey.table.iloc[rows]
     keys = [*(j.name for j in machine.joints), "tool_x", "tool_y", "tool_z", "file", "run"]
     group = table.groupby([table[k].round(6) if table[k].dtype.kind == "f" else table[k] for k in keys], sort=False)
-    several = group.filter(lambda part: len(part) > 1)
+    several = table[group[keys[0]].transform("size") > 1]
     if several.empty:
         return 0, np.nan
     inside = several.groupby([several[k].round(6) if several[k].dtype.kind == "f" else several[k] for k in keys])

@@ -13,7 +13,7 @@ from errormodel.machine import Machine
 from errormodel.raw_formats.base import Recording
 from errormodel.raw_formats.direction_words import HEADINGS
 from errormodel.raw_formats.sensor_names import sensor_of
-from errormodel.surveys.columns import MEASURED, is_survey_column
+from errormodel.surveys.columns import MEASURED, OBSERVATION, is_survey_column
 from errormodel.surveys.raw import LABELS, READ_BACK
 
 Kind = Literal["measured", "commands", "whole"]
@@ -59,6 +59,10 @@ _LABELS = {
     "load": r"load|payload",
     "sigma": r"sigma|std|uncertainty|u",
 }
+_READING = (
+    r"(meas(ured)?|raw|ist)?(length|distance|dist|range|displacement|deviation|reading|value|l(ae|\u00e4)nge|abstand|"
+    r"distanz|messwert|anzeige|angle|winkel|inclination|neigung|tilt)|l|d|r|ist"
+)
 
 
 def _bare(name: str) -> str:
@@ -122,6 +126,40 @@ def roles(recording: Recording, machine: Machine, kind: Kind, given: Mapping[str
     if side is not None and len(moving) == 1:  # of several joints, no one knows whose direction it is
         take(f"dir_{moving[0].name}", side)
     return {ours: theirs for ours, theirs in out.items() if ours != theirs}
+
+
+def reading_roles(
+    recording: Recording, machine: Machine, found: Mapping[str, str], reading: Literal["length", "angle"]
+) -> dict[str, str]:
+    """`found` with the column of single readings, and those of their uncertainty and of what they are of.
+
+    A column is known by its name, or as the only numbers that are nothing else. Where several may be it, or points
+    were measured, nothing is added.
+    """
+    names = [str(n) for n in recording.frame]
+    out = dict(found)
+    if reading not in out and reading not in names:
+        if any(m in out or m in names for m in MEASURED):
+            return out
+        taken = {t.removeprefix("-") for t in out.values()} | {j.name for j in machine.joints}
+        free = [n for n in names if n not in taken and recording.frame[n].dtype.kind == "f"]
+        free = [n for n in free if not is_survey_column(n, machine) and n not in LABELS]
+        own = [n for n in free if re.fullmatch(_READING, _bare(n))] or [n for n in free if not _counts(recording, n)]
+        if len(own) != 1:
+            return out
+        out[reading] = own[0]
+    if "sigma" in out:
+        out[f"u_{reading}"] = out.pop("sigma")
+    if "station" in out and OBSERVATION not in out and OBSERVATION not in names:
+        out[OBSERVATION] = out.pop("station")
+    return out
+
+
+def _counts(recording: Recording, name: str) -> bool:
+    """Whether a column counts rows: 0, 1, 2 ... or 1, 2, 3 ..., as it goes on or begins again."""
+    values = recording.frame[name].to_numpy(dtype=float)
+    steps = values[1:] - values[:-1]
+    return len(values) > 1 and bool(((steps == 1) | (steps < 0)).all()) and bool((values == values.round()).all())
 
 
 def _moves(recording: Recording, name: str) -> bool:

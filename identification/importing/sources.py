@@ -13,18 +13,20 @@ import numpy as np
 from errormodel.conventions import MOTIONS
 from errormodel.exceptions import InputError
 from errormodel.machine import Machine
+from errormodel.observations import registry
+from errormodel.observations.base import Observation
 from errormodel.raw_formats.base import RawFile, Recording, format_of, open_raw, raw_formats
 from errormodel.raw_formats.commanded_circle import CommandedCircle
 from errormodel.raw_formats.unit_words import unit_word
-from errormodel.surveys.columns import MEASURED
+from errormodel.surveys.columns import MEASURED, quantity_of
 from errormodel.surveys.file import RawEntry
-from errormodel.surveys.raw import is_column, read_raw, with_map
+from errormodel.surveys.raw import READ_BACK, is_column, read_raw, with_map
 from errormodel.units import factor, is_unit
-from identification.importing.roles import Kind, roles, unused
+from identification.importing.roles import Kind, reading_roles, roles, unused
 
 FOLDER = "raw"  # of a survey, for the files as they came
 
-What = Literal["points", "motions", "readings", "log", "commands"]
+What = Literal["points", "motions", "readings", "single", "log", "commands"]
 
 
 @dataclass(frozen=True)
@@ -41,6 +43,7 @@ class Wishes:
     dwell : whether dwells are looked for in a continuous log.
     log_offset : s to add to the times of a log.
     circle : the circle that was commanded, of traces without coordinates.
+    observation : what single readings (lengths, angles) are of; None: there are none.
     """
 
     columns: Mapping[str, str] = field(default_factory=dict)
@@ -58,6 +61,7 @@ class Wishes:
     dwell: bool = True
     log_offset: float = 0.0
     circle: CommandedCircle | None = None
+    observation: Observation | None = None
 
 
 @dataclass(frozen=True)
@@ -72,6 +76,7 @@ class SourceFile:
     title : what it is, in words.
     what : what it holds.
     left : columns that a survey does not use.
+    uses : words of what the user says that apply to it: ``joint``, ``circle``, ``unit length`` ...
     """
 
     raw: RawFile
@@ -80,6 +85,7 @@ class SourceFile:
     title: str
     what: What
     left: tuple[str, ...]
+    uses: frozenset[str] = frozenset()
 
     @property
     def rows(self) -> int:
@@ -177,6 +183,9 @@ def open_source(path: Path, machine: Machine, kind: Kind, wishes: Wishes) -> Sou
     names = [str(n) for n in recording.frame]
     own = {ours: _placed(path, theirs, names) for ours, theirs in given.items()}
     found = roles(recording, machine, kind, own)
+    single = None if of_commands or recording.trace else wishes.observation
+    if single is not None:
+        found = reading_roles(recording, machine, found, single.reading)
     entry = plain.model_copy(
         update={
             "path": f"{FOLDER}/{path.name}", "sha256": hashlib.sha256(raw.data).hexdigest(),
@@ -184,9 +193,13 @@ def open_source(path: Path, machine: Machine, kind: Kind, wishes: Wishes) -> Sou
         }
     )  # fmt: skip
     mapped = with_map(recording, entry.model_copy(update={"path": str(path)}), machine)
-    return SourceFile(
-        raw, entry, mapped, form.title, _what(path, mapped, machine, kind), tuple(unused(recording, found, machine))
-    )
+    what = _what(path, mapped, machine, kind, single)
+    if what == "single" and single is not None:
+        _check_unit(path, entry, recording, single)
+    uses = {*form.uses, *(f"unit {u}" for u in units if u in form.columns or _has_unit(u, entry, recording, machine))}
+    uses |= {word for word, own in (("circle", bool(recording.trace)), ("dates", recording.dated)) if own}
+    left = tuple(unused(recording, found, machine))
+    return SourceFile(raw, entry, mapped, form.title, what, left, frozenset(uses))
 
 
 def _named_by(given: Mapping[str, str], machine: Machine) -> str:
@@ -207,7 +220,27 @@ def _placed(path: Path, theirs: str, names: list[str]) -> str:
     return names[place - 1]
 
 
-def _what(path: Path, recording: Recording, machine: Machine, kind: Kind) -> What:
+def _has_unit(word: str, entry: RawEntry, recording: Recording, machine: Machine) -> bool:
+    """Whether a unit by column or by kind is the one in which a column of the file is read."""
+    names = {theirs: ours for ours, theirs in entry.columns.items()}
+    ours = {str(n): names.get(str(n), names.get(f"-{n}", str(n))) for n in recording.frame}
+    if word in ours.values():
+        return True
+    bare = [n for own, n in ours.items() if not recording.units.get(own) and n not in entry.units]
+    return any(quantity_of(n.removeprefix(READ_BACK), machine) == word for n in bare)
+
+
+def _check_unit(path: Path, entry: RawEntry, recording: Recording, single: Observation) -> None:
+    """InputError where nobody knows the unit of angles: those of a joint are degrees, those of a level none of them."""
+    reading = single.reading
+    if reading == "angle" and reading not in entry.units:
+        own = entry.columns.get(reading, reading).removeprefix("-")
+        if not recording.units.get(own):
+            cure = f"Say it with --units {reading}=arcsec, or what it is"
+            raise InputError(f"{path}, column {own}", "angles without a unit", cure)
+
+
+def _what(path: Path, recording: Recording, machine: Machine, kind: Kind, single: Observation | None = None) -> What:
     frame = recording.frame
     names = [str(n) for n in frame]
     joints = [j.name for j in machine.joints if j.name in names or (j.drives and {*j.drives} <= {*names})]
@@ -220,6 +253,8 @@ def _what(path: Path, recording: Recording, machine: Machine, kind: Kind) -> Wha
         return "commands"
     if "joint" in names and any(m in names for m in MOTIONS):
         return "motions"
+    if single is not None and single.reading in names and frame[single.reading].dtype.kind == "f":
+        return "single"
     if any(m in names for m in MEASURED):
         return "points"
     if recording.trace and len(joints) == len(machine.joints):
@@ -240,8 +275,12 @@ def _what(path: Path, recording: Recording, machine: Machine, kind: Kind) -> Wha
             str(path), "commands, and nothing measured", "Give it as --commands, and the measured file first"
         )
     found = f"no measured coordinates among its columns {', '.join(names[:12])}{' ...' if len(names) > 12 else ''}"
+    if single is not None:
+        found = f"no column of a single {single.reading} among {', '.join(names[:12])}"
+        raise InputError(str(path), found, f"Say which it is: --columns {single.reading}=..")
     first = next((n for n in names if frame[n].dtype.kind == "f"), names[0])
     others = "; ".join(
         f"of {form.title} by {', '.join(form.columns)}" for form in raw_formats().values() if form.columns
     )
-    raise InputError(str(path), found, f"Say which they are: --columns mx={first},my=..,mz=..; {others}")
+    cure = f"Say which they are: --columns mx={first},my=..,mz=..; {others}"
+    raise InputError(str(path), found, f"{cure}; of single readings --observation, one of {', '.join(registry())}")

@@ -10,6 +10,7 @@ from errormodel.survey import Survey
 from identification.importing.importing import Imported
 from identification.importing.pairing import counted
 from identification.importing.proof import FEWEST_PROVED, Proof
+from identification.importing.readings import reading_lines
 from identification.importing.sources import What
 from identification.importing.traces import trace_lines
 
@@ -18,6 +19,7 @@ WORDS: dict[What, str] = {
     "points": "measured",
     "motions": "error motions",
     "readings": "lengths of a bar",
+    "single": "single readings",
     "log": "log",
     "commands": "commands",
 }
@@ -74,6 +76,7 @@ def _seconds(offset: float) -> str:
 def _fits(imported: Imported) -> Iterator[str]:
     proof, survey = imported.proof, imported.survey
     yield from trace_lines(imported.traces)
+    yield from reading_lines(survey, imported.readings, imported.set_ups)
     if len(proof.rows):
         yield from proof_lines(proof, survey)
     else:

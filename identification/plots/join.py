@@ -1,4 +1,4 @@
-"""Measured points on the commanded ones, after alignment: the picture of a join."""
+"""Measured points on the commanded ones, after alignment, or lengths beside nominal ones: the picture of a join."""
 
 from __future__ import annotations
 
@@ -11,11 +11,16 @@ from matplotlib.ticker import MaxNLocator
 from identification.plots import style
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from identification.diagnosis.data_checks.readings import Lengths
     from identification.importing.importing import Imported
 
 MOST_POINTS = 4000  # in a panel
 PLANES = ((0, 1), (0, 2))  # of the measuring frame
 PANEL_IN = 2.9
+MOST_PANELS = 8
+LENGTHS_IN = 1.3  # height of a panel
 SPREAD_LEAST = 1e-9  # mm: all points at one place
 
 
@@ -44,4 +49,21 @@ def draw_join(imported: Imported) -> Figure:
     style.dress(axes, "row of the survey", "distance / µm")
     axes.set_ylim(0, max(1.08 * float(um.max()), SPREAD_LEAST))
     axes.margins(x=0.01)
+    return figure
+
+
+def draw_lengths(lengths: Sequence[Lengths]) -> Figure:
+    """What lengths are longer than those of a machine without errors (um), by reading, a panel an observation."""
+    shown = lengths[:MOST_PANELS]
+    step = LENGTHS_IN + 0.75
+    figure = Figure(figsize=(style.REPORT_WIDTH_IN, step * len(shown) + 0.2), facecolor="white")
+    for place, own in enumerate(reversed(shown)):
+        axes = style.panel(figure, 0.9, 0.55 + step * place, 6.9, LENGTHS_IN)
+        um = 1e3 * own.gap
+        axes.vlines(np.arange(1, len(um) + 1), 0, um, color=style.FITTED, lw=0.8)
+        axes.axhline(0, color=style.MUTED, lw=0.8)
+        style.dress(axes, "reading" if place == 0 else "", f"{own.label} / µm")
+        axes.margins(x=0.01)
+        if not um.any():
+            axes.set_ylim(-SPREAD_LEAST, SPREAD_LEAST)
     return figure

@@ -44,7 +44,7 @@ class ImportResult:
         """
         from errormodel.files import write_bytes_atomic, write_text_atomic
         from identification.importing.text import import_lines
-        from identification.plots.join import draw_join
+        from identification.plots.join import draw_join, draw_lengths
         from identification.plots.style import save
         from identification.results.results_folder import ResultsFolder
 
@@ -55,3 +55,5 @@ class ImportResult:
             write_text_atomic("\n".join(import_lines(self.imported)) + "\n", part / "import.txt")
             if len(self.imported.proof.rows):
                 save(draw_join(self.imported), part / PICTURE)
+            elif self.imported.set_ups.lengths:
+                save(draw_lengths(self.imported.set_ups.lengths), part / PICTURE)

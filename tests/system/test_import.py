@@ -320,3 +320,31 @@ def test_check_says_what_a_survey_holds(folder: Path) -> None:
     assert "errormodel import" in message
     assert NOISE < 1
     assert json.loads((folder / "s/manifest.json").read_text())["holds"] == "survey"
+
+
+@pytest.mark.parametrize(
+    ("words", "found"),
+    [
+        (("--offset", "G54=X0,Y0,Z0"), "--offset: none of the files is an NC programme"),
+        (("--at", "start=X0"), "--at: none of the files is an NC programme"),
+        (("--dialect", "fanuc"), "--dialect: none of the files is an NC programme"),
+        (("--joint", "X"), "--joint: none of the files is a table of readings of one joint"),
+        (("--centre", "X=0,Y=0,Z=300"), "--centre: none of the files is a trace of a ballbar"),
+        (("--dates", "day-first"), "--dates: none of the files has dates"),
+        (("--log-offset", "5"), "--log-offset: none of the files is a log"),
+        (("--units", "length=inch"), "--units: length=inch, and no column is read in it"),
+        (("--units", "temperature=degF"), "--units: temperature=degF, and no column is read in it"),
+        (("--command-units", "temperature=degF"), "--command-units: temperature=degF"),
+        (("--observation", "station-distance"), "no file with a column of single readings"),
+    ],
+)
+def test_an_option_that_nothing_follows_is_refused(words: tuple[str, ...], found: str, folder: Path) -> None:
+    given = ("--machine", MILL, "--commands", str(folder / "plan.csv"), *words)
+    assert found in refused("import", folder / "tracker.txt", *given, "--out", folder / "s")
+    assert not (folder / "s").exists()
+
+
+def test_a_way_of_joining_without_commands_is_refused(folder: Path) -> None:
+    import_survey(folder / "tracker.txt", MILL, commands=folder / "plan.csv").survey.table.to_csv(folder / "whole.csv")
+    given = ("--machine", MILL, "--match", "order", "--out", folder / "s")
+    assert "--match: no --commands" in refused("import", folder / "whole.csv", *given)

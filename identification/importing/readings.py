@@ -1,0 +1,112 @@
+"""Files of single readings in an import: their entries of ``observations:``, their commands, and how they lie there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from errormodel.chain import Chain
+from errormodel.survey import Survey
+from identification.diagnosis.data_checks.readings import Lengths, length_lines, lengths_of, refuse_exchanged
+from identification.importing.pairing import Pairs
+from identification.importing.reading_pairs import Joined, labels_of, own_labels, pair_readings
+from identification.importing.sources import SourceFile, Wishes
+from identification.observation.assembly import build
+from identification.observation.readings import ReadingView
+
+MOST_PLACES = 20  # set-ups that are listed
+
+
+@dataclass(frozen=True)
+class ReadingFile:
+    """A file of single readings with its place in a survey.
+
+    Attributes
+    ----------
+    source : the file.
+    label : its entry of ``observations:``; empty where a column of the file names them.
+    entries : entries of ``observations:`` by their names.
+    joined : its readings and commands.
+    """
+
+    source: SourceFile
+    label: str
+    entries: dict[str, dict[str, Any]]
+    joined: Joined
+
+    @property
+    def pairs(self) -> Pairs:
+        """Of readings and commands."""
+        return self.joined.pairs
+
+
+@dataclass(frozen=True)
+class SetUps:
+    """How single readings lie beside those of a machine without errors.
+
+    Attributes
+    ----------
+    lengths : of each observation of lengths.
+    places : where each set-up then roughly stands, as sentences.
+    """
+
+    lengths: tuple[Lengths, ...] = ()
+    places: tuple[str, ...] = ()
+
+
+def join_readings(
+    sources: Sequence[SourceFile], commands: SourceFile | None, chain: Chain, wishes: Wishes
+) -> list[ReadingFile]:
+    """Files of single readings with the commands of each reading.
+
+    Raises
+    ------
+    InputError
+        They cannot be joined.
+    """
+    out: list[ReadingFile] = []
+    observation = wishes.observation
+    if observation is None:
+        return out
+    entry = observation.model_dump(exclude_defaults=True) | {"type": observation.type}
+    entry = {"type": entry.pop("type"), **entry}
+    for source, label in zip(sources, labels_of([*sources]), strict=True):
+        own = own_labels(source)
+        joined = pair_readings(source, commands, chain, wishes, observation)
+        out.append(ReadingFile(source, "" if own else label, dict.fromkeys(own or [label], entry), joined))
+    return out
+
+
+def set_ups(chain: Chain, survey: Survey, readings: Sequence[ReadingFile]) -> SetUps:
+    """How the readings of an imported survey lie beside those of a machine without errors.
+
+    Raises
+    ------
+    InputError
+        Some stand in each other's row.
+    """
+    if not readings or any(r.joined.interrupted for r in readings):
+        return SetUps()
+    problem = build(chain, survey)
+    lengths = lengths_of(chain, problem.views)
+    refuse_exchanged(survey, lengths)
+    return SetUps(tuple(lengths), tuple(_places(problem.readings)))
+
+
+def _places(views: Sequence[ReadingView]) -> Iterator[str]:
+    """Where set-ups stand, a line an observation or a run of it."""
+    lines: dict[str, dict[str, float]] = {}
+    for view in views:
+        for name, value in view.starts.items():
+            entry, _, quantity = name.removeprefix("observation[").partition("].")
+            lines.setdefault(entry, {})[quantity] = value
+    for entry, own in lines.items():
+        yield f"set-up of {entry}, roughly (mm, rad): {', '.join(f'{n} {v:.6g}' for n, v in own.items())}"
+
+
+def reading_lines(survey: Survey, readings: Sequence[ReadingFile], found: SetUps) -> Iterator[str]:
+    """What is said of single readings: how they lie, where the set-ups stand, and what else was looked for."""
+    yield from length_lines(survey, found.lengths)
+    yield from found.places[:MOST_PLACES]
+    yield from dict.fromkeys(s for r in readings for s in r.joined.says)

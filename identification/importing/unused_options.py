@@ -1,0 +1,53 @@
+"""Options of an import that nothing follows: they are refused, since whoever gives one expects that it acts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from errormodel.exceptions import InputError
+from errormodel.units import UNIT_EXAMPLES
+from identification.importing.sources import SourceFile, Wishes
+
+
+def refuse_unused(wishes: Wishes, sources: Sequence[SourceFile], commanded: SourceFile | None) -> None:
+    """InputError about the first option that applies to none of the files."""
+    for option, found, cure in _unused(wishes, sources, commanded):
+        raise InputError(option, found, cure)
+
+
+def _unused(
+    wishes: Wishes, sources: Sequence[SourceFile], commanded: SourceFile | None
+) -> Iterator[tuple[str, str, str]]:
+    """Option, what was found, what to do, of each option that does nothing."""
+    every = [*sources, *([commanded] if commanded else [])]
+    uses = {word for source in every for word in source.uses}
+    out = "Leave it out"
+    for word, option, given, what in (
+        ("offsets", "--offset", wishes.offsets, "is an NC programme"),
+        ("at", "--at", wishes.at, "is an NC programme"),
+        ("dialect", "--dialect", wishes.dialect != "auto", "is an NC programme"),
+        ("joint", "--joint", wishes.joint, "is a table of readings of one joint"),
+        ("circle", "--centre", wishes.circle is not None, "is a trace of a ballbar over its angle"),
+        ("dates", "--dates", wishes.dates, "has dates"),
+    ):
+        if given and word not in uses:
+            yield option, f"none of the files {what}", out
+    if wishes.log_offset and not any(s.what == "log" for s in sources):
+        yield "--log-offset", "none of the files is a log on a clock of its own", out
+    if commanded is None:
+        for option, said in (
+            ("--command-columns", wishes.command_columns), ("--command-units", wishes.command_units),
+            ("--command-format", wishes.command_format), ("--match", wishes.match != "auto"),
+        ):  # fmt: skip
+            if said:
+                found = "no --commands: commands and readings stand in one table"
+                yield option, found, "Give --commands, or leave it out"
+    raw = {word for source in sources for word in source.uses}
+    for option, units, own in (
+        ("--units", wishes.units, raw), ("--command-units", wishes.command_units, commanded.uses if commanded else ()),
+    ):  # fmt: skip
+        for word, unit in units.items():
+            if f"unit {word}" not in own:
+                found = f"{word}={unit}, and no column is read in it"
+                cure = f"{out}, or name a column, such as mx={unit}: a unit in the file goes before one by kind"
+                yield option, found, cure if word in UNIT_EXAMPLES else out

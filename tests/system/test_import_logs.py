@@ -1,0 +1,62 @@
+"""Two continuous logs of as many rows, side by side: dwells are found, and rows that move are left out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from errormodel import InputError
+from identification import import_survey
+from tests.helpers.importing import MILL, logs, points
+
+LATE = 2  # rows that the machine is behind its commands
+POSES = 8
+
+
+@pytest.fixture(scope="module")
+def sides(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, pd.DataFrame, np.ndarray]:
+    """A log of commands at 50 Hz with dwells, the poses, and what is measured at the same instants."""
+    folder = tmp_path_factory.mktemp("logs")
+    told = logs(folder, rows=POSES)
+    log = pd.read_csv(folder / "controller.csv", sep=";", decimal=",")[["X_cmd", "Y_cmd", "Z_cmd"]]
+    log.set_axis(["X", "Y", "Z"], axis=1).to_csv(folder / "c.csv", index=False)
+    exact = points(log.set_axis(["X", "Y", "Z"], axis=1), noise=0.0)
+    late = np.vstack([exact[:1].repeat(LATE, axis=0), exact[:-LATE]])
+    return folder, told, late + np.random.default_rng(0).normal(0, 0.003, late.shape)
+
+
+def written(folder: Path, columns: dict[str, np.ndarray]) -> Path:
+    path = folder / "m.csv"
+    pd.DataFrame(columns).round(5).to_csv(path, index=False)
+    return path
+
+
+def test_dwells_of_two_logs_side_by_side(sides: tuple[Path, pd.DataFrame, np.ndarray]) -> None:
+    folder, told, seen = sides
+    file = written(folder, dict(zip(("mx", "my", "mz"), seen.T, strict=True)))
+    result = import_survey(file, MILL, commands=folder / "c.csv")
+    assert f"joined {POSES} of {POSES} dwells" in result.summary()
+    assert "by row, of two logs side by side" in result.summary()
+    np.testing.assert_allclose(result.survey.table[["X", "Y", "Z"]], told, atol=1e-4)
+    assert result.imported.proof.rms_um < 20  # 3 um of noise, 20 um of the machine's errors over 740 mm
+    assert np.median(result.survey.table["sigma_x"]) == pytest.approx(0.003, rel=0.3)
+
+
+def test_logs_that_do_not_run_side_by_side_are_refused(sides: tuple[Path, pd.DataFrame, np.ndarray]) -> None:
+    folder, _, seen = sides
+    file = written(folder, dict(zip(("mx", "my", "mz"), np.roll(seen, 40, axis=0).T, strict=True)))
+    with pytest.raises(InputError, match=r"do not run side by side.*--columns time="):
+        import_survey(file, MILL, commands=folder / "c.csv")
+
+
+def test_a_log_of_lengths_has_dwells_too(sides: tuple[Path, pd.DataFrame, np.ndarray]) -> None:
+    """The scatter within a dwell is the uncertainty of its length, as it is of a point's coordinates."""
+    folder, told, seen = sides
+    file = written(folder, {"length": np.linalg.norm(seen - [3000.0, 500.0, 200.0], axis=1)})
+    result = import_survey(file, MILL, commands=folder / "c.csv", observation="station-distance, dead_path: 0")
+    assert f"joined {POSES} of {POSES} dwells" in result.summary()
+    np.testing.assert_allclose(result.survey.table[["X", "Y", "Z"]], told, atol=1e-4)
+    assert np.median(result.survey.table["u_length"]) == pytest.approx(0.003, rel=0.3)
