@@ -42,12 +42,18 @@ def checked_remainder(
 
 
 def checked_form(finding: Finding, model: EffectModel, group: Sequence[Step], log: DecisionLog) -> Finding:
-    """The finding without its name where refinements explain more of it than the form of that name does."""
+    """The finding without its name where refinements explain more of it than the form of that name does.
+
+    Further causes of the name itself, such as a second sensor or lag of a thermal effect, are of its form.
+    """
     main = group[0].effect
-    if len(group) < 2 or main.empirical or main.random or finding.nameless:
+    named = [s.effect for s in group if s.effect.effect == main.effect]
+    if len(group) == len(named) or main.empirical or main.random or finding.nameless:
         return finding
-    without = model.without(group)
-    share = ratio(without.square - without.square_with(main), without.square - model.linear.square)
+    without = form = model.without(group)
+    for effect in named:
+        form = form.with_effect(effect)
+    share = ratio(without.square - form.square, without.square - model.linear.square)
     log.add("share-of-form", "kept" if share > MOSTLY else "refused", main, share, MOSTLY)
     return finding if share > MOSTLY else nameless(finding, f"that form explains {share:.0%} of it")
 
