@@ -150,6 +150,7 @@ class Controller(Target):
     backlash_beside: ClassVar[str] = "leave {} as it was during the survey"  # where tables hold the backlash
     first_number: ClassVar[int | None] = None
     number_form: ClassVar[str] = "{}"
+    describes_tilt: ClassVar[bool] = True  # whether its kinematic description takes a tilted rotary axis; else tables
     lettered: ClassVar[bool] = True  # whether files need the controller's own letters
     most_tables: ClassVar[int | None] = None
     bidirectional: ClassVar[bool] = False  # whether there are tables for each direction of travel
