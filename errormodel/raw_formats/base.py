@@ -97,6 +97,8 @@ class Recording:
         Length in mm that the readings of a trace are deviations from.
     calibrated : bool
         Whether the file states that length as the calibrated one.
+    length_unit : str
+        Unit that the file states for all its coordinates and not column by column; empty: none.
     """
 
     frame: pd.DataFrame
@@ -107,6 +109,7 @@ class Recording:
     trace: str = ""
     reach: float = float("nan")
     calibrated: bool = False
+    length_unit: str = ""
 
 
 @dataclass(frozen=True)
@@ -136,7 +139,8 @@ class RawFile:
     def lines(self) -> tuple[str, ...]:
         """Lines without their ends; a carriage return alone ends a line as well."""
         text = self.text or ""
-        return tuple(text.replace("\r\n", "\n").replace("\r", "\n").split("\n"))
+        text = text.replace("\r\n", "\n").replace("\r", "\n").replace("\u2212", "-")  # the minus of typesetters
+        return tuple(text.split("\n"))
 
     @cached_property
     def layout(self) -> Layout | None:
@@ -338,7 +342,7 @@ def _clean(data: bytes, encoding: str) -> tuple[str | None, str]:
         if encoding != "cp1252":
             return None, ""
         text = data.decode("latin-1")  # five bytes that Windows-1252 leaves open
-    text = text.removesuffix("\x1a")  # end of file of old programmes
+    text = text.rstrip("\0").removesuffix("\x1a")  # blocks filled up; end of file of old programmes
     if any(ord(c) < 32 and c not in "\t\n\r\f\v" for c in set(text)) or "\ufffe" in text:
         return None, ""
     return text.replace("\f", "\n").replace("\v", " "), encoding

@@ -13,6 +13,7 @@ from errormodel.machine import Machine
 from errormodel.raw_formats.base import Recording
 from errormodel.raw_formats.direction_words import HEADINGS
 from errormodel.raw_formats.sensor_names import sensor_of
+from errormodel.raw_formats.unit_words import without_tail
 from errormodel.surveys.columns import MEASURED, OBSERVATION, is_survey_column
 from errormodel.surveys.raw import LABELS, READ_BACK
 
@@ -65,8 +66,16 @@ _READING = (
 )
 
 
+# the axes of a surveyor's frame: east, north, up
+_SURVEYED = {
+    "x": r"e|east(ing)?|ost|rechts(wert)?",
+    "y": r"n|north(ing)?|nord|hoch(wert)?",
+    "z": r"h|u|up|height|elev(ation)?|h(oe|\u00f6)he",
+}
+
+
 def _bare(name: str) -> str:
-    return re.sub(r"[\s_.\-/:]+", "", name).lower()
+    return re.sub(r"[\s_.\-/:]+", "", without_tail(name)).lower()
 
 
 def roles(recording: Recording, machine: Machine, kind: Kind, given: Mapping[str, str]) -> dict[str, str]:
@@ -98,6 +107,7 @@ def roles(recording: Recording, machine: Machine, kind: Kind, given: Mapping[str
             own is not None
             and not single
             and (not numbers or own in numeric)
+            and (own not in ("t", "T") or _runs_on(recording, own))
             and (numbers or label in LABELS or label == "run")
         ):
             take(label, own)
@@ -162,6 +172,12 @@ def _counts(recording: Recording, name: str) -> bool:
     return len(values) > 1 and bool(((steps == 1) | (steps < 0)).all()) and bool((values == values.round()).all())
 
 
+def _runs_on(recording: Recording, name: str) -> bool:
+    """Whether a column of numbers is filled and goes on as times do; a temperature may have the same letter."""
+    values = recording.frame[name].to_numpy(dtype=float)
+    return bool((values[1:] >= values[:-1]).all()) and len(values) > 1 and values[-1] > values[0]
+
+
 def _moves(recording: Recording, name: str) -> bool:
     """Whether a column of numbers has different ones."""
     column = recording.frame.get(name)
@@ -188,6 +204,9 @@ def _measured(free: Mapping[str, str], machine: Machine, kind: Kind, there: list
                 return own
     if {"x", "y", "z"} <= {*free} and (kind == "measured" or not {"x", "y", "z"} & joints):
         return {f"m{k}": free[k] for k in "xyz"}
+    surveyed = {f"m{k}": next((n for b, n in free.items() if re.fullmatch(p, b)), "") for k, p in _SURVEYED.items()}
+    if all(surveyed.values()) and not joints & {*map(_bare, surveyed.values())}:
+        return surveyed
     one = {f"m{k}": free[k] for k in "xyz" if k in free and k not in joints}
     return one if kind == "measured" else {}
 

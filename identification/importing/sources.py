@@ -97,7 +97,7 @@ class SourceFile:
         name, table = self.entry.columns.get("mx", "mx").removeprefix("-"), self.raw.clear_layout
         own = self.entry.units.get("mx", "")
         if not own and table is not None and name in table.names:
-            own = table.units[table.names.index(name)]
+            own = table.units[table.names.index(name)] or table.length_unit
         own = unit_word(own or self.entry.units.get("length", "mm"))
         return factor(own, "length") if is_unit(own, "length") else 1.0
 
