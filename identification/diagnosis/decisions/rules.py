@@ -310,15 +310,9 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             NAMES, "probability", "Evidence and prior odds of classes give the probability of each name.",
             _in(_FINDINGS, "TEMPER", "FORM_ODDS", "FLEXIBLE_ODDS", "CHOSEN", "UNKNOWN", "MOST_SURE"),
         ),
-        "share-of-form": Rule(
-            NAMES, SHARE, "A finding has a name only if the form of that name explains most of it.",
-            _in("results.remainder", "MOSTLY"),
-        ),
-        "share-of-largest": Rule(
-            NAMES, RATIO, "What explains little beside the largest finding may be a part of it.", _in(_FORWARD, "LEAK")
-        ),
-        "remainder-of-name": Rule(
-            NAMES, RATIO, "An effect has no name if as much is left by the same drivers.", _in(_REFINED, "OWN"),
+        "nameless-alternative": Rule(
+            NAMES, EVIDENCE, "A finding has a name only if no function without one explains it better.",
+            _in(_FINDINGS, "FORM_ODDS") + _in(_REFINED, "DEPARTURES"),
         ),
         "physical-bound": Rule(
             NAMES, "standard uncertainties", "A parameter beyond what physics allows takes the name from a finding.",
