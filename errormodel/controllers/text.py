@@ -68,8 +68,9 @@ class Lines:
     @classmethod
     def of(cls, file: str, text: str, comment: Sequence[str] = ()) -> Lines:
         """Lines without blank ones and those that begin with a comment sign."""
-        kept = [(k, s.strip()) for k, s in enumerate(text.splitlines(), start=1)]
-        return cls(file, tuple((k, s) for k, s in kept if s and not s.startswith(tuple(comment) or "\0")))
+        signs = tuple(comment)
+        kept = [(k, s) for k, line in enumerate(text.splitlines(), start=1) if (s := line.strip())]
+        return cls(file, tuple((k, s) for k, s in kept if not s.startswith(signs)) if signs else tuple(kept))
 
     def error(self, number: int, found: str, cure: str) -> InputError:
         return InputError(f"{self.file}, line {number}", found, cure)
@@ -89,7 +90,6 @@ class Lines:
         if count is not None and len(values) != count:
             raise self.error(number, f"{len(values)} figures where {count} belong", "Write the file again")
         return values
-
 
     def rows(self, start: int, count: int, separator: str | None = None) -> Array:
         """Numbers (n, count) of all lines from index `start` on.
