@@ -175,6 +175,7 @@ class RawFormat(ABC):
     source : where the format is described.
     seen : whether it was tried on a public recording; else it is written to its description only.
     fallback : read by it what no other format recognises.
+    bare : its files may hold anything, so that columns without names may be commands.
     columns : words by which ``columns:`` and ``units:`` may name its own columns, beside those of a survey.
     uses : what of `Asked` it reads, beside machine, dates and units: ``joint``, ``offsets``, ``at``, ``dialect``.
     """
@@ -184,6 +185,7 @@ class RawFormat(ABC):
     source: ClassVar[str]
     seen: ClassVar[bool] = False
     fallback: ClassVar[bool] = False
+    bare: ClassVar[bool] = False
     columns: ClassVar[tuple[str, ...]] = ()
     uses: ClassVar[tuple[str, ...]] = ()
 

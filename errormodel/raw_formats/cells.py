@@ -22,6 +22,7 @@ WITH_UNIT = re.compile(
     rf"({NUMBER.pattern})\s*(mm|cm|m|um|\u00b5m|\u03bcm|in|inch|deg|\u00b0|rad|[mu\u00b5\u03bc]rad|arcsec|m?s|\u00b0C|degC)"
 )
 REMARK = re.compile(rf"({NUMBER.pattern})\s+(?:#|//|%).*")  # a comment behind the last number of a line
+BRACKETS = {"[": "]", "(": ")"}  # around the cells of a line
 RULE = re.compile(r"[-=_*+|:.~]{2,}|[-+|]")  # a cell of a line that is drawn below the names
 
 
@@ -59,6 +60,8 @@ def without_units(cells: Sequence[str]) -> tuple[list[str], str]:
 def split(line: str, delimiter: str) -> list[str]:
     """Cells of a line, without surrounding blanks and quotes, and without a comment behind a last number."""
     cells = _cells(line, delimiter)
+    if len(cells) > 1 and cells[0][:1] in BRACKETS and cells[-1][-1:] == BRACKETS[cells[0][:1]]:  # a list of a language
+        cells[0], cells[-1] = cells[0][1:].lstrip(), cells[-1][:-1].rstrip()
     if cells and (remark := REMARK.fullmatch(cells[-1])):
         cells[-1] = remark[1]
     return cells

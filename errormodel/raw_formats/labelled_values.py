@@ -1,4 +1,7 @@
-"""Lines of labelled values: ``P1 X=1.5 Y=2.5 Z=3.5``, ``X: 1.5, Y: 2.5``, or an object of JSON in each line."""
+"""Lines of labelled values: ``P1 X=1.5 Y=2.5 Z=3.5``, ``X: 1.5, Y: 2.5``, objects of JSON, frames of KRL.
+
+KRL writes ``XP1={A1 10.5,A2 -90.0,...}``: a blank between label and number.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,9 @@ from errormodel.raw_formats.cells import NUMBER, kind_of
 from errormodel.raw_formats.table_columns import columns_of
 
 _CLOCK = r"\d[\d.\-/T]*(?::\d+)+(?:[.,]\d+)?Z?"
-_PAIR = re.compile(rf"([\"']?)([^\W\d]\w*)\1\s*[:=]\s*(?:([\"'])([^\"']*)\3|({_CLOCK}|{NUMBER.pattern})(?![\w:]))")
+_PAIR = re.compile(
+    rf"([\"']?)([^\W\d]\w*)\1(?:\s*[:=]\s*|\s+(?=[-+.\d]))(?:([\"'])([^\"']*)\3|({_CLOCK}|{NUMBER.pattern})(?![\w:]))"
+)
 LEAST_SHARE = 0.5  # of the lines with text must hold the same labels
 
 
@@ -23,6 +28,7 @@ class LabelledValues(RawFormat):
     title = "lines of labelled values"
     source = "no description: labels and values are found in the file"
     fallback = True
+    bare = True
 
     @classmethod
     def recognises(cls, raw: RawFile) -> bool:

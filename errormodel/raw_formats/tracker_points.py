@@ -22,6 +22,7 @@ class TrackerPoints(RawFormat):
     title = "a list of points: name, x, y, z"
     source = "lists as found in public recordings; fields in the order of the export dialogs"
     seen = True
+    bare = True
 
     @classmethod
     def recognises(cls, raw: RawFile) -> bool:

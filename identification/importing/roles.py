@@ -34,6 +34,7 @@ _COMMANDED = (
     "programmed",
 )
 _READ = ("act", "actual", "enc", "encoder", "fb", "fbk", "feedback", "read", "readback", "ist", "axispos")
+_AXIS = ("axis", "achse", "joint", "q", "pos", "position", "mcs", "machine", "abs")
 _MEASURED = (
     "meas",
     "measured",
@@ -60,6 +61,7 @@ _LABELS = {
     "load": r"load|payload",
     "sigma": r"sigma|std|uncertainty|u",
 }
+_LETTERS = "XYZUVWABC"  # of joints, in the order of a programme
 _READING = (
     r"(meas(ured)?|raw|ist)?(length|distance|dist|range|displacement|deviation|reading|value|l(ae|\u00e4)nge|abstand|"
     r"distanz|messwert|anzeige|angle|winkel|inclination|neigung|tilt)|l|d|r|ist"
@@ -124,9 +126,7 @@ def roles(recording: Recording, machine: Machine, kind: Kind, given: Mapping[str
         bare = _bare(joint.name)
         command = next((free[b] for b in _around(bare, _COMMANDED) if b in free), None)
         read = next((free[b] for b in _around(bare, _READ) if b in free), None)
-        own = free.get(bare) or next(
-            (free[b] for b in _around(bare, ("axis", "joint", "q", "pos", "position")) if b in free), None
-        )
+        own = free.get(bare) or next((free[b] for b in _around(bare, _AXIS) if b in free), None)
         if command or (own and (plain or read is None)):
             take(joint.name, command or own or "")
         if read and (joint.name in out or joint.name in names or kind == "commands"):
@@ -170,6 +170,28 @@ def _counts(recording: Recording, name: str) -> bool:
     values = recording.frame[name].to_numpy(dtype=float)
     steps = values[1:] - values[:-1]
     return len(values) > 1 and bool(((steps == 1) | (steps < 0)).all()) and bool((values == values.round()).all())
+
+
+def commands_by_place(recording: Recording, machine: Machine, named: bool) -> dict[str, str]:
+    """Columns of commands without names, as many as there are joints, in the order in which people write these.
+
+    That is X Y Z U V W A B C, or by the number in the joint's name; of columns with names only A1 to An, and the like.
+    Nothing where the joints have other names.
+    """
+    order = [j.name for j in machine.joints]
+    if all(name in _LETTERS for name in order):
+        order.sort(key=_LETTERS.index)
+    elif all(re.fullmatch(r"\D*\d+", name) for name in order):
+        order.sort(key=lambda name: int(re.sub(r"\D", "", name)))
+    else:
+        return {}
+    own = [str(n) for n in recording.frame if str(n) not in LABELS and recording.frame[n].dtype.kind == "f"]
+    if len(own) == len(order) + 1 and _counts(recording, own[0]):
+        own = own[1:]
+    theirs, ours = ([re.sub(r"\D", "", name) for name in names] for names in (own, order))
+    if len(own) != len(order) or (named and (theirs != ours or not all(ours))):
+        return {}
+    return dict(zip(order, own, strict=True))
 
 
 def _runs_on(recording: Recording, name: str) -> bool:
