@@ -9,6 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache, cached_property
+from importlib.util import find_spec
+from types import ModuleType
 from typing import Any
 
 import casadi as ca
@@ -19,6 +22,7 @@ from errormodel.kernel_program import LEAVES, Program, trace, with_tangents
 
 # rows per block: few calls, and the functions of a five-axis machine stay in the caches
 KERNEL_BLOCK_ROWS = 4096
+COMPILED_ROWS = 100_000  # rows from which the compiled loops are worth the time that Numba takes to load
 ARITHMETIC = ("add", "subtract", "multiply", "divide", "square", "negative", "positive")  # as fast as memory
 
 Step = tuple[str, tuple[int, ...], int]  # NumPy function, slots of its operands, and the slot that it writes
@@ -29,6 +33,22 @@ def _chosen(condition: Array, value: Array, out: Array) -> None:
     np.copyto(out, np.where(condition, value, 0.0))
 
 
+@cache
+def _compiled() -> ModuleType | None:
+    if find_spec("numba") is None:
+        return None
+    try:
+        from errormodel import kernel_compiled
+    except (ImportError, RuntimeError):  # a Numba for another NumPy, or no folder that it may keep its code in
+        return None
+    return kernel_compiled
+
+
+def compiled(rows: int) -> ModuleType | None:
+    """`errormodel.kernel_compiled`, if Numba is installed and so many rows are worth it."""
+    return _compiled() if rows >= COMPILED_ROWS else None
+
+
 FUNCTIONS: dict[str, Callable[..., Any]] = {"where": _chosen}
 
 
@@ -36,7 +56,7 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {"where": _chosen}
 class Tape:
     """Steps that compute the functions of a block.
 
-    Slots are, in this order, the values that are the same in all rows, the inputs, the work registers and the functions.
+    Slots are, in this order, values that are the same in all rows, inputs, work registers and functions.
 
     Attributes
     ----------
@@ -144,13 +164,30 @@ class Kernel:
         wanted = sorted({node for _, node in table if node is not None})
         where = {node: k for k, node in enumerate(wanted)}
         self.tape = tape_of(*with_tangents(program, wanted))
-        self._steps = [
-            (FUNCTIONS.get(kind) or getattr(np, kind), operands, out) for kind, operands, out in self.tape.steps
-        ]
         self.n_functions = len(wanted)
         self.n_outputs = len(table)
         self.index = np.array([0 if node is None else where[node] for _, node in table], dtype=np.intp)
         self.coefficient = np.array([value for value, _ in table])
+
+    @cached_property
+    def _steps(self) -> list[tuple[Callable[..., Any], tuple[int, ...], int]]:
+        return [(FUNCTIONS.get(kind) or getattr(np, kind), operands, out) for kind, operands, out in self.tape.steps]
+
+    @cached_property
+    def _runs(self) -> list[Any]:
+        """Steps for the compiled loop, as long as they are arithmetic, and those of NumPy between them."""
+        from itertools import groupby
+
+        from errormodel.kernel_compiled import coded
+
+        out: list[Any] = []
+        scalars = len(self.tape.fixed)
+        for slow, steps in groupby(zip(self.tape.steps, self._steps, strict=True), lambda s: _slow(s[0][0])):
+            if slow:
+                out += [step for _, step in steps]
+            else:
+                out.append(np.array([coded(*step, scalars) for step, _ in steps], dtype=np.intp))
+        return out
 
     def blocks(
         self,
@@ -158,6 +195,7 @@ class Kernel:
         scalars: Numbers = (),
         size: int = KERNEL_BLOCK_ROWS,
         into: Sequence[Array] | Array | None = None,
+        loops: ModuleType | None = None,
     ) -> Iterator[tuple[slice, Array | list[Array]]]:
         """Yield ``(rows of the block, functions (n_functions, m))`` block by block.
 
@@ -167,23 +205,39 @@ class Kernel:
         scalars : values of the scalar symbols.
         size : rows per block.
         into : n_functions arrays (n,) that receive the functions; without it each block reuses one array.
+        loops : what `compiled` gives; used without `into`. The functions are the same to the last bit.
         """
         n = len(rows[0])
-        work = np.empty((self.tape.registers, min(size, n)))
-        functions = np.empty((self.n_functions if into is None else 0, min(size, n)))
         with np.errstate(all="ignore"):  # both branches of a switch are evaluated, possibly one of them at 0/0
             values = self.tape.values(scalars)
         fixed = [values[k, ...] for k in range(len(values))]
+        work, functions = np.empty((0, 0)), np.empty((0, 0))
         for start in range(0, n, size):
             part = slice(start, min(start + size, n))
             m = part.stop - start
-            target = functions[:, :m] if into is None else [row[part] for row in into]
-            inputs = [np.ascontiguousarray(rows[k][part]) for k in self.tape.inputs]
+            if work.shape[1] != m:
+                work = np.empty((len(self.tape.inputs) + self.tape.registers, m))
+                functions = np.empty((0 if into is not None else self.n_functions, m))
+            target = functions if into is None else [row[part] for row in into]
+            for k, number in enumerate(self.tape.inputs):
+                work[k] = rows[number][part]
+            slots = [*fixed, *work, *target]
             with np.errstate(all="ignore"):  # not around the yield, which would silence the caller's arithmetic
-                slots = [*fixed, *inputs, *work[:, :m], *target]
-                for function, operands, out in self._steps:
-                    function(*[slots[k] for k in operands], slots[out])
+                if loops is not None and into is None:
+                    self._run(loops, slots, values, work, functions)
+                else:
+                    for function, operands, out in self._steps:
+                        function(*[slots[k] for k in operands], slots[out])
             yield part, target
+
+    def _run(self, loops: ModuleType, slots: list[Array], values: Array, work: Array, functions: Array) -> None:
+        """All steps on a block, arithmetic in the compiled loops."""
+        for steps in self._runs:
+            if isinstance(steps, np.ndarray):
+                loops.run(steps, values, work, functions)
+            else:
+                function, operands, out = steps
+                function(*[slots[k] for k in operands], slots[out])
 
     def expand(self, functions: Array | list[Array]) -> Array:
         """All outputs (n_outputs, m) of a block, from its distinct functions."""

@@ -95,7 +95,6 @@ class Program:
             left, right = right, left
         return sign, self.node((name, left, right), self.scalar[left] and self.scalar[right])
 
-
     def needed(self, wanted: Iterable[int]) -> list[int]:
         """The nodes that others are computed from, and these, each after its operands."""
         found, stack = set[int](), list(wanted)
