@@ -381,7 +381,7 @@ def licences() -> Iterator[str]:
     yield from ("# Licences", "")
     exceptions = ", ".join(f"{name} ({licence})" for name, licence in EXCEPTIONS.items())
     yield (
-        "What `pip install errormodel` and each extra install, with the licence that each package states; made from the "
+        "What `pip install errormodel` and each extra install, with the licence that each package states, from the "
         "environment in which these pages were built, on Linux. `python -m tests.helpers.licences` fails at one that "
         f"asks more of a user than Apache-2.0 does. The exception is {exceptions}, a library on its own that is "
         "imported at run time, unmodified, and can be exchanged. A release has the same list as a bill of materials "
