@@ -31,8 +31,6 @@ from errormodel.machine import Vector
 
 # characters of a machine's name in a comment, which leaves room for the rest of the line
 MOST_MACHINE_NAME = 60
-
-
 EDGE_HOLDS = "beyond it the correction of its edge is held"
 
 

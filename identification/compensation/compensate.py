@@ -190,8 +190,7 @@ def _rotary_axes(controller: Target, volume: Volume, setup: Setup, seed: int, as
         if asked:
             raise InputError("--kinematics", f"{controller.title} corrects the commands themselves", "Leave it out")
         return None
-    tilts = controller.describes_tilt
-    lines = lines_of(volume, setup, tilts)
+    lines = lines_of(volume, setup, tilts := controller.describes_tilt)
     if not lines:
         if asked:
             raise InputError("--kinematics", "no rotary joint moved in the survey", "Leave it out")

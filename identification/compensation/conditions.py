@@ -96,7 +96,7 @@ class Conditions:
         return (
             f"this format takes away {100 * max(removed, 0.0):.0f} % of the rms error "
             f"({self.before_um:.1f} um before, {self.left_um:.1f} after) and makes {100 * self.worse_share:.0f} % of "
-            f"the poses worse; --controller {instead} can take away the rest"
+            f"the poses worse; --controller {instead} can take away more"
         )
 
 
