@@ -3,7 +3,7 @@
 ``fit``, ``fit --bayes``, ``predict`` (with uncertainties), ``compensate``, ``plan`` and ``register``, each a process of
 its own with one thread of linear algebra, cold start and report included, while one thing grows and the others stay as
 they are: rows (poses to fit or to predict, points of a plan, points of a cloud), parameters (the degree of a three-axis
-machine's error motions), effects (backlash and pitch errors of its axes). Printed are user and system seconds, the largest
+machine's error motions), effects (backlash and pitch errors of its axes). Printed are user and system seconds, largest
 resident memory, and the exponents p of ``a + b x^p``.
 
     python -m tests.benchmarks.growth --commands predict plan --along rows --most 1e6
