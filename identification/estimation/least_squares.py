@@ -178,7 +178,8 @@ class Solver:
         floors = self.floors(start)
         beforehand, whole, within = self.precision, self.of_its_size(seen[2]), np.inf
         for _ in range(MOST_RETREATS):
-            groups = find_groups(*seen, floors, least)
+            if not (floors.direction < groups.margin.direction and floors.lever < groups.margin.lever):
+                groups = find_groups(*seen, floors, least)
             solve = self.iterate if groups.condition < 1 / DEPENDENCE_TOLERANCE else self.by_factor
             values, sums, passes, converged = solve(groups, start)
             if converged and self.misfit(sums) <= (1 + 1e-9) * self.misfit(start):
