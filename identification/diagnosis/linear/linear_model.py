@@ -215,7 +215,8 @@ class LinearModel:
         """Residual sum of squares after an effect has been fitted: that of `with_effect`, without making it."""
         if effect.random:
             return self.with_effect(effect).square
-        columns, _ = self._own_columns(effect)  # of a shape that is tried out once
+        known = None if self.lineage is None else self.lineage.known.columns.find((effect, self.size))
+        columns, _ = known or self._own_columns(effect)  # not kept: of a shape that is tried out once
         norms = np.linalg.norm(columns, axis=1)
         scaled = columns[norms > 0] / norms[norms > 0, None]
         inner = scaled @ self.basis
