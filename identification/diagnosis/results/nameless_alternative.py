@@ -43,8 +43,7 @@ def checked_alternative(
     without = form = model.without(group)
     evidence = 0.0
     for effect in (s.effect for s in group if s.effect.effect == main.effect):  # a second sensor or lag is of the name
-        own = Candidates.of(form, [effect]).scores(form).evidence
-        evidence += float(own.max(initial=0.0))
+        evidence += float(Candidates.of(form, [effect]).scores(form).evidence.max(initial=0.0))
         form = form.with_effect(effect)
     own = max(without.square - form.square, 1e-300)
     further, explained, left = best_of(form, functions)

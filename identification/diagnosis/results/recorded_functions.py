@@ -105,9 +105,9 @@ def recorded(linear: LinearModel, rows: Index) -> list[Functions]:
     names = [n for n in (*(j.name for j in linear.scene.moving), *SET) if n in bases]
     for element, motion, lever in _levers(linear):
         for count, orders in ORDERS_OF_SEVERAL.items():
-            for own in combinations(names, count):
-                factors = tuple(bases[n][:, :orders] for n in own)
-                out.append(Functions(own, factors, index, lever, element=element, motion=motion))
+            for several in combinations(names, count):
+                factors = tuple(bases[n][:, :orders] for n in several)
+                out.append(Functions(several, factors, index, lever, element=element, motion=motion))
         for name, f in {**bases, **paths.get(element, {})}.items():
             for values in quick if name == CLOCK else [f[:, :ORDERS_OF_MOTION]]:
                 out.append(Functions((name,), (values,), index, lever, element=element, motion=motion))
