@@ -10,11 +10,12 @@ is smaller than what is clearly left without one: it may be a part of that.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from identification.diagnosis.decisions.log import DecisionLog
-from identification.diagnosis.results.findings import EVEN, Finding, probability_of
+from identification.diagnosis.results.findings import EVEN, Alternative, Finding, probability_of
 from identification.diagnosis.results.nameless_evidence import best_of
 from identification.diagnosis.results.physical_limits import nameless
 from identification.diagnosis.results.recorded_functions import Functions
@@ -39,11 +40,14 @@ def checked_alternative(
         return finding
     if (probability := probability_of(group[0])) < EVEN:
         log.add("unlikely-name", "refused", main, probability, EVEN)
-        return nameless(finding, "other names together are likelier")
+        name = Alternative(main.effect, main.where, 0.0, False, finding.motion, finding.driver, finding.probability)
+        without_name = nameless(finding, "other names together are likelier")
+        return replace(without_name, alternatives=[name, *finding.alternatives])
     without = form = model.without(group)
     evidence = 0.0
     for effect in (s.effect for s in group if s.effect.effect == main.effect):  # a second sensor or lag is of the name
-        evidence += float(Candidates.of(form, [effect]).scores(form).evidence.max(initial=0.0))
+        usual = float(Candidates.of(form, [effect]).scores(form).evidence.max(initial=0.0))
+        evidence += max(usual, form.random(form.columns(effect)[0]).best()[1])  # of any size, as what has no name
         form = form.with_effect(effect)
     own = max(without.square - form.square, 1e-300)
     further, explained, left = best_of(form, functions)
