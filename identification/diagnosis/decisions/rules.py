@@ -255,9 +255,16 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             NAMES, "probability", "Evidence and prior odds of classes give the probability of each name.",
             _in(_FINDINGS, "TEMPER", "FORM_ODDS", "FLEXIBLE_ODDS", "CHOSEN", "UNKNOWN", "MOST_SURE"),
         ),
+        "unlikely-name": Rule(
+            NAMES, "probability", "A name that is less likely than not is none.", _in(_FINDINGS, "EVEN"),
+        ),
         "nameless-alternative": Rule(
             NAMES, EVIDENCE, "A finding has a name only if no function without one explains it better.",
-            _in(_FINDINGS, "FORM_ODDS") + _in(_REFINED, "DEPARTURES"),
+            _in("results.nameless_alternative", "NAME_ODDS") + _in(_REFINED, "DEPARTURES"),
+        ),
+        "remainder-of-name": Rule(
+            NAMES, RATIO, "An effect has no name if as much is clearly left that a function without one explains.",
+            _in(_REFINED, "OWN") + _in(_SCORING, "DETECT"),
         ),
         "physical-bound": Rule(
             NAMES, "standard uncertainties", "A parameter beyond what physics allows takes the name from a finding.",
@@ -274,7 +281,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "unresolved-name": Rule(
             NAMES, "probability", "A name is no surer than this beside one that repeats between positions.",
-            _in("together", "EVEN"),
+            _in(_FINDINGS, "EVEN"),
         ),
         # ---- untestable effects
         "not-recorded": Rule(
@@ -309,6 +316,10 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "serial-correlation": Rule(
             VERDICT, "um", "Residuals most of which wander along the rows are unexplained.",
             _in("results.wandering", "MOSTLY", "STEADY_UM"),
+        ),
+        "wandering-motion": Rule(
+            VERDICT, EVIDENCE, "A motion that wanders in time more than correlated noise does is unexplained.",
+            _in(_SCORING, "DETECT") + _in("search.correlated_noise", "WHITE", "LONGEST", "PART", "LARGEST"),
         ),
         "dependence-of-residuals": Rule(
             VERDICT, "p-value", "What is left is unexplained if one or two recorded channels predict it.",
