@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import inspect
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -33,6 +34,7 @@ def write(folder: Path) -> list[Path]:
         "standards.md": standards(),
         "machine_keys.md": machine_keys(),
         "survey_keys.md": survey_keys(),
+        "licences.md": licences(),
     }
     out = []
     for name, lines in pages.items():
@@ -272,6 +274,31 @@ def survey_keys() -> Iterator[str]:
     for name, form in blocks.items():
         yield from ("", f"## {name}", "")
         yield from _fields(form)
+
+
+def licences() -> Iterator[str]:
+    """Every package that comes with errormodel in this environment, with its licence."""
+    from importlib.metadata import version
+
+    sys.path.append(str(HERE.parents[1]))  # of the repository, where the check of all licences is
+    from tests.helpers.licences import EXCEPTIONS, requirements, tree
+
+    yield from ("# Licences", "")
+    exceptions = ", ".join(f"{name} ({licence})" for name, licence in EXCEPTIONS.items())
+    yield (
+        "What `pip install errormodel` and each extra install, with the licence that each package states, from the "
+        "environment in which these pages were built, on Linux. `python -m tests.helpers.licences` fails at one that "
+        f"asks more of a user than Apache-2.0 does. The exception is {exceptions}, a library on its own that is "
+        "imported at run time, unmodified, and can be exchanged. A release has the same list as a bill of materials "
+        "(CycloneDX) beside the wheel."
+    )
+    told: set[str] = set()
+    for extra in ("", "arviz", "big", "clouds", "fleet", "xlsx", "dev"):
+        found = sorted(tree(requirements(extra)))
+        rows = [(n, "" if text == "not installed" else version(n), text) for n, text in found if n not in told]
+        told.update(n for n, _ in found)
+        title = f"`[{extra}]`, beside those above" if extra else "`errormodel`"
+        yield from ("", f"## {title}", "", *table(("package", "version", "licence"), rows))
 
 
 def _fields(model: Any) -> Iterator[str]:

@@ -14,6 +14,7 @@ from errormodel.effects import registry as effects
 from errormodel.instruments import instruments
 from errormodel.machine_formats.base import registry as machine_formats
 from errormodel.observations import registry as observations
+from tests.helpers.licences import requirements, tree
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -56,6 +57,8 @@ def test_pages_of_reference_have_all(tmp_path: Path) -> None:
         assert f"(controllers/{name}.md)" in (tmp_path / "controllers.md").read_text(encoding="utf-8")
     keys = (tmp_path / "survey_keys.md").read_text(encoding="utf-8")
     assert all(f"`{key}`" in keys for key in ("files", "frame", "instrument", "columns", "units"))
+    licences = (tmp_path / "licences.md").read_text(encoding="utf-8")
+    assert {*tree(requirements())} <= {*re.findall(r"^\| (\S+) \| \S* \| (.+) \|$", licences, re.MULTILINE)}
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)

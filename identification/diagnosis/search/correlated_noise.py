@@ -136,20 +136,26 @@ def _made(linear: LinearModel, known: Sequence[_Filtered]) -> Iterator[_Filtered
 
     yield _Filtered(None, (), np.zeros(0), linear.square, linear.freedom)
     edges = series_edges(linear.index)
-    smaller = {f.noise: f for f in known}
+    # of a model that has less than half of the columns: all products anew, by symmetry, are less work
+    smaller = {f.noise: f for f in known if 2 * f.rank > linear.basis.shape[1]}
     longest = np.clip(PART * np.diff(edges).max(), *LONGEST)
     for noise in noises():
         if noise.length > longest or noise.part > LARGEST:
             continue
         old = smaller.get(noise)
         rank = old.rank if old else 0
-        weighed = noise.weighed(np.vstack([linear.basis[:, rank:].T, linear.residual]), edges)
+        further = np.vstack([linear.basis[:, rank:].T, linear.residual])
         # what was orthonormal before is nearly so behind the filter: its products are well conditioned
-        slab = weighed[:-1] @ linear.basis
         if old:
+            weighed = noise.weighed(further, edges)
+            slab, along, square = weighed[:-1] @ linear.basis, weighed[-1] @ linear.basis, weighed[-1] @ linear.residual
             slab[:, :rank] = solve_triangular(old.triangle, slab[:, :rank].T, lower=True).T
-        slab[:, rank:] = np.linalg.cholesky(slab[:, rank:] - slab[:, :rank] @ slab[:, :rank].T)
+            slab[:, rank:] -= slab[:, :rank] @ slab[:, :rank].T
+        else:
+            white = noise.whitened(further, edges)
+            whole = white @ white.T
+            slab, along, square = whole[:-1, :-1], whole[-1, :-1], whole[-1, -1]
+        slab[:, rank:] = np.linalg.cholesky(slab[:, rank:])
         made = _Filtered(noise, (*(old.slabs if old else ()), slab), np.zeros(0), 0.0, linear.freedom)
-        taken = solve_triangular(made.triangle, weighed[-1] @ linear.basis, lower=True)
-        square = max(float(weighed[-1] @ linear.residual - taken @ taken), EXACT)
-        yield replace(made, taken=taken, square=square)
+        taken = solve_triangular(made.triangle, along, lower=True)
+        yield replace(made, taken=taken, square=max(float(square - taken @ taken), EXACT))
