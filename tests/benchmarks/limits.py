@@ -28,7 +28,7 @@ def least(work: Callable[[], object], repeats: int = 9) -> float:
 def measured() -> dict[str, float]:
     """Bandwidths (GB/s) and arithmetic (10^9 floating-point operations a second), and least ns a pose by them."""
     a, b, c = np.ones(ROWS), np.ones(ROWS), np.empty(ROWS)
-    small = np.ones((3, KERNEL_BLOCK_ROWS // 4))
+    small = np.ones((3, KERNEL_BLOCK_ROWS))
     square = np.ones((512, 512))
     many = 200
 
