@@ -157,7 +157,7 @@ class Chain:
         frame, tool = (f"{n}[1]" if n in names else n for n in (FRAME, TOOL))
         return [(frame, constant_terms(MOTIONS)), *own, (tool, constant_terms(MOTIONS))]
 
-    @property
+    @cached_property
     def size(self) -> float:
         """Upper bound (mm) of the machine's extent, and so of the lever of an angular error."""
         travels = sum(max(abs(t) for t in j.travel) for j in self.machine.joints if j.type == "prismatic")

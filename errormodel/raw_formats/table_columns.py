@@ -52,9 +52,10 @@ def columns_of(raw: RawFile, asked: Asked) -> Recording:
     import pandas as pd
 
     table = table_of_text(raw)
-    comma = table.delimiter != ","
     texts = {name: pd.Series(table.column(k), dtype="str") for k, name in enumerate(table.names)}
     numeric = [name for k, name in enumerate(table.names) if table.numeric(k)]
+    # a comma within a cell, between quotes where commas separate the cells
+    comma = table.delimiter != "," or any(texts[n].str.contains(",", regex=False).any() for n in numeric)
     columns: dict[str, object] = {}
     notes: list[str | None] = list(table.notes)
     if table.delimiter != ",":
@@ -98,7 +99,10 @@ def columns_of(raw: RawFile, asked: Asked) -> Recording:
         if times.order:
             notes.append(f"dates read {times.order.replace('-', ' ')}")
     dated = time is not None and time[1].dated
-    return Recording(frame, units, table.lines, (*raw.notes, *(n for n in notes if n)), dated)
+    if table.length_unit:
+        notes.append(f"coordinates without a unit are in {table.length_unit}, as a line above the table says")
+    said = (*raw.notes, *(n for n in notes if n))
+    return Recording(frame, units, table.lines, said, dated, length_unit=table.length_unit)
 
 
 def _has_d(cells: Sequence[str]) -> bool:

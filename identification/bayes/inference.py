@@ -10,7 +10,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from errormodel.arrays import Array
 from errormodel.exceptions import InputError, nearest
@@ -39,6 +38,7 @@ from identification.bayes.unknowns import (
 )
 from identification.estimation.result import Fit
 from identification.results.groups import groups_of
+from identification.runtime.blas import one_blas_thread
 from identification.runtime.progress import Progress, Steps, silent, uncounted
 
 EXACT_CHAINS, EXACT_DRAWS = 4, 1000  # of exact draws
@@ -85,7 +85,7 @@ def bayesian(
         The chain has not converged.
     """
     given = given or {}
-    with threadpool_limits(1, "blas"):
+    with one_blas_thread():
         with progress("Gathering sufficient statistics"):
             linear, whole, notes = model_of(fit, given, document, robust)
         posterior, moved = drawn(fit, linear, whole, seed, folder, count)

@@ -10,7 +10,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from errormodel.arrays import Array
 from errormodel.chain import Chain
@@ -35,6 +34,7 @@ from identification.observation.models import MotionView, OrientationView, Posit
 from identification.observation.normal_equations import accumulate, total
 from identification.observation.pose import IDENTITY, Pose
 from identification.observation.readings import ReadingView
+from identification.runtime.blas import one_blas_thread
 
 # Consecutive rows left out together in large surveys, a tenth of the rows in small ones; by judgement
 HELDOUT_BLOCK_ROWS = 600
@@ -69,7 +69,7 @@ def fit_machine(
         The survey has no rows to fit or no more equations than identifiable unknowns, a bound names an unknown
         parameter, or (robust) most rows are outliers.
     """
-    with threadpool_limits(1, "blas"):  # blocks are small: one thread is fastest
+    with one_blas_thread():  # blocks are small: one thread is fastest
         return _fit(Chain(machine), survey, robust, bounds or {}, document, effect_sizes)
 
 

@@ -12,7 +12,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from errormodel.arrays import Array, Index
 from errormodel.chain import Chain
@@ -32,6 +31,7 @@ from identification.observation.normal_equations import (
     view_vector,
     weight_of,
 )
+from identification.runtime.blas import one_blas_thread
 
 # Smallest estimated noise level over the largest (angles times the machine's size): a kind without noise would weigh
 # so much that the others were ignored; by judgement
@@ -106,7 +106,7 @@ def solve(
     effect_sizes : standard deviation of a normal prior about zero of the parameters of effects, in units of their
         physical sizes; None: no prior. What the data leave open of an effect is not extrapolated with it.
     """
-    with threadpool_limits(1, "blas"):  # blocks are small: one thread is fastest
+    with one_blas_thread():  # blocks are small: one thread is fastest
         beforehand = known_beforehand(chain, unknowns, effect_sizes)
         return Solver(chain, views, tuple(unknowns), held, declared, exact, levels, beforehand).run()
 
@@ -178,7 +178,8 @@ class Solver:
         floors = self.floors(start)
         beforehand, whole, within = self.precision, self.of_its_size(seen[2]), np.inf
         for _ in range(MOST_RETREATS):
-            groups = find_groups(*seen, floors, least)
+            if not (floors.direction < groups.margin.direction and floors.lever < groups.margin.lever):
+                groups = find_groups(*seen, floors, least)
             solve = self.iterate if groups.condition < 1 / DEPENDENCE_TOLERANCE else self.by_factor
             values, sums, passes, converged = solve(groups, start)
             if converged and self.misfit(sums) <= (1 + 1e-9) * self.misfit(start):

@@ -12,7 +12,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from errormodel.arrays import Array, Index
 from errormodel.chain import Chain
@@ -28,6 +27,7 @@ from identification.estimation.normal_priors import known_beforehand
 from identification.estimation.weights import Judgement, judge, no_majority
 from identification.observation.models import Kind, View
 from identification.observation.normal_equations import accumulate, design_rows, sampled, total, view_vector
+from identification.runtime.blas import one_blas_thread
 from identification.runtime.convex_solver import optimise
 
 # Distance from the nominal machine, in median distances, to which rows are shortened for the start: keeps the digits
@@ -58,7 +58,7 @@ def first_judgement(
     whole = _Rows.of(chain, views, unknowns, held, declared)
     some = replace(whole, views=tuple(sampled(v, max(START_SAMPLE_ROWS, 4 * len(unknowns))) for v in views))
     base = identifiable(chain, some.views, unknowns).base
-    with threadpool_limits(1, "blas"):
+    with one_blas_thread():
         left = _least_distances(chain, some.views, unknowns, base, whole.held)
         judged = judge(some.views, left, some.share(len(base)), whole.floor)
         solution = some.solution(judged)
@@ -81,7 +81,7 @@ def settle(
     """
     rows = _Rows.of(chain, views, unknowns, held, declared)
     solution = rows.solution(judged)
-    with threadpool_limits(1, "blas"):
+    with one_blas_thread():
         _, judged, _ = rows.rounds(solution, judged, MOST_REWEIGHTINGS)
         solution = rows.solution(judged)
         for _ in range(MOST_GROUPINGS):

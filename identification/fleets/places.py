@@ -6,15 +6,17 @@ import posixpath
 import re
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
 from errormodel.exceptions import InputError
 
 ADDRESS = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+(::[A-Za-z][A-Za-z0-9+.-]+)*://")  # a letter alone is a drive
 SETTINGS = (".yaml", ".yml")  # a survey of this suffix names files beside it
+_one_reader = Lock()
 
 
 @dataclass(frozen=True)
@@ -76,17 +78,26 @@ def fetched(base: Base, entry: str, *, with_folder: bool = False) -> Iterator[Pa
         name = inside.rstrip("/").rpartition("/")[2]
         target = Path(space) / name
         try:
-            if system.isdir(inside):
-                _copy(system, inside, target)
-            elif with_folder and name.lower().endswith(SETTINGS):
-                _copy(system, inside.rpartition("/")[0], Path(space))
-            else:
-                system.get_file(inside, str(target))
+            with _turn(system):
+                if system.isdir(inside):
+                    _copy(system, inside, target)
+                elif with_folder and name.lower().endswith(SETTINGS):
+                    _copy(system, inside.rpartition("/")[0], Path(space))
+                else:
+                    system.get_file(inside, str(target))
         except FileNotFoundError as error:
             raise InputError(place, "no such file", "Correct the path in the list, or put the file there") from error
         except OSError as error:
             raise InputError(place, f"cannot be read: {error}", "Give a file that can be read") from error
         yield target
+
+
+def _turn(system: Any) -> AbstractContextManager[Any]:
+    """Stores may be read by several threads at once only where they are asynchronous.
+
+    fsspec's memory, for one, hands out a file as one object with one position: two readers get pieces of it.
+    """
+    return nullcontext() if getattr(system, "async_impl", False) else _one_reader
 
 
 def _copy(system: Any, folder: str, target: Path) -> None:

@@ -22,7 +22,7 @@ from errormodel.surveys.columns import MEASURED, quantity_of
 from errormodel.surveys.file import RawEntry
 from errormodel.surveys.raw import READ_BACK, is_column, read_raw, with_map
 from errormodel.units import factor, is_unit
-from identification.importing.roles import Kind, reading_roles, roles, unused
+from identification.importing.roles import Kind, commands_by_place, reading_roles, roles, unused
 
 FOLDER = "raw"  # of a survey, for the files as they came
 
@@ -97,7 +97,7 @@ class SourceFile:
         name, table = self.entry.columns.get("mx", "mx").removeprefix("-"), self.raw.clear_layout
         own = self.entry.units.get("mx", "")
         if not own and table is not None and name in table.names:
-            own = table.units[table.names.index(name)]
+            own = table.units[table.names.index(name)] or table.length_unit
         own = unit_word(own or self.entry.units.get("length", "mm"))
         return factor(own, "length") if is_unit(own, "length") else 1.0
 
@@ -182,6 +182,8 @@ def open_source(path: Path, machine: Machine, kind: Kind, wishes: Wishes) -> Sou
         plain = plain.model_copy(update={"circle": None})
     names = [str(n) for n in recording.frame]
     own = {ours: _placed(path, theirs, names) for ours, theirs in given.items()}
+    if of_commands and form.bare and not own and not any(j.name in names for j in machine.joints):
+        own = commands_by_place(recording, machine, table is None or table.named)
     found = roles(recording, machine, kind, own)
     single = None if of_commands or recording.trace else wishes.observation
     if single is not None:

@@ -21,6 +21,14 @@ DEPENDENCE_TOLERANCE = 1e-7
 
 
 @dataclass(frozen=True)
+class Floors:
+    """Thresholds by the noise, for columns of unit norm at full travel and lever."""
+
+    direction: float = 0.0  # smallest singular value that is identifiable
+    lever: float = 0.0  # smallest norm of a column that has an effect
+
+
+@dataclass(frozen=True)
 class Groups:
     """The identifiable groups of a design.
 
@@ -36,6 +44,8 @@ class Groups:
         Parameters whose column is zero.
     singular_values : Array
         Of the scaled columns with effect, descending.
+    margin : Floors
+        Floors below this would leave the groups as they are.
     """
 
     ids: tuple[str, ...]
@@ -43,6 +53,7 @@ class Groups:
     coefficients: Array
     no_effect: tuple[str, ...]
     singular_values: Array
+    margin: Floors = Floors()
 
     @property
     def rank(self) -> int:
@@ -72,14 +83,6 @@ class Groups:
     def listed(self) -> list[dict[str, object]]:
         """All groups for JSON: ``{"name": ..., "members": {id: coefficient}}``."""
         return [{"name": self.name(k), "members": self.members(k)} for k in range(self.rank)]
-
-
-@dataclass(frozen=True)
-class Floors:
-    """Thresholds by the noise, for columns of unit norm at full travel and lever."""
-
-    direction: float = 0.0  # smallest singular value that is identifiable
-    lever: float = 0.0  # smallest norm of a column that has an effect
 
 
 def find_groups(
@@ -120,8 +123,8 @@ def find_groups(
     singular = np.linalg.svd(unit, compute_uv=False)
     # weakly observable columns stay independent, but are chosen last as base columns, and dropped below the noise
     strength = norms[order] / np.maximum(scale[order], norms[order])
-    above = np.linalg.svd(unit * strength, compute_uv=False) > floors.direction
-    rank = min(int((singular > least).sum()), int(above.sum()))
+    sizes = np.linalg.svd(unit * strength, compute_uv=False)
+    rank = min(int((singular > least).sum()), int((sizes > floors.direction).sum()))
     chosen = _first_independent(unit, strength, rank)
     # a_dependent = A_base K, column by column
     mix, *_ = np.linalg.lstsq(unit[:, chosen], unit, rcond=None)
@@ -133,7 +136,9 @@ def find_groups(
     coefficients = _tidy(coefficients)
     coefficients[:, base] = np.eye(rank)
     no_effect = tuple(i for i, a in zip(ids, active, strict=True) if not a)
-    return Groups(tuple(ids), base, coefficients, no_effect, singular)
+    kept = (np.abs(mix) * strength)[mix != 0]
+    margin = Floors(min(sizes[:rank].min(initial=np.inf), kept.min(initial=np.inf)), float(strength.min()))
+    return Groups(tuple(ids), base, coefficients, no_effect, singular, margin)
 
 
 def _first_independent(unit: Array, strength: Array, rank: int) -> list[int]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import ClassVar, Self
 
 import numpy as np
@@ -18,6 +19,9 @@ from errormodel.arrays import Array, Index, Mask, Rows, as_rows
 from errormodel.chain import TOOL_CHANNELS, Chain, What
 from errormodel.kernel import KERNEL_BLOCK_ROWS, Kernel
 from identification.observation.pose import IDENTITY, Pose
+from identification.runtime.parallel import parallel_map
+
+CHUNK_ROWS = 16 * KERNEL_BLOCK_ROWS  # rows that one core works on at a time
 
 # Kind of observation: position, orientation, displacement, angle, or the type of an entry of observations:. Each has a
 # noise level of its own, where none is declared
@@ -113,8 +117,12 @@ class View(ABC):
 
     def part(self, rows: Rows) -> Self:
         """The view with a subset of its rows."""
+        own = [c[rows] for c in self.rows]
         return replace(
-            self, rows=as_rows(*(c[rows] for c in self.rows)), whitener=self.whitener[rows], index=self.index[rows]
+            self,
+            rows=own if isinstance(rows, slice) else as_rows(*own),
+            whitener=self.whitener[rows],
+            index=self.index[rows],
         )
 
     def design(self, linearised: bool) -> Kernel:
@@ -129,6 +137,11 @@ class View(ABC):
     def whiten(self, part: slice, vectors: Array) -> Array:
         """Scale vectors (..., outputs, m) in the axes of the reference to units of one sigma."""
         return vectors * self.whitener[part]
+
+
+def chunks(rows: int) -> list[slice]:
+    """Ranges of rows that are worked on side by side; they depend on the number of rows alone."""
+    return [slice(k, min(k + CHUNK_ROWS, rows)) for k in range(0, rows, CHUNK_ROWS)]
 
 
 def anywhere(view: View, poses: int) -> View:
@@ -192,8 +205,13 @@ class GapView(View):
     def of(cls, view: View, p: Array) -> GapView:
         """Store the gaps of a view at the chain's parameters `p`."""
         gap = np.empty((len(view.outputs), len(view)))
-        for part, block in view.gaps(p):
-            gap[:, part] = block
+
+        def store(rows: slice) -> None:
+            own = gap[:, rows]
+            for part, block in view.part(rows).gaps(p):
+                own[:, part] = block
+
+        parallel_map([partial(store, rows) for rows in chunks(len(view))])
         return cls(
             kind=view.kind, chain=view.chain, ids=view.ids, columns=view.columns, rows=view.rows,
             whitener=view.whitener, index=view.index, fixed=view.fixed, outputs=view.outputs, what=view.what, gap=gap,

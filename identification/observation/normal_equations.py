@@ -7,12 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property, partial
+from types import ModuleType
 
 import numpy as np
 
 from errormodel.arrays import Array, Index
-from errormodel.kernel import Kernel
-from identification.observation.models import GapView, Kind, View, anywhere
+from errormodel.kernel import Kernel, compiled
+from identification.observation.models import GapView, Kind, View, anywhere, chunks
+from identification.runtime.parallel import parallel_map
 
 Selector = tuple[Index, Array]
 FULL_POSES = 200  # random poses that stand for the full travels
@@ -114,55 +117,148 @@ class _Task:
     gram: bool
 
     def run(self) -> Sums:
+        """All sums, of ranges of rows side by side; what they are depends on the number of rows alone."""
         kernel = self.view.design(linearised=self.at is not None)
         selectors = selectors_of(kernel, len(self.view.outputs), self.columns)
         components, columns = len(selectors), len(self.columns)
         few = not self.gram or kernel.n_functions**2 < 2 * components * columns**2
-        alike = self.view.whitener.ndim == 1 and few
-        return self._alike(kernel, selectors) if alike else self._directed(kernel, selectors)
+        kind = _Alike if self.view.whitener.ndim == 1 and few else _Directed
+        work = kind(self, kernel, selectors, compiled(len(self.view)))
+        parts = parallel_map([partial(work.sums, rows) for rows in chunks(len(self.view))])
+        return work.total(parts)
 
-    def _blocks(self, kernel: Kernel, selectors: list[Selector]) -> Iterator[tuple[slice, Array, Array]]:
-        """Blocks of rows: slice, distinct functions and residual."""
-        design = kernel.blocks(self.view.rows, self.p if self.at is None else self.at)
-        n = kernel.n_functions
-        slopes = None if self.linear is None else np.array([np.bincount(k, s * self.linear, n) for k, s in selectors])
-        for (part, functions), (_, gap) in zip(design, self.view.gaps(self.p), strict=True):
+
+@dataclass(frozen=True)
+class _Alike:
+    """Sums for one weight per row: one Gram matrix of the distinct functions serves all components.
+
+    Products are those of the functions and, below them, of the residual's components.
+    """
+
+    task: _Task
+    kernel: Kernel
+    selectors: list[Selector]
+    loops: ModuleType | None
+
+    @cached_property
+    def slopes(self) -> Array | None:
+        """Slopes (components, functions) of what is taken from the gaps."""
+        linear, n = self.task.linear, self.kernel.n_functions
+        return None if linear is None else np.array([np.bincount(k, s * linear, n) for k, s in self.selectors])
+
+    def blocks(self, rows: slice, taken: bool = True) -> Iterator[tuple[slice, Array, Array]]:
+        """Blocks of a range of rows: slice in the view, distinct functions and residual (gap, unless `taken`)."""
+        task = self.task
+        view = task.view.part(rows)
+        design = self.kernel.blocks(view.rows, task.p if task.at is None else task.at, loops=self.loops)
+        for (part, functions), (_, gap) in zip(design, view.gaps(task.p), strict=True):
             block = np.asarray(functions)
-            kept = gap if isinstance(self.view, GapView) else None  # stored gaps are overwritten by the residual
-            yield part, block, gap if slopes is None else np.subtract(gap, slopes @ block, out=kept)
+            here = slice(rows.start + part.start, rows.start + part.stop)
+            if not taken or self.slopes is None:
+                yield here, block, gap
+            else:  # stored gaps are overwritten by the residual
+                kept = gap if isinstance(view, GapView) else None
+                yield here, block, np.subtract(gap, self.slopes @ block, out=kept)
 
-    def _alike(self, kernel: Kernel, selectors: list[Selector]) -> Sums:
-        """Sums for one weight per row: one Gram matrix of the distinct functions serves all components."""
-        n, c = kernel.n_functions, len(selectors)
-        gram, slope, square = np.zeros((n, n)), np.zeros((n, c)), np.zeros(c)
-        whitener = self.view.whitener
-        same = len(whitener) > 0 and bool((whitener == whitener[0]).all())
-        for part, functions, gap in self._blocks(kernel, selectors):
-            white, left = (functions, gap) if same else (functions * whitener[part], gap * whitener[part])
-            if self.gram:
-                gram += white @ white.T
-            slope += white @ left.T
-            square += np.einsum("cm,cm->c", left, left)
-        weight = float(whitener[0]) ** 2 if same else 1.0
-        sums = Sums.zero(len(self.columns))
-        sums.square = weight * float(square.sum())
-        for k, (place, factor) in enumerate(selectors):
-            if self.gram:
-                sums.gram += weight * np.outer(factor, factor) * gram[np.ix_(place, place)]
-            sums.slope += weight * factor * slope[place, k]
+    @cached_property
+    def weight(self) -> float | None:
+        """The weight of all rows, where it is one."""
+        whitener = self.task.view.whitener
+        return float(whitener[0]) if len(whitener) and bool((whitener == whitener[0]).all()) else None
+
+    @cached_property
+    def tiles(self) -> tuple[Index, Index]:
+        """Rows in the order of the components that have them, and the tiles with products that sums are made of."""
+        assert self.loops is not None
+        n, size = self.kernel.n_functions, self.loops.TILE
+        has = np.zeros((len(self.selectors), n + len(self.selectors)), dtype=bool)
+        for k, (place, factor) in enumerate(self.selectors):
+            has[k, place[factor != 0]] = True
+            has[k, n + k] = True
+        order = np.lexsort(has)
+        order = np.append(order, np.repeat(order[-1:], -len(order) % size))
+        near = has[:, order].reshape(len(has), -1, size).any(axis=2)
+        wanted = np.tril(np.einsum("ci,cj->ij", near, near))
+        return order, np.argwhere(wanted)
+
+    def sums(self, rows: slice) -> Array:
+        """Products (functions and residuals, the same) of a range of rows; those of residuals in the last columns."""
+        if self.loops is not None:
+            return self._compiled(self.loops, rows)
+        n, c, whitener = self.kernel.n_functions, len(self.selectors), self.task.view.whitener
+        out = np.zeros((n + c, n + c))
+        for part, functions, gap in self.blocks(rows):
+            one = self.weight is not None
+            white, left = (functions, gap) if one else (functions * whitener[part], gap * whitener[part])
+            if self.task.gram:
+                out[:n, :n] += white @ white.T
+            out[:n, n:] += white @ left.T
+            out[range(n, n + c), range(n, n + c)] += np.einsum("cm,cm->c", left, left)
+        return out
+
+    def _compiled(self, loops: ModuleType, rows: slice) -> Array:
+        """The same by compiled loops."""
+        n, c, task = self.kernel.n_functions, len(self.selectors), self.task
+        (order, tiles), none = self.tiles, np.zeros((c, n))
+        tiled, read = np.zeros((len(order), len(order))), np.zeros((n + c, c))
+        for part, functions, gap in self.blocks(rows, taken=False):
+            left = np.ascontiguousarray(gap)
+            if self.weight is not None and not task.gram:
+                loops.residuals(functions, none if self.slopes is None else self.slopes, left, read)
+            else:
+                if self.slopes is not None:
+                    left = left - self.slopes @ functions
+                scale = 1.0 if self.weight is not None else task.view.whitener[part]
+                white = functions if self.weight is not None else functions * scale
+                if task.gram:
+                    loops.products(white, left * scale, order, tiles, tiled)
+                else:
+                    loops.residuals(white, none, left * scale, read)
+            if isinstance(task.view, GapView):
+                gap[...] = left
+        out = np.zeros((n + c, n + c))
+        if task.gram:
+            last = n + c  # rows that fill the last tile are not wanted
+            out[np.ix_(order[:last], order[:last])] = (np.tril(tiled) + np.tril(tiled, -1).T)[:last, :last]
+        else:
+            out[:, n:] = read
+        return out
+
+    def total(self, parts: Sequence[Array]) -> Sums:
+        """Sums over the columns, from the products of all ranges in their order."""
+        n, task = self.kernel.n_functions, self.task
+        products = sum(parts, np.zeros((n + len(self.selectors),) * 2))
+        weight = 1.0 if self.weight is None else self.weight**2
+        sums = Sums.zero(len(task.columns))
+        for k, (place, factor) in enumerate(self.selectors):
+            if task.gram:
+                sums.gram += weight * np.outer(factor, factor) * products[np.ix_(place, place)]
+            sums.slope += weight * factor * products[place, n + k]
+            sums.square += weight * float(products[n + k, n + k])
         return sums
 
-    def _directed(self, kernel: Kernel, selectors: list[Selector]) -> Sums:
-        """Sums for a covariance per row, or where columns share few functions: M is expanded and whitened."""
-        sums = Sums.zero(len(self.columns))
-        for part, functions, gap in self._blocks(kernel, selectors):
-            white = self.view.whiten(part, _expanded(functions, selectors)).reshape(len(self.columns), gap.size)
-            flat = self.view.whiten(part, gap).ravel()
-            if self.gram:
-                sums.gram += white @ white.T
-            sums.slope += white @ flat
-            sums.square += float(flat @ flat)
-        return sums
+
+class _Directed(_Alike):
+    """Sums for a covariance per row, or where columns share few functions: M is expanded and whitened.
+
+    Products are those of the columns and, below them, of the residual.
+    """
+
+    def sums(self, rows: slice) -> Array:
+        view, gram, columns = self.task.view, self.task.gram, len(self.task.columns)
+        out = np.zeros((columns + 1, columns + 1))
+        for part, functions, gap in self.blocks(rows):
+            white = view.whiten(part, _expanded(functions, self.selectors)).reshape(columns, gap.size)
+            flat = view.whiten(part, gap).ravel()
+            if gram:
+                out[:-1, :-1] += white @ white.T
+            out[:-1, -1] += white @ flat
+            out[-1, -1] += float(flat @ flat)
+        return out
+
+    def total(self, parts: Sequence[Array]) -> Sums:
+        products = sum(parts, np.zeros((len(self.task.columns) + 1,) * 2))
+        return Sums(products[:-1, :-1], products[:-1, -1].copy(), float(products[-1, -1]))
 
 
 def selectors_of(kernel: Kernel, components: int, columns: Index) -> list[Selector]:

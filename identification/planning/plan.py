@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from errormodel.arrays import Index
 from errormodel.chain import TOOL_CHANNELS, Chain
@@ -35,6 +34,7 @@ from identification.planning.readings import with_noise
 from identification.planning.run_order import arranged, revisits
 from identification.planning.setup import Setup
 from identification.planning.weights import optimal_weights
+from identification.runtime.blas import one_blas_thread
 from identification.runtime.progress import Progress, silent
 
 if TYPE_CHECKING:
@@ -166,7 +166,7 @@ def plan(
     InputError
         Too few rows for the machine's identifiable groups, or no pose is allowed.
     """
-    with threadpool_limits(1, "blas"):  # blocks are small: one thread is fastest
+    with one_blas_thread():  # blocks are small: one thread is fastest
         return _plan(machine, setup, count, noise, seed, worst, progress)
 
 

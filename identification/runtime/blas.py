@@ -4,6 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
+from typing import Any
+
+
+@cache
+def _libraries() -> Any:
+    """The BLAS of NumPy and that of SciPy: to look for them takes as long as a fit of thousands of rows."""
+    import scipy.linalg  # noqa: F401  (only what is loaded can be limited)
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()
 
 
 @contextmanager
@@ -12,8 +23,5 @@ def one_blas_thread() -> Iterator[None]:
 
     Threads that share such small work wait for each other most of the time, at full use of their cores.
     """
-    import scipy.linalg  # noqa: F401  (SciPy has a BLAS of its own, and only what is loaded can be limited)
-    from threadpoolctl import threadpool_limits
-
-    with threadpool_limits(1, "blas"):
+    with _libraries().limit(limits=1, user_api="blas"):
         yield

@@ -14,7 +14,6 @@ from time import perf_counter
 
 import numpy as np
 import pandas as pd
-from threadpoolctl import threadpool_limits
 
 from errormodel.arrays import Array, as_rows
 from errormodel.chain import Chain
@@ -35,6 +34,7 @@ from identification.observation.frames import rotation_notes
 from identification.observation.models import PositionView
 from identification.observation.normal_equations import accumulate
 from identification.observation.pose import Pose
+from identification.runtime.blas import one_blas_thread
 from identification.runtime.engines import Crew
 from identification.streaming.expansion import KIND, ExpandedSolver, Expansion, best_frames, frame_sums
 from identification.streaming.sample import MOST_HELD_OUT_ROWS, SAMPLE_ROWS, middle_of, sample_of
@@ -86,7 +86,7 @@ def fit_rows(
     InputError
         The rows are wrong, or cannot be fitted in this way: the message says why.
     """
-    with threadpool_limits(1, "blas"):
+    with one_blas_thread():
         return _Streaming(
             machine, rows, bounds or {}, document, crew or Crew(workers=1), report, sizing or Sizing()
         ).run()

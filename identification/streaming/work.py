@@ -10,7 +10,6 @@ from functools import lru_cache
 from time import thread_time
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from errormodel.arrays import Array
 from errormodel.chain import Chain
@@ -23,6 +22,7 @@ from identification.observation.assembly import build, frame_columns
 from identification.observation.models import GapView, PositionView, View
 from identification.observation.normal_equations import Sums, accumulate
 from identification.observation.pose import Pose
+from identification.runtime.blas import one_blas_thread
 from identification.streaming.totals import MOST_WILD, Sizes, Totals, added, outermost
 
 SEGMENT_ROWS = 1 << 20  # rows of one job: the sums of so many are combined in the tree
@@ -68,7 +68,7 @@ def _opened(task: bytes) -> tuple[Task, Chain]:
 def totals_of(job: tuple[bytes, int, int]) -> Totals:
     """Statistics of the rows from a first to before a last one, of a pickled :class:`Task`."""
     task, chain = _opened(job[0])
-    with threadpool_limits(1, "blas"):  # blocks are small: one thread is fastest
+    with one_blas_thread():  # blocks are small: one thread is fastest
         return _summed(task, chain, *job[1:])
 
 

@@ -1,10 +1,10 @@
 """Functions of everything that a survey recorded, with which residuals are compared in the test of independence.
 
-Of one channel, of two channels, and of one channel times the effect of one error motion: a motion that follows a
-channel. Beside the commands, sensors and the clock there are channels of the path: where a joint had been before, where
-it last turned round, the mean of its recent positions, and hysteresis operators of two kinds, the play and the relay
-(I. D. Mayergoyz, Mathematical Models of Hysteresis, 1991). A parameter that wanders or switches in time is a motion
-that follows quick functions of the clock.
+Of one channel, of two channels, and of one channel, or two or three commands, times the effect of one error motion: a
+motion that follows them. Beside the commands, sensors and the clock there are channels of the path: where a joint had
+been before, where it last turned round, the mean of its recent positions, and hysteresis operators of two kinds, the
+play and the relay (I. D. Mayergoyz, Mathematical Models of Hysteresis, 1991). A parameter that wanders or switches in
+time is a motion that follows quick functions of the clock.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from errormodel.conventions import MOTIONS
 from identification.diagnosis.linear.linear_model import LinearModel
 
 ORDERS, ORDERS_OF_PAIR, ORDERS_OF_MOTION = 5, 4, 3  # cosines of a channel: waves down to 0.4, 0.5, 0.7 of its range
+ORDERS_OF_SEVERAL = {2: 3, 3: 2}  # of each of two or three commanded channels that one motion follows
 # cosines of the clock, of a parameter that wanders or switches, and the orders beyond which they count less: those of
 # an exponential correlation over a tenth of the survey, and over a hundredth
 QUICK_ORDERS, CORNERS = 100, (4.0, 32.0)
@@ -30,19 +31,18 @@ RELAY = 0.3  # quantiles of a joint's positions, from either end, beyond which a
 MOST_MOTIONS = 24
 TINY = 1e-300
 ALIKE = 0.99  # squared correlation of the levers of two motions, beyond which they are taken as one
-CLOCK = "time"
+CLOCK, SET = "time", ("feed", "load")
 
 
 @dataclass(frozen=True)
 class Functions:
-    """Functions of one or two channels.
+    """Functions of one to three channels.
 
     Attributes
     ----------
-    channels : names. ``before(X)``, ``before(before(X))``, ``turn(X)``, ``recent(X)``, ``play(X)``, ``relay(X)`` are of
-        the path of X;
-        ``travel(0.7)`` is the distance travelled in the last rows.
-    factors : functions (n, k) over some rows of the survey, each of one channel; of two, all products count.
+    channels : one to three names. ``before(X)``, ``before(before(X))``, ``turn(X)``, ``recent(X)``, ``play(X)``,
+        ``relay(X)`` are of the path of X; ``travel(0.7)`` is the distance travelled in the last rows.
+    factors : functions (n, k) over some rows of the survey, each of one channel; of several, all products count.
     index : (N,) which of these rows each observation is of.
     lever : (N,) whitened effect of a motion; None: none.
     filtered : what is done to functions (N, k) before they are compared; None: nothing.
@@ -59,14 +59,28 @@ class Functions:
     motion: str = ""
 
     @property
-    def values(self) -> Array:
-        """The functions (N, k) at the observations; made at each call, as all together would not fit the memory."""
-        one, *others = (factor[self.index] for factor in self.factors)
+    def by_row(self) -> Array:
+        """The functions (n, k) over the survey's rows; made at each call, as all together would not fit the memory."""
+        one, *others = self.factors
         for other in others:
             one = (one[:, :, None] * other[:, None, :]).reshape(len(one), -1)
+        return one
+
+    @property
+    def values(self) -> Array:
+        """The functions (N, k) at the observations, times the effect of the motion."""
+        one = self.by_row[self.index]
         if self.lever is not None:
             one = self.lever[:, None] * one
         return one if self.filtered is None else self.filtered(one)
+
+    def summed(self, whole: Array) -> Array:
+        """Vectors (N, r) times the effect of the motion, summed over the observations of each row: (n, r)."""
+        from scipy.sparse import csr_array
+
+        assert self.lever is not None
+        rows, seen = len(self.factors[0]), np.arange(len(self.index))
+        return np.asarray(csr_array((self.lever, (self.index, seen)), shape=(rows, len(seen))) @ whole)
 
     def only(self, keep: Mask) -> Functions:
         """The same at some of the observations."""
@@ -88,7 +102,12 @@ def recorded(linear: LinearModel, rows: Index) -> list[Functions]:
             out += [Functions((joint, name), (low[joint], f[:, :ORDERS_OF_PAIR]), index) for name, f in own.items()]
     clock = {CLOCK: plain[CLOCK]}
     quick = [f for corner in CORNERS for _, f in _cosines_of(clock, rows, QUICK_ORDERS, corner)]
+    names = [n for n in (*(j.name for j in linear.scene.moving), *SET) if n in bases]
     for element, motion, lever in _levers(linear):
+        for count, orders in ORDERS_OF_SEVERAL.items():
+            for several in combinations(names, count):
+                factors = tuple(bases[n][:, :orders] for n in several)
+                out.append(Functions(several, factors, index, lever, element=element, motion=motion))
         for name, f in {**bases, **paths.get(element, {})}.items():
             for values in quick if name == CLOCK else [f[:, :ORDERS_OF_MOTION]]:
                 out.append(Functions((name,), (values,), index, lever, element=element, motion=motion))

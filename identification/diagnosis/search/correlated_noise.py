@@ -15,7 +15,7 @@ import numpy as np
 from errormodel.arrays import Array
 from errormodel.effects.base import Effect
 from identification.diagnosis.linear.linear_model import LinearModel
-from identification.diagnosis.linear.random_effects import EXACT
+from identification.diagnosis.linear.random_effects import EXACT, RandomEffects
 from identification.diagnosis.search.blocks import NOTHING
 from identification.diagnosis.search.candidates import free_scores, random_scores
 from identification.estimation.noise import Noise, noises, series_edges
@@ -108,6 +108,24 @@ def evidence(linear: LinearModel, groups: Sequence[Sequence[Effect]]) -> list[tu
     return [(float(w), each - without) for w, each in zip(white, with_each, strict=True)]
 
 
+def random_evidence(linear: LinearModel, columns: Array) -> float:
+    """Log Bayes factor, over all noises, of columns (k, N + ties) whose parameters are random effects of any size.
+
+    Noise that drifts more than instruments do counts as noise here.
+    """
+    from scipy.special import logsumexp
+
+    rows = []
+    for filtered in _made(linear, [], all_noises=True):
+        weighed, inner, slopes = filtered.products(linear, columns)
+        gram = weighed @ columns.T
+        left = gram - inner @ inner.T
+        random = RandomEffects.from_products(left, slopes, float(np.trace(gram)), filtered.square, filtered.freedom)
+        rows.append([filtered.likelihood, filtered.likelihood + random.best()[1]])
+    without, with_them = logsumexp(rows, axis=0, b=_beforehand(len(rows))).tolist()
+    return float(with_them - without)
+
+
 def _beforehand(count: int) -> Array:
     """Prior probability of each noise model (count, 1): the first is white, the others are equally likely."""
     return np.array([WHITE, *[(1 - WHITE) / (count - 1)] * (count - 1)])[:, None]
@@ -130,7 +148,7 @@ def _filtered(linear: LinearModel) -> list[_Filtered]:
     return made
 
 
-def _made(linear: LinearModel, known: Sequence[_Filtered]) -> Iterator[_Filtered]:
+def _made(linear: LinearModel, known: Sequence[_Filtered], *, all_noises: bool = False) -> Iterator[_Filtered]:
     """The same, made anew; `known`, where there are any: of a model that has the first columns of the basis."""
     from scipy.linalg import solve_triangular
 
@@ -140,7 +158,7 @@ def _made(linear: LinearModel, known: Sequence[_Filtered]) -> Iterator[_Filtered
     smaller = {f.noise: f for f in known if 2 * f.rank > linear.basis.shape[1]}
     longest = np.clip(PART * np.diff(edges).max(), *LONGEST)
     for noise in noises():
-        if noise.length > longest or noise.part > LARGEST:
+        if not all_noises and (noise.length > longest or noise.part > LARGEST):
             continue
         old = smaller.get(noise)
         rank = old.rank if old else 0
