@@ -53,12 +53,13 @@ def explained(fit: Fit, survey: Survey, changes: Sequence[Effect], progress: Pro
         linear, candidates = _tried(fit, progress, log)
     if (known := likelier_sides(survey, linear, log=log)) is not None:
         return explained(fit_machine(fit.chain.machine, known), known, changes, progress, log)
-    scores = candidates.scores(linear)
+    scores = candidates.scores(linear).alone()
     selected = forward_select(linear, candidates, progress, log=log)
     chosen = compare_alternatives(selected, candidates, progress, log)
     if (known := likelier_sides(survey, linear, [s.effect for s in chosen.steps], log)) is not None:
         log.again()
         return explained(fit_machine(fit.chain.machine, known), known, changes, progress, log)
+    del candidates, selected  # hundreds of megabytes that the fit of all rows needs
     model, witnessed = apply_witnesses(in_correlated_noise(chosen, log), log)
     first = len(fit.chain.machine.effects) + len(changes)
     final = fit

@@ -42,8 +42,8 @@ class Functions:
     ----------
     channels : one to three names. ``before(X)``, ``before(before(X))``, ``turn(X)``, ``recent(X)``, ``play(X)``,
         ``relay(X)`` are of the path of X; ``travel(0.7)`` is the distance travelled in the last rows.
-    factors : functions (n, k) over the survey's rows, each of one channel; of several, all products count.
-    index : (N,) row of each observation.
+    factors : functions (n, k) over some rows of the survey, each of one channel; of several, all products count.
+    index : (N,) which of these rows each observation is of.
     lever : (N,) whitened effect of a motion; None: none.
     filtered : what is done to functions (N, k) before they are compared; None: nothing.
     element, motion : whose whitened effect they are multiplied with; "" where each component of the points has
@@ -88,11 +88,11 @@ class Functions:
 
 
 def recorded(linear: LinearModel, rows: Index) -> list[Functions]:
-    """All functions, at all observations, by the channels' values in some rows of the survey."""
+    """All functions, at all observations, by the channels' values in the `rows` that these are of, in their order."""
     plain, past = _channels(linear)
     bases = dict(_cosines_of(plain, rows, ORDERS))
     paths = {name: dict(_cosines_of(own, rows, ORDERS)) for name, own in past.items()}
-    index = linear.index
+    index = np.searchsorted(rows, linear.index)
     out = [Functions((name,), (f,), index) for name, f in bases.items()]
     out += [Functions((name,), (f,), index) for own in paths.values() for name, f in own.items()]
     low = {name: f[:, :ORDERS_OF_PAIR] for name, f in bases.items()}
@@ -142,52 +142,47 @@ def _channels(linear: LinearModel) -> tuple[dict[str, Array], dict[str, dict[str
 def _turned(q: Array) -> Array:
     """Where the joint last turned round before each row."""
     side = np.sign(np.diff(q))
-    out, last = np.empty_like(q), q[0]
-    out[0] = q[0]
-    for k in range(1, len(q)):
-        if k > 1 and side[k - 1] * side[k - 2] < 0:
-            last = q[k - 1]
-        out[k] = last
-    return out
+    turned = np.zeros(len(q), dtype=bool)
+    turned[2:] = side[1:] * side[:-1] < 0
+    return np.asarray(q[_latest(np.where(turned, np.arange(len(q)) - 1, 0))])
+
+
+def _latest(rows: Index) -> Index:
+    """The largest number up to each place."""
+    return np.asarray(np.maximum.accumulate(rows))
 
 
 def _recent(q: Array, kept: float = RECENT) -> Array:
     """Mean of the values before each row, the later ones counting more."""
-    out, mean = np.empty_like(q), q[0]
-    for k in range(len(q)):
-        out[k] = mean
-        mean += (1 - kept) * (q[k] - mean)
-    return out
+    import pandas as pd
+
+    means = pd.Series(q).ewm(alpha=1 - kept, adjust=False).mean().to_numpy()
+    return np.append(q[:1], means[:-1])
 
 
 def _play(q: Array, half: float) -> Array:
     """A follower with play of `half` on either side."""
-    out, at = np.empty_like(q), q[0]
-    for k in range(len(q)):
-        at = min(max(at, q[k] - half), q[k] + half)
-        out[k] = at
-    return out
+    at, out = float(q[0]), []
+    for x in q.tolist():
+        at = min(max(at, x - half), x + half)
+        out.append(at)
+    return np.array(out)
 
 
 def _relay(q: Array, low: float, high: float) -> Array:
     """A state that becomes 1 above `high`, -1 below `low`, and stays between."""
-    out, state = np.empty_like(q), 0.0
-    for k in range(len(q)):
-        state = 1.0 if q[k] > high else -1.0 if q[k] < low else state
-        out[k] = state
-    return out
+    state = np.where(q > high, 1.0, np.where(q < low, -1.0, 0.0))
+    return np.asarray(state[_latest(np.where(state != 0, np.arange(len(q)), 0))])
 
 
 def _cosines_of(
     channels: Mapping[str, Array], rows: Index, orders: int, corner: float | None = None
 ) -> Iterator[tuple[str, Array]]:
-    """Names and smooth functions (n, k), over all rows of the survey, of every channel that varies."""
+    """Names and smooth functions (n, k) over some rows of the survey of every channel that varies there."""
     for name, values in channels.items():
         own = values[rows]
         if np.isfinite(own).all() and np.ptp(own) > 0:
-            out = np.zeros((len(values), min(orders, len(np.unique(own)) - 1)))
-            out[rows] = _cosines(own, out.shape[1], corner)
-            yield name, out
+            yield name, _cosines(own, min(orders, len(np.unique(own)) - 1), corner)
 
 
 def _cosines(values: Array, count: int, corner: float | None) -> Array:

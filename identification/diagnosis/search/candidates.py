@@ -66,7 +66,7 @@ class Candidates:
     blocks: list[Block]
     keys: list[tuple[object, ...]] = field(default_factory=list)
     parts: tuple[Candidates, ...] = ()
-    _known: OrderedDict[Lineage, Scores] = field(default_factory=OrderedDict, repr=False)
+    _known: OrderedDict[Lineage, Scored] = field(default_factory=OrderedDict, repr=False)
     _grams: OrderedDict[Lineage, tuple[int, list[Array]]] = field(default_factory=OrderedDict, repr=False)
 
     @classmethod
@@ -119,6 +119,10 @@ class Candidates:
         parts = (*(self.parts or (self,)), *(other.parts or (other,)))
         return Candidates([*self.effects, *other.effects], [], [*self.keys, *other.keys], parts)
 
+    def listed(self) -> Candidates:
+        """The proposals without their columns, which are large."""
+        return Candidates(self.effects, [], self.keys)
+
     def branch(self) -> Candidates:
         """A copy for an independent search, so that the order of searches does not change how scores are rounded."""
         parts = tuple(part.branch() for part in self.parts)
@@ -129,9 +133,9 @@ class Candidates:
         if linear.lineage is None:
             return self._scored(linear)
         if linear.lineage not in self._known:
-            _keep(self._known, linear.lineage, self._scored(linear))
+            _keep(self._known, linear.lineage, self._scored(linear).values)
         self._known.move_to_end(linear.lineage)
-        return replace(self._known[linear.lineage], candidates=self)
+        return Scores(self, *self._known[linear.lineage])
 
     def _scored(self, linear: LinearModel) -> Scores:
         if self.parts:
@@ -287,6 +291,10 @@ class Scores:
     @property
     def values(self) -> tuple[Array, Array, Array, Array]:
         return self.evidence, self.delta_chi2, self.absorbed, self.expected_delta_chi2
+
+    def alone(self) -> Scores:
+        """The same without the proposals' columns."""
+        return replace(self, candidates=self.candidates.listed())
 
     def beside(self, before: LinearModel, after: LinearModel) -> Scores:
         """With the expected delta chi-squared for the noise that remains once more has been explained."""
