@@ -174,7 +174,8 @@ def _noise(text: str, survey: Survey | None) -> float | Literal["instrument"]:
         if survey is None or (not survey.instrument.stated and not survey.observations):
             raise InputError(
                 "--noise instrument",
-                "the survey names no instrument with uncertainties",
+                cure = "Add `instrument:` with its uncertainties to survey.yaml"
+                raise InputError("--noise instrument", "the survey names no instrument with uncertainties", cure)
                 "Add `instrument:` with its uncertainties to survey.yaml",
             )
         return "instrument"
