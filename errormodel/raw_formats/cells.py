@@ -22,6 +22,11 @@ WITH_UNIT = re.compile(
     rf"({NUMBER.pattern})\s*(mm|cm|m|um|\u00b5m|\u03bcm|in|inch|deg|\u00b0|rad|[mu\u00b5\u03bc]rad|arcsec|m?s|\u00b0C|degC)"
 )
 REMARK = re.compile(rf"({NUMBER.pattern})\s+(?:#|//|%).*")  # a comment behind the last number of a line
+# what instruments write in the cell of a reading that failed, and spreadsheets in one that has no value
+FAILED = frozenset((
+    "lost", "invalid", "error", "err", "fail", "failed", "missing", "nodata", "no data", "not measured", "out of range",
+    "ung\u00fcltig", "fehler", "#value!", "#div/0!", "#num!", "#ref!", "#wert!",
+))  # fmt: skip
 BRACKETS = {"[": "]", "(": ")"}  # around the cells of a line
 RULE = re.compile(r"[-=_*+|:.~]{2,}|[-+|]")  # a cell of a line that is drawn below the names
 
@@ -34,7 +39,7 @@ def kind_of(cell: str) -> str:
 @lru_cache(maxsize=1 << 16)
 def _kind_of(cell: str) -> str:
     cell = cell.strip()
-    if cell.lower() in NO_VALUE_WORDS:
+    if cell.lower() in NO_VALUE_WORDS or cell.lower() in FAILED:
         return "empty"
     if cell.lower() in SPECIAL:
         return "number"

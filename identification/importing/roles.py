@@ -50,6 +50,9 @@ _MEASURED = (
     "coordinate",
     "pos",
     "position",
+    "mess",
+    "gemessen",
+    "trk",
 )
 _LABELS = {
     "point": r"punkt(name|nr)?|name|point(name|id|no|number|nr)?|label|pt|id|pose(id|no|name)?|no|nr|number|feature",

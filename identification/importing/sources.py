@@ -16,11 +16,12 @@ from errormodel.machine import Machine
 from errormodel.observations import registry
 from errormodel.observations.base import Observation
 from errormodel.raw_formats.base import RawFile, Recording, format_of, open_raw, raw_formats
+from errormodel.raw_formats.cells import kind_of
 from errormodel.raw_formats.commanded_circle import CommandedCircle
 from errormodel.raw_formats.unit_words import unit_word
 from errormodel.surveys.columns import MEASURED, quantity_of
 from errormodel.surveys.file import RawEntry
-from errormodel.surveys.raw import READ_BACK, is_column, read_raw, with_map
+from errormodel.surveys.raw import LABELS, READ_BACK, is_column, read_raw, with_map
 from errormodel.units import factor, is_unit
 from identification.importing.roles import Kind, commands_by_place, reading_roles, roles, unused
 
@@ -242,6 +243,19 @@ def _check_unit(path: Path, entry: RawEntry, recording: Recording, single: Obser
             raise InputError(f"{path}, column {own}", "angles without a unit", cure)
 
 
+def _refuse_words(path: Path, recording: Recording) -> None:
+    """InputError where a column is text for a few words among its numbers."""
+    for name in map(str, recording.frame):
+        column = recording.frame[name]
+        if column.dtype.kind == "f" or name in LABELS:
+            continue
+        words = [row for row, cell in enumerate(map(str, column)) if kind_of(cell) == "text"]
+        if 0 < len(words) < len(column) / 2:
+            line = f"line {recording.lines[words[0]]}, " if recording.lines else ""
+            found = f"'{column.iloc[words[0]]}' among numbers"
+            raise InputError(f"{path}, {line}column {name}", found, "Give the file as it was written")
+
+
 def _what(path: Path, recording: Recording, machine: Machine, kind: Kind, single: Observation | None = None) -> What:
     frame = recording.frame
     names = [str(n) for n in frame]
@@ -272,6 +286,7 @@ def _what(path: Path, recording: Recording, machine: Machine, kind: Kind, single
         raise InputError(str(path), found, "Say it with --columns, such as --columns dy=deviation, and --units dy=um")
     if "time" in names and any(n.startswith(("T_", "w_")) or n in ("feed", "load") for n in names):
         return "log"
+    _refuse_words(path, recording)
     if len(joints) == len(machine.joints):
         raise InputError(
             str(path), "commands, and nothing measured", "Give it as --commands, and the measured file first"

@@ -139,8 +139,11 @@ def test_a_row_within_a_table_is_never_lost_in_silence(tmp_path: Path) -> None:
         rows = [f"P{k};{k}.5;{k}.25" for k in range(1, 9)]
         return ("\n".join(["Name;X;Y", *rows[:2], row, *rows[3:]]) + "\n").encode()
 
-    for row in ("P3;lost;beam", "P3;;", "---;---;---", "Name;3.5;Y"):
+    for row in ("P3;lost;beam", "P3;;", "P3;lost;invalid", "---;---;---", "Name;3.5;Y"):
         assert len(read_back(tmp_path, text(row)).frame) == 8
+    failed = read_back(tmp_path, text("P3;Lost;invalid"))
+    assert np.isnan(failed.frame[["X", "Y"]].to_numpy()[2]).all()
+    assert "no value where it says Lost, invalid" in failed.notes
     assert "1 line of words between the rows passed over" in read_back(tmp_path, text("Group 2")).notes
     with pytest.raises(InputError, match="1 cells where the table has 3"):
         read_back(tmp_path, text("P3"))
