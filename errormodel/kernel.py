@@ -8,6 +8,8 @@ fit the cache. No compiler is needed; where Numba is installed, blocks of long s
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import cache, cached_property
 from importlib.util import find_spec
@@ -22,7 +24,7 @@ from errormodel.kernel_program import LEAVES, Program, trace, with_tangents
 
 # rows per block: few calls, and the functions of a five-axis machine stay in the caches
 KERNEL_BLOCK_ROWS = 4096
-COMPILED_ROWS = 100_000  # rows from which the compiled loops are worth the time that Numba takes to load
+COMPILED_ROWS = 1_000_000  # rows from which the compiled loops are worth the half second that Numba takes to load
 ARITHMETIC = ("add", "subtract", "multiply", "divide", "square", "negative", "positive")  # as fast as memory
 
 Step = tuple[str, tuple[int, ...], int]  # NumPy function, slots of its operands, and the slot that it writes
@@ -31,6 +33,9 @@ Step = tuple[str, tuple[int, ...], int]  # NumPy function, slots of its operands
 def _chosen(condition: Array, value: Array, out: Array) -> None:
     """`value` where the condition holds, else 0; not a product, since the branch not taken may be infinite."""
     np.copyto(out, np.where(condition, value, 0.0))
+
+
+_in_all: ContextVar[int] = ContextVar("in_all", default=0)
 
 
 @cache
@@ -44,9 +49,19 @@ def _compiled() -> ModuleType | None:
     return kernel_compiled
 
 
+@contextmanager
+def of_rows(count: int) -> Iterator[None]:
+    """Within the block, rows are part of so many."""
+    token = _in_all.set(count)
+    try:
+        yield
+    finally:
+        _in_all.reset(token)
+
+
 def compiled(rows: int) -> ModuleType | None:
-    """`errormodel.kernel_compiled`, if Numba is installed and so many rows are worth it."""
-    return _compiled() if rows >= COMPILED_ROWS else None
+    """`errormodel.kernel_compiled`, if Numba is installed and so many rows, or all that they are of, are worth it."""
+    return _compiled() if max(rows, _in_all.get()) >= COMPILED_ROWS else None
 
 
 FUNCTIONS: dict[str, Callable[..., Any]] = {"where": _chosen}

@@ -15,6 +15,7 @@ from errormodel.arrays import Array
 from errormodel.chain import Chain
 from errormodel.channels import root
 from errormodel.exceptions import InputError
+from errormodel.kernel import of_rows
 from errormodel.machine import Machine
 from errormodel.survey import Survey
 from errormodel.survey_rows import SurveyRows, ranges_of
@@ -68,7 +69,7 @@ def _opened(task: bytes) -> tuple[Task, Chain]:
 def totals_of(job: tuple[bytes, int, int]) -> Totals:
     """Statistics of the rows from a first to before a last one, of a pickled :class:`Task`."""
     task, chain = _opened(job[0])
-    with one_blas_thread():  # blocks are small: one thread is fastest
+    with of_rows(task.edges[-1]), one_blas_thread():  # blocks are small: one thread is fastest
         return _summed(task, chain, *job[1:])
 
 

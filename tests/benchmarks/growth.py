@@ -38,6 +38,7 @@ SIZES = {
     "register": {"rows": (10_000, 40_000, 160_000)},
 }  # fmt: skip
 COMMANDS, ALONG = tuple(SIZES), tuple(USUAL)
+CLEARLY = 1.5  # times its least a command takes, from which growth has an exponent; by judgement
 IN_MEMORY = 1_000_000  # rows from which `predict` streams
 
 
@@ -212,8 +213,11 @@ def main() -> None:
                 flush=True,
             )
     for (command, along), own in found.items():
-        if len(own) > 2:
-            a, _, p = exponent([max(r.at, 0.5) for r in own], [r.used.seconds for r in own])
+        seconds = [r.used.seconds for r in own]
+        if max(seconds) < CLEARLY * min(seconds):
+            print(f"-- {command} along {along}: grows by less than a busy computer scatters")
+        elif len(own) > 3:
+            a, _, p = exponent([max(r.at, 0.5) for r in own], seconds)
             print(f"-- {command} along {along}: {a:.2f} s and a part with exponent {p:.2f}")
     if given.figure:
         draw(given.figure, found)

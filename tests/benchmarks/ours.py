@@ -21,7 +21,10 @@ from identification.observation.models import GapView, PositionView, View, chunk
 from identification.runtime.parallel import parallel_map
 from tests.benchmarks.five_axis import IDS, JOINTS, TOOL
 
-__all__ = ["IDS", "as_design", "build", "build_compact", "fit", "fit_numpy", "solve", "stream", "stream_numpy"]
+__all__ = [
+    "IDS", "as_design", "build", "build_compact", "fit", "fit_compiled", "fit_numpy", "solve", "stream",
+    "stream_compiled", "stream_numpy",
+]  # fmt: skip
 
 
 def machine() -> Machine:
@@ -67,9 +70,9 @@ def stream(q: Array) -> int:
 
 
 @contextmanager
-def numpy_alone() -> Iterator[None]:
-    """Without the compiled loops, whether or not Numba is installed."""
-    before, known.COMPILED_ROWS = known.COMPILED_ROWS, sys.maxsize
+def compiled_from(rows: int) -> Iterator[None]:
+    """The compiled loops from so many rows, where Numba is installed."""
+    before, known.COMPILED_ROWS = known.COMPILED_ROWS, rows
     try:
         yield
     finally:
@@ -78,13 +81,25 @@ def numpy_alone() -> Iterator[None]:
 
 def stream_numpy(q: Array) -> int:
     """`stream` by NumPy alone."""
-    with numpy_alone():
+    with compiled_from(sys.maxsize):
+        return stream(q)
+
+
+def stream_compiled(q: Array) -> int:
+    """`stream` by the compiled loops."""
+    with compiled_from(0):
         return stream(q)
 
 
 def fit_numpy(q: Array, measured: Array) -> dict[str, object]:
     """`fit` by NumPy alone."""
-    with numpy_alone():
+    with compiled_from(sys.maxsize):
+        return fit(q, measured)
+
+
+def fit_compiled(q: Array, measured: Array) -> dict[str, object]:
+    """`fit` by the compiled loops."""
+    with compiled_from(0):
         return fit(q, measured)
 
 
