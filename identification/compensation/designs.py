@@ -190,11 +190,13 @@ class Designs:
 
 def _column(controller: Controller, setup: Setup, term: Term, sample: Sample) -> csr_matrix:
     """(3 n, size): motion of the tip along x, then y, then z, per unit of each value."""
-    from scipy.sparse import csr_matrix, diags, vstack
+    from scipy.sparse import csr_matrix, vstack
 
     weights = term.weights(setup, sample.q, sample.direction)
     tip = np.einsum("nim,nm->ni", sample.motion, controller.influence(setup, term.output, sample.q))
-    return csr_matrix(vstack([diags(tip[:, k]) @ weights for k in range(3)]))
+    tip = np.repeat(tip, np.diff(weights.indptr), axis=0)
+    parts = [csr_matrix((weights.data * tip[:, k], weights.indices, weights.indptr), weights.shape) for k in range(3)]
+    return csr_matrix(vstack(parts))
 
 
 def _limits(controller: Controller, setup: Setup, terms: Sequence[Term], scale: Array) -> tuple[csr_matrix, Slopes]:

@@ -70,7 +70,8 @@ def _check_numbers(table: pd.DataFrame, machine: Machine, path: Path) -> None:
     """Raise InputError at a command or residual that is no number, or one that no machine has."""
     import pandas as pd
 
-    for name in [n for n in table if n in {*(j.name for j in machine.joints), *TOOL_CHANNELS} or RESIDUAL.match(n)]:
+    commands = {*(j.name for j in machine.joints), *TOOL_CHANNELS}
+    for name in [n for n in map(str, table) if n in commands or RESIDUAL.match(n)]:
         numbers = pd.to_numeric(table[name], errors="coerce")
         wrong = (numbers.isna() & table[name].notna()) | (numbers.abs() > LARGEST)
         if wrong.any():

@@ -33,7 +33,7 @@ SIZES = {
     "fit": {"rows": (1000, 10_000, 100_000, 1_000_000), "parameters": (1, 2, 4, 8), "effects": (0, 1, 3, 6)},
     "bayes": {"rows": (300, 1000, 10_000, 100_000), "parameters": (1, 2, 4), "effects": (0, 1, 3, 6)},
     "predict": {"rows": (1000, 10_000, 100_000, 10_000_000), "parameters": (1, 2, 4, 8), "effects": (0, 1, 3, 6)},
-    "compensate": {"rows": (1000, 10_000, 100_000), "parameters": (1, 2, 4), "effects": (0, 1, 3, 6)},
+    "compensate": {"rows": (1000, 10_000, 100_000), "parameters": (1, 2, 4), "effects": (0, 1, 2, 3)},
     "plan": {"rows": (50, 100, 200, 400), "parameters": (1, 2, 4), "effects": (0, 1, 3, 6)},
     "register": {"rows": (10_000, 40_000, 160_000)},
 }  # fmt: skip

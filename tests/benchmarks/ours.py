@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import fields
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 
+from errormodel import kernel as known
 from errormodel.arrays import Array
 from errormodel.chain import TOOL_CHANNELS, Chain
 from errormodel.conventions import MOTIONS
-from errormodel.kernel import Kernel
+from errormodel.kernel import Kernel, compiled
 from errormodel.machine import Basis, Joint, Machine, Shape
 from identification.estimation import least_squares
-from identification.observation.models import GapView, PositionView, View
+from identification.observation.models import GapView, PositionView, View, chunks
+from identification.runtime.parallel import parallel_map
 from tests.benchmarks.five_axis import IDS, JOINTS, TOOL
 
-__all__ = ["IDS", "as_design", "build", "build_compact", "fit", "solve", "stream"]
+__all__ = ["IDS", "as_design", "build", "build_compact", "fit", "fit_numpy", "solve", "stream", "stream_numpy"]
 
 
 def machine() -> Machine:
@@ -51,8 +56,36 @@ def as_design(result: Array, q: Array) -> Array:
 
 
 def stream(q: Array) -> int:
-    """M as every fit takes it: its distinct functions, block by block through one buffer; nothing is kept."""
-    return sum(functions.shape[1] for _, functions in kernel().blocks(_rows(q)))
+    """M as every fit takes it: its distinct functions, block by block through one buffer a core; nothing is kept."""
+    made, rows, loops = kernel(), _rows(q), compiled(len(q))
+
+    def some(part: slice) -> int:
+        blocks = made.blocks([r[part] for r in rows], loops=loops)
+        return sum(functions.shape[1] for _, functions in blocks)  # type: ignore[union-attr]
+
+    return sum(parallel_map([partial(some, part) for part in chunks(len(q))]))
+
+
+@contextmanager
+def numpy_alone() -> Iterator[None]:
+    """Without the compiled loops, whether or not Numba is installed."""
+    before, known.COMPILED_ROWS = known.COMPILED_ROWS, sys.maxsize
+    try:
+        yield
+    finally:
+        known.COMPILED_ROWS = before
+
+
+def stream_numpy(q: Array) -> int:
+    """`stream` by NumPy alone."""
+    with numpy_alone():
+        return stream(q)
+
+
+def fit_numpy(q: Array, measured: Array) -> dict[str, object]:
+    """`fit` by NumPy alone."""
+    with numpy_alone():
+        return fit(q, measured)
 
 
 def build_compact(q: Array) -> Array:

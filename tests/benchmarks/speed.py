@@ -15,6 +15,7 @@ import json
 import os
 import platform
 import sys
+import time
 import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -27,11 +28,13 @@ import numpy as np
 if __package__ in (None, ""):  # started as a file
     sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from tests.benchmarks import five_axis, ours, timing
+from errormodel.kernel import compiled
+from tests.benchmarks import five_axis, limits, ours, timing
 from tests.benchmarks.five_axis import Array
 from tests.benchmarks.rivals import RIVALS, competent_numpy, stacked_numpy
 
 Row = dict[str, Any]
+CLOCKS = {"wall": time.perf_counter, "cpu": time.process_time}
 CHECKED = 20  # poses on which M is compared with 60 digits
 
 
@@ -75,14 +78,14 @@ def rivals(names: list[str]) -> Iterator[Contender]:
         yield Contender(label, loaded, "build", getattr(loaded, "MAX_POSES", None))
 
 
-def race(contenders: list[Contender], inputs: tuple[Array, ...], repeats: int, memory: bool) -> list[Row]:
+def race(contenders: list[Contender], inputs: tuple[Array, ...], repeats: int, memory: bool, clock: str) -> list[Row]:
     """Time the contenders turn by turn on the first rows of the inputs; ratios are to the first, which is ours.
 
     The first turn (compilation, first use) is not counted.
     """
     n = len(inputs[0])
     tasks = {c.label: partial(c.call, *(i[: c.poses(n)] for i in inputs)) for c in contenders}
-    seconds = timing.interleaved(tasks, repeats)
+    seconds = timing.interleaved(tasks, repeats, CLOCKS[clock])
     rows = [
         {
             "name": c.label,
@@ -98,21 +101,25 @@ def race(contenders: list[Contender], inputs: tuple[Array, ...], repeats: int, m
     return rows
 
 
-def build(n: int, repeats: int, others: list[Contender], memory: bool) -> list[Row]:
+def build(n: int, repeats: int, others: list[Contender], memory: bool, clock: str) -> list[Row]:
     """M at `n` poses."""
     own = [
-        Contender("ours, M streamed as fits take it", ours, "stream"),
+        *([Contender("ours, M streamed as fits take it, compiled", ours, "stream")] if compiled(n) else []),
+        Contender("ours, M streamed as fits take it", ours, "stream_numpy"),
         Contender("ours, M without repetitions", ours, "build_compact"),
         Contender("ours, dense M", ours, "build"),
     ]
-    return race([*own, *others], (five_axis.poses(n),), repeats, memory)
+    return race([*own, *others], (five_axis.poses(n),), repeats, memory, clock)
 
 
-def fit(n: int, repeats: int, memory: bool) -> list[Row]:
+def fit(n: int, repeats: int, memory: bool, clock: str) -> list[Row]:
     """Parameters, covariance and residual statistics at `n` poses, from commands and measurements in memory."""
     q = five_axis.poses(n)
     measured = five_axis.measured(q, ours.as_design(ours.build(q), q))
-    return race(solvers("fit"), (q, measured), repeats, memory)
+    fast = [Contender("ours, compiled", ours, "fit")] if compiled(n) else []
+    own, *rest = solvers("fit")
+    own = Contender(own.label, ours, "fit_numpy")
+    return race([*fast, own, *rest], (q, measured), repeats, memory, clock)
 
 
 def solvers(function: str) -> list[Contender]:
@@ -173,7 +180,8 @@ def main() -> None:
     parser.add_argument("--poses", type=int, nargs="+", default=[100_000])
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--rivals", default=",".join(RIVALS), help=f"of {','.join(RIVALS)}")
-    parser.add_argument("--parts", default="build,fit,accuracy", help="of build,fit,accuracy")
+    parser.add_argument("--parts", default="build,fit,accuracy,limits", help="of build,fit,accuracy,limits")
+    parser.add_argument("--clock", choices=CLOCKS, default="wall", help="cpu: user and system seconds of all threads")
     parser.add_argument("--no-memory", action="store_true", help="skip the separate runs that take the peak memory")
     parser.add_argument("--json", type=Path, help="write all figures there")
     options = parser.parse_args()
@@ -188,13 +196,13 @@ def main() -> None:
     others = list(rivals(names)) if "build" in parts else []
     for n in options.poses:
         if "build" in parts:
-            report["build"][n] = build(n, options.repeats, others, not options.no_memory)
+            report["build"][n] = build(n, options.repeats, others, not options.no_memory, options.clock)
             show(
                 f"Build M, 3 x {len(five_axis.IDS)} a pose, {n} poses; error of M relative to its columns",
                 report["build"][n],
             )
         if "fit" in parts:
-            report["fit"][n] = fit(n, options.repeats, not options.no_memory)
+            report["fit"][n] = fit(n, options.repeats, not options.no_memory, options.clock)
             show(f"Fit: {five_axis.RANK} parameters, covariance, residual statistics, {n} poses", report["fit"][n])
     if "accuracy" in parts:
         report["accuracy"] = exactness()
@@ -202,6 +210,9 @@ def main() -> None:
         for row in report["accuracy"]:
             where = f"{row['travel']} travel, from {row['from']}, {row['rank']} parameters"
             print(f"{row['name']:<26}{where:<55}{row['error']:>9.0e}")
+    if "limits" in parts:
+        report["limits"] = limits.measured()
+        limits.show(report["limits"])
     if options.json:
         options.json.write_text(json.dumps(report, indent=1), encoding="utf-8")
 

@@ -46,7 +46,7 @@ LEFT_OUT: dict[str, tuple[tuple[str, str, float | Callable[..., Any]], ...]] = {
     "model-cross-validation": ((_COMPARED, "NO_WORSE", FOREVER),),
     "prediction-made-worse": (("identification.diagnosis.extension", "NO_WORSE", FOREVER),),
     "physical-bound": ((_RESULTS + "physical_limits", "CONTRADICTED_SIGMA", FOREVER),),
-    "physical-size": ((_RESULTS + "physical_limits", "IMPOSSIBLE", FOREVER),),
+    "physical-size": ((_RESULTS + "physical_limits", "WIDEST", FOREVER),),
 }
 
 

@@ -272,7 +272,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "physical-size": Rule(
             NAMES, "times the usual size", "So does one that is too large for the widest of the prior distributions.",
-            _in("results.physical_limits", "IMPOSSIBLE") + _in("search.candidates", "SIZES"),
+            _in("search.candidates", "SIZES", "WIDEST"),
         ),
         "distinguishable": Rule(
             NAMES, "decimal logarithm of the Bayes factor",

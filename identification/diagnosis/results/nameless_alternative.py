@@ -14,6 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from errormodel.effects.base import Effect
 from identification.diagnosis.decisions.log import DecisionLog
 from identification.diagnosis.results.findings import EVEN, Alternative, Finding, probability_of
 from identification.diagnosis.results.nameless_evidence import best_of
@@ -45,7 +46,7 @@ def checked_alternative(
         return replace(without_name, alternatives=[name, *finding.alternatives])
     without = form = model.without(group)
     evidence = 0.0
-    for effect in (s.effect for s in group if s.effect.effect == main.effect):  # a second sensor or lag is of the name
+    for effect in (s.effect for s in group if _one_name(main, s.effect)):
         usual = float(Candidates.of(form, [effect]).scores(form).evidence.max(initial=0.0))
         evidence += max(usual, form.random(form.columns(effect)[0]).best()[1])  # of any size, as what has no name
         form = form.with_effect(effect)
@@ -62,6 +63,11 @@ def checked_alternative(
     lead = evidence + max(further - departure, 0.0) - instead + NAME_ODDS
     log.add("nameless-alternative", "kept" if lead > 0 else "refused", main, lead, 0.0, beside=_words(best))
     return finding if lead > 0 else nameless(finding, f"a function without a name explains as much ({_words(best)})")
+
+
+def _one_name(one: Effect, other: Effect) -> bool:
+    """Whether two effects differ at most in what drives them: a second lag is of the name, a second jump is not."""
+    return one.effect == other.effect and one.model_dump(exclude={*one.cause}) == other.model_dump(exclude={*one.cause})
 
 
 def _words(function: Functions | None) -> str:
