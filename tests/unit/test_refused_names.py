@@ -51,9 +51,9 @@ def test_a_name_stands_where_no_function_explains_as_much(cause: object, named: 
     found = checked_alternative(SAID, model, model.findings[0], recorded(linear, np.unique(linear.index)), log)
     assert (found.effect == "structure-drift") == named
     (*_, decision) = log
-    assert decision.rule == ("nameless-alternative" if named else "remainder-of-name")
+    assert (decision.rule, decision.outcome) == ("nameless-alternative", "kept" if named else "refused")
     if not named:
-        assert "as much is left, without a name (dy of " in found.statement
+        assert "a function without a name explains as much (dy of " in found.statement
         assert SAID.statement in found.statement
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from errormodel.effects.base import Effect
 from identification.diagnosis.decisions.log import DecisionLog
 from identification.diagnosis.results.findings import EVEN, Alternative, Finding, probability_of
-from identification.diagnosis.results.nameless_evidence import best_of
+from identification.diagnosis.results.nameless_evidence import best_of, evidence_in_any_noise
 from identification.diagnosis.results.physical_limits import nameless
 from identification.diagnosis.results.recorded_functions import Functions
 from identification.diagnosis.search.candidates import Candidates
@@ -52,8 +52,9 @@ def checked_alternative(
         form = form.with_effect(effect)
     own = max(without.square - form.square, 1e-300)
     further, explained, left = best_of(form, functions)
-    clear = further - float(np.log(max(len(functions), 1))) > DETECT
-    if clear:
+    trials = float(np.log(max(len(functions), 1)))
+    # what noise that is correlated from row to row explains as well is no remainder
+    if left is not None and further - trials > DETECT and evidence_in_any_noise(form, left) - trials > DETECT:
         large = explained > OWN * own
         log.add("remainder-of-name", "refused" if large else "kept", main, explained / own, OWN, beside=_words(left))
         if large:

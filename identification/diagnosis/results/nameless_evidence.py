@@ -11,6 +11,7 @@ from errormodel.arrays import Array
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.linear.random_effects import RandomEffects
 from identification.diagnosis.results.recorded_functions import Functions
+from identification.diagnosis.search.correlated_noise import random_evidence
 
 MOST_FUNCTIONS = 12  # whose evidence is computed, those with the largest score: the rest of some hundred has less
 
@@ -40,3 +41,10 @@ def best_of(linear: LinearModel, functions: Sequence[Functions]) -> tuple[float,
         if evidence > best[0]:
             best = evidence, random.square - float(random.left(ratio)), functions[k]
     return best
+
+
+def evidence_in_any_noise(linear: LinearModel, function: Functions) -> float:
+    """Log Bayes factor of a function over all noises, also correlated ones."""
+    columns = np.zeros((function.by_row.shape[1], linear.size))
+    columns[:, : len(linear.index)] = function.values.T
+    return random_evidence(linear, columns)

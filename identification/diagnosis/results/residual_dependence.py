@@ -24,9 +24,8 @@ from errormodel.conventions import FRAME, MOTIONS
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.linear.orthonormal_basis import orthonormal_basis
-from identification.diagnosis.results.nameless_evidence import best_of
+from identification.diagnosis.results.nameless_evidence import best_of, evidence_in_any_noise
 from identification.diagnosis.results.recorded_functions import CLOCK, Functions, recorded
-from identification.diagnosis.search.correlated_noise import random_evidence
 from identification.diagnosis.search.criteria import heldout_rms
 from identification.diagnosis.search.scoring import DETECT
 from identification.estimation.noise import Noise, likeliest, series_edges
@@ -161,9 +160,7 @@ def _wandering(linear: LinearModel, parts: Sequence[Functions], log: DecisionLog
     _, _, best = best_of(linear, quick)
     if best is None:
         return None
-    columns = np.zeros((best.values.shape[1], linear.size))
-    columns[:, : len(linear.index)] = best.values.T
-    surplus = random_evidence(linear, columns) - float(np.log(len(quick)))
+    surplus = evidence_in_any_noise(linear, best) - float(np.log(len(quick)))
     what = f"{best.motion} of {best.element}"
     log.add("wandering-motion", "found" if surplus > DETECT else "passed", "residuals", surplus, DETECT, beside=what)
     return (float(np.exp(-surplus)), best) if surplus > DETECT else None
