@@ -6,9 +6,13 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Iterable, Iterator
+import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+
+from controller_pages import controller, controllers, targets
+from page_table import table
 
 HERE = Path(__file__).parent / "reference"
 
@@ -20,6 +24,7 @@ def write(folder: Path) -> list[Path]:
         "effects.md": effects(),
         "decision_rules.md": decision_rules(),
         "controllers.md": controllers(),
+        **{f"controllers/{name}.md": controller(name) for name in targets()},
         "instruments.md": instruments(),
         "observations.md": observations(),
         "lengths.md": lengths(),
@@ -29,24 +34,16 @@ def write(folder: Path) -> list[Path]:
         "standards.md": standards(),
         "machine_keys.md": machine_keys(),
         "survey_keys.md": survey_keys(),
+        "licences.md": licences(),
     }
-    folder.mkdir(exist_ok=True)
     out = []
     for name, lines in pages.items():
         path, text = folder / name, "\n".join(lines) + "\n"
+        path.parent.mkdir(parents=True, exist_ok=True)
         if not path.exists() or path.read_text(encoding="utf-8") != text:
             path.write_text(text, encoding="utf-8")
         out.append(path)
     return out
-
-
-def table(head: Iterable[str], rows: Iterable[Iterable[object]]) -> Iterator[str]:
-    """A Markdown table; what would end a cell or a line is taken out of the cells."""
-    head = list(head)
-    yield "| " + " | ".join(head) + " |"
-    yield "|" + "---|" * len(head)
-    for row in rows:
-        yield "| " + " | ".join(" ".join(str(cell).replace("|", "\\|").split()) for cell in row) + " |"
 
 
 def commands() -> Iterator[str]:
@@ -116,96 +113,6 @@ def decision_rules() -> Iterator[str]:
                 rows.append((f"`{name}`", rule.decides, rule.scale, "; ".join(values)))
         yield from ("", f"## {stage.capitalize()}", "", f"{what[0].upper()}{what[1:]}.", "")
         yield from table(("rule", "what it decides", "scale of its value", "constants"), rows)
-
-
-def controllers() -> Iterator[str]:
-    """Every controller: its format, what no public source says of it, how to load, test and take back its files."""
-    from errormodel.controllers import registry
-    from errormodel.controllers.base import Controller
-
-    setup = _example_setup()
-    yield "# Controllers"
-    yield ""
-    yield (
-        "Targets of `errormodel compensate --controller NAME`. Each is one class in `errormodel/controllers/`. The "
-        "steps are those of `checklist.txt` for the machine `five_axis_table_quill` of the library; that of your "
-        "machine has its own axes and numbers, and what its errors need beside the tables."
-    )
-    yield ""
-    yield from table(
-        ("name", "target", "tables of", "sign"),
-        ((f"[{n}](#{n})", k.title, _holds(k, setup), _sign(k)) for n, k in registry().items()),
-    )
-    for name, kind in registry().items():
-        made = kind()
-        yield from ("", f"## {name}", "", f"**{kind.title}.** {inspect.cleandoc(kind.__doc__ or '')}", "")
-        yield f"- Source: {kind.source}"
-        yield f"- Not certain: {kind.doubt or 'nothing'}"
-        if isinstance(made, Controller):
-            holds = f"at most {made.most_points} points an axis"
-            holds += f", {made.most_tables} tables" if made.most_tables else ""
-            holds += ", a table for each direction of travel" if made.bidirectional else ""
-            holds += ", and follows the length of the tool" if made.follows_tool else ""
-            beyond = made.beyond.replace("beyond it", "beyond what was measured")
-            yield f"- Holds: {_holds(kind, setup)}; {holds}; {beyond}"
-            if made.backlash_parameter:
-                yield f"- Backlash: {made.backlash_parameter.format(axis='X', number=1)}"
-        yield from ("", f"It needs: {made.needs}.", "", "To load:", "")
-        yield from (f"{n}. {step}" for n, step in enumerate(made.checklist(setup), start=1))
-        yield from ("", f"To test: {_test(made)}", "", f"To take it back: {made.back}.")
-
-
-def _example_setup() -> Any:
-    """A machine as controllers see it, without errors."""
-    import numpy as np
-
-    from errormodel.chain import Chain
-    from errormodel.machine_file import read_machine
-    from identification.compensation.field import Field, movers_of
-    from identification.compensation.volume import Volume
-
-    machine = read_machine("five_axis_table_quill")
-    chain = Chain(machine)
-    travel = np.array([j.travel for j in machine.joints])
-    field = Field(chain, np.zeros(len(chain.ids)), movers_of(chain))
-    return Volume(field, travel[:, 0], travel[:, 1], True).setup(None, None)[0]
-
-
-def _holds(kind: Any, setup: Any) -> str:
-    """What a format's tables are functions of, in words."""
-    from errormodel.controllers.base import Controller
-
-    if not issubclass(kind, Controller):
-        return "the commands themselves"
-    terms = kind().structures(setup)[-1]
-    most = max(len(t.inputs) for t in terms)
-    if any(t.output not in setup.movers for t in terms):
-        return "error parameters of each axis"
-    if most == len(setup.moving):
-        return "all axes at once"
-    if most > 1:
-        return f"up to {most} axes at once"
-    if any(t.factor for t in terms):
-        return "one axis, times a second one"
-    return "one axis, also another's" if any(t.inputs and t.output != t.inputs[0] for t in terms) else "its own axis"
-
-
-def _sign(kind: Any) -> str:
-    known = getattr(kind, "sign_known", None)
-    return "" if known is None else "documented" if known else "to be tested"
-
-
-def _test(made: Any) -> str:
-    """How the tables are tested at the machine, in words."""
-    again = "Then measure again, and give the rows to `errormodel diagnose`."
-    if made.test:
-        return f"{made.test}. {again}"
-    language = f"; programmes `*{made.dialect.suffix}` drive there" if made.dialect else ""
-    other = f" Where the other sign shows: {made.other_sign}." if made.other_sign else ""
-    return (
-        "`sign_test/steps.txt`, where it is written, names tables with one peak an axis, where to stand, and what an "
-        f"indicator must show{language}.{other} {again}"
-    )
 
 
 def instruments() -> Iterator[str]:
@@ -367,6 +274,31 @@ def survey_keys() -> Iterator[str]:
     for name, form in blocks.items():
         yield from ("", f"## {name}", "")
         yield from _fields(form)
+
+
+def licences() -> Iterator[str]:
+    """Every package that comes with errormodel in this environment, with its licence."""
+    from importlib.metadata import version
+
+    sys.path.append(str(HERE.parents[1]))  # of the repository, where the check of all licences is
+    from tests.helpers.licences import EXCEPTIONS, requirements, tree
+
+    yield from ("# Licences", "")
+    exceptions = ", ".join(f"{name} ({licence})" for name, licence in EXCEPTIONS.items())
+    yield (
+        "What `pip install errormodel` and each extra install, with the licence that each package states, from the "
+        "environment in which these pages were built, on Linux. `python -m tests.helpers.licences` fails at one that "
+        f"asks more of a user than Apache-2.0 does. The exception is {exceptions}, a library on its own that is "
+        "imported at run time, unmodified, and can be exchanged. A release has the same list as a bill of materials "
+        "(CycloneDX) beside the wheel."
+    )
+    told: set[str] = set()
+    for extra in ("", "arviz", "big", "clouds", "fleet", "xlsx", "dev"):
+        found = sorted(tree(requirements(extra)))
+        rows = [(n, "" if text == "not installed" else version(n), text) for n, text in found if n not in told]
+        told.update(n for n, _ in found)
+        title = f"`[{extra}]`, beside those above" if extra else "`errormodel`"
+        yield from ("", f"## {title}", "", *table(("package", "version", "licence"), rows))
 
 
 def _fields(model: Any) -> Iterator[str]:

@@ -171,9 +171,9 @@ def simulate(
         table = survey.table
     instrument: Instrument = Plain() if survey is None else survey.instrument
     entries = {} if survey is None else survey.observations
-    if noise == "instrument" and isinstance(instrument, Plain) and not entries:
-        cure = "Add `instrument:` to survey.yaml, or give a standard deviation in mm"
-        raise InputError("noise", "the survey names no instrument", cure)
+    if noise == "instrument" and not instrument.stated and not entries:
+        cure = "Add `instrument:` with its uncertainties to survey.yaml, or give a standard deviation in mm"
+        raise InputError("noise", "the survey names no instrument with uncertainties", cure)
     chain = Chain(model)
     if isinstance(parameters, str | Path):
         truth = read_truth(Path(parameters), chain)

@@ -261,7 +261,8 @@ def open_rows(
     if measured and all(f.entry.role == "test" for f in files):
         raise document.error(("files",), "only test files", "Give at least one file the role fit")
     files.sort(key=lambda f: measured and f.entry.role == "test")
-    return SurveyRows(path, machine, form, document, tuple(files), channels, measured, tuple(notes))
+    stated = form.notes() if measured else []
+    return SurveyRows(path, machine, form, document, tuple(files), channels, measured, (*stated, *notes))
 
 
 def _needed(plan: Plan, machine: Machine, channels: tuple[str, ...], measured: bool) -> Plan:

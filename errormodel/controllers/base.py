@@ -31,8 +31,6 @@ from errormodel.machine import Vector
 
 # characters of a machine's name in a comment, which leaves room for the rest of the line
 MOST_MACHINE_NAME = 60
-
-
 EDGE_HOLDS = "beyond it the correction of its edge is held"
 
 
@@ -150,6 +148,7 @@ class Controller(Target):
     backlash_beside: ClassVar[str] = "leave {} as it was during the survey"  # where tables hold the backlash
     first_number: ClassVar[int | None] = None
     number_form: ClassVar[str] = "{}"
+    describes_tilt: ClassVar[bool] = True  # whether its kinematic description takes a tilted rotary axis; else tables
     lettered: ClassVar[bool] = True  # whether files need the controller's own letters
     most_tables: ClassVar[int | None] = None
     bidirectional: ClassVar[bool] = False  # whether there are tables for each direction of travel

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import product
 from typing import ClassVar
 
 import numpy as np
@@ -47,12 +48,10 @@ class CsvGrid(Controller):
         for axis in range(len(names)):
             check_points(tables[0].term, self.most_points, axis)
             check_increasing(tables[0].term, axis)
-        places = nodes(tables[0].term.grids)
-        values = np.column_stack([t.values.ravel() for t in tables])
         header = [*names, *(f"d{t.term.output}" for t in tables)]
-        rows = [
-            ",".join([*(f"{v:.9g}" for v in q), *(f"{c:.7f}" for c in d)]) for q, d in zip(places, values, strict=True)
-        ]
+        places = map(",".join, product(*([f"{v:.9g}" for v in g] for g in tables[0].term.grids)))
+        form = ",".join(["%s", *("%.7f" for _ in tables)])
+        rows = [form % row for row in zip(places, *(t.values.ravel().tolist() for t in tables), strict=True)]
         return {"correction.csv": "\n".join([",".join(header), *rows]) + "\n"}
 
     def read(self, files: Files, setup: Setup) -> Tables:
@@ -63,7 +62,7 @@ class CsvGrid(Controller):
         names = tuple(h for h in header if h in setup.names)
         if not outputs or [*names, *(f"d{o}" for o in outputs)] != header:
             raise lines.error(1, f"header '{','.join(header)[:60]}'", "Write axes, then corrections such as dX")
-        data = np.array([lines.numbers(k, s, len(header), ",") for k, s in lines.lines[1:]]).reshape(-1, len(header))
+        data = lines.rows(1, len(header), ",")
         grids = tuple(tuple(np.unique(data[:, k]).tolist()) for k in range(len(names)))
         wanted = nodes(grids)
         if len(wanted) != len(data) or not np.array_equal(wanted, data[:, : len(names)]):

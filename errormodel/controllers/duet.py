@@ -99,7 +99,7 @@ class Duet(Printer):
             head = [w.strip() for w in lines.lines[2][1].split(",")]
             shape = (int(head[9]), int(head[10]))
             low, step = (float(head[2]), float(head[4])), (float(head[7]), float(head[8]))
-            values = np.array([lines.numbers(k, s, shape[0], ",") for k, s in lines.lines[3:]])
+            values = lines.rows(3, shape[0], ",")
             if len(values) != shape[1]:
                 raise InputError(name, f"{len(values)} rows where {shape[1]} belong", "Copy the file again")
             grids = tuple(map(spaced, low, step, shape))

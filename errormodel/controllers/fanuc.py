@@ -80,6 +80,7 @@ class Fanuc(Controller):
     backlash_parameter: ClassVar[str] = "parameter 1851 of axis {axis} (and 1852 where 1800#4 is 1)"
     first_number: ClassVar[int | None] = 1
     number_form: ClassVar[str] = "A{}"
+    describes_tilt: ClassVar[bool] = False
     dialect: ClassVar[Dialect | None] = FanucDialect(
         suffix=".nc",
         comment=CAPITAL_COMMENT,
@@ -122,8 +123,9 @@ class Fanuc(Controller):
         return [
             "parameters of tool centre point control on a 30i (machine unit; older ones count in 0.001 mm): add x y z",
             *(f"  {k}: {' '.join(f'{v + 0.0:+.4f}' for v in value)}" for k, value in made.items()),
-            "the vectors are taken to end at the points of the axes that are named above (a tilt shifts others)",
-            "no public source was found for the tilt of an axis (19683, 19688): that stays; the sign is to be tested",
+            "the vectors are taken to end at the points of the axes that are named above; the sign is to be tested",
+            "19682 and 19687 name the direction of an axis; of what 19683 and 19688 behind them hold no public source "
+            "was found: no tilt is entered, and the tables are for axes that lie as tilted as they are",
         ]
 
     def unit(self, setup: Setup) -> float:

@@ -79,17 +79,28 @@ def locate(grid: Sequence[float], q: Array) -> tuple[Index, Array]:
     return k, np.clip((q - g[k]) / (g[k + 1] - g[k]), 0.0, 1.0)
 
 
-def hats(grids: Sequence[Sequence[float]], q: Array) -> csr_matrix:
-    """Weights (n, nodes) of multilinear interpolation at q (n, len(grids)); the last grid varies fastest."""
-    from scipy.sparse import csr_matrix
+def corners(grids: Sequence[Sequence[float]], q: Array) -> tuple[Index, Array]:
+    """Nodes (n, 2^axes) about positions q (n, axes), and their weights in multilinear interpolation.
 
-    n = len(q)
-    column, weight = np.zeros((n, 1), dtype=np.intp), np.ones((n, 1))
+    Numbers of nodes count with the last grid fastest; on a grid of one position both ends are the same node.
+    """
+    column, weight = np.zeros((len(q), 1), dtype=np.intp), np.ones((len(q), 1))
     for axis, grid in enumerate(grids):
         k, share = locate(grid, q[:, axis])
         upper = np.minimum(k + 1, len(grid) - 1)
         column = np.concatenate([column * len(grid) + k[:, None], column * len(grid) + upper[:, None]], axis=1)
         weight = np.concatenate([weight * (1 - share)[:, None], weight * share[:, None]], axis=1)
-    size = math.prod(len(g) for g in grids)
-    rows = np.repeat(np.arange(n), column.shape[1])
-    return csr_matrix((weight.ravel(), (rows, column.ravel())), shape=(n, size))
+    return column, weight
+
+
+def sparse(column: Index, weight: Array, size: int) -> csr_matrix:
+    """Matrix (n, size) of weights (n, k) in columns (n, k)."""
+    from scipy.sparse import csr_matrix
+
+    rows = np.repeat(np.arange(len(column)), column.shape[1])
+    return csr_matrix((weight.ravel(), (rows, column.ravel())), shape=(len(column), size))
+
+
+def hats(grids: Sequence[Sequence[float]], q: Array) -> csr_matrix:
+    """Weights (n, nodes) of multilinear interpolation at q (n, len(grids)); the last grid varies fastest."""
+    return sparse(*corners(grids, q), math.prod(len(g) for g in grids))

@@ -145,7 +145,7 @@ def _table(file: str, text: str, cause: str) -> list[Table]:
         raise InputError(file, "no [END]: the table is not whole", "Copy the file again")
     head = lines.lines[0][1].split()
     outputs = [h for h in head if h not in ("NR", "AXISPOS", "BACKLASH")]
-    data = np.array([lines.numbers(k, s, 2 + len(outputs)) for k, s in lines.lines[1:]]).reshape(-1, 2 + len(outputs))
+    data = lines.rows(1, 2 + len(outputs))
     term = Term("", (cause,), (tuple(data[:, 1].tolist()),))
     check_increasing(term, name=file)
     return [Table(Term(o, term.inputs, term.grids), -data[:, 2 + k]) for k, o in enumerate(outputs)]

@@ -93,7 +93,7 @@ class LinuxCnc1(Controller):
             if file not in files:
                 raise InputError("compensation.ini", f"COMP_FILE {file}, which is not there", "Give the whole folder")
             lines = Lines.of(file, files[file])
-            data = np.array([lines.numbers(k, s, 3) for k, s in lines.lines]).reshape(-1, 3)
+            data = lines.rows(0, 3)
             output = self.numbered(setup, int(number))
             up, down = (self._inward(data[:, 0], data[:, k]) for k in (1, 2))
             out += split(output, output, tuple(data[:, 0].tolist()), up, down)

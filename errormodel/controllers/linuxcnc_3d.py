@@ -182,10 +182,4 @@ def _values(lines: Lines, start: int, columns: int, count: int) -> Array:
     rows = lines.lines[start:]
     if not lines.lines[start - 1][1].startswith("values ") or len(rows) != count:
         raise lines.error(rows[-1][0] if rows else 1, f"{len(rows)} nodes, of which the grids have {count}", CURE)
-    try:
-        found = np.array(" ".join(s for _, s in rows).split(), np.float64)
-        if found.size == count * columns and all(s.count(" ") == columns - 1 for _, s in rows):
-            return found.reshape(count, columns)
-    except ValueError:
-        pass  # the line is sought below
-    return np.array([lines.numbers(k, s, columns) for k, s in rows])
+    return lines.rows(start, columns)

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from errormodel.arrays import Array
-from errormodel.controllers.grids import hats
+from errormodel.arrays import Array, Index
+from errormodel.controllers.grids import corners, sparse
 from errormodel.controllers.setup import FULL_TURN, Setup
 from errormodel.exceptions import InputError
 
@@ -54,26 +54,27 @@ class Term:
     def size(self) -> int:
         return math.prod(self.shape)
 
-    def weights(self, setup: Setup, q: Array, direction: Array, longer: Array | None = None) -> csr_matrix:
-        """Weights (n, size) of the values at positions (n, axes) with directions of approach (n, axes).
+    def nodes(self, setup: Setup, q: Array, direction: Array, longer: Array | None = None) -> tuple[Index, Array]:
+        """Values (n, k), by number, that act at positions (n, axes) reached in directions (n, axes), and their weights.
 
         `longer` (n,): mm by which the tools are longer than that of the tables; None: they are that one.
         """
-        from scipy.sparse import diags
-
         places = q[:, [setup.place(i) for i in self.inputs]]
         for k, axis in enumerate(map(setup.axis, self.inputs)):
             if axis.turns:  # a turn further is the same place
                 places[:, k] = axis.measured[0] + np.mod(places[:, k] - axis.measured[0], FULL_TURN)
-        w = hats(self.grids, places)
+        column, weight = corners(self.grids, places)
         if self.factor == LONGER:
             scale = np.zeros(len(q)) if longer is None else longer
         else:
             scale = factor(setup, self.factor, q)
         if self.direction:
             scale = scale * (np.sign(direction[:, setup.place(self.inputs[0])]) == self.direction)
-        out: csr_matrix = (diags(scale) @ w).tocsr()
-        return out
+        return column, weight * scale[:, None]
+
+    def weights(self, setup: Setup, q: Array, direction: Array, longer: Array | None = None) -> csr_matrix:
+        """Weights (n, size) of all values; parameters as those of :meth:`nodes`."""
+        return sparse(*self.nodes(setup, q, direction, longer), self.size)
 
 
 def factor(setup: Setup, name: str, q: Array) -> Array:
@@ -96,7 +97,8 @@ class Table:
 
     def at(self, setup: Setup, q: Array, direction: Array, longer: Array | None = None) -> Array:
         """Corrections (n,) at positions (n, axes) with tools longer by `longer` (n,), mm."""
-        return np.asarray(self.term.weights(setup, q, direction, longer) @ self.values.ravel())
+        node, weight = self.term.nodes(setup, q, direction, longer)
+        return np.asarray(np.einsum("nk,nk->n", weight, self.values.ravel()[node]))
 
 
 Tables = tuple[Table, ...]

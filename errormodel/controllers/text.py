@@ -7,6 +7,9 @@ import unicodedata
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
+
+from errormodel.arrays import Array
 from errormodel.exceptions import InputError
 
 Files = Mapping[str, str]  # name in the folder: text
@@ -65,8 +68,9 @@ class Lines:
     @classmethod
     def of(cls, file: str, text: str, comment: Sequence[str] = ()) -> Lines:
         """Lines without blank ones and those that begin with a comment sign."""
-        kept = [(k, s.strip()) for k, s in enumerate(text.splitlines(), start=1)]
-        return cls(file, tuple((k, s) for k, s in kept if s and not s.startswith(tuple(comment) or "\0")))
+        signs = tuple(comment)
+        kept = [(k, s) for k, line in enumerate(text.splitlines(), start=1) if (s := line.strip())]
+        return cls(file, tuple((k, s) for k, s in kept if not s.startswith(signs)) if signs else tuple(kept))
 
     def error(self, number: int, found: str, cure: str) -> InputError:
         return InputError(f"{self.file}, line {number}", found, cure)
@@ -86,6 +90,23 @@ class Lines:
         if count is not None and len(values) != count:
             raise self.error(number, f"{len(values)} figures where {count} belong", "Write the file again")
         return values
+
+    def rows(self, start: int, count: int, separator: str | None = None) -> Array:
+        """Numbers (n, count) of all lines from index `start` on.
+
+        Raises
+        ------
+        InputError
+            A field is no number, or a line has another number of them than `count`.
+        """
+        lines, sign = self.lines[start:], separator or " "
+        try:  # all at once, which takes a tenth of the time
+            found = np.array(sign.join(s for _, s in lines).split(separator), np.float64)
+            if found.size == count * len(lines) and all(s.count(sign) == count - 1 for _, s in lines):
+                return found.reshape(-1, count)
+        except ValueError:
+            pass  # the line is sought below
+        return np.array([self.numbers(k, s, count, separator) for k, s in lines]).reshape(-1, count)
 
 
 def one_file(files: Files, suffix: str) -> tuple[str, str]:

@@ -10,7 +10,7 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, BeforeValidator, Field
 
 from errormodel.exceptions import InputError
 from errormodel.yamlfile import FileModel, Number
@@ -29,8 +29,14 @@ def _some(pair: list[float]) -> list[float]:
     return pair
 
 
-Pair = Annotated[list[NotNegative], Field(min_length=2, max_length=2), AfterValidator(_some)]
-"""``[a, b]`` of a standard uncertainty ``hypot(a, b length)``, not both 0."""
+def _of_all_lengths(value: object) -> object:
+    return [value, 0.0] if isinstance(value, int | float) and not isinstance(value, bool) else value
+
+
+Pair = Annotated[
+    list[NotNegative], Field(min_length=2, max_length=2), AfterValidator(_some), BeforeValidator(_of_all_lengths)
+]
+"""``[a, b]`` of a standard uncertainty ``hypot(a, b length)``, not both 0; one number is `a`."""
 
 
 class Source(NamedTuple):
@@ -58,6 +64,11 @@ class Instrument(FileModel, ABC):
     """
 
     type: str
+
+    @property
+    def stated(self) -> bool:
+        """Whether its uncertainties are stated; where they are not, the noise is estimated from the data."""
+        return bool(self.sources(np.zeros((1, 3))))
 
     @abstractmethod
     def sources(self, points: Array) -> list[Source]:
@@ -115,11 +126,15 @@ class Instrument(FileModel, ABC):
 class LengthDependent(Instrument):
     """Isotropic instrument whose standard uncertainty grows with the distance from the measuring frame's origin."""
 
-    sigma: Pair = Field(
-        description="[a, b] of the standard uncertainty hypot(a, b L) in mm and mm/mm (k = 1), such as [0.5e-3, 1.0e-6]"
+    sigma: Pair | None = Field(
+        None,
+        description="[a, b] of the standard uncertainty hypot(a, b L) in mm and mm/mm (k = 1), such as "
+        "[0.5e-3, 1.0e-6]; left out, it is estimated from the data",
     )
 
     def sources(self, points: Array) -> list[Source]:
+        if self.sigma is None:
+            return []
         a, b = self.sigma
         square = np.nansum(points**2, axis=1)
         return [

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from errormodel.instruments.base import Array, Instrument, NotNegative, Pair, Positive, Source, in_all_directions
 from errormodel.yamlfile import Vector3
@@ -16,15 +16,30 @@ class LaserTracker(Instrument):
 
     type: Literal["laser-tracker"] = "laser-tracker"
     station: Vector3 = Field([0.0, 0.0, 0.0], description="[x, y, z] of the tracker in the measuring frame, mm")
-    range: Pair = Field(
-        description="[a, b] of the standard uncertainty hypot(a, b r) in mm and mm/mm (k = 1), such as [0.5e-3, 3.0e-6]"
+    range: Pair | None = Field(
+        None,
+        description="[a, b] of the standard uncertainty hypot(a, b r) in mm and mm/mm (k = 1), such as "
+        "[0.5e-3, 3.0e-6]; left out with the angle's, it is estimated from the data",
     )
-    angle: Positive = Field(description="the standard uncertainty of both angles in rad (k = 1), such as 1.2e-6")
+    angle: Positive | None = Field(
+        None, description="the standard uncertainty of both angles in rad (k = 1), such as 1.2e-6"
+    )
     target: NotNegative = Field(
         0.0, description="the standard uncertainty of the target in its seat, equal in all directions, mm (k = 1)"
     )
 
+    @model_validator(mode="after")
+    def _both_or_none(self) -> Self:
+        if (self.range is None) != (self.angle is None) or (self.range is None and self.target):
+            raise ValueError(
+                "Write range and angle, such as range: [0.5e-3, 3.0e-6], angle: 1.2e-6 (k = 1), or neither and no "
+                "target: the noise is then estimated from the data"
+            )
+        return self
+
     def sources(self, points: Array) -> list[Source]:
+        if self.range is None or self.angle is None:
+            return []
         sight = np.nan_to_num(points - self.station)  # missing components count as zero in the line of sight
         r2 = np.einsum("ni,ni->n", sight, sight)[:, None, None]
         a, b = self.range

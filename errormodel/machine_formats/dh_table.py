@@ -22,7 +22,7 @@ from errormodel.machine_formats.base import Description, identifiers
 from errormodel.machine_formats.joint_axes import AlongX, AlongZ, screws
 from errormodel.machine_formats.transforms import links_of, shape_of
 from errormodel.raw_formats.base import RawFile
-from errormodel.raw_formats.layout import kind_of
+from errormodel.raw_formats.cells import kind_of
 from errormodel.units import UnitsBlock, factor
 from errormodel.yamlfile import Document, FileModel, Number, parse, validate
 

@@ -97,6 +97,8 @@ class Recording:
         Length in mm that the readings of a trace are deviations from.
     calibrated : bool
         Whether the file states that length as the calibrated one.
+    length_unit : str
+        Unit that the file states for all its coordinates and not column by column; empty: none.
     """
 
     frame: pd.DataFrame
@@ -107,6 +109,7 @@ class Recording:
     trace: str = ""
     reach: float = float("nan")
     calibrated: bool = False
+    length_unit: str = ""
 
 
 @dataclass(frozen=True)
@@ -136,7 +139,8 @@ class RawFile:
     def lines(self) -> tuple[str, ...]:
         """Lines without their ends; a carriage return alone ends a line as well."""
         text = self.text or ""
-        return tuple(text.replace("\r\n", "\n").replace("\r", "\n").split("\n"))
+        text = text.replace("\r\n", "\n").replace("\r", "\n").replace("\u2212", "-")  # the minus of typesetters
+        return tuple(text.split("\n"))
 
     @cached_property
     def layout(self) -> Layout | None:
@@ -171,6 +175,7 @@ class RawFormat(ABC):
     source : where the format is described.
     seen : whether it was tried on a public recording; else it is written to its description only.
     fallback : read by it what no other format recognises.
+    bare : its files may hold anything, so that columns without names may be commands.
     columns : words by which ``columns:`` and ``units:`` may name its own columns, beside those of a survey.
     uses : what of `Asked` it reads, beside machine, dates and units: ``joint``, ``offsets``, ``at``, ``dialect``.
     """
@@ -180,6 +185,7 @@ class RawFormat(ABC):
     source: ClassVar[str]
     seen: ClassVar[bool] = False
     fallback: ClassVar[bool] = False
+    bare: ClassVar[bool] = False
     columns: ClassVar[tuple[str, ...]] = ()
     uses: ClassVar[tuple[str, ...]] = ()
 
@@ -338,7 +344,7 @@ def _clean(data: bytes, encoding: str) -> tuple[str | None, str]:
         if encoding != "cp1252":
             return None, ""
         text = data.decode("latin-1")  # five bytes that Windows-1252 leaves open
-    text = text.removesuffix("\x1a")  # end of file of old programmes
+    text = text.rstrip("\0").removesuffix("\x1a")  # blocks filled up; end of file of old programmes
     if any(ord(c) < 32 and c not in "\t\n\r\f\v" for c in set(text)) or "\ufffe" in text:
         return None, ""
     return text.replace("\f", "\n").replace("\v", " "), encoding

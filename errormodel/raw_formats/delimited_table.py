@@ -15,6 +15,7 @@ class DelimitedTable(RawFormat):
     source = "no description: encoding, comments, preamble, delimiter, names and units are found in the file"
     seen = True
     fallback = True
+    bare = True
 
     @classmethod
     def recognises(cls, raw: RawFile) -> bool:

@@ -6,29 +6,21 @@ columns. The table is where the lines agree; what stands above is comments, a pr
 
 from __future__ import annotations
 
-import csv
 import re
 from collections import Counter
 from collections.abc import Sequence
-from contextlib import suppress
-from dataclasses import dataclass
-from functools import lru_cache
+from dataclasses import dataclass, replace
 
 from errormodel.exceptions import InputError
-from errormodel.formats.base import NO_VALUE_WORDS
-from errormodel.raw_formats.dates import looks_like_time
-from errormodel.raw_formats.unit_words import bracketed, is_unit_word, unit_word
+from errormodel.raw_formats.cells import PLAIN, is_rule, kind_of, split, without_units
+from errormodel.raw_formats.unit_words import bracketed, is_unit_word, stated_length, unit_word
 
 COMMENT = re.compile(r"\s*(//|#|%|!|\*|;)")
 DELIMITERS = {"\t": "tabs", ";": "semicolons", "|": "bars", ",": "commas", " ": "blanks"}
-NUMBER = re.compile(
-    r"[-+]?(?:\d+(?:[.,]\d*)?|[.,]\d+|\d{1,3}(?:[.,'\u2019\u00a0\u202f]\d{3})+(?:[.,]\d+)?)(?:[eEdD][-+]?\d+)?"
-)
-PLAIN = re.compile(r"[-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?", re.ASCII)  # what most cells are: no date looks like that
-SPECIAL = frozenset(("nan", "inf", "+inf", "-inf", "infinity", "-nan"))
 TRIED_LINES = 400  # from the end of the file, by which a delimiter is chosen; by judgement
 MOST_COLUMNS = 10_000  # of a table, as of a survey's: instruments write some ten
 LONGEST_LINE = 1_000_000  # characters: ten thousand columns with room for names
+BLANKS_WITHIN = 0.75  # blanks count so much less where tabs, semicolons or bars split all lines evenly: `P 1`
 BLOCK_SHARE = 0.5  # of the lines below the first of the table must have its width, or it is no table
 
 
@@ -48,6 +40,7 @@ class Layout:
     named : whether the file has names.
     notes : what was passed over, as sentences.
     below : lines below the table that were passed over, from 1.
+    length_unit : unit of lengths that a line above the table states for all of it: ``Units: inch``.
     """
 
     names: tuple[str, ...]
@@ -60,6 +53,7 @@ class Layout:
     named: bool
     notes: tuple[str, ...] = ()
     below: tuple[int, ...] = ()
+    length_unit: str = ""
 
     def column(self, place: int) -> list[str]:
         """Cells of a column; `place` counts from 0."""
@@ -77,30 +71,6 @@ class Layout:
             return bool(cells)
         kinds = {kind_of(cell) for cell in cells}
         return kinds <= {"number", "empty"} and "number" in kinds
-
-
-def kind_of(cell: str) -> str:
-    """``number``, ``empty`` (or a word for no value) or ``text``."""
-    return "number" if PLAIN.fullmatch(cell) else _kind_of(cell)
-
-
-@lru_cache(maxsize=1 << 16)
-def _kind_of(cell: str) -> str:
-    cell = cell.strip()
-    if cell.lower() in NO_VALUE_WORDS:
-        return "empty"
-    if cell.lower() in SPECIAL:
-        return "number"
-    return "number" if NUMBER.fullmatch(cell) and not looks_like_time(cell) else "text"
-
-
-def split(line: str, delimiter: str) -> list[str]:
-    """Cells of a line, without surrounding blanks and quotes."""
-    plain = " ".join(line.split()) if delimiter == " " else line
-    if '"' in line:
-        with suppress(csv.Error):  # a quote within a cell, or a cell without an end
-            return [cell.strip() for cell in next(csv.reader([plain], delimiter=delimiter, skipinitialspace=True), [])]
-    return [cell.strip() for cell in plain.split(delimiter)]
 
 
 def find_layout(lines: Sequence[str]) -> Layout | None:
@@ -122,7 +92,7 @@ def find_layout(lines: Sequence[str]) -> Layout | None:
     ]
     body = [entry for entry, comment in zip(full, said, strict=True) if not comment]
     comments = [entry for entry, comment in zip(full, said, strict=True) if comment]
-    if not body:
+    if not body or sum(line.lstrip().startswith("{") for _, line in body) > len(body) / 2:  # objects of JSON
         return None
     delimiter = _delimiter([line for _, line in body[-TRIED_LINES:]])
     if delimiter is None:
@@ -136,8 +106,9 @@ def find_layout(lines: Sequence[str]) -> Layout | None:
     first = next((i for i, (_, c) in enumerate(cells) if _is_data(c, width, kinds)), None)
     if first is None:
         return None
-    rows, below, notes = _rows(cells[first:], width, kinds, delimiter)
-    top = cells[:first]
+    first = _below_names(cells, first, width, kinds)
+    rows, below, notes = _rows(cells[first:], width, kinds, delimiter, _text_of(cells[:first]))
+    top = [(k, c) for k, c in cells[:first] if not is_rule(c)]
     above = [(k, text[text.find(_sign(text)) + len(_sign(text)) :].strip()) for k, text in comments]
     spare = int(kinds[-1] == "empty")  # a delimiter at the end of the rows only
     names, units, used = _heads(top, [a for a in above if a[0] < cells[first][0]], width, spare, delimiter)
@@ -149,8 +120,46 @@ def find_layout(lines: Sequence[str]) -> Layout | None:
         tuple(names) if names is not None else tuple(str(i + 1) for i in range(width)),
         tuple(units), tuple(tuple(r) for _, r in rows), tuple(k for k, _ in rows), preamble,
         tuple(text for _, text in above), delimiter, named, tuple(notes), tuple(below),
+        stated_length([*preamble, *(text for k, text in above if k < cells[first][0])]),
     )  # fmt: skip
-    return _without_empty_end(table)
+    return _without_empty_end(_without_units(table))
+
+
+def _below_names(cells: Sequence[tuple[int, list[str]]], first: int, width: int, kinds: Sequence[str]) -> int:
+    """The row below the names, where a preamble has lines as wide as the table: what stands above names is no data.
+
+    Only where the first line that looks like data has no names above it, and fewer such lines stand above the names
+    than below.
+    """
+    if first and _heading(cells[first - 1][1], width, kinds):
+        return first
+    names = next((i for i in range(first, len(cells)) if _heading(cells[i][1], width, kinds)), None)
+    if names is None or names - first >= sum(_is_data(c, width, kinds) for _, c in cells[names:]):
+        return first
+    return next((i for i in range(names, len(cells)) if _is_data(cells[i][1], width, kinds)), first)
+
+
+def _heading(row: Sequence[str], width: int, kinds: Sequence[str]) -> bool:
+    """Whether a line has the table's width, and a name of its own over each column of numbers."""
+    if len(row) != width:
+        return False
+    names = [cell for cell, kind in zip(row, kinds, strict=True) if kind == "number"]
+    return len({*names}) == len(names) > 1 and all(kind_of(cell) == "text" for cell in names)
+
+
+def _text_of(cells: Sequence[tuple[int, list[str]]]) -> set[tuple[str, ...]]:
+    """Lines of words above the rows, by their cells."""
+    return {tuple(c) for _, c in cells if not any(kind_of(cell) == "number" for cell in c)}
+
+
+def _without_units(table: Layout) -> Layout:
+    """The table without the unit that stands in every cell of a column, which is the column's."""
+    columns = [without_units(table.column(k)) for k in range(len(table.names))]
+    if not any(unit for _, unit in columns):
+        return table
+    units = tuple(unit or stated for (_, unit), stated in zip(columns, table.units, strict=True))
+    rows = tuple(zip(*(own for own, _ in columns), strict=True))
+    return replace(table, rows=rows, units=units)
 
 
 def _semicolons(lines: Sequence[str]) -> set[int]:
@@ -170,7 +179,7 @@ def _sign(text: str) -> str:
 
 def _delimiter(lines: Sequence[str]) -> str | None:
     """The delimiter that gives most numbers in lines of one width; None where no line has a number."""
-    best, score = None, 0.0
+    best, score, even = None, 0.0, 0.0
     for delimiter in DELIMITERS:
         cells = [split(line, delimiter) for line in lines]
         cells = [c for c in cells if any(kind_of(cell) == "number" for cell in c)]
@@ -186,8 +195,10 @@ def _delimiter(lines: Sequence[str]) -> str | None:
         text = sum(k.count("text") for k in kinds)
         # lines that agree, and numbers among what they hold: a wrong delimiter leaves cells such as "1," or "5;2"
         value = len(own) / len(cells) * number / (number + text) * (1 + 1e-3 * min(width, 50))
+        if delimiter == " " and best in ("\t", ";", "|") and even == 1:
+            value *= BLANKS_WITHIN
         if value > score + 1e-12:
-            best, score = delimiter, value
+            best, score, even = delimiter, value, len(own) / len(cells)
     return best
 
 
@@ -214,12 +225,24 @@ def _is_data(cells: Sequence[str], width: int, kinds: Sequence[str]) -> bool:
 
 
 def _rows(
-    cells: Sequence[tuple[int, list[str]]], width: int, kinds: Sequence[str], delimiter: str
-) -> tuple[list[tuple[int, list[str]]], list[int], list[str]]:
-    """Data rows; the lines below them that are passed over, and notes on these."""
+    cells: Sequence[tuple[int, list[str]]], width: int, kinds: Sequence[str], delimiter: str,
+    heads: set[tuple[str, ...]],
+) -> tuple[list[tuple[int, list[str]]], list[int], list[str]]:  # fmt: skip
+    """Data rows; the lines below them that are passed over, and notes on these.
+
+    Within the rows, lines of `heads` that come again are passed over, and titles: one cell of several words.
+    """
     last = next(i for i in range(len(cells) - 1, -1, -1) if _is_data(cells[i][1], width, kinds))
     rows: list[tuple[int, list[str]]] = []
+    again, titles, below_names = 0, 0, False
     for line, row in cells[: last + 1]:
+        if tuple(row) in heads or (below_names and is_rule(row)):
+            again, below_names = again + 1, True
+            continue
+        below_names = False
+        if _is_title(row, width, delimiter):
+            titles += 1
+            continue
         cut = _fitted(row, width)
         if cut is None:
             found = f"{len(row)} cells where the table has {width}, separated by {DELIMITERS[delimiter]}"
@@ -233,10 +256,17 @@ def _rows(
         if any(kind_of(cell) == "number" for cell in row) and kind_of(row[0]) != "text":
             found = f"{len(row)} cells below a table of {width}"
             raise InputError(f"line {line}", found, "Give the whole file as it was written, one table in it")
-    if len(rows) < BLOCK_SHARE * len(cells):
+    if len(rows) < BLOCK_SHARE * (len(cells) - again - titles):
         raise InputError(f"line {cells[0][0]}", f"a table of {len(rows)} rows and more below it", "Give one table")
-    notes = [f"{len(below)} line{'s' * (len(below) > 1)} below the table passed over"] if below else []
+    told = ((len(below), "below the table"), (again, "of names that come again"), (titles, "of words between the rows"))
+    notes = [f"{n} line{'s' * (n > 1)} {what} passed over" for n, what in told if n]
     return rows, [line for line, _ in below], notes
+
+
+def _is_title(row: Sequence[str], width: int, delimiter: str) -> bool:
+    """Whether a line between rows holds words in one cell only, and is no row that was cut off."""
+    words = [cell for cell in row if cell]
+    return width > 2 and delimiter != " " and len(words) == 1 and words[0] == row[0] and " " in words[0].strip()
 
 
 def _fitted(row: list[str], width: int) -> list[str] | None:
@@ -326,7 +356,5 @@ def _without_empty_end(table: Layout) -> Layout:
         width -= 1
     if width == len(table.names):
         return table
-    return Layout(
-        table.names[:width], table.units[:width], tuple(row[:width] for row in table.rows), table.lines,
-        table.preamble, table.comments, table.delimiter, table.named, table.notes, table.below,
-    )  # fmt: skip
+    rows = tuple(row[:width] for row in table.rows)
+    return replace(table, names=table.names[:width], units=table.units[:width], rows=rows)

@@ -15,13 +15,24 @@ import numpy as np
 from errormodel.raw_formats.base import Asked, RawFile, RawFormat, Recording, joint_names
 from errormodel.raw_formats.table_columns import columns_of, numbers, renamed
 
-_JOINT = re.compile(r"(?:j|joint|axis|a|q|theta)_?(\d)", re.IGNORECASE)
+_JOINT = re.compile(
+    r"(?P<kind>target|cmd|command(?:ed)?|nominal|set|soll|act(?:ual)?|ist|feedback|current)?_?"
+    r"(?:j|joint|axis|achse|a|q|theta|\u03b8)_?(?P<number>\d)",
+    re.IGNORECASE,
+)
+_READ = ("act", "actual", "ist", "feedback", "current")
 
 
-def _joints(names: list[str]) -> list[str]:
-    """Columns J1 to Jn, if there are at least four of them, in order."""
-    own = {int(m[1]): n for n in names if (m := _JOINT.fullmatch(re.sub(r"[\s.]+", "", n)))}
-    return [own[k] for k in sorted(own)] if len(own) >= 4 and sorted(own) == [*range(1, len(own) + 1)] else []
+def _joints(names: list[str], read: bool = False) -> list[str]:
+    """Columns J1 to Jn as commanded (or as read back), at least four of them, in order; q0 to q3 are a quaternion."""
+    own: dict[int, str] = {}
+    for name in names:
+        match = _JOINT.fullmatch(re.sub(r"[\s.]+", "", name))
+        if match and ((match["kind"] or "").lower() in _READ) == read:
+            own.setdefault(int(match["number"]), name)
+    first = min(own, default=1)
+    whole = len(own) >= 4 + (first == 0) and first in (0, 1) and sorted(own) == [*range(first, first + len(own))]
+    return [own[k] for k in sorted(own)] if whole else []
 
 
 class RobotPoses(RawFormat):
@@ -34,19 +45,21 @@ class RobotPoses(RawFormat):
     @classmethod
     def recognises(cls, raw: RawFile) -> bool:
         table = raw.clear_layout
-        return table is not None and table.named and bool(_joints([*table.names]))
+        return table is not None and table.named and bool(_joints([*table.names]) or _joints([*table.names], read=True))
 
     @classmethod
     def read(cls, raw: RawFile, asked: Asked) -> Recording:
         recording = columns_of(raw, asked)
         names = [str(n) for n in recording.frame]
-        given, joints = _joints(names), list(joint_names(asked.machine))
+        given, joints = _joints(names) or _joints(names, read=True), list(joint_names(asked.machine))
         new: dict[str, str] = {}
         notes: list[str] = []
         if len(given) == len(joints):
             new = dict(zip(given, joints, strict=True))
             if given != joints:
                 notes.append(f"{given[0]} to {given[-1]} taken as {', '.join(joints)}")
+            if (back := _joints(names, read=True)) and back != given and len(back) == len(joints):
+                new |= {theirs: f"read_{ours}" for theirs, ours in zip(back, joints, strict=True)}
         plain = {n.lower(): n for n in names}
         if {"x", "y", "z"} <= {*plain}:
             new |= {plain[k]: f"m{k}" for k in "xyz"}

@@ -47,6 +47,7 @@ class SpatialAnalyzerPoints(RawFormat):
         if axes and axes[1].upper() != "CARTESIAN":
             raise InputError(raw.name, f"{axes[1].lower()} coordinates", "Export cartesian coordinates")
         unit = unit_word(axes[3].split(",")[0]) if axes else ""
+        unit = unit or next((u for u in table.units[first : first + 3] if u), "")  # X,Y,Z (mm) in a line of names
         if quantity_of_unit(unit) != "length":
             found = f"no unit of length above the points{f' but {unit!r}' if unit else ''}"
             raise InputError(raw.name, found, "Export with the comment lines, or name another --format and --units")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -13,12 +14,14 @@ from errormodel.exceptions import InputError
 from errormodel.formats.base import as_numbers, words_note
 from errormodel.formats.digit_groups import ungrouped
 from errormodel.raw_formats.base import Asked, RawFile, Recording
+from errormodel.raw_formats.cells import FAILED
 from errormodel.raw_formats.dates import Times, looks_like_time, times_of
 from errormodel.raw_formats.layout import DELIMITERS, Layout
 
 if TYPE_CHECKING:
     import pandas as pd
 
+_WORD = re.compile(r"[^\W\d_]{3}|#")  # no number has three letters in a row, but for nan and inf
 DATES_CURE = "Say which with --dates day-first or --dates month-first (in survey.yaml, dates: day-first)"
 
 
@@ -52,11 +55,18 @@ def columns_of(raw: RawFile, asked: Asked) -> Recording:
     import pandas as pd
 
     table = table_of_text(raw)
-    comma = table.delimiter != ","
     texts = {name: pd.Series(table.column(k), dtype="str") for k, name in enumerate(table.names)}
     numeric = [name for k, name in enumerate(table.names) if table.numeric(k)]
+    # a comma within a cell, between quotes where commas separate the cells
+    comma = table.delimiter != "," or any(texts[n].str.contains(",", regex=False).any() for n in numeric)
+    wordy = [n for k, n in enumerate(table.names) if n in numeric and _WORD.search("".join(table.column(k)))]
+    failed = sorted({cell for n in wordy for cell in texts[n] if cell.strip().lower() in FAILED})
+    for name in wordy:
+        texts[name] = texts[name].mask(texts[name].str.strip().str.lower().isin(FAILED), "")
     columns: dict[str, object] = {}
     notes: list[str | None] = list(table.notes)
+    if failed:
+        notes.append(f"no value where it says {', '.join(failed)}")
     if table.delimiter != ",":
         notes.append(f"columns separated by {DELIMITERS[table.delimiter]}")
     fortran = {
@@ -98,7 +108,10 @@ def columns_of(raw: RawFile, asked: Asked) -> Recording:
         if times.order:
             notes.append(f"dates read {times.order.replace('-', ' ')}")
     dated = time is not None and time[1].dated
-    return Recording(frame, units, table.lines, (*raw.notes, *(n for n in notes if n)), dated)
+    if table.length_unit:
+        notes.append(f"coordinates without a unit are in {table.length_unit}, as a line above the table says")
+    said = (*raw.notes, *(n for n in notes if n))
+    return Recording(frame, units, table.lines, said, dated, length_unit=table.length_unit)
 
 
 def _has_d(cells: Sequence[str]) -> bool:

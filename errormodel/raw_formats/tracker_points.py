@@ -1,4 +1,4 @@
-"""Point lists without a header: a name and three coordinates, as FARO CAM2, API and most tracker software export them.
+"""Point lists without a header: names and three coordinates, as FARO CAM2, API and most tracker software export them.
 
 Neither names nor units stand in such files: coordinates are in mm unless the user says otherwise.
 """
@@ -11,16 +11,18 @@ from errormodel.raw_formats.base import Asked, RawFile, RawFormat, Recording
 from errormodel.raw_formats.layout import Layout
 from errormodel.raw_formats.table_columns import columns_of, renamed, table_of_text
 
+HEADS = ("collection", "group", "point")
 LARGEST_NUMBER = 1e6  # of a point that is numbered
 
 
 class TrackerPoints(RawFormat):
-    """Four columns, the first a name or a whole number; three columns of coordinates alone are read too."""
+    """Up to three names (collection, group, point; text or whole numbers), then three columns of coordinates."""
 
     name = "tracker-points"
     title = "a list of points: name, x, y, z"
     source = "lists as found in public recordings; fields in the order of the export dialogs"
     seen = True
+    bare = True
 
     @classmethod
     def recognises(cls, raw: RawFile) -> bool:
@@ -28,21 +30,24 @@ class TrackerPoints(RawFormat):
         if table is None or table.named or "spatialanalyzer" in " ".join(raw.lines[:20]).lower():
             return False
         width = len(table.names)
-        if width not in (3, 4) or not all(table.numeric(k) for k in range(width - 3, width)):
+        if width not in range(3, 4 + len(HEADS)) or not all(table.numeric(k) for k in range(width - 3, width)):
             return False
-        return width == 3 or _is_label(table)
+        return all(_is_label(table, k) for k in range(width - 3))
 
     @classmethod
     def read(cls, raw: RawFile, asked: Asked) -> Recording:
         table = table_of_text(raw)
-        names = ("point", "mx", "my", "mz")[4 - len(table.names) :]
-        recording = renamed(columns_of(raw, asked), dict(zip(table.names, names, strict=True)))
-        if "point" in names:
-            recording.frame["point"] = table.column(0)
-        return replace(recording, notes=(*recording.notes, "no units in the file: coordinates taken as mm"))
+        heads = HEADS[len(HEADS) - len(table.names) + 3 :]
+        names = dict(zip(table.names, (*heads, "mx", "my", "mz"), strict=True))
+        recording = renamed(columns_of(raw, asked), names)
+        for place, name in enumerate(heads):
+            recording.frame[name] = table.column(place)
+        notes = () if recording.length_unit else ("no units in the file: coordinates taken as mm",)
+        frame = recording.frame.drop(columns=["collection"], errors="ignore")
+        return replace(recording, frame=frame, notes=(*recording.notes, *notes))
 
 
-def _is_label(table: Layout) -> bool:
-    """Whether the first column names points: text, or whole numbers."""
-    cells = table.column(0)
-    return not table.numeric(0) or all(c.strip().isdecimal() and int(c) < LARGEST_NUMBER for c in cells)
+def _is_label(table: Layout, place: int) -> bool:
+    """Whether a column names points or their groups: text, or whole numbers."""
+    cells = table.column(place)
+    return not table.numeric(place) or all(c.strip().isdecimal() and int(c) < LARGEST_NUMBER for c in cells)

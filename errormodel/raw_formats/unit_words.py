@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 
 from errormodel.units import INTERNAL_UNITS, is_unit
 
@@ -21,6 +22,13 @@ _OTHER = {
 }  # fmt: skip
 _BRACKETS = re.compile(r"^(.*?)\s*[\[(<{]([^\[\](){}<>]*)[\])>}]\s*$")
 _SLASH = re.compile(r"^(.+?)\s*/\s*([^/\s]+)$")
+_COMMA = re.compile(r"^(.+?),\s*([^,\s]+)$")
+_BLANK = re.compile(r"^(.+?)\s+(mm|um|\u00b5m|\u03bcm|inch|deg|\u00b0|rad|mrad|urad|arcsec)$")
+# a line above a table that states one unit for all of it
+_STATED = re.compile(
+    r"\b(?:units?|einheit(?:en)?|dimensions?|coordinates)\b(?: are| is)?(?: in)?\s*[:=,;\t ]\s*[\[(]?([^\W\d]+)",
+    re.IGNORECASE,
+)
 _TAIL = re.compile(r"^.+_(mm|um|inch|deg|rad|mrad|urad|arcsec|s|ms|degC|degF|K)$")
 
 
@@ -44,13 +52,28 @@ def is_unit_word(text: str) -> bool:
 
 
 def bracketed(name: str) -> tuple[str, str]:
-    """A column's name without the unit behind it, and that unit: ``X [mm]``, ``X (mm)``, ``X / mm``; ``x_mm`` as it is.
+    """A column's name without the unit behind it, and that unit.
+
+    ``X [mm]``, ``X (mm)``, ``X / mm``, ``X, mm``, ``X mm``; of ``x_mm`` the name stays as it is.
 
     Brackets that hold no unit belong to the name: ``U(95)``.
     """
-    for pattern in (_BRACKETS, _SLASH):
+    for pattern in (_BRACKETS, _SLASH, _COMMA, _BLANK):
         match = pattern.match(name)
         if match and match[1].strip() and match[2].strip() and is_unit_word(match[2]):
             return match[1].strip(), unit_word(match[2])
     match = _TAIL.match(name)
     return name, match[1] if match else ""
+
+
+def without_tail(name: str) -> str:
+    """A column's name without a unit behind an underscore: ``x`` of ``x_mm``."""
+    match = _TAIL.match(name)
+    return name[: -len(match[1]) - 1] if match else name
+
+
+def stated_length(lines: Iterable[str]) -> str:
+    """The unit of length that lines above a table state for all of it; empty where none or several do."""
+    words = {unit_word(match[1]) for line in lines for match in _STATED.finditer(line)}
+    lengths = {word for word in words if quantity_of_unit(word) == "length"}
+    return lengths.pop() if len(lengths) == 1 else ""

@@ -163,6 +163,13 @@ class SurveyForm(VersionedModel):
     budget: list[BudgetEntry] = Field([], description="lines such as [{name: tool, std: 0.002, acts: tool_z}]")
     test: RecordForm | None = Field(None, description="a block such as {operator: .., date: 2026-11-20, machine: {..}}")
 
+    def notes(self) -> list[str]:
+        """What a user should know of how the file is understood."""
+        if self.instrument.stated or isinstance(self.instrument, Plain):
+            return []
+        own = self.instrument.type
+        return [f"instrument {own}: no uncertainties of it are stated; its noise is estimated from the residuals"]
+
     @field_validator("files")
     @classmethod
     def _once(cls, files: list[FileEntry]) -> list[FileEntry]:

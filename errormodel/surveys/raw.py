@@ -121,10 +121,17 @@ def with_map(recording: Recording, entry: RawEntry, machine: Machine) -> Recordi
             if own in recording.units:
                 units[own] = recording.units[own]
     for name, column in columns.items():
-        columns[name] = _converted(entry, machine, name, column, units.get(name, ""))
+        stated_all = recording.length_unit if _is_coordinate(name, machine) and name not in units else ""
+        columns[name] = _converted(entry, machine, name, column, units.get(name, stated_all))
     _check_units(entry, columns)
     stated = {name: unit for name in columns if (unit := entry.units.get(name) or _said(name, units))}
     return replace(recording, frame=pd.DataFrame(columns), units={n: _usual(n, machine) for n in stated})
+
+
+def _is_coordinate(name: str, machine: Machine) -> bool:
+    """Whether a column is one of those that a unit for all coordinates of a file is meant for."""
+    joint = any(name.removeprefix(READ_BACK) in j.columns for j in machine.joints if j.type == "prismatic")
+    return joint or name in (*MEASURED, *SIGMA_COLUMNS, *TOOL_COLUMNS, "sigma", "length")
 
 
 def _said(name: str, units: Mapping[str, str]) -> str:

@@ -109,6 +109,7 @@ def export(
     from errormodel.machine import Machine
     from errormodel.machine_formats.base import Part
     from identification.machine_export.export import Exported, exported
+    from identification.results import manifest
     from identification.results.export_result import ExportResult
     from identification.sources import machine_of
 
@@ -120,7 +121,8 @@ def export(
     if isinstance(source, Machine):
         return ExportResult(made(source))
     if isinstance(source, str | Path):
-        fitted = (Path(source) / "fit.json").is_file()
+        values = Path(source) / "fit.json"
+        fitted = values.is_file() or manifest.lists(values)  # a fit that lost its values is no plain machine
         return ExportResult(made(Path(source) if fitted else machine_of(source)))
     with tempfile.TemporaryDirectory() as folder:
         return ExportResult(made(source.save(Path(folder) / "fit")))

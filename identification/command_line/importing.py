@@ -56,7 +56,7 @@ if TYPE_CHECKING:
     "--observation",
     default="",
     metavar="TYPE[, KEY: VALUE, ...]",
-    help="What single readings of RAW are: station-distance, or 'line-angle, axis: [0, 1, 0]', as in survey.yaml.",
+    help="What single readings of RAW are, in one line as in survey.yaml: its type, and 'axis: [0, 1, 0]' or the like.",
 )
 @click.option("--no-dwells", is_flag=True, help="Every row is a reading: no dwells are looked for.")
 @click.option("--log-offset", type=float, default=0.0, help="Seconds to add to the times of a temperature log.")

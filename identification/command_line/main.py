@@ -171,8 +171,9 @@ def simulate(
 
 def _noise(text: str, survey: Survey | None) -> float | Literal["instrument"]:
     if text == "instrument":
-        if survey is None or (survey.instrument.type == "plain" and not survey.observations):
-            raise InputError("--noise instrument", "the survey names no instrument", "Add `instrument:` to survey.yaml")
+        if survey is None or (not survey.instrument.stated and not survey.observations):
+            cure = "Add `instrument:` with its uncertainties to survey.yaml"
+            raise InputError("--noise instrument", "the survey names no instrument with uncertainties", cure)
         return "instrument"
     return noise_of(text)
 

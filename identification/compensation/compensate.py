@@ -190,13 +190,14 @@ def _rotary_axes(controller: Target, volume: Volume, setup: Setup, seed: int, as
         if asked:
             raise InputError("--kinematics", f"{controller.title} corrects the commands themselves", "Leave it out")
         return None
-    lines = lines_of(volume, setup)
+    lines = lines_of(volume, setup, tilts := controller.describes_tilt)
     if not lines:
         if asked:
             raise InputError("--kinematics", "no rotary joint moved in the survey", "Leave it out")
         return None
     known = replace(volume, field=described(volume.field, setup, lines))
-    return Kinematics(lines, left(volume, nothing, seed).rms_um, left(known, nothing, seed).rms_um, asked)
+    before, with_it = (left(v, nothing, seed).rms_um for v in (volume, known))
+    return Kinematics(lines, before, with_it, asked, tilts)
 
 
 def _probing(controller: Target, setup: Setup, volume: Volume) -> Probing:

@@ -30,6 +30,8 @@ PLAUSIBLE_MM = 1.0  # mm: a larger correction is taken for a mistake in the surv
 # mm/mm: a steeper correction is taken for one, too; ten times the squareness of a poor machine; by judgement
 PLAUSIBLE_SLOPE = 0.01
 PLAUSIBLE_TURN = 50.0  # mm of travel that count as one degree in that; by judgement
+# of a correction: where the error is smaller, the correcting joints hardly move the tip that way; by judgement
+LEAST_ERROR_SHARE = 0.1
 SLOPE_STEP_SHARE = 0.01  # of the measured travel, over which slopes are taken; by judgement
 # Tables that take away less of the rms error, or make more of the poses worse by WORSE_UM and WORSE_SHARE of their
 # error, do more harm than good; by judgement
@@ -43,7 +45,8 @@ REPORTED_SHARE = 0.05  # of the residual RMS: smaller differences are not report
 class Largest:
     """Largest correction of a linear joint over the volume (mm), its largest slope (mm per mm or deg), and where.
 
-    `steep`: the joint whose correction is the steepest, `along` which other, and at which place.
+    `steep`: the joint whose correction is the steepest, `along` which other, and at which place. `error_mm`: the error
+    of the uncorrected machine at the place of the largest correction; None: not known.
     """
 
     mm: float
@@ -53,6 +56,12 @@ class Largest:
     along: str
     steep: str = ""
     steep_place: str = ""
+    error_mm: float | None = None
+
+    @property
+    def singular(self) -> bool:
+        """Whether the correction is large for the joints' directions there, not for the errors."""
+        return self.error_mm is not None and self.error_mm < LEAST_ERROR_SHARE * self.mm
 
 
 @dataclass(frozen=True)
@@ -87,7 +96,7 @@ class Conditions:
         return (
             f"this format takes away {100 * max(removed, 0.0):.0f} % of the rms error "
             f"({self.before_um:.1f} um before, {self.left_um:.1f} after) and makes {100 * self.worse_share:.0f} % of "
-            f"the poses worse; --controller {instead} can take away the rest"
+            f"the poses worse; --controller {instead} can take away more"
         )
 
 
@@ -123,7 +132,7 @@ def largest(volume: Volume, setup: Setup, correct: Correct, acts: Callable[[Arra
     """
     rows, field = fresh_rows(volume, seed), volume.field
     here = _moved(volume, correct, rows)
-    mm, joint, place = _size(volume, setup, here, seed)
+    size = _size(volume, setup, here, rows)
     slope, along, steep, steepest = 0.0, field.joints[0].name, 0, 0
     for k, other in enumerate(field.joints):
         step = SLOPE_STEP_SHARE * (volume.high[k] - volume.low[k])
@@ -137,7 +146,7 @@ def largest(volume: Volume, setup: Setup, correct: Correct, acts: Callable[[Arra
             if found > slope:
                 slope, along, steep, steepest = found, other.name, int(column), int(row)
     steep_place = _place(volume, setup, rows.q[steepest])
-    return Largest(mm, joint, place, slope, along, field.joints[steep].name, steep_place)
+    return replace(size, slope=slope, along=along, steep=field.joints[steep].name, steep_place=steep_place)
 
 
 def _moved(volume: Volume, correct: Correct, rows: Rows) -> Array:
@@ -145,11 +154,12 @@ def _moved(volume: Volume, correct: Correct, rows: Rows) -> Array:
     return np.where(np.logical_not(volume.field.rotary), correct(rows.q, rows.direction, None) - rows.q, 0.0)
 
 
-def _size(volume: Volume, setup: Setup, moved: Array, seed: int) -> tuple[float, str, str]:
-    """Largest of corrections (n, joints) at the fresh rows, its joint, and where."""
+def _size(volume: Volume, setup: Setup, moved: Array, rows: Rows) -> Largest:
+    """Largest of corrections (n, joints) at rows, its joint, where, and the error there without it; no slopes."""
     pose, joint = np.unravel_index(int(np.argmax(np.abs(moved))), moved.shape)
-    place = _place(volume, setup, fresh_rows(volume, seed).q[pose])
-    return float(np.abs(moved[pose, joint])), volume.field.joints[joint].name, place
+    name, error = volume.field.joints[joint].name, np.linalg.norm(remaining(volume, nothing, rows)[pose])
+    place = _place(volume, setup, rows.q[pose])
+    return Largest(float(np.abs(moved[pose, joint])), name, place, 0.0, name, error_mm=float(error))
 
 
 def _place(volume: Volume, setup: Setup, q: Array) -> str:
@@ -163,6 +173,13 @@ def check_size(found: Largest, allowed: bool, what: str, model: str = "") -> Non
     `model`: what speaks against the model itself, which is then the likely cause.
     """
     because = f", and {model}" if model else ""
+    if found.mm > PLAUSIBLE_MM and not allowed and found.singular:
+        raise InputError(
+            f"compensate, {what}, joint {found.joint} at {found.place}",
+            f"corrections of up to {found.mm:.3g} mm for an error of {1e3 * (found.error_mm or 0.0):.3g} um: the "
+            "correcting joints hardly move the tip in its direction there",
+            "Survey the part of the travels that is worked in; --allow-large writes such corrections, too",
+        )
     if found.mm > PLAUSIBLE_MM and not allowed:
         raise InputError(
             f"compensate, {what}, joint {found.joint} at {found.place}",
@@ -179,14 +196,19 @@ def check_size(found: Largest, allowed: bool, what: str, model: str = "") -> Non
 
 
 def check_errors(volume: Volume, setup: Setup, allowed: bool, what: str, seed: int, model: Callable[[], str]) -> None:
-    """Raise InputError where exact corrections are implausible already: no table of any format mends such a machine.
+    """Raise InputError where errors and exact corrections are implausible: no table of any format mends such a machine.
+
+    Poses where a small error takes a large correction (`Largest.singular`) are left to what the tables do there.
 
     `model`: says what speaks against the model itself.
     """
     if not allowed:
-        mm, joint, place = _size(volume, setup, _moved(volume, volume.ideal, fresh_rows(volume, seed)), seed)
-        if mm > PLAUSIBLE_MM:
-            check_size(Largest(mm, joint, place, 0.0, joint), allowed, what, model())
+        rows = fresh_rows(volume, seed)
+        moved = _moved(volume, volume.ideal, rows)
+        errors = np.linalg.norm(remaining(volume, nothing, rows), axis=1)
+        found = _size(volume, setup, moved * (errors >= LEAST_ERROR_SHARE * np.abs(moved).max(axis=1))[:, None], rows)
+        if found.mm > PLAUSIBLE_MM:
+            check_size(found, allowed, what, model())
 
 
 def shift_lines(label: str, setup: Setup, tables: Tables, figures: Conditions) -> list[str]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 MOST_CONE_VALUES = 5000  # table values: larger problems get the least-squares solution only, for time
 RIDGE_WEIGHT = 1e-8  # penalty on scaled values, so that values without poses are determined
 KINK_WEIGHT = 0.1  # penalty on second differences: values with few poses continue their neighbours straight
+SLACK = 1e-12  # of equality constraints, so that those which others imply do no harm
 # A curve leaves least squares in at most so many straight pieces, of two intervals at least, though in no fewer than
 # LEAST_CURVE_PIECES: otherwise the last value alone would follow the pose in the corner. By judgement.
 CURVE_PIECES = 8
@@ -79,36 +80,48 @@ class Design:
     @cached_property
     def ball(self) -> Ball:
         """Neighbourhood of zero in which the minimax solution is sought about the least-squares one."""
-        from scipy.linalg import cholesky
         from scipy.sparse import csr_matrix, vstack
 
         # the frame stays that of least squares, since errors are assessed after it
         motions = self.matrix[:, sum(t.size for t in self.terms) :]
         held = csr_matrix(vstack([self.equal, motions.T @ self.matrix]))
-        root = cholesky(self.gram.toarray(), lower=True)
-        return Ball.of(np.zeros(len(self.scale)), root, held, self.moves())
+        return Ball.of(np.zeros(len(self.scale)), self._root, held, self.moves())
 
     @cached_property
-    def _factor(self) -> object:
-        """Factors of the gram matrix with the equality constraints."""
-        from scipy.linalg import lu_factor
+    def _root(self) -> Array:
+        """Lower triangular Cholesky factor (size, size) of the gram matrix, which is nearly full."""
+        from scipy.linalg import cholesky
+
+        return np.asarray(cholesky(self.gram.toarray(), lower=True, overwrite_a=True), np.float64)
+
+    @cached_property
+    def _seen(self) -> Array:
+        """Equality constraints as functions (size, rows) of `z`, where the gram matrix is the identity."""
+        from scipy.linalg import solve_triangular
+
+        return np.asarray(solve_triangular(self._root, self.equal.T.toarray(), lower=True), np.float64)
+
+    @cached_property
+    def _factor(self) -> Any:
+        """Factors of a large gram matrix with the equality constraints."""
         from scipy.sparse import csc_matrix, hstack, identity, vstack
         from scipy.sparse.linalg import splu
 
-        size, rows = self.matrix.shape[1], self.equal.shape[0]
-        below = hstack([self.equal, csc_matrix(-1e-12 * identity(rows))])
-        full = csc_matrix(vstack([hstack([self.gram, self.equal.T]), below]))
-        return lu_factor(full.toarray()) if size <= MOST_CONE_VALUES else splu(full)  # nearly full: dense is faster
+        below = hstack([self.equal, csc_matrix(-SLACK * identity(self.equal.shape[0]))])
+        return splu(csc_matrix(vstack([hstack([self.gram, self.equal.T]), below])))
 
     def least(self, errors: Array) -> Array:
         """Least-squares solution (size,) for errors (3 n,), with the equality constraints."""
-        from scipy.linalg import lu_solve
+        from scipy.linalg import solve_triangular
 
         size, rows = self.matrix.shape[1], self.equal.shape[0]
-        goal = np.concatenate([-self.matrix.T @ errors, np.zeros(rows)])
-        factor = self._factor
-        x: Array = lu_solve(factor, goal) if isinstance(factor, tuple) else factor.solve(goal)  # type: ignore[attr-defined]
-        return x[:size]
+        goal = -self.matrix.T @ errors
+        if size > MOST_CONE_VALUES:
+            return np.asarray(self._factor.solve(np.concatenate([goal, np.zeros(rows)]))[:size], np.float64)
+        z = solve_triangular(self._root, goal, lower=True)
+        if rows:
+            z -= self._seen @ np.linalg.solve(self._seen.T @ self._seen + SLACK * np.eye(rows), self._seen.T @ z)
+        return np.asarray(solve_triangular(self._root, z, lower=True, trans="T"), np.float64)
 
     def moves(self) -> csr_matrix | None:
         """Basis (size, m) of departures from least squares, on coarser grids; None: any departure."""
@@ -177,11 +190,13 @@ class Designs:
 
 def _column(controller: Controller, setup: Setup, term: Term, sample: Sample) -> csr_matrix:
     """(3 n, size): motion of the tip along x, then y, then z, per unit of each value."""
-    from scipy.sparse import csr_matrix, diags, vstack
+    from scipy.sparse import csr_matrix, vstack
 
     weights = term.weights(setup, sample.q, sample.direction)
     tip = np.einsum("nim,nm->ni", sample.motion, controller.influence(setup, term.output, sample.q))
-    return csr_matrix(vstack([diags(tip[:, k]) @ weights for k in range(3)]))
+    tip = np.repeat(tip, np.diff(weights.indptr), axis=0)
+    parts = [csr_matrix((weights.data * tip[:, k], weights.indices, weights.indptr), weights.shape) for k in range(3)]
+    return csr_matrix(vstack(parts))
 
 
 def _limits(controller: Controller, setup: Setup, terms: Sequence[Term], scale: Array) -> tuple[csr_matrix, Slopes]:

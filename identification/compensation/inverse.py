@@ -12,6 +12,9 @@ from errormodel.arrays import Array
 from identification.compensation.field import Field
 
 CLOSED_MM = 1e-6  # mm: distance from the wanted point that counts as reached, far below any instrument
+# of the volume that the motions of three movers span, 1 where they are square: above it the plain inverse is as good as
+# the pseudo-inverse; by judgement
+REGULAR_VOLUME = 0.1
 MOST_NEWTON_STEPS = 30  # a few suffice unless a point cannot be reached; by judgement
 STALE_JACOBIAN_SHARE = 0.1  # of the distance before the step: more than this left renews the Jacobian; by judgement
 
@@ -26,7 +29,10 @@ def closing(jacobian: Array) -> Array:
     """Scaled pseudo-inverse (n, m, 3) of Jacobians (n, 3, m): motion of the movers per mm of gap."""
     size = np.sqrt(np.mean(np.square(jacobian).sum(axis=1), axis=0))
     scale = 1 / np.where(size > 1e-9, size, 1.0)
-    return np.asarray(np.linalg.pinv(jacobian * scale, rcond=1e-6) * scale[:, None], np.float64)
+    scaled = jacobian * scale
+    if scaled.shape[1] == scaled.shape[2] and np.abs(np.linalg.det(scaled)).min(initial=1.0) > REGULAR_VOLUME:
+        return np.asarray(np.linalg.inv(scaled) * scale[:, None], np.float64)  # a tenth of the time of singular values
+    return np.asarray(np.linalg.pinv(scaled, rcond=1e-6) * scale[:, None], np.float64)
 
 
 def inverse(

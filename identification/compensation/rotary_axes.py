@@ -32,8 +32,11 @@ WORTH_SHARE = 0.8  # of the rms error that may be left for the description to be
 ANGLE_SCALE = 1000.0  # mm per rad, which makes shifts and tilts alike in size; by judgement
 
 
-def lines_of(volume: Volume, setup: Setup) -> tuple[Line, ...]:
-    """Place and direction of each rotary axis that moved, actual minus nominal, in the reference's axes."""
+def lines_of(volume: Volume, setup: Setup, tilts: bool = True) -> tuple[Line, ...]:
+    """Place and direction of each rotary axis that moved, actual minus nominal, in the reference's axes.
+
+    Without `tilts` the shifts alone come closest to the actual machine: of a control that can be told no others.
+    """
     field = volume.field
     moved = [k for k in range(len(field.joints)) if field.rotary[k] and volume.high[k] > volume.low[k]]
     if not moved:
@@ -42,14 +45,15 @@ def lines_of(volume: Volume, setup: Setup) -> tuple[Line, ...]:
     q, came = volume.poses(POSES, 21)
     nominal = field.nominal(q)
     errors = (field.actual(q, came) - nominal).ravel()
-    bases = {k: _across(turn[k].T @ along[k]) for k in moved}
+    bases = {k: _across(turn[k].T @ along[k])[:, : 4 if tilts else 2] for k in moved}
     columns = [field.displaced(q, k) @ bases[k] for k in moved]
     frame = frame_motion(nominal, volume.free and volume.pose is None, volume.turns)
     design = np.concatenate([*columns, frame], axis=2).reshape(len(errors), -1)
     found = np.linalg.lstsq(design, errors, rcond=1e-9)[0]
     out = []
     for n, k in enumerate(moved):
-        motion = bases[k] @ found[4 * n : 4 * n + 4]
+        count = bases[k].shape[1]
+        motion = bases[k] @ found[count * n : count * (n + 1)]
         shift, tilt = turn[k] @ motion[:3], turn[k] @ motion[3:]
         axis = next(a for a in setup.axes if a.joint == field.joints[k].name)
         moved_by, turned_by, way = (tuple(v.tolist()) for v in (shift, tilt, along[k]))
@@ -89,6 +93,7 @@ class Kinematics:
     before_um: float
     left_um: float
     asked: bool  # whether the tables are for what remains with it
+    tilts: bool = True  # whether it says how the axes are tilted
     tables_alone_um: float | None = None  # what such tables leave without it; None: not asked
 
     def first(self) -> str:
@@ -127,15 +132,20 @@ def description_text(found: Kinematics, heading: Sequence[str], steps: Sequence[
         tilt = ", ".join(
             f"about {a} {1e6 * v:+.1f} urad" for a, v in zip("xyz", one.tilt, strict=True) if abs(v) > 5e-8
         )
+        tilt = f"tilt {tilt or 'none'}" if found.tilts else "tilt not described"
         side = {"table": "carries the workpiece", "head": "carries the tool"}.get(one.side, "between linear axes")
-        lines.append(f"axis {one.axis} ({side}): shift {shift or 'none'}; tilt {tilt or 'none'}")
+        lines.append(f"axis {one.axis} ({side}): shift {shift or 'none'}; {tilt}")
         place = " ".join(f"{v + 0.0:.3f}" for v in one.at)
         slope = " ".join(f"{1000 * v + 0.0:+.4f}" for v in one.slope)
         way = " ".join(f"{v + 0.0:g}" for v in one.along)
-        lines.append(f"    the shift is that of its point {place} (mm from the tip, all axes at zero); 1000 mm farther")
-        lines.append(
-            f"    along {way} it is {slope} mm more: where the control's vectors end elsewhere, add that share"
-        )
+        point = f"    the shift is that of its point {place} (mm from the tip, all axes at zero)"
+        if not found.tilts:
+            lines.append(point)
+            continue
+        lines += [
+            f"{point}; 1000 mm farther",
+            f"    along {way} it is {slope} mm more: where the control's vectors end elsewhere, add that share",
+        ]
     lines += [
         "",
         f"error over the volume: {found.before_um:.2f} um rms without, {found.left_um:.2f} with this alone",

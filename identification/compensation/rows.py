@@ -5,6 +5,7 @@ Commands in mm and rad, residuals in mm in the axes of the reference frame.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -29,6 +30,8 @@ from identification.results.stored_fit import CURE, StoredFit
 if TYPE_CHECKING:
     import pandas as pd
 
+RESIDUAL = re.compile(r"(nominal|residual|heldout)_\w+_(um|urad)$|dir_")  # columns of numbers beside commands
+LARGEST = 1e10  # mm, um or deg: of a length of 10 km; more is no length of a machine, by judgement
 FEWEST_HELD_OUT = 12  # held-out poses: an RMS of fewer is too uncertain to report; by judgement
 
 
@@ -53,6 +56,7 @@ def read_rows(folder: Path, machine: Machine) -> pd.DataFrame:
     if missing or not len(table):
         found = f"no column '{missing[0]}'" if missing else "no rows"
         raise InputError(str(path), found, "Run the fit again")
+    _check_numbers(table, machine, path)
     for joint in machine.joints:
         if joint.type == "rotary":
             table[joint.name] = np.radians(table[joint.name])
@@ -60,6 +64,20 @@ def read_rows(folder: Path, machine: Machine) -> pd.DataFrame:
         return placed(table, machine, set(about))
     known = table[[j.name for j in machine.joints]].notna().all(axis=1)
     return table[known].reset_index(drop=True)
+
+
+def _check_numbers(table: pd.DataFrame, machine: Machine, path: Path) -> None:
+    """Raise InputError at a command or residual that is no number, or one that no machine has."""
+    import pandas as pd
+
+    commands = {*(j.name for j in machine.joints), *TOOL_CHANNELS}
+    for name in [n for n in map(str, table) if n in commands or RESIDUAL.match(n)]:
+        numbers = pd.to_numeric(table[name], errors="coerce")
+        wrong = (numbers.isna() & table[name].notna()) | (numbers.abs() > LARGEST)
+        if wrong.any():
+            row = int(np.argmax(wrong))
+            raise InputError(f"{path}, row {row + 1}, column {name}", f"{str(table[name][row])[:40]!r}", CURE)
+        table[name] = numbers
 
 
 def joints_read(table: pd.DataFrame) -> dict[str, list[str]] | None:

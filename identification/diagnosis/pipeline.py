@@ -45,8 +45,9 @@ from identification.diagnosis.results.findings import (
     p_value_of,
     probability_of,
 )
+from identification.diagnosis.results.nameless_alternative import checked_alternative
 from identification.diagnosis.results.physical_limits import checked_name
-from identification.diagnosis.results.remainder import checked_form, checked_remainder, checked_share
+from identification.diagnosis.results.recorded_functions import recorded
 from identification.diagnosis.results.residual_dependence import dependence_of
 from identification.diagnosis.results.statements import (
     brief_of,
@@ -57,7 +58,6 @@ from identification.diagnosis.results.statements import (
     subject,
 )
 from identification.diagnosis.results.verdict import judge
-from identification.diagnosis.results.wandering import wandering_um
 from identification.diagnosis.results.witnesses import WitnessResult, with_witnesses
 from identification.diagnosis.search.instrument_noise import station_notes
 from identification.diagnosis.search.model import EffectModel
@@ -154,10 +154,10 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
     with progress("Testing what is left"):
         dependence = dependence_of(model.linear, 1e3 * noise_mm(found.before), log, 3 if final.fitted.n else 1)
     causes = []
+    functions = recorded(model.start, np.unique(model.start.index)) if model.findings else []
     for g in model.findings:
         cause = _finding(g, model, final, found.before, first, found.witnessed.get(g[0].effect, []), log)
-        cause = checked_share(checked_form(cause, model, g, log), model, g, log)
-        causes.append(checked_remainder(cause, g[0].effect, dependence, log, wandering_um(final)))
+        causes.append(checked_alternative(cause, model, g, functions, log))
     findings += sorted(causes, key=lambda f: -f.heldout_rms_um.before)
     if bad.any():
         findings.append(_outlier_finding(bad, mended, fit))

@@ -15,12 +15,10 @@ from errormodel.survey import Survey
 from identification.diagnosis.decisions.log import DecisionLog
 from identification.diagnosis.linear.motions_as_points import Carried
 from identification.diagnosis.results.diagnosed import Diagnosed
-from identification.diagnosis.results.findings import Alternative, Diagnosis, Finding, Untestable
+from identification.diagnosis.results.findings import EVEN, Alternative, Diagnosis, Finding, Untestable
 from identification.diagnosis.results.model_discrepancy import with_form
 from identification.diagnosis.search.candidates import WIDEST
 from identification.estimation.fit import fit_machine
-
-EVEN = 0.5  # probability of a name beside one that no reading could tell from it
 
 
 def together(machine: Machine, survey: Survey, parts: Sequence[tuple[Carried, Diagnosed]]) -> Diagnosed:

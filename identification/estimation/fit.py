@@ -217,9 +217,10 @@ def held_out(
     gram = total(solution.sums, solution.sigma)[0][pick] + np.diag(solution.precision[base])
     scale = 1 / np.sqrt(np.diag(gram))
     out = residuals([], place, solution.values, zero, rows)
+    views_in_order = [v if (np.diff(v.index) > 0).all() else v.part(np.argsort(v.index)) for v in problem.views]
     for block in blocks:
-        views = [v.part((v.index >= block[0]) & (v.index <= block[-1])) for v in problem.views]
-        views = [v for v in views if len(v)]
+        ends = (np.searchsorted(v.index, [block[0], block[-1] + 1]).tolist() for v in views_in_order)
+        views = [v.part(slice(*own)) for v, own in zip(views_in_order, ends, strict=True) if own[0] < own[1]]
         if not views:  # nothing was measured there
             continue
         own = accumulate(views, place, solution.values, zero)
@@ -229,8 +230,8 @@ def held_out(
         # directions that the other blocks do not determine keep the fitted values
         step = np.linalg.pinv(less * np.outer(scale, scale), rcond=1e-13, hermitian=True) @ (scale * slope)
         values[base] += scale * step
-        part = residuals(views, place, values, zero, rows)
-        out[block] = part[block]
+        views = [replace(v, index=v.index - block[0]) for v in views]
+        out[block] = residuals(views, place, values, zero, len(block))
     return out, len(blocks)
 
 

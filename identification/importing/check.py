@@ -100,7 +100,7 @@ def _measured(survey: Survey) -> Iterator[str]:
     sigma = [c for c in SIGMA_COLUMNS if c in table and table[c].notna().any()]
     if sigma:
         yield f"standard uncertainties in the file: {1e3 * float(np.nanmedian(table[sigma])):.3g} um (median)"
-    elif survey.instrument.covariance(np.zeros((1, 3))) is not None:
+    elif survey.instrument.stated:
         yield f"standard uncertainties from the instrument ({survey.instrument.type})"
     else:
         yield "no standard uncertainties: the noise will be estimated from the residuals"

@@ -10,7 +10,8 @@ from errormodel.arrays import Array, Index
 from errormodel.chain import Chain
 from errormodel.exceptions import InputError
 from errormodel.surveys.columns import MEASURED
-from identification.importing.dwells import Dwells, find_dwells
+from identification.importing.dwell_commands import dwells_of
+from identification.importing.dwells import Dwells
 from identification.importing.geometry import Nominal, fitted_targets, turns_tool
 from identification.importing.matching import NAMED, Matched, by_name, by_order, by_time, common_names
 from identification.importing.nearest import find_pairing
@@ -94,12 +95,8 @@ def pair(source: SourceFile, commands: SourceFile | None, chain: Chain, wishes: 
     labels = source.recording.frame.get("target")
     dwells, side_by_side = None, False
     if wishes.dwell and not (labels is not None and labels.nunique() > 1):
-        if alone or expected != int(seen.sum()):
-            dwells = find_dwells(points)
-        elif commands is not None:
-            path = Nominal(chain, commands.recording.frame).points(np.asarray(chain.machine.tool))
-            dwells = dwells_of_logs(points, path)
-            side_by_side = dwells is not None
+        dwells = dwells_of(points, source, commands, chain)
+        side_by_side = dwells is not None and not alone and expected == int(seen.sum())
     rows = np.flatnonzero(seen)
     first, last = (rows, rows) if dwells is None else (dwells.first, dwells.last)
     notes = reading_notes(source, dwells, int((~seen).sum()))
@@ -125,18 +122,6 @@ def pair(source: SourceFile, commands: SourceFile | None, chain: Chain, wishes: 
         command[kept], first[kept], last[kept], found.how, tuple(notes), len(command), commands.rows, {}, found.offset
     )
     return _with_targets(out, source, Nominal(chain, commands.recording.frame.iloc[out.command]), points, chain)
-
-
-def dwells_of_logs(points: Array, path: Array) -> Dwells | None:
-    """Dwells in what was measured (n, any), where the commands (n, 3) of as many rows are a log of the way as well.
-
-    None where either has no readings on the way: a list of poses, in which places may come several times.
-    """
-    dwells = find_dwells(points)
-    if dwells is None or not dwells.moving:
-        return None
-    commanded = find_dwells(path)
-    return dwells if commanded is not None and commanded.moving else None
 
 
 def row_by_row(path: Array, first: Index, last: Index, name: str) -> Matched:

@@ -17,17 +17,16 @@ from errormodel.exceptions import InputError
 from errormodel.machine import Machine
 from errormodel.survey import Survey
 from errormodel.surveys.columns import MEASURED
-from identification.diagnosis.data_checks.blunder import FEWEST, Points, groups, misses, sheet
+from identification.diagnosis.data_checks.blunder import FEWEST, Blunder, Points, groups, misses, sheet
 from identification.diagnosis.data_checks.checks import find_blunders
+from identification.importing.exchanged_rows import CURE, FEWEST_PROVED, refuse_exchanged, refuse_few_exchanged
 
 FOREIGN = 0.02  # of the points' reach: a rigid alignment of points that belong together leaves less; by judgement
 WILD = 10.0  # times the distance of most points: named as far from its command
 UNIT_FACTORS = {1.0: "mm", 25.4: "inch", 1e3: "m", 1e-3: "um", 10.0: "cm"}  # mm a unit
 FEWEST_OF_UNIT = 4  # points, for their unit to be judged
 LEAST_SPREAD = 1e-6  # mm: commands at one place
-SMALL = 0.01  # mm: what lies so near has no mistake worth a refusal
-FEWEST_PROVED = 5  # rows, of which an exchange of two shows: three fit any frame, four nearly
-MANY = 16  # rows, from which on the diagnosis looks for another order
+DEGREES = "multiplied by 57.29"  # of joints in a message: degrees a radian
 BETTER = 10.0  # times nearer, with one sign turned
 UNIT_SLACK = 0.02  # of a factor: errors of a machine are far smaller
 
@@ -160,51 +159,23 @@ def _refuse_mirror(parts: list[tuple[Index, Points]], survey: Survey) -> None:
 
 def _refuse_mistakes(machine: Machine, survey: Survey, parts: list[tuple[Index, Points]]) -> None:
     """InputError about the mistake that explains best why points and commands do not belong together."""
-    _refuse_exchanged(parts, survey)
-    if np.isfinite(survey.fit.measured).all(axis=1).sum() < FEWEST:
-        return
-    found = [b for b in find_blunders(machine, survey) if b.effect != ClockOffset.effect]
+    refuse_few_exchanged(parts, survey, FOREIGN)
+    found: list[Blunder] = []
+    if np.isfinite(survey.fit.measured).all(axis=1).sum() >= FEWEST:
+        found = [b for b in find_blunders(machine, survey) if b.effect != ClockOffset.effect]
     if not found:
+        refuse_exchanged(parts, survey, FOREIGN)
         return
     text = "; and ".join(f"{b.text}{misses(b)}" for b in found)
     cure = _cure(found[0].text)
     raise InputError(_place(survey), text, cure)
 
 
-def _refuse_exchanged(parts: list[tuple[Index, Points]], survey: Survey) -> None:
-    """InputError where two rows of a few are exchanged, or all are shifted; of many the diagnosis finds it.
-
-    With so few rows no row stands out; every exchange of two and every shift is tried.
-    """
-    for rows, part in parts:
-        n = len(part)
-        if not FEWEST_PROVED <= n < MANY:
-            continue
-        before = _rms(part)
-        tries = [(f"rows {i + 1} and {j + 1} are exchanged", i, j) for i in range(n) for j in range(i + 1, n)]
-        found = [(_rms(part.reordered(_exchanged(n, i, j))), text) for text, i, j in tries]
-        found += [(_rms(part.reordered(np.roll(np.arange(n), k))), f"the rows are shifted by {k}") for k in range(1, n)]
-        after, text = min(found)
-        if after < before / BETTER and after < FOREIGN * part.reach and before > SMALL:
-            file = str(survey.table["file"].iloc[rows[0]])
-            what = f"{text}: so the points lie {1e3 * after:.0f} um from the commands, as they stand {before:.3g} mm"
-            raise InputError(file, what, _cure("another order"))
-
-
-def _exchanged(n: int, i: int, j: int) -> Index:
-    order = np.arange(n)
-    order[[i, j]] = j, i
-    return order
-
-
-def _rms(part: Points) -> float:
-    """Root mean square distance (mm) in the best frame of all points alike."""
-    return float(np.sqrt(np.mean(part.distances(part.pose(rounds=0)) ** 2)))
-
-
 def _cure(text: str) -> str:
     if "too late" in text or "too early" in text or "another order" in text:
-        return "Join with --match nearest or name, or give the commands that were measured"
+        return CURE
+    if DEGREES in text:
+        return "The angles are in rad: say it with --command-units angle=rad (of one table, --units angle=rad)"
     if "frame" in text:
         return "Import the files of each station by themselves, or say --columns station=.."
     return "Say it with --columns, such as my=-Y (other sign) or mx=Y,my=X, or with --units; or --command-columns"

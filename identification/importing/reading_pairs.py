@@ -19,10 +19,11 @@ from errormodel.observations import registry
 from errormodel.observations.base import Observation
 from errormodel.surveys.columns import OBSERVATION
 from errormodel.yamlfile import parse, validate
+from identification.importing.dwell_commands import dwells_of_logs
 from identification.importing.dwells import find_dwells
 from identification.importing.geometry import Nominal
 from identification.importing.matching import NAMED, by_name, by_time, common_names
-from identification.importing.pairing import Pairs, dwells_of_logs, left_over, reading_notes, row_by_row
+from identification.importing.pairing import Pairs, left_over, reading_notes, row_by_row
 from identification.importing.reading_gaps import with_gaps
 from identification.importing.reading_proof import Candidate, Chosen, chosen
 from identification.importing.sources import SourceFile, Wishes
@@ -151,7 +152,7 @@ def _part(
         dwells = find_dwells(values[:, None])
     elif wishes.dwell and len(seen) == expected and observation.poses == 1:
         path = Nominal(chain, commands.recording.frame).points(np.asarray(chain.machine.tool))
-        dwells = dwells_of_logs(values[:, None], path)
+        dwells = dwells_of_logs(values[:, None], commands, chain)
         side_by_side = dwells is not None
     first, last = (seen, seen) if dwells is None else (dwells.first, dwells.last)
     notes = reading_notes(source, dwells, len(values) - len(seen))

@@ -13,6 +13,7 @@ from errormodel.machine import Machine
 from errormodel.raw_formats.base import Recording
 from errormodel.raw_formats.direction_words import HEADINGS
 from errormodel.raw_formats.sensor_names import sensor_of
+from errormodel.raw_formats.unit_words import without_tail
 from errormodel.surveys.columns import MEASURED, OBSERVATION, is_survey_column
 from errormodel.surveys.raw import LABELS, READ_BACK
 
@@ -33,6 +34,7 @@ _COMMANDED = (
     "programmed",
 )
 _READ = ("act", "actual", "enc", "encoder", "fb", "fbk", "feedback", "read", "readback", "ist", "axispos")
+_AXIS = ("axis", "achse", "joint", "q", "pos", "position", "mcs", "machine", "abs")
 _MEASURED = (
     "meas",
     "measured",
@@ -48,6 +50,9 @@ _MEASURED = (
     "coordinate",
     "pos",
     "position",
+    "mess",
+    "gemessen",
+    "trk",
 )
 _LABELS = {
     "point": r"punkt(name|nr)?|name|point(name|id|no|number|nr)?|label|pt|id|pose(id|no|name)?|no|nr|number|feature",
@@ -59,14 +64,23 @@ _LABELS = {
     "load": r"load|payload",
     "sigma": r"sigma|std|uncertainty|u",
 }
+_LETTERS = "XYZUVWABC"  # of joints, in the order of a programme
 _READING = (
     r"(meas(ured)?|raw|ist)?(length|distance|dist|range|displacement|deviation|reading|value|l(ae|\u00e4)nge|abstand|"
     r"distanz|messwert|anzeige|angle|winkel|inclination|neigung|tilt)|l|d|r|ist"
 )
 
 
+# the axes of a surveyor's frame: east, north, up
+_SURVEYED = {
+    "x": r"e|east(ing)?|ost|rechts(wert)?",
+    "y": r"n|north(ing)?|nord|hoch(wert)?",
+    "z": r"h|u|up|height|elev(ation)?|h(oe|\u00f6)he",
+}
+
+
 def _bare(name: str) -> str:
-    return re.sub(r"[\s_.\-/:]+", "", name).lower()
+    return re.sub(r"[\s_.\-/:]+", "", without_tail(name)).lower()
 
 
 def roles(recording: Recording, machine: Machine, kind: Kind, given: Mapping[str, str]) -> dict[str, str]:
@@ -98,6 +112,7 @@ def roles(recording: Recording, machine: Machine, kind: Kind, given: Mapping[str
             own is not None
             and not single
             and (not numbers or own in numeric)
+            and (own not in ("t", "T") or _runs_on(recording, own))
             and (numbers or label in LABELS or label == "run")
         ):
             take(label, own)
@@ -114,9 +129,7 @@ def roles(recording: Recording, machine: Machine, kind: Kind, given: Mapping[str
         bare = _bare(joint.name)
         command = next((free[b] for b in _around(bare, _COMMANDED) if b in free), None)
         read = next((free[b] for b in _around(bare, _READ) if b in free), None)
-        own = free.get(bare) or next(
-            (free[b] for b in _around(bare, ("axis", "joint", "q", "pos", "position")) if b in free), None
-        )
+        own = free.get(bare) or next((free[b] for b in _around(bare, _AXIS) if b in free), None)
         if command or (own and (plain or read is None)):
             take(joint.name, command or own or "")
         if read and (joint.name in out or joint.name in names or kind == "commands"):
@@ -162,6 +175,34 @@ def _counts(recording: Recording, name: str) -> bool:
     return len(values) > 1 and bool(((steps == 1) | (steps < 0)).all()) and bool((values == values.round()).all())
 
 
+def commands_by_place(recording: Recording, machine: Machine, named: bool) -> dict[str, str]:
+    """Columns of commands without names, as many as there are joints, in the order in which people write these.
+
+    That is X Y Z U V W A B C, or by the number in the joint's name; of columns with names only A1 to An, and the like.
+    Nothing where the joints have other names.
+    """
+    order = [j.name for j in machine.joints]
+    if all(name in _LETTERS for name in order):
+        order.sort(key=_LETTERS.index)
+    elif all(re.fullmatch(r"\D*\d+", name) for name in order):
+        order.sort(key=lambda name: int(re.sub(r"\D", "", name)))
+    else:
+        return {}
+    own = [str(n) for n in recording.frame if str(n) not in LABELS and recording.frame[n].dtype.kind == "f"]
+    if len(own) == len(order) + 1 and _counts(recording, own[0]):
+        own = own[1:]
+    theirs, ours = ([re.sub(r"\D", "", name) for name in names] for names in (own, order))
+    if len(own) != len(order) or (named and (theirs != ours or not all(ours))):
+        return {}
+    return dict(zip(order, own, strict=True))
+
+
+def _runs_on(recording: Recording, name: str) -> bool:
+    """Whether a column of numbers is filled and goes on as times do; a temperature may have the same letter."""
+    values = recording.frame[name].to_numpy(dtype=float)
+    return bool((values[1:] >= values[:-1]).all()) and len(values) > 1 and values[-1] > values[0]
+
+
 def _moves(recording: Recording, name: str) -> bool:
     """Whether a column of numbers has different ones."""
     column = recording.frame.get(name)
@@ -188,6 +229,9 @@ def _measured(free: Mapping[str, str], machine: Machine, kind: Kind, there: list
                 return own
     if {"x", "y", "z"} <= {*free} and (kind == "measured" or not {"x", "y", "z"} & joints):
         return {f"m{k}": free[k] for k in "xyz"}
+    surveyed = {f"m{k}": next((n for b, n in free.items() if re.fullmatch(p, b)), "") for k, p in _SURVEYED.items()}
+    if all(surveyed.values()) and not joints & {*map(_bare, surveyed.values())}:
+        return surveyed
     one = {f"m{k}": free[k] for k in "xyz" if k in free and k not in joints}
     return one if kind == "measured" else {}
 

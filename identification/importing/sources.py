@@ -16,13 +16,14 @@ from errormodel.machine import Machine
 from errormodel.observations import registry
 from errormodel.observations.base import Observation
 from errormodel.raw_formats.base import RawFile, Recording, format_of, open_raw, raw_formats
+from errormodel.raw_formats.cells import kind_of
 from errormodel.raw_formats.commanded_circle import CommandedCircle
 from errormodel.raw_formats.unit_words import unit_word
 from errormodel.surveys.columns import MEASURED, quantity_of
 from errormodel.surveys.file import RawEntry
-from errormodel.surveys.raw import READ_BACK, is_column, read_raw, with_map
+from errormodel.surveys.raw import LABELS, READ_BACK, is_column, read_raw, with_map
 from errormodel.units import factor, is_unit
-from identification.importing.roles import Kind, reading_roles, roles, unused
+from identification.importing.roles import Kind, commands_by_place, reading_roles, roles, unused
 
 FOLDER = "raw"  # of a survey, for the files as they came
 
@@ -97,7 +98,7 @@ class SourceFile:
         name, table = self.entry.columns.get("mx", "mx").removeprefix("-"), self.raw.clear_layout
         own = self.entry.units.get("mx", "")
         if not own and table is not None and name in table.names:
-            own = table.units[table.names.index(name)]
+            own = table.units[table.names.index(name)] or table.length_unit
         own = unit_word(own or self.entry.units.get("length", "mm"))
         return factor(own, "length") if is_unit(own, "length") else 1.0
 
@@ -182,6 +183,8 @@ def open_source(path: Path, machine: Machine, kind: Kind, wishes: Wishes) -> Sou
         plain = plain.model_copy(update={"circle": None})
     names = [str(n) for n in recording.frame]
     own = {ours: _placed(path, theirs, names) for ours, theirs in given.items()}
+    if of_commands and form.bare and not own and not any(j.name in names for j in machine.joints):
+        own = commands_by_place(recording, machine, table is None or table.named)
     found = roles(recording, machine, kind, own)
     single = None if of_commands or recording.trace else wishes.observation
     if single is not None:
@@ -240,6 +243,19 @@ def _check_unit(path: Path, entry: RawEntry, recording: Recording, single: Obser
             raise InputError(f"{path}, column {own}", "angles without a unit", cure)
 
 
+def _refuse_words(path: Path, recording: Recording) -> None:
+    """InputError where a column is text for a few words among its numbers."""
+    for name in map(str, recording.frame):
+        column = recording.frame[name]
+        if column.dtype.kind == "f" or name in LABELS:
+            continue
+        words = [row for row, cell in enumerate(map(str, column)) if kind_of(cell) == "text"]
+        if 0 < len(words) < len(column) / 2:
+            line = f"line {recording.lines[words[0]]}, " if recording.lines else ""
+            found = f"'{column.iloc[words[0]]}' among numbers"
+            raise InputError(f"{path}, {line}column {name}", found, "Give the file as it was written")
+
+
 def _what(path: Path, recording: Recording, machine: Machine, kind: Kind, single: Observation | None = None) -> What:
     frame = recording.frame
     names = [str(n) for n in frame]
@@ -270,6 +286,7 @@ def _what(path: Path, recording: Recording, machine: Machine, kind: Kind, single
         raise InputError(str(path), found, "Say it with --columns, such as --columns dy=deviation, and --units dy=um")
     if "time" in names and any(n.startswith(("T_", "w_")) or n in ("feed", "load") for n in names):
         return "log"
+    _refuse_words(path, recording)
     if len(joints) == len(machine.joints):
         raise InputError(
             str(path), "commands, and nothing measured", "Give it as --commands, and the measured file first"

@@ -7,9 +7,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from errormodel.survey import Survey
+from identification.importing.exchanged_rows import FEWEST_PROVED
 from identification.importing.importing import Imported
 from identification.importing.pairing import counted
-from identification.importing.proof import FEWEST_PROVED, Proof
+from identification.importing.proof import Proof
 from identification.importing.readings import reading_lines
 from identification.importing.sources import What
 from identification.importing.traces import trace_lines

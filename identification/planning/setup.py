@@ -126,7 +126,7 @@ def noise_of(setup: Setup, noise: float | None) -> Instrument | float:
     InputError
         Both are given, or the number is not a standard uncertainty.
     """
-    if isinstance(setup.instrument, Plain):
+    if not setup.instrument.stated:
         if noise is None:
             return 1e-3  # 1 um: predicted uncertainties are per micrometre of noise
         if not LEAST_SIGMA <= noise <= LARGEST_SIGMA:

@@ -25,6 +25,8 @@ Engine = Literal["local", "dask"]
 ENGINES: tuple[Engine, ...] = ("local", "dask")
 AHEAD = 2  # jobs handed out for each worker: the next is there when one ends, and few are lost when a worker dies
 MOST_DEATHS = 2  # workers that a job may kill when it runs alone, before it counts as failed
+# s without any worker after which Dask's jobs fail: a worker that does not start in time is not started again
+NO_WORKER_S = 300.0
 CONNECT_S = 20.0  # s to wait for a scheduler; by judgement
 
 Job = TypeVar("Job")
@@ -119,6 +121,8 @@ class Crew:
                 lost = distributed.scheduler.KilledWorker, CancelledError  # its worker died before or after its end
                 try:
                     done: T | Exception = future.result()
+                except distributed.scheduler.NoWorkerError:
+                    yield k, WorkerDiedError(f"no worker of Dask has started for {NO_WORKER_S:g} s")
                 except lost:
                     if future.key.endswith("-alone"):
                         yield k, _died()
@@ -134,7 +138,8 @@ class Crew:
     def _client(self, distributed: Any) -> Any:
         import dask
 
-        with dask.config.set({"distributed.scheduler.allowed-failures": MOST_DEATHS - 1}):
+        rules = {"allowed-failures": MOST_DEATHS - 1, "no-workers-timeout": f"{NO_WORKER_S:g}s"}
+        with dask.config.set({f"distributed.scheduler.{k}": v for k, v in rules.items()}):
             if self.scheduler is None:
                 cluster = distributed.LocalCluster(
                     n_workers=self.count, threads_per_worker=1, dashboard_address=":0", silence_logs=50

@@ -158,7 +158,7 @@ def in_linuxcnc(case: Case, kind: Controller) -> tuple[Error, Error] | None:
         controller = linuxcnc.Controller.of(case.setup, files, component, speed=FAST)
         order = [case.setup.names.index(letter) for letter in controller.letters]
         places = case.truth.field.outward(rows.q)[:, order].round(4)
-        q, motor, _ = controller.stands(folder, places, 0.05)
+        q, motor, _ = controller.stands(folder, places)
     here, there = (np.where(to_rad, np.radians(v), v) for v in (q, motor))
     same = replace(rows, q=here)
     emulation = emulated(kind, kind.read(files, case.setup), case.setup, case.volume)

@@ -6,14 +6,18 @@ from pathlib import Path
 from typing import get_args
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from errormodel.instruments import instruments
 from errormodel.instruments.base import Instrument
+from errormodel.instruments.plain import Plain
 from errormodel.machine_file import read_machine
+from errormodel.simulation import simulate
 from errormodel.survey import read_survey
+from identification import fit
 from tests.helpers.instrument_settings import settings_of
 
 KINDS = instruments()
@@ -70,3 +74,17 @@ def test_a_survey_file_keeps_it(word: str, tmp_path_factory: pytest.TempPathFact
     (folder / "survey.yaml").write_text(f"errormodel: 1\nfiles: [{{path: data.csv}}]\ninstrument: {block}\n")
     again = read_survey(folder / "survey.yaml", read_machine("vertical_three_axis")).instrument
     assert again == instrument
+
+
+@pytest.mark.parametrize("word", KINDS)
+def test_uncertainties_that_nobody_stated_are_estimated(word: str, tmp_path: Path) -> None:
+    """Who knows only what he measured with says so, and gets the result of a survey without that line."""
+    machine = read_machine("vertical_three_axis")
+    simulate(machine, 60, {"X.dx.1": 0.02}, noise=0.003, seed=4).to_csv(tmp_path / "data.csv", index=False)
+    (tmp_path / "survey.yaml").write_text(f"errormodel: 1\nfiles: [{{path: data.csv}}]\ninstrument: {{type: {word}}}\n")
+    survey = read_survey(tmp_path / "survey.yaml", machine)
+    assert not survey.instrument.stated
+    notes = [n for n in survey.notes if "no uncertainties of it are stated" in n]
+    assert len(notes) == (0 if word == Plain().type else 1)
+    ours, bare = fit(machine, survey), fit(machine, read_survey(tmp_path / "data.csv", machine))
+    pd.testing.assert_frame_equal(ours.parameters, bare.parameters)

@@ -45,7 +45,6 @@ ALLOWED = {
     "identification/planning/setup.py": {"cmm"},  # an example in the description of a key
     "errormodel/surveys/file.py": {"cmm"},  # the same
     "errormodel/machine_file.py": {"ram-sag", "first-order"},  # the same, and what joints without an entry have
-    "identification/command_line/main.py": {"plain"},  # what a survey has that names no instrument
 }
 
 

@@ -140,6 +140,38 @@ def test_robots(tmp_path: Path) -> None:
     assert set(targets) == {"J1", "J2", "J3", "J4", "J5", "J6", "mx", "my", "mz", "target"}
 
 
+def test_polar_points(tmp_path: Path) -> None:
+    """A horizontal direction counts clockwise from the second axis, an azimuth counterclockwise from the first."""
+    frame = recording("polar-points", tmp_path).frame
+    root = math.sqrt(0.5)
+    expected = [[0, 2, 0], [3, 0, 0], [root * root, root * root, root]]
+    np.testing.assert_allclose(frame[["mx", "my", "mz"]], expected, atol=1e-12)
+    text = b"Az,El,Range\n90,30,2\n0,90,1\n"
+    with pytest.raises(InputError, match="angles without a unit"):
+        read_back(tmp_path, text)
+    path = tmp_path / "polar.csv"
+    path.write_bytes(text)
+    raw = open_raw(path, path.name)
+    own = format_of(raw).read(raw, Asked(units={"azimuth": "deg", "elevation": "deg", "range": "m"}))
+    np.testing.assert_allclose(
+        own.frame[["mx", "my", "mz"]], [[0, 2 * math.cos(math.pi / 6), 1], [0, 0, 1]], atol=1e-12
+    )
+    assert own.units["mx"] == "m"
+
+
+def test_labelled_values(tmp_path: Path) -> None:
+    read = recording("labelled-values", tmp_path)
+    assert list(read.frame["point"]) == ["A", "B"]
+    np.testing.assert_array_equal(read.frame[["X", "Y", "Z"]], [[1.5, 2.5, -3], [1.75, 2, 4]])
+    np.testing.assert_array_equal(read.frame["time"], [36000, 36001])
+    assert read.lines == (2, 3)
+    assert "1 line without these labels passed over" in read.notes
+    data = b'{"name": "P 1", "x": 1.5e0, "y": -2}\n{"name": "P 2", "x": 3, "y": 4.25}\n'
+    own = read_back(tmp_path, data, name="log.json").frame
+    assert list(own["name"]) == ["P 1", "P 2"]
+    np.testing.assert_array_equal(own[["x", "y"]], [[1.5, -2], [3, 4.25]])
+
+
 def test_temperatures(tmp_path: Path) -> None:
     read = recording("temperature-log", tmp_path)
     assert set(read.frame) == {"T_Bed", "T_Spindle", "time"}

@@ -261,6 +261,8 @@ def faults(case: Case, place: Path, old: dict[str, object], new: dict[str, objec
 def killed(name: str, prepared: Path, count: int, seed: int = 0) -> Iterator[tuple[str, list[str]]]:
     """Kill a case `count` times, at file operations drawn without replacement and at moments; before, full disks.
 
+    What a kill leaves is examined once: most of those while the command computes leave the same files.
+
     Yields
     ------
     The moment in words, and what was wrong.
@@ -290,9 +292,14 @@ def killed(name: str, prepared: Path, count: int, seed: int = 0) -> Iterator[tup
             wrong = [] if code in (1, 2) else [f"exit code {code}"]
             wrong += ["it leaves something"] if case.whole and state(place) != old else []
             yield f"{name}, full from {size} bytes", [*wrong, *faults(case, place, old, new)]
+        known: dict[frozenset[tuple[str, bytes | None]], list[str]] = {}
         for at, after in [*((k, None) for k in sorted(steps)), *((None, t) for t in moments)]:
             shutil.rmtree(place)
             shutil.copytree(before, place)
             forked(case.second, place, at, after)
             when = f"operation {at} of {operations}" if after is None else f"{after:.3f} s of {duration:.3f} s"
-            yield f"{name}, {when}", list(faults(case, place, old, new))
+            folders = {str(p.relative_to(place)): None for p in place.rglob("*") if p.is_dir()}
+            files = frozenset((tree(place) | folders).items())
+            if files not in known:
+                known[files] = list(faults(case, place, old, new))
+            yield f"{name}, {when}", known[files]

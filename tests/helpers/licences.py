@@ -78,10 +78,10 @@ def wrong(packages: Iterable[tuple[str, str]]) -> list[str]:
     return [f"{name}: {licence}" for name, licence in packages if not allowed(name, licence)]
 
 
-def requirements() -> list[str]:
-    """Those of pyproject.toml, with the developers' tools."""
+def requirements(extra: str = "dev") -> list[str]:
+    """Those of pyproject.toml, with those of an extra; "": with none."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    return [*project["dependencies"], *project["optional-dependencies"]["dev"]]
+    return [*project["dependencies"], *project["optional-dependencies"].get(extra, [])]
 
 
 if __name__ == "__main__":

@@ -26,9 +26,13 @@ from errormodel.controllers.linuxcnc_3d import COMPONENT, PREFIX
 from errormodel.controllers.setup import Setup
 from tests.helpers.chains import Array
 
-RUN_SECONDS = 90  # of one run of the controller at most; the usual ones take three to ten on an idle computer
+DWELL = 0.05  # s at each place, counted in servo cycles: a busy computer runs these late and in bursts
+RUN_CYCLES = 120_000  # servo cycles of a run at most, two minutes of the controller's own time; usual are 5 to 20 s
+PATIENCE = 120  # s of the computer without any servo cycle, after which a run has failed
+RUN_SECONDS = 900  # of the computer: nothing that hangs stays for ever
 SPEED = 5000.0  # mm/s and deg/s, with forty times as much a second: a run over a mill's travels takes seconds
 ACCELERATE = 40.0
+LAST_LINE = 1  # output of the controller that a programme switches on when it has come to its end
 MARK = "ERRORMODEL_LINUXCNC_RUN"  # in the environment of every process of a run
 LOCK = Path("/tmp/linuxcnc.lock")  # LinuxCNC's own
 MODULES = Path("/usr/lib/linuxcnc/modules")
@@ -94,9 +98,9 @@ class Controller:
         hal = "\n".join([files[f"{COMPONENT}.hal"], *loops])
         return cls(setup, hal=hal, driven=corrected, pins=pins or {}, component=component, speed=speed)
 
-    def stands(self, folder: Path, places: Array, dwell: float = 0.02) -> tuple[Array, Array, Samples]:
+    def stands(self, folder: Path, places: Array) -> tuple[Array, Array, Samples]:
         """Positions and motors (n, axes) in the setup's order at the places (n, joints), and all samples."""
-        samples = self.run(folder, stop_programme(self.letters, places, dwell))
+        samples = self.run(folder, stop_programme(self.letters, places))
         order = [self.letters.index(a.name) for a in self.setup.axes]
         position, motor = samples.stops(places)
         return position[:, order], motor[:, order], samples
@@ -107,7 +111,7 @@ class Controller:
             "DISPLAY": ["DISPLAY = ./display.py"],
             "TASK": ["TASK = milltask", "CYCLE_TIME = 0.001"],
             "RS274NGC": ["PARAMETER_FILE = test.var"],
-            "EMCMOT": ["EMCMOT = motmod", "COMM_TIMEOUT = 4.0", "SERVO_PERIOD = 1000000"],
+            "EMCMOT": ["EMCMOT = motmod", f"COMM_TIMEOUT = {PATIENCE}", "SERVO_PERIOD = 1000000"],
             "HAL": ["HALFILE = test.hal"],
             "EMCIO": ["EMCIO = io", "CYCLE_TIME = 0.1", "TOOL_TABLE = test.tbl"],
             "TRAJ": [
@@ -138,14 +142,20 @@ class Controller:
         lines = [
             "loadrt [KINS]KINEMATICS",
             f"loadrt [EMCMOT]EMCMOT servo_period_nsec=[EMCMOT]SERVO_PERIOD num_joints={count}",
-            f"loadrt sampler depth=20000 cfg=sb{'ff' * count}{''.join(self.pins.values())}",
+            f"loadrt sampler depth=60000 cfg=sb{'ff' * count}{''.join(self.pins.values())}",
+            "setp sampler.0.enable 0",
+            "loadrt timedelay",
+            f"setp timedelay.0.on-delay {DWELL}",
+            "setp timedelay.0.off-delay 0",
             "addf motion-command-handler servo-thread",
             "addf motion-controller servo-thread",
+            "addf timedelay.0 servo-thread",
             "net user-enable iocontrol.0.user-enable-out => iocontrol.0.emc-enable-in",
             "net prepare iocontrol.0.tool-prepare => iocontrol.0.tool-prepared",
             "net change iocontrol.0.tool-change => iocontrol.0.tool-changed",
             "net line motion.program-line => sampler.0.pin.0",
-            "net still motion.in-position => sampler.0.pin.1",
+            "net still motion.in-position => sampler.0.pin.1 timedelay.0.in",
+            "net stood timedelay.0.out => motion.digital-in-00",
         ]
         for k, letter in enumerate(self.letters):
             linked = re.search(rf"^net (\S+) .*\bjoint\.{k}\.pos-cmd\b", self.hal, re.MULTILINE)
@@ -166,15 +176,15 @@ class Controller:
         Raises
         ------
         AssertionError
-            The controller refused something, or did not end in time.
+            The controller refused something, or did not reach the programme's last line.
         """
         files = {"test.ini": self.ini_text(), "test.hal": self.hal_text(), "test.tbl": "", "programme.ngc": programme}
-        for name, text in {**files, "seconds.txt": f"{RUN_SECONDS}"}.items():
+        for name, text in {**files, "limits.txt": f"{RUN_CYCLES} {PATIENCE}"}.items():
             (folder / name).write_text(text)
         shutil.copy(Path(__file__).with_name("linuxcnc_display.py"), folder / "display.py")
         (folder / "display.py").chmod(0o755)
         with alone() as apart, tempfile.TemporaryDirectory() as sockets:
-            said = _run("linuxcnc -r test.ini", folder, sockets, apart, RUN_SECONDS + 10, self.component)
+            said = _run("linuxcnc -r test.ini", folder, sockets, apart, RUN_SECONDS, self.component)
         found = folder / "errors.txt"
         assert found.exists(), f"LinuxCNC did not start: {said[-3000:]}"
         assert found.read_text() == "", f"{found.read_text()}\n{said[-3000:]}"
@@ -210,7 +220,7 @@ class Samples:
         Raises
         ------
         AssertionError
-            The programme did not stand there.
+            The programme did not stand there for its dwell.
         """
         out, start = [], 0
         for place in wanted:
@@ -218,7 +228,9 @@ class Samples:
             first = np.flatnonzero(here)
             assert len(first), f"never stood at {place}"
             after = np.flatnonzero(~here[first[0] :])
-            start += int(first[0] + (after[0] if len(after) else len(here) - first[0]))
+            stood = int(after[0]) if len(after) else len(here) - int(first[0])
+            assert stood >= round(DWELL / 1e-3), f"{stood} servo cycles only at {place}"
+            start += int(first[0]) + stood
             out.append(start - 1)
         return self.position[out], self.motor[out]
 
@@ -250,20 +262,26 @@ def compiled(source: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, cwd=source.parent, capture_output=True, text=True, check=False)
 
 
-def halrun(folder: Path, script: str, component: Path | None = None, seconds: float = 20.0) -> str:
+def halrun(folder: Path, script: str, component: Path | None = None, seconds: float = PATIENCE) -> str:
     """What a script of HAL prints, without the controller."""
     (folder / "test.hal").write_text(script)
     with alone() as apart, tempfile.TemporaryDirectory() as sockets:
         return _run("halrun -f test.hal", folder, sockets, apart, seconds, component)
 
 
-def stop_programme(letters: Sequence[str], places: Array, dwell: float = 0.02) -> str:
-    """A programme that goes to each place (n, joints), mm and deg of the machine, and dwells there."""
+def stop_programme(letters: Sequence[str], places: Array) -> str:
+    """A programme that goes to each place (n, joints), mm and deg of the machine, and stands there for `DWELL`.
+
+    G4 would not do: its time is the computer's, and it may begin by the controller's state before a move that has just
+    been queued; on a busy computer it is over before the move is. Here an input of HAL says that all axes have stood
+    for the dwell. Two commands which the motion controller takes in servo cycles of their own come before, so that the
+    input is no older than the move.
+    """
     lines = ["G21 G90 G94 G40 G49 G80"]
     for place in places:
         words = " ".join(f"{n}{v:.6f}" for n, v in zip(letters, place, strict=True))
-        lines += [f"G53 G0 {words}", f"G4 P{dwell}"]
-    return "\n".join([*lines, "M2", ""])
+        lines += [f"G53 G0 {words}", "M64 P0", "M65 P0", f"M66 P0 L3 Q{RUN_SECONDS}"]
+    return "\n".join([*lines, f"M64 P{LAST_LINE}", "M2", ""])
 
 
 @contextmanager

@@ -88,6 +88,8 @@ FEATURE, AXIS, NOMINAL, MEAS, +TOL, -TOL, DEV, OUTTOL
 "CIRCLE2","Y","20.0000","20.0000","0.1","-0.1","0","0"
 "CIRCLE2","Z","5.0000","5.0000","0.1","-0.1","0","0"
 """
+POLAR = "Point;Hz [gon];V [gon];D [m]\nA;0;100;2\nB;100;100;3\nC;50;50;1\n"
+LABELLED = "# log\nA X=1.5, Y=2.5, Z=-3 t=10:00:00\nB X=1.75, Y=2, Z=4 t=10:00:01\n"
 POSES = "Name,X,Y,Z,W,P,R,J1,J2,J3,J4,J5,J6\nA,1,2,3,0,0,90,0,1,2,3,4,5\nB,4,5,6,0,0,0,5,4,3,2,1,0\n"
 LOGGER = "Logger 77\nDate;Time;Bed [°F];Spindle temp\n11.10.2022;15:06:48;68,0;33,1\n11.10.2022;15:07:48;69,8;33,2\n"
 PROGRAMME = "%\nG21 G90 G94\nG0 X0 Y0 Z300\nG1 X-5 F1500\nX10\nG4 P2\nX20 Y1\nX15\nG4 P2\nM30\n%\n"
@@ -152,6 +154,8 @@ SAMPLES: dict[str, tuple[bytes | str, Asked]] = {
     "cmm-ascii": (CMM, Asked(MILL)),
     "robot-poses": (POSES, Asked(ARM)),
     "robot-targets": (three_reflectors(), Asked(ARM)),
+    "polar-points": (POLAR, Asked(MILL)),
+    "labelled-values": (LABELLED, Asked(MILL)),
     "temperature-log": (LOGGER, Asked(MILL)),
     "nc-programme": (PROGRAMME, Asked(MILL)),
     "delimited-table": ("east,north\n1.5,2.5\n3.5,4.5\n", Asked(MILL)),

@@ -106,7 +106,10 @@ FORMS: dict[str, tuple[Content, tuple[str, ...]]] = {
     "no version": (YAML.partition("\n")[2], ("s.yaml", "'errormodel' is missing", "1")),
     "another version": (YAML.replace("1", "2"), ("s.yaml, line 1, key errormodel", "2", "1")),
     "unknown instrument": (YAML + "instrument: {type: laser}\n", ("line 4", "'laser'", "'laser-tracker'")),
-    "lacking instrument": (YAML + "instrument: {type: cmm}\n", ("line 4", "'sigma' is missing", "sigma")),
+    "half an instrument": (
+        YAML + "instrument: {type: laser-tracker, angle: 1.0e-6}\n",
+        ("line 4", "Write range and angle"),
+    ),
     "zero uncertainty": (YAML + "instrument: {type: cmm, sigma: [0, 0]}\n", ("line 4", "sigma", "above 0")),
     "negative angle": (
         YAML + "instrument: {type: laser-tracker, range: [1e-3, 0], angle: -1e-6}\n", ("line 4", "angle", "-1e-06")),

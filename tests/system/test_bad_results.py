@@ -195,6 +195,23 @@ def test_lost(name: str, place: Path) -> None:
     refused(place, READ[name], "fit/")
 
 
+@pytest.mark.parametrize("value", ["x", "1e+300", "-82.53:4", "inf"])
+@pytest.mark.parametrize("column", ["X", "tool_z", "residual_x_um", "heldout_y_um"])
+def test_residuals(column: str, value: str, place: Path) -> None:
+    path = Path("fit/residuals.csv")
+    rows = [line.split(",") for line in path.read_text().splitlines()]
+    rows[5][rows[0].index(column)] = value
+    write(path, "".join(",".join(row) + "\n" for row in rows))
+    refused(place, COMPENSATE, f"fit/residuals.csv, row 5, column {column}", value)
+
+
+def test_a_fit_without_its_values_is_no_plain_machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    fitted_mill(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    Path("fit/fit.json").unlink()
+    refused(tmp_path, ("export", "fit", "--format", "urdf", "--out", "arm.urdf"), "fit/fit.json")
+
+
 MANIFEST: dict[str, Change] = {
     "a newer version": at("version", to="99.0"),
     "a newer schema": lambda d: d.update(schema="errormodel.manifest/2", version="3.0"),

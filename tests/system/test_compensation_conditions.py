@@ -19,7 +19,7 @@ from errormodel.machine import EffectSpec
 from errormodel.machine_file import read_machine
 from identification.compensation.assessment import emulated, left
 from identification.compensation.compensate import best_tables
-from identification.compensation.conditions import check_size, conditions_of, largest
+from identification.compensation.conditions import Largest, check_size, conditions_of, largest
 from identification.compensation.field import Field, movers_of
 from identification.compensation.reversal import reversal_lines, reversals
 from identification.compensation.volume import Volume
@@ -230,6 +230,14 @@ def test_steep_corrections_are_refused_with_both_joints_and_the_place() -> None:
     ):
         check_size(found, False, "tables")
     check_size(found, True, "tables")
+
+
+def test_large_corrections_of_small_errors_are_laid_to_the_joints_directions() -> None:
+    found = Largest(3.67, "J2", "J0=1.0", 0.0, "J2", error_mm=0.004)
+    with pytest.raises(InputError, match=r"3\.67 mm for an error of 4 um: the correcting joints hardly move the tip"):
+        check_size(found, False, "tables")
+    with pytest.raises(InputError, match="Look for a wrong unit or sign"):
+        check_size(replace(found, error_mm=3.0), False, "tables")
 
 
 def test_the_other_sign_is_refused_where_the_sign_is_public(worn: Path, tmp_path: Path) -> None:

@@ -14,11 +14,12 @@ from errormodel.effects import registry as effects
 from errormodel.instruments import instruments
 from errormodel.machine_formats.base import registry as machine_formats
 from errormodel.observations import registry as observations
+from tests.helpers.licences import requirements, tree
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 KINDS = {
-    "effects": effects(), "controllers": controllers(), "instruments": instruments(), "observations": observations(),
+    "effects": effects(), "instruments": instruments(), "observations": observations(),
     "machine_formats": machine_formats(),
 }  # fmt: skip
 MOST_LINES = 150  # of the README: a manual is a page of docs/
@@ -49,13 +50,15 @@ def test_pages_of_reference_have_all(tmp_path: Path) -> None:
     for page, words in KINDS.items():
         text = (tmp_path / f"{page}.md").read_text(encoding="utf-8")
         assert [word for word in words if not re.search(rf"^### ?{word}$|^## {word}$", text, re.MULTILINE)] == []
-    sections = re.split(r"^## (\S+)$", (tmp_path / "controllers.md").read_text(encoding="utf-8"), flags=re.MULTILINE)
-    parts = ("It needs", "To load", "To test", "To take it back")  # each with something behind it
-    for name, section in zip(sections[1::2], sections[2::2], strict=True):
-        assert [p for p in parts if not re.search(rf"^{p}:\s+\S.{{20,}}", section, re.MULTILINE)] == [], name
-    assert {*sections[1::2]} == {*controllers()}
+    parts = ("What it needs", "To load", "To test", "To take it back")  # each with something behind it
+    for name in controllers():
+        text = (tmp_path / "controllers" / f"{name}.md").read_text(encoding="utf-8")
+        assert [p for p in parts if not re.search(rf"^## {p}\n\n\S.{{20,}}", text, re.MULTILINE)] == [], name
+        assert f"(controllers/{name}.md)" in (tmp_path / "controllers.md").read_text(encoding="utf-8")
     keys = (tmp_path / "survey_keys.md").read_text(encoding="utf-8")
     assert all(f"`{key}`" in keys for key in ("files", "frame", "instrument", "columns", "units"))
+    licences = (tmp_path / "licences.md").read_text(encoding="utf-8")
+    assert {*tree(requirements())} <= {*re.findall(r"^\| (\S+) \| \S* \| (.+) \|$", licences, re.MULTILINE)}
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)

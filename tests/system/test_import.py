@@ -129,6 +129,14 @@ def test_a_wrong_join_is_refused_with_what_fits_instead(what: str, folder: Path)
     assert not (folder / "s").exists()
 
 
+def test_two_of_twenty_that_changed_places_are_found(folder: Path) -> None:
+    order = [15 if k == 7 else 7 if k == 15 else k for k in range(20)]
+    (folder / "few.txt").write_text(spatialanalyzer(MEASURED[:20][order]))
+    (folder / "few.nc").write_text(programme(COMMANDS[:20]))
+    with pytest.raises(InputError, match=r"rows 8, 16 are exchanged|in 2 rows \(8, 16\)"):
+        import_survey(folder / "few.txt", MILL, commands=folder / "few.nc")
+
+
 @pytest.mark.parametrize("order", [[0, 1, 3, 2, 4, 5, 6, 7], [1, 2, 3, 4, 5, 6, 7, 0]])
 def test_of_few_rows_an_exchange_and_a_shift_are_found_too(order: list[int], folder: Path) -> None:
     (folder / "few.txt").write_text(spatialanalyzer(MEASURED[:8][order]))
@@ -137,6 +145,36 @@ def test_of_few_rows_an_exchange_and_a_shift_are_found_too(order: list[int], fol
         import_survey(folder / "few.txt", MILL, commands=folder / "few.nc")
     (folder / "few.txt").write_text(spatialanalyzer(MEASURED[:8]))
     assert len(import_survey(folder / "few.txt", MILL, commands=folder / "few.nc").survey) == 8
+
+
+def test_commands_without_names_are_taken_in_the_usual_order(folder: Path) -> None:
+    """X Y Z for a machine of letters; a column that counts the rows is none of them."""
+    for columns in (COMMANDS, COMMANDS.reset_index()):
+        columns.to_csv(folder / "bare.txt", index=False, header=False, sep=" ")
+        result = import_survey(folder / "tracker.txt", MILL, commands=folder / "bare.txt")
+        np.testing.assert_array_equal(result.survey.commands(["X", "Y", "Z"]), COMMANDS.to_numpy())
+    COMMANDS.set_axis(["a", "b", "c"], axis=1).to_csv(folder / "bare.txt", index=False)
+    with pytest.raises(InputError, match="no command of X, Y, Z among its columns a, b, c"):
+        import_survey(folder / "tracker.txt", MILL, commands=folder / "bare.txt")
+
+
+def test_a_target_that_stays_while_joints_turn_is_in_no_dwell(tmp_path: Path) -> None:
+    """Of a head that turns about the target, each row is a reading; a dwell of them would throw the others away."""
+    fork = read_machine("fork_head_five_axis")
+    rows, rng = 60, np.random.default_rng(2)
+    table = pd.DataFrame({j.name: np.zeros(rows) for j in fork.joints})
+    for joint in fork.joints:
+        if joint.type == "prismatic":
+            table[joint.name] = np.where(np.arange(rows) < 40, rng.uniform(*joint.travel, rows), np.mean(joint.travel))
+    table.loc[40:, "C"] = np.linspace(-60, 60, rows - 40)
+    table = table.round(3)
+    made = simulate(fork, table, None, translation=(500, 900, 0), rotation=(0, 1, 30), noise=0.002, seed=1)
+    assert np.ptp(made[["mx", "my", "mz"]].to_numpy()[40:], axis=0).max() < 0.02
+    made[["mx", "my", "mz"]].to_csv(tmp_path / "m.csv", index=False)
+    table.to_csv(tmp_path / "plan.csv", index=False)
+    assert len(import_survey(tmp_path / "m.csv", fork, commands=tmp_path / "plan.csv").survey) == rows
+    made.to_csv(tmp_path / "one.csv", index=False)
+    assert len(import_survey(tmp_path / "one.csv", fork).survey) == rows
 
 
 def test_a_correction_is_a_line_in_the_map(folder: Path) -> None:

@@ -15,6 +15,7 @@ from errormodel.survey import read_survey
 from identification.diagnosis.linear.known_models import Known, Latest, Lineage
 from identification.diagnosis.linear.linear_model import LinearModel, set_up
 from identification.diagnosis.search import correlated_noise as coloured
+from identification.diagnosis.search.blocks import Vectors
 from identification.diagnosis.search.candidates import Candidates
 from identification.estimation.fit import fit_machine
 
@@ -103,7 +104,9 @@ def test_columns_of_one_lever_are_sums_over_rows(linear: LinearModel, candidates
         columns = block.observed(linear.size)
         scale = np.sqrt(block.square)[:, :, None] * np.linalg.norm(vectors, axis=0)
         np.testing.assert_allclose(
-            block.times(vectors) / scale, columns @ vectors[: columns.shape[2]] / scale, atol=1e-6
+            block.times(Vectors(vectors).on(block.lever)) / scale,
+            columns @ vectors[: columns.shape[2]] / scale,
+            atol=1e-6,
         )
         whole, length = block.whole(), np.sqrt(block.square)
         exact = columns @ columns.transpose(0, 2, 1)

@@ -55,7 +55,7 @@ def test_the_real_controller_leaves_what_the_lattice_leaves(name: str, component
     rng = np.random.default_rng(3)
     places = rng.uniform(ends[:, 0], ends[:, 1], (25, len(ends))).round(4)
     places[:2] = ends.T.round(4)
-    q, motor, samples = linuxcnc.stands(tmp_path, places, 0.05)
+    q, motor, samples = linuxcnc.stands(tmp_path, places)
     moved = motor - q
     movers = [setup.place(m) for m in setup.movers]
     claimed = target.emulate(target.read(files, setup), setup, q)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import configparser
 import importlib
+import inspect
 import re
 import shutil
 import subprocess
@@ -110,7 +111,8 @@ def test_klipper_loads_the_mesh_and_moves_as_emulated(monkeypatch: pytest.Monkey
     section = Section(configuration(files["errormodel.cfg"]), "bed_mesh errormodel")
     kinds = {"x_count": int, "y_count": int, "mesh_x_pps": int, "mesh_y_pps": int, "algo": str}
     keys = [*kinds, "min_x", "max_x", "min_y", "max_y", "tension"]
-    mesh = module.ZMesh({k: kinds.get(k, float)(section.get(k)) for k in keys}, "errormodel")
+    named = ("errormodel",) if "name" in inspect.signature(module.ZMesh).parameters else ()  # since 2024
+    mesh = module.ZMesh({k: kinds.get(k, float)(section.get(k)) for k in keys}, *named)
     mesh.build_mesh([list(row) for row in section.getlists("points", seps=(",", "\n"), parser=float)])
     assert section.getint("version") == module.PROFILE_VERSION
     heights = tuple(t for t in tables if t.term.inputs)

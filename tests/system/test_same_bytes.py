@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import shutil
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -14,6 +17,7 @@ from hypothesis import strategies as st
 from errormodel.files import without_apostrophes, write_csv
 from tests.helpers.commands import MILL, done, tree, write
 
+ROOT = Path(__file__).resolve().parents[2]
 FORMULAS = ("=1+1", "+cmd|' /C calc'!A0", "-2+3", "@SUM(A1)", "\t=1+1", " =HYPERLINK(1)", "'=1", "''+x", "-a")
 HARMLESS = ("-5", "+3.5", "a=b", "1e-3", "run 1", "'a", "")
 
@@ -89,3 +93,40 @@ def test_cells_of_blanks_take_no_time() -> None:
     cells = pd.Series(["'" + " " * 200_000 + "x", "'" * 200_000 + "x"])
     assert list(without_apostrophes(cells)) == list(cells)
     assert time.process_time() - begun < 5.0
+
+
+COMMANDS = f"""\
+fit {MILL} ../data/s.csv --out fit
+predict fit ../data/s.csv --out p.csv
+compensate fit --controller siemens-cec --points 4 --out tables
+"""
+GERMAN = f"""
+import locale
+from identification.command_line.main import main
+locale.setlocale(locale.LC_ALL, "")
+assert locale.localeconv()["decimal_point"] == ","
+for words in {COMMANDS.splitlines()}:
+    try:
+        main(words.split())
+    except SystemExit as end:
+        assert not end.code, words
+"""
+
+
+@pytest.mark.skipif(shutil.which("localedef") is None, reason="makes a locale with decimal commas")
+def test_where_commas_are_decimal(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As in a program that sets the locale of its user and calls the commands."""
+    made = ["localedef", "-i", "de_DE", "-f", "UTF-8", str(place / "de_DE.UTF-8")]
+    if subprocess.run(made, check=False, capture_output=True).returncode > 1:
+        pytest.skip("the system has no definition of a German locale")
+    locale = {"PYTHONPATH": str(ROOT), "LOCPATH": str(place), "LC_ALL": "de_DE.UTF-8"}
+    for name in ("german", "plain"):
+        (place / name).mkdir()
+    ended = subprocess.run(
+        [sys.executable, "-c", GERMAN], cwd=place / "german", env=os.environ | locale, check=False, capture_output=True
+    )
+    assert ended.returncode == 0, ended.stderr.decode()
+    monkeypatch.chdir(place / "plain")
+    for words in COMMANDS.splitlines():
+        done(*words.split())
+    assert tree(place / "german") == tree(place / "plain")

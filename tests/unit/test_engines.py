@@ -63,6 +63,16 @@ def test_workers_may_die(crew: Crew, ahead: int, tmp_path: Path, monkeypatch: py
     assert "its worker died" in str(done[5])
 
 
+def test_a_cluster_whose_workers_do_not_start_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    import distributed
+
+    whole = distributed.LocalCluster
+    monkeypatch.setattr(distributed, "LocalCluster", lambda **options: whole(**options | {"n_workers": 0}))
+    monkeypatch.setattr("identification.runtime.engines.NO_WORKER_S", 1.0)
+    done = results(Crew("dask", 2), [("", k, "") for k in range(3)])
+    assert [str(done[k]) for k in range(3)] == ["no worker of Dask has started for 1 s"] * 3
+
+
 def test_the_dashboard_has_an_address() -> None:
     said: list[str] = []
     assert list(Crew("dask", 1, None, said.append).each(job, [("", 3, "")])) == [(0, 9)]

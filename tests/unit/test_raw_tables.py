@@ -110,6 +110,57 @@ def test_what_nobody_can_read_says_what_it_looks_like(text: str, where: str, fou
     assert error.value.cure
 
 
+ODD = {
+    "a rule below the names": "X   Y\n--- ---\n1.5 -2.5\n3.5 4.5\n5.5 6.5\n",
+    "bars around": "| X | Y |\n|---|---|\n| 1.5 | -2.5 |\n| 3.5 | 4.5 |\n| 5.5 | 6.5 |\n",
+    "decimal commas between quotes": '"X","Y"\n"1,5","-2,5"\n"3,5","4,5"\n"5,5","6,5"\n',
+    "a preamble as wide as the table": "Job,7\n24,20.5\nX,Y\n1.5,-2.5\n3.5,4.5\n5.5,6.5\n",
+    "names again": "X;Y\n1.5;-2.5\nX;Y\n3.5;4.5\nX;Y\n5.5;6.5\n",
+    "titles between": "X,Y,Z\n1.5,-2.5,0\nGroup 2\n3.5,4.5,0\nGroup 3\n5.5,6.5,0\n",
+    "a unit in each cell": "X;Y\n1.5 mm;-2.5 mm\n3.5 mm;4.5 mm\n5.5 mm;6.5 mm\n",
+    "units behind a comma": "X, mm;Y, mm\n1.5;-2.5\n3.5;4.5\n5.5;6.5\n",
+    "the minus of typesetters": "X;Y\n1.5;\u22122.5\n3.5;4.5\n5.5;6.5\n",
+    "a remark behind a row": "X,Y\n1.5,-2.5\n3.5,4.5   # again\n5.5,6.5\n",
+    "blanks within names of points": "Name\tX\tY\nP 1\t1.5\t-2.5\nP 2\t3.5\t4.5\nP 3\t5.5\t6.5\n",
+    "a block filled up": "X,Y\n1.5,-2.5\n3.5,4.5\n5.5,6.5\n\0\0\0\0",
+}
+
+
+@pytest.mark.parametrize("what", ODD)
+def test_odd_tables(what: str, tmp_path: Path) -> None:
+    read = read_back(tmp_path, ODD[what].encode())
+    np.testing.assert_array_equal(read.frame[["X", "Y"]], [[1.5, -2.5], [3.5, 4.5], [5.5, 6.5]])
+    stated = "unit" in what
+    assert read.units == ({"X": "mm", "Y": "mm"} if stated else {})
+
+
+def test_a_row_within_a_table_is_never_lost_in_silence(tmp_path: Path) -> None:
+    def text(row: str) -> bytes:
+        rows = [f"P{k};{k}.5;{k}.25" for k in range(1, 9)]
+        return ("\n".join(["Name;X;Y", *rows[:2], row, *rows[3:]]) + "\n").encode()
+
+    for row in ("P3;lost;beam", "P3;;", "P3;lost;invalid", "---;---;---", "Name;3.5;Y"):
+        assert len(read_back(tmp_path, text(row)).frame) == 8
+    failed = read_back(tmp_path, text("P3;Lost;invalid"))
+    assert np.isnan(failed.frame[["X", "Y"]].to_numpy()[2]).all()
+    assert "no value where it says Lost, invalid" in failed.notes
+    assert "1 line of words between the rows passed over" in read_back(tmp_path, text("Group 2")).notes
+    with pytest.raises(InputError, match="1 cells where the table has 3"):
+        read_back(tmp_path, text("P3"))
+    with pytest.raises(InputError, match="is not a number"):
+        read_back(tmp_path, text("P3;12 mm;13 inch"))
+
+
+@pytest.mark.parametrize(
+    ("line", "unit"),
+    [("Units: inches", "inch"), ("# unit = m", "m"), ("All dimensions in mm", "mm"), ("Einheit;mm", "mm"),
+     ("Units: mm, deg", "mm"), ("Units of measure", ""), ("Unit 7", ""), ("Units: mm\nUnits: m", "")],
+)  # fmt: skip
+def test_a_unit_above_a_table_is_that_of_its_coordinates(line: str, unit: str, tmp_path: Path) -> None:
+    read = read_back(tmp_path, f"{line}\nX;Y\n1.5;-2.5\n3.5;4.5\n".encode())
+    assert read.length_unit == unit
+
+
 @pytest.mark.parametrize("data", [b"", b"\x89PNG\r\n\x1a\n\0\0\1", b"PK\x03\x04 no sheet", bytes(range(256))])
 def test_what_is_no_text_is_refused(data: bytes, tmp_path: Path) -> None:
     with pytest.raises(InputError):

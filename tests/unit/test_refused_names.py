@@ -1,38 +1,94 @@
-"""A name beside which as much is left by the same drivers is none."""
+"""A name beside which a function without a name explains as much is none."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
+from errormodel.arrays import Array
+from errormodel.machine import EffectSpec
+from errormodel.machine_file import read_machine
 from identification.diagnosis.decisions.log import DecisionLog
+from identification.diagnosis.linear.linear_model import set_up
+from identification.diagnosis.results import nameless_alternative
 from identification.diagnosis.results.findings import Finding, HeldOut
-from identification.diagnosis.results.remainder import checked_remainder
-from identification.diagnosis.results.residual_dependence import Dependence
+from identification.diagnosis.results.nameless_alternative import checked_alternative
+from identification.diagnosis.results.recorded_functions import recorded
+from identification.diagnosis.search.model import of_groups
+from identification.diagnosis.search.scoring import Step
+from identification.estimation.fit import fit_machine
+from tests.helpers.diagnosed import empty_survey, showing
 from tests.helpers.findings import made
 
-GROWTH = made("structure-drift", element="X", motion="dz", sensor="T_bed")
-SAID = Finding("structure-drift", "X", "X grows.", 0.98, 1e-9, HeldOut(10.0, 8.0), "measure again", driver=["T_bed"])
+FIELDS: dict[str, object] = {"element": "column", "motion": "dy", "sensor": "T_0"}
+DRIFT, LATER = made("structure-drift", **FIELDS), made("structure-drift", **FIELDS | {"tau": 2000.0})
+SAID = Finding("structure-drift", "column", "It moves.", 0.98, 1e-9, HeldOut(10.0, 8.0), "again", driver=["T_0"])
 
 
-@pytest.mark.parametrize(
-    ("channels", "size_um", "kept"),
-    [
-        (("time",), 4.0, False),  # 16 of 36 um2: as much is no departure from a form
-        (("time",), 2.0, True),
-        (("X", "Y"), 4.0, True),  # of another cause
-        (("before(X)",), 4.0, True),
-        (("X", "T_air"), 4.0, False),  # all temperatures and the clock are one cause
-    ],
-)
-def test_a_name_falls_with_what_is_left_beside_it(channels: tuple[str, ...], size_um: float, kept: bool) -> None:
+def warm(time: Array) -> Array:
+    return np.asarray(3 * np.sin(time / 900))
+
+
+def wandering(time: Array) -> Array:
+    """As the temperature does in half of what it is, and as an hour that nothing recorded else."""
+    return np.asarray(1.5 * np.sin(time / 900) + np.cumsum(np.random.default_rng(4).normal(0, 0.4, len(time))))
+
+
+@pytest.mark.parametrize(("cause", "named"), [(warm, True), (wandering, False)])
+def test_a_name_stands_where_no_function_explains_as_much(cause: object, named: bool) -> None:
+    machine = read_machine("vertical_three_axis")
+    survey = empty_survey(machine, 200, 7, channels=True, grid=False)
+    time = survey.table["time"].to_numpy()
+    assert callable(cause)
+    caused = replace(survey, table=survey.table.assign(T_0=cause(time)))
+    moved = showing(caused, machine, [(EffectSpec("structure-drift", FIELDS), [0.006])], 0.003)
+    shown = replace(moved, table=moved.table.assign(T_0=warm(time)))
+    linear = set_up(fit_machine(machine, shown))
     log = DecisionLog()
-    found = checked_remainder(SAID, GROWTH, Dependence(channels, 1e-6, "x", size_um), log)
-    assert (found.effect == "structure-drift") == kept
-    if not kept:
-        assert found.effect == "unnamed"
-        assert f"beside it {size_um:.1f} um are left that follow the same" in found.statement
+    model = of_groups(linear, [[Step(DRIFT, 100.0, 200.0, 0.0)]])
+    found = checked_alternative(SAID, model, model.findings[0], recorded(linear, np.unique(linear.index)), log)
+    assert (found.effect == "structure-drift") == named
+    (*_, decision) = log
+    assert (decision.rule, decision.outcome) == ("nameless-alternative", "kept" if named else "refused")
+    if not named:
+        assert "a function without a name explains as much (dy of " in found.statement
         assert SAID.statement in found.statement
 
 
-def test_nothing_left_leaves_the_name() -> None:
-    assert checked_remainder(SAID, GROWTH, None, DecisionLog()) is SAID
+def test_a_second_lag_is_of_the_name() -> None:
+    """What the air does at once and the bed later needs both lags to stand beside a function of the clock."""
+    machine = read_machine("vertical_three_axis")
+    survey = empty_survey(machine, 200, 7, channels=True, grid=False)
+    sizes = {0.0: 0.01, 2e3: -0.03}
+    specs = [(EffectSpec("structure-drift", FIELDS | {"tau": tau}), [size]) for tau, size in sizes.items()]
+    linear = set_up(fit_machine(machine, showing(survey, machine, specs, 0.003)))
+    outcomes = []
+    for steps in ([DRIFT], [DRIFT, LATER]):
+        log, group = DecisionLog(), [Step(e, 100.0, 200.0, 0.0) for e in steps]
+        model = of_groups(linear, [group])
+        checked_alternative(SAID, model, model.findings[0], recorded(linear, np.unique(linear.index)), log)
+        outcomes.append([(d.rule, d.outcome) for d in log])
+    assert outcomes[0] == [("remainder-of-name", "refused")]
+    assert outcomes[1] == [("nameless-alternative", "kept")]
+
+
+def test_a_form_that_only_follows_the_clock_is_no_temperature() -> None:
+    """Where the motion wanders by itself, a function of the clock has more evidence than any lag of a sensor."""
+    machine = read_machine("vertical_three_axis")
+    survey = empty_survey(machine, 200, 7, channels=True, grid=False)
+    moved = showing(survey, machine, [(EffectSpec("structure-drift", FIELDS), [0.01])], 0.003)
+    linear = set_up(fit_machine(machine, moved))
+    other = Step(made("structure-drift", **FIELDS | {"sensor": "T_1"}), 100.0, 200.0, 0.0)
+    model = of_groups(linear, [[other]])
+    found = checked_alternative(SAID, model, [other], recorded(linear, np.unique(linear.index)), log := DecisionLog())
+    assert found.effect == "unnamed"
+    assert {d.outcome for d in log} == {"refused"}
+
+
+def test_a_name_that_is_less_likely_than_not_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(nameless_alternative, "probability_of", lambda step: 0.49)
+    log, step = DecisionLog(), Step(DRIFT, 110.0, 200.0, 0.0)
+    found = checked_alternative(SAID, None, [step], [], log)  # type: ignore[arg-type]  # the model is not asked
+    assert (found.effect, [(d.rule, d.outcome) for d in log]) == ("unnamed", [("unlikely-name", "refused")])

@@ -122,10 +122,13 @@ def groups(survey: Survey, *, gaps: bool = False) -> list[Index]:
 
     With `gaps` also rows between them of which something is missing.
     """
+    import pandas as pd
+
     table = survey.table
     whole = (np.isfinite(survey.measured).all(axis=1) | gaps) & (table["role"] == "fit").to_numpy()
-    labels = np.array([f"{file}\n{frame}" for file, frame in zip(table["file"], frame_labels(survey), strict=True)])
-    return [np.flatnonzero(whole & (labels == label)) for label in dict.fromkeys(labels[whole])]
+    file, frame = (pd.factorize(labels, use_na_sentinel=False)[0] for labels in (table["file"], frame_labels(survey)))
+    both = file * (frame.max(initial=0) + 1) + frame
+    return [np.flatnonzero(whole & (both == code)) for code in pd.unique(both[whole])]
 
 
 def misses(blunder: Blunder) -> str:

@@ -143,20 +143,8 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "near-tie": Rule(
             SELECTION, EVIDENCE,
-            "Named effects near the best one, also in correlated noise, are weighed by preference.",
+            "Named effects near the best one are weighed by their evidence in correlated noise.",
             _in(_SCORING, "CLEARLY", "NEAR"),
-        ),
-        "fixed-form": Rule(
-            SELECTION, EVIDENCE, "Among near-ties a form that physics fixes comes before one that follows any curve.",
-            _in(_SCORING, "ODDS"),
-        ),
-        "as-good-in-correlated-noise": Rule(
-            SELECTION, EVIDENCE, "Among near-ties those that correlated noise explains as well come later.",
-            _in(_SCORING, "AS_GOOD"),
-        ),
-        "little-discrepancy": Rule(
-            SELECTION, DELTA, "Among near-ties those come first that explain as much by their textbook form alone.",
-            _in(_SCORING, "FORM"),
         ),
         "most-evidence": Rule(
             SELECTION, EVIDENCE, "Of the near-ties that are left, that with most evidence in correlated noise is first."
@@ -172,24 +160,9 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             SELECTION, "delta chi-squared", "Parameters that the empirical term does without must gain something.",
         ),
         "preference": Rule(SELECTION, EVIDENCE, "The candidate that is tested for acceptance, by the rules before."),
-        "two-causes": Rule(
-            SELECTION, DELTA,
-            "A thermal effect with two sensors or lags that explains as much comes before an empirical term.",
-            _in(_SCORING, "FORM") + _in(_FORWARD, "LEAST_EVIDENCE"),
-        ),
-        "refinement-first": Rule(
-            SELECTION, EVIDENCE,
-            "What may be a refinement of a finding is tried before a new finding.",
-            _in(_FORWARD, "NEAR_BEST")
-        ),
         "same-motion-and-driver": Rule(
             SELECTION, "", "What moves the same by the same driver is a refinement of that finding.",
             _in(_REFINED, "DISTINCT", "OWN"),
-        ),
-        "same-weight": Rule(
-            SELECTION, DELTA,
-            "What one weight does to one member in several motions is one finding.",
-            _in(_REFINED, "OWN")
         ),
         "like-contribution": Rule(
             SELECTION, "canonical correlation", "What does nearly the same to the rows as a finding refines it.",
@@ -198,10 +171,6 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "remainder-of-surface": Rule(
             SELECTION, "", "What follows one driver of an empirical form over two refines that form."
         ),
-        "left-over": Rule(
-            SELECTION, DELTA, "What explains little of a finding at its place by its drivers is left over from it.",
-            _in(_REFINED, "LEFT"),
-        ),
         "detection": Rule(
             SELECTION, EVIDENCE, "The evidence less the trials factor must be clear.", _in(_SCORING, "DETECT")
         ),
@@ -209,34 +178,14 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             SELECTION, EVIDENCE, "The same less what correlated noise and the discrepancy would explain as well.",
             _in(_SCORING, "DETECT") + _in("search.correlated_noise", "WHITE", "LONGEST", "PART", "LARGEST"),
         ),
-        "share-of-findings": Rule(
-            SELECTION, DELTA,
-            "What is a small part of what is explained already may be a discrepancy of it, and is no finding.",
-            _in(_FORWARD, "LEAK"),
-        ),
         "most-findings": Rule(SELECTION, COUNT, "No more findings than this.", _in(_FORWARD, "MOST_FINDINGS")),
         "most-steps": Rule(SELECTION, COUNT, "No more effects than this.", _in(_FORWARD, "MOST_STEPS")),
         "refinement-below-detection": Rule(
             SELECTION, EVIDENCE, "Below the level of a finding, the best refinement of one is tried.",
             _in(_FORWARD, "LEAST_EVIDENCE"),
         ),
-        "competing-refinement": Rule(
-            SELECTION, EVIDENCE, "Refinements of one finding with enough evidence compete by cross-validation.",
-            _in(_FORWARD, "COMPETES", "MOST_COMPETING"),
-        ),
         "cross-validation": Rule(
             SELECTION, ERRORS, "Blocks of rows must be predicted better with the effect than without it."
-        ),
-        "accepted-alone": Rule(
-            SELECTION, ERRORS, "Where the preferred candidate fails, those that pass the detection are tried."
-        ),
-        "joint-detection": Rule(
-            SELECTION, EVIDENCE, "Two or three effects are added together where each is clear beside the others.",
-            _in(_FORWARD, "MOST_TOGETHER", "SHAPES_TRIED") + _in(_SCORING, "DETECT"),
-        ),
-        "second-sensor": Rule(
-            SELECTION, EVIDENCE, "A second sensor or lag is added where it has evidence and predicts better.",
-            _in(_FORWARD, "LEAST_EVIDENCE"),
         ),
         "step-function": Rule(
             SELECTION, "log evidence (Schwarz)",
@@ -254,10 +203,6 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "superfluous-by-cross-validation": Rule(
             SELECTION, ERRORS, "It stays where blocks of rows are predicted worse without it.", _in(_FORWARD, "HARDLY")
-        ),
-        "section-of-surface": Rule(
-            SELECTION, DELTA, "A finding that is a section of an empirical form over two joints is part of it.",
-            _in(_REFINED, "OWN"),
         ),
         # ---- model comparison
         "strong-alternative": Rule(
@@ -310,15 +255,16 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             NAMES, "probability", "Evidence and prior odds of classes give the probability of each name.",
             _in(_FINDINGS, "TEMPER", "FORM_ODDS", "FLEXIBLE_ODDS", "CHOSEN", "UNKNOWN", "MOST_SURE"),
         ),
-        "share-of-form": Rule(
-            NAMES, SHARE, "A finding has a name only if the form of that name explains most of it.",
-            _in("results.remainder", "MOSTLY"),
+        "unlikely-name": Rule(
+            NAMES, "probability", "A name that is less likely than not is none.", _in(_FINDINGS, "EVEN"),
         ),
-        "share-of-largest": Rule(
-            NAMES, RATIO, "What explains little beside the largest finding may be a part of it.", _in(_FORWARD, "LEAK")
+        "nameless-alternative": Rule(
+            NAMES, EVIDENCE, "A finding has a name only if no function without one explains it better.",
+            _in("results.nameless_alternative", "NAME_ODDS") + _in(_REFINED, "DEPARTURES"),
         ),
         "remainder-of-name": Rule(
-            NAMES, RATIO, "An effect has no name if as much is left by the same drivers.", _in(_REFINED, "OWN"),
+            NAMES, RATIO, "An effect has no name if as much is clearly left that a function without one explains.",
+            _in(_REFINED, "OWN") + _in(_SCORING, "DETECT"),
         ),
         "physical-bound": Rule(
             NAMES, "standard uncertainties", "A parameter beyond what physics allows takes the name from a finding.",
@@ -326,7 +272,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "physical-size": Rule(
             NAMES, "times the usual size", "So does one that is too large for the widest of the prior distributions.",
-            _in("results.physical_limits", "IMPOSSIBLE") + _in("search.candidates", "SIZES"),
+            _in("search.candidates", "SIZES", "WIDEST"),
         ),
         "distinguishable": Rule(
             NAMES, "decimal logarithm of the Bayes factor",
@@ -335,7 +281,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "unresolved-name": Rule(
             NAMES, "probability", "A name is no surer than this beside one that repeats between positions.",
-            _in("together", "EVEN"),
+            _in(_FINDINGS, "EVEN"),
         ),
         # ---- untestable effects
         "not-recorded": Rule(
@@ -370,6 +316,10 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "serial-correlation": Rule(
             VERDICT, "um", "Residuals most of which wander along the rows are unexplained.",
             _in("results.wandering", "MOSTLY", "STEADY_UM"),
+        ),
+        "wandering-motion": Rule(
+            VERDICT, EVIDENCE, "A motion that wanders in time more than correlated noise does is unexplained.",
+            _in(_SCORING, "DETECT") + _in("search.correlated_noise", "WHITE", "LONGEST", "PART", "LARGEST"),
         ),
         "dependence-of-residuals": Rule(
             VERDICT, "p-value", "What is left is unexplained if one or two recorded channels predict it.",

@@ -52,15 +52,17 @@ class Known:
     further : by the effects of a model, what the last one adds to the basis, and the residual.
     columns : of effects.
     filtered : by the effects of a model, its filtered bases.
+    moves : of effects, the elements and motions that they move.
     """
 
     further: Latest = field(default_factory=Latest)
     columns: Latest = field(default_factory=Latest)
     filtered: Latest = field(default_factory=Latest)
+    moves: dict[Effect, frozenset[tuple[str, str]]] = field(default_factory=dict)
 
     def copy(self) -> Known:
         """One for a search that runs beside others: what one has kept must not change another one's rounding."""
-        return Known(self.further.copy(), self.columns.copy(), self.filtered.copy())
+        return Known(self.further.copy(), self.columns.copy(), self.filtered.copy(), self.moves.copy())
 
 
 @dataclass(frozen=True)

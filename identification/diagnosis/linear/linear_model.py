@@ -215,7 +215,8 @@ class LinearModel:
         """Residual sum of squares after an effect has been fitted: that of `with_effect`, without making it."""
         if effect.random:
             return self.with_effect(effect).square
-        columns, _ = self._own_columns(effect)  # of a shape that is tried out once
+        known = None if self.lineage is None else self.lineage.known.columns.find((effect, self.size))
+        columns, _ = known or self._own_columns(effect)  # not kept: of a shape that is tried out once
         norms = np.linalg.norm(columns, axis=1)
         scaled = columns[norms > 0] / norms[norms > 0, None]
         inner = scaled @ self.basis
@@ -271,7 +272,9 @@ class _Channels(dict[str, Array]):
 
     def __init__(self, survey: Survey, points: Array) -> None:
         super().__init__(zip(POINT_CHANNELS, points, strict=True))
-        self._table = survey.table
+        # labels as numbers: channels that follow files and runs ask for them again and again
+        labels = {name: survey.table[name].astype("category") for name in ("file", "run") if name in survey.table}
+        self._table = survey.table.assign(**labels)
 
     def __missing__(self, name: str) -> Array:
         side = f"dir_{root(name)}"
@@ -370,11 +373,15 @@ def _stations(fit: Fit) -> tuple[Vector, ...]:
 
 def unused_runs(survey: Survey) -> list[tuple[str, int]]:
     """Labels of runs that drive no candidate where there are several, with the number of their rows."""
-    labels, counts = np.unique(survey.table["run"].astype(str), return_counts=True)
-    if len(labels) < 2:
-        return []
-    many = len(labels) > MOST_RUNS
-    return [(str(label), int(n)) for label, n in zip(labels, counts, strict=True) if many or n < LEAST_RUN]
+    runs = _runs(survey)
+    many = len(runs) > MOST_RUNS
+    return [(label, n) for label, n in runs if many or n < LEAST_RUN] if len(runs) > 1 else []
+
+
+def _runs(survey: Survey) -> list[tuple[str, int]]:
+    """Labels of the runs in order, with the number of their rows."""
+    counts = survey.table["run"].value_counts()
+    return sorted(zip(map(str, counts.index), counts.tolist(), strict=True))
 
 
 def _scene_columns(survey: Survey, table: _Channels, chain: Chain, dead: Collection[str]) -> dict[str, Array]:
@@ -382,9 +389,9 @@ def _scene_columns(survey: Survey, table: _Channels, chain: Chain, dead: Collect
     plain = ("time", "feed", "load", *TOOL_CHANNELS)
     names = [c for c in survey.table.columns if (str(c).startswith(("T_", "w_")) and c not in dead) or c in plain]
     columns = {str(n): survey.table[n].to_numpy(dtype=float) for n in names}
-    labels, counts = np.unique(survey.table["run"].astype(str), return_counts=True)
-    if 2 <= len(labels) <= MOST_RUNS:  # of two, one is enough
-        several = [label for label, n in zip(labels, counts, strict=True) if n >= LEAST_RUN][len(labels) == 2 :]
+    runs = _runs(survey)
+    if 2 <= len(runs) <= MOST_RUNS:  # of two, one is enough
+        several = [label for label, n in runs if n >= LEAST_RUN][len(runs) == 2 :]
         columns |= {f"run({label})": table[f"run({label})"] for label in several}
     for joint in chain.machine.joints:
         columns[joint.name] = survey.table[joint.name].to_numpy(dtype=float)

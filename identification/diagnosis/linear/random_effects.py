@@ -14,6 +14,7 @@ from errormodel.arrays import Array
 
 ROUNDED = 1e-14  # of the columns' lengths squared, in double precision
 EXACT = 1e-100  # residual sum of squares (noise variances) of readings that fit exactly: no less, to divide by
+AT_ONCE = 16  # sets of random effects: all their scales stay within the processor's cache
 SCALES = np.logspace(-3, 6, 91)  # of a parameter's effect over all rows, in noise variances
 
 
@@ -44,9 +45,9 @@ class RandomEffects:
     @classmethod
     def from_products(cls, gram: Array, slopes: Array, whole: float, square: float, freedom: int) -> RandomEffects:
         """From products of what the geometry leaves of the columns: with each other (k, k), with the residual (k,)."""
-        values, vectors = np.linalg.eigh(gram)
-        left = values > max(1e-9 * values[-1], ROUNDED * whole)
-        return cls(values[left], vectors[:, left].T @ slopes, whole, square, freedom)
+        values, along = _spectra(gram[None], slopes[None], np.array([whole]))
+        left = values[0] > 0
+        return cls(values[0, left], along[0, left], whole, square, freedom)
 
     @property
     def absorbed(self) -> float:
@@ -62,13 +63,9 @@ class RandomEffects:
         """Likeliest ratio of a parameter's variance to the noise's, its log Bayes factor, and the noise variance."""
         if not len(self.values):
             return 0.0, -np.inf, self.square / self.freedom
-        ratios = SCALES / self.values.mean()
-        left = self.left(ratios)
-        evidence = -self.freedom / 2 * np.log(left / self.square)
-        evidence = evidence - 0.5 * np.log1p(ratios[:, None] * self.values).sum(axis=1)
-        k = int(np.argmax(evidence))
-        bayes_factor = float(evidence[k]) - 1.0  # less 1 for the choice of the ratio
-        return float(ratios[k]), bayes_factor, float(left[k]) / self.freedom
+        found = _likeliest(self.values[None], self.slopes[None], self.square, self.freedom)
+        ratio, evidence, noise = (float(v[0]) for v in found)
+        return ratio, evidence, noise
 
     def evidence(self, size: float) -> float:
         """Log Bayes factor for parameters of a known standard deviation."""
@@ -83,3 +80,40 @@ class RandomEffects:
         for _ in range(8):
             variance = float(self.left(size**2 / variance)) / self.freedom
         return variance
+
+
+def scores_of(gram: Array, slopes: Array, whole: Array, square: float, freedom: int) -> tuple[Array, Array, Array]:
+    """Log Bayes factor, noise variance and absorbed share (m,) of several sets of random effects.
+
+    Parameters
+    ----------
+    gram, slopes, whole : (m, k, k), (m, k) and (m,), as in `RandomEffects.from_products`.
+    """
+    values, along = _spectra(gram, slopes, whole)
+    evidence, noise = np.full(len(gram), -np.inf), np.full(len(gram), square / freedom)
+    some = np.flatnonzero(values.any(axis=1))
+    for k in range(0, len(some), AT_ONCE):
+        own = some[k : k + AT_ONCE]
+        _, evidence[own], noise[own] = _likeliest(values[own], along[own], square, freedom)
+    share = np.divide(values.sum(axis=1), whole, out=np.zeros(len(whole)), where=whole > 0)
+    return evidence, noise, np.clip(1 - share, 0.0, 1.0)
+
+
+def _spectra(gram: Array, slopes: Array, whole: Array) -> tuple[Array, Array]:
+    """Eigenvalues (m, k) and slopes along their directions (m, k); zero where the geometry left nothing."""
+    values, vectors = np.linalg.eigh(gram)
+    left = values > np.maximum(1e-9 * values[:, -1], ROUNDED * whole)[:, None]
+    along = (vectors.transpose(0, 2, 1) @ slopes[..., None])[..., 0]
+    return np.where(left, values, 0.0), np.where(left, along, 0.0)
+
+
+def _likeliest(values: Array, slopes: Array, square: float, freedom: int) -> tuple[Array, Array, Array]:
+    """As `RandomEffects.best`, (m,) each, of several spectra of which each has a value above zero."""
+    ratios = SCALES / (values.sum(axis=1) / (values > 0).sum(axis=1))[:, None]
+    gains = ratios[..., None] * values[:, None, :]
+    explained = np.sum(slopes[:, None, :] ** 2 * ratios[..., None] / (1 + gains), axis=-1)
+    left = np.maximum(square - explained, ROUNDED * square)
+    evidence = -freedom / 2 * np.log(left / square) - 0.5 * np.log1p(gains).sum(axis=-1)
+    best = np.argmax(evidence, axis=1)
+    ratio, most, least = (np.take_along_axis(a, best[:, None], axis=1)[:, 0] for a in (ratios, evidence, left))
+    return ratio, most - 1.0, least / freedom  # less 1 for the choice of the ratio

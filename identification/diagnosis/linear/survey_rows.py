@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from errormodel.arrays import Array, Index
+from errormodel.arrays import Array, Columns, Index
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +39,18 @@ class SurveyRows:
         slots[within, number[order]] = order
         return cls(number, table, slots)
 
-    def summed(self, lever: Array, vectors: Array) -> Array:
-        """Sums (rows, r) over the observations of each row of a lever (N,) times vectors (N, r)."""
-        weight = np.append(lever, 0.0)
-        return np.asarray(sum(weight[own, None] * vectors[np.minimum(own, len(lever) - 1)] for own in self.slots))
+    def gathered(self, vectors: Columns) -> Columns:
+        """Vectors (N, r) as (most, rows, r): each row's observations, zero where it has fewer."""
+        size = len(self.number)
+        out = vectors[np.minimum(self.slots, size - 1)]
+        out[self.slots == size] = 0.0
+        return np.asarray(out)
+
+    def summed(self, lever: Array, gathered: Columns) -> Columns:
+        """Sums (rows, r) over the observations of each row of a lever (N,) times vectors as they are `gathered`."""
+        weight = np.append(lever, 0.0).astype(gathered.dtype)[self.slots]
+        total = weight[0, :, None] * gathered[0]
+        product = np.empty_like(total)
+        for own, vectors in zip(weight[1:], gathered[1:], strict=True):
+            total += np.multiply(own[:, None], vectors, out=product)
+        return np.asarray(total)

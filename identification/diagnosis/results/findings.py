@@ -143,6 +143,7 @@ FORM_ODDS = 6.0  # log prior odds of named physics against an empirical term
 FLEXIBLE_ODDS = 2.5  # log prior odds of an effect of fixed form against one that follows any smooth curve
 CHOSEN = 2.0  # log odds of the preferred step among near-ties: least discrepancy, no correlated noise
 MOST_SURE = 0.999
+EVEN = 0.5  # probability of a name beside one that no reading could tell from it; one that is less likely is none
 CHANCE = "none"
 TINY = 1e-300
 BETTER = 0.05  # decimal logarithm of the Bayes factor from which an alternative is said to fit better

@@ -1,10 +1,10 @@
 """Functions of everything that a survey recorded, with which residuals are compared in the test of independence.
 
-Of one channel, of two channels, and of one channel times the effect of one error motion: a motion that follows a
-channel. Beside the commands, sensors and the clock there are channels of the path: where a joint had been before, where
-it last turned round, the mean of its recent positions, and hysteresis operators of two kinds, the play and the relay
-(I. D. Mayergoyz, Mathematical Models of Hysteresis, 1991). A parameter that wanders or switches in time is a motion
-that follows quick functions of the clock.
+Of one channel, of two channels, and of one channel, or two or three commands, times the effect of one error motion: a
+motion that follows them. Beside the commands, sensors and the clock there are channels of the path: where a joint had
+been before, where it last turned round, the mean of its recent positions, and hysteresis operators of two kinds, the
+play and the relay (I. D. Mayergoyz, Mathematical Models of Hysteresis, 1991). A parameter that wanders or switches in
+time is a motion that follows quick functions of the clock.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from errormodel.conventions import MOTIONS
 from identification.diagnosis.linear.linear_model import LinearModel
 
 ORDERS, ORDERS_OF_PAIR, ORDERS_OF_MOTION = 5, 4, 3  # cosines of a channel: waves down to 0.4, 0.5, 0.7 of its range
+ORDERS_OF_SEVERAL = {2: 3, 3: 2}  # of each of two or three commanded channels that one motion follows
 # cosines of the clock, of a parameter that wanders or switches, and the orders beyond which they count less: those of
 # an exponential correlation over a tenth of the survey, and over a hundredth
 QUICK_ORDERS, CORNERS = 100, (4.0, 32.0)
@@ -30,20 +31,19 @@ RELAY = 0.3  # quantiles of a joint's positions, from either end, beyond which a
 MOST_MOTIONS = 24
 TINY = 1e-300
 ALIKE = 0.99  # squared correlation of the levers of two motions, beyond which they are taken as one
-CLOCK = "time"
+CLOCK, SET = "time", ("feed", "load")
 
 
 @dataclass(frozen=True)
 class Functions:
-    """Functions of one or two channels.
+    """Functions of one to three channels.
 
     Attributes
     ----------
-    channels : names. ``before(X)``, ``before(before(X))``, ``turn(X)``, ``recent(X)``, ``play(X)``, ``relay(X)`` are of
-        the path of X;
-        ``travel(0.7)`` is the distance travelled in the last rows.
-    factors : functions (n, k) over the survey's rows, each of one channel; of two, all products count.
-    index : (N,) row of each observation.
+    channels : one to three names. ``before(X)``, ``before(before(X))``, ``turn(X)``, ``recent(X)``, ``play(X)``,
+        ``relay(X)`` are of the path of X; ``travel(0.7)`` is the distance travelled in the last rows.
+    factors : functions (n, k) over some rows of the survey, each of one channel; of several, all products count.
+    index : (N,) which of these rows each observation is of.
     lever : (N,) whitened effect of a motion; None: none.
     filtered : what is done to functions (N, k) before they are compared; None: nothing.
     element, motion : whose whitened effect they are multiplied with; "" where each component of the points has
@@ -59,14 +59,28 @@ class Functions:
     motion: str = ""
 
     @property
-    def values(self) -> Array:
-        """The functions (N, k) at the observations; made at each call, as all together would not fit the memory."""
-        one, *others = (factor[self.index] for factor in self.factors)
+    def by_row(self) -> Array:
+        """The functions (n, k) over the survey's rows; made at each call, as all together would not fit the memory."""
+        one, *others = self.factors
         for other in others:
             one = (one[:, :, None] * other[:, None, :]).reshape(len(one), -1)
+        return one
+
+    @property
+    def values(self) -> Array:
+        """The functions (N, k) at the observations, times the effect of the motion."""
+        one = self.by_row[self.index]
         if self.lever is not None:
             one = self.lever[:, None] * one
         return one if self.filtered is None else self.filtered(one)
+
+    def summed(self, whole: Array) -> Array:
+        """Vectors (N, r) times the effect of the motion, summed over the observations of each row: (n, r)."""
+        from scipy.sparse import csr_array
+
+        assert self.lever is not None
+        rows, seen = len(self.factors[0]), np.arange(len(self.index))
+        return np.asarray(csr_array((self.lever, (self.index, seen)), shape=(rows, len(seen))) @ whole)
 
     def only(self, keep: Mask) -> Functions:
         """The same at some of the observations."""
@@ -74,11 +88,11 @@ class Functions:
 
 
 def recorded(linear: LinearModel, rows: Index) -> list[Functions]:
-    """All functions, at all observations, by the channels' values in some rows of the survey."""
+    """All functions, at all observations, by the channels' values in the `rows` that these are of, in their order."""
     plain, past = _channels(linear)
     bases = dict(_cosines_of(plain, rows, ORDERS))
     paths = {name: dict(_cosines_of(own, rows, ORDERS)) for name, own in past.items()}
-    index = linear.index
+    index = np.searchsorted(rows, linear.index)
     out = [Functions((name,), (f,), index) for name, f in bases.items()]
     out += [Functions((name,), (f,), index) for own in paths.values() for name, f in own.items()]
     low = {name: f[:, :ORDERS_OF_PAIR] for name, f in bases.items()}
@@ -88,7 +102,12 @@ def recorded(linear: LinearModel, rows: Index) -> list[Functions]:
             out += [Functions((joint, name), (low[joint], f[:, :ORDERS_OF_PAIR]), index) for name, f in own.items()]
     clock = {CLOCK: plain[CLOCK]}
     quick = [f for corner in CORNERS for _, f in _cosines_of(clock, rows, QUICK_ORDERS, corner)]
+    names = [n for n in (*(j.name for j in linear.scene.moving), *SET) if n in bases]
     for element, motion, lever in _levers(linear):
+        for count, orders in ORDERS_OF_SEVERAL.items():
+            for several in combinations(names, count):
+                factors = tuple(bases[n][:, :orders] for n in several)
+                out.append(Functions(several, factors, index, lever, element=element, motion=motion))
         for name, f in {**bases, **paths.get(element, {})}.items():
             for values in quick if name == CLOCK else [f[:, :ORDERS_OF_MOTION]]:
                 out.append(Functions((name,), (values,), index, lever, element=element, motion=motion))
@@ -123,52 +142,47 @@ def _channels(linear: LinearModel) -> tuple[dict[str, Array], dict[str, dict[str
 def _turned(q: Array) -> Array:
     """Where the joint last turned round before each row."""
     side = np.sign(np.diff(q))
-    out, last = np.empty_like(q), q[0]
-    out[0] = q[0]
-    for k in range(1, len(q)):
-        if k > 1 and side[k - 1] * side[k - 2] < 0:
-            last = q[k - 1]
-        out[k] = last
-    return out
+    turned = np.zeros(len(q), dtype=bool)
+    turned[2:] = side[1:] * side[:-1] < 0
+    return np.asarray(q[_latest(np.where(turned, np.arange(len(q)) - 1, 0))])
+
+
+def _latest(rows: Index) -> Index:
+    """The largest number up to each place."""
+    return np.asarray(np.maximum.accumulate(rows))
 
 
 def _recent(q: Array, kept: float = RECENT) -> Array:
     """Mean of the values before each row, the later ones counting more."""
-    out, mean = np.empty_like(q), q[0]
-    for k in range(len(q)):
-        out[k] = mean
-        mean += (1 - kept) * (q[k] - mean)
-    return out
+    import pandas as pd
+
+    means = pd.Series(q).ewm(alpha=1 - kept, adjust=False).mean().to_numpy()
+    return np.append(q[:1], means[:-1])
 
 
 def _play(q: Array, half: float) -> Array:
     """A follower with play of `half` on either side."""
-    out, at = np.empty_like(q), q[0]
-    for k in range(len(q)):
-        at = min(max(at, q[k] - half), q[k] + half)
-        out[k] = at
-    return out
+    at, out = float(q[0]), []
+    for x in q.tolist():
+        at = min(max(at, x - half), x + half)
+        out.append(at)
+    return np.array(out)
 
 
 def _relay(q: Array, low: float, high: float) -> Array:
     """A state that becomes 1 above `high`, -1 below `low`, and stays between."""
-    out, state = np.empty_like(q), 0.0
-    for k in range(len(q)):
-        state = 1.0 if q[k] > high else -1.0 if q[k] < low else state
-        out[k] = state
-    return out
+    state = np.where(q > high, 1.0, np.where(q < low, -1.0, 0.0))
+    return np.asarray(state[_latest(np.where(state != 0, np.arange(len(q)), 0))])
 
 
 def _cosines_of(
     channels: Mapping[str, Array], rows: Index, orders: int, corner: float | None = None
 ) -> Iterator[tuple[str, Array]]:
-    """Names and smooth functions (n, k), over all rows of the survey, of every channel that varies."""
+    """Names and smooth functions (n, k) over some rows of the survey of every channel that varies there."""
     for name, values in channels.items():
         own = values[rows]
         if np.isfinite(own).all() and np.ptp(own) > 0:
-            out = np.zeros((len(values), min(orders, len(np.unique(own)) - 1)))
-            out[rows] = _cosines(own, out.shape[1], corner)
-            yield name, out
+            yield name, _cosines(own, min(orders, len(np.unique(own)) - 1), corner)
 
 
 def _cosines(values: Array, count: int, corner: float | None) -> Array:

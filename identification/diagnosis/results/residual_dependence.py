@@ -24,8 +24,10 @@ from errormodel.conventions import FRAME, MOTIONS
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.linear.orthonormal_basis import orthonormal_basis
-from identification.diagnosis.results.recorded_functions import Functions, recorded
+from identification.diagnosis.results.nameless_evidence import best_of, evidence_in_any_noise
+from identification.diagnosis.results.recorded_functions import CLOCK, Functions, recorded
 from identification.diagnosis.search.criteria import heldout_rms
+from identification.diagnosis.search.scoring import DETECT
 from identification.estimation.noise import Noise, likeliest, series_edges
 
 LEAST_P_VALUE = 1e-3  # below which the dependence is reported: one false one in 1000 surveys
@@ -132,6 +134,8 @@ def dependence_of(
     log.add(
         "dependence-of-residuals", "found" if seen else "passed", "residuals", p_value, LEAST_P_VALUE, beside=beside
     )
+    if not seen and (found := _wandering(linear, parts, log)) is not None:
+        (p_value, part), seen = found, True
     if not seen:
         return None
     axis, share = _predicted(linear, part)
@@ -139,6 +143,27 @@ def dependence_of(
         return None
     size = sigma_um * float(np.sqrt(components * share))
     return Dependence(part.channels, p_value, axis, size, part.element, part.motion)
+
+
+def _wandering(linear: LinearModel, parts: Sequence[Functions], log: DecisionLog) -> tuple[float, Functions] | None:
+    """The motion that wanders or switches in time with most evidence, where correlated noise explains less of it.
+
+    The test by resamples cannot see it: shifts along the rows keep what wanders. Noise is alike in all directions, a
+    motion is not. One over its Bayes factor, times how many were tried, bounds its p-value.
+    """
+    quick = [part for part in parts if part.motion and part.channels == (CLOCK,)]
+    scale = float(np.median(np.abs(linear.residual))) / 0.6745
+    if scale <= 0:
+        return None
+    clipped = np.clip(linear.residual / scale, -CLIP, CLIP)
+    linear = replace(linear, residual=clipped - linear.basis @ (linear.basis.T @ clipped), lineage=None)
+    _, _, best = best_of(linear, quick)
+    if best is None:
+        return None
+    surplus = evidence_in_any_noise(linear, best) - float(np.log(len(quick)))
+    what = f"{best.motion} of {best.element}"
+    log.add("wandering-motion", "found" if surplus > DETECT else "passed", "residuals", surplus, DETECT, beside=what)
+    return (float(np.exp(-surplus)), best) if surplus > DETECT else None
 
 
 def _filtered(noise: Noise, edges: Index, functions: Array) -> Array:
@@ -180,7 +205,15 @@ def _left(resamples: Array, q: Array, square: float) -> Array:
 def _largest(parts: Sequence[Functions], residual: Array, resamples: Array, series: list[slice]) -> tuple[float, int]:
     """The p-value of the largest standardised statistic among the `parts`, and the number of its part."""
     whole = np.hstack([residual[:, None], resamples])
-    energy = np.array([_energy(part.values, whole, _series_of(part, series)) for part in parts])
+    energy, summed = np.empty((len(parts), whole.shape[1])), dict[tuple[str, str], Array]()
+    for k, part in enumerate(parts):
+        if part.motion and part.filtered is None:  # over rows, of which there are fewer than observations
+            key = part.element, part.motion
+            if key not in summed:
+                summed[key] = part.summed(whole)
+            energy[k] = _energy(part.by_row, summed[key], [slice(None)])
+        else:
+            energy[k] = _energy(part.values, whole, _series_of(part, series))
     normal = np.cbrt(energy)  # of Wilson and Hilferty: sums of squares become nearly normal
     null = normal[:, 1:]
     mean, spread = null.mean(axis=1, keepdims=True), null.std(axis=1, ddof=1, keepdims=True)

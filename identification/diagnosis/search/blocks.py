@@ -2,32 +2,78 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+from itertools import groupby
+from typing import Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import DTypeLike
 
 from errormodel.arrays import Array, Columns, Index, Mask
 from errormodel.conventions import MOTIONS, Motion
 from errormodel.effects.base import Effect, EffectTerm
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.linear.survey_rows import SurveyRows
+from identification.runtime.parallel import parallel_map
 
-BLOCK = 250  # proposals scored in one go
+COLUMNS = 1000  # of a block: their products with some hundred vectors stay within a cache's neighbourhood
 NOTHING = 1e-300  # length squared of a column
 SINGLE = np.float32  # of the columns that are kept: what is left of one, a thousandth at least, is known to 1e-4
 
 
-class Lever(NamedTuple):
-    """The one lever of all columns of a block, which are then its product with values of the survey's rows."""
+@dataclass(frozen=True, eq=False)
+class Lever:
+    """The one lever of all columns of some blocks, which are then its product with values of the survey's rows."""
 
     rows: SurveyRows
     lever: Array
 
-    @property
+    @cached_property
     def square(self) -> Array:
         """The weight (rows,) of each row in products of two columns."""
-        return self.rows.summed(self.lever, self.lever[:, None])[:, 0]
+        return np.asarray(self.rows.summed(self.lever, self.rows.gathered(self.lever[:, None]))[:, 0], float)
+
+
+class Vectors:
+    """Vectors (N, r) that blocks are multiplied with: what is the same for all blocks is made once.
+
+    The vectors' rows beyond the observations are not looked at.
+    """
+
+    def __init__(self, vectors: Array) -> None:
+        self._vectors = vectors
+        self._cast: dict[tuple[bool, DTypeLike], Columns] = {}
+
+    def on(self, lever: Lever | None) -> OnLever:
+        """The same for blocks of one lever."""
+        return OnLever(self, lever)
+
+    def cast(self, rows: SurveyRows | None, kind: DTypeLike) -> Columns:
+        """The vectors in some precision, gathered by rows where these are given."""
+        key = (rows is None, kind)
+        if key not in self._cast:
+            own = self._vectors.astype(kind, copy=False)
+            self._cast[key] = own if rows is None else rows.gathered(own)
+        return self._cast[key]
+
+
+class OnLever:
+    """Vectors for blocks of one lever: their sums over the observations of each row."""
+
+    def __init__(self, vectors: Vectors, lever: Lever | None) -> None:
+        self._vectors, self._lever = vectors, lever
+        self._summed: dict[DTypeLike, Columns] = {}
+
+    def cast(self, kind: DTypeLike) -> Columns:
+        """What columns in some precision are multiplied with."""
+        if self._lever is None:
+            return self._vectors.cast(None, kind)
+        if kind not in self._summed:
+            rows = self._lever.rows
+            self._summed[kind] = rows.summed(self._lever.lever, self._vectors.cast(rows, kind))
+        return self._summed[kind]
 
 
 class Block(NamedTuple):
@@ -65,8 +111,15 @@ class Block(NamedTuple):
         sizes: Array,
         exact: bool = False,
         lever: Lever | None = None,
+        geometry: OnLever | None = None,
     ) -> Block:
-        """A block; `exact`: products in double precision, as random effects need them."""
+        """A block.
+
+        Parameters
+        ----------
+        exact : products in double precision, as random effects need them.
+        geometry : the linear model's basis and residual as vectors on the lever, where they are made already.
+        """
         m, k, _ = columns.shape
         rank = linear.basis.shape[1]
         empty = np.empty((m, k))
@@ -75,11 +128,11 @@ class Block(NamedTuple):
             # readings without noise weigh beyond single precision: undefined
             whole = plain.whole()
             undefined = ~np.isfinite(whole).all(axis=(1, 2))
-            products = plain.times(np.column_stack([linear.basis, linear.residual]))
+            products = plain.times(geometry or geometry_of(linear).on(lever))
         columns[undefined], whole[undefined], products[undefined] = 0.0, 0.0, 0.0
         inner, slope = products[..., :-1], products[..., -1]
         square = np.maximum(np.diagonal(whole, axis1=1, axis2=2), NOTHING)
-        return plain._replace(gram=whole - inner @ inner.transpose(0, 2, 1), slope=slope, square=square)
+        return plain._replace(gram=whole - gram_of(inner), slope=slope, square=square)
 
     def observed(self, size: int) -> Array:
         """The columns (m, k, size) as they act on observations; the ties behind these hold none of them."""
@@ -102,16 +155,14 @@ class Block(NamedTuple):
         columns = self.columns if self.lever is None else self.columns * np.asarray(weight, self.columns.dtype)
         return np.asarray(columns @ self.columns.transpose(0, 2, 1), float)
 
-    def times(self, vectors: Array) -> Array:
-        """Products (m, k, r) of the columns with vectors (N, r), whose rows beyond the columns' are not looked at."""
+    def times(self, vectors: OnLever) -> Array:
+        """Products (m, k, r) of the columns with vectors on the block's lever."""
         m, k, n = self.columns.shape
-        if self.lever is not None:
-            vectors = self.lever.rows.summed(self.lever.lever, vectors)
-        vectors = vectors[:n]
         if self.exact:
-            return np.array([own @ vectors for own in self.parts()]).reshape(m, k, -1)
-        flat = self.columns.reshape(m * k, n) @ vectors.astype(self.columns.dtype)
-        return flat.reshape(m, k, -1).astype(float)
+            own = vectors.cast(np.float64)[:n]
+            return np.array([part @ own for part in self.parts()]).reshape(m, k, -1)
+        own = vectors.cast(self.columns.dtype)[:n]
+        return (self.columns.reshape(m * k, n) @ own).reshape(m, k, -1).astype(float)
 
     def part(self, some: Mask) -> Block:
         """Some of its proposals."""
@@ -125,60 +176,95 @@ class Block(NamedTuple):
         )
 
 
-Kind = tuple[bool, int, str, str]  # random or not, number of parameters, element and motion of a common lever
+def geometry_of(linear: LinearModel) -> Vectors:
+    """A linear model's basis and its residual."""
+    return Vectors(np.column_stack([linear.basis, linear.residual]))
 
 
-def blocks_of(linear: LinearModel, lists: Sequence[Sequence[Effect]], first: int) -> list[Block]:
-    """The effects of some lists, numbered from `first` on, in blocks."""
-    stacks: dict[Kind, _Stack] = {}
+def gram_of(columns: Array) -> Array:
+    """Products (m, k, k) of each proposal's rows (m, k, r) with each other."""
+    if columns.shape[1] == 1:
+        return np.asarray(np.einsum("mkr,mkr->mk", columns, columns)[..., None])
+    return np.asarray(columns @ columns.transpose(0, 2, 1))
+
+
+def products(blocks: Iterable[Block], vectors: Vectors) -> Iterator[Array]:
+    """Products (m, k, r) of each block's columns with vectors; sums over rows once for neighbours with one lever."""
+    for lever, own in groupby(blocks, lambda block: block.lever):
+        here = vectors.on(lever)
+        yield from (block.times(here) for block in own)
+
+
+class Kind(NamedTuple):
+    """Element and motion of a common lever ("" where there is none), random or not, and the number of parameters."""
+
+    element: str
+    motion: Motion | Literal[""]
+    random: bool
+    parameters: int
+
+
+Made = tuple[Index, Columns, Array]  # numbers of some proposals (m,), columns (m, k, n), usual sizes (m, k)
+
+
+def columns_of(linear: LinearModel, lists: Sequence[Sequence[Effect]], first: int) -> dict[Kind, list[Made]]:
+    """The columns of the effects of some lists, numbered from `first` on."""
+    out: dict[Kind, list[Made]] = {}
     for alike in lists:
         terms = linear.terms(alike)
         element, motion = _common(terms) if linear.rows is not None else ("", "")
-        kind = (alike[0].random, len(terms), element, motion)
-        if kind not in stacks:
-            lever = None
-            if linear.rows is not None and element:
-                lever = Lever(linear.rows, linear.levers[element][MOTIONS.index(motion)])
-            stacks[kind] = _Stack(len(terms), linear.size if lever is None else len(lever.rows.slots.T), lever)
-        sizes = np.array([t.size for t in terms])
-        room = stacks[kind].room(first, len(alike), sizes)
+        rows = linear.rows if element else None
+        columns = np.empty((len(alike), len(terms), linear.size if rows is None else len(rows.slots.T)), SINGLE)
         if element:
             for k, term in enumerate(terms):
                 (value,) = term.motion.values()
-                np.multiply(np.asarray(value, SINGLE), SINGLE(term.size), out=room[:, k])
+                np.multiply(np.asarray(value, SINGLE), SINGLE(term.size), out=columns[:, k])
         else:
-            linear.fill(terms, room, scaled=True)
+            linear.fill(terms, columns, scaled=True)
+        numbers, sizes = np.arange(first, first + len(alike)), np.array([t.size for t in terms])
+        own = out.setdefault(Kind(element, motion, alike[0].random, len(terms)), [])
+        own.append((numbers, columns, np.tile(sizes, (len(alike), 1))))
         first += len(alike)
-    return [block for kind, stack in sorted(stacks.items()) for block in stack.blocks(linear, kind[0])]
+    return out
 
 
-def _common(terms: Sequence[EffectTerm]) -> tuple[str, Motion | str]:
+def _common(terms: Sequence[EffectTerm]) -> tuple[str, Motion | Literal[""]]:
     """Element and motion, where all terms move one element in one motion; else nothing."""
-    moved = {(t.element, *t.motion) for t in terms}
-    (own, *others) = moved
-    return (own[0], own[1]) if not others and len(own) == 2 else ("", "")
+    moved = {(t.element, motion) for t in terms for motion in t.motion}
+    return moved.pop() if len(moved) == 1 and all(t.motion for t in terms) else ("", "")
 
 
-class _Stack:
-    """Proposals of the same number of parameters, gathered in blocks that fit into a cache's neighbourhood."""
+def blocks_of(linear: LinearModel, made: dict[Kind, list[Made]]) -> list[Block]:
+    """Columns in blocks, those of one lever side by side; `made` is emptied, as both would be too much."""
+    geometry = geometry_of(linear)
+    jobs = [
+        partial(_on_one_lever, linear, geometry, {kind: made.pop(kind) for kind in own})
+        for own in ([*kinds] for _, kinds in groupby(sorted(made), lambda kind: kind[:2]))
+    ]
+    return [block for blocks in parallel_map(jobs) for block in blocks]
 
-    def __init__(self, parameters: int, length: int, lever: Lever | None) -> None:
-        self._shape, self._lever = (parameters, length), lever
-        self._full: list[list[tuple[Index, Columns, Array]]] = [[]]
-        self._count = 0
 
-    def room(self, first: int, count: int, size: Array) -> Columns:
-        """Where the columns (count, k, n) of the proposals from number `first` on go; their sizes are (k,)."""
-        if self._count + count > BLOCK:
-            self._full.append([])
-            self._count = 0
-        self._count += count
-        columns = np.empty((count, *self._shape), SINGLE)
-        self._full[-1].append((np.arange(first, first + count), columns, np.tile(size, (count, 1))))
-        return columns
+def _on_one_lever(linear: LinearModel, geometry: Vectors, made: dict[Kind, list[Made]]) -> list[Block]:
+    element, motion = next((kind.element, kind.motion) for kind in made)
+    lever = None
+    if linear.rows is not None and motion:
+        lever = Lever(linear.rows, linear.levers[element][MOTIONS.index(motion)])
+    here, blocks = geometry.on(lever), []
+    for kind in sorted(made):
+        for some in _in_parts(made.pop(kind), kind.parameters):
+            joined = [np.concatenate(own) for own in zip(*some, strict=True)]
+            some.clear()
+            blocks.append(Block.of(linear, joined[0], joined[1], joined[2], kind.random, lever, here))
+    return blocks
 
-    def blocks(self, linear: LinearModel, exact: bool) -> Iterator[Block]:
-        for k, parts in enumerate(self._full):
-            joined = [np.concatenate(own) for own in zip(*parts, strict=True)]
-            self._full[k] = []
-            yield Block.of(linear, joined[0], joined[1], joined[2], exact, self._lever)
+
+def _in_parts(made: list[Made], parameters: int) -> Iterator[list[Made]]:
+    """Proposals in lists that have at most `COLUMNS` columns, or are one."""
+    part, count = list[Made](), 0
+    for own in made:
+        if part and (count + len(own[0])) * parameters > COLUMNS:
+            yield part
+            part, count = [], 0
+        part.append(own)
+        count += len(own[0])
+    yield part

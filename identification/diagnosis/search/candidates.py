@@ -16,14 +16,25 @@ from typing import NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
-from errormodel.arrays import Array, Mask
+from errormodel.arrays import Array, Index, Mask
 from errormodel.effects import registry
 from errormodel.effects.base import Effect
 from errormodel.effects.search_space.survey_summary import Scene
 from identification.diagnosis.linear.known_models import Lineage
 from identification.diagnosis.linear.linear_model import LinearModel
-from identification.diagnosis.linear.random_effects import RandomEffects
-from identification.diagnosis.search.blocks import NOTHING, SINGLE, Block, blocks_of
+from identification.diagnosis.linear.random_effects import scores_of
+from identification.diagnosis.search.blocks import (
+    NOTHING,
+    SINGLE,
+    Block,
+    Kind,
+    Made,
+    Vectors,
+    blocks_of,
+    columns_of,
+    gram_of,
+    products,
+)
 from identification.runtime.parallel import parallel_map
 
 AT_ONCE = 16  # columns made in one go: they stay within the processor's cache
@@ -31,7 +42,9 @@ T = TypeVar("T")
 Scored = tuple[Array, Array, Array, Array]  # evidence, delta chi2, absorbed part and expected delta chi2 of proposals
 MANY, PARTS = 1000, 4  # proposals beyond which columns are made in parallel, in so many parts
 KEPT = 16  # linear models whose scores are kept; by judgement: a search returns to about as many
-MEMORY = 2_400_000_000  # bytes of all proposals' columns
+# bytes of all proposals' columns, by judgement: of an arm, with 20 000 proposals, some 1200 rows are searched. A whole
+# series of one (11 911 rows) has the same findings from 1100 rows as from 2500, and its fit takes all rows anyway
+MEMORY = 600_000_000
 USUAL = 2  # parameters of a proposal
 SIZES = {0.1: 0.1, 0.3: 0.2, 1.0: 0.4, 3.0: 0.2, 10.0: 0.1}  # times the usual one: how often
 WIDEST = 3 * max(SIZES)  # times the usual one: standard deviation of the prior of the final fit
@@ -53,7 +66,7 @@ class Candidates:
     blocks: list[Block]
     keys: list[tuple[object, ...]] = field(default_factory=list)
     parts: tuple[Candidates, ...] = ()
-    _known: OrderedDict[Lineage, Scores] = field(default_factory=OrderedDict, repr=False)
+    _known: OrderedDict[Lineage, Scored] = field(default_factory=OrderedDict, repr=False)
     _grams: OrderedDict[Lineage, tuple[int, list[Array]]] = field(default_factory=OrderedDict, repr=False)
 
     @classmethod
@@ -61,13 +74,18 @@ class Candidates:
         """All proposals of the library (or the given ones) whose channels the survey has."""
         if effects is None:
             effects = proposed(linear.scene)
-        lists = list(_alike(effects))
+        lists = list(_listed(effects))
         # not as many as there are cores: results must not depend on them
         parts = [lists[k::PARTS] for k in range(PARTS)] if len(effects) > MANY else [lists]
         listed = [[e for alike in part for e in alike] for part in parts]
         first = np.cumsum([0, *map(len, listed)]).tolist()
-        jobs = [partial(blocks_of, linear, part, first[k]) for k, part in enumerate(parts)]
-        blocks = [block for made in parallel_map(jobs) for block in made]
+        jobs = [partial(columns_of, linear, part, first[k]) for k, part in enumerate(parts)]
+        columns: dict[Kind, list[Made]] = {}
+        for made in parallel_map(jobs):
+            for kind, own in made.items():
+                columns.setdefault(kind, []).extend(own)
+        del made
+        blocks = blocks_of(linear, columns)
         every = [e for part in listed for e in part]
         return cls(every, blocks, [e.key for e in every])._that_move()
 
@@ -101,6 +119,10 @@ class Candidates:
         parts = (*(self.parts or (self,)), *(other.parts or (other,)))
         return Candidates([*self.effects, *other.effects], [], [*self.keys, *other.keys], parts)
 
+    def listed(self) -> Candidates:
+        """The proposals without their columns, which are large."""
+        return Candidates(self.effects, [], self.keys)
+
     def branch(self) -> Candidates:
         """A copy for an independent search, so that the order of searches does not change how scores are rounded."""
         parts = tuple(part.branch() for part in self.parts)
@@ -111,9 +133,9 @@ class Candidates:
         if linear.lineage is None:
             return self._scored(linear)
         if linear.lineage not in self._known:
-            _keep(self._known, linear.lineage, self._scored(linear))
+            _keep(self._known, linear.lineage, self._scored(linear).values)
         self._known.move_to_end(linear.lineage)
-        return replace(self._known[linear.lineage], candidates=self)
+        return Scores(self, *self._known[linear.lineage])
 
     def _scored(self, linear: LinearModel) -> Scores:
         if self.parts:
@@ -123,44 +145,52 @@ class Candidates:
         delta_chi2 = np.zeros(len(self.effects))
         absorbed = np.ones(len(self.effects))
         expected_delta_chi2 = np.full(len(self.effects), np.inf)
-        left = self._left(linear)
-        alike: dict[tuple[bool, int], list[int]] = {}
-        for k, block in enumerate(self.blocks):
-            alike.setdefault((self.effects[block.numbers[0]].random, block.sizes.shape[1]), []).append(k)
-        for (random, _), some in alike.items():
-            own = np.concatenate([self.blocks[k].numbers for k in some])
-            square = np.concatenate([self.blocks[k].square for k in some])
-            gram, slope = (np.concatenate(a) for a in zip(*(left[k] for k in some), strict=True))
-            if random:
-                scores = random_scores(linear, gram, slope, square)
+        for alike, (gram, slope) in zip(self._alike, self._left(linear), strict=True):
+            if alike.random:
+                scores = random_scores(linear, gram, slope, alike.square)
             else:
-                empirical = np.array([self.effects[n].empirical for n in own])
-                scores = free_scores(linear, gram, slope, square, empirical)
+                scores = free_scores(linear, gram, slope, alike.square, alike.empirical)
+            own = alike.numbers
             evidence[own], delta_chi2[own], absorbed[own], expected_delta_chi2[own] = scores
-        return Scores(
-            self, evidence - np.array([e.cost for e in self.effects]), delta_chi2, absorbed, expected_delta_chi2
-        )
+        return Scores(self, evidence - self._cost, delta_chi2, absorbed, expected_delta_chi2)
+
+    @cached_property
+    def _cost(self) -> Array:
+        return np.array([e.cost for e in self.effects])
+
+    @cached_property
+    def _alike(self) -> list[_Alike]:
+        """The blocks of proposals with as many parameters, together."""
+        lists: dict[tuple[bool, int], list[int]] = {}
+        for k, block in enumerate(self.blocks):
+            lists.setdefault((self.effects[block.numbers[0]].random, block.sizes.shape[1]), []).append(k)
+        return [_Alike.of(self.effects, self.blocks, random, own) for (random, _), own in lists.items()]
 
     def _left(self, linear: LinearModel) -> list[tuple[Array, Array]]:
-        """Products of each block's projected columns with each other (m, k, k) and with the residual (m, k).
+        """Products of projected columns with each other (m, k, k) and with the residual (m, k), of those alike.
 
         The projected columns themselves are never formed. All blocks were made with one linear model; what the
         effects that were accepted since take of their products is taken off step by step.
         """
         if not self.blocks:
             return []
-        one = self.blocks[0]
-        rank, grams = self._nearest(linear.lineage) or (one.rank, [block.gram for block in self.blocks])
-        if linear.basis.shape[1] == one.rank:
-            return [(block.gram, block.slope) for block in self.blocks]
-        beyond = np.column_stack([linear.basis[:, rank:], linear.residual])
-        products = [block.times(beyond) for block in self.blocks]
-        if rank < linear.basis.shape[1]:
-            taken = (p[..., :-1] for p in products)
-            grams = [gram - p @ p.transpose(0, 2, 1) for gram, p in zip(grams, taken, strict=True)]
-            if linear.lineage is not None:
-                _keep(self._grams, linear.lineage, (linear.basis.shape[1], grams))
-        return [(gram, p[..., -1]) for gram, p in zip(grams, products, strict=True)]
+        start = self.blocks[0].rank
+        rank, grams = self._nearest(linear.lineage) or (start, [alike.gram for alike in self._alike])
+        if linear.basis.shape[1] == start:
+            return [(alike.gram, alike.slope) for alike in self._alike]
+        beyond = Vectors(np.column_stack([linear.basis[:, rank:], linear.residual]))
+        further = rank < linear.basis.shape[1]
+        grams = [gram.copy() for gram in grams] if further else grams
+        slopes = [np.empty_like(alike.slope) for alike in self._alike]
+        place = {k: (n, rows) for n, alike in enumerate(self._alike) for k, rows in alike.places.items()}
+        for k, product in enumerate(products(self.blocks, beyond)):
+            n, rows = place[k]
+            slopes[n][rows] = product[..., -1]
+            if further:
+                grams[n][rows] -= gram_of(product[..., :-1])
+        if further and linear.lineage is not None:
+            _keep(self._grams, linear.lineage, (linear.basis.shape[1], grams))
+        return list(zip(grams, slopes, strict=True))
 
     def _nearest(self, lineage: Lineage | None) -> tuple[int, list[Array]] | None:
         """Rank and products of the model with most of the effects, in their order, of which they are kept."""
@@ -169,6 +199,35 @@ class Candidates:
             if (known := self._grams.get(lineage.first(count))) is not None:
                 return known
         return None
+
+
+@dataclass(frozen=True)
+class _Alike:
+    """Proposals with the same number of parameters, all of them random effects or none.
+
+    Attributes
+    ----------
+    numbers, gram, slope, square : of all blocks (`Block`), one after the other; `places`: where each of them is.
+    """
+
+    random: bool
+    numbers: Index
+    empirical: Mask
+    gram: Array
+    slope: Array
+    square: Array
+    places: dict[int, slice]
+
+    @classmethod
+    def of(cls, effects: Sequence[Effect], blocks: Sequence[Block], random: bool, some: Sequence[int]) -> _Alike:
+        """Of some blocks."""
+        own = [blocks[k] for k in some]
+        ends = np.cumsum([0, *(len(b.numbers) for b in own)]).tolist()
+        numbers, gram, slope, square = (
+            np.concatenate([getattr(b, name) for b in own]) for name in ("numbers", "gram", "slope", "square")
+        )
+        places = {k: slice(*ends[n : n + 2]) for n, k in enumerate(some)}
+        return cls(random, numbers, np.array([effects[n].empirical for n in numbers]), gram, slope, square, places)
 
 
 def _keep(kept: OrderedDict[Lineage, T], lineage: Lineage, value: T) -> None:
@@ -187,7 +246,7 @@ def enough_rows(effects: Sequence[Effect]) -> int:
     return MEMORY // (USUAL * 3 * np.dtype(SINGLE).itemsize * max(len(effects), 1))
 
 
-def _alike(effects: Sequence[Effect]) -> Iterator[list[Effect]]:
+def _listed(effects: Sequence[Effect]) -> Iterator[list[Effect]]:
     """The effects in lists that differ in their kind's shape only, and are as many as columns may be made at once."""
     lists: dict[tuple[object, ...], list[Effect]] = {}
     for effect in effects:
@@ -232,6 +291,10 @@ class Scores:
     @property
     def values(self) -> tuple[Array, Array, Array, Array]:
         return self.evidence, self.delta_chi2, self.absorbed, self.expected_delta_chi2
+
+    def alone(self) -> Scores:
+        """The same without the proposals' columns."""
+        return replace(self, candidates=self.candidates.listed())
 
     def beside(self, before: LinearModel, after: LinearModel) -> Scores:
         """With the expected delta chi-squared for the noise that remains once more has been explained."""
@@ -286,7 +349,7 @@ def free_scores(noise: Left, gram: Array, slope: Array, square: Array, empirical
 
     norm = np.sqrt(square)
     unit = gram / norm[:, :, None] / norm[:, None, :]
-    values, vectors = np.linalg.eigh(unit)
+    values, vectors = np.linalg.eigh(unit) if unit.shape[1] > 1 else (unit[:, 0], np.ones_like(unit))
     seen = values > 1 - np.where(empirical, FORM_ABSORBED, ABSORBED)[:, None]
     t = np.einsum("aij,ai->aj", vectors, slope / norm)
     variance = noise.square / noise.freedom
@@ -314,14 +377,9 @@ def free_scores(noise: Left, gram: Array, slope: Array, square: Array, empirical
 
 def random_scores(noise: Left, gram: Array, slope: Array, square: Array) -> Scored:
     """Scores of proposals whose parameters are random effects; their usual size is not known."""
-    rows = []
-    for own_gram, slopes, whole in zip(gram, slope, square.sum(axis=1).tolist(), strict=True):
-        own = RandomEffects.from_products(own_gram, slopes, whole, noise.square, noise.freedom)
-        _, evidence, variance = own.best()
-        explained = noise.freedom * (1 - variance * noise.freedom / noise.square)
-        rows.append((evidence, explained, own.absorbed, np.inf))
-    evidence, delta_chi2, absorbed, expected_delta_chi2 = np.array(rows).T
-    return evidence, delta_chi2, absorbed, expected_delta_chi2
+    evidence, variance, absorbed = scores_of(gram, slope, square.sum(axis=1), noise.square, noise.freedom)
+    explained = noise.freedom * (1 - variance * noise.freedom / noise.square)
+    return evidence, explained, absorbed, np.full(len(gram), np.inf)
 
 
 def _log_evidence(noise: Left, delta_chi2: Array, gain: Array) -> Array:

@@ -15,7 +15,7 @@ import numpy as np
 from errormodel.arrays import Array
 from errormodel.effects.base import Effect
 from identification.diagnosis.linear.linear_model import LinearModel
-from identification.diagnosis.linear.random_effects import EXACT
+from identification.diagnosis.linear.random_effects import EXACT, RandomEffects
 from identification.diagnosis.search.blocks import NOTHING
 from identification.diagnosis.search.candidates import free_scores, random_scores
 from identification.estimation.noise import Noise, noises, series_edges
@@ -108,6 +108,24 @@ def evidence(linear: LinearModel, groups: Sequence[Sequence[Effect]]) -> list[tu
     return [(float(w), each - without) for w, each in zip(white, with_each, strict=True)]
 
 
+def random_evidence(linear: LinearModel, columns: Array) -> float:
+    """Log Bayes factor, over all noises, of columns (k, N + ties) whose parameters are random effects of any size.
+
+    Noise that drifts more than instruments do counts as noise here.
+    """
+    from scipy.special import logsumexp
+
+    rows = []
+    for filtered in _made(linear, [], all_noises=True):
+        weighed, inner, slopes = filtered.products(linear, columns)
+        gram = weighed @ columns.T
+        left = gram - inner @ inner.T
+        random = RandomEffects.from_products(left, slopes, float(np.trace(gram)), filtered.square, filtered.freedom)
+        rows.append([filtered.likelihood, filtered.likelihood + random.best()[1]])
+    without, with_them = logsumexp(rows, axis=0, b=_beforehand(len(rows))).tolist()
+    return float(with_them - without)
+
+
 def _beforehand(count: int) -> Array:
     """Prior probability of each noise model (count, 1): the first is white, the others are equally likely."""
     return np.array([WHITE, *[(1 - WHITE) / (count - 1)] * (count - 1)])[:, None]
@@ -130,26 +148,32 @@ def _filtered(linear: LinearModel) -> list[_Filtered]:
     return made
 
 
-def _made(linear: LinearModel, known: Sequence[_Filtered]) -> Iterator[_Filtered]:
+def _made(linear: LinearModel, known: Sequence[_Filtered], *, all_noises: bool = False) -> Iterator[_Filtered]:
     """The same, made anew; `known`, where there are any: of a model that has the first columns of the basis."""
     from scipy.linalg import solve_triangular
 
     yield _Filtered(None, (), np.zeros(0), linear.square, linear.freedom)
     edges = series_edges(linear.index)
-    smaller = {f.noise: f for f in known}
+    # of a model that has less than half of the columns: all products anew, by symmetry, are less work
+    smaller = {f.noise: f for f in known if 2 * f.rank > linear.basis.shape[1]}
     longest = np.clip(PART * np.diff(edges).max(), *LONGEST)
     for noise in noises():
-        if noise.length > longest or noise.part > LARGEST:
+        if not all_noises and (noise.length > longest or noise.part > LARGEST):
             continue
         old = smaller.get(noise)
         rank = old.rank if old else 0
-        weighed = noise.weighed(np.vstack([linear.basis[:, rank:].T, linear.residual]), edges)
+        further = np.vstack([linear.basis[:, rank:].T, linear.residual])
         # what was orthonormal before is nearly so behind the filter: its products are well conditioned
-        slab = weighed[:-1] @ linear.basis
         if old:
+            weighed = noise.weighed(further, edges)
+            slab, along, square = weighed[:-1] @ linear.basis, weighed[-1] @ linear.basis, weighed[-1] @ linear.residual
             slab[:, :rank] = solve_triangular(old.triangle, slab[:, :rank].T, lower=True).T
-        slab[:, rank:] = np.linalg.cholesky(slab[:, rank:] - slab[:, :rank] @ slab[:, :rank].T)
+            slab[:, rank:] -= slab[:, :rank] @ slab[:, :rank].T
+        else:
+            white = noise.whitened(further, edges)
+            whole = white @ white.T
+            slab, along, square = whole[:-1, :-1], whole[-1, :-1], whole[-1, -1]
+        slab[:, rank:] = np.linalg.cholesky(slab[:, rank:])
         made = _Filtered(noise, (*(old.slabs if old else ()), slab), np.zeros(0), 0.0, linear.freedom)
-        taken = solve_triangular(made.triangle, weighed[-1] @ linear.basis, lower=True)
-        square = max(float(weighed[-1] @ linear.residual - taken @ taken), EXACT)
-        yield replace(made, taken=taken, square=square)
+        taken = solve_triangular(made.triangle, along, lower=True)
+        yield replace(made, taken=taken, square=max(float(square - taken @ taken), EXACT))

@@ -13,7 +13,10 @@ from identification.diagnosis.linear.orthonormal_basis import orthonormal_basis
 
 def moves(linear: LinearModel, effect: Effect) -> frozenset[tuple[str, str]]:
     """Elements and motions that an effect moves."""
-    return frozenset((t.element, m) for t in effect.terms(linear.channel, linear.chain.machine) for m in t.motion)
+    known = {} if linear.lineage is None else linear.lineage.known.moves
+    if effect not in known:
+        known[effect] = frozenset((t.element, m) for t in linear.terms([effect]) for m in t.motion)
+    return known[effect]
 
 
 def canonical_correlation(linear: LinearModel, one: Array, other: Array) -> float:

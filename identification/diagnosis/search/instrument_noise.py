@@ -15,7 +15,6 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.instruments.laser_tracker import LaserTracker
-from errormodel.instruments.plain import Plain
 from errormodel.survey import Survey
 from errormodel.surveys.columns import SIGMA_COLUMNS
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog
@@ -53,7 +52,7 @@ def tracker_noise(
     ----------
     linear, candidates : of the fit; what explains the residuals best is taken out of them, whatever its name.
     """
-    if not isinstance(survey.instrument, Plain) or any(name in survey.table for name in SIGMA_COLUMNS):
+    if survey.instrument.stated or any(name in survey.table for name in SIGMA_COLUMNS):
         log.add("points-for-noise", "passed", "instrument", beside="the survey names the instrument or its uncertainty")
         return None
     if "position" not in fit.solution.sigma:
@@ -77,7 +76,7 @@ def tracker_noise(
     covariance = tracker.covariance(points)
     assert covariance is not None
     mean = float(np.sqrt(np.trace(covariance.mean(axis=0)) / 3))
-    relative = _tracker(tracker.station, np.array([*tracker.range, tracker.angle, tracker.target]) / mean)
+    relative = _tracker(tracker.station, _sizes(tracker) / mean)
     return replace(survey, instrument=relative, sized=False, notes=(*survey.notes, _note(tracker, points)))
 
 
@@ -149,8 +148,9 @@ def _tracker(station: Iterable[float], uncertainties: Iterable[float]) -> LaserT
 
 def _note(tracker: LaserTracker, points: Array) -> str:
     away = float(np.sqrt(np.mean(np.sum((points - tracker.station) ** 2, axis=1))))
-    along = np.hypot(tracker.target, np.hypot(tracker.range[0], tracker.range[1] * away))
-    across = np.hypot(tracker.target, tracker.angle * away)
+    fixed, growing, angle, target = _sizes(tracker)
+    along = np.hypot(target, np.hypot(fixed, growing * away))
+    across = np.hypot(target, angle * away)
     own = f"range: {tracker.range}, angle: {tracker.angle}, target: {tracker.target}"
     block = f"instrument: {{type: {tracker.type}, station: {list(tracker.station)}, {own}}}"
     return (
@@ -188,10 +188,15 @@ def _minus(x: Array, places: Array, noise: Array) -> tuple[float, Array]:
     return value, np.array([*by_station, *logs])
 
 
+def _sizes(tracker: LaserTracker) -> Array:
+    """Standard uncertainties (4,) of the range, in mm and mm/mm, the angle, rad, and the target, mm."""
+    return np.array([*(tracker.range or (0.0, 0.0)), tracker.angle or 0.0, tracker.target])
+
+
 def station_notes(fit: Fit, log: DecisionLog = UNRECORDED) -> Iterator[str]:
     """A note where residuals fit a declared station better if it is taken as a point of the machine's reference."""
     tracker = fit.survey.instrument
-    if not isinstance(tracker, LaserTracker) or len(fit.problem.frames) != 1:
+    if not isinstance(tracker, LaserTracker) or not tracker.stated or len(fit.problem.frames) != 1:
         return
     (pose,) = fit.problem.frames.values()
     points, residuals = fit.survey.measured, fit.residuals

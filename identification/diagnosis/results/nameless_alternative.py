@@ -1,0 +1,75 @@
+"""Whether a function without a name explains a finding better than the form of its name does.
+
+The name's log evidence is compared with that of every nameless function of what was recorded (`recorded`: a motion
+that follows a channel, the path, or the clock down to quick changes, as a random effect), each beside all other
+findings. The name may depart from its textbook form by one of these functions too, which has less prior probability
+the larger it is. Where nothing with a name is the cause, some function explains as much without the name. And no name
+is smaller than what is clearly left without one: it may be a part of that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from errormodel.effects.base import Effect
+from identification.diagnosis.decisions.log import DecisionLog
+from identification.diagnosis.results.findings import EVEN, Alternative, Finding, probability_of
+from identification.diagnosis.results.nameless_evidence import best_of, evidence_in_any_noise
+from identification.diagnosis.results.physical_limits import nameless
+from identification.diagnosis.results.recorded_functions import Functions
+from identification.diagnosis.search.candidates import Candidates
+from identification.diagnosis.search.model import EffectModel
+from identification.diagnosis.search.refinement import DEPARTURES, OWN
+from identification.diagnosis.search.scoring import DETECT, Step
+
+# log prior odds of a name against a function without one. Of 80 right names (proof, seed 24112602, and another author's
+# simulator) the least had -0.3 without these odds, forms that are such a function themselves; of 34 false ones 22 less
+NAME_ODDS = 1.0
+# minus the log prior probability of a departure as large as the form: the exponential distribution of `DEPARTURES`
+DEPARTURE_COST = max(DEPARTURES.values()) / max(DEPARTURES)
+
+
+def checked_alternative(
+    finding: Finding, model: EffectModel, group: Sequence[Step], functions: Sequence[Functions], log: DecisionLog
+) -> Finding:
+    """The finding without its name where one of the `functions` has more evidence, or leaves as much beside it."""
+    main = group[0].effect
+    if main.empirical or main.random or finding.nameless:
+        return finding
+    if (probability := probability_of(group[0])) < EVEN:
+        log.add("unlikely-name", "refused", main, probability, EVEN)
+        name = Alternative(main.effect, main.where, 0.0, False, finding.motion, finding.driver, finding.probability)
+        without_name = nameless(finding, "other names together are likelier")
+        return replace(without_name, alternatives=[name, *finding.alternatives])
+    without = form = model.without(group)
+    evidence = 0.0
+    for effect in (s.effect for s in group if _one_name(main, s.effect)):
+        usual = float(Candidates.of(form, [effect]).scores(form).evidence.max(initial=0.0))
+        evidence += max(usual, form.random(form.columns(effect)[0]).best()[1])  # of any size, as what has no name
+        form = form.with_effect(effect)
+    own = max(without.square - form.square, 1e-300)
+    further, explained, left = best_of(form, functions)
+    trials = float(np.log(max(len(functions), 1)))
+    # what noise that is correlated from row to row explains as well is no remainder
+    if left is not None and further - trials > DETECT and evidence_in_any_noise(form, left) - trials > DETECT:
+        large = explained > OWN * own
+        log.add("remainder-of-name", "refused" if large else "kept", main, explained / own, OWN, beside=_words(left))
+        if large:
+            return nameless(finding, f"beside it as much is left, without a name ({_words(left)})")
+    instead, _, best = best_of(without, functions)
+    departure = DEPARTURE_COST * float(np.sqrt(explained / own))
+    lead = evidence + max(further - departure, 0.0) - instead + NAME_ODDS
+    log.add("nameless-alternative", "kept" if lead > 0 else "refused", main, lead, 0.0, beside=_words(best))
+    return finding if lead > 0 else nameless(finding, f"a function without a name explains as much ({_words(best)})")
+
+
+def _one_name(one: Effect, other: Effect) -> bool:
+    """Whether two effects differ at most in what drives them: a second lag is of the name, a second jump is not."""
+    return one.effect == other.effect and one.model_dump(exclude={*one.cause}) == other.model_dump(exclude={*one.cause})
+
+
+def _words(function: Functions | None) -> str:
+    return f"{function.motion} of {function.element} by {' and '.join(function.channels)}" if function else ""

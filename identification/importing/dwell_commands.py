@@ -1,0 +1,83 @@
+"""Whether stretches in which a target stands still are dwells: in a dwell the machine stands still too.
+
+A target in the centre of a turn stays while joints move, and so does the ball of an R-test at every pose. Rows of such
+poses are readings, each with its own command.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from errormodel.arrays import Array
+from errormodel.chain import Chain
+from errormodel.machine import Machine
+from identification.importing.dwells import Dwells, find_dwells
+from identification.importing.geometry import Nominal
+from identification.importing.sources import SourceFile
+
+STAYS = 1e-4  # of a joint's travel: so far may it move within a dwell, as it was read back; by judgement
+
+
+def dwells_of(points: Array, source: SourceFile, commands: SourceFile | None, chain: Chain) -> Dwells | None:
+    """Dwells in what was measured (n, 3); None where every row is a reading of its own.
+
+    Parameters
+    ----------
+    source : the measured file; without `commands` it holds the joints as well.
+    commands : a list of poses; or a log of the way, row beside row where it has as many rows as were measured.
+    """
+    dwells = find_dwells(points)
+    if dwells is None:
+        return None
+    if commands is None:
+        return dwells if _stand(dwells, source, chain.machine).all() else None
+    seen = int(np.isfinite(points).any(axis=1).sum())
+    if commands.rows == seen:
+        return dwells_of_logs(points, commands, chain)
+    commanded = find_dwells(_path(commands, chain))
+    log = commanded is not None and commanded.moving > 0
+    # of a list of poses, rows or dwells are as many as there are commands
+    return dwells if log or abs(len(dwells) - commands.rows) <= abs(seen - commands.rows) else None
+
+
+def dwells_of_logs(points: Array, commands: SourceFile, chain: Chain) -> Dwells | None:
+    """Dwells in what was measured (n, any), where the commands of as many rows are a log of the way as well.
+
+    None where either has no readings on the way: a list of poses, in which places may come several times.
+    """
+    dwells = find_dwells(points)
+    if dwells is None or not dwells.moving:
+        return None
+    path = _path(commands, chain)
+    commanded = find_dwells(path)
+    if commanded is None or not commanded.moving:
+        return None
+    still = np.array([float(np.ptp(path[a : b + 1], axis=0).max()) for a, b in _middles(dwells)])
+    turns = (still <= STAYS * float(np.ptp(path, axis=0).max())) & ~_stand(dwells, commands, chain.machine)
+    return None if turns.any() else dwells
+
+
+def _path(commands: SourceFile, chain: Chain) -> Array:
+    """Nominal points (n, 3) of the commands, mm."""
+    return Nominal(chain, commands.recording.frame).points(np.asarray(chain.machine.tool))
+
+
+def _middles(dwells: Dwells) -> list[tuple[int, int]]:
+    """First and last row of the middle half of each dwell."""
+    quarter = np.maximum((dwells.last - dwells.first) // 4, 1)
+    middle = (dwells.first + dwells.last) // 2
+    return [(int(m - q), int(m + q)) for m, q in zip(middle, quarter, strict=True)]
+
+
+def _stand(dwells: Dwells, file: SourceFile, machine: Machine) -> np.ndarray:
+    """Whether all joints stand still in the middle half of each dwell, (n,)."""
+    stand = np.ones(len(dwells), dtype=bool)
+    for joint in machine.joints:
+        span = float(np.ptp(joint.travel))
+        span = float(np.degrees(span)) if joint.type == "rotary" else span
+        for name in joint.columns:
+            if name not in file.recording.frame:
+                continue
+            values = file.column(name)
+            stand &= [not np.ptp(values[a : b + 1]) > STAYS * span for a, b in _middles(dwells)]
+    return stand
