@@ -38,6 +38,7 @@ LEFT_OUT: dict[str, tuple[tuple[str, str, float | Callable[..., Any]], ...]] = {
     "near-tie": ((_SEARCH + "scoring", "_names", lambda linear, ranked, log: list(ranked)),),
     "like-contribution": ((_SEARCH + "refinement", "_much_the_same", _no),),
     "step-function": ((_FORWARD, "switched", _same),),
+    "share-of-findings": ((_FORWARD, "LEAK", 0.0),),
     "reselection": ((_FORWARD, "reselect", _same),),
     "superfluous": ((_FORWARD, "backward_eliminate", _same),),
     "nameless-alternative": (("identification.diagnosis.pipeline", "checked_alternative", _same),),

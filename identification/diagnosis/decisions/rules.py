@@ -178,6 +178,11 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             SELECTION, EVIDENCE, "The same less what correlated noise and the discrepancy would explain as well.",
             _in(_SCORING, "DETECT") + _in("search.correlated_noise", "WHITE", "LONGEST", "PART", "LARGEST"),
         ),
+        "share-of-findings": Rule(
+            SELECTION, DELTA,
+            "What is a small part of what is explained already may be a discrepancy of it, and is no finding.",
+            _in(_FORWARD, "LEAK"),
+        ),
         "most-findings": Rule(SELECTION, COUNT, "No more findings than this.", _in(_FORWARD, "MOST_FINDINGS")),
         "most-steps": Rule(SELECTION, COUNT, "No more effects than this.", _in(_FORWARD, "MOST_STEPS")),
         "refinement-below-detection": Rule(
@@ -318,8 +323,8 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             _in("results.wandering", "MOSTLY", "STEADY_UM"),
         ),
         "wandering-motion": Rule(
-            VERDICT, EVIDENCE, "A motion that wanders in time more than correlated noise does is unexplained.",
-            _in(_SCORING, "DETECT") + _in("search.correlated_noise", "WHITE", "LONGEST", "PART", "LARGEST"),
+            VERDICT, "p-value", "A motion that wanders in time more than correlated noise does is unexplained.",
+            _in("results.residual_dependence", "LEAST_P_VALUE"),
         ),
         "dependence-of-residuals": Rule(
             VERDICT, "p-value", "What is left is unexplained if one or two recorded channels predict it.",

@@ -67,8 +67,9 @@ def checked_alternative(
 
 
 def _one_name(one: Effect, other: Effect) -> bool:
-    """Whether two effects differ at most in what drives them: a second lag is of the name, a second jump is not."""
-    return one.effect == other.effect and one.model_dump(exclude={*one.cause}) == other.model_dump(exclude={*one.cause})
+    """Whether two effects have one name and one place in time or travel: a second lag is of it, a second jump is not."""
+    places = [name for name, kind in one.shapes().items() if kind.place]
+    return one.effect == other.effect and all(getattr(one, n) == getattr(other, n) for n in places)
 
 
 def _words(function: Functions | None) -> str:

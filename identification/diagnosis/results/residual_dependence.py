@@ -27,7 +27,6 @@ from identification.diagnosis.linear.orthonormal_basis import orthonormal_basis
 from identification.diagnosis.results.nameless_evidence import best_of, evidence_in_any_noise
 from identification.diagnosis.results.recorded_functions import CLOCK, Functions, recorded
 from identification.diagnosis.search.criteria import heldout_rms
-from identification.diagnosis.search.scoring import DETECT
 from identification.estimation.noise import Noise, likeliest, series_edges
 
 LEAST_P_VALUE = 1e-3  # below which the dependence is reported: one false one in 1000 surveys
@@ -160,10 +159,10 @@ def _wandering(linear: LinearModel, parts: Sequence[Functions], log: DecisionLog
     _, _, best = best_of(linear, quick)
     if best is None:
         return None
-    surplus = evidence_in_any_noise(linear, best) - float(np.log(len(quick)))
-    what = f"{best.motion} of {best.element}"
-    log.add("wandering-motion", "found" if surplus > DETECT else "passed", "residuals", surplus, DETECT, beside=what)
-    return (float(np.exp(-surplus)), best) if surplus > DETECT else None
+    p_value = float(np.exp(min(np.log(len(quick)) - evidence_in_any_noise(linear, best), 0.0)))
+    seen, what = p_value < LEAST_P_VALUE, f"{best.motion} of {best.element}"
+    log.add("wandering-motion", "found" if seen else "passed", "residuals", p_value, LEAST_P_VALUE, beside=what)
+    return (p_value, best) if seen else None
 
 
 def _filtered(noise: Noise, edges: Index, functions: Array) -> Array:

@@ -26,6 +26,7 @@ from identification.diagnosis.search.shape_fit import optimise_shapes
 from identification.diagnosis.search.step_functions import switched
 from identification.runtime.progress import Progress, silent
 
+LEAK = 0.06  # share of what is explained already: a smaller effect elsewhere may be a discrepancy of a finding
 LEAST_EVIDENCE = 7.0  # log Bayes factor below which a proposal is not examined
 BARELY = 1.02  # times what a finding explains: an effect that explains no more does not replace it
 HARDLY = 1.05  # times the cross-validation error: a superfluous effect gains as much by chance
@@ -161,13 +162,18 @@ def add_best(model: EffectModel, likely: Likely, log: DecisionLog = UNRECORDED) 
 
 
 def _is_finding(model: EffectModel, best: Step, log: DecisionLog) -> bool:
-    """Whether a proposal is a finding of its own: it is accepted, and there is room for it."""
+    """Whether a proposal is a finding of its own: it is accepted, no small part of what is found, and there is room."""
     if not accepted(model.linear, best, log):
         return False
+    explained = sum(s.delta_chi2 for s in model.steps if not s.effect.random)  # a free curve has no discrepancy
+    large = not best.delta_chi2 < LEAK * explained
+    if explained > 0:
+        share = ratio(best.delta_chi2, explained)
+        log.add("share-of-findings", "accepted" if large else "refused", best.effect, share, LEAK)
     few = len(model.findings) < MOST_FINDINGS
     if not few:
         log.add("most-findings", "refused", best.effect, len(model.findings), MOST_FINDINGS)
-    return few
+    return large and few
 
 
 def _likely(linear: LinearModel, candidates: Candidates, log: DecisionLog) -> Likely:
