@@ -67,7 +67,7 @@ def checked_alternative(
 
 
 def _one_name(one: Effect, other: Effect) -> bool:
-    """Whether two effects have one name and one place in time or travel: a second lag is of it, a second jump not."""
+    """Whether two effects have one name and one place in time or travel: a second lag is of it, no second jump is."""
     places = [name for name, kind in one.shapes().items() if kind.place]
     return one.effect == other.effect and all(getattr(one, n) == getattr(other, n) for n in places)
 
