@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -20,6 +21,7 @@ from identification.compensation.conditions import (
 )
 from identification.compensation.model_uncertainty import against_model
 from identification.compensation.rotary_axes import Kinematics
+from identification.compensation.seams import Seam
 
 SCHEMA = "errormodel.compensation/1"
 # last step of the checklist
@@ -45,6 +47,14 @@ class Stated:
     figures: list[Figures]
     conditions: Conditions | None = None  # None for corrected commands, which need no zero shift or backlash value
     notes: tuple[str, ...] = ()  # remarks on rewritten programmes
+    seams: tuple[Seam, ...] = ()  # steps of the correction where a rotary axis begins a new turn
+
+    @property
+    def removed_um(self) -> float:
+        """RMS error over the volume that tables take away; without bound of commands, which may not go that way."""
+        if self.conditions is None:
+            return math.inf
+        return self.figures[0].before.rms_um - self.figures[0].after.rms_um
 
 
 @dataclass(frozen=True)
@@ -95,6 +105,9 @@ class Compensation:
         other = " or ".join([*more, instead()])
         harm = [w for s in self.sets if (w := against_model(s.figures))]
         harm = harm or [w for s in stated if s.conditions and (w := s.conditions.against(other))]
+        steps = sorted(((x, s.removed_um) for s in self.sets for x in s.seams), key=lambda step: step[0].step_um)
+        worst = {x.joint: (x.line(removed), x.step_um > removed) for x, removed in steps}.values()
+        harm += [line for line, harmful in worst if harmful]
         no = "DO NOT LOAD THESE TABLES" if isinstance(self.controller, Controller) else "DO NOT RUN WHAT WAS WRITTEN"
         against = [f"{no}: {why}" for why in harm]
         shifts = [
@@ -102,7 +115,8 @@ class Compensation:
         ]
         rotary = [self.rotary.first()] if self.rotary and (self.rotary.asked or self.rotary.worth) else []
         ordered = [*rotary, *shifts] if self.rotary and self.rotary.asked else [*shifts, *rotary]
-        return [*dict.fromkeys(against), *ordered]
+        gentle = [line for line, harmful in worst if not harmful]
+        return [*dict.fromkeys(against), *gentle, *ordered]
 
     @property
     def checklist(self) -> list[str]:
@@ -143,6 +157,7 @@ class Compensation:
                     "tables": [_table_json(t) for t in s.tables],
                     "figures": [asdict(f) | {"removed": f.removed()} for f in s.figures],
                     "conditions": s.conditions.as_json() if s.conditions else None,
+                    "steps": [asdict(x) for x in s.seams],
                 }
                 for s in self.sets
             ],

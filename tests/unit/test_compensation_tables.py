@@ -17,11 +17,12 @@ from errormodel.machine import EffectSpec
 from errormodel.machine_file import library, read_machine
 from identification.compensation import reduction
 from identification.compensation.advice import mechanical_advice
-from identification.compensation.assessment import Error, assess, emulated, nothing, remaining
+from identification.compensation.assessment import Error, assess, emulated, fresh_rows, nothing, remaining
 from identification.compensation.field import Field, movers_of
 from identification.compensation.inverse import CLOSED_MM, closing, inverse
 from identification.compensation.reduction import leftover, reduce
 from identification.compensation.rows import Rows, held_out, read_rows
+from identification.compensation.seams import seams
 from identification.compensation.volume import Volume, levels
 from identification.estimation.fit import fit_machine
 from identification.results.store import load, save
@@ -270,3 +271,26 @@ def test_a_table_that_goes_round_is_alike_at_both_ends_of_its_turn(name: str) ->
 def test_a_part_of_a_turn_does_not_go_round() -> None:
     _, _, setup = tables_of("csv", turntable((0.1, 0.8)))
     assert not setup.axis("C").turns
+
+
+@pytest.mark.parametrize("name", ["siemens-cec", "linuxcnc-3d", "csv"])
+def test_the_step_where_a_part_of_a_turn_begins_anew_is_that_of_the_control(name: str) -> None:
+    """C measured over a third of its turn: a control that counts modulo 360 goes from the edge's value to the other's."""
+    volume = turntable((0.0, 1 / 3))
+    controller, tables, setup = tables_of(name, volume)
+    (seam,) = seams(volume, setup, emulated(controller, tables, setup, volume), 0)
+    q = volume.field.outward(fresh_rows(volume, 0).q)
+    ends = [np.where(np.arange(q.shape[1]) == setup.place("C"), v, q) for v in (359.999, 0.0)]
+    high, low = (controller.emulate(tables, setup, e) for e in ends)
+    moved = 1e3 * np.linalg.norm(high - low, axis=1).max()
+    assert moved > 5.0
+    assert seam.step_um == pytest.approx(moved, rel=0.02)
+    assert (seam.joint, seam.travel) == ("C", (0.0, 360.0))
+    assert not seam.line(2 * moved).split("FIRST: ")[0]
+    assert "more than the 1.0 um rms" in seam.line(1.0)
+
+
+def test_a_turn_that_was_measured_all_round_has_no_step() -> None:
+    volume = turntable((0.0005, 0.9992))
+    controller, tables, setup = tables_of("siemens-cec", volume)
+    assert not seams(volume, setup, emulated(controller, tables, setup, volume), 0)
