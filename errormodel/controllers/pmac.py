@@ -2,7 +2,7 @@
 
 Values are integer sixteenths of a count. A table has N entries at equal spacings from the motor's zero, where the
 correction is zero. Positions wrap around, so negative positions use the end of the table; its last entry is the zero
-again.
+again. Of an axis that goes round the table is one turn long.
 
 Source: PMAC and Turbo PMAC software references, DEFINE COMP (Turbo p. 302-305).
 """
@@ -17,7 +17,7 @@ import numpy as np
 from errormodel.arrays import Index
 from errormodel.controllers.base import Controller, header
 from errormodel.controllers.dialect import Dialect
-from errormodel.controllers.setup import Setup
+from errormodel.controllers.setup import FULL_TURN, Setup
 from errormodel.controllers.tables import (
     Table,
     Tables,
@@ -51,7 +51,8 @@ class Pmac(Controller):
     first_number: ClassVar[int | None] = 1
     number_form: ClassVar[str] = "#{}"
     beyond: ClassVar[str] = (
-        "to the ends of the travel the correction of its edge is held; beyond the travel the tables roll over"
+        "to the ends of the travel the correction of its edge is held; beyond the travel the tables roll over, those "
+        "of an axis measured all round at every turn"
     )
     most_points: ClassVar[int] = 1000
     most_tables: ClassVar[int | None] = 32
@@ -69,7 +70,14 @@ class Pmac(Controller):
 
     def about(self, tables: Tables, setup: Setup) -> list[str]:
         count = sum(bool(t.term.inputs) for t in tables)
-        return [f"{count} tables are needed: a PMAC holds 8, a Turbo PMAC 32"]
+        inputs = {t.term.inputs[0]: even_step(t.term) for t in tables if t.term.inputs}
+        beside = [
+            f"tables over {i} do not repeat at {FULL_TURN:g} deg, since no step of theirs divides its turn: let {i} "
+            "stay within one turn"
+            for i, step in inputs.items()
+            if setup.axis(i).turns and not self._round(setup, i, step)
+        ]
+        return [f"{count} tables are needed: a PMAC holds 8, a Turbo PMAC 32", *beside]
 
     def terms(self, setup: Setup) -> list[Term]:
         curves = [
@@ -80,9 +88,21 @@ class Pmac(Controller):
         return [*curves, *shift_terms(curves)]
 
     def _nodes(self, setup: Setup, name: str, step: float) -> Index:
-        """Integer multiples of the step that cover the travel and zero."""
-        low, high = setup.axis(name).travel
-        return np.arange(int(np.floor(min(low, 0.0) / step + 1e-9)), int(np.ceil(max(high, 0.0) / step - 1e-9)) + 1)
+        """Integer multiples of the step that cover the travel and zero; of an axis that goes round, one turn."""
+        axis = setup.axis(name)
+        low, high = min(axis.travel[0], 0.0), max(axis.travel[1], 0.0)
+        if self._round(setup, name, step):
+            low, high = axis.measured
+        return np.arange(int(np.floor(low / step + 1e-9)), int(np.ceil(high / step - 1e-9)) + 1)
+
+    def _round(self, setup: Setup, name: str, step: float) -> bool:
+        """Whether a table of such steps can repeat at every turn of an axis: its last entry is that of the start."""
+        axis = setup.axis(name)
+        return axis.turns and abs(FULL_TURN / step - round(FULL_TURN / step)) < 1e-6
+
+    def _entries(self, setup: Setup, name: str, step: float) -> int:
+        """Number of entries: one each node, but for the end of a turn, which is its start."""
+        return len(self._nodes(setup, name, step)) - self._round(setup, name, step)
 
     def write(self, tables: Tables, setup: Setup) -> dict[str, str]:
         shifts, tables = shift_lines(tables), tuple(t for t in tables if t.term.inputs)
@@ -103,17 +123,20 @@ class Pmac(Controller):
                 raise InputError(f"table {term.output} over {source}", found, "Entries count from the motor's zero")
             nodes = self._nodes(setup, source, step)
             values = np.rint(np.interp(nodes * step, term.grids[0], table.values) / unit).astype(int)
-            if values[nodes == 0][0]:
-                found = (
-                    f"{values[nodes == 0][0] * unit:g} mm at the motor's zero, where the table is zero by definition"
-                )
+            size = self._entries(setup, source, step)
+            at_zero = values[nodes % size == 0][0]
+            if at_zero:
+                found = f"{at_zero * unit:g} mm at the motor's zero, where the table is zero by definition"
                 raise InputError(f"table {term.output} over {source}", found, "Take that value off the whole table")
-            entries = np.zeros(len(nodes), dtype=int)
-            entries[nodes % len(nodes)] = values
-            count = round(len(nodes) * step * counts)
+            if len(nodes) > size and values[-1] != values[0]:
+                found = f"{values[0] * unit:g} mm at the start of a turn and {values[-1] * unit:g} at its end"
+                raise InputError(f"table {term.output} over {source}", found, "Both are the same place: give one value")
+            entries = np.zeros(size, dtype=int)
+            entries[nodes % size] = values
+            count = round(size * step * counts)
             numbers = (self.number(setup, source), self.number(setup, term.output))
             lines.append(comment.line(f"over {source} (motor {numbers[0]}) for {term.output} (motor {numbers[1]})"))
-            lines.append(f"#{m} DEFINE COMP {len(nodes)},#{numbers[0]}D,#{numbers[1]},{count}")
+            lines.append(f"#{m} DEFINE COMP {size},#{numbers[0]}D,#{numbers[1]},{count}")
             ordered = [*entries[1:], 0]
             lines += [" ".join(map(str, ordered[k : k + 10])) for k in range(0, len(ordered), 10)]
         return {"comp.pmc": "\n".join([*lines, "I51=1"]) + "\n"}

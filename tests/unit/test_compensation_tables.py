@@ -249,7 +249,7 @@ def turntable(part: tuple[float, float]) -> Volume:
     return Volume.of(volume.field, table, True)
 
 
-@pytest.mark.parametrize("name", ["isg", "csv", "siemens-cec", "heidenhain", "aerotech-2d", "linuxcnc-3d"])
+@pytest.mark.parametrize("name", ["isg", "csv", "siemens-cec", "heidenhain", "aerotech-2d", "linuxcnc-3d", "pmac"])
 def test_a_table_that_goes_round_is_alike_at_both_ends_of_its_turn(name: str) -> None:
     """A survey never reaches 0 and 360 deg themselves, which are one place: there must be no jump."""
     controller, tables, setup = tables_of(name, turntable((0.0005, 0.9992)))
@@ -260,7 +260,13 @@ def test_a_table_that_goes_round_is_alike_at_both_ends_of_its_turn(name: str) ->
     q = np.tile([[(a.measured[0] + a.measured[1]) / 2 for a in setup.axes]], (4, 1))
     q[:, setup.place("C")] = [0.0, 360.0, 359.9999, 720.0]
     moved = controller.emulate(tables, setup, q)
-    np.testing.assert_allclose(moved - moved[0], 0.0, atol=2e-6)  # written with six digits behind the point
+    # written with six digits behind the point, or in whole sixteenths of a count
+    np.testing.assert_allclose(moved - moved[0], 0.0, atol=2e-6)
+    if name == "pmac":
+        text = "\n".join(controller.write(tables, setup).values())
+        spans = re.findall(r"DEFINE COMP \d+,#5D,#\d+,(\d+)", text)
+        assert spans
+        assert set(spans) == {"360000"}  # counts of a turn: the control rolls the position over there
     if name == "siemens-cec":
         text = "\n".join(controller.write(tables, setup).values())
         numbers = re.findall(r"CEC_INPUT_AXIS\[(\d+)\]=\(C1\)", text)
