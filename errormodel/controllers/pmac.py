@@ -65,8 +65,7 @@ class Pmac(Controller):
         return 0.5 * self.unit(setup) * len(setup.moving) + 1e-9
 
     def backlash_value(self, setup: Setup, axis: str, size: float) -> str:
-        value = round(size / self.unit(setup))
-        return f"{value:+d} sixteenths of a count" + (", which it cannot be: it takes no minus" if value < 0 else "")
+        return f"{round(size / self.unit(setup)):+d} sixteenths of a count"
 
     def about(self, tables: Tables, setup: Setup) -> list[str]:
         count = sum(bool(t.term.inputs) for t in tables)

@@ -33,6 +33,7 @@ from identification.compensation.conditions import (
 )
 from identification.compensation.designs import Designs
 from identification.compensation.field import Field
+from identification.compensation.findings import changed_columns, findings_of, outside
 from identification.compensation.model_uncertainty import against_model, following, judged
 from identification.compensation.notes import still_lines, survey_notes
 from identification.compensation.read_motions import known_at_tip, motion_rows
@@ -165,6 +166,8 @@ def compensate(
     if rotary is not None and kinematics and isinstance(controller, Controller):
         bare = left(plain, emulated(controller, usual.tables, setup, plain), seed).rms_um
         rotary = replace(rotary, tables_alone_um=bare)
+    found = findings_of(folder)
+    columns, unconfirmed = changed_columns(found, field)
     advice = mechanical_advice(volume, usual.figures[0].before.rms_um)
     return Compensation(
         controller,
@@ -177,6 +180,9 @@ def compensate(
         (*notes, *rotation_notes(fit.frames), *survey_notes(volume, setup, held is not None, read)),
         (*of_tools, *still_lines(setup, read), *said),
         rotary,
+        tuple(columns),
+        unconfirmed,
+        tuple(outside(found, field, loose)),
     )
 
 

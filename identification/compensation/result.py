@@ -19,6 +19,7 @@ from identification.compensation.conditions import (
     backlash_lines,
     shift_lines,
 )
+from identification.compensation.findings import Outside, column_line
 from identification.compensation.model_uncertainty import against_model
 from identification.compensation.rotary_axes import Kinematics
 from identification.compensation.seams import Seam
@@ -78,6 +79,8 @@ class Compensation:
     probing : correction of a probe's readings; None: not asked for.
     advice : mechanical adjustments to make first.
     rotary : constant errors of the rotary axes; None: there are none.
+    columns : changes with which columns of the survey were taken; `unconfirmed`: they are those of a diagnosis.
+    outside : findings of the diagnosis that the tables do not hold.
     states : state of the machine that the tables are for, and residual errors in other states.
     """
 
@@ -91,6 +94,9 @@ class Compensation:
     notes: tuple[str, ...]
     states: tuple[str, ...] = ()
     rotary: Kinematics | None = None
+    columns: tuple[str, ...] = ()
+    unconfirmed: bool = False
+    outside: tuple[Outside, ...] = ()
 
     @property
     def usual(self) -> Stated:
@@ -108,6 +114,9 @@ class Compensation:
         steps = sorted(((x, s.removed_um) for s in self.sets for x in s.seams), key=lambda step: step[0].step_um)
         worst = {x.joint: (x.line(removed), x.step_um > removed) for x, removed in steps}.values()
         harm += [line for line, harmful in worst if harmful]
+        changed = [column_line(self.columns)] if self.columns else []
+        if self.unconfirmed:
+            harm, changed = [*changed, *harm], []
         no = "DO NOT LOAD THESE TABLES" if isinstance(self.controller, Controller) else "DO NOT RUN WHAT WAS WRITTEN"
         against = [f"{no}: {why}" for why in harm]
         shifts = [
@@ -116,7 +125,7 @@ class Compensation:
         rotary = [self.rotary.first()] if self.rotary and (self.rotary.asked or self.rotary.worth) else []
         ordered = [*rotary, *shifts] if self.rotary and self.rotary.asked else [*shifts, *rotary]
         gentle = [line for line, harmful in worst if not harmful]
-        return [*dict.fromkeys(against), *gentle, *ordered]
+        return [*dict.fromkeys(against), *(f"FIRST: {line}" for line in changed), *gentle, *ordered]
 
     @property
     def checklist(self) -> list[str]:
@@ -174,6 +183,7 @@ class Compensation:
             "probe": None if self.probing is None else asdict(self.probing) | {"files": list(self.probing.files)},
             "advice": [asdict(a) for a in self.advice],
             "first": self.first,
+            "not_in_tables": [asdict(o) for o in self.outside],
             "rotary_axes": None if self.rotary is None else self.rotary.as_json(),
             "checklist": self.checklist,
             "notes": list(self.notes),

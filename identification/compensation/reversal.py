@@ -48,10 +48,11 @@ def held_by_tables(tables: Tables) -> frozenset[str]:
 
 
 def left_to_parameters(controller: Controller, setup: Setup, tables: Tables) -> dict[str, Reversal]:
-    """Backlash that the tables do not contain and a parameter of the control can take."""
+    """Backlash that the tables do not contain and a parameter of the control can take: no parameter is negative."""
     if not controller.backlash_parameter:
         return {}
-    return {name: r for name, r in setup.reversals.items() if name not in held_by_tables(tables)}
+    held = held_by_tables(tables)
+    return {name: r for name, r in setup.reversals.items() if name not in held and r.mean < 0}
 
 
 def with_backlash(correct: Correct, setup: Setup, found: Mapping[str, Reversal], field: Field) -> Correct:
@@ -81,6 +82,13 @@ def reversal_lines(controller: Controller, setup: Setup, tables: Tables) -> list
         )
         if name in held:
             lines.append(f"{found}. These tables hold it, one for each direction" + _beside(controller, parameter))
+        elif parameter and r.mean > 0:
+            value = controller.backlash_value(setup, name, r.mean).lstrip("+")
+            lines.append(
+                f"{found}. It is ahead, which no worn drive makes: a backlash parameter that was set too large does, or "
+                f"a wrong column dir_{axis.joint} of the survey. Look at {parameter}: if {value} or more was set there "
+                "during the survey, take that off; else leave it, and look at the column"
+            )
         elif parameter:
             value = controller.backlash_value(setup, name, -r.mean)
             lines.append(

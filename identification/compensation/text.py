@@ -32,6 +32,11 @@ def compensation_lines(result: Compensation, folder: Path) -> Iterator[str]:
         yield ""
         yield "adjust before compensating (largest first), then measure and fit again"
         yield from (f"  {n}. {a.line()}" for n, a in enumerate(result.advice, start=1))
+    if result.outside:
+        yield ""
+        yield "not in these tables"
+        for found in result.outside:
+            yield from wrap(found.line(), TEXT_WIDTH, initial_indent="  ", subsequent_indent="    ")
     if result.rotary and result.rotary.asked:
         yield ""
         yield "all figures: with the rotary axes described as they lie"

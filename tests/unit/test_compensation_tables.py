@@ -281,7 +281,7 @@ def test_a_part_of_a_turn_does_not_go_round() -> None:
 
 @pytest.mark.parametrize("name", ["siemens-cec", "linuxcnc-3d", "csv"])
 def test_the_step_where_a_part_of_a_turn_begins_anew_is_that_of_the_control(name: str) -> None:
-    """C measured over a third of its turn: a control that counts modulo 360 goes from the edge's value to the other's."""
+    """C measured over a third of its turn: a control that counts modulo 360 steps there."""
     volume = turntable((0.0, 1 / 3))
     controller, tables, setup = tables_of(name, volume)
     (seam,) = seams(volume, setup, emulated(controller, tables, setup, volume), 0)
