@@ -48,11 +48,10 @@ def held_by_tables(tables: Tables) -> frozenset[str]:
 
 
 def left_to_parameters(controller: Controller, setup: Setup, tables: Tables) -> dict[str, Reversal]:
-    """Backlash that the tables do not contain and a parameter of the control can take: no parameter is negative."""
+    """Backlash that the tables do not contain and a parameter of the control can take."""
     if not controller.backlash_parameter:
         return {}
-    held = held_by_tables(tables)
-    return {name: r for name, r in setup.reversals.items() if name not in held and r.mean < 0}
+    return {name: r for name, r in setup.reversals.items() if name not in held_by_tables(tables)}
 
 
 def with_backlash(correct: Correct, setup: Setup, found: Mapping[str, Reversal], field: Field) -> Correct:
@@ -77,17 +76,22 @@ def reversal_lines(controller: Controller, setup: Setup, tables: Tables) -> list
         if abs(r.high - r.low) > 0.05 * abs(r.mean):
             size += f" ({-factor * r.low:+.1f} at {axis.travel[0]:g}, {-factor * r.high:+.1f} at {axis.travel[1]:g})"
         found = f"backlash of {name}: {size}, positive where the axis stays behind its direction of travel"
+        ahead = r.mean > 0
+        if ahead:
+            found += (
+                ". It is ahead of its command, which no worn drive makes: a backlash parameter that is set too large "
+                f"does, or a wrong column dir_{axis.joint} of the survey"
+            )
         parameter = controller.backlash_parameter.format(
             axis=controller.address(setup, name), number=controller.number(setup, name)
         )
         if name in held:
             lines.append(f"{found}. These tables hold it, one for each direction" + _beside(controller, parameter))
-        elif parameter and r.mean > 0:
+        elif parameter and ahead:
             value = controller.backlash_value(setup, name, r.mean).lstrip("+")
             lines.append(
-                f"{found}. It is ahead, which no worn drive makes: a backlash parameter that was set too large does, or "
-                f"a wrong column dir_{axis.joint} of the survey. Look at {parameter}: if {value} or more was set there "
-                "during the survey, take that off; else leave it, and look at the column"
+                f"{found}. These tables do not hold it: {parameter}: if {value} or more was set during the survey, take "
+                "that off; else leave it"
             )
         elif parameter:
             value = controller.backlash_value(setup, name, -r.mean)
