@@ -23,7 +23,7 @@ from errormodel.exceptions import InputError
 from errormodel.gcode.reading import Reading
 from errormodel.inputs import noted
 from errormodel.machine import Vector
-from identification.compensation.advice import mechanical_advice
+from identification.compensation.advice import mechanical_advice, scale_advice
 from identification.compensation.assessment import Correct, assess, emulated, left, nothing
 from identification.compensation.conditions import (
     check_errors,
@@ -102,6 +102,7 @@ def compensate(
     source = _source(controller, program, reading)
     with progress("Reading"):
         fit = store.load(folder)
+        unlisted = manifest.missing(folder)
         table = read_rows(folder, fit.chain.machine)
         read = joints_read(table)
         held = held_out(fit, table)
@@ -177,12 +178,14 @@ def compensate(
         own,
         probing,
         advice,
-        (*notes, *rotation_notes(fit.frames), *survey_notes(volume, setup, held is not None, read)),
-        (*of_tools, *still_lines(setup, read), *said),
+        (*unlisted, *notes, *rotation_notes(fit.frames), *survey_notes(volume, setup, held is not None, read)),
+        (*of_tools, *said),
         rotary,
         tuple(columns),
         unconfirmed,
         tuple(outside(found, field, loose)),
+        tuple(still_lines(setup, read)),
+        tuple(scale_advice(volume, setup, controller)) if read is None else (),
     )
 
 

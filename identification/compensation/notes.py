@@ -12,11 +12,12 @@ from identification.compensation.volume import Volume
 
 
 def still_lines(setup: Setup, read: Mapping[str, Sequence[str]] | None) -> list[str]:
-    """Checklist lines about rotary axes that the survey did not move, whose place the tables therefore do not know."""
+    """What comes first of rotary axes that the survey did not move, whose place the tables therefore do not know."""
     if read is not None:
         return []
     return [
-        f"{a.joint} stood at {a.measured[0]:g} deg in the whole survey: what is written is right with it there only"
+        f"FIRST: {a.joint} stood at {a.measured[0]:g} deg in the whole survey: what is written is right with it "
+        "there only"
         for a in setup.axes
         if a.rotary and a.name not in setup.moving
     ]

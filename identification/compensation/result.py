@@ -12,7 +12,7 @@ from errormodel.controllers.base import Controller, Target, richer
 from errormodel.controllers.probing import Probing
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Table, Tables
-from identification.compensation.advice import Advice
+from identification.compensation.advice import Advice, Scale
 from identification.compensation.assessment import Figures
 from identification.compensation.conditions import (
     Conditions,
@@ -81,6 +81,8 @@ class Compensation:
     rotary : constant errors of the rotary axes; None: there are none.
     columns : changes with which columns of the survey were taken; `unconfirmed`: they are those of a diagnosis.
     outside : findings of the diagnosis that the tables do not hold.
+    still : what comes first of rotary axes that the survey did not move.
+    scales : scale errors that the tables do not hold, and where they are set.
     states : state of the machine that the tables are for, and residual errors in other states.
     """
 
@@ -97,6 +99,8 @@ class Compensation:
     columns: tuple[str, ...] = ()
     unconfirmed: bool = False
     outside: tuple[Outside, ...] = ()
+    still: tuple[str, ...] = ()
+    scales: tuple[Scale, ...] = ()
 
     @property
     def usual(self) -> Stated:
@@ -125,7 +129,7 @@ class Compensation:
         rotary = [self.rotary.first()] if self.rotary and (self.rotary.asked or self.rotary.worth) else []
         ordered = [*rotary, *shifts] if self.rotary and self.rotary.asked else [*shifts, *rotary]
         gentle = [line for line, harmful in worst if not harmful]
-        return [*dict.fromkeys(against), *(f"FIRST: {line}" for line in changed), *gentle, *ordered]
+        return [*dict.fromkeys(against), *(f"FIRST: {line}" for line in changed), *gentle, *self.still, *ordered]
 
     @property
     def checklist(self) -> list[str]:
@@ -181,6 +185,7 @@ class Compensation:
                 ],
             },
             "probe": None if self.probing is None else asdict(self.probing) | {"files": list(self.probing.files)},
+            "scales": [asdict(a) for a in self.scales],
             "advice": [asdict(a) for a in self.advice],
             "first": self.first,
             "not_in_tables": [asdict(o) for o in self.outside],

@@ -28,10 +28,12 @@ def compensation_lines(result: Compensation, folder: Path) -> Iterator[str]:
     for line in result.first:
         yield ""
         yield from wrap(line, TEXT_WIDTH)
-    if result.advice:
+    adjust = sorted([*result.advice, *result.scales], key=lambda a: -a.effect_um)
+    if adjust:
         yield ""
         yield "adjust before compensating (largest first), then measure and fit again"
-        yield from (f"  {n}. {a.line()}" for n, a in enumerate(result.advice, start=1))
+        for n, a in enumerate(adjust, start=1):
+            yield from wrap(f"{n}. {a.line()}", TEXT_WIDTH, initial_indent="  ", subsequent_indent="     ")
     if result.outside:
         yield ""
         yield "not in these tables"

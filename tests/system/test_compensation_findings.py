@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -81,3 +82,11 @@ def test_a_column_with_a_change_comes_first(drifted: Path, tmp_path: Path) -> No
     (drifted / "diagnosis.json").unlink()
     assert first.startswith("DO NOT LOAD THESE TABLES: the survey was taken with a change: the sign of column X")
     assert "they double the squareness" in first
+
+
+def test_a_folder_without_a_manifest_is_said_to_be_unchecked(drifted: Path, tmp_path: Path) -> None:
+    shutil.copytree(drifted, tmp_path / "fit")
+    (tmp_path / "fit" / "manifest.json").unlink()
+    notes = compensated(tmp_path / "fit", tmp_path / "o")[0]["notes"]
+    assert notes[0].startswith("fit holds no manifest.json")
+    assert "manifest" not in " ".join(compensated(drifted, tmp_path / "whole")[0]["notes"])

@@ -16,7 +16,7 @@ from errormodel.controllers.base import Controller
 from errormodel.machine import EffectSpec
 from errormodel.machine_file import library, read_machine
 from identification.compensation import reduction
-from identification.compensation.advice import mechanical_advice
+from identification.compensation.advice import mechanical_advice, scale_advice
 from identification.compensation.assessment import Error, assess, emulated, fresh_rows, nothing, remaining
 from identification.compensation.field import Field, movers_of
 from identification.compensation.inverse import CLOSED_MM, closing, inverse
@@ -300,3 +300,28 @@ def test_a_turn_that_was_measured_all_round_has_no_step() -> None:
     volume = turntable((0.0005, 0.9992))
     controller, tables, setup = tables_of("siemens-cec", volume)
     assert not seams(volume, setup, emulated(controller, tables, setup, volume), 0)
+
+
+@pytest.mark.parametrize(
+    ("name", "words", "power"),
+    [("klipper", "rotation_distance of [stepper_y]", 1), ("marlin", "M92 Y", -1), ("duet", "M92 Y in config.g", -1)],
+)
+def test_a_scale_that_no_table_of_a_printer_holds_is_set_beside_them(name: str, words: str, power: int) -> None:
+    """An axis that goes too far: its motor's turn is longer than was set, and a mm is fewer steps."""
+    machine = read_machine(MILL)
+    chain = Chain(machine)
+    span = next(b - a for j in machine.joints if j.name == "Y" for a, b in [j.travel])
+    volume = volume_of(machine, chain.vector({"Y.dy.1": 0.001 * span / 2}))
+    joint = next(k for k, j in enumerate(machine.joints) if j.name == "Y")
+    q = np.tile((volume.low + volume.high) / 2, (2, 1))
+    q[:, joint] = volume.low[joint], volume.high[joint]
+    came = np.ones_like(q)
+    ends = volume.field.actual(q, came), volume.field.nominal(q)
+    gone, asked = (float(np.linalg.norm(np.diff(p, axis=0))) for p in ends)
+    (found,) = scale_advice(volume, volume.setup(None, None)[0], target(name))
+    assert found.joint == "Y"
+    assert found.scale == pytest.approx(gone / asked - 1, abs=1e-6)
+    assert abs(found.scale) == pytest.approx(0.001, rel=0.01)
+    assert words in found.line()
+    assert f"multiply by {(gone / asked) ** power:.5f}" in found.line()
+    assert not scale_advice(volume, volume.setup(None, None)[0], target("csv"))
