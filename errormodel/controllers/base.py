@@ -191,10 +191,6 @@ class Controller(Target):
         """
         return f"{size:+.4f} {'deg' if setup.axis(axis).rotary else 'mm'}"
 
-    def scale_setting(self, setup: Setup, name: str, scale: float) -> str:
-        """Where the scale of an axis is set that goes ``1 + scale`` mm a commanded mm; empty: tables take it away."""
-        return ""
-
     def moved(self, output: str) -> str:
         """Axis that an output of a table moves directly; empty: the output acts through a lever."""
         return output

@@ -69,12 +69,11 @@ class Pmac(Controller):
 
     def about(self, tables: Tables, setup: Setup) -> list[str]:
         count = sum(bool(t.term.inputs) for t in tables)
-        inputs = {t.term.inputs[0]: even_step(t.term) for t in tables if t.term.inputs}
+        turning = {t.term.inputs[0] for t in tables if t.term.inputs and setup.axis(t.term.inputs[0]).turns}
         beside = [
-            f"tables over {i} do not repeat at {FULL_TURN:g} deg, since no step of theirs divides its turn: let {i} "
-            "stay within one turn"
-            for i, step in inputs.items()
-            if setup.axis(i).turns and not self._round(setup, i, step)
+            f"tables over {i} do not repeat at {FULL_TURN:g} deg: let {i} stay within one turn"
+            for i in sorted(turning)
+            if not all(self._round(setup, t) for t in tables if t.term.inputs == (i,))
         ]
         return [f"{count} tables are needed: a PMAC holds 8, a Turbo PMAC 32", *beside]
 
@@ -86,22 +85,17 @@ class Pmac(Controller):
         ]
         return [*curves, *shift_terms(curves)]
 
-    def _nodes(self, setup: Setup, name: str, step: float) -> Index:
-        """Integer multiples of the step that cover the travel and zero; of an axis that goes round, one turn."""
+    def _nodes(self, setup: Setup, name: str, step: float, round_: bool) -> Index:
+        """Integer multiples of the step that cover the travel and zero; `round_`: one turn with both its ends."""
         axis = setup.axis(name)
-        low, high = min(axis.travel[0], 0.0), max(axis.travel[1], 0.0)
-        if self._round(setup, name, step):
-            low, high = axis.measured
+        low, high = axis.measured if round_ else (min(axis.travel[0], 0.0), max(axis.travel[1], 0.0))
         return np.arange(int(np.floor(low / step + 1e-9)), int(np.ceil(high / step - 1e-9)) + 1)
 
-    def _round(self, setup: Setup, name: str, step: float) -> bool:
-        """Whether a table of such steps can repeat at every turn of an axis: its last entry is that of the start."""
-        axis = setup.axis(name)
-        return axis.turns and abs(FULL_TURN / step - round(FULL_TURN / step)) < 1e-6
-
-    def _entries(self, setup: Setup, name: str, step: float) -> int:
-        """Number of entries: one each node, but for the end of a turn, which is its start."""
-        return len(self._nodes(setup, name, step)) - self._round(setup, name, step)
+    def _round(self, setup: Setup, table: Table) -> bool:
+        """Whether a table can repeat at every turn: its steps divide it, and its ends, which are one place, agree."""
+        turns = FULL_TURN / even_step(table.term)
+        ends = np.rint(table.values[[0, -1]] / self.unit(setup))
+        return setup.axis(table.term.inputs[0]).turns and abs(turns - round(turns)) < 1e-6 and ends[0] == ends[1]
 
     def write(self, tables: Tables, setup: Setup) -> dict[str, str]:
         shifts, tables = shift_lines(tables), tuple(t for t in tables if t.term.inputs)
@@ -120,16 +114,14 @@ class Pmac(Controller):
             if abs(place - round(place)) > 1e-6:
                 found = f"positions from {term.grids[0][0]:g}, no whole multiple of the spacing {step:g}"
                 raise InputError(f"table {term.output} over {source}", found, "Entries count from the motor's zero")
-            nodes = self._nodes(setup, source, step)
+            round_ = self._round(setup, table)
+            nodes = self._nodes(setup, source, step, round_)
             values = np.rint(np.interp(nodes * step, term.grids[0], table.values) / unit).astype(int)
-            size = self._entries(setup, source, step)
+            size = len(nodes) - round_  # the end of a turn is its start
             at_zero = values[nodes % size == 0][0]
             if at_zero:
                 found = f"{at_zero * unit:g} mm at the motor's zero, where the table is zero by definition"
                 raise InputError(f"table {term.output} over {source}", found, "Take that value off the whole table")
-            if len(nodes) > size and values[-1] != values[0]:
-                found = f"{values[0] * unit:g} mm at the start of a turn and {values[-1] * unit:g} at its end"
-                raise InputError(f"table {term.output} over {source}", found, "Both are the same place: give one value")
             entries = np.zeros(size, dtype=int)
             entries[nodes % size] = values
             count = round(size * step * counts)
@@ -153,7 +145,8 @@ class Pmac(Controller):
                 raise InputError(f"{name}, table {motor}", found, "The last entry must be 0")
             step = float(round(int(length) * 16 * unit / len(entries), 9))
             letter = self.numbered(setup, int(source))
-            nodes = self._nodes(setup, letter, step)
+            round_ = setup.axis(letter).turns and abs(len(entries) * step - FULL_TURN) < 1e-6
+            nodes = self._nodes(setup, letter, step, round_)
             values = unit * np.array([0, *entries[:-1]])[nodes % len(entries)]
             grid = tuple(float(round(k * step, 9)) for k in nodes)
             out.append(Table(Term(self.numbered(setup, int(target)), (letter,), (grid,), zero=True), values))

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from errormodel.arrays import Array
-from errormodel.controllers.base import Controller, Target
+from errormodel.controllers.base import Target
+from errormodel.controllers.printers import Printer
 from errormodel.controllers.setup import Setup
 from errormodel.location_errors import squareness
 from identification.compensation.volume import Volume, best_frame
@@ -64,7 +65,7 @@ class Scale:
 
 def scale_advice(volume: Volume, setup: Setup, target: Target) -> list[Scale]:
     """Scale of each linear joint along its nominal path, by a straight line, where the target sets it beside tables."""
-    if not isinstance(target, Controller):
+    if not isinstance(target, Printer):
         return []
     out = []
     for k, joint in enumerate(volume.field.joints):
@@ -76,7 +77,7 @@ def scale_advice(volume: Volume, setup: Setup, target: Target) -> list[Scale]:
         scale = float(np.polyfit(nominal @ way, actual @ way, 1)[0]) - 1
         effect = 1e3 * abs(scale) * float(volume.high[k] - volume.low[k])
         words = target.scale_setting(setup, next(a.name for a in setup.axes if a.joint == joint.name), scale)
-        if words and effect >= LEAST_EFFECT_UM:
+        if effect >= LEAST_EFFECT_UM:
             out.append(Scale(joint.name, scale, effect, words))
     return sorted(out, key=lambda found: -found.effect_um)
 

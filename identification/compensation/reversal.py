@@ -90,8 +90,8 @@ def reversal_lines(controller: Controller, setup: Setup, tables: Tables) -> list
         elif parameter and ahead:
             value = controller.backlash_value(setup, name, r.mean).lstrip("+")
             lines.append(
-                f"{found}. These tables do not hold it: {parameter}: if {value} or more was set during the survey, take "
-                "that off; else leave it"
+                f"{found}. These tables do not hold it: {parameter}: if {value} or more was set during the survey, "
+                "take that off; else leave it"
             )
         elif parameter:
             value = controller.backlash_value(setup, name, -r.mean)

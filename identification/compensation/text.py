@@ -8,6 +8,7 @@ from textwrap import wrap
 
 from errormodel.controllers.base import EDGE_HOLDS, Controller
 from errormodel.controllers.setup import Axis, Setup
+from identification.compensation.advice import Advice, Scale
 from identification.compensation.assessment import OTHER_TOOLS, Error, Figures
 from identification.compensation.result import Compensation, Stated
 from identification.results.terminal import one_line
@@ -28,7 +29,7 @@ def compensation_lines(result: Compensation, folder: Path) -> Iterator[str]:
     for line in result.first:
         yield ""
         yield from wrap(line, TEXT_WIDTH)
-    adjust = sorted([*result.advice, *result.scales], key=lambda a: -a.effect_um)
+    adjust: list[Advice | Scale] = sorted([*result.advice, *result.scales], key=lambda a: -a.effect_um)
     if adjust:
         yield ""
         yield "adjust before compensating (largest first), then measure and fit again"

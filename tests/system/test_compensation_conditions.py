@@ -14,10 +14,10 @@ import pytest
 from errormodel.chain import Chain
 from errormodel.controllers import target
 from errormodel.controllers.base import Controller
+from errormodel.controllers.setup import Reversal
 from errormodel.exceptions import InputError
 from errormodel.machine import EffectSpec
 from errormodel.machine_file import read_machine
-from errormodel.controllers.setup import Reversal
 from identification.compensation.assessment import emulated, left
 from identification.compensation.compensate import best_tables
 from identification.compensation.conditions import Largest, check_size, conditions_of, largest
@@ -154,7 +154,8 @@ def test_a_parameter_takes_away_what_the_simulated_play_makes() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "value"), [("fanuc-pitch", "12 detection units"), ("pmac", "192 sixteenths of a count"), ("isg", "120 (in")]
+    ("name", "value"),
+    [("fanuc-pitch", "12 detection units"), ("pmac", "192 sixteenths of a count"), ("isg", "120 (in")],
 )
 def test_an_axis_ahead_of_its_command_adds_nothing_to_a_parameter(name: str, value: str) -> None:
     """No control takes less than no backlash, and no sentence may ask for it."""
