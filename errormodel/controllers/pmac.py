@@ -2,7 +2,7 @@
 
 Values are integer sixteenths of a count. A table has N entries at equal spacings from the motor's zero, where the
 correction is zero. Positions wrap around, so negative positions use the end of the table; its last entry is the zero
-again.
+again. Of an axis that goes round the table is one turn long.
 
 Source: PMAC and Turbo PMAC software references, DEFINE COMP (Turbo p. 302-305).
 """
@@ -17,7 +17,7 @@ import numpy as np
 from errormodel.arrays import Index
 from errormodel.controllers.base import Controller, header
 from errormodel.controllers.dialect import Dialect
-from errormodel.controllers.setup import Setup
+from errormodel.controllers.setup import FULL_TURN, Setup
 from errormodel.controllers.tables import (
     Table,
     Tables,
@@ -51,7 +51,8 @@ class Pmac(Controller):
     first_number: ClassVar[int | None] = 1
     number_form: ClassVar[str] = "#{}"
     beyond: ClassVar[str] = (
-        "to the ends of the travel the correction of its edge is held; beyond the travel the tables roll over"
+        "to the ends of the travel the correction of its edge is held; beyond the travel the tables roll over, those "
+        "of an axis measured all round at every turn"
     )
     most_points: ClassVar[int] = 1000
     most_tables: ClassVar[int | None] = 32
@@ -64,12 +65,17 @@ class Pmac(Controller):
         return 0.5 * self.unit(setup) * len(setup.moving) + 1e-9
 
     def backlash_value(self, setup: Setup, axis: str, size: float) -> str:
-        value = round(size / self.unit(setup))
-        return f"{value:+d} sixteenths of a count" + (", which it cannot be: it takes no minus" if value < 0 else "")
+        return f"{round(size / self.unit(setup)):+d} sixteenths of a count"
 
     def about(self, tables: Tables, setup: Setup) -> list[str]:
         count = sum(bool(t.term.inputs) for t in tables)
-        return [f"{count} tables are needed: a PMAC holds 8, a Turbo PMAC 32"]
+        turning = {t.term.inputs[0] for t in tables if t.term.inputs and setup.axis(t.term.inputs[0]).turns}
+        beside = [
+            f"tables over {i} do not repeat at {FULL_TURN:g} deg: let {i} stay within one turn"
+            for i in sorted(turning)
+            if not all(self._round(setup, t) for t in tables if t.term.inputs == (i,))
+        ]
+        return [f"{count} tables are needed: a PMAC holds 8, a Turbo PMAC 32", *beside]
 
     def terms(self, setup: Setup) -> list[Term]:
         curves = [
@@ -79,10 +85,17 @@ class Pmac(Controller):
         ]
         return [*curves, *shift_terms(curves)]
 
-    def _nodes(self, setup: Setup, name: str, step: float) -> Index:
-        """Integer multiples of the step that cover the travel and zero."""
-        low, high = setup.axis(name).travel
-        return np.arange(int(np.floor(min(low, 0.0) / step + 1e-9)), int(np.ceil(max(high, 0.0) / step - 1e-9)) + 1)
+    def _nodes(self, setup: Setup, name: str, step: float, round_: bool) -> Index:
+        """Integer multiples of the step that cover the travel and zero; `round_`: one turn with both its ends."""
+        axis = setup.axis(name)
+        low, high = axis.measured if round_ else (min(axis.travel[0], 0.0), max(axis.travel[1], 0.0))
+        return np.arange(int(np.floor(low / step + 1e-9)), int(np.ceil(high / step - 1e-9)) + 1)
+
+    def _round(self, setup: Setup, table: Table) -> bool:
+        """Whether a table can repeat at every turn: its steps divide it, and its ends, which are one place, agree."""
+        turns = FULL_TURN / even_step(table.term)
+        ends = np.rint(table.values[[0, -1]] / self.unit(setup))
+        return setup.axis(table.term.inputs[0]).turns and abs(turns - round(turns)) < 1e-6 and ends[0] == ends[1]
 
     def write(self, tables: Tables, setup: Setup) -> dict[str, str]:
         shifts, tables = shift_lines(tables), tuple(t for t in tables if t.term.inputs)
@@ -101,19 +114,20 @@ class Pmac(Controller):
             if abs(place - round(place)) > 1e-6:
                 found = f"positions from {term.grids[0][0]:g}, no whole multiple of the spacing {step:g}"
                 raise InputError(f"table {term.output} over {source}", found, "Entries count from the motor's zero")
-            nodes = self._nodes(setup, source, step)
+            round_ = self._round(setup, table)
+            nodes = self._nodes(setup, source, step, round_)
             values = np.rint(np.interp(nodes * step, term.grids[0], table.values) / unit).astype(int)
-            if values[nodes == 0][0]:
-                found = (
-                    f"{values[nodes == 0][0] * unit:g} mm at the motor's zero, where the table is zero by definition"
-                )
+            size = len(nodes) - round_  # the end of a turn is its start
+            at_zero = values[nodes % size == 0][0]
+            if at_zero:
+                found = f"{at_zero * unit:g} mm at the motor's zero, where the table is zero by definition"
                 raise InputError(f"table {term.output} over {source}", found, "Take that value off the whole table")
-            entries = np.zeros(len(nodes), dtype=int)
-            entries[nodes % len(nodes)] = values
-            count = round(len(nodes) * step * counts)
+            entries = np.zeros(size, dtype=int)
+            entries[nodes % size] = values
+            count = round(size * step * counts)
             numbers = (self.number(setup, source), self.number(setup, term.output))
             lines.append(comment.line(f"over {source} (motor {numbers[0]}) for {term.output} (motor {numbers[1]})"))
-            lines.append(f"#{m} DEFINE COMP {len(nodes)},#{numbers[0]}D,#{numbers[1]},{count}")
+            lines.append(f"#{m} DEFINE COMP {size},#{numbers[0]}D,#{numbers[1]},{count}")
             ordered = [*entries[1:], 0]
             lines += [" ".join(map(str, ordered[k : k + 10])) for k in range(0, len(ordered), 10)]
         return {"comp.pmc": "\n".join([*lines, "I51=1"]) + "\n"}
@@ -131,7 +145,8 @@ class Pmac(Controller):
                 raise InputError(f"{name}, table {motor}", found, "The last entry must be 0")
             step = float(round(int(length) * 16 * unit / len(entries), 9))
             letter = self.numbered(setup, int(source))
-            nodes = self._nodes(setup, letter, step)
+            round_ = setup.axis(letter).turns and abs(len(entries) * step - FULL_TURN) < 1e-6
+            nodes = self._nodes(setup, letter, step, round_)
             values = unit * np.array([0, *entries[:-1]])[nodes % len(entries)]
             grid = tuple(float(round(k * step, 9)) for k in nodes)
             out.append(Table(Term(self.numbered(setup, int(target)), (letter,), (grid,), zero=True), values))

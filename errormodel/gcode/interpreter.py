@@ -164,7 +164,9 @@ class Interpreter:
         self.modes = replace(self.modes, tool=name)
         if height in named and height is not None:
             if self.modes.motion != "G0" or not self.modes.absolute:
-                block.refuse("a tool length that changes along a cut", "Write G43 in a block with G90 G0 Z")
+                how = f"while {self.modes.motion} is in force" if self.modes.absolute else "with an incremental Z (G91)"
+                how = how if self.modes.motion else "in a block whose motion (G0, G1) nothing states"
+                block.refuse(f"a tool length that changes {how}", "Write G43 in a block with G90 G0 Z")
         elif height is not None:
             self.q[height] = np.nan
             self.lost[height] = f"the change of tool length in line {block.number}"

@@ -233,9 +233,11 @@ def _notes(source: Source, steps: Sequence[Step], setup: Setup) -> tuple[str, ..
         out.append(
             f"{source.name}: {', '.join(never)} {'is' if len(never) == 1 else 'are'} never commanded, never moved"
         )
-    plain = [s.block.number for s in steps if s.kind == "as it is"]
+    plain = [s for s in steps if s.kind == "as it is"]
     if plain:
-        out.append(f"{source.name}: {len(plain)} positionings stay as they are (first in line {plain[0]})")
+        why = _plain(plain[0], setup)
+        first = f"first in line {plain[0].block.number}{f': {why}' if why else ''}"
+        out.append(f"{source.name}: {len(plain)} positionings stay as they are ({first})")
     blind = [n for k, n in enumerate(setup.names) if n in setup.reversing and _blind(steps, k)]
     if blind:
         out.append(f"{source.name}: the direction from which {', '.join(blind)} first arrives is taken as positive")
@@ -243,6 +245,17 @@ def _notes(source: Source, steps: Sequence[Step], setup: Setup) -> tuple[str, ..
     if outside:
         out.append(f"{source.name}: {len(outside)} blocks leave the measured region (first in line {outside[0]})")
     return tuple(out)
+
+
+def _plain(step: Step, setup: Setup) -> str:
+    """Why a positioning stays as it is; empty: by a command with rules of its own."""
+    if "G53" in step.block.codes("G"):
+        return "G53 counts in machine coordinates"
+    for place, when in ((step.q, "there"), (None if step.path is None else step.path.start, "before it")):
+        unknown = [n for n, v in zip(setup.names, () if place is None else place, strict=False) if not np.isfinite(v)]
+        if unknown:
+            return f"the position of {', '.join(unknown)} is not known {when}, and errors depend on it"
+    return ""
 
 
 def _blind(steps: Sequence[Step], column: int) -> bool:

@@ -10,6 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from errormodel.arrays import Array
+from errormodel.controllers.base import Target
+from errormodel.controllers.printers import Printer
+from errormodel.controllers.setup import Setup
 from errormodel.location_errors import squareness
 from identification.compensation.volume import Volume, best_frame
 
@@ -35,6 +38,48 @@ class Advice:
 
     def line(self) -> str:
         return f"{self.what}: {1e6 * self.angle:+.0f} urad, {self.effect_um:.0f} um over the measured travel"
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Scale error of a linear joint that no table of the target holds.
+
+    Attributes
+    ----------
+    scale : mm too far per commanded mm; `effect_um` : over the measured travel, um.
+    setting : where it is set, in the target's own words.
+    """
+
+    joint: str
+    scale: float
+    effect_um: float
+    setting: str
+
+    def line(self) -> str:
+        way = "too far" if self.scale > 0 else "too short"
+        return (
+            f"scale of {self.joint} (goes {way}): {1e3 * self.scale:+.3f} per mille, {self.effect_um:.0f} um over the "
+            f"measured travel: {self.setting} (where each motor moves one axis)"
+        )
+
+
+def scale_advice(volume: Volume, setup: Setup, target: Target) -> list[Scale]:
+    """Scale of each linear joint along its nominal path, by a straight line, where the target sets it beside tables."""
+    if not isinstance(target, Printer):
+        return []
+    out = []
+    for k, joint in enumerate(volume.field.joints):
+        if joint.type != "prismatic" or volume.high[k] <= volume.low[k]:
+            continue
+        q, came = _line(volume, k)
+        nominal, actual = volume.field.nominal(q), volume.field.actual(q, came)
+        way = _slope(nominal)
+        scale = float(np.polyfit(nominal @ way, actual @ way, 1)[0]) - 1
+        effect = 1e3 * abs(scale) * float(volume.high[k] - volume.low[k])
+        words = target.scale_setting(setup, next(a.name for a in setup.axes if a.joint == joint.name), scale)
+        if effect >= LEAST_EFFECT_UM:
+            out.append(Scale(joint.name, scale, effect, words))
+    return sorted(out, key=lambda found: -found.effect_um)
 
 
 def mechanical_advice(volume: Volume, before_um: float) -> list[Advice]:

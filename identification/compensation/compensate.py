@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,7 +23,7 @@ from errormodel.exceptions import InputError
 from errormodel.gcode.reading import Reading
 from errormodel.inputs import noted
 from errormodel.machine import Vector
-from identification.compensation.advice import mechanical_advice
+from identification.compensation.advice import mechanical_advice, scale_advice
 from identification.compensation.assessment import Correct, assess, emulated, left, nothing
 from identification.compensation.conditions import (
     check_errors,
@@ -33,13 +33,16 @@ from identification.compensation.conditions import (
 )
 from identification.compensation.designs import Designs
 from identification.compensation.field import Field
+from identification.compensation.findings import changed_columns, findings_of, outside
 from identification.compensation.model_uncertainty import against_model, following, judged
-from identification.compensation.read_motions import known_at_tip, motion_rows, notes_on_motions
+from identification.compensation.notes import still_lines, survey_notes
+from identification.compensation.read_motions import known_at_tip, motion_rows
 from identification.compensation.reduction import leftover, reduce
 from identification.compensation.result import Compensation, Own, Stated
 from identification.compensation.reversal import reversals
 from identification.compensation.rotary_axes import Kinematics, described, lines_of
 from identification.compensation.rows import Rows, held_out, joints_read, read_rows
+from identification.compensation.seams import seams
 from identification.compensation.text import COMMON_FILES
 from identification.compensation.volume import Volume, levels
 from identification.observation.frames import rotation_notes
@@ -99,6 +102,7 @@ def compensate(
     source = _source(controller, program, reading)
     with progress("Reading"):
         fit = store.load(folder)
+        unlisted = manifest.missing(folder)
         table = read_rows(folder, fit.chain.machine)
         read = joints_read(table)
         held = held_out(fit, table)
@@ -163,6 +167,8 @@ def compensate(
     if rotary is not None and kinematics and isinstance(controller, Controller):
         bare = left(plain, emulated(controller, usual.tables, setup, plain), seed).rms_um
         rotary = replace(rotary, tables_alone_um=bare)
+    found = findings_of(folder)
+    columns, unconfirmed = changed_columns(found, field)
     advice = mechanical_advice(volume, usual.figures[0].before.rms_um)
     return Compensation(
         controller,
@@ -172,9 +178,14 @@ def compensate(
         own,
         probing,
         advice,
-        (*notes, *rotation_notes(fit.frames), *_notes(volume, setup, held is not None, read)),
-        (*of_tools, *_still(setup, read), *said),
+        (*unlisted, *notes, *rotation_notes(fit.frames), *survey_notes(volume, setup, held is not None, read)),
+        (*of_tools, *said),
         rotary,
+        tuple(columns),
+        unconfirmed,
+        tuple(outside(found, field, loose)),
+        tuple(still_lines(setup, read)),
+        tuple(scale_advice(volume, setup, controller)) if read is None else (),
     )
 
 
@@ -236,10 +247,12 @@ def _one_state(
         files = written(controller, tables, setup)
         back = read_back(controller, files, setup)
     with progress("Judging what they leave"):
-        figures = judged(fit, volume, emulated(controller, back, setup, volume), held, seed)
+        correct = emulated(controller, back, setup, volume)
+        figures = judged(fit, volume, correct, held, seed)
+        steps = seams(volume, setup, correct, seed)
         conditions = conditions_of(controller, setup, volume, back, seed)
     check_size(conditions.largest, allow_large, what, against_model(figures))
-    return Stated(label, state, files, back, figures, conditions)
+    return Stated(label, state, files, back, figures, conditions, seams=steps)
 
 
 def _check_invert(controller: Target, invert: bool) -> None:
@@ -300,7 +313,8 @@ def _rewritten(
 
     # the line ends of the original programme are kept, since the control may require them
     new = re.sub(r"\r?\n", "\r\n", done.text) if "\r\n" in text else done.text
-    return Stated(label, state, {name: new}, (), judged(fit, volume, rounded, held, seed), None, done.notes)
+    figures, steps = judged(fit, volume, rounded, held, seed), seams(volume, setup, rounded, seed)
+    return Stated(label, state, {name: new}, (), figures, None, done.notes, steps)
 
 
 def _source(controller: Target, path: Path | None, reading: Reading | None) -> tuple[str, str]:
@@ -367,33 +381,3 @@ def _best_of(
             break
     designs.rank = chosen
     return best
-
-
-def _still(setup: Setup, read: Mapping[str, Sequence[str]] | None) -> list[str]:
-    """Checklist lines about rotary axes that the survey did not move, whose place the tables therefore do not know."""
-    if read is not None:
-        return []
-    return [
-        f"{a.joint} stood at {a.measured[0]:g} deg in the whole survey: what is written is right with it there only"
-        for a in setup.axes
-        if a.rotary and a.name not in setup.moving
-    ]
-
-
-def _notes(volume: Volume, setup: Setup, held: bool, read: Mapping[str, Sequence[str]] | None) -> tuple[str, ...]:
-    field = volume.field
-    still = [a.joint for a in setup.axes if a.name not in setup.moving and read is None]
-    reach = np.linalg.matrix_rank(field.jacobian(*volume.poses(1, 0))[0], tol=1e-3)
-    return (
-        *(notes_on_motions(setup, read) if read is not None else ()),
-        *(
-            f"the survey did not move {name}: its errors are unknown, and are corrected as they were there"
-            for name in still
-        ),
-        *(
-            (f"{', '.join(setup.movers)} reach {reach} of 3 directions: errors along the others stay",)
-            if reach < 3
-            else ()
-        ),
-        *(() if held else ("no rows were left out of the fit: the figures are those of the model itself",)),
-    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -11,15 +12,17 @@ from errormodel.controllers.base import Controller, Target, richer
 from errormodel.controllers.probing import Probing
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Table, Tables
-from identification.compensation.advice import Advice
+from identification.compensation.advice import Advice, Scale
 from identification.compensation.assessment import Figures
 from identification.compensation.conditions import (
     Conditions,
     backlash_lines,
     shift_lines,
 )
+from identification.compensation.findings import Outside, column_line
 from identification.compensation.model_uncertainty import against_model
 from identification.compensation.rotary_axes import Kinematics
+from identification.compensation.seams import Seam
 
 SCHEMA = "errormodel.compensation/1"
 # last step of the checklist
@@ -45,6 +48,14 @@ class Stated:
     figures: list[Figures]
     conditions: Conditions | None = None  # None for corrected commands, which need no zero shift or backlash value
     notes: tuple[str, ...] = ()  # remarks on rewritten programmes
+    seams: tuple[Seam, ...] = ()  # steps of the correction where a rotary axis begins a new turn
+
+    @property
+    def removed_um(self) -> float:
+        """RMS error over the volume that tables take away; without bound of commands, which may not go that way."""
+        if self.conditions is None:
+            return math.inf
+        return self.figures[0].before.rms_um - self.figures[0].after.rms_um
 
 
 @dataclass(frozen=True)
@@ -68,6 +79,10 @@ class Compensation:
     probing : correction of a probe's readings; None: not asked for.
     advice : mechanical adjustments to make first.
     rotary : constant errors of the rotary axes; None: there are none.
+    columns : changes with which columns of the survey were taken; `unconfirmed`: they are those of a diagnosis.
+    outside : findings of the diagnosis that the tables do not hold.
+    still : what comes first of rotary axes that the survey did not move.
+    scales : scale errors that the tables do not hold, and where they are set.
     states : state of the machine that the tables are for, and residual errors in other states.
     """
 
@@ -81,6 +96,11 @@ class Compensation:
     notes: tuple[str, ...]
     states: tuple[str, ...] = ()
     rotary: Kinematics | None = None
+    columns: tuple[str, ...] = ()
+    unconfirmed: bool = False
+    outside: tuple[Outside, ...] = ()
+    still: tuple[str, ...] = ()
+    scales: tuple[Scale, ...] = ()
 
     @property
     def usual(self) -> Stated:
@@ -95,6 +115,12 @@ class Compensation:
         other = " or ".join([*more, instead()])
         harm = [w for s in self.sets if (w := against_model(s.figures))]
         harm = harm or [w for s in stated if s.conditions and (w := s.conditions.against(other))]
+        steps = sorted(((x, s.removed_um) for s in self.sets for x in s.seams), key=lambda step: step[0].step_um)
+        worst = {x.joint: (x.line(removed), x.step_um > removed) for x, removed in steps}.values()
+        harm += [line for line, harmful in worst if harmful]
+        changed = [column_line(self.columns)] if self.columns else []
+        if self.unconfirmed:
+            harm, changed = [*changed, *harm], []
         no = "DO NOT LOAD THESE TABLES" if isinstance(self.controller, Controller) else "DO NOT RUN WHAT WAS WRITTEN"
         against = [f"{no}: {why}" for why in harm]
         shifts = [
@@ -102,7 +128,8 @@ class Compensation:
         ]
         rotary = [self.rotary.first()] if self.rotary and (self.rotary.asked or self.rotary.worth) else []
         ordered = [*rotary, *shifts] if self.rotary and self.rotary.asked else [*shifts, *rotary]
-        return [*dict.fromkeys(against), *ordered]
+        gentle = [line for line, harmful in worst if not harmful]
+        return [*dict.fromkeys(against), *(f"FIRST: {line}" for line in changed), *gentle, *self.still, *ordered]
 
     @property
     def checklist(self) -> list[str]:
@@ -143,6 +170,7 @@ class Compensation:
                     "tables": [_table_json(t) for t in s.tables],
                     "figures": [asdict(f) | {"removed": f.removed()} for f in s.figures],
                     "conditions": s.conditions.as_json() if s.conditions else None,
+                    "steps": [asdict(x) for x in s.seams],
                 }
                 for s in self.sets
             ],
@@ -157,8 +185,10 @@ class Compensation:
                 ],
             },
             "probe": None if self.probing is None else asdict(self.probing) | {"files": list(self.probing.files)},
+            "scales": [asdict(a) for a in self.scales],
             "advice": [asdict(a) for a in self.advice],
             "first": self.first,
+            "not_in_tables": [asdict(o) for o in self.outside],
             "rotary_axes": None if self.rotary is None else self.rotary.as_json(),
             "checklist": self.checklist,
             "notes": list(self.notes),

@@ -76,11 +76,23 @@ def reversal_lines(controller: Controller, setup: Setup, tables: Tables) -> list
         if abs(r.high - r.low) > 0.05 * abs(r.mean):
             size += f" ({-factor * r.low:+.1f} at {axis.travel[0]:g}, {-factor * r.high:+.1f} at {axis.travel[1]:g})"
         found = f"backlash of {name}: {size}, positive where the axis stays behind its direction of travel"
+        ahead = r.mean > 0
+        if ahead:
+            found += (
+                ". It is ahead of its command, which no worn drive makes: a backlash parameter that is set too large "
+                f"does, or a wrong column dir_{axis.joint} of the survey"
+            )
         parameter = controller.backlash_parameter.format(
             axis=controller.address(setup, name), number=controller.number(setup, name)
         )
         if name in held:
             lines.append(f"{found}. These tables hold it, one for each direction" + _beside(controller, parameter))
+        elif parameter and ahead:
+            value = controller.backlash_value(setup, name, r.mean).lstrip("+")
+            lines.append(
+                f"{found}. These tables do not hold it: {parameter}: if {value} or more was set during the survey, "
+                "take that off; else leave it"
+            )
         elif parameter:
             value = controller.backlash_value(setup, name, -r.mean)
             lines.append(

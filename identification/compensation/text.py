@@ -8,6 +8,7 @@ from textwrap import wrap
 
 from errormodel.controllers.base import EDGE_HOLDS, Controller
 from errormodel.controllers.setup import Axis, Setup
+from identification.compensation.advice import Advice, Scale
 from identification.compensation.assessment import OTHER_TOOLS, Error, Figures
 from identification.compensation.result import Compensation, Stated
 from identification.results.terminal import one_line
@@ -28,10 +29,17 @@ def compensation_lines(result: Compensation, folder: Path) -> Iterator[str]:
     for line in result.first:
         yield ""
         yield from wrap(line, TEXT_WIDTH)
-    if result.advice:
+    adjust: list[Advice | Scale] = sorted([*result.advice, *result.scales], key=lambda a: -a.effect_um)
+    if adjust:
         yield ""
         yield "adjust before compensating (largest first), then measure and fit again"
-        yield from (f"  {n}. {a.line()}" for n, a in enumerate(result.advice, start=1))
+        for n, a in enumerate(adjust, start=1):
+            yield from wrap(f"{n}. {a.line()}", TEXT_WIDTH, initial_indent="  ", subsequent_indent="     ")
+    if result.outside:
+        yield ""
+        yield "not in these tables"
+        for found in result.outside:
+            yield from wrap(found.line(), TEXT_WIDTH, initial_indent="  ", subsequent_indent="    ")
     if result.rotary and result.rotary.asked:
         yield ""
         yield "all figures: with the rotary axes described as they lie"

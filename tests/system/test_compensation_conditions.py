@@ -14,6 +14,7 @@ import pytest
 from errormodel.chain import Chain
 from errormodel.controllers import target
 from errormodel.controllers.base import Controller
+from errormodel.controllers.setup import Reversal
 from errormodel.exceptions import InputError
 from errormodel.machine import EffectSpec
 from errormodel.machine_file import read_machine
@@ -144,7 +145,26 @@ def test_a_parameter_takes_away_what_the_simulated_play_makes() -> None:
         assert found.parameters_um < 1.0 < 8.0 < found.left_um
         assert found.left_um == pytest.approx(left(volume, emulated(controller, tables, setup, volume), 0).rms_um)
         (line,) = reversal_lines(controller, setup, tables)
-        assert f"add {-size:+.4f} mm" in line  # plus for an axis that stays behind
+        # a parameter grows for an axis that stays behind; one that is ahead had too much of it
+        assert f"add {-size:+.4f} mm" in line if size < 0 else f"if {size:.4f} mm or more was set" in line
+        assert ("which no worn drive makes" in line) == (size > 0)
+        if size > 0:
+            assert "add " not in line
+            assert "wrong column dir_X" in line
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("fanuc-pitch", "12 detection units"), ("pmac", "192 sixteenths of a count"), ("isg", "120 (in")],
+)
+def test_an_axis_ahead_of_its_command_adds_nothing_to_a_parameter(name: str, value: str) -> None:
+    """No control takes less than no backlash, and no sentence may ask for it."""
+    controller = target(name)
+    assert isinstance(controller, Controller)
+    setup = volume_of(read_machine(MILL), np.zeros(len(Chain(read_machine(MILL)).ids))).setup(None, None)[0]
+    (line,) = reversal_lines(controller, replace(setup, reversals={"X": Reversal(12 * UM, 12 * UM)}), ())
+    assert f"if {value}" in line
+    assert "or more was set during the survey, take that off; else leave it" in line
 
 
 def test_time_has_its_unit_its_meaning_and_what_other_times_leave(worn: Path, tmp_path: Path) -> None:

@@ -113,7 +113,9 @@ def test_no_table_follows_a_length_that_the_survey_does_not_show(tmp_path: Path)
     assert "tool-follow" not in (tmp_path / "o/errormodel_3d.hal").read_text()
     said = steps(tmp_path / "o")
     assert "the survey does not show how errors change with the length of the tool" in said
-    assert re.search(r"C stood at 28\.6\d* deg in the whole survey: what is written is right with it there only", said)
+    assert re.search(
+        r"FIRST: C stood at 28\.6\d* deg in the whole survey: what is written is right with it there only", said
+    )
 
 
 def test_axes_that_only_moved_together_are_told_from_a_wrong_unit(tmp_path: Path) -> None:

@@ -16,12 +16,13 @@ from errormodel.controllers.base import Controller
 from errormodel.machine import EffectSpec
 from errormodel.machine_file import library, read_machine
 from identification.compensation import reduction
-from identification.compensation.advice import mechanical_advice
-from identification.compensation.assessment import Error, assess, emulated, nothing, remaining
+from identification.compensation.advice import mechanical_advice, scale_advice
+from identification.compensation.assessment import Error, assess, emulated, fresh_rows, nothing, remaining
 from identification.compensation.field import Field, movers_of
 from identification.compensation.inverse import CLOSED_MM, closing, inverse
 from identification.compensation.reduction import leftover, reduce
 from identification.compensation.rows import Rows, held_out, read_rows
+from identification.compensation.seams import seams
 from identification.compensation.volume import Volume, levels
 from identification.estimation.fit import fit_machine
 from identification.results.store import load, save
@@ -248,7 +249,7 @@ def turntable(part: tuple[float, float]) -> Volume:
     return Volume.of(volume.field, table, True)
 
 
-@pytest.mark.parametrize("name", ["isg", "csv", "siemens-cec", "heidenhain", "aerotech-2d", "linuxcnc-3d"])
+@pytest.mark.parametrize("name", ["isg", "csv", "siemens-cec", "heidenhain", "aerotech-2d", "linuxcnc-3d", "pmac"])
 def test_a_table_that_goes_round_is_alike_at_both_ends_of_its_turn(name: str) -> None:
     """A survey never reaches 0 and 360 deg themselves, which are one place: there must be no jump."""
     controller, tables, setup = tables_of(name, turntable((0.0005, 0.9992)))
@@ -259,7 +260,13 @@ def test_a_table_that_goes_round_is_alike_at_both_ends_of_its_turn(name: str) ->
     q = np.tile([[(a.measured[0] + a.measured[1]) / 2 for a in setup.axes]], (4, 1))
     q[:, setup.place("C")] = [0.0, 360.0, 359.9999, 720.0]
     moved = controller.emulate(tables, setup, q)
-    np.testing.assert_allclose(moved - moved[0], 0.0, atol=2e-6)  # written with six digits behind the point
+    # written with six digits behind the point, or in whole sixteenths of a count
+    np.testing.assert_allclose(moved - moved[0], 0.0, atol=2e-6)
+    if name == "pmac":
+        text = "\n".join(controller.write(tables, setup).values())
+        spans = re.findall(r"DEFINE COMP \d+,#5D,#\d+,(\d+)", text)
+        assert spans
+        assert set(spans) == {"360000"}  # counts of a turn: the control rolls the position over there
     if name == "siemens-cec":
         text = "\n".join(controller.write(tables, setup).values())
         numbers = re.findall(r"CEC_INPUT_AXIS\[(\d+)\]=\(C1\)", text)
@@ -270,3 +277,51 @@ def test_a_table_that_goes_round_is_alike_at_both_ends_of_its_turn(name: str) ->
 def test_a_part_of_a_turn_does_not_go_round() -> None:
     _, _, setup = tables_of("csv", turntable((0.1, 0.8)))
     assert not setup.axis("C").turns
+
+
+@pytest.mark.parametrize("name", ["siemens-cec", "linuxcnc-3d", "csv"])
+def test_the_step_where_a_part_of_a_turn_begins_anew_is_that_of_the_control(name: str) -> None:
+    """C measured over a third of its turn: a control that counts modulo 360 steps there."""
+    volume = turntable((0.0, 1 / 3))
+    controller, tables, setup = tables_of(name, volume)
+    (seam,) = seams(volume, setup, emulated(controller, tables, setup, volume), 0)
+    q = volume.field.outward(fresh_rows(volume, 0).q)
+    ends = [np.where(np.arange(q.shape[1]) == setup.place("C"), v, q) for v in (359.999, 0.0)]
+    high, low = (controller.emulate(tables, setup, e) for e in ends)
+    moved = 1e3 * np.linalg.norm(high - low, axis=1).max()
+    assert moved > 5.0
+    assert seam.step_um == pytest.approx(moved, rel=0.02)
+    assert (seam.joint, seam.travel) == ("C", (0.0, 360.0))
+    assert not seam.line(2 * moved).split("FIRST: ")[0]
+    assert "more than the 1.0 um rms" in seam.line(1.0)
+
+
+def test_a_turn_that_was_measured_all_round_has_no_step() -> None:
+    volume = turntable((0.0005, 0.9992))
+    controller, tables, setup = tables_of("siemens-cec", volume)
+    assert not seams(volume, setup, emulated(controller, tables, setup, volume), 0)
+
+
+@pytest.mark.parametrize(
+    ("name", "words", "power"),
+    [("klipper", "rotation_distance of [stepper_y]", 1), ("marlin", "M92 Y", -1), ("duet", "M92 Y in config.g", -1)],
+)
+def test_a_scale_that_no_table_of_a_printer_holds_is_set_beside_them(name: str, words: str, power: int) -> None:
+    """An axis that goes too far: its motor's turn is longer than was set, and a mm is fewer steps."""
+    machine = read_machine(MILL)
+    chain = Chain(machine)
+    span = next(b - a for j in machine.joints if j.name == "Y" for a, b in [j.travel])
+    volume = volume_of(machine, chain.vector({"Y.dy.1": 0.001 * span / 2}))
+    joint = next(k for k, j in enumerate(machine.joints) if j.name == "Y")
+    q = np.tile((volume.low + volume.high) / 2, (2, 1))
+    q[:, joint] = volume.low[joint], volume.high[joint]
+    came = np.ones_like(q)
+    ends = volume.field.actual(q, came), volume.field.nominal(q)
+    gone, asked = (float(np.linalg.norm(np.diff(p, axis=0))) for p in ends)
+    (found,) = scale_advice(volume, volume.setup(None, None)[0], target(name))
+    assert found.joint == "Y"
+    assert found.scale == pytest.approx(gone / asked - 1, abs=1e-6)
+    assert abs(found.scale) == pytest.approx(0.001, rel=0.01)
+    assert words in found.line()
+    assert f"multiply by {(gone / asked) ** power:.5f}" in found.line()
+    assert not scale_advice(volume, volume.setup(None, None)[0], target("csv"))

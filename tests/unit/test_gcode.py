@@ -90,9 +90,21 @@ def test_an_offset_says_where_the_axes_stand() -> None:
     )
 
 
+@pytest.mark.parametrize(
+    ("block", "words"), [("G1 X10 F100\nG43 H2", "while G1 is in force"), ("G91 G43 H2", "with an incremental Z (G91)")]
+)
+def test_a_tool_length_that_cannot_change_there_says_why(block: str, words: str) -> None:
+    with pytest.raises(InputError, match=re.escape(f"a tool length that changes {words}")):
+        rewritten(f"G54\nG90 G0 X0 Y10 Z-160\n{block} Z-110\n", offset=("G54=X100,Y0,Z100", "H2=Z-55"))
+
+
 def test_machine_coordinates_and_lines_without_a_path_stay_as_they_are() -> None:
     text = "G0 X0 Y10 Z-60\nG53 G0 Z-55\n  G4 P2  (wait)\nG91 G28 Z0\nM8 ; on\n\nT3\n"
     assert rewritten(text).splitlines()[1:] == text.splitlines()[1:]
+    said = " ".join(G.rewrite("a.nc", text, SETUP, shift, Reading.of("auto", (), ())).notes)
+    assert "positionings stay as they are (first in line 2: G53 counts in machine coordinates)" in said
+    said = " ".join(G.rewrite("a.nc", "G0 X0 Y10\nG0 Z-60\n", SETUP, shift, Reading.of("auto", (), ())).notes)
+    assert "(first in line 1: the position of Z is not known there, and errors depend on it)" in said
 
 
 def test_an_axis_that_was_not_commanded_is_not_moved() -> None:

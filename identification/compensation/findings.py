@@ -1,0 +1,87 @@
+"""Findings of a diagnosis that its tables do not hold, and columns of the survey that were taken with a change.
+
+An instrument's errors move nothing of the machine, and no table follows time, temperature, feed or load. A column that
+was mended changes the machine itself: a mirrored measuring frame reads as an axis that was commanded with the wrong
+sign, and tables of the wrong one of the two double errors in place of removing them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from errormodel.channels import root
+from errormodel.effects import make
+from errormodel.effects.axis_blunder import AxisBlunder
+from errormodel.exceptions import InputError
+from errormodel.inputs import noted
+from identification.compensation.field import Field
+from identification.results.stored_fit import CURE
+from identification.results.versions import read_json
+
+
+@dataclass(frozen=True)
+class Outside:
+    """A finding that no table holds: what it is, its probability and rms size at the tip (um), and why not."""
+
+    effect: str
+    where: str
+    probability: float
+    size_um: float
+    why: str
+
+    def line(self) -> str:
+        chance = f"{self.probability:.2f} likely" if self.probability < 0.995 else "more than 0.99 likely"
+        return f"{self.effect} of {self.where}, {chance}, {self.size_um:.1f} um rms at the tip: {self.why}"
+
+
+def findings_of(folder: Path) -> list[Mapping[str, Any]]:
+    """Findings of the diagnosis in a folder; none where it is that of another command."""
+    from identification.diagnosis.results.findings import SCHEMA
+    from identification.results.explanation import DIAGNOSIS
+
+    path = folder / DIAGNOSIS
+    if not path.is_file():
+        return []
+    found = read_json(noted(path), SCHEMA, CURE).get("findings")
+    keys = {"effect", "where", "probability", "size_um", "driver", "parameters"}
+    if not isinstance(found, list) or not all(isinstance(f, Mapping) and keys <= {*f} for f in found):
+        raise InputError(str(path), "no list of findings as a diagnosis writes it", CURE)
+    return found
+
+
+def outside(findings: Collection[Mapping[str, Any]], field: Field, loose: Collection[str]) -> list[Outside]:
+    """Findings that no table holds, in their order; `loose`: channels that no table follows."""
+    chain = field.chain
+    beside = {*chain.frame_ids, *chain.tool_ids, *chain.instrument_ids}
+    out = []
+    for f in findings:
+        ids = [str(p["name"]) for p in f["parameters"]]
+        driven = [c for c in map(root, f["driver"]) if c in loose]
+        if ids and beside.issuperset(ids):
+            why = "it acts in the instrument or its target; if it is the machine's, this is left"
+        elif ids and driven:
+            why = f"it changes with {' and '.join(dict.fromkeys(driven))}, which no table follows"
+        else:
+            continue
+        out.append(Outside(str(f["effect"]), str(f["where"]), float(f["probability"]), float(f["size_um"]), why))
+    return out
+
+
+def changed_columns(findings: Collection[Mapping[str, Any]], field: Field) -> tuple[list[str], bool]:
+    """Columns of the survey that were taken with a change, in words, and whether the diagnosis alone says so."""
+    machine = field.chain.machine
+    known = (make(spec) for spec in machine.effects)
+    words = [e.text(machine) for e in known if isinstance(e, AxisBlunder)]
+    return words, bool(words) and any(f["effect"] == AxisBlunder.effect for f in findings)
+
+
+def column_line(words: Collection[str]) -> str:
+    """What to confirm before tables of a survey with changed columns are right."""
+    return (
+        f"the survey was taken with a change: {'; '.join(words)}. The tables are right only if that is so: a mirrored "
+        "measuring frame reads as a commanded axis with the wrong sign, and then they double the squareness. Move "
+        "the axis by hand and compare; then mend the table and fit again"
+    )

@@ -1,0 +1,43 @@
+"""What is said of the survey behind a compensation: axes that stood still, directions that nothing corrects."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from errormodel.controllers.setup import Setup
+from identification.compensation.read_motions import notes_on_motions
+from identification.compensation.volume import Volume
+
+
+def still_lines(setup: Setup, read: Mapping[str, Sequence[str]] | None) -> list[str]:
+    """What comes first of rotary axes that the survey did not move, whose place the tables therefore do not know."""
+    if read is not None:
+        return []
+    return [
+        f"FIRST: {a.joint} stood at {a.measured[0]:g} deg in the whole survey: what is written is right with it "
+        "there only"
+        for a in setup.axes
+        if a.rotary and a.name not in setup.moving
+    ]
+
+
+def survey_notes(volume: Volume, setup: Setup, held: bool, read: Mapping[str, Sequence[str]] | None) -> tuple[str, ...]:
+    """Notes on joints that stood still, directions out of reach, and figures without held-out rows (`held`)."""
+    field = volume.field
+    still = [a.joint for a in setup.axes if a.name not in setup.moving and read is None]
+    reach = np.linalg.matrix_rank(field.jacobian(*volume.poses(1, 0))[0], tol=1e-3)
+    return (
+        *(notes_on_motions(setup, read) if read is not None else ()),
+        *(
+            f"the survey did not move {name}: its errors are unknown, and are corrected as they were there"
+            for name in still
+        ),
+        *(
+            (f"{', '.join(setup.movers)} reach {reach} of 3 directions: errors along the others stay",)
+            if reach < 3
+            else ()
+        ),
+        *(() if held else ("no rows were left out of the fit: the figures are those of the model itself",)),
+    )
