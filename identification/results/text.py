@@ -205,7 +205,9 @@ def diagnosis_lines(diagnosis: Diagnosis) -> Iterator[str]:
     for number, finding in enumerate(diagnosis.findings, start=1):
         yield f"\n{number}. {finding.statement}"
         for other in finding.alternatives[:3]:
-            what = f"{other.effect} at {other.where} ({' '.join(other.motion)} by {' and '.join(other.driver)})"
+            causes = " and ".join(other.driver)
+            by = f"{' '.join(other.motion)} by {causes}" if other.motion else f"column {causes}"
+            what = f"{other.effect} at {other.where} ({by})"
             yield f"   instead: {what}, {'; '.join(comparison(other))}"
         yield f"   next: {finding.next_measurement}"
     if diagnosis.untestable:

@@ -24,6 +24,7 @@ from identification.diagnosis.linear.linear_model import LinearModel, set_up
 from identification.diagnosis.pipeline import _moved, diagnose
 from identification.diagnosis.results.effect_size import Whole, whole_of
 from identification.diagnosis.results.findings import BETTER, alternatives_of, look_alikes, probability_of
+from identification.diagnosis.results.headline import headline
 from identification.diagnosis.results.statements import causes, next_measurement, period_of, statement_of
 from identification.diagnosis.search.scoring import Step
 from identification.estimation.fit import fit_machine
@@ -257,7 +258,7 @@ def test_moved_where_rows_are_thinned() -> None:
 def test_a_blunder_is_told_by_held_out_errors() -> None:
     machine = read_machine("vertical_three_axis")
     survey = survey_of(machine, random_points(machine, 120, 3), {})
-    survey.table["Y"] *= -1
+    survey.table["Z"] *= -1
     stages = []
 
     def progress(text: str) -> AbstractContextManager[None]:
@@ -274,6 +275,25 @@ def test_a_blunder_is_told_by_held_out_errors() -> None:
     assert finding.heldout_rms_um.before > 100 * finding.heldout_rms_um.after
     assert result.diagnosis.verdict == "explained"
     assert result.ranking == []
+
+
+@pytest.mark.parametrize("column", ["mx", "Y"])
+def test_a_reflection_that_several_columns_explain_is_blamed_on_none(column: str) -> None:
+    """X and Y reach as far on either side of zero: the mirrored table is the same, whichever column was mirrored."""
+    machine = read_machine("vertical_three_axis")
+    survey = survey_of(machine, random_points(machine, 120, 3), {"column.ec": 8e-5})
+    survey.table[column] *= -1
+    found = diagnose(machine, survey).diagnosis
+    (finding,) = found.findings
+    assert (finding.effect, finding.where, found.verdict) == ("axis-blunder", "instrument", "partly-explained")
+    assert [(a.effect, a.where, a.driver, a.separable) for a in finding.alternatives] == [
+        ("axis-blunder", axis, [axis], False) for axis in "XY"
+    ]
+    assert finding.probability + sum(a.probability or 0.0 for a in finding.alternatives) == pytest.approx(0.999)
+    assert all(words in finding.statement for words in ("column X is wrong", "column Y is wrong", "squarenesses"))
+    assert "move each of X Y by hand in its positive direction" in finding.next_measurement
+    assert "which of these columns is wrong is not known" in headline(found)
+    assert "column of X or Y" in (found.unexplained or "")
 
 
 @pytest.mark.parametrize(("tool", "words", "sign"), [(-120, "outward, dz falls", -1), (120, "outward, dz rises", 1)])

@@ -10,6 +10,7 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.effects import registry
+from errormodel.effects.axis_blunder import AxisBlunder
 from errormodel.effects.base import Effect
 from identification.diagnosis.decisions.log import DecisionLog, named
 from identification.diagnosis.linear.linear_model import LinearModel
@@ -86,6 +87,11 @@ class Finding:
         """Whether it is a form without physics: its word names nothing."""
         kind = registry().get(self.effect)  # None: a finding that is no effect of a machine, such as outliers
         return kind is not None and kind.empirical
+
+    @property
+    def undecided(self) -> bool:
+        """Whether it is a mistake in one of several columns, of which the recording does not tell which."""
+        return self.effect == AxisBlunder.effect and bool(self.alternatives)
 
     def as_json(self) -> dict[str, Any]:
         out = asdict(self)

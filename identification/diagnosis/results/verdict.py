@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog, Outcome
 from identification.diagnosis.linear.row_residuals import spread, vectors
+from identification.diagnosis.results.findings import Finding
 from identification.diagnosis.results.pure_error import MISFIT_P, MISFIT_RATIO, repeats_of, whitened
 from identification.diagnosis.results.residual_dependence import Dependence
 from identification.diagnosis.results.wandering import wandering_text
@@ -71,6 +73,16 @@ def judge(final: Fit, found: bool, dependence: Dependence | None = None, log: De
     text = f"{_length(final):.1f} um rms where {reason}; {largest(final)}" if reason else ""
     text = "; ".join(filter(None, (text, dependence.text if dependence else "", wanders)))
     return Verdict("partly-explained" if found else "unexplained", text, tuple(notes))
+
+
+def with_doubt(verdict: Verdict, findings: Sequence[Finding]) -> Verdict:
+    """The verdict where it is not known which column of a recording is wrong: then it is not all explained."""
+    doubts = [f"whether {f.brief}" for f in findings if f.undecided]
+    if not doubts:
+        return verdict
+    return replace(
+        verdict, word="partly-explained", unexplained="; ".join(filter(None, (verdict.unexplained, *doubts)))
+    )
 
 
 def _at_one_pose(fit: Fit) -> bool:
