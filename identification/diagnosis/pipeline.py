@@ -292,7 +292,7 @@ def _blunder_finding(blunder: Blunder, before: Fit | None, after: Fit | None) ->
     share = 0.999 / (1 + len(blunder.others))
     brief = blunder.text.split(":")[0]
     if blunder.others:
-        brief += f", or a column of {' or '.join(c[0].where for c in blunder.others)} is wrong"
+        brief += f", or column {' or '.join(c[0].column for c in blunder.others)} is wrong"
     return Finding(
         effect=blunder.effect,
         where=blunder.where,

@@ -164,6 +164,8 @@ def motions_of(effect: Effect, linear: LinearModel) -> list[str]:
 def alternatives_of(step: Step, linear: LinearModel, probability: float, most: int = 5) -> list[Alternative]:
     """The best other explanations, one for each effect and place, the most probable first.
 
+    All named physics that the data do not distinguish from it, and at least so many (`most`) of all.
+
     Parameters
     ----------
     step, linear : what was chosen, and the model without it.
@@ -176,7 +178,11 @@ def alternatives_of(step: Step, linear: LinearModel, probability: float, most: i
     left = (1 - probability) / (1 - min(names[step.effect.effect], MOST_SURE))
     weights = {key: np.exp(_weight(one, step) - _weight(step, step)) for key, one in best.items()}
     out = []
-    for key, alternative in list(best.items())[1 : most + 1]:
+    likeliest = sorted(list(best)[1:], key=lambda k: -weights[k])
+    for number, key in enumerate(likeliest):
+        alternative = best[key]
+        if number >= most and (alternative.effect.empirical or log10_factor(step, alternative) < -SEPARABLE):
+            continue
         name, places = key[0], sum(w for (other, _), w in weights.items() if other == key[0])
         share = weights[key] / max(places, TINY)
         own = None if name == step.effect.effect else float(left * names[name] * share)
