@@ -30,6 +30,17 @@ class Backlash(JointEffect):
     def reversal(self, values: Sequence[float]) -> tuple[float, float]:
         return values[0], values[0]
 
+    def positive(self, machine: Machine) -> str:
+        return f"{self.joint} is ahead of its command in the direction of travel"
+
+    def told_by_sign(self, values: Sequence[float]) -> str:
+        if values[0] <= 0:
+            return ""
+        return (
+            f"and {self.joint} is ahead of its command, which no worn drive makes: a compensation of backlash set too "
+            f"large, or dir_{self.joint} of the wrong sign"
+        )
+
     def terms(self, channel: Channels, machine: Machine) -> list[EffectTerm]:
         joint = joint_of(machine, self.joint)
         unit, size = ("mm", 0.02) if joint.type == "prismatic" else ("rad", 5e-5)

@@ -221,6 +221,10 @@ class Effect(BaseModel, ABC):
         """Meaning of a positive parameter, where it is not a rise of the motion in the parameter's name; else ""."""
         return ""
 
+    def told_by_sign(self, values: Sequence[float]) -> str:
+        """What the sign of its parameters (in their order) says of the cause, as a clause; "" where it is the usual."""
+        return ""
+
     @property
     def random(self) -> bool:
         """Whether the parameters are random effects: shrunk to zero by a prior of one common standard deviation."""

@@ -34,6 +34,7 @@ from identification.diagnosis.linear.row_residuals import by_observation, noise_
 from identification.diagnosis.results.diagnosed import Diagnosed
 from identification.diagnosis.results.effect_size import Amount, whole_of
 from identification.diagnosis.results.findings import (
+    Alternative,
     Diagnosis,
     Finding,
     HeldOut,
@@ -57,7 +58,7 @@ from identification.diagnosis.results.statements import (
     statement_of,
     subject,
 )
-from identification.diagnosis.results.verdict import judge
+from identification.diagnosis.results.verdict import judge, with_doubt
 from identification.diagnosis.results.witnesses import WitnessResult, with_witnesses
 from identification.diagnosis.search.instrument_noise import station_notes
 from identification.diagnosis.search.model import EffectModel
@@ -161,7 +162,7 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
     findings += sorted(causes, key=lambda f: -f.heldout_rms_um.before)
     if bad.any():
         findings.append(_outlier_finding(bad, mended, fit))
-    verdict = judge(final, bool(findings), dependence, log)
+    verdict = with_doubt(judge(final, bool(findings), dependence, log), findings)
     unusable = (f"{name} drives nothing: {reason}" for name, reason in dead.items())
     baseline = next((b for b in fits if b is not None), mended)
     diagnosis = Diagnosis(
@@ -287,17 +288,25 @@ def _moved(before: Fit, linear: LinearModel, columns: Array, values: Array) -> d
 
 def _blunder_finding(blunder: Blunder, before: Fit | None, after: Fit | None) -> Finding:
     errors = [spread(fit, heldout=True).rms_um if fit else float("nan") for fit in (before, after)]
-    text = f"{blunder.text[0].upper()}{blunder.text[1:]}{blunder.mended}{misses(blunder)}"
+    text = f"{blunder.text[0].upper()}{blunder.text[1:]}{blunder.mended}{misses(blunder)}{blunder.doubt}"
+    share = 0.999 / (1 + len(blunder.others))
+    brief = blunder.text.split(":")[0]
+    if blunder.others:
+        brief += f", or column {' or '.join(c[0].column for c in blunder.others)} is wrong"
     return Finding(
         effect=blunder.effect,
         where=blunder.where,
         driver=list(blunder.driver),
         statement=f"{text}.",
-        probability=0.999,
+        probability=share,
         p_value=0.0,
         heldout_rms_um=HeldOut(*errors),
-        next_measurement=blunder.cure,
-        brief=blunder.text.split(":")[0],
+        alternatives=[
+            Alternative(blunder.effect, c[0].where, 0.0, False, driver=[one.column for one in c], probability=share)
+            for c in blunder.others
+        ],
+        next_measurement=blunder.check,
+        brief=brief,
         size_um=blunder.before_um or 0.0,
         rows=list(blunder.rows) if blunder.rows else None,
     )

@@ -166,7 +166,7 @@ def _refuse_mistakes(machine: Machine, survey: Survey, parts: list[tuple[Index, 
     if not found:
         refuse_exchanged(parts, survey, FOREIGN)
         return
-    text = "; and ".join(f"{b.text}{misses(b)}" for b in found)
+    text = "; and ".join(f"{b.text}{misses(b)}{b.doubt}" for b in found)
     cure = _cure(found[0].text)
     raise InputError(_place(survey), text, cure)
 

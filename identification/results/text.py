@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 SHOWN = 12  # outliers
 SHOWN_SET_UPS = 24  # unknowns of set-ups
+FORMS_PRINTED = 3  # alternatives, after which those without a name are left to diagnosis.json
+LEAST_PRINTED = 0.01  # probability of an alternative that the data distinguish from the finding
 
 
 def description_lines(description: Description) -> Iterator[str]:
@@ -204,14 +206,25 @@ def diagnosis_lines(diagnosis: Diagnosis) -> Iterator[str]:
         yield f"left over: {diagnosis.unexplained}"
     for number, finding in enumerate(diagnosis.findings, start=1):
         yield f"\n{number}. {finding.statement}"
-        for other in finding.alternatives[:3]:
-            what = f"{other.effect} at {other.where} ({' '.join(other.motion)} by {' and '.join(other.driver)})"
+        for other in _worth_printing(finding.alternatives):
+            causes = " and ".join(other.driver)
+            by = f"{' '.join(other.motion)} by {causes}" if other.motion else f"column {causes}"
+            what = f"{other.effect} at {other.where} ({by})"
             yield f"   instead: {what}, {'; '.join(comparison(other))}"
         yield f"   next: {finding.next_measurement}"
     if diagnosis.untestable:
         yield "\ncannot be seen in this survey"
         for item in diagnosis.untestable:
             yield f"  {item.effect}: {item.reason}"
+
+
+def _worth_printing(alternatives: Sequence[Alternative]) -> list[Alternative]:
+    """Named physics that may be it, and of forms without a name the first; not what the data say it is not."""
+    from errormodel.effects import registry
+
+    open_ = [a for a in alternatives if not a.separable or (a.probability or 0.0) >= LEAST_PRINTED]
+    named_ = [a for a in open_ if (kind := registry().get(a.effect)) is None or not kind.empirical]
+    return [a for k, a in enumerate(open_) if k < FORMS_PRINTED or any(a is n for n in named_)]
 
 
 def _observation_lines(readings: Sequence[ReadingSizes]) -> Iterator[str]:

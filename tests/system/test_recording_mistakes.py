@@ -92,6 +92,18 @@ def test_a_mistake_is_named_and_nothing_is_written(kind: str, sound: Path, tmp_p
     assert not (tmp_path / "out").exists()
 
 
+def test_no_axis_is_blamed_for_a_frame_that_may_be_mirrored(sound: Path, tmp_path: Path) -> None:
+    """Y that reaches as far on either side of zero: which column is mirrored cannot be known, and both are named."""
+    table = pd.read_csv(sound / "s.csv")
+    write(tmp_path / "m.yaml", MILL.replace("[0, 500]", "[-250, 250]"))
+    table.assign(Y=table["Y"] - 250, my=-table["my"]).to_csv(tmp_path / "s.csv", index=False)
+    result = run("fit", tmp_path / "m.yaml", tmp_path / "s.csv", "--out", tmp_path / "out", "--quiet")
+    assert result.code == 2
+    for words in ("mx my mz are left-handed", "or the sign of column Y is wrong", "Move Y by hand", "squarenesses"):
+        assert words in result.err
+    assert "column X" not in result.err
+
+
 def test_what_the_message_says_cures_swapped_columns(sound: Path, tmp_path: Path) -> None:
     columns(pd.read_csv(sound / "s.csv"), "X", "Y").to_csv(tmp_path / "s.csv", index=False)
     write(tmp_path / "s.yaml", "errormodel: 1\nfiles: [{path: s.csv}]\ncolumns: {X: Y, Y: X}\n")

@@ -24,7 +24,8 @@ from identification.diagnosis.linear.linear_model import LinearModel, set_up
 from identification.diagnosis.pipeline import _moved, diagnose
 from identification.diagnosis.results.effect_size import Whole, whole_of
 from identification.diagnosis.results.findings import BETTER, alternatives_of, look_alikes, probability_of
-from identification.diagnosis.results.statements import causes, next_measurement, period_of, statement_of
+from identification.diagnosis.results.headline import headline
+from identification.diagnosis.results.statements import brief_of, causes, next_measurement, period_of, statement_of
 from identification.diagnosis.search.scoring import Step
 from identification.estimation.fit import fit_machine
 from identification.results.text import comparison
@@ -85,6 +86,28 @@ def test_size_is_that_at_the_tip() -> None:
     assert "moves dx of X (EXX) by 3" in text
     assert "the geometry had hidden 40 % of it" in text
     assert text.endswith("Probability 0.98.")
+
+
+def test_backlash_of_the_wrong_sign_is_told() -> None:
+    """Positive: arriving from minus, the axis is farther than its command. A worn drive stays behind."""
+    ahead, behind = (
+        said(whole(battery.GANTRY, [made("backlash", joint="X")], [s]), battery.GANTRY) for s in (3e-2, -3e-2)
+    )
+    assert "and X is ahead of its command, which no worn drive makes: a compensation of backlash set too large" in ahead
+    assert "what is usual" not in ahead
+    assert "ahead" not in behind
+    assert "within what is usual" in behind
+
+
+def test_a_size_that_the_data_do_not_determine_is_none() -> None:
+    found = whole(battery.GANTRY, [made("backlash", joint="X")], [0.03])
+    assert "by 30 um (EXX)" in brief_of(found, battery.GANTRY)
+    vague = replace(found, covariance=found.covariance + 0.05**2)
+    text = said(vague, battery.GANTRY)
+    assert ": the data do not determine this size; the geometry" in text
+    assert "usual" not in text
+    assert "at the tip" not in text
+    assert brief_of(vague, battery.GANTRY) == "backlash of X of a size that the data do not determine (EXX)"
 
 
 def test_a_doubtful_name_is_called_doubtful() -> None:
@@ -226,6 +249,16 @@ def test_probabilities_of_all_explanations_belong_together(
             assert ("fits this data better, but" in words) == (a.log10_bayes_factor > BETTER)
 
 
+def test_no_physics_that_may_be_it_is_crowded_out() -> None:
+    """Curves without a name that fit as well at many places leave room for a name."""
+    forms = [made("unnamed", element=e, motion="dx", driver="dir_X") for e in ("X", "Y", "Z", "frame", "tool")]
+    rivals = tuple(Step(f, 49.0, 59.0, 0.3) for f in forms)
+    lost, warm = Step(made("lost-motion", joint="X"), 47.0, 57.0, 0.3), Step(RIVALS[3], 46.0, 56.0, 0.3)
+    step = Step(made("backlash", joint="X"), 50.0, 60.0, 0.3, alternatives=(*rivals, lost, warm))
+    listed = alternatives_of(step, _gantry(), probability_of(step))
+    assert {"lost-motion", "warm-up"} <= {a.effect for a in listed}
+
+
 def test_a_rival_that_fits_better_says_why_it_was_not_chosen() -> None:
     warm, model = made("warm-up", joint="X", tau=1800.0), made("backlash", joint="X")
     form = made("unnamed", element="X", motion="dx", driver="time")
@@ -257,7 +290,7 @@ def test_moved_where_rows_are_thinned() -> None:
 def test_a_blunder_is_told_by_held_out_errors() -> None:
     machine = read_machine("vertical_three_axis")
     survey = survey_of(machine, random_points(machine, 120, 3), {})
-    survey.table["Y"] *= -1
+    survey.table["Z"] *= -1
     stages = []
 
     def progress(text: str) -> AbstractContextManager[None]:
@@ -274,6 +307,25 @@ def test_a_blunder_is_told_by_held_out_errors() -> None:
     assert finding.heldout_rms_um.before > 100 * finding.heldout_rms_um.after
     assert result.diagnosis.verdict == "explained"
     assert result.ranking == []
+
+
+@pytest.mark.parametrize("column", ["mx", "Y"])
+def test_a_reflection_that_several_columns_explain_is_blamed_on_none(column: str) -> None:
+    """X and Y reach as far on either side of zero: the mirrored table is the same, whichever column was mirrored."""
+    machine = read_machine("vertical_three_axis")
+    survey = survey_of(machine, random_points(machine, 120, 3), {"column.ec": 8e-5})
+    survey.table[column] *= -1
+    found = diagnose(machine, survey).diagnosis
+    (finding,) = found.findings
+    assert (finding.effect, finding.where, found.verdict) == ("axis-blunder", "instrument", "partly-explained")
+    assert [(a.effect, a.where, a.driver, a.separable) for a in finding.alternatives] == [
+        ("axis-blunder", axis, [axis], False) for axis in "XY"
+    ]
+    assert finding.probability + sum(a.probability or 0.0 for a in finding.alternatives) == pytest.approx(0.999)
+    assert all(words in finding.statement for words in ("column X is wrong", "column Y is wrong", "squarenesses"))
+    assert "move each of X Y by hand in its positive direction" in finding.next_measurement
+    assert "which of these columns is wrong is not known" in headline(found)
+    assert "column X or Y is wrong" in (found.unexplained or "")
 
 
 @pytest.mark.parametrize(("tool", "words", "sign"), [(-120, "outward, dz falls", -1), (120, "outward, dz rises", 1)])

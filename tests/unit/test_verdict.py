@@ -95,6 +95,17 @@ def test_where_most_is_left_over() -> None:
     assert "it is largest where X is from" in found.unexplained
 
 
+def test_few_rows_that_hold_what_is_left_are_named() -> None:
+    """Four rows at 20 standard uncertainties are not "spread evenly"."""
+    machine = read_machine("vertical_three_axis")
+    survey = survey_of(machine, random_points(machine, 300, 4).assign(**{f"sigma_{a}": NOISE for a in "xyz"}), {})
+    survey.table.loc[[0, 90, 180, 270], "mz"] += 20 * NOISE
+    found = judge(fit_machine(machine, survey), False)
+    assert found.unexplained is not None
+    assert "rows 1, 91, 181, 271 hold" in found.unexplained
+    assert "evenly" not in found.unexplained
+
+
 @pytest.mark.parametrize(("size", "word"), [(0.010, "unexplained"), (0.002, "adequate")])
 def test_residuals_that_wander_more_than_instruments_are_unexplained(size: float, word: str) -> None:
     """One coordinate after the other follows a slow process; as much as a good tracker does is noise."""

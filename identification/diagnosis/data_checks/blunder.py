@@ -13,7 +13,7 @@ from errormodel.chain import Chain
 from errormodel.conventions import INSTRUMENT
 from errormodel.effects.axis_blunder import AxisBlunder
 from errormodel.survey import Survey
-from errormodel.surveys.columns import MEASURED
+from errormodel.surveys.columns import MEASURED, TOOL_COLUMNS
 from identification.observation.assembly import frame_labels
 from identification.observation.frames import MACHINE_ERROR_SHARE, align
 from identification.observation.pose import IDENTITY, Pose
@@ -34,6 +34,7 @@ class Blunder:
     ----------
     text : what is wrong, as the beginning of a sentence.
     changes : what puts whole columns right, in tables to come as well; none where only rows of this one are concerned.
+    others : changes of other columns, by which the recording is explained as well as by `changes`.
     before_um, after_um : misfit of the nominal machine with the mistake and without, where that is what gave it away.
     rows : the data rows concerned, from 1, where it is not all of them.
     """
@@ -44,11 +45,35 @@ class Blunder:
     where: str = INSTRUMENT
     driver: tuple[str, ...] = ()
     changes: tuple[AxisBlunder, ...] = ()
+    others: tuple[tuple[AxisBlunder, ...], ...] = ()
     before_um: float | None = None
     after_um: float | None = None
     rows: tuple[int, ...] | None = None
     cure: str = AxisBlunder.separate
     mended: str = ""  # how rows were put right, where `text` does not say it
+
+    @property
+    def doubt(self) -> str:
+        """That the recording does not tell which columns are wrong, as a sentence; empty where it does."""
+        if not self.others:
+            return ""
+        return (
+            ". Nothing in the recording tells which of these it is, and the signs of the squarenesses and all "
+            "compensation tables depend on it"
+        )
+
+    @property
+    def check(self) -> str:
+        """How to find out which columns are wrong, or else how to put them right."""
+        if not self.others:
+            return self.cure
+        names = dict.fromkeys(c.column for change in (self.changes, *self.others) for c in change)
+        axes = [name for name in names if name not in (*MEASURED, *TOOL_COLUMNS)]
+        one = f"each of {' '.join(axes)}" if len(axes) > 1 else axes[0]
+        return (
+            f"move {one} by hand in its positive direction and look at the sign: of what changes in its column, and of "
+            "what is measured; then correct the table or the program that writes it"
+        )
 
 
 Sheet = dict[str, Array]

@@ -69,15 +69,17 @@ def wrong_column(chain: Chain, survey: Survey, *, two: bool = False, log: Decisi
     if _least(tries) > enough:
         log.add("wrong-column", "passed", "columns", _least(tries), enough, beside=f"{before:.4g} as written")
         return None
-    changes = _likeliest(tries, columns, chain)
+    changes, *others = _likeliest(tries, columns, chain)
     what = f"column {' '.join(dict.fromkeys(c.column for c in changes))}"
     log.add("wrong-column", "found", what, _least(tries), enough, beside=f"{before:.4g} as written")
+    told = dict.fromkeys(_text(c, chain.machine, fixed) for c in (changes, *others))
     return Blunder(
-        text=_text(changes, chain.machine, fixed),
+        text="; or ".join(told),
         survey=replace(survey, table=mended(survey.table, changes)),
         where=changes[0].where,
         driver=tuple(dict.fromkeys(c.column for c in changes)),
         changes=changes,
+        others=tuple({c[0].where: c for c in reversed(others) if c[0].where != changes[0].where}.values())[::-1],
         before_um=1e3 * table.misfit(),
         after_um=1e3 * Points.of(chain, mended(columns, changes), fixed).misfit(),
     )
@@ -93,7 +95,7 @@ def mended(table: Table, changes: Changes) -> Table:
 def _text(changes: Changes, machine: Machine, fixed: bool) -> str:
     """What is wrong; one sentence for all columns that are wrong in the same way."""
     first, *more = changes
-    if not more and first.column in MEASURED and not fixed and (first.swap or first.factor == -1):
+    if not more and first.column in MEASURED and not fixed and _reflects(first):
         # in a frame that may stand in any way, all reflections are one
         return (
             "mx my mz are left-handed: one of them has the wrong sign, or two are swapped; or a linear joint counts "
@@ -181,13 +183,21 @@ def _frame_columns(points: Array) -> Array:
     return np.concatenate([shifts, np.cross(np.eye(3)[None], middle[:, None, :])], axis=1)
 
 
-def _likeliest(tries: list[tuple[float, Changes]], columns: Sheet, chain: Chain) -> Changes:
-    """Of the changes that fit as well as the best, the one that keeps the joints within their travels, or the first.
+def _likeliest(tries: list[tuple[float, Changes]], columns: Sheet, chain: Chain) -> list[Changes]:
+    """Of the changes that fit as well as the best, those that keep the joints best within their travels.
 
-    A mirrored joint and a mirrored column can be one and the same reflection.
+    A mirrored joint and a mirrored column can be one and the same reflection. Then no joint is blamed for what a
+    measured column explains: the measured ones come first.
     """
     alike = [c for misfit, c in tries if misfit <= ALIKE * _least(tries) + 1e-8]
-    return min(alike, key=lambda c: round(outside_travels(mended(columns, c), chain.machine), 1))
+    outside = [round(outside_travels(mended(columns, c), chain.machine), 1) for c in alike]
+    inside = [c for c, out in zip(alike, outside, strict=True) if out == min(outside)]
+    return sorted(inside, key=lambda c: not all(one.column in MEASURED and _reflects(one) for one in c))
+
+
+def _reflects(change: AxisBlunder) -> bool:
+    """Whether it makes a left-handed frame of a right-handed one."""
+    return bool(change.swap) or change.factor == -1
 
 
 def outside_travels(columns: Sheet, machine: Machine) -> float:

@@ -92,7 +92,7 @@ def examine(machine: Machine, survey: Survey, robust: bool = False) -> None:
     chain = Chain(machine)
     for blunder in find_blunders(machine, survey):
         if blunder.effect != ClockOffset.effect or "time" in map(root, chain.channels):
-            raise InputError(str(survey.source), f"{blunder.text}{misses(blunder)}", _cure(blunder))
+            raise InputError(str(survey.source), f"{blunder.text}{misses(blunder)}{blunder.doubt}", _cure(blunder))
     if not robust:
         _refuse_wild(chain, survey)
 
@@ -105,7 +105,9 @@ def _whole(survey: Survey) -> bool:
 def _cure(blunder: Blunder) -> str:
     """What to write instead."""
     swaps = [c for c in blunder.changes if c.swap]
-    cure = blunder.cure[0].upper() + blunder.cure[1:]
+    cure = blunder.check[0].upper() + blunder.check[1:]
+    if blunder.others:
+        return f"{cure}. `errormodel diagnose` takes it for the first and goes on"
     if len(swaps) == len(blunder.changes) == 1 and swaps[0].factor == 1 and "left-handed" not in blunder.text:
         one, other = swaps[0].column, swaps[0].swap
         cure = f"Write columns: {{{one}: {other}, {other}: {one}}} in a survey.yaml, or {cure[0].lower()}{cure[1:]}"

@@ -10,6 +10,7 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.effects import registry
+from errormodel.effects.axis_blunder import AxisBlunder
 from errormodel.effects.base import Effect
 from identification.diagnosis.decisions.log import DecisionLog, named
 from identification.diagnosis.linear.linear_model import LinearModel
@@ -87,6 +88,11 @@ class Finding:
         kind = registry().get(self.effect)  # None: a finding that is no effect of a machine, such as outliers
         return kind is not None and kind.empirical
 
+    @property
+    def undecided(self) -> bool:
+        """Whether it is a mistake in one of several columns, of which the recording does not tell which."""
+        return self.effect == AxisBlunder.effect and bool(self.alternatives)
+
     def as_json(self) -> dict[str, Any]:
         out = asdict(self)
         return {k: v for k, v in out.items() if k != "rows" or v is not None}
@@ -158,6 +164,8 @@ def motions_of(effect: Effect, linear: LinearModel) -> list[str]:
 def alternatives_of(step: Step, linear: LinearModel, probability: float, most: int = 5) -> list[Alternative]:
     """The best other explanations, one for each effect and place, the most probable first.
 
+    All named physics that the data do not distinguish from it, and at least so many (`most`) of all.
+
     Parameters
     ----------
     step, linear : what was chosen, and the model without it.
@@ -170,7 +178,11 @@ def alternatives_of(step: Step, linear: LinearModel, probability: float, most: i
     left = (1 - probability) / (1 - min(names[step.effect.effect], MOST_SURE))
     weights = {key: np.exp(_weight(one, step) - _weight(step, step)) for key, one in best.items()}
     out = []
-    for key, alternative in list(best.items())[1 : most + 1]:
+    likeliest = sorted(list(best)[1:], key=lambda k: -weights[k])
+    for number, key in enumerate(likeliest):
+        alternative = best[key]
+        if number >= most and (alternative.effect.empirical or log10_factor(step, alternative) < -SEPARABLE):
+            continue
         name, places = key[0], sum(w for (other, _), w in weights.items() if other == key[0])
         share = weights[key] / max(places, TINY)
         own = None if name == step.effect.effect else float(left * names[name] * share)

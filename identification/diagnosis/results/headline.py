@@ -12,6 +12,9 @@ VERDICTS = {
     "partly-explained": "{found}; something is left over that no finding explains.",
     "unexplained": "More than noise is left over, and no finding explains it.",
 }
+UNDECIDED = (
+    "{found}; which of these columns is wrong is not known, and the signs of squarenesses and tables depend on it."
+)
 MOST = 3  # findings by name
 
 
@@ -23,10 +26,11 @@ def headline(diagnosis: Diagnosis) -> str:
     if len(names) > MOST + 1:
         names[MOST:] = [f"{len(names) - MOST} more"]
     found = " and ".join(part for part in (", ".join(names[:-1]), names[-1]) if part) if names else "Nothing was found"
-    return VERDICTS[diagnosis.verdict].format(found=found[:1].upper() + found[1:])
+    undecided = any(f.undecided for f in diagnosis.findings)
+    return (UNDECIDED if undecided else VERDICTS[diagnosis.verdict]).format(found=found[:1].upper() + found[1:])
 
 
 def _named(finding: Finding) -> str:
     text = finding.brief or f"{finding.effect} at {finding.where}"
-    doubtful = finding.probability < SURE and not finding.nameless
+    doubtful = finding.probability < SURE and not (finding.nameless or finding.undecided)
     return f"{text} (the name is not sure)" if doubtful else text

@@ -30,7 +30,8 @@ def statement_of(whole: Whole, machine: Machine, absorbed: float, probability: f
     same = [main] if main.empirical else [e for e in whole.effects if e.effect == main.effect]
     cause = "the same in all rows" if _steady(whole) else f"driven by {causes(same)}{shape(main, machine)}"
     parts = [f"{name[0].upper()}{name[1:]}, {cause}: "]
-    parts.append("; ".join((*_figures(whole, machine), f"{length(whole.size_um)} rms at the tip")))
+    at_tip = [f"{length(whole.size_um)} rms at the tip"] if _determined(whole) else []
+    parts.append("; ".join((*_figures(whole, machine), *at_tip)))
     if absorbed > HIDDEN:
         parts.append(f"; the geometry had hidden {100 * absorbed:.0f} % of it")
     parts.append(f". Probability {probability:.2f}")
@@ -51,6 +52,8 @@ def brief_of(whole: Whole, machine: Machine) -> str:
     if not whole.tip:
         return name
     place = max(whole.tip, key=lambda p: whole.tip[p])
+    if not _determined(whole):
+        return f"{name} of a size that the data do not determine ({motion_name(place, machine)})"
     value = abs(whole.amounts[0].value) if _steady(whole) else whole.range(place)[0]
     factor, unit = printed(unit_of(place[1]))
     size = f"{factor * value:.{max(0, 1 - math.floor(math.log10(max(factor * value, 1e-3))))}f}"
@@ -192,7 +195,8 @@ def _figures(whole: Whole, machine: Machine) -> Iterator[str]:
         return
     if _steady(whole):
         amount = whole.amounts[0]
-        yield f"{spoken(ranked[0], machine)} is off by {plus_minus(amount.value, amount.std, amount.unit)}"
+        doubt = "" if _determined(whole) else ": the data do not determine this size"
+        yield f"{spoken(ranked[0], machine)} is off by {plus_minus(amount.value, amount.std, amount.unit)}{doubt}"
         return
     shown = [p for p in ranked[:2] if whole.tip[p] >= SECOND * whole.tip[ranked[0]]]
     moves = [f"{spoken(place, machine)} by {plus_minus(*whole.range(place), unit_of(place[1]))}" for place in shown]
@@ -201,7 +205,21 @@ def _figures(whole: Whole, machine: Machine) -> Iterator[str]:
             f", with {other} further term{'s' * (other > 1)} that refine{'s' * (other == 1)} its form" if other else ""
         )
         usual = f", {_usual(_largest(whole, machine))}" if known and not coefficients else ""
+        if not _determined(whole):
+            usual = ": the data do not determine this size"
+        elif sign := main.told_by_sign([a.value for a in whole.amounts]) if not other else "":
+            usual = f", {sign}"
         yield f"moves {' and '.join(moves)} peak to peak over the rows{more}{usual}"
+
+
+def _determined(whole: Whole) -> bool:
+    """Whether the largest of its motions is known better than to its own size."""
+    if not whole.tip:
+        return True
+    value, std = whole.range(max(whole.tip, key=lambda place: whole.tip[place]))
+    if _steady(whole):
+        value, std = whole.amounts[0].value, whole.amounts[0].std
+    return std <= abs(value)
 
 
 def _steady(whole: Whole) -> bool:
@@ -229,7 +247,8 @@ def _coefficients(whole: Whole, machine: Machine) -> str:
     lags = " at steady state" if any(len(w) > 1 for w in causes.values()) else ""
     most = _coefficient(USUAL * sizes[unit], 0.0, unit, main, machine)
     sense = f" (positive: {positive})" if (positive := main.positive(machine)) else ""
-    return f"{' and '.join(said)}{lags}{sense}, {_usual(largest)} (up to {most})"
+    usual = f"{_usual(largest)} (up to {most})" if _determined(whole) else "which the data do not determine"
+    return f"{' and '.join(said)}{lags}{sense}, {usual}"
 
 
 def _sizes(effect: Effect, machine: Machine) -> dict[str, float]:

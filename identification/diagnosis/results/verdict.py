@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from identification.diagnosis.data_checks.blunder import listed
 from identification.diagnosis.decisions.log import UNRECORDED, DecisionLog, Outcome
 from identification.diagnosis.linear.row_residuals import spread, vectors
+from identification.diagnosis.results.findings import Finding
 from identification.diagnosis.results.pure_error import MISFIT_P, MISFIT_RATIO, repeats_of, whitened
 from identification.diagnosis.results.residual_dependence import Dependence
 from identification.diagnosis.results.wandering import wandering_text
@@ -16,6 +19,8 @@ from identification.estimation.result import Fit
 BINS = 8  # of each channel, in which to look for where most is left over
 LEAST_ROWS = 12  # of a bin
 AT_ONE_POSE = "no joint moved between the rows: they say nothing of the machine's error motions"
+FAR = 8.0  # times the median size of all rows: Gaussian noise never gets there
+FEW, MUCH = 0.05, 0.2  # of the rows, and of their sum of squares: rows so far out that are to be named
 CLEAR = 4.0  # standard deviations by which a bin must stand out to be named
 
 
@@ -73,6 +78,16 @@ def judge(final: Fit, found: bool, dependence: Dependence | None = None, log: De
     return Verdict("partly-explained" if found else "unexplained", text, tuple(notes))
 
 
+def with_doubt(verdict: Verdict, findings: Sequence[Finding]) -> Verdict:
+    """The verdict where it is not known which column of a recording is wrong: then it is not all explained."""
+    doubts = [f"whether {f.brief}" for f in findings if f.undecided]
+    if not doubts:
+        return verdict
+    return replace(
+        verdict, word="partly-explained", unexplained="; ".join(filter(None, (verdict.unexplained, *doubts)))
+    )
+
+
 def _at_one_pose(fit: Fit) -> bool:
     """Whether all rows have the same command: no error motion and no cause that moves with a joint can show."""
     table = fit.survey.table
@@ -87,6 +102,13 @@ def largest(fit: Fit) -> str:
     square = np.nanmean(white**2, axis=1)
     length = 1e3 * np.sqrt(np.nansum(vectors(fit)[index] ** 2, axis=1))
     table = fit.survey.table
+    far = square > FAR**2 * np.nanmedian(square)
+    held = float(square[far].sum() / max(square.sum(), 1e-300))
+    if far.mean() <= FEW and held > MUCH:
+        numbers = sorted(set(table["row"].to_numpy()[index[far]].tolist()))
+        some = f"rows {listed(numbers)} hold" if len(numbers) > 1 else f"row {numbers[0]} holds"
+        rms = float(np.sqrt(np.mean(length[far] ** 2)))
+        return f"{some} {100 * held:.0f} % of the sum of its squares, with {rms:.1f} um rms"
     joints = {j.name: j for j in fit.chain.machine.joints}
     best, words = CLEAR, "it is spread evenly over positions and time"
     for name in (*joints, *(n for n in ("time",) if n in table)):
