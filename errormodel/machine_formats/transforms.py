@@ -98,7 +98,7 @@ def rpy_angles(matrix: Array) -> Vector:
     """
     across = math.hypot(matrix[0, 0], matrix[1, 0])
     pitch = math.atan2(-matrix[2, 0], across)
-    yaw = math.atan2(matrix[1, 0], matrix[0, 0]) if across > 1e-12 else 0.0
+    yaw = math.atan2(matrix[1, 0], matrix[0, 0]) if across > 5e-15 else 0.0  # below: rounding
     c, s = math.cos(yaw), math.sin(yaw)
     roll = math.atan2(s * matrix[0, 2] - c * matrix[1, 2], c * matrix[1, 1] - s * matrix[0, 1])
     return _clean(roll), _clean(pitch), _clean(yaw)
