@@ -174,7 +174,7 @@ def read_survey(source: Path | str | pd.DataFrame, machine: Machine, measured: b
     check_map(
         document, machine, form.columns, [table for entry, tables in opened if not entry.format for table in tables]
     )
-    notes: dict[str, None] = dict.fromkeys(form.notes() if measured else ())  # in order, and each once
+    notes: dict[str, None] = dict.fromkeys(form.all_notes() if measured else ())  # in order, and each once
     parts: list[Part] = []
     forms = [_own_form(form, entry, tables[0]) for entry, tables in opened]
     plans = [

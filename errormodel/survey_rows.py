@@ -261,7 +261,7 @@ def open_rows(
     if measured and all(f.entry.role == "test" for f in files):
         raise document.error(("files",), "only test files", "Give at least one file the role fit")
     files.sort(key=lambda f: measured and f.entry.role == "test")
-    stated = form.notes() if measured else []
+    stated = form.all_notes() if measured else []
     return SurveyRows(path, machine, form, document, tuple(files), channels, measured, (*stated, *notes))
 
 

@@ -161,14 +161,18 @@ class SurveyForm(VersionedModel):
         description="what single readings are of: blocks with type and keys, by the names in the column observation",
     )
     budget: list[BudgetEntry] = Field([], description="lines such as [{name: tool, std: 0.002, acts: tool_z}]")
+    notes: list[str] = Field([], description="what every command repeats, such as [the order was not proven]")
     test: RecordForm | None = Field(None, description="a block such as {operator: .., date: 2026-11-20, machine: {..}}")
 
-    def notes(self) -> list[str]:
-        """What a user should know of how the file is understood."""
+    def all_notes(self) -> list[str]:
+        """What a user should know: the notes of the file, and how it is understood."""
         if self.instrument.stated or isinstance(self.instrument, Plain):
-            return []
+            return self.notes
         own = self.instrument.type
-        return [f"instrument {own}: no uncertainties of it are stated; its noise is estimated from the residuals"]
+        return [
+            *self.notes,
+            f"instrument {own}: no uncertainties of it are stated; its noise is estimated from the residuals",
+        ]
 
     @field_validator("files")
     @classmethod

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -21,9 +21,10 @@ from errormodel.surveys.file import SURVEY_FILE
 from errormodel.surveys.pairs import PairTable
 from identification.importing.geometry import Nominal
 from identification.importing.nearest import find_pairing
+from identification.importing.other_orders import CURE
 from identification.importing.pairing import NEAREST, Pairs, middles, pair, points_of
 from identification.importing.partial import refuse_partial
-from identification.importing.proof import Proof, prove, refuse_unit
+from identification.importing.proof import Proof, prove, refuse_unit, with_other_order
 from identification.importing.readings import ReadingFile, SetUps, join_readings, set_ups
 from identification.importing.sources import SourceFile, Wishes, open_source
 from identification.importing.traces import Trace, traces_of
@@ -122,6 +123,10 @@ def import_files(
         proof = prove(machine, survey, any(p.averaged for p in pairs), len(points) > 0)
     except InputError as error:
         raise _with_nearest(error, points, pairs, aligned, commanded, chain, seed) from error
+    if commanded is not None and any(p.by_rows for p in pairs):
+        proof = with_other_order(machine, survey, proof)
+        if proof.other is not None and wishes.match != "order":  # who says the order has confirmed it
+            survey, files = _with_note(f"{proof.other.text}. {CURE}", survey, files)
     places = set_ups(chain, survey, readings)
     everything = (
         *points, *single, *motions, *(t.source for t in traces), *logs, *([commanded] if commanded else []),
@@ -132,6 +137,12 @@ def import_files(
         machine, files, everything, (*pairs, *[None] * (len(everything) - len(pairs))), survey, proof, frame,
         tuple(dict.fromkeys((*left, *survey.notes))), tuple(traces), tuple(readings), places,
     )  # fmt: skip
+
+
+def _with_note(text: str, survey: Survey, files: Mapping[str, bytes]) -> tuple[Survey, dict[str, bytes]]:
+    """A survey whose ``survey.yaml`` states a note, which every command repeats."""
+    stated = files[SURVEY_FILE] + _yaml({"notes": [text]}).encode()
+    return replace(survey, notes=(*survey.notes, text)), {**files, SURVEY_FILE: stated}
 
 
 def _places(source: SourceFile, own: Pairs, commanded: SourceFile | None, chain: Chain) -> Both:

@@ -58,6 +58,11 @@ class Pairs:
         return len(self.command)
 
     @property
+    def by_rows(self) -> bool:
+        """Whether only the order of the rows distinguishes the ways in which a symmetric plan fits."""
+        return self.how.startswith("order") or self.how == NEAREST
+
+    @property
     def averaged(self) -> bool:
         """Whether a reading is a mean of several rows."""
         return bool((self.last > self.first).any())

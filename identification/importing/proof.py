@@ -6,7 +6,7 @@ exchanged or of another frame). A join that holds one is refused, with what fits
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,6 +20,9 @@ from errormodel.surveys.columns import MEASURED
 from identification.diagnosis.data_checks.blunder import FEWEST, Blunder, Points, groups, misses, sheet
 from identification.diagnosis.data_checks.checks import find_blunders
 from identification.importing.exchanged_rows import CURE, FEWEST_PROVED, refuse_exchanged, refuse_few_exchanged
+from identification.importing.other_orders import OtherOrder, in_a_plane, other_order
+from identification.importing.steps import Step, find_step
+from identification.observation.assembly import frame_labels
 
 FOREIGN = 0.02  # of the points' reach: a rigid alignment of points that belong together leaves less; by judgement
 WILD = 10.0  # times the distance of most points: named as far from its command
@@ -47,6 +50,9 @@ class Proof:
     dwell_um : median standard uncertainty of a coordinate from the scatter within dwells; NaN without any.
     wild : (k,) survey rows that lie far from their commands.
     follows : for each joint that was also read back, a sentence on which position the measurements follow.
+    flat : whether the commanded points lie in a plane, so that the hand of the axes does not show.
+    steps : of each file whose points are displaced from a row on.
+    other : another order that fits as well, where the join is by order; looked for by an import.
     """
 
     rows: Index
@@ -61,6 +67,9 @@ class Proof:
     dwell_um: float
     wild: Index
     follows: tuple[str, ...]
+    flat: bool = False
+    steps: tuple[Step, ...] = ()
+    other: OtherOrder | None = None
 
     @property
     def distance(self) -> Array:
@@ -107,7 +116,23 @@ def prove(machine: Machine, survey: Survey, averaged: bool, points: bool) -> Pro
     dwell = 1e3 * float(np.nanmedian(survey.table[sigma])) if sigma and averaged else np.nan
     um = 1e3 * distance
     figures = (float(np.sqrt(np.mean(um**2))), float(np.median(um)), float(um.max())) if len(um) else (np.nan,) * 3
-    return Proof(rows, nominal, measured, *figures, reach, repeats, 1e3 * scatter, dwell, wild, _follows(chain, survey))
+    flat = len(parts) > 0 and all(len(p) >= FEWEST_PROVED and in_a_plane(p.nominal) for _, p in parts)
+    steps = tuple(step for own, p in parts if (step := find_step(machine, survey, own, p)) is not None)
+    return Proof(
+        rows, nominal, measured, *figures, reach, repeats, 1e3 * scatter, dwell, wild, _follows(chain, survey), flat,
+        steps,
+    )  # fmt: skip
+
+
+def with_other_order(machine: Machine, survey: Survey, proof: Proof) -> Proof:
+    """A proof that says whether another order of the readings fits as well, in any of the measuring frames."""
+    chain, labels = Chain(machine), frame_labels(survey)
+    frames: dict[object, list[Points]] = {}
+    for rows in groups(survey):
+        part = Points.of(chain, sheet(chain, survey.table.iloc[rows]), survey.frame == "fixed")
+        frames.setdefault(labels[rows[0]], []).append(part)
+    found = [other for files in frames.values() if (other := other_order(files)) is not None]
+    return replace(proof, other=found[0] if found else None)
 
 
 def _place(survey: Survey) -> str:

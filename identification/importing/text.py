@@ -99,7 +99,14 @@ def proof_lines(proof: Proof, survey: Survey) -> Iterator[str]:
     if places < FEWEST_PROVED:
         yield f"too few places ({places}) to prove the join: exchanged rows or a shift may not show"
     else:
-        yield "no shift or exchange of rows, no other sign, unit or hand fits better"
+        if proof.other is not None:
+            yield proof.other.text
+        hand = "" if proof.flat else " or hand"
+        signs = "sign, unit" if hand else "sign or unit"
+        yield f"no shift or exchange of rows, no other {signs}{hand} fits better"
+        if proof.flat:
+            yield "which hand the axes have does not show: points in a plane fit their mirror image as well"
+    yield from (step.text for step in proof.steps)
     if proof.repeats:
         yield f"{proof.repeats} commands measured several times: {_length(proof.repeat_um)} scatter of a coordinate"
     if np.isfinite(proof.dwell_um):

@@ -1,0 +1,108 @@
+"""What the proof of a join says where points leave something open: other orders, the hand of a plane, a step."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from errormodel import read_machine, read_survey
+from errormodel.chain import Chain
+from identification import import_survey
+from identification.diagnosis.data_checks.blunder import Points, sheet
+from identification.importing.steps import find_step
+from tests.helpers.commands import done
+from tests.helpers.importing import MILL, points, poses, programme, spatialanalyzer
+
+
+def serpentine(levels: tuple[float, ...] = (200.0, 300.0, 400.0)) -> pd.DataFrame:
+    """Four lines of five poses a level, to and fro: turned by 180 degrees about X as it runs backwards."""
+    rows = []
+    for z in levels:
+        for k, y in enumerate((-150.0, -50.0, 50.0, 150.0)):
+            rows += [(x, y, z) for x in np.linspace(-200, 200, 5)[:: 1 if k % 2 == 0 else -1]]
+    return pd.DataFrame(rows, columns=["X", "Y", "Z"])
+
+
+def written(folder: Path, commands: pd.DataFrame, measured: np.ndarray) -> tuple[str, ...]:
+    """A tracker's file and a programme, and the words of their import."""
+    (folder / "tracker.txt").write_text(spatialanalyzer(measured))
+    (folder / "survey.nc").write_text(programme(commands))
+    return (
+        "import", str(folder / "tracker.txt"), "--machine", MILL, "--commands", str(folder / "survey.nc"),
+        "--out", str(folder / "s"),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("levels", [(200.0, 300.0, 400.0), (200.0,)])
+def test_a_symmetric_plan_leaves_the_order_open_and_that_is_said(levels: tuple[float, ...], tmp_path: Path) -> None:
+    """Readings in reverse order fit as well as in their own: import warns, and so does every command behind it."""
+    commands = serpentine(levels)
+    words = written(tmp_path, commands, points(commands)[::-1])
+    result = done(*words)
+    assert "the readings in reverse order fit as well" in result.out
+    assert "note: the readings in reverse order fit as well" in result.err
+    assert "confirm the order with --match order" in result.err
+    assert "notes:" in (tmp_path / "s/survey.yaml").read_text()
+    for command in ("check", "fit"):
+        more = ("--out", tmp_path / "f") if command == "fit" else ()
+        assert "reverse order fit as well" in done(command, MILL, tmp_path / "s", *more).err
+
+
+def test_an_order_that_is_stated_is_no_warning(tmp_path: Path) -> None:
+    commands = serpentine()
+    result = done(*written(tmp_path, commands, points(commands)), "--match", "order")
+    assert "in reverse order fit as well" in result.out
+    assert "reverse order" not in result.err
+    assert "notes:" not in (tmp_path / "s/survey.yaml").read_text()
+
+
+def test_one_pose_off_the_pattern_proves_the_order(tmp_path: Path) -> None:
+    commands = pd.concat([serpentine(), pd.DataFrame({"X": [37.0], "Y": [-110.0], "Z": [451.0]})], ignore_index=True)
+    result = done(*written(tmp_path, commands, points(commands)))
+    assert "as well" not in result.out + result.err
+
+
+def test_a_plane_does_not_show_the_hand(tmp_path: Path) -> None:
+    commands = poses(rows=30).assign(Z=300.0)
+    result = done(*written(tmp_path, commands, points(commands) * [1, -1, 1]))
+    assert "which hand the axes have does not show: the points in a plane" in result.out
+    assert "or hand fits better" not in result.out
+    assert "reverse order" not in result.out
+
+
+@pytest.mark.parametrize("commands", [poses(rows=60), serpentine()], ids=["random", "layers"])
+def test_a_displaced_target_is_named_with_its_row(commands: pd.DataFrame, tmp_path: Path) -> None:
+    measured = points(commands).copy()
+    measured[34:] += [0.04, -0.025, 0.02]
+    result = done(*written(tmp_path, commands, measured))
+    assert "from row 35 on the points lie 5" in result.out  # of 51 um
+    assert "from row 35 on" in done("check", MILL, tmp_path / "s").out
+
+
+def test_no_step_is_seen_in_right_joins() -> None:
+    """Of 200 surveys, in random order, layer by layer, or drifting over their rows: no false word."""
+    machine = read_machine(MILL)
+    chain, rng = Chain(machine), np.random.default_rng(11)
+    for seed in range(200):
+        commands = serpentine() if seed % 4 == 1 else poses(seed, int(rng.integers(24, 90)))
+        if seed % 4 == 2:  # layer by layer
+            commands = commands.sort_values("Z", ignore_index=True)
+        drift = np.linspace(0, 0.03, len(commands))[:, None] * (seed % 4 == 3) * rng.normal(size=3)
+        table = commands.copy()
+        table[["mx", "my", "mz"]] = points(commands, seed, 10 ** rng.uniform(-3.5, -2)) + drift
+        survey = read_survey(table, machine)
+        part = Points.of(chain, sheet(chain, survey.table), fixed=False)
+        assert find_step(machine, survey, np.arange(len(table)), part) is None, seed
+
+
+def test_names_and_times_prove_an_order(tmp_path: Path) -> None:
+    commands = serpentine()
+    written(tmp_path, commands, points(commands))
+    commands.insert(0, "name", [f"P{k}" for k in range(1, len(commands) + 1)])
+    commands.to_csv(tmp_path / "plan.csv", index=False)
+    result = import_survey(tmp_path / "tracker.txt", MILL, commands=tmp_path / "plan.csv")
+    assert result.imported.proof.other is None
+    assert not result.notes
