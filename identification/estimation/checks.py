@@ -173,8 +173,8 @@ def noise_notes(fit: Fit) -> Iterator[str]:
         yield f"the residuals are {ratio:.3g} times as large as the declared uncertainty.{unit}"
     elif 1 / ratio > CAUTIOUS_DECLARATION_FACTOR and s.dof >= FEW_DOF and chdtr(s.dof, s.chi2) < BY_CHANCE:
         yield (
-            f"{_seen(fit, ratio)}the declared uncertainty is {1 / ratio:.3g} times as large as the residuals show, and standard "
-            f"uncertainties follow what is declared.{unit}"
+            f"{_seen(fit, ratio)}the declared uncertainty is {1 / ratio:.3g} times as large as the residuals show, and "
+            f"standard uncertainties follow what is declared.{unit}"
         )
 
 
