@@ -102,7 +102,7 @@ def _poses(raw: RawFile, setup: Setup, steps: list[Step]) -> tuple[pd.DataFrame,
     rows: list[dict[str, float]] = []
     lines: list[int] = []
     came = np.zeros(len(setup.axes))
-    feed, moved = np.nan, False
+    feed, moved, again, named = np.nan, False, 0, False
     before = np.full(len(setup.axes), np.nan)
     for step in steps:
         if step.block.has("F") and step.modes.feed == "G94":
@@ -113,7 +113,10 @@ def _poses(raw: RawFile, setup: Setup, steps: list[Step]) -> tuple[pd.DataFrame,
             came = np.where(np.abs(last) > SAME_PLACE, np.sign(last), came)
             changed = np.abs(step.q - before) > SAME_PLACE
             moved = moved or bool((changed | np.isnan(before))[list(step.named)].any())
-            before = step.q.copy()
+            before, named = step.q.copy(), True
+        if waits and _waiting(step):
+            again += named and not moved  # commanded again, and waited again, where it stood
+            named = False
         if not moved or (waits and not _waiting(step)) or (not waits and step.path is None):
             continue
         unknown = [a.name for a, q in zip(setup.axes, step.q, strict=True) if not np.isfinite(q)]
@@ -134,7 +137,10 @@ def _poses(raw: RawFile, setup: Setup, steps: list[Step]) -> tuple[pd.DataFrame,
         frame[name] = frame[name].replace(0.0, np.nan)
     if frame["feed"].isna().any():
         frame = frame.drop(columns=["feed"])
-    return frame, lines, [f"{len(rows)} poses at {how}"]
+    notes = [f"{len(rows)} poses at {how}"]
+    if again:
+        notes.append(f"{again} dwell{'s' * (again > 1)} at the place of the dwell before, counted as one pose with it")
+    return frame, lines, notes
 
 
 def _waiting(step: Step) -> bool:

@@ -15,7 +15,7 @@ from errormodel.raw_formats.table_columns import columns_of, numbers
 from errormodel.raw_formats.unit_words import unit_word
 from errormodel.units import Quantity, is_unit, to_internal
 
-_TARGET = re.compile(r"target(position|pos|no)?|nominal(position)?|setpoint|soll(wert|position)?")
+_TARGET = re.compile(r"target(position|pos|no)?|nominal(position)?|setpoint|soll(wert|position)?|ziel(wert|position)?")
 _ACTUAL = re.compile(r"(actual|measured|read|ist)?(position|pos)|actual|measured|reading|ist(wert)?|messwert")
 _DEVIATION = re.compile(r"(position(s|ier)?)?(deviation|error|dev|abweichung)")
 _CYCLE = re.compile(r"cycle|run|pass|series|repeat|lauf|zyklus|serie|messlauf")

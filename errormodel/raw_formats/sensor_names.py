@@ -7,7 +7,7 @@ import re
 from errormodel.units import is_unit
 
 _TEMPERATURE = re.compile(
-    r"temp(?:erature)?[\s_.-]*(.*)|t(?:[\s_.-]+(.+)|(\d+))|(.*?)[\s_.-]*temp(?:erature)?", re.IGNORECASE
+    r"temp(?:erature?)?[\s_.-]*(.*)|t(?:[\s_.-]+(.+)|(\d+))|(.*?)[\s_.-]*temp(?:erature?)?", re.IGNORECASE
 )
 
 

@@ -12,6 +12,7 @@ from errormodel.raw_formats.table_columns import columns_of as plain_columns
 from errormodel.raw_formats.unit_words import quantity_of_unit, unit_word
 
 _AXES = re.compile(r"AXES\s*=\s*(\w+)\s*:\s*([^()]*)\(([^()]*)\)", re.IGNORECASE)
+_UNITS = re.compile(r"\bUnits?\s*[:=]\s*(\w+)", re.IGNORECASE)
 _FRAME = re.compile(r"Relative to Coordinate Frame\s*'([^']*)'", re.IGNORECASE)
 
 
@@ -48,9 +49,13 @@ class SpatialAnalyzerPoints(RawFormat):
             raise InputError(raw.name, f"{axes[1].lower()} coordinates", "Export cartesian coordinates")
         unit = unit_word(axes[3].split(",")[0]) if axes else ""
         unit = unit or next((u for u in table.units[first : first + 3] if u), "")  # X,Y,Z (mm) in a line of names
+        stated = _UNITS.search(comments)
+        unit = unit or (unit_word(stated[1]) if stated else "")
         if quantity_of_unit(unit) != "length":
             found = f"no unit of length above the points{f' but {unit!r}' if unit else ''}"
-            raise InputError(raw.name, found, "Export with the comment lines, or name another --format and --units")
+            raise InputError(
+                raw.name, found, "Export with the comment lines, or write --format delimited-table --units length=mm"
+            )
         order: DateOrder = asked.dates or "month-first"
         recording = plain_columns(raw, Asked(dates=order))
         heads = ("collection", "group", "point")[-min(first, 3) :] if first <= 3 else ("collection", "group", "point")

@@ -25,7 +25,8 @@ LEAST_EQUATIONS_PER_GROUP = 2  # equations a group, of a robust fit
 FOREIGN_MACHINE_SHARE = 0.02  # of the machine's size: no error motions, but a blunder
 UNEXPLAINED_SHARE = 0.5  # of so much, of most rows: a fit that leaves more is none
 COVERED_TRAVEL_SHARE = 0.5  # of a travel: less is reported where something stays unknown
-CAUTIOUS_DECLARATION_FACTOR = 3.0  # times: so much is often declared too large, to be on the safe side
+CAUTIOUS_DECLARATION_FACTOR = 2.0  # times: less is often declared too large, to be on the safe side
+BY_CHANCE = 5e-7  # one side of a two-sided test at 1e-6: so rarely are residuals that small by chance
 FINEST_MM, EXACT_MM = 1e-5, 1e-10  # mm: readings that repeat within less are in another unit, or made by a computer
 FEW_DOF = 10  # degrees of freedom: fewer leave residuals that small by chance
 CONSTANT = 0.5  # of what a fit leaves: an offset alone that leaves less explains more
@@ -160,6 +161,8 @@ def noise_notes(fit: Fit) -> Iterator[str]:
             )
     if not s.declared or s.dof <= 0 or s.chi2 <= 0:
         return
+    from scipy.special import chdtr
+
     ratio = float(np.sqrt(s.chi2 / s.dof))
     unit = (
         " sigma of a survey is in mm (rad for angles): look for another unit"
@@ -168,11 +171,18 @@ def noise_notes(fit: Fit) -> Iterator[str]:
     )
     if ratio > WRONG_UNIT_FACTOR:
         yield f"the residuals are {ratio:.3g} times as large as the declared uncertainty.{unit}"
-    elif 1 / ratio > CAUTIOUS_DECLARATION_FACTOR and s.dof >= FEW_DOF:
+    elif 1 / ratio > CAUTIOUS_DECLARATION_FACTOR and s.dof >= FEW_DOF and chdtr(s.dof, s.chi2) < BY_CHANCE:
         yield (
-            f"the declared uncertainty is {1 / ratio:.3g} times as large as the residuals show, and standard "
-            f"uncertainties follow what is declared.{unit}"
+            f"{_seen(fit, ratio)}the declared uncertainty is {1 / ratio:.3g} times as large as the residuals show, and "
+            f"standard uncertainties follow what is declared.{unit}"
         )
+
+
+def _seen(fit: Fit, ratio: float) -> str:
+    """The noise of a coordinate as declared and as seen, where nothing else was measured."""
+    if {*fit.solution.sums} != {"position"}:
+        return ""
+    return f"declared {1e3 * fit.sigma_mm / ratio:.3g} um, seen {1e3 * fit.sigma_mm:.3g} um: "
 
 
 def _beside(fit: Fit) -> Iterator[str]:

@@ -216,7 +216,10 @@ def _nearest(source: SourceFile, commands: SourceFile, path: Array, middle: Arra
             f"{len(middle)} readings that lie in no frame on the {len(path)} commands of {commands.raw.name}; "
             f"the points reach {_reach(middle):.0f} mm, the commands {_reach(path):.0f} mm"
         )
+        again = [note for note in commands.recording.notes if "counted as one pose" in note]
+        text += f"; {again[0]}" if again else ""
         cure = "See that machine, tool, units and hand are right, and that these commands were measured"
+        cure += "; where such a place was measured twice, give the commands as a table with a row each" if again else ""
         raise InputError(source.raw.name, text, cure)
     if found.ways > 1:
         text = f"{found.ways} ways to lay the points on the commands, which look the same from several sides"

@@ -126,8 +126,9 @@ def _spread_lines(fit: Fit) -> Iterator[str]:
         for name, spread in rows
     ]
     yield from table_lines([["um", "rms", "mean", "max", "n"], *cells], "<>>>>", least=7)
-    how = "declared" if "position" in fit.solution.declared else "from residuals"
-    tested = how == "declared" and fit.solution.dof > 0
+    known = "position" in fit.solution.declared
+    how = "seen; standard uncertainties follow the declared one" if known else "from residuals"
+    tested = known and fit.solution.dof > 0
     chi = f", reduced chi-square {fit.solution.chi2 / fit.solution.dof:.3f}" if tested else ""
     yield f"\nnoise of one coordinate {1e3 * fit.sigma_mm:.2f} um ({how}), {fit.solution.dof} degrees of freedom{chi}"
 
@@ -151,7 +152,7 @@ def _reading_lines(fit: Fit, readings: Readings) -> Iterator[str]:
     yield from table_lines(rows, "<<>>>>", least=7)
     found = set_ups(fit)
     if found:
-        yield "\nset-ups (coordinates in the machine's reference)"
+        yield "\nset-ups (coordinates in the machine's reference, with its constants: zeros of the axes, and the tool)"
         cells = [
             [v.id, f"{v.value:.6g}" if v.unit == "rad" else f"{v.value:.4f}", _plus_minus(v.std), v.unit]
             for v in found[:SHOWN_SET_UPS]

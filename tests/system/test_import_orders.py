@@ -8,8 +8,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from errormodel import read_machine, read_survey
+from errormodel import InputError, read_machine, read_survey
 from errormodel.chain import Chain
+from errormodel.raw_formats.sensor_names import sensor_of
 from identification import import_survey
 from identification.diagnosis.data_checks.blunder import Points, sheet
 from identification.importing.steps import find_step
@@ -68,7 +69,7 @@ def test_one_pose_off_the_pattern_proves_the_order(tmp_path: Path) -> None:
 def test_a_plane_does_not_show_the_hand(tmp_path: Path) -> None:
     commands = poses(rows=30).assign(Z=300.0)
     result = done(*written(tmp_path, commands, points(commands) * [1, -1, 1]))
-    assert "which hand the axes have does not show: the points in a plane" in result.out
+    assert "which hand the axes have does not show: points in a plane" in result.out
     assert "or hand fits better" not in result.out
     assert "reverse order" not in result.out
 
@@ -106,3 +107,44 @@ def test_names_and_times_prove_an_order(tmp_path: Path) -> None:
     result = import_survey(tmp_path / "tracker.txt", MILL, commands=tmp_path / "plan.csv")
     assert result.imported.proof.other is None
     assert not result.notes
+
+
+def test_two_dwells_at_one_place_are_said_where_the_numbers_differ(tmp_path: Path) -> None:
+    commands = poses(rows=12).assign(Y=0.0, Z=300.0)
+    lines = programme(commands).splitlines()
+    x = commands["X"].iloc[5]
+    at = next(k for k, line in enumerate(lines) if line.startswith(f"G1 X{x:.3f} "))
+    lines[at + 2 : at + 2] = [lines[at], "G4 P3"]
+    written(tmp_path, commands, points(commands.iloc[[*range(6), *range(5, 12)]].reset_index(drop=True)))
+    (tmp_path / "survey.nc").write_text("\n".join(lines) + "\n")
+    with pytest.raises(InputError, match="1 dwell at the place of the dwell before, counted as one pose with it"):
+        import_survey(tmp_path / "tracker.txt", MILL, commands=tmp_path / "survey.nc")
+
+
+def test_units_in_a_comment_of_spatialanalyzer(tmp_path: Path) -> None:
+    commands = poses()
+    words = written(tmp_path, commands, points(commands))
+    text = (tmp_path / "tracker.txt").read_text().splitlines()
+    head = ["// SpatialAnalyzer ASCII export", "// Frame: A::WORLD   Units: Millimeters"]
+    (tmp_path / "tracker.txt").write_text("\n".join([*head, *text[2:]]) + "\n")
+    assert "a point list of SpatialAnalyzer, 40 rows" in done(*words).out
+
+
+def test_german_names_of_temperatures_and_of_positioning_tests(tmp_path: Path) -> None:
+    assert sensor_of("Temperatur", "degC") == "T_air"
+    assert sensor_of("Temperatur Bett", "degC") == "T_Bett"
+    rows = [f"{x};{0.1 * x + k};{k};{side}" for k in (1, 2, 3) for x in (0, 50, 100) for side in "+-"]
+    (tmp_path / "pos.csv").write_text("\n".join(["Ziel [mm];Abweichung [um];Lauf;Richtung", *rows]) + "\n")
+    out = done("import", tmp_path / "pos.csv", "--machine", MILL, "--joint", "X", "--out", tmp_path / "s").out
+    assert "18 rows of error motions" in out
+
+
+def test_a_declared_uncertainty_that_is_too_large_beside_the_one_seen(tmp_path: Path) -> None:
+    """Declared 5 um, seen 2 um: both are printed, and a note says which one the uncertainties follow."""
+    table = poses(rows=80)
+    table[["mx", "my", "mz"]] = points(table)
+    table["sigma_x"] = table["sigma_y"] = table["sigma_z"] = 0.005
+    table.to_csv(tmp_path / "data.csv", index=False)
+    result = done("fit", MILL, tmp_path / "data.csv", "--out", tmp_path / "f")
+    assert "note: declared 5 um, seen " in result.err
+    assert "um (seen; standard uncertainties follow the declared one)" in result.out
