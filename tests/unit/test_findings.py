@@ -336,4 +336,4 @@ def test_the_sign_of_growth_is_said(effect: Effect, tool: float, words: str, sig
     assert effect.positive(machine) == words
     late = {"time": 1e6, "T_spindle": 21.0}
     (term,) = effect.terms(late.__getitem__, machine)
-    assert np.sign(float(term.motion["dz"])) == sign  # type: ignore[arg-type]
+    assert np.sign(float(term.motion["dz"])) == sign
