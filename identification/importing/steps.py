@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from errormodel.arrays import Array
+from errormodel.arrays import Index
 from errormodel.channels import direction
 from errormodel.machine import Machine
 from errormodel.survey import Survey
@@ -15,9 +15,7 @@ from identification.diagnosis.data_checks.blunder import Points
 from identification.importing.exchanged_rows import FEWEST_PROVED
 
 FEWEST_BESIDE = 2.0  # rows a column of the smooth model: fewer let it follow a step; by judgement
-GAIN = (
-    4.0  # times less variance must a step leave than the smooth model: by chance, or by errors of a machine, none does
-)
+GAIN = 4.0  # times less variance must a step leave than the smooth model: by chance, or a machine's errors, none does
 SUDDEN = 2.0  # times less than a ramp over the rows leaves: a drift is no step
 OWN = 0.2  # of a step's variance over the rows must not follow from positions and sides of arrival
 
@@ -41,7 +39,7 @@ class Step:
         )
 
 
-def find_step(machine: Machine, survey: Survey, rows: Array, part: Points) -> Step | None:
+def find_step(machine: Machine, survey: Survey, rows: Index, part: Points) -> Step | None:
     """The step of a file, if there is one; by two-sample comparison of what a smooth model of the machine leaves.
 
     Residuals of the aligned points are compared before and behind each row, beside a model of second degree in the
