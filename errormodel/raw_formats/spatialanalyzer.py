@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from errormodel.exceptions import InputError
 from errormodel.raw_formats.base import Asked, DateOrder, RawFile, RawFormat, Recording
+from errormodel.raw_formats.delimited_table import DelimitedTable
 from errormodel.raw_formats.table_columns import DATES_CURE, renamed, table_of_text
 from errormodel.raw_formats.table_columns import columns_of as plain_columns
 from errormodel.raw_formats.unit_words import quantity_of_unit, unit_word
@@ -54,7 +55,7 @@ class SpatialAnalyzerPoints(RawFormat):
         if quantity_of_unit(unit) != "length":
             found = f"no unit of length above the points{f' but {unit!r}' if unit else ''}"
             raise InputError(
-                raw.name, found, "Export with the comment lines, or write --format delimited-table --units length=mm"
+                raw.name, found, f"Export with the comment lines, or write --format {DelimitedTable.name} --units length=mm"
             )
         order: DateOrder = asked.dates or "month-first"
         recording = plain_columns(raw, Asked(dates=order))
