@@ -55,7 +55,7 @@ class SpatialAnalyzerPoints(RawFormat):
         if quantity_of_unit(unit) != "length":
             found = f"no unit of length above the points{f' but {unit!r}' if unit else ''}"
             raise InputError(
-                raw.name, found, f"Export with the comment lines, or write --format {DelimitedTable.name} --units length=mm"
+                raw.name, found, f"Export with its comments, or write --format {DelimitedTable.name} --units length=mm"
             )
         order: DateOrder = asked.dates or "month-first"
         recording = plain_columns(raw, Asked(dates=order))

@@ -13,7 +13,8 @@ from errormodel.survey import read_survey
 from identification.diagnosis.pipeline import diagnose
 from identification.diagnosis.results.diagnosed import Diagnosed
 
-LARGEST_UM = {"a": 13.0, "b": 5.5}  # held out; two temperatures, one of them lagged, leave 16 and 6.3
+# held out. b: 6.4 where the names beside which as much is left lose it; two temperatures, one lagged, leave 16 and 6.3
+LARGEST_UM = {"a": 13.0, "b": 6.5}
 
 
 @cache
