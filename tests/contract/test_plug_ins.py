@@ -62,9 +62,9 @@ def run(elsewhere: Path, *words: object) -> str:
     return done.stdout
 
 
-def reference(elsewhere: Path, page: str) -> str:
+def reference(elsewhere: Path, page: str, *names: str) -> str:
     """A page of reference as the documentation writes it, with that package installed."""
-    program = f"import sys; sys.path.insert(0, 'docs'); import generate; print(*generate.{page}(), sep='\\n')"
+    program = f"import sys; sys.path.insert(0, 'docs'); import generate; print(*generate.{page}(*{names}), sep='\\n')"
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(elsewhere), str(ROOT)])}
     done = subprocess.run(
         [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True, env=environment
@@ -197,7 +197,8 @@ def test_a_package_of_the_users_brings_a_controller(elsewhere: Path) -> None:
     assert "table of the shop's own drives" in said
     assert (elsewhere / "tables/shop.tab").read_text().startswith("; machine:")
     assert "load shop.tab" in (elsewhere / "tables/checklist.txt").read_text()
-    assert "## shop-table" in reference(elsewhere, "controllers")
+    assert "(controllers/shop-table.md)" in reference(elsewhere, "controllers")
+    assert "# shop-table" in reference(elsewhere, "controller", "shop-table").splitlines()
 
 
 def test_the_contract_tests_run_over_what_a_package_brings(elsewhere: Path) -> None:
