@@ -292,11 +292,11 @@ def licences() -> Iterator[str]:
         "imported at run time, unmodified, and can be exchanged. A release has the same list as a bill of materials "
         "(CycloneDX) beside the wheel."
     )
-    told: set[str] = set()
+    listed: set[str] = set()
     for extra in ("", "arviz", "big", "clouds", "fleet", "xlsx", "dev"):
         found = sorted(tree(requirements(extra)))
-        rows = [(n, "" if text == "not installed" else version(n), text) for n, text in found if n not in told]
-        told.update(n for n, _ in found)
+        rows = [(n, "" if text == "not installed" else version(n), text) for n, text in found if n not in listed]
+        listed.update(n for n, _ in found)
         title = f"`[{extra}]`, beside those above" if extra else "`errormodel`"
         yield from ("", f"## {title}", "", *table(("package", "version", "licence"), rows))
 

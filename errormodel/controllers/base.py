@@ -69,6 +69,7 @@ class Target(ABC):
     back: ClassVar[str] = "take the files out again, and restore what was backed up"  # how to undo it
     test: ClassVar[str] = ""  # how to test it at the machine; empty: with an indicator, by the check of signs
     doubt: ClassVar[str] = ""  # what no public source says; empty: nothing
+    scale_setting: ClassVar[str] = ""  # where the scale of an axis is set, which no table of it holds; empty: not said
     general: ClassVar[bool] = False  # holds any error of any machine: messages name it where another cannot
 
     @abstractmethod

@@ -36,7 +36,7 @@ class Duet(Printer):
     name: ClassVar[str] = "duet"
     title: ClassVar[str] = "Duet / RepRapFirmware (height map, M556)"
     source: ClassVar[str] = "Duet3D/RepRapFirmware src/Movement/BedProbing/Grid.cpp, Move3.cpp (before 3.6 Move.cpp)"
-    steps_setting: ClassVar[str] = "M92 {axis} in config.g, steps a mm: multiply by {factor}"
+    scale_setting: ClassVar[str] = "M92 {axis} in config.g, steps a mm: multiply by {steps:.6f}"
     needs: ClassVar[str] = (
         "RepRapFirmware 3.3 or later on a board with a card for /sys; axes X and Y, and Z for the heights"
     )

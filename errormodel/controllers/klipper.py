@@ -37,7 +37,7 @@ class Klipper(Printer):
     name: ClassVar[str] = "klipper"
     title: ClassVar[str] = "Klipper (skew_correction, bed_mesh)"
     source: ClassVar[str] = "Klipper Config_Reference.md; bed_mesh.py, skew_correction.py"
-    steps_setting: ClassVar[str] = "rotation_distance of [stepper_{axis}]: multiply by {factor}"
+    scale_setting: ClassVar[str] = "rotation_distance of [stepper_{lower}]: multiply by {distance:.6f}"
     needs: ClassVar[str] = "[skew_correction] and [bed_mesh] in printer.cfg; axes X and Y, and Z for the heights"
     back: ClassVar[str] = "SET_SKEW CLEAR=1 and BED_MESH_CLEAR; take the include and the start lines out, RESTART"
     shown: ClassVar[tuple[str, ...]] = (
@@ -47,10 +47,6 @@ class Klipper(Printer):
     )
     comment: ClassVar[Comment | None] = HASH_COMMENT
     most_points: ClassVar[int] = 100
-
-    def scale_setting(self, setup: Setup, name: str, scale: float) -> str:
-        """The distance of one turn of the motor, which grows for an axis that goes too far."""
-        return self.steps_setting.format(axis=name.lower(), factor=f"{1 + scale:.6f}")
 
     def emulate(
         self, tables: Tables, setup: Setup, q: Array, direction: Array | None = None, longer: Array | None = None

@@ -36,7 +36,7 @@ class Marlin(Printer):
     name: ClassVar[str] = "marlin"
     title: ClassVar[str] = "Marlin (M852)"
     source: ClassVar[str] = "MarlinFirmware/Marlin planner.h, gcode/calibrate/M852.cpp"
-    steps_setting: ClassVar[str] = "M92 {axis}, steps a mm: multiply by {factor}, then M500"
+    scale_setting: ClassVar[str] = "M92 {axis}, steps a mm: multiply by {steps:.6f}, then M500"
     needs: ClassVar[str] = (
         "Marlin compiled with SKEW_CORRECTION, SKEW_CORRECTION_GCODE and SKEW_CORRECTION_FOR_Z, and EEPROM_SETTINGS"
     )

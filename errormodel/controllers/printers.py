@@ -33,7 +33,6 @@ class Printer(Controller):
     dialect: ClassVar[Dialect | None] = None
     backlash_parameter: ClassVar[str] = ""
     least_points = 3
-    steps_setting: ClassVar[str]  # where the scale of an axis is set, which no table of it corrects
     shown: ClassVar[tuple[str, ...]]  # where the firmware shows what it adds; last, a line that ends with "must be:"
 
     def suits(self, setup: Setup) -> None:
@@ -41,10 +40,6 @@ class Printer(Controller):
         if not {"X", "Y"} <= {*setup.linear}:
             found = f"corrections by {', '.join(setup.movers)}; the firmware wants linear axes X, Y (and Z)"
             raise InputError(f"--controller {self.name}", found, f"Use --controller {instead()}")
-
-    def scale_setting(self, setup: Setup, name: str, scale: float) -> str:
-        """Where a scale is set, and the factor that puts it right: fewer steps a mm for an axis that goes too far."""
-        return self.steps_setting.format(axis=name, factor=f"{1 / (1 + scale):.6f}")
 
     def own_check(self, setup: Setup, tables: Tables) -> dict[str, str]:
         """What the firmware must show at a few places: the sign is documented, and no indicator fits a nozzle."""

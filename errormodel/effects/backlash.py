@@ -33,7 +33,7 @@ class Backlash(JointEffect):
     def positive(self, machine: Machine) -> str:
         return f"{self.joint} is ahead of its command in the direction of travel"
 
-    def told_by_sign(self, values: Sequence[float]) -> str:
+    def meaning_of_sign(self, values: Sequence[float]) -> str:
         if values[0] <= 0:
             return ""
         return (

@@ -221,7 +221,7 @@ class Effect(BaseModel, ABC):
         """Meaning of a positive parameter, where it is not a rise of the motion in the parameter's name; else ""."""
         return ""
 
-    def told_by_sign(self, values: Sequence[float]) -> str:
+    def meaning_of_sign(self, values: Sequence[float]) -> str:
         """What the sign of its parameters (in their order) says of the cause, as a clause; "" where it is the usual."""
         return ""
 

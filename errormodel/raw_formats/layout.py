@@ -258,8 +258,8 @@ def _rows(
             raise InputError(f"line {line}", found, "Give the whole file as it was written, one table in it")
     if len(rows) < BLOCK_SHARE * (len(cells) - again - titles):
         raise InputError(f"line {cells[0][0]}", f"a table of {len(rows)} rows and more below it", "Give one table")
-    told = ((len(below), "below the table"), (again, "of names that come again"), (titles, "of words between the rows"))
-    notes = [f"{n} line{'s' * (n > 1)} {what} passed over" for n, what in told if n]
+    more = ((len(below), "below the table"), (again, "of names that come again"), (titles, "of words between the rows"))
+    notes = [f"{n} line{'s' * (n > 1)} {what} passed over" for n, what in more if n]
     return rows, [line for line, _ in below], notes
 
 

@@ -11,7 +11,6 @@ import numpy as np
 
 from errormodel.arrays import Array
 from errormodel.controllers.base import Target
-from errormodel.controllers.printers import Printer
 from errormodel.controllers.setup import Setup
 from errormodel.location_errors import squareness
 from identification.compensation.volume import Volume, best_frame
@@ -65,7 +64,7 @@ class Scale:
 
 def scale_advice(volume: Volume, setup: Setup, target: Target) -> list[Scale]:
     """Scale of each linear joint along its nominal path, by a straight line, where the target sets it beside tables."""
-    if not isinstance(target, Printer):
+    if not target.scale_setting:
         return []
     out = []
     for k, joint in enumerate(volume.field.joints):
@@ -76,7 +75,9 @@ def scale_advice(volume: Volume, setup: Setup, target: Target) -> list[Scale]:
         way = _slope(nominal)
         scale = float(np.polyfit(nominal @ way, actual @ way, 1)[0]) - 1
         effect = 1e3 * abs(scale) * float(volume.high[k] - volume.low[k])
-        words = target.scale_setting(setup, next(a.name for a in setup.axes if a.joint == joint.name), scale)
+        axis = next(a.name for a in setup.axes if a.joint == joint.name)
+        # an axis that goes too far wants fewer steps a mm, which is a longer distance a turn
+        words = target.scale_setting.format(axis=axis, lower=axis.lower(), steps=1 / (1 + scale), distance=1 + scale)
         if effect >= LEAST_EFFECT_UM:
             out.append(Scale(joint.name, scale, effect, words))
     return sorted(out, key=lambda found: -found.effect_um)

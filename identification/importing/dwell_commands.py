@@ -33,19 +33,18 @@ def dwells_of(points: Array, source: SourceFile, commands: SourceFile | None, ch
         return dwells if _stand(dwells, source, chain.machine).all() else None
     seen = int(np.isfinite(points).any(axis=1).sum())
     if commands.rows == seen:
-        return dwells_of_logs(points, commands, chain)
+        return dwells_of_logs(dwells, commands, chain)
     commanded = find_dwells(_path(commands, chain))
     log = commanded is not None and commanded.moving > 0
     # of a list of poses, rows or dwells are as many as there are commands
     return dwells if log or abs(len(dwells) - commands.rows) <= abs(seen - commands.rows) else None
 
 
-def dwells_of_logs(points: Array, commands: SourceFile, chain: Chain) -> Dwells | None:
-    """Dwells in what was measured (n, any), where the commands of as many rows are a log of the way as well.
+def dwells_of_logs(dwells: Dwells | None, commands: SourceFile, chain: Chain) -> Dwells | None:
+    """Dwells in what was measured, where the commands of as many rows are a log of the way as well.
 
     None where either has no readings on the way: a list of poses, in which places may come several times.
     """
-    dwells = find_dwells(points)
     if dwells is None or not dwells.moving:
         return None
     path = _path(commands, chain)

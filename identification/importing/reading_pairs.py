@@ -152,7 +152,7 @@ def _part(
         dwells = find_dwells(values[:, None])
     elif wishes.dwell and len(seen) == expected and observation.poses == 1:
         path = Nominal(chain, commands.recording.frame).points(np.asarray(chain.machine.tool))
-        dwells = dwells_of_logs(values[:, None], commands, chain)
+        dwells = dwells_of_logs(find_dwells(values[:, None]), commands, chain)
         side_by_side = dwells is not None
     first, last = (seen, seen) if dwells is None else (dwells.first, dwells.last)
     notes = reading_notes(source, dwells, len(values) - len(seen))

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from hypothesis import strategies as st
+
 from errormodel.machine import Machine
 from errormodel.raw_formats.base import Asked, Recording, format_of, open_raw
 
@@ -32,6 +34,20 @@ class Style:
     preamble: int = 0
     ends: bool = False
     newline: str = "\n"
+
+
+STYLES = st.builds(
+    Style,
+    encoding=st.sampled_from(ENCODINGS),
+    delimiter=st.sampled_from(DELIMITERS),
+    comma=st.booleans(),
+    names=st.sampled_from(["plain", "none", "comment"]),
+    units=st.sampled_from(["none", "brackets", "parentheses", "row"]),
+    comments=st.integers(0, 2),
+    preamble=st.integers(0, 2),
+    ends=st.booleans(),
+    newline=st.sampled_from(["\n", "\r\n"]),
+)
 
 
 def written(

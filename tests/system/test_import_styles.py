@@ -10,27 +10,18 @@ from hypothesis import strategies as st
 
 from identification import import_survey
 from tests.helpers.importing import MILL, points, poses, programme
-from tests.helpers.raw_files import DELIMITERS, ENCODINGS, Style, written
+from tests.helpers.raw_files import STYLES, Style, written
 
 COMMANDS = poses(rows=12)
 MEASURED = points(COMMANDS)
 MM_A_UNIT = {"mm": 1.0, "m": 1e3, "inch": 25.4}
-STYLES = st.builds(
-    Style,
-    encoding=st.sampled_from(ENCODINGS),
-    delimiter=st.sampled_from(DELIMITERS),
-    comma=st.booleans(),
-    names=st.sampled_from(["plain", "none", "comment"]),
-    units=st.sampled_from(["none", "brackets", "parentheses", "row"]),
-    comments=st.integers(0, 2),
-    preamble=st.integers(0, 2),
-    ends=st.booleans(),
-    newline=st.sampled_from(["\n", "\r\n"]),
-).filter(lambda s: not (s.comma and s.delimiter == ",") and not (s.names == "comment" and s.units == "row"))
+JOINED = STYLES.filter(
+    lambda s: not (s.comma and s.delimiter == ",") and not (s.names == "comment" and s.units == "row")
+)
 
 
 @settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(style=STYLES, unit=st.sampled_from([*MM_A_UNIT]), numbered=st.booleans())
+@given(style=JOINED, unit=st.sampled_from([*MM_A_UNIT]), numbered=st.booleans())
 def test_the_survey_is_the_same_in_every_style(style: Style, unit: str, numbered: bool, tmp_path: Path) -> None:
     stated = style.units != "none" and style.names != "none"
     size = MM_A_UNIT[unit] if stated else 1.0

@@ -13,23 +13,11 @@ from hypothesis import strategies as st
 
 from errormodel.exceptions import InputError
 from errormodel.raw_formats.base import Asked, decoded, format_of, open_raw
-from tests.helpers.raw_files import DELIMITERS, ENCODINGS, Style, read_back, written
+from tests.helpers.raw_files import ENCODINGS, STYLES, Style, read_back, written
 
 NAMES, UNITS = ("Achse X", "east", "Δ", "flow"), ("mm", "µm", "deg", "°C")
 SOON_S = 5.0  # s of the processor: what a wrong input may take
 READ_UNITS = ("mm", "um", "deg", "degC")  # the same as the toolkit's words
-STYLES = st.builds(
-    Style,
-    encoding=st.sampled_from(ENCODINGS),
-    delimiter=st.sampled_from(DELIMITERS),
-    comma=st.booleans(),
-    names=st.sampled_from(["plain", "none", "comment"]),
-    units=st.sampled_from(["none", "brackets", "parentheses", "row"]),
-    comments=st.integers(0, 2),
-    preamble=st.integers(0, 2),
-    ends=st.booleans(),
-    newline=st.sampled_from(["\n", "\r\n"]),
-)
 # more than three decimals: of a file of whole numbers in groups of three nobody knows the decimal sign
 VALUES = st.builds(
     lambda most, last: round(most / 1e3 + last / 1e5, 5), st.integers(-(10**7), 10**7), st.integers(1, 99)

@@ -72,9 +72,9 @@ def wrong_column(chain: Chain, survey: Survey, *, two: bool = False, log: Decisi
     changes, *others = _likeliest(tries, columns, chain)
     what = f"column {' '.join(dict.fromkeys(c.column for c in changes))}"
     log.add("wrong-column", "found", what, _least(tries), enough, beside=f"{before:.4g} as written")
-    told = dict.fromkeys(_text(c, chain.machine, fixed) for c in (changes, *others))
+    texts = dict.fromkeys(_text(c, chain.machine, fixed) for c in (changes, *others))
     return Blunder(
-        text="; or ".join(told),
+        text="; or ".join(texts),
         survey=replace(survey, table=mended(survey.table, changes)),
         where=changes[0].where,
         driver=tuple(dict.fromkeys(c.column for c in changes)),

@@ -207,7 +207,7 @@ def _figures(whole: Whole, machine: Machine) -> Iterator[str]:
         usual = f", {_usual(_largest(whole, machine))}" if known and not coefficients else ""
         if not _determined(whole):
             usual = ": the data do not determine this size"
-        elif sign := main.told_by_sign([a.value for a in whole.amounts]) if not other else "":
+        elif sign := main.meaning_of_sign([a.value for a in whole.amounts]) if not other else "":
             usual = f", {sign}"
         yield f"moves {' and '.join(moves)} peak to peak over the rows{more}{usual}"
 
