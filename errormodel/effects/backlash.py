@@ -30,9 +30,6 @@ class Backlash(JointEffect):
     def reversal(self, values: Sequence[float]) -> tuple[float, float]:
         return values[0], values[0]
 
-    def positive(self, machine: Machine) -> str:
-        return f"{self.joint} is ahead of its command in the direction of travel"
-
     def meaning_of_sign(self, values: Sequence[float]) -> str:
         if values[0] <= 0:
             return ""

@@ -26,7 +26,7 @@ FOREIGN_MACHINE_SHARE = 0.02  # of the machine's size: no error motions, but a b
 UNEXPLAINED_SHARE = 0.5  # of so much, of most rows: a fit that leaves more is none
 COVERED_TRAVEL_SHARE = 0.5  # of a travel: less is reported where something stays unknown
 CAUTIOUS_DECLARATION_FACTOR = 2.0  # times: less is often declared too large, to be on the safe side
-BY_CHANCE = 5e-7  # one side of a two-sided test at 1e-6: so rarely are residuals that small by chance
+BY_CHANCE = 0.1  # so often are residuals that small where the declaration is that many times too large, and no more
 FINEST_MM, EXACT_MM = 1e-5, 1e-10  # mm: readings that repeat within less are in another unit, or made by a computer
 FEW_DOF = 10  # degrees of freedom: fewer leave residuals that small by chance
 CONSTANT = 0.5  # of what a fit leaves: an offset alone that leaves less explains more
@@ -171,7 +171,7 @@ def noise_notes(fit: Fit) -> Iterator[str]:
     )
     if ratio > WRONG_UNIT_FACTOR:
         yield f"the residuals are {ratio:.3g} times as large as the declared uncertainty.{unit}"
-    elif 1 / ratio > CAUTIOUS_DECLARATION_FACTOR and s.dof >= FEW_DOF and chdtr(s.dof, s.chi2) < BY_CHANCE:
+    elif s.dof >= FEW_DOF and chdtr(s.dof, CAUTIOUS_DECLARATION_FACTOR**2 * s.chi2) < BY_CHANCE:
         yield (
             f"{_seen(fit, ratio)}the declared uncertainty is {1 / ratio:.3g} times as large as the residuals show, and "
             f"standard uncertainties follow what is declared.{unit}"

@@ -24,6 +24,7 @@ ALLOWED = {
     "Zlib", "CC0-1.0", "MIT License", "BSD License", "Apache Software License", "Python Software Foundation License",
     "ISC License (ISCL)", "Mozilla Public License 2.0 (MPL 2.0)", "MIT No Attribution License (MIT-0)", "BSD",
     "BSD 3-Clause License", "Apache 2.0",
+    "Apache-2.0 WITH LLVM-exception",  # which grants more than Apache-2.0 alone
 }  # fmt: skip
 EXCEPTIONS = {  # package: its licence, for the reason beside it
     # A library on its own that is installed unmodified, imported at run time and can be exchanged by its users: LGPL-3,

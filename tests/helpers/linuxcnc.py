@@ -26,6 +26,7 @@ from errormodel.controllers.linuxcnc_3d import COMPONENT, PREFIX
 from errormodel.controllers.setup import Setup
 from tests.helpers.chains import Array
 
+EDGES = 2e-3  # s: the servo cycles in which a standstill begins and ends may not be sampled as such
 DWELL = 0.05  # s at each place, counted in servo cycles: a busy computer runs these late and in bursts
 RUN_CYCLES = 120_000  # servo cycles of a run at most, two minutes of the controller's own time; usual are 5 to 20 s
 PATIENCE = 120  # s of the computer without any servo cycle, after which a run has failed
@@ -145,7 +146,7 @@ class Controller:
             f"loadrt sampler depth=60000 cfg=sb{'ff' * count}{''.join(self.pins.values())}",
             "setp sampler.0.enable 0",
             "loadrt timedelay",
-            f"setp timedelay.0.on-delay {DWELL}",
+            f"setp timedelay.0.on-delay {DWELL + EDGES}",
             "setp timedelay.0.off-delay 0",
             "addf motion-command-handler servo-thread",
             "addf motion-controller servo-thread",
