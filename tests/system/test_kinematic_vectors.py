@@ -27,7 +27,7 @@ from errormodel.controllers import target
 from errormodel.controllers.base import Controller, Line
 from errormodel.machine_file import read_machine
 from identification.compensation.assessment import left, nothing
-from identification.compensation.rotary_axes import Kinematics, description_text, lines_of
+from identification.compensation.rotary_axes import Kinematics, described, description_text, lines_of
 from identification.compensation.volume import Volume
 from tests.helpers.chains import Array
 from tests.helpers.compensation import volume_of
@@ -189,14 +189,14 @@ class Written:
 
 
 @cache
-def found_in(name: str, seed: int, tilts: bool, described: bool) -> tuple[Volume, tuple[Line, ...], float, float]:
+def found_in(name: str, seed: int, tilts: bool, tilts_are_told: bool) -> tuple[Volume, tuple[Line, ...], float, float]:
     """A machine with random errors, its rotary axes as they are found, and the errors before and then, um.
 
-    `tilts`: of the machine; `described`: whether the control can be told of them.
+    `tilts`: of the machine; `tilts_are_told`: whether the control can be told of them.
     """
     with tempfile.TemporaryDirectory() as folder:
         volume = machine(name, Path(folder), random_errors(CASES[name], seed, tilts))
-    lines = lines_of(volume, setup := volume.setup(None, None)[0], described)
+    lines = lines_of(volume, setup := volume.setup(None, None)[0], tilts_are_told)
     known = replace(volume, field=described(volume.field, setup, lines))
     before, claimed = (left(v, nothing, 0).rms_um for v in (volume, known))
     return volume, lines, before, claimed
