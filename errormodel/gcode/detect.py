@@ -25,6 +25,7 @@ DIALECT_MARKS = {
     "siemens": re.compile(
         r"TRAORI|TRAFOOF|\bSUPA\b|CYCLE\d|MCALL|\bMSG\b|^\s*(DEF|PROC|REPEAT|WHILE|FOR|EXTERN)\b|%_N_"
         r"|\bCIP\b|\bA?TRANS\b|\bA?ROT\b|\b[A-Z]+\d*\s*=|G(153|500|505|60[1-3]|64[0-9])\b"
+        r"|(?<![A-Z])G0*4 *F|^(?!.*G4[12]).*(?<![A-Z])D\d"
     ),
     "printer": re.compile(
         _WORD.format(r"M(73|8[2-4]|10[4-9]|11[0-8]|140|141|190|191|20[0-9]|22[01]|30[02]|400|420|486|5\d\d|600|86\d(\.\d)?|900)")
@@ -74,6 +75,11 @@ def dialect_of(asked: str, blocks: Sequence[Block]) -> Dialect:
             found_text = f"a number without a decimal point, and one as '10.' in line {points.number}"
             whole.refuse(f"{found_text}: on some controls the former counts in least increments", ASK)
     return DIALECTS[name]
+
+
+def looks_siemens(lines: Sequence[str]) -> bool:
+    """Whether lines, in capitals and without comments, have words of Siemens' controls and none of a printer's."""
+    return any(map(DIALECT_MARKS["siemens"].search, lines)) and not any(map(DIALECT_MARKS["printer"].search, lines))
 
 
 def _title(mark: str) -> str:

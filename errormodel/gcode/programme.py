@@ -19,7 +19,7 @@ from errormodel.gcode.calls import written_out
 from errormodel.gcode.check import Deviation, checked
 from errormodel.gcode.codes import Dialect
 from errormodel.gcode.cycles import CYCLES, CycleWriter
-from errormodel.gcode.detect import dialect_of
+from errormodel.gcode.detect import COMMENT_TEXT, dialect_of
 from errormodel.gcode.divide import Correct
 from errormodel.gcode.interpreter import Interpreter
 from errormodel.gcode.reading import Reading
@@ -175,7 +175,7 @@ def _split_again(source: Source, lines: Sequence[Sequence[str]]) -> list[Block]:
 
 def _blocks(raw: Sequence[Block], dialect: Dialect) -> list[Block]:
     """Blocks with their words; ``%`` and the programme's number must stand in their places."""
-    full = [k for k, b in enumerate(raw) if b.text.strip()]
+    full = [k for k, b in enumerate(raw) if COMMENT_TEXT.sub("", b.text).strip()]
     out, begun = [], False
     for k, block in enumerate(raw):
         text = block.text.strip()

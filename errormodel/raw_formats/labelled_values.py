@@ -1,4 +1,4 @@
-"""Lines of labelled values: ``P1 X=1.5 Y=2.5 Z=3.5``, ``X: 1.5, Y: 2.5``, objects of JSON, frames of KRL.
+"""Lines of labelled values: ``P1 X=1.5 Y=2.5 Z=3.5``, ``X: 1.5, Y: 2.5``, ``X1.5 Y2.5``, objects of JSON, frames of KRL.
 
 KRL writes ``XP1={A1 10.5,A2 -90.0,...}``: a blank between label and number.
 """
@@ -16,7 +16,8 @@ from errormodel.raw_formats.table_columns import columns_of
 
 _CLOCK = r"\d[\d.\-/T]*(?::\d+)+(?:[.,]\d+)?Z?"
 _PAIR = re.compile(
-    rf"([\"']?)([^\W\d]\w*)\1(?:\s*[:=]\s*|\s+(?=[-+.\d]))(?:([\"'])([^\"']*)\3|({_CLOCK}|{NUMBER.pattern})(?![\w:]))"
+    r"([\"']?)([^\W\d]\w*)\1(?:\s*[:=]\s*|\s+(?=[-+.\d])|(?<=\b[A-Z])(?=[-+]?\d+[.,]\d))"
+    rf"(?:([\"'])([^\"']*)\3|({_CLOCK}|{NUMBER.pattern})(?![\w:]))"
 )
 LEAST_SHARE = 0.5  # of the lines with text must hold the same labels
 

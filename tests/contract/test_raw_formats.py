@@ -166,6 +166,9 @@ def test_labelled_values(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read.frame["time"], [36000, 36001])
     assert read.lines == (2, 3)
     assert "1 line without these labels passed over" in read.notes
+    display = read_back(tmp_path, b"P1 X1.5 Y-2.50 Z+3.0\nP2 X4.0 Y5.0 Z6.0\n", name="display.txt").frame
+    assert list(display["point"]) == ["P1", "P2"]
+    np.testing.assert_array_equal(display[["X", "Y", "Z"]], [[1.5, -2.5, 3], [4, 5, 6]])
     data = b'{"name": "P 1", "x": 1.5e0, "y": -2}\n{"name": "P 2", "x": 3, "y": 4.25}\n'
     own = read_back(tmp_path, data, name="log.json").frame
     assert list(own["name"]) == ["P 1", "P 2"]

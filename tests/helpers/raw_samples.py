@@ -94,6 +94,11 @@ POSES = "Name,X,Y,Z,W,P,R,J1,J2,J3,J4,J5,J6\nA,1,2,3,0,0,90,0,1,2,3,4,5\nB,4,5,6
 LOGGER = "Logger 77\nDate;Time;Bed [°F];Spindle temp\n11.10.2022;15:06:48;68,0;33,1\n11.10.2022;15:07:48;69,8;33,2\n"
 PROGRAMME = "%\nG21 G90 G94\nG0 X0 Y0 Z300\nG1 X-5 F1500\nX10\nG4 P2\nX20 Y1\nX15\nG4 P2\nM30\n%\n"
 
+SIEMENS = "N10 G54 G90\nN20 G0 X=0 Y=0 Z=300\nN30 G1 X=10 F1500\nN40 G4 F2\nN50 X=15 Y=1\nN60 G4 F2\nN70 M30\n"
+HEIDENHAIN = (
+    "0 BEGIN PGM A MM\n1 L X+0 Y+0 Z+300 FMAX\n2 L X+10 R0 F1500\n3 STOP\n4 L X+15 Y+1\n5 STOP\n6 END PGM A MM\n"
+)
+
 
 def spreadsheet() -> bytes:
     """A workbook with a title sheet and a table; written by a plain zip of its parts (ECMA-376)."""
@@ -158,6 +163,8 @@ SAMPLES: dict[str, tuple[bytes | str, Asked]] = {
     "labelled-values": (LABELLED, Asked(MILL)),
     "temperature-log": (LOGGER, Asked(MILL)),
     "nc-programme": (PROGRAMME, Asked(MILL)),
+    "siemens-programme": (SIEMENS, Asked(MILL, offsets=("G54=X0,Y0,Z0",))),
+    "heidenhain-programme": (HEIDENHAIN, Asked(MILL)),
     "delimited-table": ("east,north\n1.5,2.5\n3.5,4.5\n", Asked(MILL)),
     "spreadsheet": (spreadsheet(), Asked(MILL)),
 }

@@ -20,7 +20,7 @@ from errormodel.gcode.reading import Reading
 from errormodel.machine_file import read_machine
 from errormodel.machine_formats.base import read_description
 from errormodel.raw_formats.base import Asked, format_of, open_raw
-from errormodel.raw_formats.nc_programme import plain_setup
+from errormodel.raw_formats.programme_poses import plain_setup
 from errormodel.survey import read_survey
 from errormodel.truth import read_truth
 from identification.bayes.settings import read_priors
