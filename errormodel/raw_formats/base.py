@@ -99,6 +99,8 @@ class Recording:
         Whether the file states that length as the calibrated one.
     length_unit : str
         Unit that the file states for all its coordinates and not column by column; empty: none.
+    again : tuple of int
+        Rows of commands, from 0, at whose places the machine was commanded to and waited again: a row each time.
     """
 
     frame: pd.DataFrame
@@ -110,6 +112,7 @@ class Recording:
     reach: float = float("nan")
     calibrated: bool = False
     length_unit: str = ""
+    again: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Lines of labelled values: ``P1 X=1.5 Y=2.5 Z=3.5``, ``X: 1.5, Y: 2.5``, ``X1.5 Y2.5``, objects of JSON, frames of KRL.
+"""Lines of labelled values: ``P1 X=1.5 Y=2.5``, ``X: 1.5, Y: 2.5``, ``X1.5 Y2.5``, objects of JSON, frames of KRL.
 
 KRL writes ``XP1={A1 10.5,A2 -90.0,...}``: a blank between label and number.
 """

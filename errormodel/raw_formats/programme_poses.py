@@ -71,11 +71,11 @@ def recording_of(raw: RawFile, programme: Programme) -> Recording:
     setup, source = programme.setup, programme.source
     # ways between poses may leave the travels of machine.yaml, as to the place of the tool change
     free = replace(setup, axes=tuple(replace(a, travel=(-np.inf, np.inf)) for a in setup.axes))
-    frame, lines, notes = _poses(raw, programme, source.steps(free))
+    frame, lines, again, notes = _poses(raw, programme, source.steps(free))
     units = {a.joint: "deg" if a.rotary else "mm" for a in setup.axes}
     if source.switched:
         notes.append("blocks behind '/' taken as carried out")
-    return Recording(frame, units | {"feed": "mm/min"}, tuple(lines), (*raw.notes, *notes))
+    return Recording(frame, units | {"feed": "mm/min"}, tuple(lines), (*raw.notes, *notes), again=tuple(again))
 
 
 @dataclass
@@ -139,8 +139,10 @@ def plain_setup(machine: Machine) -> Setup:
     return Setup(machine.name, tuple(axes), ())
 
 
-def _poses(raw: RawFile, programme: Programme, steps: list[Step]) -> tuple[pd.DataFrame, list[int], list[str]]:
-    """Commands at each pose, their lines, and notes."""
+def _poses(
+    raw: RawFile, programme: Programme, steps: list[Step]
+) -> tuple[pd.DataFrame, list[int], list[int], list[str]]:
+    """Commands at each pose, their lines, rows that were waited at again, and notes."""
     import pandas as pd
 
     from errormodel.gcode.extruder import INCH_MM
@@ -150,7 +152,8 @@ def _poses(raw: RawFile, programme: Programme, steps: list[Step]) -> tuple[pd.Da
     rows: list[dict[str, float]] = []
     lines: list[int] = []
     came = np.zeros(len(setup.axes))
-    feed, moved, again, named = np.nan, False, 0, False
+    feed, moved, named = np.nan, False, False
+    again: list[int] = []
     before = np.full(len(setup.axes), np.nan)
     for step in steps:
         if step.block.has("F") and step.modes.feed == "G94":
@@ -167,7 +170,8 @@ def _poses(raw: RawFile, programme: Programme, steps: list[Step]) -> tuple[pd.Da
             moved = moved or bool((changed | np.isnan(before))[list(step.named)].any())
             before, named = step.q.copy(), True
         if waits and _waiting(step):
-            again += named and not moved  # commanded again, and waited again, where it stood
+            if rows and named and not moved:  # commanded again, and waited again, where it stood
+                again.append(len(rows) - 1)
             named = False
         if not moved or (waits and not _waiting(step)) or (not waits and step.path is None):
             continue
@@ -193,8 +197,9 @@ def _poses(raw: RawFile, programme: Programme, steps: list[Step]) -> tuple[pd.Da
     zero = "" if programme.source.reading.offsets else ", taken as positions of the axes"
     notes = [f"{len(rows)} poses at {how}{zero}"]
     if again:
-        notes.append(f"{again} dwell{'s' * (again > 1)} at the place of the dwell before, counted as one pose with it")
-    return frame, lines, notes
+        count = len(again)
+        notes.append(f"{count} dwell{'s' * (count > 1)} at the place of the dwell before, counted as one pose with it")
+    return frame, lines, again, notes
 
 
 def _check_travels(setup: Setup, step: Step) -> None:

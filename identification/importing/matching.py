@@ -61,7 +61,7 @@ def by_name(measured: Sequence[object], commands: Sequence[object]) -> Matched:
     return Matched(np.array(out, dtype=np.intp), "name")
 
 
-def by_order(count: int, commands: int, nominal: Array, measured: Array) -> Matched | None:
+def by_order(count: int, commands: int, nominal: Array, measured: Array, again: Sequence[int] = ()) -> Matched | None:
     """The k-th reading to the k-th command; or a whole number of readings a command, or passes through them.
 
     Parameters
@@ -69,10 +69,14 @@ def by_order(count: int, commands: int, nominal: Array, measured: Array) -> Matc
     count, commands : numbers of readings and commands.
     nominal : (commands, 3) mm.
     measured : (count, 3) mm, by which several readings a command and several passes are distinguished.
+    again : rows of commands that were waited at once more each, and read then as well where the count says so.
     """
     rows = np.arange(count)
     if count == commands:
         return Matched(rows, "order")
+    if again and count == commands + len(again):
+        every = np.sort(np.append(np.arange(commands), again))
+        return Matched(every, f"order, {len(again)} of them at a place that was waited at again")
     if commands == 0 or count % commands:
         return None
     times = count // commands

@@ -197,7 +197,7 @@ def _match(
         same = source.recording.dated and commands.recording.dated
         return by_time(path, commands.column("time"), points, when, centre, same_clock=same, name=commands.raw.name)
     if how in ("auto", "order"):
-        found = by_order(len(first), commands.rows, path, middle)
+        found = by_order(len(first), commands.rows, path, middle, commands.recording.again)
         if found is not None:
             return found
         if how == "order":

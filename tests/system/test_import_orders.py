@@ -109,13 +109,21 @@ def test_names_and_times_prove_an_order(tmp_path: Path) -> None:
     assert not result.notes
 
 
-def test_two_dwells_at_one_place_are_said_where_the_numbers_differ(tmp_path: Path) -> None:
+def test_two_dwells_at_one_place_are_two_readings_where_the_numbers_say_so(tmp_path: Path) -> None:
+    """12 poses on a line, one commanded and waited at again: 13 readings belong to all dwells, 14 to none."""
     commands = poses(rows=12).assign(Y=0.0, Z=300.0)
     lines = programme(commands).splitlines()
     x = commands["X"].iloc[5]
     at = next(k for k, line in enumerate(lines) if line.startswith(f"G1 X{x:.3f} "))
     lines[at + 2 : at + 2] = [lines[at], "G4 P3"]
-    written(tmp_path, commands, points(commands.iloc[[*range(6), *range(5, 12)]].reset_index(drop=True)))
+    order = [*range(6), *range(5, 12)]
+    measured = points(commands.iloc[order].reset_index(drop=True))
+    written(tmp_path, commands, measured)
+    (tmp_path / "survey.nc").write_text("\n".join(lines) + "\n")
+    result = import_survey(tmp_path / "tracker.txt", MILL, commands=tmp_path / "survey.nc")
+    np.testing.assert_array_equal(result.survey.commands(["X"])[:, 0], commands["X"].to_numpy()[order])
+    assert "by order, 1 of them at a place that was waited at again" in result.summary()
+    written(tmp_path, commands, measured[[*range(13), 0]])
     (tmp_path / "survey.nc").write_text("\n".join(lines) + "\n")
     with pytest.raises(InputError, match="1 dwell at the place of the dwell before, counted as one pose with it"):
         import_survey(tmp_path / "tracker.txt", MILL, commands=tmp_path / "survey.nc")

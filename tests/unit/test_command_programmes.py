@@ -1,4 +1,4 @@
-"""Programmes of Siemens' and Heidenhain's controls as commands: the same poses in three languages, and what is refused."""
+"""Programmes of Siemens and Heidenhain controls as commands: the same poses in three languages, and what is refused."""
 
 from __future__ import annotations
 
