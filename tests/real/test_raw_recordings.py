@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from errormodel.exceptions import InputError
-from errormodel.machine import Basis, Joint, Machine
+from errormodel.machine import Basis, Joint, Machine, Shape
 from errormodel.raw_formats.base import Asked, Recording, format_of, open_raw
 from identification import fit, import_survey
 
@@ -61,6 +61,18 @@ def test_three_reflectors_stay_at_their_distances(files: Path) -> None:
     apart = np.linalg.norm(points - np.roll(points, 1, axis=1), axis=2)
     assert np.ptp(apart, axis=0).max() < 0.5  # mm, of distances of 100 mm and more: a rigid flange
     assert apart.min() > 100
+
+
+def test_an_arm_whose_joint_columns_are_named(files: Path) -> None:
+    """Two joints move; three reflectors find their places on the flange, which the forearm (J3 = -J2) keeps level."""
+    turn = {"travel": (-np.pi, np.pi)}
+    arm = Machine("two joints of an arm", (
+        Joint("J1", "rotary", Z, **turn), Shape("S1", (312.0, 0.0, 0.0)), Joint("J2", "rotary", Y, **turn),
+    ), (1280.0, 0.0, 1300.0))  # fmt: skip
+    result = import_survey(files / "robot_three_smr.txt", arm, columns={"J1": "16", "J2": "17"})
+    assert len(result.survey) == 36
+    assert result.imported.proof.rms_um < 1000  # of an arm that nobody calibrated, over 2 m
+    assert len(result.imported.pairs[0].targets) == 3  # type: ignore[union-attr]
 
 
 def test_leica_without_commands_says_what_is_missing(files: Path) -> None:
