@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NoReturn
 
 from errormodel.gcode.words import Block, Word
@@ -49,7 +49,7 @@ _NO_MOTION = re.compile(
 )
 _QUIET_CYCLES = frozenset((13, 32))  # orientation of the spindle, tolerance
 _FRAMES = {7: "a datum shift", 8: "mirroring", 10: "rotation", 19: "a tilted plane"}  # taken back by zeros, or nothing
-_QUIET_M = frozenset((13, 14, 116, 117, 127, 129, 136, 137, 145))  # spindle and coolant, feeds, what is switched off
+_QUIET_M = frozenset((13, 14, 116, 117, 126, 127, 129, 136, 137, 145))  # spindle and coolant, feeds, rotary ways, off
 
 
 class HeidenhainProgramme(RawFormat):
@@ -78,7 +78,7 @@ class HeidenhainProgramme(RawFormat):
         reader = _Reader(ProgrammeZero(bool(reading.offsets)))
         blocks = [reader.block(block, text) for block, text in _statements(raw.name, raw.lines)]
         dialect = replace(DIALECTS["iso"], title=cls.title)
-        return recording_of(raw, Programme(setup, Source(raw.name, dialect, blocks, reading)))
+        return recording_of(raw, Programme(setup, Source(raw.name, dialect, blocks, reading), reader.ways))
 
 
 def _statements(name: str, lines: Sequence[str]) -> Iterator[tuple[Block, str]]:
@@ -104,7 +104,9 @@ class _Reader:
     inch: bool = False
     centre: tuple[str, str] | None = None
     upright: bool = True  # the tool is along Z, so that circles are in XY
+    shorter: bool = False  # rotary axes turn the shorter way (M126)
     ended: bool = False
+    ways: dict[tuple[int, str], int] = field(default_factory=dict)  # as `Programme.ways`
 
     def block(self, block: Block, text: str) -> Block:
         """The statement in words of RS274/NGC.
@@ -186,6 +188,9 @@ class _Reader:
         machine = "91" in functions
         if "128" in functions:
             self._refuse(block, "M128")
+        self.shorter = (self.shorter or "126" in functions) and "127" not in functions
+        if self.shorter:
+            self.ways |= {(block.number, a): 0 for a, (_, step) in axes.items() if a in "ABC" and not step}
         said = [Word("M", m) for m in functions if int(m) not in _QUIET_M and m != "91"]
         steps = {step for _, step in axes.values()}
         if len(steps) > 1 or (machine and True in steps):

@@ -33,6 +33,7 @@ from identification.observation.frames import MACHINE_ERROR_SHARE, align
 
 Both: TypeAlias = tuple[Array, Array]  # nominal and measured points
 
+MOST_TARGETS, FEWEST_OF_TARGET = 8, 4  # words of a column that may name reflectors, and rows of each; by judgement
 SAME_FRAME = 3.0  # times the misfit of the better file alone: so far may two files in one frame be off; by judgement
 
 
@@ -122,7 +123,8 @@ def import_files(
     try:
         proof = prove(machine, survey, any(p.averaged for p in pairs), len(points) > 0)
     except InputError as error:
-        raise _with_nearest(error, points, pairs, aligned, commanded, chain, seed) from error
+        error = _with_nearest(error, points, pairs, aligned, commanded, chain, seed)
+        raise InputError(error.where, error.found, f"{error.cure}{_other_targets(points)}") from error
     if commanded is not None and any(p.by_rows for p in pairs):
         proof = with_other_order(machine, survey, proof)
         if proof.other is not None and wishes.match != "order":  # who says the order has confirmed it
@@ -176,6 +178,19 @@ def _with_nearest(
     off = np.linalg.norm(measured[own] - found.pose.apply(path[found.command[own]]), axis=1)
     what = f"with --match nearest {int(own.sum())} of {len(own)} readings fit to {1e3 * float(np.median(off)):.0f} um"
     return InputError(error.where, f"{error.found}. What fits instead: {what}", error.cure)
+
+
+def _other_targets(points: Sequence[SourceFile]) -> str:
+    """Advice where a column of a few words that come again and again may name the reflectors."""
+    for source in points:
+        frame = source.recording.frame
+        for name in source.left if "target" not in frame else ():
+            column = frame[name] if name in frame else None
+            words = [] if column is None or column.dtype.kind == "f" else sorted({*column.astype(str)} - {"", "nan"})
+            if 1 < len(words) <= MOST_TARGETS and len(words) <= source.rows / FEWEST_OF_TARGET:
+                shown = ", ".join(words[:3])
+                return f". If the column {name} ({shown}) names the reflectors, say --columns target={name}"
+    return ""
 
 
 def _refuse_no_commands(source: SourceFile, machine: Machine) -> None:

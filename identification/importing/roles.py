@@ -56,11 +56,11 @@ _MEASURED = (
 )
 _LABELS = {
     "point": r"punkt(name|nr)?|name|point(name|id|no|number|nr)?|label|pt|id|pose(id|no|name)?|no|nr|number|feature",
-    "target": r"target(name|id)?|reflector|smr|prism|ball",
-    "station": r"station(id|no|name)?|instrument(id|name)?",
-    "run": r"run|series|cycle|pass",
+    "target": r"(target|reflector|reflektor|smr)(name|id|no|nr)?|prism|ball|prisma|kugel|ziel(marke)?",
+    "station": r"station(id|no|name)?|instrument(id|name)?|standpunkt|standort",
+    "run": r"run|series|cycle|pass|lauf|zyklus|serie",
     "time": r"zeit|time(stamp)?(s|sec|seconds)?|t|seconds|elapsed(time)?|timestamp(s)?|uptime",
-    "feed": r"feed(rate)?|f|speed",
+    "feed": r"feed(rate)?|f|speed|vorschub",
     "load": r"load|payload",
     "sigma": r"sigma|std|uncertainty|u",
 }

@@ -126,6 +126,12 @@ HEIDENHAIN = """0  BEGIN PGM KONTROLLE MM
 """
 
 
+def test_rotary_axes_take_the_shorter_way_behind_m126(tmp_path: Path) -> None:
+    text = "L X+0 Y+0 Z+300 A+0 C+10 FMAX\nL C+350\nL C+340 M126\nL C+10\nL C+350 M127\nL M30\n"
+    read = commands(text, tmp_path, "heidenhain-programme", TRUNNION)
+    assert read.frame["dir_C"].to_list()[1:] == [1, -1, 1, 1]
+
+
 def test_heidenhain(tmp_path: Path) -> None:
     read = commands(HEIDENHAIN, tmp_path, "heidenhain-programme", offsets=("X1,Y2,Z30",))
     np.testing.assert_allclose(read.frame[["X", "Y", "Z"]], [[101, -48.5, 330], [111, -53.5, 330], [121, -43.5, 330]])
