@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 LABELS = ("point", "target", "station", "group")  # columns of text that only an import knows
+LEFT_OUT = "-"  # in place of a column's own name: it is not read
 READ_BACK = "read_"  # before a joint: the position that the controller read back
 FEW_READINGS = 10  # readings at a place: the scatter of fewer is too uncertain to stand alone
 
@@ -104,6 +105,9 @@ def with_map(recording: Recording, entry: RawEntry, machine: Machine) -> Recordi
         if not is_column(ours, machine):
             names = (*(j.name for j in machine.joints), *MEASURED, *LABELS, "time", "run")
             raise InputError(f"{entry.path}, columns: {ours}", "no column of a survey", nearest(ours, names))
+        if theirs == LEFT_OUT and ours in frame:
+            taken.add(ours)
+            continue
         name, sign = (theirs, 1.0) if theirs in frame else (theirs.removeprefix("-"), -1.0)
         if name not in frame:
             raise InputError(

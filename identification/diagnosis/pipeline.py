@@ -16,6 +16,7 @@ from identification.diagnosis.data_checks.approach_direction import contrary_sid
 from identification.diagnosis.data_checks.blunder import Blunder, listed, misses
 from identification.diagnosis.data_checks.checks import MOST_BLUNDERS, find_blunders, without
 from identification.diagnosis.data_checks.head_axes import refuse_turned_head
+from identification.diagnosis.data_checks.orientations import refuse_foreign_orientations
 from identification.diagnosis.data_checks.outliers import gross_rows
 from identification.diagnosis.data_checks.runs_of_motions import (
     compared_runs,
@@ -130,6 +131,7 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
         check_readings(mended)
         if not read:
             refuse_turned_head(mended)
+            refuse_foreign_orientations(survey, mended.problem.views)
             refuse_unstated_rotation(mended)
         noise_checked = bool(survey.motions_of) and not read  # by the registration that they come from
         sound, fit, bad = _without_outliers(machine, survey, mended, log, 0 if noise_checked else 3)

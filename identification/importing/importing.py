@@ -172,7 +172,7 @@ def _with_nearest(
     path = Nominal(chain, commanded.recording.frame).points(np.asarray(chain.machine.tool, dtype=np.float64))
     measured = aligned[0][1]
     found = find_pairing(path, measured, seed) if np.isfinite(measured).all() else None
-    if found is None or found.ways > 1:
+    if found is None or found.ways > 1 or np.array_equal(found.command, pairs[0].command):
         return error
     own = found.command >= 0
     off = np.linalg.norm(measured[own] - found.pose.apply(path[found.command[own]]), axis=1)
@@ -185,7 +185,7 @@ def _other_targets(points: Sequence[SourceFile]) -> str:
     for source in points:
         frame = source.recording.frame
         for name in source.left if "target" not in frame else ():
-            column = frame[name] if name in frame else None
+            column = frame.get(name)
             words = [] if column is None or column.dtype.kind == "f" else sorted({*column.astype(str)} - {"", "nan"})
             if 1 < len(words) <= MOST_TARGETS and len(words) <= source.rows / FEWEST_OF_TARGET:
                 shown = ", ".join(words[:3])

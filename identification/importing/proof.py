@@ -16,13 +16,14 @@ from errormodel.effects.clock_offset import ClockOffset
 from errormodel.exceptions import InputError
 from errormodel.machine import Machine
 from errormodel.survey import Survey
-from errormodel.surveys.columns import MEASURED
+from errormodel.surveys.columns import MEASURED, ORIENTATION
 from identification.diagnosis.data_checks.blunder import FEWEST, Blunder, Points, groups, misses, sheet
 from identification.diagnosis.data_checks.checks import find_blunders
+from identification.diagnosis.data_checks.orientations import refuse_foreign_orientations
 from identification.importing.exchanged_rows import CURE, FEWEST_PROVED, refuse_exchanged, refuse_few_exchanged
 from identification.importing.other_orders import OtherOrder, in_a_plane, other_order
 from identification.importing.steps import Step, find_step
-from identification.observation.assembly import frame_labels
+from identification.observation.assembly import build, frame_labels
 
 FOREIGN = 0.02  # of the points' reach: a rigid alignment of points that belong together leaves less; by judgement
 WILD = 10.0  # times the distance of most points: named as far from its command
@@ -98,6 +99,8 @@ def prove(machine: Machine, survey: Survey, averaged: bool, points: bool) -> Pro
     parts = [(rows, Points.of(chain, sheet(chain, survey.table.iloc[rows]), False)) for rows in groups(survey)]
     _refuse_mirror(parts, survey)
     _refuse_mistakes(machine, survey, parts)
+    if ORIENTATION[0] in survey.table:
+        refuse_foreign_orientations(survey, build(chain, survey).views)
     rows = np.concatenate([r for r, _ in parts]) if parts else np.zeros(0, dtype=np.intp)
     nominal = np.vstack([p.pose().apply(p.nominal) for _, p in parts]) if parts else empty
     measured = np.vstack([p.measured for _, p in parts]) if parts else empty

@@ -15,7 +15,7 @@ from errormodel.raw_formats.direction_words import HEADINGS
 from errormodel.raw_formats.sensor_names import sensor_of
 from errormodel.raw_formats.unit_words import without_tail
 from errormodel.surveys.columns import MEASURED, OBSERVATION, is_survey_column
-from errormodel.surveys.raw import LABELS, READ_BACK
+from errormodel.surveys.raw import LABELS, LEFT_OUT, READ_BACK
 
 Kind = Literal["measured", "commands", "whole"]
 
@@ -254,4 +254,5 @@ def unused(recording: Recording, columns: Mapping[str, str], machine: Machine) -
     taken = set(columns.values()) | {theirs.removeprefix("-") for theirs in columns.values()}
     known = (*LABELS, *(f"{READ_BACK}{j.name}" for j in machine.joints))
     names = [str(n) for n in recording.frame]
-    return [n for n in names if n not in taken and n not in known and not is_survey_column(n, machine)]
+    out = {ours for ours, theirs in columns.items() if theirs == LEFT_OUT}
+    return [n for n in names if n in out or (n not in taken and n not in known and not is_survey_column(n, machine))]

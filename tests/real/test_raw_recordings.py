@@ -81,11 +81,14 @@ def test_leica_without_commands_says_what_is_missing(files: Path) -> None:
 
 
 def test_leica_with_commands(files: Path, tmp_path: Path) -> None:
-    """Commands are what a machine would have had that stood at the points, to a millimetre."""
+    """Commands are what a machine would have had that stood at the points, to a millimetre; its target was turned."""
     table = pd.read_csv(files / "leica.csv", encoding="cp1252")
     commands = table.iloc[:, :3].round(0).set_axis(["X", "Y", "Z"], axis=1)
     commands.to_csv(tmp_path / "plan.csv", index=False)
-    result = import_survey(files / "leica.csv", CUBE, commands=tmp_path / "plan.csv")
+    with pytest.raises(InputError, match="measured orientations that lie"):
+        import_survey(files / "leica.csv", CUBE, commands=tmp_path / "plan.csv")
+    turned = dict.fromkeys(("mrx", "mry", "mrz"), "-")
+    result = import_survey(files / "leica.csv", CUBE, commands=tmp_path / "plan.csv", columns=turned)
     np.testing.assert_array_equal(result.survey.measured, table.iloc[:, :3].to_numpy())
     np.testing.assert_allclose(result.survey.table["sigma_x"], table.iloc[:, 4] / 2)
     assert result.imported.proof.rms_um < 900  # half a millimetre of rounding in three coordinates, at most

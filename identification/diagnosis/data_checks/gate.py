@@ -23,6 +23,7 @@ from identification.diagnosis.data_checks.blunder import FEWEST, Blunder, Points
 from identification.diagnosis.data_checks.checks import find_blunders
 from identification.diagnosis.data_checks.duplicates_and_clock import copied_rows
 from identification.diagnosis.data_checks.head_axes import refuse_turned_head
+from identification.diagnosis.data_checks.orientations import refuse_foreign_orientations
 from identification.diagnosis.data_checks.readings import lengths_of, refuse_minority
 from identification.diagnosis.data_checks.readings import refuse_wild as refuse_wild_lengths
 from identification.diagnosis.data_checks.runs_of_motions import refuse_unlike_runs
@@ -64,6 +65,7 @@ def passed(machine: Machine, survey: Survey, fitted: Callable[[], Fit], robust: 
     else:
         refuse_wild_lengths(survey, lengths_of(fit.chain, fit.problem.views))
     refuse_turned_head(fit)
+    refuse_foreign_orientations(survey, fit.problem.views)
     refuse_unstated_rotation(fit)
     nominal = fit.nominal
     if not nominal.n or 1e-3 * nominal.max_um < MACHINE_ERROR_SHARE * fit.chain.size:
