@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import combinations, product
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,7 @@ from identification.observation.normal_equations import design_rows, full_norms
 
 MACHINES = ("bridge_cmm", "vertical_three_axis", "trunnion_five_axis")
 POSES = 150
+STEPS = 13  # positions on a line
 SEEN = (
     1e-7  # singular value of columns scaled to full travel from which a direction is seen; exact ones are below 1e-12
 )
@@ -128,6 +130,45 @@ def _circles(known: bool) -> Callable[[Machine], Survey]:
     return made
 
 
+def _lines(directions: Callable[[int], list[Array]]) -> Callable[[Machine], Survey]:
+    """Calibrated lengths from the first pose of lines, along directions in shares of the linear axes' travels."""
+
+    def made(machine: Machine) -> Survey:
+        axes = [j for j in machine.joints if j.type == "prismatic"]
+        low, high = np.array([j.travel for j in axes]).T
+        middle = _poses(machine, 0).iloc[:1].copy()
+        for j in machine.joints:
+            middle[j.name] = 0.0
+        parts = []
+        for direction in directions(len(axes)):
+            at = np.linspace(-0.45, 0.45, STEPS)[:, None] * direction * (high - low) + (high + low) / 2
+            rows = pd.concat([middle] * (STEPS - 1), ignore_index=True)
+            rows[[j.name for j in axes]] = at[1:]
+            start = rows[[j.name for j in machine.joints]].add_prefix("from_")
+            start[[f"from_{j.name}" for j in axes]] = at[0]
+            parts.append(rows.join(start).assign(observation="gauge"))
+        entries = {"gauge": _entry("pose-distance", offset=0.0)}
+        return _survey(machine, pd.concat(parts, ignore_index=True), entries, "shared", {})
+
+    return made
+
+
+def _axes(count: int) -> list[Array]:
+    """One direction an axis."""
+    return list(np.eye(count))
+
+
+def _diagonals(count: int) -> list[Array]:
+    """The body diagonals of the working volume, each once."""
+    return [np.array((1.0, *signs)) for signs in product((1.0, -1.0), repeat=count - 1)]
+
+
+def _with_faces(count: int) -> list[Array]:
+    """Body diagonals, and those of the faces through the middle."""
+    faces = [one + sign * other for one, other in combinations(np.eye(count), 2) for sign in (1, -1)]
+    return [*_diagonals(count), *faces]
+
+
 CASES: dict[str, Callable[[Machine], Survey]] = {
     "one station, unknown, dead path unknown": _stations(1),
     "two such stations": _stations(2),
@@ -136,6 +177,9 @@ CASES: dict[str, Callable[[Machine], Survey]] = {
     "four such stations, two targets on the spindle": _stations(4, longer=True),
     "one station, known in the machine's own frame": _stations(1, known=True),
     "three stations, known in the machine's own frame": _stations(3, known=True),
+    "step gauge along each linear axis": _lines(_axes),
+    "four body diagonals (ISO 230-6)": _lines(_diagonals),
+    "body and face diagonals": _lines(_with_faces),
     "calibrated distances between any two poses": _pairs(),
     "the same, offset unknown": _pairs(known=False),
     "ballbar circles in three planes, length calibrated": _circles(known=True),

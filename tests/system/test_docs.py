@@ -44,6 +44,10 @@ def test_the_readme_is_short() -> None:
     assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= MOST_LINES
 
 
+def _page(folder: Path, name: str) -> str:
+    return (folder / name).read_text(encoding="utf-8")
+
+
 def test_pages_of_reference_have_all(tmp_path: Path) -> None:
     code = "import sys; sys.path.insert(0, 'docs'); import generate, pathlib; generate.write(pathlib.Path(sys.argv[1]))"
     subprocess.run([sys.executable, "-c", code, str(tmp_path)], cwd=ROOT, check=True)
@@ -55,6 +59,14 @@ def test_pages_of_reference_have_all(tmp_path: Path) -> None:
         text = (tmp_path / "controllers" / f"{name}.md").read_text(encoding="utf-8")
         assert [p for p in parts if not re.search(rf"^## {p}\n\n\S.{{20,}}", text, re.MULTILINE)] == [], name
         assert f"(controllers/{name}.md)" in (tmp_path / "controllers.md").read_text(encoding="utf-8")
+    computed = re.findall(
+        r"^\| ([^|]+) \| (\d+)[^|]*\| (\d+)[^|]*\| (\d+)", _page(tmp_path, "lengths.md"), re.MULTILINE
+    )
+    printed = re.findall(
+        r"^\| ([^|]+) \| (\d+) \| (\d+) \| (\d+) \|$", _page(ROOT / "docs", "lengths.md"), re.MULTILINE
+    )
+    assert len(computed) > 10
+    assert printed == computed
     keys = (tmp_path / "survey_keys.md").read_text(encoding="utf-8")
     assert all(f"`{key}`" in keys for key in ("files", "frame", "instrument", "columns", "units"))
     licences = (tmp_path / "licences.md").read_text(encoding="utf-8")
