@@ -38,6 +38,7 @@ DIALECT_MARKS = {
     "iso": re.compile(_WORD.format(r"G(8|61\.1|64|59\.[1-3]|90\.1|91\.1)") + r"|^\s*/?\s*O\s*(<|\d+\s*[A-Z])|#<"),
     "fanuc": re.compile(r"^\s*O\d+\s*$|" + _WORD.format(r"G0*(9|15|67)")),
 }  # fmt: skip
+SIEMENS_UNITS = re.compile(_WORD.format("G(70|71|700|710)"))  # on lathes of others, cycles
 TRAILING_POINT = re.compile(r"[XYZABCUVWIJKR][-+]?\d+\.(?!\d)")
 WHOLE_NUMBER = re.compile(r"[XYZABCUVWIJKR][-+]?0*[1-9]\d*(?![\d.])")
 
@@ -79,7 +80,8 @@ def dialect_of(asked: str, blocks: Sequence[Block]) -> Dialect:
 
 def looks_siemens(lines: Sequence[str]) -> bool:
     """Whether lines, in capitals and without comments, have words of Siemens' controls and none of a printer's."""
-    return any(map(DIALECT_MARKS["siemens"].search, lines)) and not any(map(DIALECT_MARKS["printer"].search, lines))
+    own = any(DIALECT_MARKS["siemens"].search(line) or SIEMENS_UNITS.search(line) for line in lines)
+    return own and not any(map(DIALECT_MARKS["printer"].search, lines))
 
 
 def _title(mark: str) -> str:

@@ -44,7 +44,7 @@ _REFUSED = (
     (r"CC|[LC]P|CTP?|FPOL|F[LC]T?|APPR|DEP|RND|CHF", "a path by polar coordinates, tangents or corners", _ENDS),
 )
 _NO_MOTION = re.compile(
-    r"(BEGIN +PGM|END +PGM|BLK +FORM|TOOL +DEF|LBL|PLANE +RESET|TRANS +DATUM +RESET|"
+    r"(BEGIN +PGM|END +PGM|BLK +FORM|TOOL +DEF|LBL|PLANE +RESET +STAY|TRANS +DATUM +RESET|"
     r"FUNCTION +(MODE|RESET +TCPM|FEED)|\*)(?![A-Z])"
 )
 _QUIET_CYCLES = frozenset((13, 32))  # orientation of the spindle, tolerance
@@ -129,6 +129,10 @@ class _Reader:
             return self._cycle(block, int(found[1]), found[2], text[found.end() :])
         if _NO_MOTION.match(text):
             return []
+        if text.startswith("PLANE RESET"):
+            return [Word("G", "28")]  # rotary axes turn, and all may move: to where is not known
+        if found := re.fullmatch(r"(?:L )?(?:R0 )?(?:F ?MAX )?M140 MB ?(?:MAX|[-+\d.,]+).*", text):
+            return [Word("G", "91"), Word("G", "28"), Word("Z", "0")]  # back along the tool
         if found := re.match(r"TOOL CALL *(\"[^\"]*\"|\d+(?:\.\d+)?)? *([XYZ])?", text):
             if not found[1]:
                 return []  # another speed

@@ -87,12 +87,14 @@ class ProgrammeZero:
     stated : whether he states it.
     tool : the tool that is in the spindle and counts, empty without one.
     preset : what else displaces the zero, in words.
+    origin : its name in ``--offset``, such as ``G54=``; empty: that which is active.
     used : tools with which positions were commanded.
     """
 
     stated: bool
     tool: str = ""
     preset: str = ""
+    origin: str = ""
     used: set[str] = field(default_factory=set)
 
     def check(self, block: Block) -> None:
@@ -105,8 +107,8 @@ class ProgrammeZero:
         """
         what = " and ".join(w for w in (self.tool and f"the length of the tool {self.tool}", self.preset) if w)
         if what and not self.stated:
-            cure = "Write --offset X..,Y..,Z..: where the programme's zero is on the axes, with the tool in the spindle"
-            block.refuse(f"a position that depends on {what}", cure)
+            where = "where the programme's zero is on the axes, with the tool in the spindle"
+            block.refuse(f"a position that depends on {what}", f"Write --offset {self.origin}X..,Y..,Z..: {where}")
         self.used |= {self.tool} - {""}
         if len(self.used) > 1:
             found = f"positions with the tools {' and '.join(sorted(self.used))}, whose lengths are not known here"
@@ -177,7 +179,7 @@ def _poses(
             continue
         unknown = [a.name for a, q in zip(setup.axes, step.q, strict=True) if not np.isfinite(q)]
         if unknown:
-            found = f"where {', '.join(unknown)} stands is not known"
+            found = f"where {', '.join(unknown)} stand{'s' * (len(unknown) == 1)} is not known"
             letter = unknown[0]
             cure = f"Say where the axes stand at the beginning, such as --at start={letter}0, or move {letter} first"
             step.block.refuse(found, cure)

@@ -36,7 +36,8 @@ _ZERO = "Write one of G54 to G59, and give it as --offset G54=X..,Y..,Z.."
 # words that move no axis and displace no zero
 _QUIET = re.compile(
     r"STOPRE|MSG|FFWO[NF]|BRISKA?|SOFTA?|DRIVEA?|COMP(ON|OF|CURV|CAD)|CYCLE832|TRAFOOF|CFC|CFTCP|CFIN|DIAMOF|FNORM|FGROUP|"
-    r"WORKPIECE|ORIMKS|ORIAXES|[US]PATH|FIFOCTRL|STARTFIFO|STOPFIFO|WALIMO[NF]|DYN(NORM|POS|ROUGH|SEMIFIN|FINISH)|CUT2D|CUT3DC"
+    r"WORKPIECE|GROUP_\w+|ORIMKS|ORIAXES|[US]PATH|FIFOCTRL|STARTFIFO|STOPFIFO|WALIMO[NF]|DYN(NORM|POS|ROUGH|SEMIFIN|FINISH)|CUT2D|CUT3DC|"
+    r"CYCLE800\(\)"  # takes a turned plane back
 )
 _RESET = frozenset(("TRANS", "ROT", "SCALE", "MIRROR"))  # alone in a block: the frame is taken back
 _REFUSED = (
@@ -69,7 +70,7 @@ class SiemensProgramme(RawFormat):
 
         if raw.text is None:
             return False
-        lines = [text for line in raw.lines if (text := _plain(line)) and text != "%"]
+        lines = [text for line in raw.lines if (text := _plain(line)) and text[0] != "%"]
         if not lines or not any(map(_MOTION.search, lines)) or not looks_siemens(lines):
             return False
         return sum(map(_is_block, lines)) >= (1 - MOST_OTHER) * len(lines)
@@ -96,7 +97,7 @@ def _is_block(text: str) -> bool:
     at = head.end() if head else 0
     while at < len(text) and (token := _TOKEN.match(text, at)):
         at = token.end()
-    return at == len(text) or text.startswith("%_N_")
+    return at == len(text)
 
 
 @dataclass
@@ -148,7 +149,7 @@ class _Reader:
         """
         text = _plain(block.text)
         head = _HEAD.match(text)
-        if head is None or head.end() == len(text) or text == "%" or text.startswith(("%_N_", "PROC ")) or self.ended:
+        if head is None or head.end() == len(text) or text.startswith(("%", "PROC ")) or self.ended:
             return block
         if _REFERENCE.search(text):
             return replace(block, words=(Word("G", "28"),))
@@ -160,7 +161,8 @@ class _Reader:
             at = token.end()
             if token["word"]:
                 alone = at == len(text) and not said.words and not said.axes and not token["arguments"]
-                self._word(said, token["word"], alone)
+                empty = "()" if (token["arguments"] or "").replace(" ", "") == "()" else ""
+                self._word(said, token["word"] + empty, alone)
             else:
                 value = token["number"] or token["value"] or token["inside"]
                 self._address(said, token["name"] or token["letter"], value, token["how"] or "")
@@ -230,7 +232,8 @@ class _Reader:
         elif re.fullmatch(r"50[5-9]|5[1-9]\d", code):
             said.block.refuse(f"the settable offset G{code}", _ZERO)
         elif not _PASSED.fullmatch(code):
-            self.unset = self.unset and not re.fullmatch(r"5[4-9]", code)
+            if re.fullmatch(r"5[4-9]", code):
+                self.unset, self.zero.origin = False, f"G{code}="
             said.words.append(Word("G", code))
 
     def _moves(self, said: _Sentence) -> list[Word]:

@@ -58,7 +58,7 @@ class RawEntry(FileModel):
     sha256: str = Field("", pattern="^([0-9a-f]{64})?$", description="digest of the file as it was imported")
     columns: dict[str, str] = Field(
         {},
-        description='of this raw file: our column name: its own ("-" before it: other sign; "-": left out), such as {mx: East}',
+        description='our column name: its own ("-" before it: other sign; "-" alone: left out), such as {mx: East}',
     )
     units: dict[str, str] = Field({}, description="of this raw file, by kind or our column, such as {length: m}")
     dates: Literal["", "day-first", "month-first"] = Field("", description="day-first or month-first")

@@ -75,6 +75,8 @@ N10 T="REFLECTOR" M6
 N15 D1
 N20 CYCLE832(0.01,0,1)
 N25 TRANS
+N26 CYCLE800()
+N27 GROUP_BEGIN(0,"Punkte (1)",0,0)
 N30 START: G0 X100 Y=-50.5 Z300 A=0 C=DC(10)
 N35 G4 F2
 N40 G1 X=AC(110) C=DC(350) F1500
@@ -96,7 +98,7 @@ def test_siemens(tmp_path: Path) -> None:
     np.testing.assert_allclose(read.frame[names], expected)
     assert read.frame["dir_C"].to_list()[1:] == [-1, 1, 1]
     assert read.frame["dir_X"].to_list()[1:] == [1, -1, -1]
-    assert read.lines == (9, 11, 13, 15)
+    assert read.lines == (11, 13, 15, 17)
 
 
 HEIDENHAIN = """0  BEGIN PGM KONTROLLE MM
@@ -108,6 +110,7 @@ HEIDENHAIN = """0  BEGIN PGM KONTROLLE MM
 5  CYCL DEF 7.1  X+0
 6  CYCL DEF 7.2  Y+0
 7  PLANE RESET STAY
+   L M140 MB MAX
 8  TOOL CALL 12 Z S500
 9  L  Z+0 R0 FMAX M91
 10 L  X+100  Y-50.5  Z+300 R0 FMAX M3
@@ -136,7 +139,7 @@ def test_heidenhain(tmp_path: Path) -> None:
     read = commands(HEIDENHAIN, tmp_path, "heidenhain-programme", offsets=("X1,Y2,Z30",))
     np.testing.assert_allclose(read.frame[["X", "Y", "Z"]], [[101, -48.5, 330], [111, -53.5, 330], [121, -43.5, 330]])
     assert read.frame["dir_Y"].to_list()[1:] == [-1, 1]
-    assert read.lines == (13, 16, 19)
+    assert read.lines == (14, 17, 20)
 
 
 @pytest.mark.parametrize(
@@ -162,7 +165,7 @@ def test_heidenhain(tmp_path: Path) -> None:
         ("X5 X=6", "X twice"),
         ("G2 X10 Y0 I=AC(5) J=AC(0)", "I=AC(..)"),
         ("X=1000", "beyond its travel"),
-        ("T1 D1\nX=10", "the length of the tool 1"),
+        ("G54 T1 D1\nX=10", "the length of the tool 1. Write --offset G54=X..,Y..,Z.."),
         ("G55\nX=10", "the work offset G55 is not known"),
     ],
 )
@@ -194,6 +197,7 @@ def test_what_a_siemens_programme_is_refused_for(line: str, words: str, tmp_path
         ("C X+10 Y+0 DR+", "an arc whose plane, centre or sense"),
         ("L B+10", "the machine has no axis B"),
         ("L X+10 M140 MB MAX", "'MB'"),
+        ("PLANE RESET TURN MB MAX FMAX\nL X+10", "where Y, Z stand is not known"),
         ("L X+1000", "beyond its travel"),
         ("TOOL CALL 5 Z\nL X+1 Y+1 Z+300", "the length of the tool 5"),
         ("CYCL DEF 247 Q339=+1\nL X+1", "the preset that cycle 247 takes"),
