@@ -171,7 +171,7 @@ def split(block: Block, printer: bool) -> Block:
             end = len(text) if sign == ";" else text.find(")", at) + 1
             if not end or ("(" in text[at + 1 : end] and sign == "("):
                 block.refuse("a comment within another, or without its end", "Close every ( with ) on its line")
-            comments.append(text[at:end])
+            comments.append(text[at:end].rstrip())  # blanks behind a comment end with its line
             at = end
             continue
         name = EXTENDED.match(text, at) if printer and not words else None

@@ -22,10 +22,10 @@ _HEADS = (
     r"FUNCTION|TRANS|APPR|DEP|RND|CHF|F[LC]T?|M\d+|\*"
 )
 _STATEMENT = re.compile(rf"\s*(?:\d+\s+)?(?:{_HEADS})(?![A-Z])")
-_LINE = re.compile(rf"\s*(?:\d+\s+)?L\s+I?[XYZABCUVW]\s*{_VALUE}")
+_LINE = re.compile(r"\s*(?:\d+\s+)?L\s+I?[XYZABCUVW]\s*[-+]?(?:[\d.,]|Q)")
 _TOKEN = re.compile(
     rf"(?P<step>I?)(?P<axis>[XYZABCUVW])\s*(?P<value>{_VALUE})|(?P<none>R0)|F\s*(?P<rapid>MAX)|F\s*(?P<auto>AUTO|[ZU]\s*{_VALUE})"
-    rf"|F\s*(?P<feed>{_VALUE})|M\s*(?P<m>\d+)|DR(?P<turn>[-+])|R(?P<radius>{_VALUE})"
+    rf"|F\s*(?P<feed>{_VALUE})|M(?P<m>\s*\d+)?(?=\s|$)|DR(?P<turn>[-+])|R(?P<radius>{_VALUE})"
 )
 MOST_OTHER = 0.2  # of the statements may be something else before the file is taken for another one
 
@@ -186,7 +186,7 @@ class _Reader:
                     block.refuse(f"{token['axis']} twice", "Write one")
                 axes[token["axis"]] = token["value"].replace(",", "."), bool(token["step"])
             elif token["m"]:
-                functions.append(token["m"])
+                functions.append(token["m"].strip())
             rapid = rapid or bool(token["rapid"])
             feed, turn, radius = token["feed"] or feed, token["turn"] or turn, token["radius"] or radius
         machine = "91" in functions

@@ -24,7 +24,8 @@ _ADDRESS = (
 _LETTER = rf"(?P<letter>[A-Z])(?P<number>{_NUMBER})(?![\d.=(])\s*"
 _WORD = r"(?P<word>[A-Z_]{2}[A-Z_0-9]*)\s*(?P<arguments>\([^()]*\))?(?!\s*=)\s*"
 _TOKEN = re.compile(f"{_ADDRESS}|{_LETTER}|{_WORD}")
-_MOTION = re.compile(r"(?<![A-Z])G0*[0-3](?![\d.])")
+_CODE = re.compile(r"(?<![A-Z])G\d")
+_AXIS = re.compile(r"(?<![A-Z])[XYZABCUVW]\d*\s*(?:=|[-+]?[\d.])")
 _REFERENCE = re.compile(r"(?<![A-Z])G7[45](?![\d.])")  # to places of the machine's own
 MOST_OTHER = 0.2  # of the lines of a programme may be something else before it is taken for another file
 
@@ -71,7 +72,7 @@ class SiemensProgramme(RawFormat):
         if raw.text is None:
             return False
         lines = [text for line in raw.lines if (text := _plain(line)) and text[0] != "%"]
-        if not lines or not any(map(_MOTION.search, lines)) or not looks_siemens(lines):
+        if not any(map(_CODE.search, lines)) or not any(map(_AXIS.search, lines)) or not looks_siemens(lines):
             return False
         return sum(map(_is_block, lines)) >= (1 - MOST_OTHER) * len(lines)
 
@@ -97,7 +98,13 @@ def _is_block(text: str) -> bool:
     at = head.end() if head else 0
     while at < len(text) and (token := _TOKEN.match(text, at)):
         at = token.end()
-    return at == len(text)
+    return at == len(text) or _followed_by_none(text[at:])
+
+
+def _followed_by_none(rest: str) -> bool:
+    """Whether it is language of these controls that is refused with a reason."""
+    name = re.match(r"[A-Z_]+", rest)
+    return "=" in rest or (name is not None and any(re.fullmatch(p, name[0]) for p, _, _ in _REFUSED))
 
 
 @dataclass

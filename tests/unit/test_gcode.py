@@ -325,6 +325,11 @@ def test_a_programme_without_positions_carries_no_mark() -> None:
     assert GCode().rewrite("a.nc", text, SETUP, shift, Reading()).text == text
 
 
+def test_blanks_behind_a_comment_are_none_of_it() -> None:
+    assert "X1" in rewritten("G0 X0 Y10 Z-60\nG1 X1 F100 ;slowly  \n")
+    assert rewritten("(before)\n%\nG0 X0 Y10 Z-60\n%\n(behind)\n").splitlines()[1:2] == ["%"]
+
+
 def test_letters_of_other_alphabets_stay_in_comments() -> None:
     comment = b"(F\xe4se, \xc3\xbcber Alles)".decode("utf-8", "surrogateescape")
     out = rewritten(f"G0 X0 Y10 Z-60 {comment}\nG1 X20 F100 ; \u00e4\n").splitlines()
