@@ -344,6 +344,9 @@ def _names_of(row: list[str], width: int, spare: int) -> list[str] | None:
     words = [cell for cell in row if cell]
     if not words or any(kind_of(cell) == "number" for cell in words) or len(words) < max(1, width / 2):
         return None
+    ends = [cell[-1] in ";:," for cell in words]
+    if any(ends[:-1]) and not all(ends):  # a sentence of as many words as there are columns
+        return None
     return [" ".join(cell.split()) for cell in row]
 
 

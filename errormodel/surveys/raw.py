@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 LABELS = ("point", "target", "station", "group")  # columns of text that only an import knows
+UNSTATED = "no unit"  # begins the note of a format on what it takes for granted where a file states none
 LEFT_OUT = "-"  # in place of a column's own name: it is not read
 READ_BACK = "read_"  # before a joint: the position that the controller read back
 FEW_READINGS = 10  # readings at a place: the scatter of fewer is too uncertain to stand alone
@@ -129,7 +130,9 @@ def with_map(recording: Recording, entry: RawEntry, machine: Machine) -> Recordi
         columns[name] = _converted(entry, machine, name, column, units.get(name, stated_all))
     _check_units(entry, columns)
     stated = {name: unit for name in columns if (unit := entry.units.get(name) or _said(name, units))}
-    return replace(recording, frame=pd.DataFrame(columns), units={n: _usual(n, machine) for n in stated})
+    told = "length" in entry.units or {*MEASURED} <= {*entry.units}
+    notes = tuple(note for note in recording.notes if not (told and note.startswith(UNSTATED)))
+    return replace(recording, frame=pd.DataFrame(columns), units={n: _usual(n, machine) for n in stated}, notes=notes)
 
 
 def _is_coordinate(name: str, machine: Machine) -> bool:

@@ -231,3 +231,13 @@ def test_any_bytes_are_read_or_refused(content: bytes, tmp_path: Path) -> None:
     else:
         cure = "none needed"
     assert cure
+
+
+def test_a_sentence_of_as_many_words_as_columns_is_no_row_of_names(tmp_path: Path) -> None:
+    rows = "".join(f"{k} {k}.25 {-k}.5 {k + 1}.75\n" for k in range(1, 6))
+    for title in ("Standpunkt 1; Prüfer Müller", "Prüfer: Müller am Tracker"):
+        read = read_back(tmp_path, f"{title}\n{rows}".encode("cp1252"))
+        assert {"mx", "my", "mz"} <= {*read.frame}
+        assert "1 line above the table passed over" in read.notes
+    named = read_back(tmp_path, f"No: X: Y: Z:\n{rows}".encode())
+    assert [str(n) for n in named.frame] == ["No:", "X:", "Y:", "Z:"]
