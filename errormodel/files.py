@@ -12,7 +12,7 @@ import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from errormodel.exceptions import ErrorModelError, InputError
 
@@ -93,6 +93,23 @@ def write_csv(frame: pd.DataFrame, path: Path | str) -> None:
     frame = frame.assign(**{name: frame[name].map(_inert) for name in text})
     with replacing(path) as part:
         frame.to_csv(part, index=False, lineterminator="\n", encoding="utf-8")
+
+
+def read_csv(path: Path, **options: Any) -> pd.DataFrame:
+    """Read a table that `write_csv` wrote; `options` of pandas.
+
+    Raises
+    ------
+    OSError, ValueError
+        It is no such table. Rows with more cells than the first line, of which pandas makes names of the rows, are
+        refused: each column would stand under the name of another.
+    """
+    import pandas as pd
+
+    table = pd.read_csv(path, **options)
+    if not isinstance(table.index, pd.RangeIndex):
+        raise ValueError("rows have more cells than the first line has names")
+    return table
 
 
 def write_parquet(frame: pd.DataFrame, path: Path | str) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import re
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +18,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 from ruamel.yaml import YAML, MappingNode, Node, ScalarNode, SequenceNode
-from ruamel.yaml.error import MarkedYAMLError, YAMLError
+from ruamel.yaml.error import MarkedYAMLError, ReusedAnchorWarning, YAMLError
 
 from errormodel.exceptions import InputError, nearest
 from errormodel.inputs import is_unicode, noted
@@ -161,7 +162,13 @@ def parse(text: str, name: str) -> Document:
     """Like :func:`load`, for a text with the name `name` in messages."""
     yaml = YAML(typ="safe", pure=True)
     try:
-        root = yaml.compose(text)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", ReusedAnchorWarning)
+            root = yaml.compose(text)
+    except ReusedAnchorWarning as error:
+        anchor, line = re.findall(r"anchor ('.*')", str(error)), re.findall(r"\(line: (\d+)\)", str(error))
+        found = f"a second anchor {anchor[0]}: aliases before and behind it would be different values"
+        raise InputError(f"{name}, line {line[-1]}", found, "Give each anchor a name of its own") from error
     except YAMLError as error:
         raise _syntax_error(text, name, error) from error
     except RecursionError as error:

@@ -9,6 +9,7 @@ import numpy as np
 
 from errormodel.arrays import Index, Mask
 from errormodel.exceptions import InputError
+from errormodel.files import read_csv
 from errormodel.inputs import noted
 
 PAIR_COLUMNS = ("command", "first", "last")
@@ -80,7 +81,7 @@ def read_pairs(path: Path, name: str) -> PairTable:
     import pandas as pd
 
     try:
-        table = pd.read_csv(noted(path))
+        table = read_csv(noted(path))
     except (OSError, ValueError) as error:
         raise InputError(name, f"it cannot be read ({error})", "Import the files again") from error
     missing = [c for c in PAIR_COLUMNS if c not in table]

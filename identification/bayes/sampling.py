@@ -7,9 +7,11 @@ A chain is converged when it is fifty autocorrelation times long and the rank-no
 from __future__ import annotations
 
 import hashlib
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -168,16 +170,21 @@ class _Pieces:
         self.folder, self.name = folder, name
 
     def read(self) -> list[_Piece]:
-        """All stored pieces, in order."""
+        """All stored pieces, in order, up to one that cannot be read: it and those behind it are made anew."""
         out: list[_Piece] = []
         while self.folder is not None and (path := self._path(len(out))).is_file():
-            with np.load(path, allow_pickle=False) as f:
-                position, gauss, cached = f["numbers"].tolist()
-                random = ("MT19937", f["keys"], int(position), int(gauss), float(cached))
-                out.append(
-                    _Piece(f["points"], f["log_prob"], f["end"], f["end_log_prob"], random, float(f["accepted"]))
-                )
+            try:
+                out.append(self._piece(path))
+            except (OSError, EOFError, ValueError, KeyError, TypeError, BadZipFile, zlib.error):
+                break
         return out
+
+    @staticmethod
+    def _piece(path: Path) -> _Piece:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as f:
+            position, gauss, cached = f["numbers"].tolist()
+            random = ("MT19937", f["keys"], int(position), int(gauss), float(cached))
+            return _Piece(f["points"], f["log_prob"], f["end"], f["end_log_prob"], random, float(f["accepted"]))
 
     def write(self, number: int, piece: _Piece) -> None:
         """Store a piece."""

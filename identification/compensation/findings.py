@@ -7,10 +7,9 @@ sign, and tables of the wrong one of the two double errors in place of removing 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from errormodel.channels import root
 from errormodel.effects import make
@@ -37,7 +36,19 @@ class Outside:
         return f"{self.effect} of {self.where}, {chance}, {self.size_um:.1f} um rms at the tip: {self.why}"
 
 
-def findings_of(folder: Path) -> list[Mapping[str, Any]]:
+@dataclass(frozen=True)
+class Found:
+    """A finding as ``diagnosis.json`` has it; `ids`: its parameters."""
+
+    effect: str
+    where: str
+    probability: float
+    size_um: float
+    driver: tuple[str, ...]
+    ids: tuple[str, ...]
+
+
+def findings_of(folder: Path) -> list[Found]:
     """Findings of the diagnosis in a folder; none where it is that of another command."""
     from identification.diagnosis.results.findings import SCHEMA
     from identification.results.explanation import DIAGNOSIS
@@ -45,37 +56,46 @@ def findings_of(folder: Path) -> list[Mapping[str, Any]]:
     path = folder / DIAGNOSIS
     if not path.is_file():
         return []
-    found = read_json(noted(path), SCHEMA, CURE).get("findings")
-    keys = {"effect", "where", "probability", "size_um", "driver", "parameters"}
-    if not isinstance(found, list) or not all(isinstance(f, Mapping) and keys <= {*f} for f in found):
-        raise InputError(str(path), "no list of findings as a diagnosis writes it", CURE)
-    return found
+    try:
+        return [
+            Found(
+                str(f["effect"]),
+                str(f["where"]),
+                float(f["probability"]),
+                float(f["size_um"]),
+                tuple(map(str, f["driver"])),
+                tuple(str(p["name"]) for p in f["parameters"]),
+            )
+            for f in read_json(noted(path), SCHEMA, CURE)["findings"]
+        ]
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+        found = f"its findings cannot be read ({type(error).__name__}: {error})"
+        raise InputError(str(path), found, CURE) from error
 
 
-def outside(findings: Collection[Mapping[str, Any]], field: Field, loose: Collection[str]) -> list[Outside]:
+def outside(findings: Collection[Found], field: Field, loose: Collection[str]) -> list[Outside]:
     """Findings that no table holds, in their order; `loose`: channels that no table follows."""
     chain = field.chain
     beside = {*chain.frame_ids, *chain.tool_ids, *chain.instrument_ids}
     out = []
     for f in findings:
-        ids = [str(p["name"]) for p in f["parameters"]]
-        driven = [c for c in map(root, f["driver"]) if c in loose]
-        if ids and beside.issuperset(ids):
+        driven = [c for c in map(root, f.driver) if c in loose]
+        if f.ids and beside.issuperset(f.ids):
             why = "it acts in the instrument or its target; if it is the machine's, this is left"
-        elif ids and driven:
+        elif f.ids and driven:
             why = f"it changes with {' and '.join(dict.fromkeys(driven))}, which no table follows"
         else:
             continue
-        out.append(Outside(str(f["effect"]), str(f["where"]), float(f["probability"]), float(f["size_um"]), why))
+        out.append(Outside(f.effect, f.where, f.probability, f.size_um, why))
     return out
 
 
-def changed_columns(findings: Collection[Mapping[str, Any]], field: Field) -> tuple[list[str], bool]:
+def changed_columns(findings: Collection[Found], field: Field) -> tuple[list[str], bool]:
     """Columns of the survey that were taken with a change, in words, and whether the diagnosis alone says so."""
     machine = field.chain.machine
     known = (make(spec) for spec in machine.effects)
     words = [e.text(machine) for e in known if isinstance(e, AxisBlunder)]
-    return words, bool(words) and any(f["effect"] == AxisBlunder.effect for f in findings)
+    return words, bool(words) and any(f.effect == AxisBlunder.effect for f in findings)
 
 
 def column_line(words: Collection[str]) -> str:

@@ -18,7 +18,7 @@ from errormodel.chain import TOOL_CHANNELS
 from errormodel.channels import direction
 from errormodel.conventions import MOTIONS
 from errormodel.exceptions import InputError
-from errormodel.files import without_apostrophes
+from errormodel.files import read_csv, without_apostrophes
 from errormodel.inputs import noted
 from errormodel.instruments.plain import Plain
 from errormodel.machine import Machine
@@ -43,11 +43,9 @@ def read_rows(folder: Path, machine: Machine) -> pd.DataFrame:
     InputError
         There is no such file, or it is of another machine.
     """
-    import pandas as pd
-
     path = noted(folder / "residuals.csv")
     try:
-        table = pd.read_csv(path, dtype={"run": str, "file": str})
+        table = read_csv(path, dtype={"run": str, "file": str})
     except (OSError, ValueError) as error:
         raise InputError(str(path), f"it cannot be read ({error})", CURE) from error
     if not isinstance(table.index, pd.RangeIndex):

@@ -17,13 +17,14 @@ from identification.diagnosis.results.model_discrepancy import with_form
 from identification.diagnosis.results.physical_limits import times_usual
 from identification.diagnosis.results.untestable import unseen
 from identification.diagnosis.results.witnesses import WitnessResult, apply_witnesses
-from identification.diagnosis.search.candidates import WIDEST, Candidates, Ranked, enough_rows, proposed
+from identification.diagnosis.search.candidates import WIDEST, Candidates, Ranked
 from identification.diagnosis.search.conditional_evidence import in_correlated_noise
 from identification.diagnosis.search.criteria import base_channels
 from identification.diagnosis.search.forward_selection import forward_select
 from identification.diagnosis.search.instrument_noise import tracker_noise
 from identification.diagnosis.search.model import EffectModel, of_groups
 from identification.diagnosis.search.model_comparison import NO_WORSE, compare_alternatives
+from identification.diagnosis.search.proposals import enough_rows, proposed
 from identification.diagnosis.search.scoring import Step
 from identification.estimation.fit import fit_machine
 from identification.estimation.result import Fit
@@ -129,8 +130,8 @@ def _tried(fit: Fit, progress: Progress, log: DecisionLog) -> tuple[LinearModel,
     """The linear model of a fit, and every effect at every place that its survey shows."""
     with progress("Trying all effects at all places"):
         linear = set_up(fit)
-        library = proposed(linear.scene)
-        most = min(enough_rows(library), MOST_ROWS)
+        library = proposed(linear)
+        most = min(enough_rows(linear, library), MOST_ROWS)
         if most < MOST_ROWS:
             linear = set_up(fit, most)
         if len(fit.survey) > most:

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from errormodel.exceptions import ErrorModelError, InputError
+from errormodel.files import clear_parts, locked, replacing
 from identification.monitoring.quantities import Cycle
 
 SCHEMA = "errormodel.monitor/1"
@@ -23,8 +24,8 @@ LOCK_TIMEOUT_S = 60.0  # s to wait for another run; by judgement
 CURE = "Move it away to begin a new history, or put a copy of it back"
 # SQL: key-value pairs about the model, and one row per cycle
 HISTORY_TABLES = """
-create table if not exists about (key text primary key, value text not null) strict;
-create table if not exists cycles (
+create table about (key text primary key, value text not null) strict;
+create table cycles (
   number integer primary key, digest text not null unique, source text not null, added text not null,
   status text not null, accepted integer not null, flagged text not null,
   estimates blob not null, covariance blob not null) strict;
@@ -108,11 +109,13 @@ def opened(path: Path, model: str) -> Iterator[History]:
     Raises
     ------
     InputError
-        The file is not a history, is damaged, or was learned with another `model`.
+        The file is not a history, is empty or damaged, or was learned with another `model`.
     ErrorModelError
         Another run has held it for a minute.
     """
     try:
+        if not path.exists():
+            _begin(path, model)
         with closing(sqlite3.connect(path, timeout=LOCK_TIMEOUT_S, isolation_level=None)) as connection:
             connection.execute("begin immediate")
             try:
@@ -132,16 +135,33 @@ def opened(path: Path, model: str) -> Iterator[History]:
         raise InputError(str(path), f"it is damaged, or no history ({error})", CURE) from error
 
 
+def _begin(path: Path, model: str) -> None:
+    """Make a history without cycles, whole or not at all: an empty file is then never one that has just begun."""
+    with locked(path.parent):
+        if path.exists():  # another run has made it
+            return
+        clear_parts(path)
+        with replacing(path) as part, closing(sqlite3.connect(part, isolation_level=None)) as connection:
+            connection.execute("pragma journal_mode = off")  # no second file beside one that nobody knows
+            connection.executescript(HISTORY_TABLES)
+            connection.executemany("insert into about values (?, ?)", _about(model).items())
+
+
+def _about(model: str) -> dict[str, str]:
+    return {"schema": SCHEMA, "model": model}
+
+
 def _check(connection: sqlite3.Connection, path: Path, model: str) -> None:
     sound = connection.execute("pragma integrity_check(1)").fetchone()[0]
     if sound != "ok":
         raise InputError(str(path), f"it is damaged ({sound})", CURE)
-    for statement in HISTORY_TABLES.split(";"):
-        connection.execute(statement)
+    tables = {name for (name,) in connection.execute("select name from sqlite_master where type = 'table'")}
+    if missing := [name for name in ("about", "cycles") if name not in tables]:
+        found = f"it has no table {' and no table '.join(missing)}" if path.stat().st_size else "it is an empty file"
+        raise InputError(str(path), f"{found}: the cycles that were learned are not in it", CURE)
     about = dict(connection.execute("select key, value from about"))
-    for key, value in {"schema": SCHEMA, "model": model}.items():
-        if about.setdefault(key, value) != value:
-            other = "another model than the fit in this folder" if key == "model" else f"the schema {about[key]!r}"
+    for key, value in _about(model).items():
+        if about.get(key) != value:
+            other = "another model than the fit in this folder" if key == "model" else f"the schema {about.get(key)!r}"
             found = f"its normal range was learned with {other}"
             raise InputError(str(path), found, "Move it away to begin a new history, or monitor the fit it belongs to")
-        connection.execute("insert or ignore into about values (?, ?)", (key, value))

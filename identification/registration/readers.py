@@ -47,12 +47,13 @@ def read_cloud(path: Path, name: str, profile: ProfileBlock | None) -> Array:
     suffix = path.suffix.lower()
     try:
         noted(path)
-        if suffix == ".ply":
-            points = _columns(name, read_ply(path, name))
-        elif suffix == ".pcd":
-            points = _columns(name, read_pcd(path, name))
-        else:
-            points = _text(path, name, profile)
+        with np.errstate(invalid="ignore"):  # a signalling NaN is as missing as any other
+            if suffix == ".ply":
+                points = _columns(name, read_ply(path, name))
+            elif suffix == ".pcd":
+                points = _columns(name, read_pcd(path, name))
+            else:
+                points = _text(path, name, profile)
     except OSError as error:
         raise InputError(name, f"cannot be read: {error.strerror or error}", "Give a file that can be read") from error
     invalid = np.isin(np.abs(points[:, 2]), (*_SENTINELS, *_LEAST_INTEGERS))

@@ -12,6 +12,7 @@ import numpy as np
 from errormodel.arrays import Array
 from errormodel.chain import Chain
 from errormodel.exceptions import InputError
+from errormodel.files import read_csv
 from errormodel.inputs import noted
 from errormodel.machine_file import read_machine
 from identification.estimation.result import Fit, Spread
@@ -125,13 +126,11 @@ def _machine_of(folder: Path, base: tuple[str, ...]) -> Chain:
 
 
 def _covariance(folder: Path, base: tuple[str, ...], std: Array) -> Array:
-    import pandas as pd
-
     path = noted(folder / "covariance.csv")
     if not base:  # a table without columns is an empty file
         return np.zeros((0, 0))
     try:
-        table = pd.read_csv(path)
+        table = read_csv(path)
         matrix = table.to_numpy(dtype=float)
     except (OSError, ValueError) as error:
         found = f"it cannot be read ({getattr(error, 'strerror', None) or error})"

@@ -3,7 +3,8 @@
     python -m tests.benchmarks.kills [COUNT] [COMMAND ...]
 
 COUNT kills of each command, 200 unless told: half at file operations, the others at moments; and disks that are full at
-various files. For Linux; with OMP_NUM_THREADS=1, since processes are forked.
+various files. Printed are also at how many of the command's file operations it was killed, and how many different
+contents that left. For Linux; with OMP_NUM_THREADS=1, since processes are forked.
 """
 
 from __future__ import annotations
@@ -24,12 +25,16 @@ def main() -> None:
         names = words or [*CASES]
         prepare(Path(folder), names)
         for name in names:
-            found = 0
-            for when, faults in killed(name, Path(folder), count):
-                for fault in faults:
-                    print(f"  {when}: {fault}", flush=True)
-                found += bool(faults)
-            print(f"{name:12} {count} kills, {found} with a fault", flush=True)
+            kills = []
+            for kill in killed(name, Path(folder), count):
+                for fault in kill.faults:
+                    print(f"  {kill.when}: {fault}", flush=True)
+                kills.append(kill)
+            found = sum(bool(k.faults) for k in kills)
+            at = {k.when.partition("operation ")[2] for k in kills} - {""}
+            operations = f"{len(at)} of {next(iter(at)).rpartition(' ')[2]} operations"
+            different = len({k.files for k in kills} - {None})
+            print(f"{name:12} {count} kills, {found} with a fault; {operations}, {different} contents", flush=True)
             wrong += found
     sys.exit(bool(wrong))
 

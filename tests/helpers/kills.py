@@ -1,8 +1,8 @@
 """Commands that write, killed at a file operation or at a moment, and what must hold then.
 
 A command runs in a process forked from this one, where everything is imported already. It is killed (SIGKILL, as by the
-system or by a power failure without its effect on the disk) just before its n-th operation on a file of the place, or
-after a time.
+system or by a power failure without its effect on the disk) or halted (SIGSTOP, which leaves the same files) just
+before its n-th operation on a file of the place, or after a time.
 """
 
 from __future__ import annotations
@@ -18,8 +18,9 @@ import tempfile
 import time
 from collections.abc import Callable, Collection, Iterator
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -31,6 +32,7 @@ WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT
 OPERATIONS = {"os.rename", "os.remove", "os.mkdir", "os.rmdir", "os.link", "os.chmod", "os.truncate", "sqlite3.connect"}
 RECORDS = (".errormodel.sha256", ".errormodel.lock")  # lists of the files that were written: of any state
 KNOWN = b", which the history has already"  # what `monitor` says of a cycle that a killed run had taken in
+KILLED_INDEED = 20  # one point of each kind in so many: at the others the command is halted and looked at
 PATIENCE_S = 300.0  # s that a command may take on a busy computer
 
 
@@ -138,15 +140,23 @@ def _clouds(place: Path) -> None:
 
 
 def forked(
-    words: tuple[object, ...], place: Path, at: int | None = None, after: float | None = None, full: int | None = None
+    words: tuple[object, ...],
+    place: Path,
+    *,
+    full: int | None = None,
+    steps: Collection[int] = (),
+    moments: Collection[float] = (),
+    look: Callable[[str], bool] = lambda when: False,
 ) -> tuple[int, int]:
     """Run a command in `place` in a process of its own.
 
     Parameters
     ----------
-    at : kill it before its `at`-th operation on a file of the place, from 1.
-    after : kill it after so many seconds.
     full : bytes from which writing a file fails, as on a full disk.
+    steps : operations on files of the place, from 1, before each of which the command is halted.
+    moments : seconds after which it is.
+    look : called with the moment in words while the command is halted: the place is as a kill would leave it. Where it
+        gives True, the command is killed.
 
     Returns
     -------
@@ -160,27 +170,35 @@ def forked(
         try:
             if full is not None:
                 resource.setrlimit(resource.RLIMIT_FSIZE, (full, full))
-            code = _run_counted(words, place, at, writing)
+            code = _run_counted(words, place, {*steps}, writing)
         finally:
             os._exit(code)
     os.close(writing)
-    if after is not None:
-        time.sleep(after)
-        os.kill(child, signal.SIGKILL)
-    until = time.monotonic() + PATIENCE_S
+    before, after, asked = iter(sorted(steps)), sorted(moments), ""
+    begun = time.monotonic()
     while True:
-        ended, status = os.waitpid(child, os.WNOHANG)
-        if ended:
+        ended, status = os.waitpid(child, os.WNOHANG | os.WUNTRACED)
+        now = time.monotonic()
+        if ended and os.WIFSTOPPED(status):
+            killed = look(asked or f"operation {next(before, '?')}")
+            asked = ""
+            os.kill(child, signal.SIGKILL if killed else signal.SIGCONT)
+            begun += time.monotonic() - now
+        elif ended:
             break
-        if time.monotonic() > until:
+        elif now - begun > PATIENCE_S:
             os.kill(child, signal.SIGKILL)
-        time.sleep(0.005)
+        elif after and not asked and now - begun >= after[0]:
+            asked = f"{after.pop(0):.3f} s"
+            os.kill(child, signal.SIGSTOP)
+        else:
+            time.sleep(0.001)
     with os.fdopen(reading) as pipe:
         count = pipe.read()
     return os.waitstatus_to_exitcode(status), int(count or 0)
 
 
-def _run_counted(words: tuple[object, ...], place: Path, at: int | None, writing: int) -> int:
+def _run_counted(words: tuple[object, ...], place: Path, steps: Collection[int], writing: int) -> int:
     os.chdir(place)
     own, inside, count = os.getpid(), str(place.resolve()), 0
 
@@ -188,11 +206,11 @@ def _run_counted(words: tuple[object, ...], place: Path, at: int | None, writing
         nonlocal count
         if os.getpid() != own or not (event in OPERATIONS or (event == "open" and _writes(arguments))):
             return
-        if event != "ctypes.dlsym" and not any(_is_in(inside, a) for a in arguments[:2]):
+        if not any(_is_in(inside, a) for a in arguments[:2]):
             return
         count += 1
-        if count == at:
-            os.kill(own, signal.SIGKILL)
+        if count in steps:
+            os.kill(own, signal.SIGSTOP)
 
     sys.addaudithook(hook)
     code = run(*words).code
@@ -258,18 +276,41 @@ def faults(case: Case, place: Path, old: dict[str, object], new: dict[str, objec
         yield f"the next run leaves {', '.join(leftovers(place))}"
 
 
-def killed(name: str, prepared: Path, count: int, seed: int = 0) -> Iterator[tuple[str, list[str]]]:
+@dataclass
+class Left:
+    """What kills of a case left, by content; `of`: the moments in words, and which content each of them left."""
+
+    folder: Path
+    known: dict[frozenset[tuple[str, bytes | None]], Path] = field(default_factory=dict)
+    of: list[tuple[str, Path]] = field(default_factory=list)
+
+    def take(self, place: Path, when: str) -> None:
+        """What lies in a place now."""
+        folders = {str(p.relative_to(place)): None for p in place.rglob("*") if p.is_dir()}
+        files = frozenset((tree(place) | folders).items())
+        if files not in self.known:
+            self.known[files] = shutil.copytree(place, self.folder / str(len(self.known)))
+        self.of.append((when, self.known[files]))
+
+
+class Kill(NamedTuple):
+    """A kill or a full disk: when, and what was wrong; `files`: which of the different contents it left."""
+
+    when: str
+    faults: list[str]
+    files: Path | None = None
+
+
+def killed(name: str, prepared: Path, count: int, seed: int = 0) -> Iterator[Kill]:
     """Kill a case `count` times, at file operations drawn without replacement and at moments; before, full disks.
 
-    What a kill leaves is examined once: most of those while the command computes leave the same files.
-
-    Yields
-    ------
-    The moment in words, and what was wrong.
+    One run is halted at each of these points, when the files are those that a kill there would leave; some kills are
+    made indeed, each of a run of its own. What they leave is examined once: most of those while the command computes
+    leave the same files.
     """
     case, rng = CASES[name], random.Random(f"{name} {seed}")
     with tempfile.TemporaryDirectory() as folder:
-        before, place = Path(folder) / "before", Path(folder) / "w"
+        before, place, left = Path(folder) / "before", Path(folder) / "w", Left(Path(folder) / "left")
         shutil.copytree(prepared, before)
         code, _ = forked(case.first, before)
         assert code == 0, f"{name}: the first command failed"
@@ -285,21 +326,33 @@ def killed(name: str, prepared: Path, count: int, seed: int = 0) -> Iterator[tup
         steps = rng.sample(range(1, operations + 1), min(operations, -(-count // 2)))
         sizes = sorted({len(c) - 1 for n, c in new.items() if isinstance(c, bytes) and old.get(n) != c})
         moments = [rng.uniform(0, duration) for _ in range(count - len(steps))]
-        for size in sizes[:: -(-len(sizes) // count)]:
+
+        def again() -> None:
             shutil.rmtree(place)
             shutil.copytree(before, place)
+
+        def halted(when: str) -> bool:
+            left.take(place, f"{when} of {operations}" if "operation" in when else f"{when} of {duration:.3f} s")
+            return False
+
+        for size in sizes[:: -(-len(sizes) // count)]:
+            again()
             code, _ = forked(case.second, place, full=size)
             wrong = [] if code in (1, 2) else [f"exit code {code}"]
             wrong += ["it leaves something"] if case.whole and state(place) != old else []
-            yield f"{name}, full from {size} bytes", [*wrong, *faults(case, place, old, new)]
-        known: dict[frozenset[tuple[str, bytes | None]], list[str]] = {}
-        for at, after in [*((k, None) for k in sorted(steps)), *((None, t) for t in moments)]:
-            shutil.rmtree(place)
-            shutil.copytree(before, place)
-            forked(case.second, place, at, after)
-            when = f"operation {at} of {operations}" if after is None else f"{after:.3f} s of {duration:.3f} s"
-            folders = {str(p.relative_to(place)): None for p in place.rglob("*") if p.is_dir()}
-            files = frozenset((tree(place) | folders).items())
-            if files not in known:
-                known[files] = list(faults(case, place, old, new))
-            yield f"{name}, {when}", known[files]
+            yield Kill(f"{name}, full from {size} bytes", [*wrong, *faults(case, place, old, new)])
+        indeed = -(-count // KILLED_INDEED)
+        for at, after in [*(([n], []) for n in steps[:indeed]), *(([], [t]) for t in moments[:indeed])]:
+            again()
+            forked(case.second, place, steps=at, moments=after, look=lambda when: True)
+            left.take(place, f"killed at operation {at[0]} of {operations}" if at else f"killed after {after[0]:.3f} s")
+        again()
+        code, _ = forked(case.second, place, steps=steps[indeed:], moments=moments[indeed:], look=halted)
+        assert code == 0, f"{name}: the second command failed where it was halted"
+        found: dict[Path, list[str]] = {}
+        for when, files in left.of:
+            if files not in found:
+                shutil.rmtree(place)
+                shutil.copytree(files, place)
+                found[files] = list(faults(case, place, old, new))
+            yield Kill(f"{name}, {when}", found[files], files)

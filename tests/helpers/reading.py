@@ -22,8 +22,10 @@ from errormodel.machine_formats.base import read_description
 from errormodel.raw_formats.base import Asked, format_of, open_raw
 from errormodel.raw_formats.programme_poses import plain_setup
 from errormodel.survey import read_survey
+from errormodel.surveys.pairs import read_pairs
 from errormodel.truth import read_truth
 from identification.bayes.settings import read_priors
+from identification.compensation.findings import findings_of
 from identification.compensation.rows import read_rows
 from identification.fleets.listing import read_list
 from identification.planning.setup import read_setup
@@ -61,6 +63,10 @@ ROBOT_FILES = {
         for name in (b"shoulder", b"upper_arm", b"forearm", b"wrist_1", b"wrist_2", b"wrist_3")
     ) + b"  hash: calib_1\n",
 }  # fmt: skip
+FINDINGS = (
+    b'{"schema": "errormodel.diagnosis/1", "version": "0.1.0", "findings": [{"effect": "backlash", "where": "X", '
+    b'"probability": 0.9, "size_um": 5, "driver": ["dir_X"], "parameters": [{"name": "X.dx.backlash"}]}]}'
+)
 PLY_BINARY = PLY.split(b"1 2 3")[0].replace(b"ascii", b"binary_little_endian") + struct.pack("<6f", *range(6))
 
 
@@ -77,6 +83,7 @@ class Reader:
 def readers() -> dict[str, Reader]:
     """Readers by name."""
     machine = read_machine(OLD)
+    chain = Chain(machine)
     axes = plain_setup(read_machine("vertical_three_axis"))
     rows = (OLD.parent / "expected.csv").read_bytes().replace(b"ex,ey,ez,ux,uy,uz", b"time,T_a,w_b,w_c,w_d,w_e")
 
@@ -96,7 +103,7 @@ def readers() -> dict[str, Reader]:
                         b"budget: [{name: a, std: 0.1, acts: X}]\n",
                         lambda p: read_survey(p, machine, measured=False))),
         ("truth", Reader("t.yaml", b"parameters: {X.dx.1: 0.02}\nframe: {translation: [1, 2, 3], rotation: [0, 0, 9]}",
-                         lambda p: read_truth(p, Chain(machine)))),
+                         lambda p: read_truth(p, chain))),
         ("priors", Reader("p.yaml", b"errormodel: 1\npriors:\n  X.dx.1: {low: -1, high: 1}\n", read_priors)),
         ("setup", Reader("u.yaml", b"errormodel: 1\ntravels: {X: [0, 300]}\ntools: [[0, 0, -50]]\n",
                          lambda p: read_setup(p, machine))),
@@ -112,6 +119,9 @@ def readers() -> dict[str, Reader]:
         ("covariance", Reader("covariance.csv", (OLD / "covariance.csv").read_bytes(), whole)),
         ("residuals", Reader("residuals.csv", (OLD / "residuals.csv").read_bytes(),
                              lambda p: read_rows(p.parent, machine))),
+        ("pairs", Reader("pairs.csv", b"command,first,last,from,run\n1,1,3,1,a\n2,4,4,1,b\n",
+                         lambda p: read_pairs(p, p.name))),
+        ("findings", Reader("diagnosis.json", FINDINGS, lambda p: findings_of(p.parent))),
         ("manifest", Reader("manifest.json", (OLD / "manifest.json").read_bytes(),
                             lambda p: manifest.check_whole(p.parent))),
         ("list", Reader("l.csv", b"machine,survey,id,type,date\na,a.csv,1,mill,2026-03-31\na,b.csv,2,mill,\n",

@@ -11,7 +11,7 @@ from threadpoolctl import threadpool_limits
 
 from tests.proof.cases import make, write
 from tests.proof.leave_out import LEFT_OUT
-from tests.proof.run_case import run_case
+from tests.proof.run_case import run_case, seconds_file
 from tests.proof.score import Scored, by, failures, table
 from tests.proof.seal import digest, opened, simulator, whole_seal, write_atomic
 from tests.proof.specs import Spec, all_specs
@@ -83,12 +83,14 @@ def report(scored: list[Scored]) -> list[str]:
 def _done(spec: Spec, out: Path, results: Path) -> bool:
     """Whether there is a result for the case's files as they are."""
     path = results / f"{spec.name}.json"
-    return path.exists() and json.loads(path.read_text())["input"] == digest(out / "cases" / spec.name)
+    there = path.exists() and seconds_file(results, spec.name).exists()
+    return there and json.loads(path.read_text())["input"] == digest(out / "cases" / spec.name)
 
 
 def _scored(spec: Spec, out: Path, results: Path, seals: dict[str, str]) -> Scored:
     truth = opened(out / "sealed" / f"{spec.name}.json", seals[spec.name])
-    return Scored(truth, json.loads((results / f"{spec.name}.json").read_text()))
+    seconds = float(seconds_file(results, spec.name).read_text())
+    return Scored(truth, json.loads((results / f"{spec.name}.json").read_text()), seconds)
 
 
 def _pool(workers: int) -> ProcessPoolExecutor:

@@ -22,7 +22,8 @@ UNDECIDED = ("passed", "not considered", "scored", "compared", "kept", "accepted
 def run_case(folder: Path, out: Path, through_cli: bool = False, without: str = "") -> None:
     """Diagnose and predict, without one of the rules if it is named; write ``<case>.json`` with what the tool says.
 
-    Sees the case's own folder only. ``rules`` in the result: those that decided something.
+    Sees the case's own folder only. ``rules`` in the result: those that decided something. The seconds that it took
+    are a file of their own, so that a proof that was broken off ends with the same results.
     """
     start = time.perf_counter()
     try:
@@ -32,9 +33,14 @@ def run_case(folder: Path, out: Path, through_cli: bool = False, without: str = 
                 result = _commands(folder) if through_cli else _functions(folder)
     except Exception:  # noqa: BLE001  what breaks is a result too
         result = {"error": traceback.format_exc()}
-    result["seconds"] = time.perf_counter() - start
+    write_atomic(seconds_file(out, folder.name), repr(time.perf_counter() - start))
     result["input"] = digest(folder)
     write_atomic(out / f"{folder.name}.json", json.dumps(result))
+
+
+def seconds_file(out: Path, case: str) -> Path:
+    """Where the seconds that a case took are written, beside its result."""
+    return out / "seconds" / case
 
 
 def _survey(folder: Path) -> Path:

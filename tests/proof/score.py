@@ -42,6 +42,7 @@ class Scored:
 
     truth: dict[str, Any]
     result: dict[str, Any]
+    seconds: float = 0.0
 
     @property
     def broken(self) -> bool:
@@ -191,7 +192,7 @@ def table(scored: Sequence[Scored]) -> list[tuple[str, str]]:
     inside = np.concatenate([s.inside.ravel() for s in sound]) if sound else np.zeros(0)
     values = [v for s in sound for v in s.value_inside]
     ece, chance, brier, count = calibration(scored)
-    seconds = [s.result["seconds"] for s in scored]
+    seconds = [s.seconds for s in scored]
     spurious = sum(len(s.false) for s in scored)
     return [
         ("false alarms on empty data", share(sum(bool(s.findings) for s in empty), len(empty))),

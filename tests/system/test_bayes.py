@@ -184,7 +184,10 @@ class Normal:
         return np.asarray(-0.5 * np.square(points).sum(axis=1))
 
 
-def test_a_broken_run_goes_on_and_ends_as_if_never_broken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+@pytest.mark.parametrize("damage", [None, slice(0), slice(300), slice(-300)], ids=["whole", "empty", "head", "cut"])
+def test_a_broken_run_goes_on_and_ends_as_if_never_broken(
+    damage: slice | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     reference = Reference(np.zeros(3), np.full(3, 1.5))
     start = reference.draw(np.random.default_rng(0), 24)
     whole = sample(Normal(), reference, start, 0, tmp_path)
@@ -192,6 +195,9 @@ def test_a_broken_run_goes_on_and_ends_as_if_never_broken(tmp_path: Path, monkey
         patch.setattr(sampling, "MOST_PIECES", 1)
         with pytest.raises(NotConvergedError):
             sample(Normal(), reference, start, 0, tmp_path, most=1)
+    (piece,) = tmp_path.glob("piece_*")
+    if damage is not None:
+        piece.write_bytes(piece.read_bytes()[damage])
     again = Normal()
     resumed = sample(again, reference, start, 0, tmp_path)
     np.testing.assert_array_equal(whole.points, resumed.points)

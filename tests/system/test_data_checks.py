@@ -24,6 +24,7 @@ from errormodel.surveys.file import SurveyUnits
 from errormodel.surveys.plausibility import check_sizes
 from identification.diagnosis.data_checks.approach_direction import contrary_sides
 from identification.diagnosis.data_checks.checks import find_blunders
+from identification.diagnosis.data_checks.duplicates_and_clock import copied_rows
 from identification.diagnosis.pipeline import diagnose
 from tests.helpers.chains import errors
 from tests.helpers.surveys import measured, positions
@@ -304,6 +305,24 @@ def test_repeats_that_agree_are_no_copies(noise: float) -> None:
     table = survey.table.assign(**{n: survey.table[n].round(2) for n in XYZ})
     assert table.duplicated(subset=XYZ).sum() > 20
     assert not find_blunders(machine_of("bridge_cmm"), replace(survey, table=table))
+
+
+def test_nearly_equal_rows_that_agree_are_no_copies() -> None:
+    """Of two thousand within some micrometres, a few agree; poses that repeat, and differ, say nothing about these."""
+    rng = np.random.default_rng(1)
+    survey, machine = honest("bridge_cmm"), machine_of("bridge_cmm")
+    table = survey.table.iloc[np.zeros(2000, dtype=int)].reset_index(drop=True)
+    joints = [j.name for j in machine.joints]
+    table[joints] += rng.normal(0, 1e-3, (2000, len(joints))).round(5)
+    table.loc[:4, joints] = table.loc[5:9, joints].to_numpy()
+    table[XYZ] = (table[XYZ] + rng.normal(0, 2e-3, (2000, 3))).round(4)
+    table["time"] = 0.0
+    survey = replace(survey, table=table)
+    assert table.duplicated(subset=XYZ).sum() > 2
+    assert copied_rows(Chain(machine), survey) is None
+    table.loc[100:119, XYZ] = table.loc[200:219, XYZ].to_numpy()
+    found = copied_rows(Chain(machine), replace(survey, table=table))
+    assert found is not None
 
 
 def test_a_clock_that_was_set_back() -> None:

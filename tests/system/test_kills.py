@@ -26,7 +26,7 @@ def test_results_are_the_old_or_the_new_ones() -> None:
     alone = {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, env=os.environ | alone)
     assert done.returncode == 0, done.stdout + done.stderr
-    assert done.stdout.count(" 0 with a fault") == 3
+    assert done.stdout.count(" 0 with a fault;") == 3
 
 
 def test_what_killed_processes_left_of_a_file_goes_with_the_next(tmp_path: Path) -> None:

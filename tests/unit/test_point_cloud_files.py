@@ -51,6 +51,12 @@ def test_elements_before_the_vertices_are_passed_over(tmp_path: Path):
         assert read(write(tmp_path / "a.ply", content)).tolist() == [[1, 2, 3], [4, 5, 6]]
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_signalling_nan_is_as_missing_as_any_other(tmp_path: Path):
+    content = headed(2, form="binary_little_endian").encode() + struct.pack("<2fI3f", 1, 2, 0x7FA00000, 4, 5, 6)
+    assert read(write(tmp_path / "a.ply", content)).tolist() == [[4, 5, 6]]
+
+
 XYZ_PLY = "property float x\nproperty float y\nproperty float z\n"
 
 

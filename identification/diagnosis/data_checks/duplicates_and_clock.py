@@ -55,8 +55,11 @@ def copied_rows(chain: Chain, survey: Survey, log: DecisionLog = UNRECORDED) -> 
     repeats = again & ~bad
     if repeats.any():
         rest = replace(survey, table=_without(table, rows[bad | repeats]))
-        if not _by_chance(part, chain, int(repeats.sum()), rest):
-            bad |= repeats
+        pose = part.groupby(_commands(chain), sort=False).ngroup().to_numpy()
+        at_pose = repeats & (pose == pose[earlier])
+        for some, by_chance in ((at_pose, _agree_at_poses), (repeats & ~at_pose, _agree_anywhere)):
+            if some.any() and not by_chance(part, chain, int(some.sum()), rest):
+                bad |= some
     if not bad.any():
         log.add("copied-rows", "passed", "rows", int(again.sum()), beside="they agree by chance")
         return None
@@ -98,25 +101,35 @@ def _noisy(chain: Chain, rest: Survey) -> bool:
     return bool(1e-3 * fit.fitted.rms_um > COARSE * 10.0**-digits)
 
 
-def _by_chance(table: pd.DataFrame, chain: Chain, count: int, rest: Survey) -> bool:
+def _commands(chain: Chain) -> list[str]:
+    return [*(j.name for j in chain.machine.joints), *TOOL_COLUMNS]
+
+
+def _agree_at_poses(table: pd.DataFrame, chain: Chain, count: int, rest: Survey) -> bool:
     """Whether so many of the repeated poses could agree in all components, by how often they agree in one.
 
     `rest` is the survey without the repeats.
     """
     from scipy.stats import poisson
 
-    commands = [*(j.name for j in chain.machine.joints), *TOOL_COLUMNS]
-    pose = table.groupby(commands, sort=False)
+    pose = table.groupby(_commands(chain), sort=False)
     steps = table[list(MEASURED)].groupby(pose.ngroup()).diff().dropna().to_numpy()
     same = steps == 0
     others = same[~same.all(axis=1)]  # repeats of which some component differs
     if len(others) < REPEATS:
-        return bool(poisson.sf(count - 1, _coincidences(table)) > CHANCE) or not _noisy(chain, rest)
+        return _agree_anywhere(table, chain, count, rest)
     rate = 1.0
     for k in range(3):  # how often a component agrees where another one differs
         free = same[~np.delete(same, k, axis=1).all(axis=1), k]
         rate *= (free.sum() + 1) / (len(free) + 2)
     return bool(poisson.sf(count - 1, rate * len(steps)) > CHANCE)
+
+
+def _agree_anywhere(table: pd.DataFrame, chain: Chain, count: int, rest: Survey) -> bool:
+    """Whether so many rows could agree, as those of other poses do in a large table of nearly equal ones."""
+    from scipy.stats import poisson
+
+    return bool(poisson.sf(count - 1, _coincidences(table)) > CHANCE) or not _noisy(chain, rest)
 
 
 def _coincidences(table: pd.DataFrame) -> float:

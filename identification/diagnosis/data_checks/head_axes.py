@@ -128,10 +128,11 @@ def _orientation(view: PositionView) -> Array:
 def _best_effect(fit: Fit) -> float:
     """Log likelihood ratio of the effect that explains most of what is left."""
     from identification.diagnosis.linear.linear_model import set_up
-    from identification.diagnosis.search.candidates import Candidates, proposed
+    from identification.diagnosis.search.candidates import Candidates
+    from identification.diagnosis.search.proposals import proposed
 
     linear = set_up(fit)
-    candidates = Candidates.of(linear, proposed(linear.scene))
+    candidates = Candidates.of(linear, proposed(linear))
     if not candidates.effects:
         return 0.0
     best = candidates.effects[int(np.argmax(candidates.scores(linear).delta_chi2))]

@@ -130,7 +130,7 @@ class Block(NamedTuple):
             undefined = ~np.isfinite(whole).all(axis=(1, 2))
             products = plain.times(geometry or geometry_of(linear).on(lever))
         columns[undefined], whole[undefined], products[undefined] = 0.0, 0.0, 0.0
-        inner, slope = products[..., :-1], products[..., -1]
+        inner, slope = products[..., :-1], products[..., -1].copy()  # a view would keep all products
         square = np.maximum(np.diagonal(whole, axis1=1, axis2=2), NOTHING)
         return plain._replace(gram=whole - gram_of(inner), slope=slope, square=square)
 

@@ -17,15 +17,12 @@ from typing import NamedTuple, Protocol, TypeVar
 import numpy as np
 
 from errormodel.arrays import Array, Index, Mask
-from errormodel.effects import registry
 from errormodel.effects.base import Effect
-from errormodel.effects.search_space.survey_summary import Scene
 from identification.diagnosis.linear.known_models import Lineage
 from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.linear.random_effects import scores_of
 from identification.diagnosis.search.blocks import (
     NOTHING,
-    SINGLE,
     Block,
     Kind,
     Made,
@@ -35,6 +32,7 @@ from identification.diagnosis.search.blocks import (
     gram_of,
     products,
 )
+from identification.diagnosis.search.proposals import proposed
 from identification.runtime.parallel import parallel_map
 
 AT_ONCE = 16  # columns made in one go: they stay within the processor's cache
@@ -42,10 +40,6 @@ T = TypeVar("T")
 Scored = tuple[Array, Array, Array, Array]  # evidence, delta chi2, absorbed part and expected delta chi2 of proposals
 MANY, PARTS = 1000, 4  # proposals beyond which columns are made in parallel, in so many parts
 KEPT = 16  # linear models whose scores are kept; by judgement: a search returns to about as many
-# bytes of all proposals' columns, by judgement: of an arm, with 20 000 proposals, some 1200 rows are searched. A whole
-# series of one (11 911 rows) has the same findings from 1100 rows as from 2500, and its fit takes all rows anyway
-MEMORY = 600_000_000
-USUAL = 2  # parameters of a proposal
 SIZES = {0.1: 0.1, 0.3: 0.2, 1.0: 0.4, 3.0: 0.2, 10.0: 0.1}  # times the usual one: how often
 WIDEST = 3 * max(SIZES)  # times the usual one: standard deviation of the prior of the final fit
 ABSORBED = 0.999  # of a column's length squared: beyond it an effect is collinear with the geometry
@@ -73,7 +67,7 @@ class Candidates:
     def of(cls, linear: LinearModel, effects: Sequence[Effect] | None = None) -> Candidates:
         """All proposals of the library (or the given ones) whose channels the survey has."""
         if effects is None:
-            effects = proposed(linear.scene)
+            effects = proposed(linear)
         lists = list(_listed(effects))
         # not as many as there are cores: results must not depend on them
         parts = [lists[k::PARTS] for k in range(PARTS)] if len(effects) > MANY else [lists]
@@ -234,16 +228,6 @@ def _keep(kept: OrderedDict[Lineage, T], lineage: Lineage, value: T) -> None:
     kept[lineage] = value
     if len(kept) > KEPT:
         kept.popitem(last=False)
-
-
-def proposed(scene: Scene) -> list[Effect]:
-    """Every effect of the library at every place that a survey shows, by what it recorded."""
-    return [e for kind in registry().values() for e in kind.proposals(scene) if scene.shows(e.where)]
-
-
-def enough_rows(effects: Sequence[Effect]) -> int:
-    """Rows of a survey of which all these proposals' columns fit into memory: an arm has many times as many."""
-    return MEMORY // (USUAL * 3 * np.dtype(SINGLE).itemsize * max(len(effects), 1))
 
 
 def _listed(effects: Sequence[Effect]) -> Iterator[list[Effect]]:
