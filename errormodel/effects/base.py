@@ -110,7 +110,7 @@ class Effect(BaseModel, ABC):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    within: tuple[tuple[str, float, float], ...] = ()
+    within: tuple[tuple[str, float, float, PositiveFloat], ...] = ()
     spread: tuple[tuple[str, Motion, PositiveFloat], ...] = ()
 
     effect: ClassVar[str]

@@ -1,18 +1,18 @@
-"""What has no name, beyond what was recorded: best linear prediction of a process that forgets exponentially.
+"""What has no name, beyond what was recorded: the best linear prediction of a smooth stationary process.
 
-Physics goes on; a function that nobody can name is known where it was seen. Of a stationary process with the covariance
-``variance * exp(-d / length)`` (Ornstein-Uhlenbeck), the best linear prediction at a distance d beyond the last value
-is ``mean + (last - mean) exp(-d / length)``, with the variance ``variance * (1 - exp(-2 d / length))`` (C. E. Rasmussen
-and C. K. I. Williams, Gaussian Processes for Machine Learning, 2006, sections 2.2 and 4.2). The length is the range that
-was recorded: what forgets sooner is no smooth function of it.
+Physics goes on; a function that nobody can name is known where it was seen. Of a process with the covariance ``variance
+(1 + r) exp(-r)`` (Matern, 3/2; r: distance in correlation lengths), which has a slope and is a Markov process together
+with it, the best linear prediction at r beyond the last place that was seen is ``mean + ((1 + r) value + r slope)
+exp(-r)`` by the value (less the mean) and the slope (rise in a correlation length) there, and its variance ``variance
+(1 - (1 + 2 r + 2 r^2) exp(-2 r))`` (C. E. Rasmussen and C. K. I. Williams, Gaussian Processes for Machine Learning,
+2006, sections 2.2, 4.2.1 and B.2). The root mean square of its slope is one standard deviation in a correlation length.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
-
-import numpy as np
 
 from errormodel.conventions import unit_of
 from errormodel.effects.base import Channels, Effect, EffectTerm
@@ -21,9 +21,11 @@ from errormodel.effects.ops import Value, exp, fmax, fmin, sqrt
 if TYPE_CHECKING:
     from errormodel.machine import Machine
 
-NODES = (np.arange(16) + 0.5) / 16  # of a range, over which a mean is taken
-BEYOND = "beyond"  # label of the parameters that stand for what is not known there
+NODES = 16  # places of a range, over which a mean is taken
+STEP = 1e-3  # of a correlation length, for a slope
+NOWHERE = 1e-9  # of a correlation length
 EDGE = 1e-3  # of a standard deviation: the square root has a slope at the edge too
+BEYOND = "beyond"  # label of the parameters that stand for what is not known there
 
 
 def predicted_terms(effect: Effect, channel: Channels, machine: Machine) -> list[EffectTerm]:
@@ -33,24 +35,26 @@ def predicted_terms(effect: Effect, channel: Channels, machine: Machine) -> list
     """
     if not effect.within:
         return effect.terms(channel, machine)
-    ranges = {name: (low, high) for name, low, high in effect.within}
+    edge = {name: fmin(fmax(channel(name), low), high) for name, low, high, _ in effect.within}
+    beyond = {name: channel(name) - place for name, place in edge.items()}
+    r = sqrt(sum((beyond[name] / length) ** 2 for name, _, _, length in effect.within) + NOWHERE**2) - NOWHERE
 
-    def inside(name: str) -> Value:
-        return fmin(fmax(channel(name), ranges[name][0]), ranges[name][1]) if name in ranges else channel(name)
+    def at(places: Mapping[str, Value]) -> list[EffectTerm]:
+        return effect.terms(lambda name: places[name] if name in places else channel(name), machine)
 
-    def at(share: float) -> list[EffectTerm]:
-        values = {name: low + share * (high - low) for name, (low, high) in ranges.items()}
-        return effect.terms(lambda name: values[name] if name in values else channel(name), machine)
-
-    away = sum(
-        fmax(fmax(low - channel(name), channel(name) - high), 0.0) / (high - low) for name, (low, high) in ranges.items()
-    )
-    kept, nodes, out = exp(-away), [at(float(share)) for share in NODES], list[EffectTerm]()
-    for k, term in enumerate(effect.terms(inside, machine)):
-        means = {motion: sum(n[k].motion[motion] for n in nodes) / len(nodes) for motion in term.motion}
-        motions = {motion: means[motion] + kept * (value - means[motion]) for motion, value in term.motion.items()}
+    here = at(edge)
+    before = at({name: place - STEP * beyond[name] / (r + NOWHERE) for name, place in edge.items()})
+    shares = [(k + 0.5) / NODES for k in range(NODES)]
+    nodes = [at({name: low + share * (high - low) for name, low, high, _ in effect.within}) for share in shares]
+    out = []
+    for k, term in enumerate(here):
+        motions = {}
+        for motion, value in term.motion.items():
+            mean = sum(node[k].motion[motion] for node in nodes) / NODES
+            slope = (value - before[k].motion[motion]) / STEP
+            motions[motion] = mean + ((1 + r) * (value - mean) + r * slope) * exp(-r)
         out.append(replace(term, motion=motions))
-    unknown = sqrt(1.0 - kept * kept + EDGE**2) - EDGE
+    unknown = sqrt(1 - (1 + 2 * r + 2 * r * r) * exp(-2 * r) + EDGE**2) - EDGE
     for element, motion, std in effect.spread:
         out.append(EffectTerm(element, BEYOND, unit_of(motion), {motion: unknown}, std, tied=True))
     return out
