@@ -3,10 +3,10 @@
 ``python -m tests.benchmarks.nameless --cases 500`` draws machines, plans, noise and geometry as the proof does, and one
 effect of `physics_nameless` in each recording, of a size that an oracle who knows its form detects: its projected size
 is 15 to 60 standard uncertainties, a log likelihood ratio of 110 to 1800 (those that physics keeps below 10 do not
-count). An effect is seen if it is found, or if the
-verdict is not adequate. ``--after`` has the poses to be predicted come after the survey, for half as long, while what was
-hidden goes on; else they lie within the same hours. A prediction is worse if its error is more than that of the plain
-fit's by 2 % and a twentieth of the noise. Cases that are done are kept.
+count). An effect is seen if it is found, or if the verdict is not adequate. With ``--after`` the poses to be predicted
+come after the survey, for half as long, while what was hidden goes on; else they lie within the same hours. A
+prediction is worse if its error is that of the plain fit and 2 % and a twentieth of the noise more. Cases that are done
+are kept.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import json
 import os
 from collections import Counter
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +44,8 @@ def specs(cases: int, after: bool = False) -> list[Spec]:
         topology, plan = str(rng.choice(list(MACHINES))), str(rng.choice(USUAL))
         noise = str(rng.choice(["white", "white", "tracker", "coloured", "heavy"]))
         name, plan = f"{NAMELESS}-{k:03}", walkable(plan, topology)
-        out.append(Spec(name, "unnamed", topology, plan, noise, (NAMELESS,), (15.0, 60.0), seed=500_000 + k, after=after))
+        drawn = Spec(name, "unnamed", topology, plan, noise, (NAMELESS,), (15.0, 60.0), seed=500_000 + k)
+        out.append(replace(drawn, after=after))
     return out
 
 

@@ -17,7 +17,7 @@ from identification.diagnosis.pipeline import diagnose
 from identification.diagnosis.results.findings import probability_of
 from identification.diagnosis.search.candidates import Candidates
 from identification.diagnosis.search.conditional_evidence import conditional_scores
-from identification.diagnosis.search.forward_selection import forward_select, reselect
+from identification.diagnosis.search.forward_selection import forward_select
 from identification.diagnosis.search.model import replayed
 from identification.diagnosis.search.model_comparison import compare_alternatives, empirical_evidence, log_evidence
 from identification.diagnosis.search.refinement import refined
@@ -41,21 +41,6 @@ def test_a_story_gains_by_what_is_there_and_loses_by_what_is_not() -> None:
     assert told(truth) > 50
     assert told(play) < 0
     assert told(truth, play) < told(truth)
-
-
-def test_a_refinement_that_is_what_the_finding_should_be_called() -> None:
-    """A head that drifts, first taken for air that bends the beam: of the two only the one remains."""
-    machine = read_machine("vertical_three_axis")
-    survey = empty_survey(machine, 400, 5, channels=True, grid=False)
-    spec = EffectSpec("structure-drift", {"element": "head", "motion": "dz", "sensor": "T_0"})
-    linear = set_up(fit_machine(machine, showing(survey, machine, [(spec, [0.02])], 0.003)))
-    candidates = Candidates.of(linear)
-    ranked = candidates.scores(linear).by_key()
-    air = next(e for _, n in ranked if (e := candidates.effects[n]).effect == "refraction")
-    taken = [Step(air, 50.0, 100.0, 0.5), Step(make(spec), 50.0, 100.0, 0.5, parent=0)]
-    looked = reselect(replayed(linear, taken), candidates)
-    assert [s.effect.effect for s in looked.steps] == ["structure-drift"]
-    assert reselect(looked, candidates).steps[0].effect.key == looked.steps[0].effect.key
 
 
 def test_findings_are_weighed_beside_each_other() -> None:

@@ -40,9 +40,7 @@ def known_where_recorded(final: Fit, model: EffectModel, first: int, nameless: S
             number = first + model.steps.index(step)
             effect = make(specs[number])
             if (effect.empirical or main.effect in nameless) and (known := _known(effect, number, final)):
-                specs[number] = EffectSpec(
-                    effect.effect, effect.model_copy(update=known).model_dump(exclude_defaults=True)
-                )
+                specs[number] = EffectSpec(effect.effect, {**specs[number].options, **known})
     if tuple(specs) == chain.machine.effects:
         return final
     return replace(final, chain=Chain(replace(chain.machine, effects=tuple(specs))))
@@ -52,9 +50,10 @@ def _known(effect: Effect, number: int, fit: Fit) -> dict[str, object]:
     """Fields ``within`` and ``spread`` of an effect; none where nothing beyond what was recorded is possible."""
     chain, named = fit.chain, fit.solution.named()
     names = effect.channels(chain.machine)
-    points = dict(zip(POINT_CHANNELS, chain.kernel("nominal", outputs=(0, 1, 2))(chain.columns(fit.survey.table)), strict=True))
-    own = [n for n in names if n not in points]
-    table = points | dict(zip(own, columns(fit.survey.table, own), strict=True))
+    own = [n for n in names if n not in POINT_CHANNELS]
+    table = dict(zip(own, columns(fit.survey.table, own), strict=True))
+    points = chain.kernel("nominal", outputs=(0, 1, 2))(chain.columns(fit.survey.table))
+    table |= {name: point for name, point in zip(POINT_CHANNELS, points, strict=True) if name in names}
     parameters = np.array([named.get(i, 0.0) for i in chain.effect_ids[number]])
 
     def moved(values: Mapping[str, Array]) -> dict[Place, Array]:
@@ -75,8 +74,12 @@ def _known(effect: Effect, number: int, fit: Fit) -> dict[str, object]:
         std = np.sqrt(sum(float(np.mean(np.var(c, axis=1))) for c in curves.values()))
         slope = np.sqrt(sum(float(np.mean(np.square(np.diff(c, axis=1)))) for c in curves.values()))
         if slope > 0:
-            within.append((name, low, high, float(std / slope) * (high - low) / FINE))
-    return {"within": tuple(within), "spread": tuple((*p, std) for p, std in spread.items())} if within else {}
+            within.append((name, low, high, _short(std / slope * (high - low) / FINE)))
+    return {"within": tuple(within), "spread": tuple((*p, _short(std)) for p, std in spread.items())} if within else {}
+
+
+def _short(value: float) -> float:
+    return float(f"{value:.4g}")
 
 
 def _ranges(effect: Effect, table: Mapping[str, Array], fit: Fit) -> dict[str, tuple[float, float]]:
