@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 from errormodel.conventions import unit_of
 from errormodel.effects.base import Channels, Effect, EffectTerm
 from errormodel.effects.ops import Value, exp, fmax, fmin, sqrt
+from errormodel.exceptions import InputError
 
 if TYPE_CHECKING:
     from errormodel.machine import Machine
@@ -32,9 +33,18 @@ def predicted_terms(effect: Effect, channel: Channels, machine: Machine) -> list
     """The terms of an effect; beyond the ranges ``within`` that it was recorded in they tend to their means.
 
     One parameter more for each of its motions of known ``spread`` stands for what is not known there.
+
+    Raises
+    ------
+    InputError
+        A range ends where it begins, or before.
     """
     if not effect.within:
         return effect.terms(channel, machine)
+    for name, low, high, _ in effect.within:
+        if not low < high:
+            found = f"{name} from {low:g} to {high:g}"
+            raise InputError(f"effect {effect.effect}, key within", found, "Write [channel, low, high, length]")
     edge = {name: fmin(fmax(channel(name), low), high) for name, low, high, _ in effect.within}
     beyond = {name: channel(name) - place for name, place in edge.items()}
     r = sqrt(sum((beyond[name] / length) ** 2 for name, _, _, length in effect.within) + NOWHERE**2) - NOWHERE

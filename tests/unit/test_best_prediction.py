@@ -12,6 +12,7 @@ import pytest
 from errormodel.chain import Chain
 from errormodel.effects import make
 from errormodel.effects.best_prediction import predicted_terms
+from errormodel.exceptions import InputError
 from errormodel.machine import EffectSpec, Joint, Machine, Shape
 from errormodel.simulation import simulate
 from errormodel.survey import read_survey
@@ -93,3 +94,9 @@ def test_a_fit_says_where_it_was_recorded_and_predicts_less_surely_beyond(tmp_pa
     size = known.chain.machine.effects[0].options["spread"][0][2]
     assert best["uy"][1] == pytest.approx(size, rel=0.1)
     assert Chain(known.chain.machine).ids == known.chain.ids
+
+
+def test_a_range_without_extent_is_refused() -> None:
+    wrong = EffectSpec("unnamed", LINE | {"within": [["time", 5.0, 5.0, 1.0]]})
+    with pytest.raises(InputError, match="key within: time from 5 to 5"):
+        Chain(replace(MACHINE, effects=(wrong,)))
