@@ -24,6 +24,7 @@ from errormodel.arrays import Array, as_rows
 from errormodel.chain_terms import Term, column_of, constant_terms, joint_terms
 from errormodel.channels import POINT_CHANNELS, columns
 from errormodel.conventions import FRAME, MOTIONS, TOOL, Motion
+from errormodel.effects.best_prediction import predicted_terms
 from errormodel.exceptions import InputError, nearest
 from errormodel.kernel import Kernel
 from errormodel.location_errors import LocationError, location_of
@@ -128,13 +129,13 @@ class Chain:
         except InputError as error:
             raise InputError(f"{self.machine.source}, {error.where}", error.found, error.cure) from error
         out = []
-        for term in effect.terms(self._symbol, self.machine):
+        for term in predicted_terms(effect, self._symbol, self.machine):
             if term.element not in (FRAME, TOOL, *(e.name for e in self.machine.elements)):
                 names = (e.name for e in self.machine.elements)
                 raise InputError(f"effect {spec.effect}", f"no element {term.element}", nearest(term.element, names))
             column = column_of(term.motion)
             label = f"{spec.effect}-{term.label}" if term.label else spec.effect
-            prior = term.size if effect.random else None
+            prior = term.size if effect.random or term.tied else None
             own = Term(next(iter(term.motion)), label, term.unit, column, prior, term.low, term.size)
             out.append((term.element, own))
         return out

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, PositiveFloat
 
 from errormodel.conventions import Motion
 from errormodel.effects.families import FAMILIES, Traits
@@ -42,6 +42,7 @@ class EffectTerm:
     motion : small motion of the element per unit of the parameter, mm and rad.
     size : usual physical size of the parameter (one standard deviation about zero), in its unit.
     low : physical lower bound of the parameter: 0 where only one sign is possible.
+    tied : whether `size` is the standard deviation of a zero-mean prior in every fit, as of a random effect.
     """
 
     element: str
@@ -50,6 +51,7 @@ class EffectTerm:
     motion: Mapping[Motion, Value]
     size: float
     low: float = -math.inf
+    tied: bool = False
 
 
 @dataclass(frozen=True)
@@ -88,7 +90,9 @@ class Effect(BaseModel, ABC):
     names mean the same in every effect, and findings put them in words: ``period`` (mm or rad; a property will do) of
     what repeats, ``at`` and ``width`` of a place, ``edge`` of a switch, ``sensor`` and ``minus`` of a temperature and
     what it is the excess over, ``tau`` of a lag (s), ``motion`` of the error motion that moves, ``load_joint`` or
-    ``by`` of a second channel.
+    ``by`` of a second channel. ``within`` and ``spread`` stand at what a diagnosis found without a name
+    (`errormodel.effects.best_prediction`): the range of each channel (internal units) in which it was recorded, and the
+    standard deviation (mm, rad) of each element's motion there.
 
     Attributes
     ----------
@@ -105,6 +109,9 @@ class Effect(BaseModel, ABC):
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    within: tuple[tuple[str, float, float, PositiveFloat], ...] = ()
+    spread: tuple[tuple[str, Motion, PositiveFloat], ...] = ()
 
     effect: ClassVar[str]
     family: ClassVar[str]

@@ -14,6 +14,7 @@ import numpy as np
 
 from errormodel import effects
 from errormodel.arrays import Array, Index
+from errormodel.effects.best_prediction import predicted_terms
 from errormodel.yamlfile import Document
 from identification.bayes.settings import PriorForm
 from identification.estimation.bounded import limits
@@ -117,7 +118,7 @@ def _widths(fit: Fit) -> Array:
     of_effects = {
         i: t.size
         for spec, ids in zip(chain.machine.effects, chain.effect_ids, strict=True)
-        for i, t in zip(ids, effects.make(spec).terms(lambda _: np.ones(1), chain.machine), strict=True)
+        for i, t in zip(ids, predicted_terms(effects.make(spec), lambda _: np.ones(1), chain.machine), strict=True)
     }
     out = np.empty(len(solution.unknowns))
     for k, name in enumerate(solution.unknowns):

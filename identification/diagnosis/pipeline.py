@@ -32,6 +32,7 @@ from identification.diagnosis.linear.linear_model import LinearModel
 from identification.diagnosis.linear.motions_as_points import as_points, carried
 from identification.diagnosis.linear.residual_rows import heldout_um, views_of
 from identification.diagnosis.linear.row_residuals import by_observation, noise_mm, spread, vectors
+from identification.diagnosis.results.beyond_recorded import known_where_recorded
 from identification.diagnosis.results.diagnosed import Diagnosed
 from identification.diagnosis.results.effect_size import Amount, whole_of
 from identification.diagnosis.results.findings import (
@@ -161,6 +162,8 @@ def diagnose_points(machine: Machine, survey: Survey, progress: Progress = silen
     for g in model.findings:
         cause = _finding(g, model, final, found.before, first, found.witnessed.get(g[0].effect, []), log)
         causes.append(checked_alternative(cause, model, g, functions, log))
+    nameless = [g[0].effect for g, cause in zip(model.findings, causes, strict=True) if cause.nameless]
+    final = known_where_recorded(final, model, first, nameless)
     findings += sorted(causes, key=lambda f: -f.heldout_rms_um.before)
     if bad.any():
         findings.append(_outlier_finding(bad, mended, fit))

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from errormodel.chain import Chain
 from errormodel.effects import registry
 from errormodel.effects.base import axis_motion
 from errormodel.machine import EffectSpec, Machine
@@ -33,6 +34,11 @@ def together(machine: Machine, survey: Survey, parts: Sequence[tuple[Carried, Di
         if own:
             final = with_form(final, d.model, first)
         first += len(own)
+    known = [
+        e for own, (_, d) in zip(steps, parts, strict=True) if own for e in d.final.chain.machine.effects[-len(own) :]
+    ]
+    if known != specs:  # where parts of them were recorded
+        final = replace(final, chain=Chain(replace(machine, effects=(*machine.effects, *known))))
     parts = [(c, replace(d, diagnosis=replace(d.diagnosis, findings=_findings(c, d)))) for c, d in parts]
     findings = sorted((f for _, d in parts for f in d.diagnosis.findings), key=lambda f: -f.heldout_rms_um.before)
     left = [f"{c}: {d.diagnosis.unexplained}" for c, d in parts if d.diagnosis.unexplained]

@@ -23,6 +23,7 @@ from tests.proof.world import draw_world
 
 Rng = np.random.Generator
 HELD_OUT = 150
+AFTER = 1.5  # times the survey's duration, until which poses come after it
 DRAWS = 50  # of a machine
 DOWNWARDS = ("ram-sag", "beam-sag", "payload-sag", "joint-compliance")  # nothing gives way against a weight
 NAMES_A_CAUSE = ("single", "weak", "mixture", "pair")  # and could name another one
@@ -75,7 +76,8 @@ def _benches(spec: Spec, machine: Chain, rng: Rng) -> tuple[Bench, Bench]:
     rows = int(rng.integers(plan.rows[0], plan.rows[1] + 1))
     path = walk(machine, plan, rng, rows)
     duration = float(path.time[-1])
-    world = draw_world(rng, duration)
+    begin, end = (duration, AFTER * duration) if spec.after else (0.0, duration)
+    world = draw_world(rng, end)
     if spec.plan == "still":
         world = replace(world, sensors={n: 20.3 + rng.normal(0, 0.02, len(v)) for n, v in world.sensors.items()})
     sizes = [float(np.linalg.norm(e.offset)) for e in machine.elements] + [e.length for e in machine.prismatic]
@@ -85,7 +87,7 @@ def _benches(spec: Spec, machine: Chain, rng: Rng) -> tuple[Bench, Bench]:
     values = draw_geometry(machine, sigma, rng)
     noise = draw_noise(spec.noise, sigma, away, rng)
     benches = []
-    for one in (path, later(machine, plan, rng, HELD_OUT, duration)):
+    for one in (path, later(machine, plan, rng, HELD_OUT, begin, end)):
         sit = Situation(machine, one, world, -turn.T @ middle)
         benches.append(Bench(sit, values, turn, middle, noise))
     return benches[0], benches[1]

@@ -81,14 +81,15 @@ def walk(chain: Chain, plan: Plan, rng: Rng, rows: int, duration: float | None =
     return Path(q, moves, dirs, np.array(chain.tools)[kind], kind, np.round(time, 1), feed, load)
 
 
-def later(chain: Chain, plan: Plan, rng: Rng, rows: int, duration: float) -> Path:
-    """Poses of another visit, anywhere in the travels, over the same hours."""
+def later(chain: Chain, plan: Plan, rng: Rng, rows: int, begin: float, end: float) -> Path:
+    """Poses of another visit, anywhere in the travels, between two times (s)."""
     again = plan
     if plan.name not in ("wander", "oneway"):
         again = PLANS["random"] if plan.approach else PLANS["rows"]
-    path = walk(chain, again, rng, rows, duration)
+    path = walk(chain, again, rng, rows, end - begin)
     kind = rng.integers(min(plan.tools, len(chain.tools)), size=len(path))
-    return Path(path.q, path.moves, path.dirs, np.array(chain.tools)[kind], kind, path.time, path.feed, path.load)
+    time = np.round(path.time + begin, 1)
+    return Path(path.q, path.moves, path.dirs, np.array(chain.tools)[kind], kind, time, path.feed, path.load)
 
 
 def _rounded(joint: Element, q: Array) -> Array:

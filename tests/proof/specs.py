@@ -22,7 +22,10 @@ POOR = ("poor", "oneway", "poor", "still")
 
 @dataclass(frozen=True)
 class Spec:
-    """One case before anything is drawn. `seed` makes machine, path and world; a pair's halves share it."""
+    """One case before anything is drawn. `seed` makes machine, path and world; a pair's halves share it.
+
+    `after`: held-out poses come after the survey for half as long, while the world goes on; else over the same hours.
+    """
 
     name: str
     kind: str  # empty | single | weak | mixture | pair | unnamed | unseen | blunder
@@ -35,6 +38,7 @@ class Spec:
     order: int = 2
     first: bool = False
     blunder: str = ""
+    after: bool = False
 
 
 def walkable(plan: str, topology: str) -> str:

@@ -1,0 +1,95 @@
+"""What has no name is known where it was recorded: beyond, the extended machine predicts its mean, less surely."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from errormodel.arrays import Array
+from errormodel.chain import Chain
+from errormodel.channels import POINT_CHANNELS, columns, root
+from errormodel.conventions import Motion
+from errormodel.effects import make
+from errormodel.effects.base import Effect
+from errormodel.machine import EffectSpec
+from identification.diagnosis.search.model import EffectModel
+from identification.estimation.result import Fit
+from identification.uncertainty.measured_range import FULL_TURN_DEG
+
+TWO_VALUES = ("dir_", "run(")  # channels that have no value beyond those recorded
+PLACES, FINE = 16, 256  # rows whose other channels are kept, and steps along one, for its slopes
+Place = tuple[str, Motion]  # element and motion
+
+
+def known_where_recorded(final: Fit, model: EffectModel, first: int, nameless: Sequence[Effect]) -> Fit:
+    """The fit whose effects without a name state where they were recorded, and how large they are there.
+
+    Its values and residuals are the same: in the rows that were fitted nothing changes.
+
+    Parameters
+    ----------
+    first : number of the model's first effect among the machine's.
+    nameless : main effects of the findings without a name.
+    """
+    chain = final.chain
+    specs = list(chain.machine.effects)
+    for main, *more in model.findings:
+        for step in (main, *more):
+            number = first + model.steps.index(step)
+            effect = make(specs[number])
+            if (effect.empirical or main.effect in nameless) and (known := _known(effect, number, final)):
+                specs[number] = EffectSpec(effect.effect, {**specs[number].options, **known})
+    if tuple(specs) == chain.machine.effects:
+        return final
+    return replace(final, chain=Chain(replace(chain.machine, effects=tuple(specs))))
+
+
+def _known(effect: Effect, number: int, fit: Fit) -> dict[str, object]:
+    """Fields ``within`` and ``spread`` of an effect; none where nothing beyond what was recorded is possible."""
+    chain, named = fit.chain, fit.solution.named()
+    names = effect.channels(chain.machine)
+    own = [n for n in names if n not in POINT_CHANNELS]
+    table = dict(zip(own, columns(fit.survey.table, own), strict=True))
+    points = chain.kernel("nominal", outputs=(0, 1, 2))(chain.columns(fit.survey.table))
+    table |= {name: point for name, point in zip(POINT_CHANNELS, points, strict=True) if name in names}
+    parameters = np.array([named.get(i, 0.0) for i in chain.effect_ids[number]])
+
+    def moved(values: Mapping[str, Array]) -> dict[Place, Array]:
+        out: dict[Place, Array] = {}
+        for parameter, term in zip(parameters, effect.terms(values.__getitem__, chain.machine), strict=True):
+            for motion, rate in term.motion.items():
+                out[term.element, motion] = out.get((term.element, motion), 0.0) + parameter * rate
+        return out
+
+    spread = {place: float(np.std(values)) for place, values in moved(table).items()}
+    spread = {place: std for place, std in spread.items() if std > 0}
+    rows = np.unique(np.linspace(0, len(fit.survey) - 1, PLACES).astype(int))
+    within = []
+    for name, (low, high) in _ranges(effect, table, fit).items():
+        along = {n: np.repeat(values[rows, None], FINE + 1, axis=1) for n, values in table.items()}
+        along[name] = np.broadcast_to(np.linspace(low, high, FINE + 1), along[name].shape)
+        curves = {p: np.broadcast_to(v, along[name].shape) / spread[p] for p, v in moved(along).items() if p in spread}
+        std = np.sqrt(sum(float(np.mean(np.var(c, axis=1))) for c in curves.values()))
+        slope = np.sqrt(sum(float(np.mean(np.square(np.diff(c, axis=1)))) for c in curves.values()))
+        if slope > 0:
+            within.append((name, low, high, _short(std / slope * (high - low) / FINE)))
+    return {"within": tuple(within), "spread": tuple((*p, _short(std)) for p, std in spread.items())} if within else {}
+
+
+def _short(value: float) -> float:
+    return float(f"{value:.4g}")
+
+
+def _ranges(effect: Effect, table: Mapping[str, Array], fit: Fit) -> dict[str, tuple[float, float]]:
+    """Least and largest fitted value of the channels that drive an effect, as it asks for them."""
+    turning = {j.name for j in fit.chain.machine.joints if j.type == "rotary"}
+    drivers = {root(name) for name in effect.drivers}
+    out = {}
+    for name, values in table.items():
+        low, high = float(np.min(values)), float(np.max(values))
+        whole_turn = name in turning and np.degrees(high - low) >= FULL_TURN_DEG
+        if root(name) in drivers and not name.startswith(TWO_VALUES) and high > low and not whole_turn:
+            out[name] = low, high
+    return out
