@@ -40,6 +40,7 @@ ILL_CONDITIONED = 1e4  # condition number above which normal equations keep fewe
 MOST_PASSES = 30  # streams through the data
 MOST_RETREATS = 6  # restarts with a tighter prior after divergence
 RUNAWAY_ERROR_SHARE = 0.003  # prior std of error motions over the machine's size, after divergence; by judgement
+LINEAR_SHARE = 0.1  # movement of the tip over the machine's size up to which M hardly changes; by judgement
 
 
 @dataclass(frozen=True)
@@ -182,7 +183,9 @@ class Solver:
                 groups = find_groups(*seen, floors, least)
             solve = self.iterate if groups.condition < 1 / DEPENDENCE_TOLERANCE else self.by_factor
             values, sums, passes, converged = solve(groups, start)
-            if converged and self.misfit(sums) <= (1 + 1e-9) * self.misfit(start):
+            reach = np.sqrt(whole) * np.abs(values)  # of each error motion at the tip, over the machine's size
+            beyond = groups.condition > ILL_CONDITIONED and reach.max(initial=0.0) > LINEAR_SHARE
+            if converged and not beyond and self.misfit(sums) <= (1 + 1e-9) * self.misfit(start):
                 break
             # the step along a weakly observable direction left the linear range: error motions get a prior of
             # physical size, which is tightened at each restart
@@ -258,7 +261,7 @@ class Solver:
             return Floors()
         # standard uncertainty, mm, of a common shift of all rows
         shift = float(self.each * sum(weight_of(v) / self.sigma[v.kind] ** 2 for v in views)) ** -0.5
-        return Floors(direction=shift / (0.1 * self.chain.size), lever=min(1e-3, shift))
+        return Floors(direction=shift / (LINEAR_SHARE * self.chain.size), lever=min(1e-3, shift))
 
     def of_its_size(self, full: Array) -> Array:
         """Precision (unknowns,) of rigid error motions whose prior moves the tip by the machine's size.
