@@ -50,6 +50,8 @@ def read_rows(folder: Path, machine: Machine) -> pd.DataFrame:
         table = pd.read_csv(path, dtype={"run": str, "file": str})
     except (OSError, ValueError) as error:
         raise InputError(str(path), f"it cannot be read ({error})", CURE) from error
+    if not isinstance(table.index, pd.RangeIndex):  # what is left over stands before the first column
+        raise InputError(str(path), "rows of more cells than the header", CURE)
     for name in {"run", "file"} & {*table}:
         table[name] = without_apostrophes(table[name])
     missing = [j.name for j in machine.joints if j.name not in table]
