@@ -10,6 +10,7 @@ orientations are those of the last frame; angles in rad.
 from __future__ import annotations
 
 import math
+import pickle
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -121,6 +122,17 @@ class Chain:
     def __reduce__(self) -> tuple[type[Chain], tuple[Machine]]:
         """Pickle the machine only; the symbols and kernels are rebuilt in the other process."""
         return Chain, (self.machine,)
+
+    @cached_property
+    def _content(self) -> bytes:
+        return pickle.dumps((self.machine.elements, self.machine.tool, self.machine.effects))
+
+    def __eq__(self, other: object) -> bool:
+        """Chains of machines of one content are equal, and share their kernels."""
+        return isinstance(other, Chain) and self._content == other._content
+
+    def __hash__(self) -> int:
+        return hash(self._content)
 
     def _effect_terms(self, spec: EffectSpec) -> list[tuple[str, Term]]:
         """Terms of an effect's parameters, each with the name of the element that it moves."""
@@ -308,7 +320,7 @@ class Chain:
         """
         return self._kernel(what, ids, tuple(sorted((fixed or {}).items())), outputs)
 
-    @lru_cache(maxsize=64)  # noqa: B019  a chain lives as long as its machine
+    @lru_cache(maxsize=64)  # noqa: B019  of equal chains the first is kept
     def _kernel(
         self, what: What, ids: tuple[str, ...], fixed: tuple[tuple[str, float], ...], outputs: tuple[int, ...] | None
     ) -> Kernel:

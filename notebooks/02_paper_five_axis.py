@@ -160,18 +160,23 @@ for name in LENGTHS:
 STEP = 1e-6  # mm or rad: for how positions change with a parameter
 
 
-def second_step(name: str, table: pd.DataFrame, errors: np.ndarray) -> tuple[np.ndarray, pd.Series]:
+def slopes(name: str) -> np.ndarray:
+    """Change of each draw's positions with each of the 32 groups, (draws, 3 * points, groups), um per unit."""
+    tables = pd.concat(surveys[name], ignore_index=True)
+    sides = [[positions(name, tables, {i: side * STEP}) for side in (1, -1)] for i in TABLE_3.index]
+    slope = 1e3 * np.stack([(there - here) / (2 * STEP) for there, here in sides], axis=-1)
+    return slope.reshape(DRAWS, 3 * POINTS, -1)
+
+
+def second_step(columns: np.ndarray, errors: np.ndarray) -> tuple[np.ndarray, pd.Series]:
     """Residuals (n, 3) in um and values of the 32 groups, fitted to the errors after the best nominal frame."""
-    ids = list(TABLE_3.index)
-    sides = [[positions(name, table, {i: side * STEP}) for side in (1, -1)] for i in ids]
-    columns = 1e3 * np.column_stack([(there - here).ravel() / (2 * STEP) for there, here in sides])
     scale = np.linalg.norm(columns, axis=0)
     values = np.linalg.lstsq(columns / scale, errors.ravel(), rcond=None)[0] / scale
-    return (errors.ravel() - columns @ values).reshape(-1, 3), pd.Series(values, ids)
+    return (errors.ravel() - columns @ values).reshape(-1, 3), pd.Series(values, TABLE_3.index)
 
 
 for name, machine in machines.items():
-    steps = [second_step(name, *pair) for pair in zip(surveys[name], errors[name], strict=True)]
+    steps = [second_step(*pair) for pair in zip(slopes(name), errors[name], strict=True)]
     left = [np.linalg.norm(residuals, axis=1).mean() for residuals, _ in steps]
     tilt = [1e6 * (values["B.ec.1"] - TABLE_3[name]["B.ec.1"]) for _, values in steps]
     result = fit(machine, surveys[name][0])

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
-from hypothesis import settings
+from hypothesis import Phase, settings
+
+if TYPE_CHECKING:
+    from identification.report.pictures import Picture
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -15,9 +19,13 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("MPLBACKEND", "Agg")
 
-settings.register_profile("local", deadline=None)
-settings.register_profile("ci", deadline=None, derandomize=True)
-settings.load_profile("ci" if os.environ.get("CI") else "local")
+# What fails says how it is run again. Workers of a whole run show an example as it was found: to make one smaller may
+# take five minutes, and is done where its test is run alone with `-n 0`.
+FOUND = [phase for phase in Phase if phase not in (Phase.shrink, Phase.explain)]
+settings.register_profile("local", deadline=None, print_blob=True)
+settings.register_profile("worker", settings.get_profile("local"), phases=FOUND)
+settings.register_profile("ci", settings.get_profile("worker"), derandomize=True)
+settings.load_profile("ci" if os.environ.get("CI") else "worker" if "PYTEST_XDIST_WORKER" in os.environ else "local")
 
 
 def _recordings(variable: str, default: Path) -> Path:
@@ -52,6 +60,39 @@ def ur10(real_data: Path) -> Path:
 def printers(real_data: Path) -> Path:
     """Folder of two printers: a fixed switch found again and again while they heat."""
     return _present(real_data / "printer-frame", "ERRORMODEL_DATA")
+
+
+@pytest.fixture(scope="session")
+def drawn() -> dict[tuple[object, ...], str]:
+    """Figures that tests have drawn, by module, caption and description."""
+    return {}
+
+
+@pytest.fixture(autouse=True)
+def figures_drawn_once(
+    request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch, drawn: dict[tuple[object, ...], str]
+) -> None:
+    """In the pages of a module's tests, a figure of the same caption and description is drawn once.
+
+    Figures are half the work of a fit's command, and hundreds of tests look at its numbers only. Tests that look at
+    figures or compare pages have the mark `every_figure`.
+    """
+    if request.node.get_closest_marker("every_figure"):
+        return
+    from identification.report.page import Album
+
+    place = Album.place
+
+    def placed(self: Album, picture: Picture) -> str:
+        def source() -> str:
+            key = (request.node.path, picture.caption, picture.alt)
+            if key not in drawn:
+                drawn[key] = picture.source()
+            return drawn[key]
+
+        return place(self, picture._replace(source=source))
+
+    monkeypatch.setattr(Album, "place", placed)
 
 
 @pytest.fixture

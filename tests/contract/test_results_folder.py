@@ -61,6 +61,7 @@ def test_the_manifest_seals_every_file(place: Path) -> None:
     assert {i["name"]: i["sha256"] for i in data["inputs"]}["s.csv"] == sha256(Path("s.csv"))
 
 
+@pytest.mark.every_figure
 def test_the_same_command_gives_the_same_bytes(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write(place / "s.csv", Path("s.csv").read_bytes())
     before = tree(Path("fit"))

@@ -18,17 +18,21 @@ Change = Callable[[dict[str, Any]], object]
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A fit without a manifest, so that each file is judged by what it holds."""
-    folder = fitted_mill(tmp_path_factory.mktemp("made"))
-    (folder / "fit/manifest.json").unlink()
-    return folder
+    return fitted_mill(tmp_path_factory.mktemp("made"))
 
 
 @pytest.fixture
-def place(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def sealed(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     shutil.copytree(made, tmp_path / "w")
     monkeypatch.chdir(tmp_path / "w")
     return tmp_path / "w"
+
+
+@pytest.fixture
+def place(sealed: Path) -> Path:
+    """A fit without a manifest, so that each file is judged by what it holds."""
+    (sealed / "fit/manifest.json").unlink()
+    return sealed
 
 
 PREDICT = ("predict", "fit", "s.csv", "--out", "p.csv")
@@ -195,6 +199,13 @@ def test_lost(name: str, place: Path) -> None:
     refused(place, READ[name], "fit/")
 
 
+def test_residuals_of_more_cells_than_the_header(place: Path) -> None:
+    path = Path("fit/residuals.csv")
+    header, _, rows = path.read_text().partition("\n")
+    write(path, f"{header}\n" + "".join(f"s.csv,{row}\n" for row in rows.splitlines()))
+    refused(place, COMPENSATE, "fit/residuals.csv", "more cells than the header")
+
+
 @pytest.mark.parametrize("value", ["x", "1e+300", "-82.53:4", "inf"])
 @pytest.mark.parametrize("column", ["X", "tool_z", "residual_x_um", "heldout_y_um"])
 def test_residuals(column: str, value: str, place: Path) -> None:
@@ -205,11 +216,9 @@ def test_residuals(column: str, value: str, place: Path) -> None:
     refused(place, COMPENSATE, f"fit/residuals.csv, row 5, column {column}", value)
 
 
-def test_a_fit_without_its_values_is_no_plain_machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    fitted_mill(tmp_path)
-    monkeypatch.chdir(tmp_path)
+def test_a_fit_without_its_values_is_no_plain_machine(sealed: Path) -> None:
     Path("fit/fit.json").unlink()
-    refused(tmp_path, ("export", "fit", "--format", "urdf", "--out", "arm.urdf"), "fit/fit.json")
+    refused(sealed, ("export", "fit", "--format", "urdf", "--out", "arm.urdf"), "fit/fit.json")
 
 
 MANIFEST: dict[str, Change] = {
@@ -227,13 +236,11 @@ MANIFEST: dict[str, Change] = {
 
 @pytest.mark.parametrize("name", MANIFEST)
 @pytest.mark.parametrize("command", [PREDICT, ("verify", "fit"), ("rerun", "fit")])
-def test_manifest(name: str, command: tuple[object, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    fitted_mill(tmp_path)
-    monkeypatch.chdir(tmp_path)
+def test_manifest(name: str, command: tuple[object, ...], sealed: Path) -> None:
     data = json.loads(Path("fit/manifest.json").read_text())
     MANIFEST[name](data)
     write(Path("fit/manifest.json"), json.dumps(data))
-    refused(tmp_path, command, "fit")
+    refused(sealed, command, "fit")
 
 
 def test_the_history_of_a_machine(place: Path) -> None:

@@ -96,6 +96,7 @@ def test_the_file_beside_it_has_all_figures_decisions_and_the_test(tmp_path: Pat
     assert table.loc["X.B", "value"] == pytest.approx(1e3 * figures["B"]["value"])
 
 
+@pytest.mark.every_figure
 def test_the_same_input_gives_the_same_bytes(tmp_path: Path) -> None:
     (tmp_path / "a").mkdir()
     (tmp_path / "b").mkdir()

@@ -57,6 +57,7 @@ def test_every_command_takes_every_form_of_a_survey(form: str, mill: Path, tmp_p
     assert len(pd.read_csv(tmp_path / "p.csv")) == len(pd.read_csv(tmp_path / "sim.csv")) == 60
 
 
+@pytest.mark.every_figure
 def test_the_same_input_gives_the_same_bytes_in_another_process(mill: Path, tmp_path: Path) -> None:
     result = process("fit", MILL, mill / "s.csv", "--out", tmp_path / "fit", "--quiet", PYTHONHASHSEED="7")
     assert (result.returncode, result.stdout, result.stderr) == (0, "", "")

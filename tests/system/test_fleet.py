@@ -21,6 +21,8 @@ from identification.fleets.listing import read_list
 from tests.helpers.commands import MILL, Done, done, run, tree, write
 from tests.helpers.fleets import mill_fleet
 
+pytestmark = pytest.mark.every_figure
+
 ROOT = Path(__file__).resolve().parents[2]
 MACHINES, ODD = 7, 4
 

@@ -137,6 +137,7 @@ def test_first_cycles_only_teach(fitted, tmp_path):
     assert (data["status"], data["alarms"], data["together_p_value"]) == ("learning", [], None)
 
 
+@pytest.mark.every_figure
 def test_the_same_cycles_give_the_same_bytes(fitted, tmp_path):
     for name in ("a", "b"):
         folder = Path(shutil.copytree(fitted / "with", tmp_path / name / "fit"))

@@ -194,9 +194,12 @@ def test_the_predicted_uncertainty_is_what_fits_scatter_by(mill: Plan) -> None:
     assert 1e3 * u.max() <= mill.uncertainty.worst_um * 1.02
 
 
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", range(5))
 def test_half_as_many_planned_poses_do_as_well_as_random_ones(seed: int) -> None:
-    """Five-axis machine, worst predicted standard uncertainty at poses that the plan was not made for."""
+    """Five-axis machine, worst predicted standard uncertainty at poses that the plan was not made for.
+
+    Five of five: a planner for which it holds in no more than half of the cases passes once in 32 times.
+    """
     machine = read_machine(FIVE)
     stage = prepare(machine, PLAIN, UM, seed)
     chosen, _ = optimal(stage.space, 60, worst=True)

@@ -45,6 +45,8 @@ from identification.results.correlations import correlation
 from identification.results.terminal import table_lines
 from tests.helpers.pages import Page
 
+pytestmark = pytest.mark.every_figure
+
 HOSTILE = '</title><script>alert("x")</script> & $\\frac$ "M"'
 SURVEY = """\
 errormodel: 1

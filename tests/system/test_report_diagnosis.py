@@ -41,6 +41,8 @@ from identification.results.residual_projection import evidence_of
 from tests.helpers import effect_battery as battery
 from tests.helpers.pages import Page
 
+pytestmark = pytest.mark.every_figure
+
 MOVING = [w for w in battery.WORDS if registry()[w].family != "blunder"]
 BACKLASH = 0.03  # mm
 NOISE = 0.003

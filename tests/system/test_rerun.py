@@ -11,6 +11,8 @@ import pytest
 from errormodel.files import sha256
 from tests.helpers.commands import MILL, done, fitted_mill, run, tree, write
 
+pytestmark = pytest.mark.every_figure
+
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:

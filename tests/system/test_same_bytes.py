@@ -17,6 +17,8 @@ from hypothesis import strategies as st
 from errormodel.files import without_apostrophes, write_csv
 from tests.helpers.commands import MILL, done, tree, write
 
+pytestmark = pytest.mark.every_figure
+
 ROOT = Path(__file__).resolve().parents[2]
 FORMULAS = ("=1+1", "+cmd|' /C calc'!A0", "-2+3", "@SUM(A1)", "\t=1+1", " =HYPERLINK(1)", "'=1", "''+x", "-a")
 HARMLESS = ("-5", "+3.5", "a=b", "1e-3", "run 1", "'a", "")
@@ -32,8 +34,9 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-@pytest.mark.parametrize("survey", ["s.csv", "survey.yaml", "sub"])
-@pytest.mark.parametrize("command", ["fit", "diagnose"])
+@pytest.mark.parametrize(
+    ("command", "survey"), [("fit", "s.csv"), ("fit", "survey.yaml"), ("fit", "sub"), ("diagnose", "survey.yaml")]
+)
 def test_from_another_folder(command: str, survey: str, place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     done(command, MILL, f"data/{survey}", "--out", "one")
     monkeypatch.chdir("data")

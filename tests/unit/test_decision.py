@@ -56,13 +56,14 @@ def test_without_an_uncertainty_a_guard_band_cannot_decide() -> None:
 
 
 def test_a_true_value_at_the_limit_passes_in_one_of_twenty() -> None:
-    """What the guard band is for: 20 000 measurements of what is exactly at the limit."""
+    """What the guard band is for: 5000 measurements of what is exactly at the limit."""
     rng = np.random.default_rng(1)
-    measured = 0.010 + 0.001 * rng.standard_normal(20_000)
+    measured = 0.010 + 0.001 * rng.standard_normal(5000)
     verdicts = np.array([judged(quantity(v), limit_of("10 um"), "guard-band").verdict for v in measured])
-    # 4.95 % of a normal distribution lie beyond 1.65; the share of 20 000 is known to 0.15 %
-    assert np.mean(verdicts == "passes") == pytest.approx(0.0495, abs=0.006)
-    assert np.mean(verdicts == "fails") == pytest.approx(0.0495, abs=0.006)
+    # 4.95 % of a normal distribution lie beyond 1.65; the share of 5000 is known to 0.31 %. A factor of 2 would let 2.3 %
+    # pass, eight standard errors away, and no guard band 50 %
+    assert np.mean(verdicts == "passes") == pytest.approx(0.0495, abs=0.012)
+    assert np.mean(verdicts == "fails") == pytest.approx(0.0495, abs=0.012)
 
 
 def test_names_of_limits() -> None:
