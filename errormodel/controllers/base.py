@@ -149,6 +149,7 @@ class Controller(Target):
     backlash_beside: ClassVar[str] = "leave {} as it was during the survey"  # where tables hold the backlash
     first_number: ClassVar[int | None] = None
     number_form: ClassVar[str] = "{}"
+    describes: ClassVar[bool] = True  # whether the control has a kinematic description of rotary axes
     describes_tilt: ClassVar[bool] = True  # whether its kinematic description takes a tilted rotary axis; else tables
     lettered: ClassVar[bool] = True  # whether files need the controller's own letters
     most_tables: ClassVar[int | None] = None
@@ -370,7 +371,10 @@ def instead(kind: type[Target] | None = None) -> str:
 
 
 def richer(controller: Controller, setup: Setup) -> list[str]:
-    """Other formats of the same control (the same first word) whose tables depend on more axes at once."""
+    """Targets that take away more of this machine's errors, the control's own first (those with the same first word).
+
+    They are formats whose tables depend on more axes at once, and commands that are corrected themselves.
+    """
 
     def reach(kind: Controller) -> int:
         try:
@@ -382,8 +386,9 @@ def richer(controller: Controller, setup: Setup) -> list[str]:
         return max(map(len, sets), default=0)
 
     family, own = controller.name.partition("-")[0], reach(controller)
-    kinds = [k() for n, k in registry().items() if n.partition("-")[0] == family]
-    return [k.name for k in kinds if isinstance(k, Controller) and reach(k) > own]
+    known = [k() for n, k in registry().items() if k.general or n.partition("-")[0] == family]
+    better = [k for k in known if not isinstance(k, Controller) or reach(k) > own]
+    return [k.name for k in sorted(better, key=lambda k: k.general)]
 
 
 def target(name: str) -> Target:

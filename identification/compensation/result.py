@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from errormodel.controllers import instead
 from errormodel.controllers.base import Controller, Target, richer
 from errormodel.controllers.probing import Probing
 from errormodel.controllers.setup import Setup
@@ -111,10 +110,9 @@ class Compensation:
     def first(self) -> list[str]:
         """What comes before everything else: why not to load the tables, and zero shifts to make first."""
         stated = [s for s in self.sets if s.conditions is not None]
-        more = richer(self.controller, self.setup) if isinstance(self.controller, Controller) else []
-        other = " or ".join([*more, instead()])
-        harm = [w for s in self.sets if (w := against_model(s.figures))]
-        harm = harm or [w for s in stated if s.conditions and (w := s.conditions.against(other))]
+        other = " or ".join(richer(self.controller, self.setup)) if isinstance(self.controller, Controller) else ""
+        harm = self._once({s.label: w for s in self.sets if (w := against_model(s.figures))})
+        harm = harm or self._once({s.label: w for s in stated if s.conditions and (w := s.conditions.against(other))})
         steps = sorted(((x, s.removed_um) for s in self.sets for x in s.seams), key=lambda step: step[0].step_um)
         worst = {x.joint: (x.line(removed), x.step_um > removed) for x, removed in steps}.values()
         harm += [line for line, harmful in worst if harmful]
@@ -130,6 +128,16 @@ class Compensation:
         ordered = [*rotary, *shifts] if self.rotary and self.rotary.asked else [*shifts, *rotary]
         gentle = [line for line, harmful in worst if not harmful]
         return [*dict.fromkeys(against), *(f"FIRST: {line}" for line in changed), *gentle, *self.still, *ordered]
+
+    def _once(self, reasons: Mapping[str, str]) -> list[str]:
+        """Reasons against the sets of some states, by their labels, as one: the figures are those of the middle one."""
+        labels = list(reasons)
+        if not labels or len(self.sets) == 1:
+            return [*reasons.values()]
+        middle = labels[len(labels) // 2]
+        which = f"in all {len(labels)} states" if len(labels) == len(self.sets) else f"in {' and '.join(labels)}"
+        figures = f" (figures of {middle})" if len(labels) > 1 else ""
+        return [f"{which}{figures}: {reasons[middle]}"]
 
     @property
     def checklist(self) -> list[str]:
