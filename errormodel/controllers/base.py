@@ -19,7 +19,7 @@ from errormodel.arrays import Array, Mask
 from errormodel.controllers.dialect import Dialect
 from errormodel.controllers.probing import Gap, Probing
 from errormodel.controllers.setup import Axis, Setup
-from errormodel.controllers.tables import LONGER, Table, Tables, Term
+from errormodel.controllers.tables import Table, Tables, Term
 from errormodel.controllers.text import Comment, Files, printable
 from errormodel.controllers.thermal import States, Thermal
 from errormodel.discovery import by_word, classes
@@ -368,27 +368,6 @@ def instead(kind: type[Target] | None = None) -> str:
     kind : `Controller` or `Rewriter`, to have those only.
     """
     return " or ".join(n for n, k in registry().items() if k.general and (kind is None or issubclass(k, kind)))
-
-
-def richer(controller: Controller, setup: Setup) -> list[str]:
-    """Targets that take away more of this machine's errors, the control's own first (those with the same first word).
-
-    They are formats whose tables depend on more axes at once, and commands that are corrected themselves.
-    """
-
-    def reach(kind: Controller) -> int:
-        try:
-            kind.suits(setup)
-            terms = kind.structures(setup)[-1]
-        except InputError:
-            return 0
-        sets = ({*t.inputs, t.output, t.factor.rpartition(" ")[2]} - {"", LONGER} for t in terms if t.inputs)
-        return max(map(len, sets), default=0)
-
-    family, own = controller.name.partition("-")[0], reach(controller)
-    known = [k() for n, k in registry().items() if k.general or n.partition("-")[0] == family]
-    better = [k for k in known if not isinstance(k, Controller) or reach(k) > own]
-    return [k.name for k in sorted(better, key=lambda k: k.general)]
 
 
 def target(name: str) -> Target:

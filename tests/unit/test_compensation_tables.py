@@ -19,10 +19,12 @@ from errormodel.machine_file import library, read_machine
 from identification.compensation import reduction
 from identification.compensation.advice import mechanical_advice, scale_advice
 from identification.compensation.assessment import Error, assess, emulated, fresh_rows, nothing, remaining
+from identification.compensation.conditions import richer
 from identification.compensation.designs import Designs
 from identification.compensation.field import Field, movers_of
 from identification.compensation.inverse import CLOSED_MM, closing, inverse
 from identification.compensation.reduction import leftover, reduce
+from identification.compensation.result import in_words
 from identification.compensation.rows import Rows, held_out, read_rows
 from identification.compensation.seams import seams
 from identification.compensation.volume import Volume, levels
@@ -161,6 +163,27 @@ def test_a_lattice_follows_waves_along_one_axis() -> None:
     waves = volume_of(both, chain.vector({i: 4 * UM for ids in chain.effect_ids for i in ids}))
     with pytest.raises(InputError, match="more than 100000 nodes, 1025 along X"):
         tables_of("csv", waves)
+
+
+def test_why_not_to_load_tables_is_said_once_for_all_states() -> None:
+    said = {"T_x_18.0": "a", "T_x_21.0": "b", "T_x_30.0": "c"}
+    assert in_words(said, 3) == ["in all 3 states (figures of T_x_21.0): b"]
+    assert in_words({"T_x_18.0": "a", "T_x_30.0": "c"}, 3) == ["in T_x_18.0 and T_x_30.0 (figures of T_x_30.0): c"]
+    assert in_words({"T_x_18.0": "a"}, 3) == ["in T_x_18.0: a"]
+    assert in_words({"": "a"}, 1) == ["a"]
+    assert in_words({}, 3) == []
+
+
+def test_what_can_take_away_more_is_what_can_hold_this_machine() -> None:
+    setup = mill().setup(None, None)[0]
+    wanted = {
+        "csv": ["gcode"], "linuxcnc-3d": ["gcode"], "duet": ["csv", "gcode"],
+        "siemens-lec": ["siemens-cec", "csv", "gcode"],
+    }  # fmt: skip
+    for name, others in wanted.items():
+        controller = target(name)
+        assert isinstance(controller, Controller)
+        assert richer(controller, setup) == others
 
 
 def test_the_model_outside_is_that_of_the_edge() -> None:
