@@ -196,7 +196,7 @@ class Compensation:
 
 
 def in_words(reasons: Mapping[str, str], states: int) -> list[str]:
-    """Reasons, by label, against the sets of some of the `states` of a machine as one: that of the middle one of them."""
+    """Reasons, by label, against the sets of some `states` of a machine, as one: that of the middle one of them."""
     labels = list(reasons)
     if not labels or states == 1:
         return [*reasons.values()]
