@@ -70,6 +70,8 @@ def _describes(made: Any) -> str:
     """What the kinematic description of a control is told, in words."""
     from errormodel.controllers.base import Controller
 
+    if not made.describes:
+        return "This control has no kinematic description of rotary axes: `--kinematics` is refused."
     if type(made).describe is Controller.describe:
         return (
             "`kinematics.txt` has shift and tilt of each axis. The names of this control's own parameters for them are "

@@ -19,7 +19,7 @@ from errormodel.arrays import Array, Mask
 from errormodel.controllers.dialect import Dialect
 from errormodel.controllers.probing import Gap, Probing
 from errormodel.controllers.setup import Axis, Setup
-from errormodel.controllers.tables import LONGER, Table, Tables, Term
+from errormodel.controllers.tables import Table, Tables, Term
 from errormodel.controllers.text import Comment, Files, printable
 from errormodel.controllers.thermal import States, Thermal
 from errormodel.discovery import by_word, classes
@@ -149,6 +149,7 @@ class Controller(Target):
     backlash_beside: ClassVar[str] = "leave {} as it was during the survey"  # where tables hold the backlash
     first_number: ClassVar[int | None] = None
     number_form: ClassVar[str] = "{}"
+    describes: ClassVar[bool] = True  # whether the control has a kinematic description of rotary axes
     describes_tilt: ClassVar[bool] = True  # whether its kinematic description takes a tilted rotary axis; else tables
     lettered: ClassVar[bool] = True  # whether files need the controller's own letters
     most_tables: ClassVar[int | None] = None
@@ -367,23 +368,6 @@ def instead(kind: type[Target] | None = None) -> str:
     kind : `Controller` or `Rewriter`, to have those only.
     """
     return " or ".join(n for n, k in registry().items() if k.general and (kind is None or issubclass(k, kind)))
-
-
-def richer(controller: Controller, setup: Setup) -> list[str]:
-    """Other formats of the same control (the same first word) whose tables depend on more axes at once."""
-
-    def reach(kind: Controller) -> int:
-        try:
-            kind.suits(setup)
-            terms = kind.structures(setup)[-1]
-        except InputError:
-            return 0
-        sets = ({*t.inputs, t.output, t.factor.rpartition(" ")[2]} - {"", LONGER} for t in terms if t.inputs)
-        return max(map(len, sets), default=0)
-
-    family, own = controller.name.partition("-")[0], reach(controller)
-    kinds = [k() for n, k in registry().items() if n.partition("-")[0] == family]
-    return [k.name for k in kinds if isinstance(k, Controller) and reach(k) > own]
 
 
 def target(name: str) -> Target:

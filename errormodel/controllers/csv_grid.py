@@ -35,7 +35,7 @@ class CsvGrid(Controller):
     backlash_parameter: ClassVar[str] = ""
     lettered: ClassVar[bool] = False
     linear_only: ClassVar[bool] = False
-    most_points: ClassVar[int] = 200
+    most_points: ClassVar[int] = 1025
 
     def terms(self, setup: Setup) -> list[Term]:
         return lattice_terms(self, setup)

@@ -141,6 +141,7 @@ class LinuxCncMatrix(LinuxCnc1):
         "KINEMATICS = trivkins as before, without matrix.hal; take COMP_FILE and COMP_FILE_TYPE out of the INI file, "
         "put BACKLASH back, restart and home"
     )
+    describes: ClassVar[bool] = False  # matrixkins knows no rotary axes
 
     def suits(self, setup: Setup) -> None:
         super().suits(setup)

@@ -53,7 +53,8 @@ class LinuxCnc3d(Controller):
     number_form: ClassVar[str] = "JOINT_{}"
     dialect: ClassVar[Dialect | None] = RS274
     follows_tool: ClassVar[bool] = True
-    most_points: ClassVar[int] = 200
+    describes: ClassVar[bool] = False  # trivkins knows no rotary axes
+    most_points: ClassVar[int] = 1025
 
     def terms(self, setup: Setup) -> list[Term]:
         plain = lattice_terms(self, setup)

@@ -32,6 +32,7 @@ class Printer(Controller):
     sign_known: ClassVar[bool] = True
     dialect: ClassVar[Dialect | None] = None
     backlash_parameter: ClassVar[str] = ""
+    describes: ClassVar[bool] = False
     least_points = 3
     shown: ClassVar[tuple[str, ...]]  # where the firmware shows what it adds; last, a line that ends with "must be:"
 

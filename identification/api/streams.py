@@ -115,7 +115,7 @@ def predict_stream(
     rows = open_rows(points, stored.chain.machine, measured=False)
     with steps("Predicting") as report:
         count = write_parquet_blocks(predictions(stored, rows, noted, report), out)
-    return count, (*rows.notes, *noted.notes)
+    return count, (*stored.unlisted, *rows.notes, *noted.notes)
 
 
 def simulate_stream(

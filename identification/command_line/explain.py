@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from errormodel.exceptions import InputError
-from identification.command_line.console import DRAWINGS, FOLDER, OUT_FILE, command, say
+from identification.command_line.console import DRAWINGS, FOLDER, OUT_FILE, command, say, show_notes
 
 if TYPE_CHECKING:
     from identification.results.output_file import OutputFile
@@ -29,6 +29,7 @@ def explain(folder: Path, effect: str | None, out: OutputFile | None) -> None:
         found = f"a drawing of type '{out.path.suffix}'"
         raise InputError(f"--out {out}", found, f"Write one of {', '.join(DRAWINGS)}")
     result = api.explain(folder, effect)
+    show_notes(result.notes)
     if out is not None:
         with out.replaced() as part:
             result.draw(part)

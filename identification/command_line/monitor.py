@@ -32,8 +32,8 @@ def monitor(folder: Path, survey: Path, accept: bool, rate: float) -> None:
     saved = api.load(folder)
     with working("Reading"):
         data = read_survey(survey, saved.machine)
-    show_notes((*data.notes, *saved.notes))
     result = api.monitor(saved, data, accept=accept, rate=rate, progress=working)
+    show_notes((*data.notes, *saved.notes))
     say(result.summary())
     say(f"\nReport: {result.page}")
     if result.status == "alarm" and not result.accepted:

@@ -102,7 +102,6 @@ def compensate(
     source = _source(controller, program, reading)
     with progress("Reading"):
         fit = store.load(folder)
-        unlisted = manifest.missing(folder)
         table = read_rows(folder, fit.chain.machine)
         read = joints_read(table)
         held = held_out(fit, table)
@@ -178,7 +177,7 @@ def compensate(
         own,
         probing,
         advice,
-        (*unlisted, *notes, *rotation_notes(fit.frames), *survey_notes(volume, setup, held is not None, read)),
+        (*fit.unlisted, *notes, *rotation_notes(fit.frames), *survey_notes(volume, setup, held is not None, read)),
         (*of_tools, *said),
         rotary,
         tuple(columns),
@@ -195,11 +194,16 @@ def _rotary_axes(controller: Target, volume: Volume, setup: Setup, seed: int, as
     Raises
     ------
     InputError
-        They are asked for where there are none, or of a target that corrects the commands themselves.
+        They are asked for where there are none, or of a target that has no kinematic description.
     """
     if not isinstance(controller, Controller):
         if asked:
             raise InputError("--kinematics", f"{controller.title} corrects the commands themselves", "Leave it out")
+        return None
+    if not controller.describes:
+        if asked:
+            found = f"{controller.title} has no kinematic description of rotary axes"
+            raise InputError("--kinematics", found, "Leave it out: tables then hold what they can of their errors")
         return None
     lines = lines_of(volume, setup, tilts := controller.describes_tilt)
     if not lines:

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from errormodel.arrays import Array, Mask
-from errormodel.controllers.base import Controller
+from errormodel.controllers.base import Controller, registry
 from errormodel.controllers.setup import Setup
-from errormodel.controllers.tables import Table, Tables
+from errormodel.controllers.tables import LONGER, Table, Tables
 from errormodel.exceptions import InputError
 from identification.compensation.assessment import Correct, emulated, fresh_rows, left, nothing, remaining
 from identification.compensation.reversal import left_to_parameters, reversal_lines, with_backlash
@@ -98,6 +98,28 @@ class Conditions:
             f"({self.before_um:.1f} um before, {self.left_um:.1f} after) and makes {100 * self.worse_share:.0f} % of "
             f"the poses worse; --controller {instead} can take away more"
         )
+
+
+def richer(controller: Controller, setup: Setup) -> list[str]:
+    """Targets that take away more of this machine's errors, the control's own first (those with the same first word).
+
+    They are formats whose tables depend on more axes at once, and commands that are corrected themselves.
+    """
+
+    def reach(kind: Controller) -> tuple[int, int]:
+        """Most axes that a table depends on, without the one that it corrects and with it."""
+        try:
+            kind.suits(setup)
+            terms = kind.structures(setup)[-1]
+        except InputError:
+            return 0, 0
+        drivers = ((t.output, {*t.inputs, t.factor.rpartition(" ")[2]} - {"", LONGER}) for t in terms if t.inputs)
+        return max(((len(axes), len(axes | {output})) for output, axes in drivers), default=(0, 0))
+
+    family, own = controller.name.partition("-")[0], reach(controller)
+    known = [k() for n, k in registry().items() if k.general or n.partition("-")[0] == family]
+    better = [k for k in known if not isinstance(k, Controller) or reach(k) > own]
+    return [k.name for k in sorted(better, key=lambda k: k.general)]
 
 
 def conditions_of(controller: Controller, setup: Setup, volume: Volume, tables: Tables, seed: int) -> Conditions:

@@ -25,6 +25,10 @@ if TYPE_CHECKING:
 
 MOST_CONE_VALUES = 5000  # table values: larger problems get the least-squares solution only, for time
 RIDGE_WEIGHT = 1e-8  # penalty on scaled values, so that values without poses are determined
+# The same on motions of the frame, about which the errors are already least: tables of a rotary table can move the
+# workpiece as the frame does, and would follow it by millimetres for the sake of nanometres. By judgement: a motion as
+# large as the errors then costs a thousandth of their squares.
+FRAME_WEIGHT = 1e-3
 KINK_WEIGHT = 0.1  # penalty on second differences: values with few poses continue their neighbours straight
 SLACK = 1e-12  # of equality constraints, so that those which others imply do no harm
 # A curve leaves least squares in at most so many straight pieces, of two intervals at least, though in no fewer than
@@ -72,9 +76,11 @@ class Design:
     @cached_property
     def gram(self) -> csc_matrix:
         """Gram matrix of the design, with the penalties."""
-        from scipy.sparse import csc_matrix, identity
+        from scipy.sparse import csc_matrix, diags
 
-        slight = RIDGE_WEIGHT * identity(self.matrix.shape[1]) + KINK_WEIGHT * self.kinks.T @ self.kinks
+        weights = np.full(self.matrix.shape[1], RIDGE_WEIGHT)
+        weights[sum(t.size for t in self.terms) :] = FRAME_WEIGHT
+        slight = diags(weights) + KINK_WEIGHT * self.kinks.T @ self.kinks
         return csc_matrix(self.matrix.T @ self.matrix + slight)
 
     @cached_property

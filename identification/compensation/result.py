@@ -7,8 +7,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from errormodel.controllers import instead
-from errormodel.controllers.base import Controller, Target, richer
+from errormodel.controllers.base import Controller, Target
 from errormodel.controllers.probing import Probing
 from errormodel.controllers.setup import Setup
 from errormodel.controllers.tables import Table, Tables
@@ -17,6 +16,7 @@ from identification.compensation.assessment import Figures
 from identification.compensation.conditions import (
     Conditions,
     backlash_lines,
+    richer,
     shift_lines,
 )
 from identification.compensation.findings import Outside, column_line
@@ -111,10 +111,10 @@ class Compensation:
     def first(self) -> list[str]:
         """What comes before everything else: why not to load the tables, and zero shifts to make first."""
         stated = [s for s in self.sets if s.conditions is not None]
-        more = richer(self.controller, self.setup) if isinstance(self.controller, Controller) else []
-        other = " or ".join([*more, instead()])
-        harm = [w for s in self.sets if (w := against_model(s.figures))]
-        harm = harm or [w for s in stated if s.conditions and (w := s.conditions.against(other))]
+        other = " or ".join(richer(self.controller, self.setup)) if isinstance(self.controller, Controller) else ""
+        harm = in_words({s.label: w for s in self.sets if (w := against_model(s.figures))}, len(self.sets))
+        no_use = {s.label: w for s in stated if s.conditions and (w := s.conditions.against(other))}
+        harm = harm or in_words(no_use, len(self.sets))
         steps = sorted(((x, s.removed_um) for s in self.sets for x in s.seams), key=lambda step: step[0].step_um)
         worst = {x.joint: (x.line(removed), x.step_um > removed) for x, removed in steps}.values()
         harm += [line for line, harmful in worst if harmful]
@@ -193,6 +193,17 @@ class Compensation:
             "checklist": self.checklist,
             "notes": list(self.notes),
         }
+
+
+def in_words(reasons: Mapping[str, str], states: int) -> list[str]:
+    """Reasons, by label, against the sets of some `states` of a machine, as one: that of the middle one of them."""
+    labels = list(reasons)
+    if not labels or states == 1:
+        return [*reasons.values()]
+    middle = labels[len(labels) // 2]
+    which = f"in all {states} states" if len(labels) == states else f"in {' and '.join(labels)}"
+    figures = f" (figures of {middle})" if len(labels) > 1 else ""
+    return [f"{which}{figures}: {reasons[middle]}"]
 
 
 def _table_json(table: Table) -> dict[str, Any]:

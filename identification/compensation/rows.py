@@ -48,8 +48,6 @@ def read_rows(folder: Path, machine: Machine) -> pd.DataFrame:
         table = read_csv(path, dtype={"run": str, "file": str})
     except (OSError, ValueError) as error:
         raise InputError(str(path), f"it cannot be read ({error})", CURE) from error
-    if not isinstance(table.index, pd.RangeIndex):
-        raise InputError(str(path), "more cells in a row than names above them", CURE)
     for name in {"run", "file"} & {*table}:
         table[name] = without_apostrophes(table[name])
     missing = [j.name for j in machine.joints if j.name not in table]

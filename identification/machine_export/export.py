@@ -77,7 +77,7 @@ def exported(
     if identity and not kind.identified:
         raise InputError("--hash", f"'{identity}', and {kind.title} holds no identifier of a robot", "Leave it out")
     template = None if into is None else open_raw(into, str(into))
-    known = None if isinstance(source, Machine) else _of_fit(source, progress)
+    known, unlisted = (None, ()) if isinstance(source, Machine) else _of_fit(source, progress)
     machine = nominal(source) if isinstance(source, Machine) else known.machine if known else None
     assert machine is not None
     what = "calibrated" if known else "nominal"
@@ -90,10 +90,11 @@ def exported(
             written = kind.rewrite(machine, Template(template, part or Part(), before))
         end = np.eye(4) if written.end is None else written.end
         read_back = compared(kind, machine, written.text, suffix, end, seed, part if template else None)
-    return Exported(kind, machine, written.text, written.notes, read_back, known)
+    return Exported(kind, machine, written.text, (*unlisted, *written.notes), read_back, known)
 
 
-def _of_fit(folder: Path, progress: Progress) -> Calibrated:
+def _of_fit(folder: Path, progress: Progress) -> tuple[Calibrated, tuple[str, ...]]:
+    """What a description holds of a fit, and what is said of its folder."""
     with progress("Reading"):
         fit = store.load(folder)
         table = read_rows(folder, fit.chain.machine)
@@ -101,7 +102,7 @@ def _of_fit(folder: Path, progress: Progress) -> Calibrated:
         field = Field.of(fit, table)
         volume = Volume.of(field, table, fit.frame_mode != "fixed", turns=joints_read(table) is None)
         tool = {i: fit.values[i] for i in fit.chain.tool_ids if i in fit.values}
-        return calibrated(field, volume, tool)
+        return calibrated(field, volume, tool), fit.unlisted
 
 
 def compared(

@@ -14,6 +14,7 @@ from identification.diagnosis.decisions.log import COLUMNS, Decision
 from identification.diagnosis.decisions.records import as_rows, from_rows
 from identification.diagnosis.decisions.summary import parts_of
 from identification.diagnosis.results.findings import SCHEMA
+from identification.results import manifest
 from identification.results.versions import read_json
 
 if TYPE_CHECKING:
@@ -32,10 +33,17 @@ class Explanation:
     ----------
     findings : effect and place of each finding of the diagnosis.
     asked : the effects at places that it is about, in their order; empty for all stages.
+    notes : what cannot be checked of the folder that it was read from.
     """
 
-    def __init__(self, log: Sequence[Decision], diagnosis: Mapping[str, Any], asked: str | None = None) -> None:
-        self._log, self._diagnosis = list(log), diagnosis
+    def __init__(
+        self,
+        log: Sequence[Decision],
+        diagnosis: Mapping[str, Any],
+        asked: str | None = None,
+        notes: tuple[str, ...] = (),
+    ) -> None:
+        self._log, self._diagnosis, self.notes = list(log), diagnosis, notes
         self.findings: list[Place] = [(f["effect"], f["where"]) for f in diagnosis["findings"]]
         self._parts = parts_of(self._log, self.findings)
         self.asked = [] if asked is None else self._places(asked)
@@ -54,7 +62,8 @@ class Explanation:
 
         with whole(folder):
             diagnosis, log = _read(folder)
-        return cls(log, diagnosis, asked)
+            notes = manifest.missing(folder)
+        return cls(log, diagnosis, asked, notes)
 
     @cached_property
     def decisions(self) -> pd.DataFrame:

@@ -119,14 +119,14 @@ def wrong(folder: Path) -> list[str]:
     return [n for n, digest in files.items() if (folder / n).is_file() and sha256(folder / n) != digest]
 
 
-def missing(folder: Path) -> list[str]:
+def missing(folder: Path) -> tuple[str, ...]:
     """A note on a folder of results without a manifest: nothing shows whether its files were changed."""
     if read(folder) is not None:
-        return []
-    return [
+        return ()
+    return (
         f"{folder.name} holds no {NAME}: whether its files belong together, or were changed since, cannot be checked. "
-        "Run the fit again if it is not known where they come from"
-    ]
+        "Run the fit again if it is not known where they come from",
+    )
 
 
 def check_whole(folder: Path) -> None:

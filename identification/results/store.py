@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +22,7 @@ from identification.estimation.fit import moved
 from identification.estimation.motions import Motions
 from identification.estimation.result import Fit, Streamed
 from identification.observation.pose import Pose
+from identification.results import manifest
 from identification.results.analysis import Analysis
 from identification.results.correlations import correlations
 from identification.results.json_text import dumps
@@ -216,4 +217,4 @@ def load(folder: Path) -> StoredFit:
         The folder holds no finished fit, or its files do not belong together.
     """
     with whole(folder):
-        return read_files(folder)
+        return replace(read_files(folder), unlisted=manifest.missing(folder))

@@ -42,6 +42,7 @@ class StoredFit:
     data: dict[str, Any]
     set_ups: dict[str, float] = field(default_factory=dict)  # unknown numbers of observations, mm and rad
     free_reference: bool = False  # only readings were fitted, which do not show where the machine stands
+    unlisted: tuple[str, ...] = ()  # what is said of a folder whose files cannot be checked
 
     @property
     def fitted(self) -> Spread:

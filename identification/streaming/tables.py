@@ -47,7 +47,7 @@ def predictions(
     """Tables of predictions, block by block; see `identification.results.predictions.predicted`."""
     for start, stop in ranges_of(len(rows), BLOCK_ROWS):
         table = predicted(stored, rows.survey((start, stop)))
-        noted.add(start, stop, table.attrs.pop("notes"))
+        noted.add(start, stop, tuple(n for n in table.attrs.pop("notes") if n not in stored.unlisted))
         table.attrs.clear()
         yield table
         report(stop / len(rows), f"{stop} rows")

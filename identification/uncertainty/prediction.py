@@ -92,10 +92,11 @@ def _labels(fit: StoredFit, points: Survey) -> Array:
 
 
 def notes(fit: StoredFit, points: Survey) -> tuple[str, ...]:
-    """Notes on assumed rotations, rows in another run's frame, extrapolation, and assumed approach directions."""
+    """Notes on unchecked files, assumed rotations, rows in another run's frame, extrapolation, assumed directions."""
     beyond = beyond_notes(fit.chain, fit.data.get("covered", {}), points.table)
     free = (FREE_REFERENCE,) if fit.free_reference else ()
-    return (*rotation_notes(fit.frames), *_unfitted(fit, points), *free, *beyond, *_arrivals(fit, points))
+    own = (*fit.unlisted, *rotation_notes(fit.frames))
+    return (*own, *_unfitted(fit, points), *free, *beyond, *_arrivals(fit, points))
 
 
 def _arrivals(fit: StoredFit, points: Survey) -> Iterator[str]:

@@ -13,6 +13,7 @@
 #include <cstdlib>
 #include <cstring>
 #include <ctime>
+#include <functional>
 
 #define SUPPORT_OBJECT_MODEL 0
 #define SUPPORT_PROBE_POINTS_FILE 0
@@ -121,6 +122,15 @@ struct AxesBitmap {
         for (unsigned k = 0, n = 0; k < MaxAxes; k++)
             if (IsBitSet(k)) f(k, n++);
     }
+};
+/* newer than 3.6: what the map says at one pair of axes, handed to a function */
+struct HeightCorrectionSample {
+    unsigned axis0, axis1;
+    float x, y, mapX, mapY, correction;
+};
+template <class F> struct function_ref_noexcept;
+template <class R, class... A> struct function_ref_noexcept<R(A...) noexcept> : std::function<R(A...)> {
+    using std::function<R(A...)>::function;
 };
 struct Tool {
     static AxesBitmap GetXAxes(const Tool *) { return {1u << X_AXIS}; }

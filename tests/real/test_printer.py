@@ -65,7 +65,7 @@ def test_a_working_sensor_of_the_same_name_is_used(printers: Path) -> None:
 def test_a_cause_that_was_left_out_is_asked_for_again(printers: Path) -> None:
     """Of the model of `a` all that the bed drives is deleted; what comes back is driven by the bed, at Z again.
 
-    Or at the frame: where only one axis moves and one component is measured, both are the same column to the last digit.
+    Or at the frame: where one axis moves and one component is measured, both are the same column to the last digit.
     """
     whole = heated(printers, "a").final.chain.machine
     kept = tuple(e for e in whole.effects if "T_bed" not in str(e.options))

@@ -52,6 +52,11 @@ def refused(place: Path, command: tuple[object, ...], *words: str) -> None:
     assert tree(place) == before
 
 
+def test_every_command_says_that_a_folder_cannot_be_checked(place: Path) -> None:
+    for command in (PREDICT, MONITOR, ("export", "fit", "--format", "dh", "--out", "dh.csv")):
+        assert "note: fit holds no manifest.json" in run(*command).err, command
+
+
 def at(*keys: Any, to: Any) -> Change:
     def change(data: Any) -> None:
         for key in keys[:-1]:

@@ -29,7 +29,10 @@ HEADERS = (
     "RepRapFirmware.h", "ObjectModel/ObjectModel.h", "Platform/Platform.h", "Platform/RepRap.h", "GCodes/GCodes.h",
     "Storage/FileStore.h", "Math/Deviation.h",
 )  # fmt: skip
-CHANGES = ("AxisAndBedTransform", "AxisTransform", "ComputeHeightCorrection", "BedTransform", "SetTaperHeight")
+CHANGES = (
+    "AxisAndBedTransform", "AxisTransform", "ForEachHeightCorrection", "ComputeHeightCorrection", "BedTransform",
+    "SetTaperHeight",
+)  # fmt: skip
 FLOAT_MM = 1e-4  # three additions of floats of 400 mm, which have steps of 31 nm
 CALLER = """
 #include "{grid}"

@@ -93,3 +93,6 @@ def test_a_machine_without_rotary_axes_has_nothing_to_describe(tmp_path: Path) -
     result = run("compensate", tmp_path / "fit", "--controller", "csv", "--out", tmp_path / "o", "--kinematics")
     assert result.code == 2
     assert "no rotary joint moved" in result.err
+    result = run("compensate", tmp_path / "fit", "--controller", "linuxcnc-3d", "--out", tmp_path / "o", "--kinematics")
+    assert result.code == 2
+    assert "has no kinematic description of rotary axes" in result.err

@@ -13,14 +13,18 @@ import pytest
 from errormodel.chain import Chain
 from errormodel.controllers import target
 from errormodel.controllers.base import Controller
+from errormodel.exceptions import InputError
 from errormodel.machine import EffectSpec
 from errormodel.machine_file import library, read_machine
 from identification.compensation import reduction
 from identification.compensation.advice import mechanical_advice, scale_advice
 from identification.compensation.assessment import Error, assess, emulated, fresh_rows, nothing, remaining
+from identification.compensation.conditions import richer
+from identification.compensation.designs import Designs
 from identification.compensation.field import Field, movers_of
 from identification.compensation.inverse import CLOSED_MM, closing, inverse
 from identification.compensation.reduction import leftover, reduce
+from identification.compensation.result import in_words
 from identification.compensation.rows import Rows, held_out, read_rows
 from identification.compensation.seams import seams
 from identification.compensation.volume import Volume, levels
@@ -129,6 +133,57 @@ def test_nothing_is_extrapolated_beyond_what_was_measured(name: str) -> None:
     inside, outside = (np.abs(correct(q, came, None) - q).max() for q in (edge, far))
     assert inside > 0
     assert outside <= 1.25 * inside + UM  # levers of angles may still grow, tables may not
+
+
+def test_tables_of_a_rotary_table_do_not_move_the_workpiece() -> None:
+    """Errors are judged after the best frame: tables that follow a motion of it by millimetres would gain nothing."""
+    machine = read_machine("five_axis_table_quill")
+    volume, controller = volume_of(machine, errors(Chain(machine), 1)), target("siemens-cec")
+    assert isinstance(controller, Controller)
+    setup = volume.setup(None, None)[0]
+    sample = volume.sample(setup, 600)
+    design = Designs().design(controller, setup, controller.structures(setup)[-1], sample)
+    values = design.scale * design.least(sample.errors.T.ravel())
+    frame = values[sum(t.size for t in design.terms) :]
+    assert np.abs(np.einsum("nik,k->ni", sample.frame, frame)).max() < 0.1 * UM  # 17 um where it is free
+    assert np.abs(values).max() > 5 * UM
+
+
+def test_a_lattice_follows_waves_along_one_axis() -> None:
+    """75 periods of a screw's error need a thousand positions along X, and a few along the others."""
+    machine = replace(read_machine(MILL), effects=(EffectSpec("pitch-cyclic", {"joint": "X", "period": 10.0}),))
+    chain = Chain(machine)
+    volume = volume_of(machine, chain.vector(dict(zip(chain.effect_ids[0], (4 * UM, 2 * UM), strict=True))))
+    controller, tables, setup = tables_of("csv", volume)
+    figures = assess(volume, emulated(controller, tables, setup, volume), None, 0)[0]
+    assert figures.before.rms_um > 3
+    assert figures.after.rms_um < 0.1
+    both = replace(machine, effects=tuple(EffectSpec("pitch-cyclic", {"joint": j, "period": 5.0}) for j in "XYZ"))
+    chain = Chain(both)
+    waves = volume_of(both, chain.vector({i: 4 * UM for ids in chain.effect_ids for i in ids}))
+    with pytest.raises(InputError, match="more than 100000 nodes, 1025 along X"):
+        tables_of("csv", waves)
+
+
+def test_why_not_to_load_tables_is_said_once_for_all_states() -> None:
+    said = {"T_x_18.0": "a", "T_x_21.0": "b", "T_x_30.0": "c"}
+    assert in_words(said, 3) == ["in all 3 states (figures of T_x_21.0): b"]
+    assert in_words({"T_x_18.0": "a", "T_x_30.0": "c"}, 3) == ["in T_x_18.0 and T_x_30.0 (figures of T_x_30.0): c"]
+    assert in_words({"T_x_18.0": "a"}, 3) == ["in T_x_18.0: a"]
+    assert in_words({"": "a"}, 1) == ["a"]
+    assert in_words({}, 3) == []
+
+
+def test_what_can_take_away_more_is_what_can_hold_this_machine() -> None:
+    setup = mill().setup(None, None)[0]
+    wanted = {
+        "csv": ["gcode"], "linuxcnc-3d": ["gcode"], "duet": ["csv", "gcode"],
+        "siemens-lec": ["siemens-cec", "csv", "gcode"],
+    }  # fmt: skip
+    for name, others in wanted.items():
+        controller = target(name)
+        assert isinstance(controller, Controller)
+        assert richer(controller, setup) == others
 
 
 def test_the_model_outside_is_that_of_the_edge() -> None:

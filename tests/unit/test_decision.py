@@ -60,8 +60,8 @@ def test_a_true_value_at_the_limit_passes_in_one_of_twenty() -> None:
     rng = np.random.default_rng(1)
     measured = 0.010 + 0.001 * rng.standard_normal(5000)
     verdicts = np.array([judged(quantity(v), limit_of("10 um"), "guard-band").verdict for v in measured])
-    # 4.95 % of a normal distribution lie beyond 1.65; the share of 5000 is known to 0.31 %. A factor of 2 would let 2.3 %
-    # pass, eight standard errors away, and no guard band 50 %
+    # 4.95 % of a normal distribution lie beyond 1.65; the share of 5000 is known to 0.31 %. A factor of 2 would let
+    # 2.3 % pass, eight standard errors away, and no guard band 50 %
     assert np.mean(verdicts == "passes") == pytest.approx(0.0495, abs=0.012)
     assert np.mean(verdicts == "fails") == pytest.approx(0.0495, abs=0.012)
 
