@@ -263,6 +263,8 @@ class Kernel:
     def expand(self, functions: Array | list[Array]) -> Array:
         """All outputs (n_outputs, m) of a block, from its distinct functions."""
         functions, live = np.asarray(functions), self.coefficient != 0
+        if (self.coefficient == 1).all():  # positions: a copy is all
+            return functions[self.index]
         out = np.zeros((self.n_outputs, functions.shape[1]))
         out[live] = functions[self.index[live]] * self.coefficient[live, None]
         return out

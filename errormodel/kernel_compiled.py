@@ -1,8 +1,8 @@
-"""The inner loops of long surveys, compiled by Numba: the steps of a tape, residuals, and sums of products of rows.
+"""The inner loops of long surveys, compiled by Numba: the steps of a tape, and sums of products of rows.
 
 `run` does what NumPy does with each step, to the last bit: strips of rows stay in the first-level cache from step to
 step. `products` adds up the Gram matrix of the functions, four rows by four, and only where it is asked for; BLAS takes
-twice as long for matrices as flat as these. Without Numba all are plain Python, which the tests run.
+twice as long for matrices as flat as these. Without Numba both are plain Python, which the tests run.
 """
 
 from __future__ import annotations
@@ -111,35 +111,6 @@ def run(steps: Index, values: Array, work: Array, functions: Array) -> None:
             else:
                 for r in range(len(out)):
                     out[r] = s / a[r]
-
-
-@njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
-def residuals(functions: Array, slopes: Array, left: Array, out: Array) -> None:
-    """Take ``slopes @ functions`` from `left`, and add the products of the functions and of `left` with it to `out`.
-
-    Parameters
-    ----------
-    functions, slopes, left : (n, m), (c, n) and (c, m).
-    out : (n + c, c).
-    """
-    n, m = functions.shape
-    for low in range(0, m, STRIP_ROWS):
-        high = min(low + STRIP_ROWS, m)
-        for c in range(len(left)):
-            own = left[c, low:high]
-            for k in range(n):
-                slope, function = slopes[c, k], functions[k, low:high]
-                if slope != 0.0:
-                    for r in range(high - low):
-                        own[r] -= slope * function[r]
-        for c in range(len(left)):
-            own = left[c, low:high]
-            for k in range(n + len(left)):
-                function = (functions[k] if k < n else left[k - n])[low:high]
-                total = 0.0
-                for r in range(high - low):
-                    total += function[r] * own[r]
-                out[k, c] += total
 
 
 @njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})

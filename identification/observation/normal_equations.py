@@ -142,23 +142,29 @@ class _Alike:
 
     @cached_property
     def slopes(self) -> Array | None:
-        """Slopes (components, functions) of what is taken from the gaps."""
-        linear, n = self.task.linear, self.kernel.n_functions
-        return None if linear is None else np.array([np.bincount(k, s * linear, n) for k, s in self.selectors])
+        """Slopes (components, functions) of what is taken from the gaps; an odd number of rows has one more, of zeros.
 
-    def blocks(self, rows: slice, taken: bool = True) -> Iterator[tuple[slice, Array, Array]]:
-        """Blocks of a range of rows: slice in the view, distinct functions and residual (gap, unless `taken`)."""
+        OpenBLAS takes half as long for four rows as for three.
+        """
+        linear, n = self.task.linear, self.kernel.n_functions
+        if linear is None:
+            return None
+        own = [np.bincount(k, s * linear, n) for k, s in self.selectors]
+        return np.array(own if len(own) == 1 or len(own) % 2 == 0 else [*own, np.zeros(n)])
+
+    def blocks(self, rows: slice) -> Iterator[tuple[slice, Array, Array]]:
+        """Blocks of a range of rows: slice in the view, distinct functions and residual."""
         task = self.task
         view = task.view.part(rows)
         design = self.kernel.blocks(view.rows, task.p if task.at is None else task.at, loops=self.loops)
         for (part, functions), (_, gap) in zip(design, view.gaps(task.p), strict=True):
             block = np.asarray(functions)
             here = slice(rows.start + part.start, rows.start + part.stop)
-            if not taken or self.slopes is None:
+            if self.slopes is None:
                 yield here, block, gap
             else:  # stored gaps are overwritten by the residual
                 kept = gap if isinstance(view, GapView) else None
-                yield here, block, np.subtract(gap, self.slopes @ block, out=kept)
+                yield here, block, np.subtract(gap, (self.slopes @ block)[: len(gap)], out=kept)
 
     @cached_property
     def weight(self) -> float | None:
@@ -183,45 +189,23 @@ class _Alike:
 
     def sums(self, rows: slice) -> Array:
         """Products (functions and residuals, the same) of a range of rows; those of residuals in the last columns."""
-        if self.loops is not None:
-            return self._compiled(self.loops, rows)
         n, c, whitener = self.kernel.n_functions, len(self.selectors), self.task.view.whitener
         out = np.zeros((n + c, n + c))
+        order, tiles = self.tiles if self.loops is not None and self.task.gram else (np.zeros(0, np.intp), None)
+        tiled = np.zeros((len(order), len(order)))
         for part, functions, gap in self.blocks(rows):
             one = self.weight is not None
             white, left = (functions, gap) if one else (functions * whitener[part], gap * whitener[part])
+            if self.loops is not None and tiles is not None:
+                self.loops.products(white, np.ascontiguousarray(left), order, tiles, tiled)
+                continue
             if self.task.gram:
                 out[:n, :n] += white @ white.T
             out[:n, n:] += white @ left.T
-            out[range(n, n + c), range(n, n + c)] += np.einsum("cm,cm->c", left, left)
-        return out
-
-    def _compiled(self, loops: ModuleType, rows: slice) -> Array:
-        """The same by compiled loops."""
-        n, c, task = self.kernel.n_functions, len(self.selectors), self.task
-        (order, tiles), none = self.tiles, np.zeros((c, n))
-        tiled, read = np.zeros((len(order), len(order))), np.zeros((n + c, c))
-        for part, functions, gap in self.blocks(rows, taken=False):
-            left = np.ascontiguousarray(gap)
-            if self.weight is not None and not task.gram:
-                loops.residuals(functions, none if self.slopes is None else self.slopes, left, read)
-            else:
-                if self.slopes is not None:
-                    left = left - self.slopes @ functions
-                scale = 1.0 if self.weight is not None else task.view.whitener[part]
-                white = functions if self.weight is not None else functions * scale
-                if task.gram:
-                    loops.products(white, left * scale, order, tiles, tiled)
-                else:
-                    loops.residuals(white, none, left * scale, read)
-            if isinstance(task.view, GapView):
-                gap[...] = left
-        out = np.zeros((n + c, n + c))
-        if task.gram:
-            last = n + c  # rows that fill the last tile are not wanted
-            out[np.ix_(order[:last], order[:last])] = (np.tril(tiled) + np.tril(tiled, -1).T)[:last, :last]
-        else:
-            out[:, n:] = read
+            out[range(n, n + c), range(n, n + c)] += np.vecdot(left, left)
+        if tiles is not None:  # rows that fill the last tile are not wanted
+            own = order[: n + c]
+            out[np.ix_(own, own)] = (np.tril(tiled) + np.tril(tiled, -1).T)[: n + c, : n + c]
         return out
 
     def total(self, parts: Sequence[Array]) -> Sums:
@@ -291,7 +275,8 @@ def full_norms(view: View, unknowns: Mapping[str, int]) -> Array:
 
 def weight_of(view: View) -> float:
     """Sum over a view's rows of the largest squared weight of their components."""
-    return float(np.square(view.whitener).reshape(len(view), -1).max(axis=1).sum())
+    square = np.square(view.whitener)
+    return float((square if square.ndim == 1 else square.reshape(len(view), -1).max(axis=1)).sum())
 
 
 def design_rows(view: View, unknowns: Mapping[str, int], most: int = RANK_SAMPLE_ROWS) -> Array:

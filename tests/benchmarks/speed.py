@@ -217,6 +217,8 @@ def main() -> None:
     if "limits" in parts:
         report["limits"] = limits.measured()
         limits.show(report["limits"])
+        report["parts"] = limits.parts(report["limits"])
+        limits.show_parts(report["parts"])
     if options.json:
         options.json.write_text(json.dumps(report, indent=1), encoding="utf-8")
 
