@@ -108,7 +108,7 @@ def read_csv(path: Path, **options: Any) -> pd.DataFrame:
 
     table: pd.DataFrame = pd.read_csv(path, **options)
     if not isinstance(table.index, pd.RangeIndex):
-        raise ValueError("rows have more cells than the first line has names")
+        raise ValueError("rows with more cells than the header")
     return table
 
 
