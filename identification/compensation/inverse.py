@@ -42,6 +42,7 @@ def inverse(
     target: Array | None = None,
     tool: Array | None = None,
     close: Array | None = None,
+    within: float = CLOSED_MM,
 ) -> tuple[Array, Array]:
     """Commands whose actual point equals the wanted one.
 
@@ -58,13 +59,15 @@ def inverse(
     close : (n, movers, 3)
         Motion of the movers per mm of gap near `q` (:func:`closing`), from the other direction of approach or with
         another length of the tool; None: computed here.
+    within : mm
+        Distance from the wanted point that counts as reached; commands end at a tenth of it.
 
     Returns
     -------
     commands : (n, joints)
         `q` with changed positions of the movers.
     left : (n,), mm
-        Distance from the wanted point; above `CLOSED_MM` only where the movers cannot reach it.
+        Distance from the wanted point; above `within` only where the movers cannot reach it.
     """
     wanted = field.nominal(q, tool) if target is None else target
     out, movers = q.copy(), list(field.movers)
@@ -87,6 +90,6 @@ def inverse(
         move = np.einsum("nmi,ni->nm", close[active], gap)
         limit = np.abs(move).max(axis=1, keepdims=True) / 5.0  # at most 5 mm or rad a step, for convergence
         out[active[:, None], movers] += move / np.maximum(limit, 1.0)
-        settled = (np.abs(move) * reach).max(axis=1) < CLOSED_MM / 100
-        active = active[~(settled | (left[active] < CLOSED_MM / 10))]
+        settled = (np.abs(move) * reach).max(axis=1) < within / 100
+        active = active[~(settled | (left[active] < within / 10))]
     return out, left

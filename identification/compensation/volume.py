@@ -32,6 +32,7 @@ LEAST_MOVED_SHARE = 0.003  # of the travel: a joint that moved less counts as no
 MOST_VOLUME_CORNERS = 64  # corners of the volume in a sample: all those of six joints
 MOST_TIMES = 16  # times of a warm-up that get tables of their own; by judgement
 INTERPOLATION_SHARE = 0.005  # of the largest correction: permitted error of linear interpolation; by judgement
+NODE_MM = 1e-4  # mm: nodes are reached to a tenth of it, a tenth of the last digit that is written
 LENGTH_STEP = 100.0  # mm of tool length over which corrections are differenced: angles are small, so it is linear
 TURN = 2 * np.pi
 TURN_SLACK = 1e-4  # rad by which a travel may differ from a full turn: that of degrees with two decimals
@@ -155,7 +156,7 @@ class Volume:
         found = []
         for tip in tips:
             target = self.target(inner, tip)
-            both = [inverse(self.field, inner, sign * ahead, target, tip, close)[0] for sign in sides]
+            both = [inverse(self.field, inner, sign * ahead, target, tip, close, NODE_MM)[0] for sign in sides]
             found.append(self._at_nodes(terms, setup, inner, np.mean(both, axis=0)))
         return found
 

@@ -16,11 +16,16 @@ from tests.helpers.gcode_trial import READING, SETUP, TARGET, smooth, written
 CALL = re.compile(r"\s([A-Z_0-9]+)\(([^)]*)\)")
 INCH = 25.4  # without an INI file its machine is one of inches
 G5X = {"G54": 5220, "G57": 5280}
+# Other units with a tool's length in force, and then G53: the stand-alone interpreter takes the length in the units of
+# before (saicanon.cc), the controller's own converts it (emccanon.cc): such programmes are not compared.
+HANDED_BACK = re.compile(r"G43.*^G2[01]\b.*G53", re.DOTALL | re.MULTILINE)
 
 
 def agree(seed: int, program: Path) -> int:
     """How many motions of a programme and of the one that was made from it are the same to LinuxCNC and to us."""
     text, _ = written(seed)
+    if HANDED_BACK.search(text):
+        return 0
     sent = TARGET.rewrite("a.nc", text, SETUP, smooth, READING).text
     count = 0
     for version in (text, sent):
