@@ -97,6 +97,8 @@ def find_layout(lines: Sequence[str]) -> Layout | None:
     delimiter = _delimiter([line for _, line in body[-TRIED_LINES:]])
     if delimiter is None:
         return None
+    if delimiter == "," and _one_column([line.strip() for _, line in body]):
+        delimiter = " "
     cells = [(k, split(line, delimiter)) for k, line in body]
     width, kinds = _shape([c for _, c in cells[-TRIED_LINES:]])
     if width == 1:  # blanks separate nothing: a name and its unit are one cell
@@ -160,6 +162,17 @@ def _without_units(table: Layout) -> Layout:
     units = tuple(unit or stated for (_, unit), stated in zip(columns, table.units, strict=True))
     rows = tuple(zip(*(own for own, _ in columns), strict=True))
     return replace(table, rows=rows, units=units)
+
+
+def _one_column(lines: Sequence[str]) -> bool:
+    """Whether lines are one number with a decimal comma: as many digits in all, below one name or with zeros first."""
+    found = [re.fullmatch(r"[-+]?\d+,(\d+)", line) for line in lines]
+    first = next((k for k, match in enumerate(found) if match), len(found))
+    digits = [match[1] for match in found[first:] if match]
+    if len(digits) < 2 or len(digits) < len(found) - first or len({*map(len, digits)}) > 1:
+        return False
+    named = first > 0 and "," not in lines[first - 1]
+    return named or any(len(d) > 1 and d[0] == "0" for d in digits)
 
 
 def _semicolons(lines: Sequence[str]) -> set[int]:

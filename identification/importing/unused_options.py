@@ -25,7 +25,7 @@ def _unused(
     for word, option, given, what in (
         ("offsets", "--offset", wishes.offsets, "is an NC programme"),
         ("at", "--at", wishes.at, "is an NC programme"),
-        ("dialect", "--dialect", wishes.dialect != "auto", "is an NC programme"),
+        ("dialect", "--dialect", wishes.dialect != "auto", "is a programme in G-code"),
         ("joint", "--joint", wishes.joint, "is a table of readings of one joint"),
         ("circle", "--centre", wishes.circle is not None, "is a trace of a ballbar over its angle"),
         ("dates", "--dates", wishes.dates, "has dates"),

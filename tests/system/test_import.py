@@ -365,7 +365,7 @@ def test_check_says_what_a_survey_holds(folder: Path) -> None:
     [
         (("--offset", "G54=X0,Y0,Z0"), "--offset: none of the files is an NC programme"),
         (("--at", "start=X0"), "--at: none of the files is an NC programme"),
-        (("--dialect", "fanuc"), "--dialect: none of the files is an NC programme"),
+        (("--dialect", "fanuc"), "--dialect: none of the files is a programme in G-code"),
         (("--joint", "X"), "--joint: none of the files is a table of readings of one joint"),
         (("--centre", "X=0,Y=0,Z=300"), "--centre: none of the files is a trace of a ballbar"),
         (("--dates", "day-first"), "--dates: none of the files has dates"),

@@ -241,3 +241,13 @@ def test_a_sentence_of_as_many_words_as_columns_is_no_row_of_names(tmp_path: Pat
         assert "1 line above the table passed over" in read.notes
     named = read_back(tmp_path, f"No: X: Y: Z:\n{rows}".encode())
     assert [str(n) for n in named.frame] == ["No:", "X:", "Y:", "Z:"]
+
+
+def test_one_column_of_decimal_commas(tmp_path: Path) -> None:
+    values = ["0,00012", "-12,50000", "103,12345"]
+    for head in ("Länge [mm]\n", "Messung 4\nLänge\n", ""):
+        read = read_back(tmp_path, (head + "\n".join(values) + "\n").encode("cp1252"))
+        np.testing.assert_array_equal(read.frame.iloc[:, 0], [0.00012, -12.5, 103.12345])
+        assert read.frame.shape == (3, 1)
+    two = read_back(tmp_path, b"east,north\n1,25\n3,45\n")
+    np.testing.assert_array_equal(two.frame[["east", "north"]], [[1, 25], [3, 45]])
